@@ -1,0 +1,18 @@
+"""Perception: what is there, and how sure are we.
+
+Read in this order: `primitives` (the words everybody uses), `time_of_flight` and `stereo` (sensors to
+depth with a sigma per pixel), `floor` (the plane the robot stands on, and what rises above it),
+`clusters` (points to obstacles), `localisation` (the robot's pose, landmarks, moving obstacles).
+
+Conventions, stated once for the whole project:
+
+- SI units; radians inside, degrees only in files and on the command line.
+- World frame W: z up, floor at z = 0, yaw counter-clockwise from +x.
+- Body frame: origin on the floor under the robot's middle, x ahead, y left, z up. Its pose on the floor
+  is a `Pose2` in W; it never tilts, so the kinematic floor is z = 0 of the body frame.
+- Camera frame: x right, y down, z ahead. Pixel centres at integer coordinates (u, v).
+- `T_to_from` maps coordinates: `p_to = T_to_from.apply(p_from)`.
+- Missing depth is NaN, never 0.
+
+Sources: seed 003 (stereo, floor, grid), seed 004 (time of flight), seed 001 (localisation, obstacles).
+"""

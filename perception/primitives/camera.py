@@ -1,0 +1,131 @@
+"""The camera: a pinhole with Brown-Conrady (radial and tangential) lens distortion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from .errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics in pixels; pixel centres at integers, so the image spans [-0.5, width - 0.5].
+
+    `distortion` is (k1, k2, p1, p2, k3) as OpenCV orders it; all zero means a rectified image.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ConfigError(f"camera: image {self.width}x{self.height} px must be at least 1x1")
+        for name in ("fx", "fy"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(
+                    f"camera: {name}={value} px must be positive and finite; check the intrinsics"
+                )
+        for name, size in (("cx", self.width), ("cy", self.height)):
+            value = getattr(self, name)
+            if not -size <= value <= 2 * size:
+                raise ConfigError(
+                    f"camera: {name}={value} px lies far outside the image of {size} px; check the intrinsics"
+                )
+
+    @staticmethod
+    def from_view(width: int, height: int, across_rad: float, down_rad: float) -> Camera:
+        """Distortion-free camera from its full opening angles, axis through the image centre."""
+        return Camera(
+            width,
+            height,
+            width / 2 / math.tan(across_rad / 2),
+            height / 2 / math.tan(down_rad / 2),
+            (width - 1) / 2,
+            (height - 1) / 2,
+        )
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """K, px."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether the lens bends rays at all."""
+        return any(self.distortion)
+
+    @cached_property
+    def rays(self) -> Float[np.ndarray, "height width 3"]:
+        """For each pixel the ray (x, y, 1) through it in the camera frame, distortion undone."""
+        v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
+        x, y = self._undistort((u - self.cx) / self.fx, (v - self.cy) / self.fy)
+        rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+        rays.setflags(write=False)
+        return rays
+
+    def back_project(
+        self, pixels: Float[np.ndarray, "*n 2"], depth: Float[np.ndarray, "*n"]
+    ) -> Float[np.ndarray, "*n 3"]:
+        """Points in the camera frame, m, of pixels (u, v) at depth z, m; NaN depth gives NaN."""
+        x, y = self._undistort(
+            (pixels[..., 0] - self.cx) / self.fx, (pixels[..., 1] - self.cy) / self.fy
+        )
+        return np.stack([x * depth, y * depth, depth], axis=-1)
+
+    def project(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
+        """Pixels (u, v) of points in the camera frame, m; NaN for points not in front of it."""
+        z = np.where(points[..., 2] > 1e-9, points[..., 2], np.nan)
+        x, y = self._distort(points[..., 0] / z, points[..., 1] / z)
+        return np.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
+
+    def contains(self, pixels: Float[np.ndarray, "*n 2"]) -> np.ndarray:
+        """Whether each pixel (u, v) lies on the image."""
+        u, v = pixels[..., 0], pixels[..., 1]
+        with np.errstate(invalid="ignore"):
+            return np.asarray(
+                (u >= -0.5) & (u <= self.width - 0.5) & (v >= -0.5) & (v <= self.height - 0.5)
+            )
+
+    def _distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if not self.is_distorted:
+            return x, y
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        )
+
+    def _undistort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Invert the lens by Newton's method with a Jacobian by differences; 1e-12 in a few rounds."""
+        if not self.is_distorted:
+            return x, y
+        step = 1e-6
+        px, py = x.copy(), y.copy()
+        for _ in range(10):
+            ex, ey = self._distort(px, py)
+            ax, ay = self._distort(px + step, py)
+            bx, by = self._distort(px, py + step)
+            j00, j10, j01, j11 = (
+                (ax - ex) / step,
+                (ay - ey) / step,
+                (bx - ex) / step,
+                (by - ey) / step,
+            )
+            det = j00 * j11 - j01 * j10
+            dx, dy = ex - x, ey - y
+            px = px - (j11 * dx - j01 * dy) / det
+            py = py - (j00 * dy - j10 * dx) / det
+        return px, py

@@ -1,0 +1,37 @@
+"""A Gaussian: what we believe of a vector, and how sure we are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Mean (n,) and covariance (n, n), in whatever units the owner states."""
+
+    mean: Float[np.ndarray, "n"]
+    covariance: Float[np.ndarray, "n n"]
+
+    def mahalanobis_squared(self, point: Float[np.ndarray, "n"]) -> float:
+        """Squared distance of a point in units of the deviation; chi-square with n degrees of freedom."""
+        difference = point - self.mean
+        return float(difference @ np.linalg.solve(self.covariance, difference))
+
+    def marginal(self, *indices: int) -> Gaussian:
+        """The Gaussian of some of the entries."""
+        chosen = list(indices)
+        return Gaussian(self.mean[chosen], self.covariance[np.ix_(chosen, chosen)])
+
+    def linear(self, matrix: Float[np.ndarray, "m n"]) -> Gaussian:
+        """The Gaussian of `matrix @ x`."""
+        return Gaussian(matrix @ self.mean, matrix @ self.covariance @ matrix.T)
+
+    def ellipse(self, probability: float = 0.95) -> tuple[float, float, float]:
+        """Half axes (long, short) and the direction of the long one, rad, for the first two entries."""
+        values, vectors = np.linalg.eigh(self.covariance[:2, :2])
+        scale = -2.0 * np.log(1.0 - probability)  # chi-square quantile, two degrees of freedom
+        short, long = np.sqrt(np.maximum(values, 0.0) * scale)
+        return float(long), float(short), float(np.arctan2(vectors[1, 1], vectors[0, 1]))

@@ -1,0 +1,65 @@
+"""An obstacle as planning sees it: a disc on the floor that may move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .gaussian import Gaussian
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """A tracked thing on the floor, in world coordinates.
+
+    Args:
+        state: Gaussian over (x, y, vx, vy), m and m/s, world frame.
+        radius_m: Of the disc that covers it.
+        height_m: Its top above the floor.
+        track: Number that stays with it while it is followed.
+        moving: Probability that it moves, in [0, 1].
+        seen_s: Stamp of the last sighting.
+        since_s: Stamp of the first sighting.
+    """
+
+    state: Gaussian
+    radius_m: float
+    height_m: float = 0.0
+    track: int = 0
+    moving: float = 0.0
+    seen_s: float = 0.0
+    since_s: float = 0.0
+
+    @property
+    def position(self) -> Float[np.ndarray, "2"]:
+        """(x, y), m, world frame."""
+        return self.state.mean[:2]
+
+    @property
+    def velocity(self) -> Float[np.ndarray, "2"]:
+        """(vx, vy), m/s, world frame."""
+        return self.state.mean[2:]
+
+    def after(self, seconds: float, acceleration_mps2: float = 0.0) -> Obstacle:
+        """The obstacle after some time at constant velocity, its covariance grown accordingly.
+
+        Args:
+            seconds: How far ahead, s.
+            acceleration_mps2: Deviation of the random acceleration it may have meanwhile.
+        """
+        step = np.eye(4)
+        step[0, 2] = step[1, 3] = seconds
+        state = self.state.linear(step)
+        gain = np.array([[seconds**2 / 2, 0], [0, seconds**2 / 2], [seconds, 0], [0, seconds]])
+        covariance = state.covariance + gain @ gain.T * acceleration_mps2**2
+        return Obstacle(
+            Gaussian(state.mean, covariance),
+            self.radius_m,
+            self.height_m,
+            self.track,
+            self.moving,
+            self.seen_s,
+            self.since_s,
+        )

@@ -1,0 +1,70 @@
+"""A plane `n.p + rho = 0` and how sure we are of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from .pose import Pose3
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Unit normal and offset, with the covariance of (two tilts, offset).
+
+    For a floor seen from a camera the normal points up, from the floor to the camera, and the offset is
+    the camera's height above it.
+
+    Args:
+        normal: n, (3,), unit length.
+        offset_m: rho in n.p + rho = 0, m.
+        covariance: (3, 3) of (tilt about `tangents[0]` and `tangents[1]` in rad, offset in m): the true
+            normal is n + a t0 + b t1 to first order, the true offset rho + c, for error (a, b, c).
+
+    Source: seed 003, section 3.
+    """
+
+    normal: Float[np.ndarray, "3"]
+    offset_m: float
+    covariance: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @property
+    def tangents(self) -> Float[np.ndarray, "2 3"]:
+        """Two unit vectors that with the normal make a right-handed frame; a function of n alone."""
+        n = self.normal
+        axis = np.zeros(3)
+        axis[int(np.argmin(np.abs(n)))] = 1.0
+        first = np.cross(n, axis)
+        first /= np.linalg.norm(first)
+        return np.stack([first, np.cross(n, first)])
+
+    def distance(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
+        """Signed distance of points (..., 3), m; positive on the side the normal points to."""
+        return np.asarray(points @ self.normal + self.offset_m)
+
+    def angle_to(self, other: Plane) -> float:
+        """Angle between the normals, rad."""
+        return math.atan2(
+            float(np.linalg.norm(np.cross(self.normal, other.normal))),
+            float(self.normal @ other.normal),
+        )
+
+    def error_to(self, other: Plane) -> Float[np.ndarray, "3"]:
+        """(a, b, c) of `covariance` that leads from this plane to the other: rad, rad, m."""
+        tilt = self.tangents @ other.normal / max(float(self.normal @ other.normal), 1e-9)
+        return np.array([tilt[0], tilt[1], other.offset_m - self.offset_m])
+
+    def moved(self, T_to_from: Pose3) -> Plane:
+        """The same plane, covariance included, in the frame that the transform leads to."""
+        normal = T_to_from.rotation @ self.normal
+        offset = self.offset_m - float(normal @ T_to_from.position)
+        moved = Plane(normal, offset)
+        jacobian = np.zeros((3, 3))  # from old (a, b, c) to new
+        turned = T_to_from.rotation @ self.tangents.T  # (3, 2) old tangents in the new frame
+        jacobian[:2, :2] = moved.tangents @ turned
+        jacobian[2, :2] = -T_to_from.position @ turned
+        jacobian[2, 2] = 1.0
+        return Plane(normal, offset, jacobian @ self.covariance @ jacobian.T)

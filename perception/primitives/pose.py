@@ -1,0 +1,174 @@
+"""Poses on the floor and in space.
+
+`Pose2` is where a walker stands; `Pose3` is a rigid motion, held as translation and unit quaternion so
+that it can be written to a file and read back to the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+
+def wrap_angle(angle_rad: float) -> float:
+    """The same angle in [-pi, pi)."""
+    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+
+
+@dataclass(frozen=True)
+class Pose2:
+    """Position and heading on the floor: x, y in m, yaw in rad, counter-clockwise."""
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    def __matmul__(self, other: Pose2) -> Pose2:
+        """Compose: `T_a_c = T_a_b @ T_b_c`; the yaw stays in [-pi, pi)."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2(
+            self.x + c * other.x - s * other.y,
+            self.y + s * other.x + c * other.y,
+            wrap_angle(self.yaw + other.yaw),
+        )
+
+    def inverse(self) -> Pose2:
+        """`T_b_a` from `T_a_b`."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.yaw))
+
+    def apply(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
+        """Map points (..., 2) in m from the pose's own frame to its parent's."""
+        return np.asarray(points @ self.rotation.T + np.array([self.x, self.y]))
+
+    @property
+    def rotation(self) -> Float[np.ndarray, "2 2"]:
+        """Rotation matrix of the yaw."""
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return np.array([[c, -s], [s, c]])
+
+    @property
+    def vector(self) -> Float[np.ndarray, "3"]:
+        """(x, y, yaw) as an array, m and rad."""
+        return np.array([self.x, self.y, self.yaw])
+
+    def lifted(self) -> Pose3:
+        """The same pose in space, on the floor z = 0, upright."""
+        return Pose3(
+            (self.x, self.y, 0.0), (0.0, 0.0, math.sin(self.yaw / 2), math.cos(self.yaw / 2))
+        )
+
+
+@dataclass(frozen=True)
+class Pose3:
+    """A rigid motion: translation in m, unit quaternion in the order x, y, z, w.
+
+    The quaternion is used as it is given, normalised only when the rotation matrix is formed, so that
+    writing and reading it keeps every bit.
+    """
+
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @staticmethod
+    def from_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
+        """From a homogeneous matrix whose upper left block is a rotation."""
+        x, y, z, w = _quaternion(matrix[:3, :3])
+        tx, ty, tz = (float(v) for v in matrix[:3, 3])
+        return Pose3((tx, ty, tz), (x, y, z, w))
+
+    @staticmethod
+    def from_rotation(
+        rotation: Float[np.ndarray, "3 3"], translation: Float[np.ndarray, "3"]
+    ) -> Pose3:
+        """From a rotation matrix and a translation in m."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = rotation, translation
+        return Pose3.from_matrix(matrix)
+
+    @cached_property
+    def rotation(self) -> Float[np.ndarray, "3 3"]:
+        """Rotation matrix."""
+        x, y, z, w = np.array(self.quat_xyzw) / math.sqrt(sum(q * q for q in self.quat_xyzw))
+        return np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+
+    @cached_property
+    def position(self) -> Float[np.ndarray, "3"]:
+        """Translation as an array, m."""
+        return np.array(self.translation)
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "4 4"]:
+        """Homogeneous matrix."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.position
+        return matrix
+
+    def __matmul__(self, other: Pose3) -> Pose3:
+        """Compose: `T_a_c = T_a_b @ T_b_c`."""
+        return Pose3.from_rotation(
+            self.rotation @ other.rotation, self.rotation @ other.position + self.position
+        )
+
+    def inverse(self) -> Pose3:
+        """`T_b_a` from `T_a_b`."""
+        return Pose3.from_rotation(self.rotation.T, -self.rotation.T @ self.position)
+
+    def apply(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+        """Map points (..., 3) in m from the pose's own frame to its parent's."""
+        return np.asarray(points @ self.rotation.T + self.position)
+
+    def flattened(self) -> Pose2:
+        """Shadow on the floor: x, y and the heading of the frame's x axis."""
+        return Pose2(
+            self.translation[0],
+            self.translation[1],
+            math.atan2(self.rotation[1, 0], self.rotation[0, 0]),
+        )
+
+
+CAMERA_IN_BODY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""R_opt of seed 000: camera axes (right, down, ahead) expressed in body axes (ahead, left, up)."""
+
+
+def head_rotation(pan_rad: float, tilt_rad: float) -> Float[np.ndarray, "3 3"]:
+    """Camera axes in body axes for a head turned left by pan and down by tilt, rad."""
+    c, s = math.cos(pan_rad), math.sin(pan_rad)
+    yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    c, s = math.cos(tilt_rad), math.sin(tilt_rad)
+    pitch = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return np.asarray(yaw @ pitch @ CAMERA_IN_BODY_AXES)
+
+
+def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
+    """Unit quaternion (x, y, z, w) of a rotation matrix, by its largest component (Shepperd 1978)."""
+    r = rotation
+    squares = np.array(
+        [
+            1 + r[0, 0] - r[1, 1] - r[2, 2],
+            1 - r[0, 0] + r[1, 1] - r[2, 2],
+            1 - r[0, 0] - r[1, 1] + r[2, 2],
+            1 + r[0, 0] + r[1, 1] + r[2, 2],
+        ]
+    )
+    largest = int(np.argmax(squares))
+    products = np.array(
+        [
+            [squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]],
+            [r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]],
+            [r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]],
+            [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]],
+        ]
+    )[largest]
+    x, y, z, w = (float(v) for v in products / np.linalg.norm(products))
+    return x, y, z, w
