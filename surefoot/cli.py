@@ -1,5 +1,322 @@
-"""The command line; replaced when the verbs arrive."""
+"""The command line: the one place that prints, catches errors and exits.
+
+Exit codes: 0 done, 1 the work failed, 2 bad input. Heavy packages are imported inside the verbs, so that
+help answers at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import sys
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from perception.primitives.errors import InputError, SurefootError
+
+if TYPE_CHECKING:
+    from .runs import Summary
+
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # small matrices: one thread is faster
+    os.environ.setdefault(_variable, "1")
+os.environ.setdefault("NUMBA_THREADING_LAYER", "workqueue")
+
+DONE, FAILED, BAD_INPUT = 0, 1, 2
 
 
-def main() -> None:
-    """Entry point."""
+class Progress:
+    """One line on the terminal that rewrites itself; sparse lines where the output is a file."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._live = sys.stderr.isatty()
+        self._calls = 0
+        self._width = 0
+
+    def __call__(self, text: str) -> None:
+        """Show where the work is."""
+        if self._quiet:
+            return
+        if self._live:
+            click.echo("\r" + text.ljust(self._width), err=True, nl=False)
+            self._width = len(text)
+        elif self._calls % 25 == 0:
+            click.echo(text, err=True)
+        self._calls += 1
+
+    def done(self) -> None:
+        """Leave the line behind."""
+        if self._live and self._width and not self._quiet:
+            click.echo(err=True)
+
+
+class Verbs(click.Group):
+    """All errors come out here, as one line, with the exit code that tells whose turn it is."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a verb and translate what it raises."""
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.exceptions.Exit, click.Abort):
+            raise
+        except BrokenPipeError:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            ctx.exit(DONE)
+        except KeyboardInterrupt:
+            click.echo("\nstopped; what was complete is kept", err=True)
+            ctx.exit(FAILED)
+        except SurefootError as error:
+            click.echo(f"surefoot: {error}", err=True)
+            ctx.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+        except Exception as error:
+            if ctx.params.get("debug"):
+                traceback.print_exc()
+            click.echo(
+                f"surefoot: unexpected {type(error).__name__}: {error}; "
+                "run again with --debug before the verb for the full trace",
+                err=True,
+            )
+            ctx.exit(FAILED)
+
+
+@click.group(cls=Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--debug", is_flag=True, help="Show the full trace of unexpected errors.")
+@click.version_option(package_name="surefoot")
+def main(debug: bool) -> None:
+    """A humanoid robot sees where it may step.
+
+    \b
+    Walk through a simulated home, and keep a recording:
+      surefoot simulate home --seed 3 --record --out runs/home3
+    Process a recording (yours or that one), and see how good it is:
+      surefoot process runs/home3 --out runs/offline
+      surefoot evaluate runs/offline
+      surefoot view runs/offline
+    """
+    logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING)
+
+
+out_option = click.option(
+    "--out", type=click.Path(path_type=Path), help="Run folder to write; default runs/NAME-N."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+set_option = click.option(
+    "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one value, grid.cell_m=0.02."
+)
+config_option = click.option(
+    "--config", "config_path", type=click.Path(path_type=Path), help="TOML file; any part may be left out."
+)
+
+
+@main.command()
+@click.argument("scene", required=False)
+@click.option("--seed", type=click.IntRange(min=0), help="Of scene, noise and choices.")
+@click.option("--record", is_flag=True, help="Keep the sensors in recording.mcap.")
+@click.option("--view", "watch", is_flag=True, help="Live page on loopback (needs the extra viz).")
+@out_option
+@config_option
+@set_option
+@json_option
+def simulate(
+    scene: str | None,
+    seed: int | None,
+    record: bool,
+    watch: bool,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Walk a simulated humanoid through SCENE, from its sensors alone.
+
+    \b
+    Examples:
+      surefoot simulate                      the furnished home, seed 0
+      surefoot simulate home --seed 7 --record --out runs/seven
+      surefoot simulate --config runs/seven/config.toml     the same again
+    """
+    from .config import load
+    from .runs import simulate as run
+
+    config = load(config_path, overrides, scene=scene, seed=seed)
+    with progress(as_json) as say:
+        summary = run(config, out, record, say, watch)
+    _close(summary, as_json)
+
+
+@main.command()
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option(
+    "--description",
+    type=click.Path(path_type=Path),
+    help="A recording.toml kept elsewhere, for a folder you cannot write to.",
+)
+@out_option
+@config_option
+@set_option
+@json_option
+def process(
+    recording: Path,
+    description: Path | None,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Process RECORDING: a folder, an .mcap or a .pcd file.
+
+    \b
+    Read are: what `simulate --record` wrote, TUM RGB-D, 7-Scenes, Redwood / Open3D folders, RealSense
+    folders, organised PCD, and any folder of depth images with a recording.toml.
+    Examples:
+      surefoot process data/walk
+      surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
+    """
+    from .config import load
+    from .runs import process as run
+
+    config = load(config_path, overrides)
+    with progress(as_json) as say:
+        summary = run(recording, description, config, out, say)
+    _close(summary, as_json)
+
+
+@main.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--truth", type=click.Path(path_type=Path), help="Trajectory in TUM text; default the run's own truth/."
+)
+@json_option
+def evaluate(run: Path, truth: Path | None, as_json: bool) -> None:
+    """Hold RUN against the truth: errors, consistency, map, contacts; writes metrics and report."""
+    from .evaluation import closing_table
+    from .evaluation import evaluate as measure
+    from .report import write_report
+    from .run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    metrics = measure(folder, truth)
+    report = write_report(folder)
+    if as_json:
+        click.echo(json.dumps(metrics, indent=2))
+    else:
+        click.echo(closing_table(metrics))
+        click.echo(f"report: {report}")
+
+
+@main.command()
+@click.argument("identity", metavar="ID", required=False)
+@click.option("--seeds", type=click.IntRange(min=1), help="How many random worlds.")
+@json_option
+def experiment(identity: str | None, seeds: int | None, as_json: bool) -> None:
+    """Measure a published table or figure again; without ID, list them."""
+    from .experiments import experiment as experiments
+
+    if identity is None:
+        for name in experiments.names():
+            click.echo(f"{name:<14} {experiments.load(name).title}")
+        return
+    chosen = experiments.load(identity)
+    with progress(as_json) as say:
+        outcome = chosen.run(seeds or chosen.seeds, say)
+    result = experiments.judge(chosen, outcome)
+    shown = json.dumps(result, indent=2) if as_json else "\n".join(
+        experiments.lines(result, outcome.table)
+    )
+    click.echo(shown)
+    if not result["passed"]:
+        click.get_current_context().exit(FAILED)
+
+
+@main.command()
+@click.argument("name", required=False)
+@json_option
+def bench(name: str | None, as_json: bool) -> None:
+    """Time our hot paths against their named peers; without NAME, all of them."""
+    from .benchmarks import benchmark
+
+    passed, results = True, []
+    for one in [name] if name else benchmark.names():
+        chosen = benchmark.load(one)
+        results.append(benchmark.judge(chosen, chosen.run()))
+        passed = passed and results[-1]["passed"]
+        if not as_json:
+            click.echo("\n".join(benchmark.lines(results[-1])))
+    if as_json:
+        click.echo(json.dumps(results[0] if name else results, indent=2))
+    if not passed:
+        click.get_current_context().exit(FAILED)
+
+
+@main.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--live", is_flag=True, help="3-D page on loopback (needs the extra viz).")
+def view(run: Path, live: bool) -> None:
+    """Open the report of RUN; with --live, its map and cloud as a 3-D page."""
+    from .run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    if live:
+        from .live_view import serve
+
+        serve(folder, click.echo)
+        return
+    report = folder.path("report.html")
+    if not report.is_file():
+        from .report import write_report
+
+        report = write_report(folder)
+    click.echo(f"report: {report}")
+    click.launch(str(report))
+
+
+@main.command()
+@json_option
+def doctor(as_json: bool) -> None:
+    """Show what was found on this machine, and what each missing piece costs."""
+    from .doctor import examine, render
+
+    findings = examine()
+    if as_json:
+        from dataclasses import asdict
+
+        click.echo(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        click.echo(render(findings))
+
+
+@main.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of SHELL; source it in the shell's start-up file."""
+    from click.shell_completion import get_completion_class
+
+    found = get_completion_class(shell)
+    assert found is not None
+    click.echo(found(main, {}, "surefoot", "_SUREFOOT_COMPLETE").source())
+
+
+@contextlib.contextmanager
+def progress(quiet: bool) -> Iterator[Progress]:
+    """A progress line for the length of a block."""
+    say = Progress(quiet)
+    try:
+        yield say
+    finally:
+        say.done()
+
+
+def _close(summary: Summary, as_json: bool) -> None:
+    """What a run ended with: for people a few lines, for machines one object."""
+    if as_json:
+        click.echo(json.dumps(summary.as_dict(), indent=2))
+    else:
+        click.echo("\n".join(summary.lines()))
+    if not summary.succeeded:
+        click.get_current_context().exit(FAILED)

@@ -1,0 +1,129 @@
+"""What an experiment is: figures, targets, and the published numbers beside them."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import operator
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from perception.primitives.errors import InputError
+
+COMPARE: dict[str, Callable[[float, float], bool]] = {
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+    "==": operator.eq,
+}
+
+FILES = {
+    "home": "home",
+    "real-floor": "real_floor",
+}
+"""Where each experiment lives: id to file of this folder. Ids are those of the specification."""
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A figure is met if `figure <relation> bound`."""
+
+    relation: str
+    bound: float
+
+    def met_by(self, figure: float) -> bool:
+        """Whether the figure satisfies it; NaN never does."""
+        return bool(COMPARE[self.relation](figure, self.bound))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run of an experiment measured.
+
+    Args:
+        figures: Name to number.
+        table: Lines for people, already laid out; may be empty.
+    """
+
+    figures: dict[str, float]
+    table: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One table or figure.
+
+    Args:
+        id: As in the specification, such as "003-E1".
+        title: What it shows, one line.
+        run: Measures; takes the number of seeds and a function to report progress to.
+        targets: For the figures that have one.
+        published: The paper's own numbers, where it has any.
+        seeds: How many random worlds by default.
+    """
+
+    id: str
+    title: str
+    run: Callable[[int, Say], Outcome]
+    targets: Mapping[str, Target]
+    published: Mapping[str, float] = field(default_factory=dict)
+    seeds: int = 10
+
+
+def names() -> list[str]:
+    """All ids, in the order of the registry."""
+    return list(FILES)
+
+
+def load(identity: str) -> Experiment:
+    """The experiment of that id.
+
+    Raises:
+        InputError: No such id; the message has the nearest one.
+    """
+    if identity not in FILES:
+        near = difflib.get_close_matches(identity, FILES, 1)
+        hint = f"did you mean {near[0]}?" if near else "known are: " + ", ".join(FILES)
+        raise InputError(f"experiment {identity!r} is unknown; {hint}")
+    module = importlib.import_module(f"{__package__}.{FILES[identity]}")
+    found: Experiment = module.EXPERIMENT
+    return found
+
+
+def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
+    """The one object that `--json` prints: a target without its figure counts as not met."""
+    figures = {name: float(value) for name, value in outcome.figures.items()}
+    return {
+        "id": experiment.id,
+        "title": experiment.title,
+        "figures": figures,
+        "targets": {name: [t.relation, t.bound] for name, t in experiment.targets.items()},
+        "published": dict(experiment.published),
+        "passed": all(
+            target.met_by(figures.get(name, float("nan")))
+            for name, target in experiment.targets.items()
+        ),
+    }
+
+
+def lines(result: Mapping[str, Any], table: Iterable[str] = ()) -> list[str]:
+    """The same for people: the table, then each figure with its target and the published number."""
+    shown = [f"{result['id']}  {result['title']}", *table, ""]
+    width = max((len(name) for name in result["figures"]), default=0)
+    for name, value in result["figures"].items():
+        note = ""
+        if name in result["targets"]:
+            relation, bound = result["targets"][name]
+            met = Target(relation, bound).met_by(value)
+            note = f"   {'met ' if met else 'MISSED'} {relation} {bound:g}"
+        if name in result["published"]:
+            note += f"   (published {result['published'][name]:g})"
+        shown.append(f"  {name:<{width}}  {value:10.4g}{note}")
+    missing = [name for name in result["targets"] if name not in result["figures"]]
+    shown += [f"  {name:<{width}}  not measured   MISSED" for name in missing]
+    shown.append("passed" if result["passed"] else "NOT PASSED")
+    return shown

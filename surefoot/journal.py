@@ -1,0 +1,259 @@
+"""What a run writes down while it goes on, and puts into its folder at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from mapping import clouds, footprints, nav2
+from perception.primitives.frame import Frame
+from perception.primitives.obstacle import Obstacle
+
+from . import config_file
+from .config import Config
+from .navigator import Decision, Navigator
+from .pipeline import Estimate, Pipeline, View
+from .recordings.recording import RecordingInfo
+from .run_folder import RunFolder
+
+VIEW_EVERY_S = 4.0  # pictures for the report: about twenty of a minute's walk
+VIEWS_AT_MOST = 60
+VIEW_WIDTH_PX = 360
+
+
+class Journal:
+    """Rows of one run, kept in memory (some hundred bytes a frame) until it ends."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        config: Config,
+        info: RecordingInfo,
+        goals: Sequence[tuple[float, float]],
+    ) -> None:
+        self._folder = folder
+        self._config = config
+        self._info = info
+        self._goals = goals
+        self._stamps: list[float] = []
+        self._poses: list[tuple[float, Any]] = []
+        self._floors: list[tuple[object, ...]] = []
+        self._timings: list[tuple[float, dict[str, float]]] = []
+        self._commands: list[tuple[object, ...]] = []
+        self._tracks: list[dict[str, Any]] = []
+        self._views: list[dict[str, Any]] = []
+        self._sightings = {"accepted": 0, "rejected": 0}
+        self._nis: list[tuple[float, float, int]] = []
+        folder.write_text("config.toml", config_file.dumps(config))
+
+    @property
+    def frames(self) -> int:
+        """Processed so far."""
+        return len(self._stamps)
+
+    @property
+    def seconds(self) -> float:
+        """From the first frame to the last, recording's clock."""
+        return self._stamps[-1] - self._stamps[0] if self._stamps else 0.0
+
+    def note(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
+        """Write one cycle down."""
+        stamp = estimate.stamp_s
+        self._stamps.append(stamp)
+        self._timings.append((stamp, estimate.timing_ms))
+        if estimate.pose is not None:
+            self._poses.append((stamp, estimate.pose))
+        for view in estimate.views:
+            self._floors.append(_floor_row(stamp, view))
+        for obstacle in estimate.obstacles:
+            self._tracks.append(_track(stamp, obstacle))
+        if estimate.landmarks is not None:
+            self._sightings["accepted"] += estimate.landmarks.accepted
+            self._sightings["rejected"] += estimate.landmarks.rejected
+            self._nis += [(stamp, nis, 2) for nis in estimate.landmarks.nis]
+        if decision is not None:
+            self._commands.append(
+                (
+                    stamp,
+                    decision.walk.forward_m,
+                    decision.walk.lateral_m,
+                    decision.walk.turn_rad,
+                    decision.gaze.pan_rad,
+                    decision.gaze.tilt_rad,
+                    decision.why,
+                )
+            )
+        self._keep_views(frame, estimate)
+
+    def progress(self, estimate: Estimate, navigator: Navigator | None) -> str:
+        """One line for the terminal."""
+        text = f"frame {self.frames}"
+        if self._info.frames:
+            text += f" of {self._info.frames}"
+        text += f", t {estimate.stamp_s:.1f} s"
+        if navigator is not None:
+            text += f", {navigator.distance_to_goal(estimate):.2f} m to the goal"
+            text += f", {len(estimate.obstacles)} tracks"
+        return text
+
+    def notes(self, pipeline: Pipeline) -> tuple[str, ...]:
+        """What the user should know about how the recording was used."""
+        found = [row for row in self._floors if row[-1] == "seen"]
+        said = [f"floor seen in {len(found)} of {self.frames} frames"]
+        if not self._poses:
+            said.append(
+                "the recording has neither poses nor footsteps: every frame stands alone, "
+                "and the map is that of the last frame"
+            )
+        return tuple(said)
+
+    def finish(self, pipeline: Pipeline, summary: dict[str, Any]) -> None:
+        """Write everything, the report last."""
+        from .report import write_report
+
+        folder = self._folder
+        self._write_rows()
+        world = pipeline.world
+        nav2.save(
+            folder.root, "map", world.probability, world.known, world.origin, world.cell_m
+        )
+        points, colours = pipeline.cloud.cloud()
+        if len(points):
+            clouds.save_ply(folder.path("cloud.ply"), points, colours)
+        folder.write_json("obstacles.json", self._obstacles(pipeline))
+        folder.write_json("views.json", self._views)
+        folder.write_json(
+            "summary.json",
+            {
+                **{key: value for key, value in summary.items() if key != "run"},
+                "name": self._info.name,
+                "kind": self._info.kind,
+                "start": None if self._info.start is None else self._info.start.vector.tolist(),
+                "goal_positions": [list(goal) for goal in self._goals],
+                "landmarks": [
+                    [mark.identity, *mark.position, mark.side_m] for mark in self._info.landmarks
+                ],
+                "landmark_sightings": self._sightings,
+                "renderer": self._config.renderer,
+            },
+        )
+        write_report(folder)
+
+    def _write_rows(self) -> None:
+        folder = self._folder
+        folder.write_estimates(self._poses)
+        folder.write_csv(
+            "floor.csv",
+            ("stamp_s", "camera", "nx", "ny", "nz", "height_m")
+            + tuple(f"P{i}{j}" for i in range(3) for j in range(i, 3))
+            + ("share", "state"),
+            self._floors,
+        )
+        stages = sorted({name for _, timing in self._timings for name in timing})
+        folder.write_csv(
+            "timing.csv",
+            ("stamp_s", *stages),
+            [
+                (stamp, *(timing.get(name, 0.0) for name in stages))
+                for stamp, timing in self._timings
+            ],
+        )
+        folder.write_csv("nis.csv", ("stamp_s", "nis", "dimension"), self._nis)
+        if self._commands:
+            folder.write_csv(
+                "commands.csv",
+                (
+                    "stamp_s",
+                    "forward_m",
+                    "lateral_m",
+                    "turn_rad",
+                    "pan_rad",
+                    "tilt_rad",
+                    "why",
+                ),
+                self._commands,
+            )
+
+    def _obstacles(self, pipeline: Pipeline) -> dict[str, Any]:
+        points, _ = pipeline.obstacle_cloud.cloud()
+        standing = footprints.find(points, self._config.footprints) if len(points) else []
+        return {
+            "tracks": self._tracks,
+            "footprints": [
+                {
+                    "centre_m": footprint.centre.tolist(),
+                    "length_m": footprint.length_m,
+                    "width_m": footprint.width_m,
+                    "yaw_rad": footprint.yaw_rad,
+                    "height_m": footprint.height_m,
+                    "covariance": footprint.covariance.tolist(),
+                    "points": footprint.points,
+                }
+                for footprint in standing
+            ],
+        }
+
+    def _keep_views(self, frame: Frame, estimate: Estimate) -> None:
+        """Every few seconds the camera views as small pictures."""
+        due = not self._views or estimate.stamp_s - self._views[-1]["stamp"] >= VIEW_EVERY_S
+        if not due or len(self._views) >= VIEWS_AT_MOST:
+            return
+        pictures = []
+        if frame.colour is not None:
+            pictures.append(("colour", cv2.cvtColor(frame.colour.rgb, cv2.COLOR_RGB2BGR)))
+        pictures += [(view.sensor, _depth_picture(view.depth.z)) for view in estimate.views]
+        for name, picture in pictures:
+            height = round(picture.shape[0] * VIEW_WIDTH_PX / picture.shape[1])
+            small = cv2.resize(picture, (VIEW_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+            file = f"views/{len(self._views):03d}.jpg"
+            done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])
+            if done:
+                self._folder.write_bytes(file, data.tobytes())
+                self._views.append(
+                    {
+                        "stamp": estimate.stamp_s,
+                        "name": name,
+                        "file": file,
+                        "caption": f"{name}, t = {estimate.stamp_s:.1f} s",
+                    }
+                )
+
+
+def _floor_row(stamp_s: float, view: View) -> tuple[object, ...]:
+    P = view.floor.covariance
+    return (
+        stamp_s,
+        view.sensor,
+        *view.floor.normal.tolist(),
+        view.floor.offset_m,
+        *(float(P[i, j]) for i in range(3) for j in range(i, 3)),
+        0.0 if view.seen is None else view.seen,
+        "expected" if view.seen is None else "seen",
+    )
+
+
+def _track(stamp_s: float, obstacle: Obstacle) -> dict[str, Any]:
+    return {
+        "stamp": stamp_s,
+        "track": obstacle.track,
+        "mean": obstacle.state.mean.tolist(),
+        "covariance": obstacle.state.covariance.tolist(),
+        "radius_m": obstacle.radius_m,
+        "height_m": obstacle.height_m,
+        "moving": obstacle.moving,
+        "seen": obstacle.seen_s,
+    }
+
+
+def _depth_picture(z: Float[np.ndarray, "h w"]) -> np.ndarray:
+    """Near is bright, none is black; colours of OpenCV's viridis."""
+    known = np.isfinite(z)
+    near, far = (0.3, 3.0)
+    level = np.clip((far - np.where(known, z, far)) / (far - near), 0.0, 1.0)
+    picture = cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    picture[~known] = 0
+    return np.asarray(picture)

@@ -1,0 +1,225 @@
+"""Whole runs: a walk through a simulated scene, a recording processed; both end in a run folder."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from perception.primitives.errors import RecordingError
+
+from .bodies import Body, LiveBody, Playback
+from .config import Config
+from .journal import Journal
+from .navigator import Decision, Navigator
+from .pipeline import Pipeline
+from .recordings.mcap_format import RecordingWriter
+from .recordings.open import open_recording
+from .recordings.recording import Recording, RecordingInfo
+from .run_folder import RunFolder
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How a run ended, for the closing lines.
+
+    Args:
+        folder: Where everything is.
+        frames: Processed.
+        skipped: Frames that could not be used, by reason.
+        reached: Goals reached, and of how many; None for a recording.
+        seconds: Length in the recording's clock.
+        notes: Anything else the user should know.
+    """
+
+    folder: Path
+    frames: int
+    seconds: float
+    skipped: dict[str, int] = field(default_factory=dict)
+    reached: tuple[int, int] | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def succeeded(self) -> bool:
+        """Every goal reached, if there were any."""
+        return self.reached is None or self.reached[0] == self.reached[1]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "run": str(self.folder),
+            "frames": self.frames,
+            "seconds": self.seconds,
+            "skipped": self.skipped,
+            "goals_reached": None if self.reached is None else self.reached[0],
+            "goals": None if self.reached is None else self.reached[1],
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        shown = [f"{self.frames} frames, {self.seconds:.1f} s"]
+        if self.reached is not None:
+            shown.append(f"goals reached: {self.reached[0]} of {self.reached[1]}")
+        shown += [f"skipped {count}: {reason}" for reason, count in self.skipped.items()]
+        shown += list(self.notes)
+        shown.append(f"run folder: {self.folder}   report: {self.folder / 'report.html'}")
+        return shown
+
+
+def simulate(
+    config: Config, out: Path | None, record: bool, say: Say, watch: bool = False
+) -> Summary:
+    """Walk through a simulated scene until its goals are reached or the time is up.
+
+    Args:
+        config: Everything; `config.scene` and `config.seed` choose the world.
+        out: Run folder; None takes the next free one below runs/.
+        record: Keep what the sensors said in recording.mcap.
+        say: Progress.
+        watch: Follow on a live page.
+
+    Raises:
+        InputError: Unknown scene.
+        OutputError: The folder cannot be written.
+    """
+    from sim import scenes  # the simulation is loaded only by those who simulate
+    from sim.robot import SimulatedRobot
+    from sim.world import World
+
+    from .truth_log import TruthLog
+
+    scene = scenes.load(config.scene, config.seed)
+    goals = scene.goals[: config.mission.goals]
+    folder = RunFolder.create(out, name=f"{config.scene}-{config.seed}")
+    with World(scene, config.renderer, config.seed) as world, _recorder(folder, record) as begin:
+        robot = SimulatedRobot(world, config.robot, config.seed)
+        info = RecordingInfo(
+            name=f"{config.scene}-{config.seed}",
+            kind="simulation",
+            landmarks=scene.landmarks,
+            start=scene.start,
+            scene=config.scene,
+            gravity_up_world=(0.0, 0.0, 1.0),
+        )
+        body = LiveBody(robot, begin(info))
+        pipeline = Pipeline(config, info)
+        navigator = Navigator(config, goals)
+        truth = TruthLog(robot, scene)
+        journal = Journal(folder, config.resolved(renderer=world.renderer), info, goals)
+        page = _page(watch, say)
+        _cycle(body, pipeline, navigator, journal, say, truth.note, page)
+        truth.write(folder)
+    summary = Summary(
+        folder.root,
+        journal.frames,
+        journal.seconds,
+        reached=(navigator.reached, len(goals)),
+    )
+    journal.finish(pipeline, summary.as_dict())
+    return summary
+
+
+def process(
+    path: Path, description: Path | None, config: Config, out: Path | None, say: Say
+) -> Summary:
+    """Process a recording.
+
+    Args:
+        path: Folder or file of the recording.
+        description: A recording.toml kept elsewhere; None looks beside the data.
+        config: Everything.
+        out: Run folder; None takes the next free one below runs/.
+        say: Progress.
+
+    Raises:
+        InputError, RecordingError: The recording as a whole cannot be read.
+        OutputError: The folder cannot be written.
+    """
+    recording = open_recording(path, description)
+    folder = RunFolder.create(out, name=recording.info.name)
+    pipeline = Pipeline(config, recording.info)
+    journal = Journal(folder, config, recording.info, ())
+    _cycle(Playback(recording), pipeline, None, journal, say)
+    if journal.frames == 0:
+        raise RecordingError(
+            f"{path}: none of its frames could be used ({_reasons(recording)}); "
+            "check that this is the right folder and that its depth images open"
+        )
+    folder.adopt_truth(path)
+    summary = Summary(
+        folder.root,
+        journal.frames,
+        journal.seconds,
+        skipped=_count(recording),
+        notes=journal.notes(pipeline),
+    )
+    journal.finish(pipeline, summary.as_dict())
+    return summary
+
+
+def _cycle(
+    body: Body,
+    pipeline: Pipeline,
+    navigator: Navigator | None,
+    journal: Journal,
+    say: Say,
+    after: Callable[[float], None] = lambda stamp_s: None,
+    page: Callable[[Pipeline, Any, Decision | None], None] | None = None,
+) -> None:
+    """Read, estimate, decide, act, write down; until the goals are reached or the frames end."""
+    while (frame := body.read()) is not None:
+        after(frame.stamp_s)
+        estimate = pipeline.cycle(frame)
+        decision = None
+        if navigator is not None and frame.footstep_due:
+            decision = navigator.decide(estimate, pipeline)
+            body.walk(decision.walk)
+            body.look(decision.gaze)
+        journal.note(frame, estimate, decision)
+        if page is not None:
+            page(pipeline, estimate, decision)
+        say(journal.progress(estimate, navigator))
+        if navigator is not None and navigator.finished(estimate):
+            break
+
+
+@contextlib.contextmanager
+def _recorder(
+    folder: RunFolder, wanted: bool
+) -> Iterator[Callable[[RecordingInfo], RecordingWriter | None]]:
+    """A way to start the recording once it is known what it is of; closed in any case."""
+    with contextlib.ExitStack() as stack:
+
+        def begin(info: RecordingInfo) -> RecordingWriter | None:
+            if not wanted:
+                return None
+            return stack.enter_context(RecordingWriter(folder.path("recording.mcap"), info))
+
+        yield begin
+
+
+def _page(watch: bool, say: Say) -> Callable[[Pipeline, Any, Decision | None], None] | None:
+    if not watch:
+        return None
+    from .live_view import LivePage
+
+    page = LivePage()
+    say(f"live page: {page.address}")
+    return page.show
+
+
+def _count(recording: Recording) -> dict[str, int]:
+    reasons = [reason for _, reason in recording.skipped]
+    return {str(reason): reasons.count(reason) for reason in np.unique(reasons)} if reasons else {}
+
+
+def _reasons(recording: Recording) -> str:
+    counted = _count(recording)
+    return "; ".join(f"{count}: {reason}" for reason, count in counted.items()) or "it is empty"

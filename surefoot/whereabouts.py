@@ -1,0 +1,187 @@
+"""Where the body is: by its own filter, by poses that came with the recording, or not at all.
+
+The cycle asks three things and does not care which kind answers: where is the body now, where should the
+floor be in this camera, and where does this camera stand in the upright map frame.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.floor.prior import handheld_prior, kinematic_prior
+from perception.levelling import UP, level, rotation_between, shadow
+from perception.localisation.filter import PoseFilter, UpdateReport
+from perception.primitives.frame import Frame
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Sighting
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose2, Pose3
+
+
+@dataclass(frozen=True)
+class PriorConfig:
+    """How far the floor may be from where it is expected."""
+
+    joints_tilt_deg: float = 1.2  # head roll .72, pitch .5 deg (walking study) and 0.3 deg joint offsets
+    joints_height_m: float = 0.01  # ours: sole compliance and bumps
+    given_tilt_deg: float = 4.0  # ours: gravity of handheld sets is good to 1-3 deg
+    given_height_m: float = 0.10  # ours: a pose jump of a few centimetres must not lose the floor
+    given_position_m: float = 0.01  # motion capture and SLAM poses: about 1 cm
+    given_heading_deg: float = 0.5
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A camera in the upright map frame, and the floor it stands over."""
+
+    T_map_camera: Pose3
+    floor: Plane
+
+
+class Whereabouts(Protocol):
+    """Who knows where the body is."""
+
+    @property
+    def pose(self) -> Gaussian | None:
+        """(x, y, yaw) of the body in the map frame, m and rad; None if nobody knows."""
+        ...
+
+    def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
+        """Take in the next frame; what became of its landmarks."""
+        ...
+
+    def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
+        """The floor in the camera frame before looking, with covariance."""
+        ...
+
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
+        """The camera over the floor that was seen, or over the expected one; None if neither is known."""
+        ...
+
+
+class Walker:
+    """A walking body: footsteps, inertial sensor and landmarks, joined by the localiser."""
+
+    def __init__(self, localiser: PoseFilter, config: PriorConfig) -> None:
+        self._localiser = localiser
+        self._config = config
+        self._stamp_s: float | None = None
+
+    @property
+    def pose(self) -> Gaussian:
+        """By the localiser."""
+        return self._localiser.pose
+
+    def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
+        """Predict by odometry and inertial sensor, correct by landmarks."""
+        elapsed = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
+        self._stamp_s = frame.stamp_s
+        self._localiser.predict(frame.odometry, frame.imu, elapsed)
+        return self._localiser.update(list(sightings))
+
+    def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
+        """Where the joint angles put it."""
+        if T_body_camera is None:
+            return handheld_prior(None)
+        return kinematic_prior(
+            T_body_camera,
+            math.radians(self._config.joints_tilt_deg),
+            self._config.joints_height_m,
+        )
+
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
+        """Joint angles levelled by the floor, at the localiser's pose."""
+        if T_body_camera is None:
+            return None
+        floor = floor or self.expected_floor(T_body_camera)
+        x, y, yaw = (float(v) for v in self.pose.mean)
+        return Placed(Pose2(x, y, yaw).lifted() @ level(T_body_camera, floor), floor)
+
+
+class Given:
+    """Poses that came with the recording.
+
+    The map frame is the recording's world turned upright: about its known gravity, or else about the
+    first floor that is seen. Its floor is the running mean of the floors seen.
+    """
+
+    def __init__(self, up_world: Float[np.ndarray, "3"] | None, config: PriorConfig) -> None:
+        self._config = config
+        self._R_map_world = None if up_world is None else rotation_between(up_world, UP)
+        self._T_map_camera: Pose3 | None = None
+        self._given: Pose3 | None = None
+        self._floor_heights: list[float] = []
+
+    @property
+    def pose(self) -> Gaussian | None:
+        """Below the camera, heading where it looks; None for a frame without a pose."""
+        if self._T_map_camera is None:
+            return None
+        ahead = self._T_map_camera.rotation[:, 2]
+        x, y, _ = self._T_map_camera.translation
+        heading = math.radians(self._config.given_heading_deg)
+        deviations = np.array([self._config.given_position_m] * 2 + [heading])
+        return Gaussian(np.array([x, y, math.atan2(ahead[1], ahead[0])]), np.diag(deviations**2))
+
+    def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
+        """Take the frame's pose."""
+        self._given = frame.T_world_camera
+        self._T_map_camera = None
+        if self._given is not None and self._R_map_world is not None:
+            upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
+            self._T_map_camera = upright @ self._given
+
+    def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
+        """Horizontal, at the height of the floors seen so far."""
+        if self._T_map_camera is None:
+            return handheld_prior(None)
+        up_camera = self._T_map_camera.rotation.T @ UP
+        tilt = math.radians(self._config.given_tilt_deg)
+        if not self._floor_heights:
+            weak = handheld_prior(up_camera)
+            covariance = weak.covariance.copy()
+            covariance[:2, :2] = np.eye(2) * tilt**2
+            return Plane(up_camera, weak.offset_m, covariance)
+        height = self._T_map_camera.translation[2] - float(np.mean(self._floor_heights))
+        return Plane(
+            up_camera, height, np.diag([tilt**2, tilt**2, self._config.given_height_m**2])
+        )
+
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
+        """The given pose; heights are measured from the floor that is seen."""
+        if self._given is None:
+            return None
+        if self._T_map_camera is None:  # the first floor says what is up
+            if floor is None:
+                return None
+            self._R_map_world = rotation_between(self._given.rotation @ floor.normal, UP)
+            upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
+            self._T_map_camera = upright @ self._given
+        if floor is not None:
+            self._floor_heights.append(self._T_map_camera.translation[2] - floor.offset_m)
+        elif not self._floor_heights:
+            return None
+        return Placed(self._T_map_camera, floor or self.expected_floor(T_body_camera))
+
+
+class Nowhere:
+    """A camera in the hand without poses: every frame stands alone, over its own shadow."""
+
+    pose: Gaussian | None = None
+
+    def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
+        """Nothing is known of the motion."""
+
+    def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
+        """Below, somewhere."""
+        return handheld_prior(None)
+
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
+        """Over the floor that is seen; without one, nowhere."""
+        return None if floor is None else Placed(shadow(floor), floor)
