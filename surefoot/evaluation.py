@@ -1,0 +1,197 @@
+"""One run against its truth: every figure that the truth at hand allows, and none that it does not.
+
+The only part of the project that reads truth. A figure whose truth is absent is absent, never zero.
+"""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .metrics.consistency import consistency_metrics, nees
+from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
+from .metrics.floor import floor_metrics
+from .metrics.maps import map_metrics, read_map
+from .metrics.obstacles import obstacle_metrics
+from .metrics.timing import timing_metrics
+from .metrics.trajectory import associate, trajectory_metrics, wrapped
+from .run_folder import COVARIANCE_HEADER, RunFolder
+from .run_tables import Table, Trajectory, read_tum
+
+_COMPARE = {"<=": operator.le, ">=": operator.ge, "==": operator.eq}
+
+
+@dataclass(frozen=True)
+class Target:
+    """What one figure must be for the run to count as good."""
+
+    figure: str
+    words: str
+    compare: str
+    bound: float
+    unit: str = ""
+
+    def met(self, value: float) -> bool:
+        """Whether a value is good enough."""
+        return bool(_COMPARE[self.compare](value, self.bound))
+
+
+TARGETS = (
+    Target("position_rmse_m", "position error, RMS", "<=", 0.05, "m"),
+    Target("heading_rmse_deg", "heading error, RMS", "<=", 2.0, "deg"),
+    Target("pose_consistent", "pose covariance honest (mean NEES in its 95 % band)", "==", 1.0),
+    Target("grid_correct_share", "seen grid cells that are right", ">=", 0.95),
+    Target("floor_tof_angle_deg_median", "floor tilt error (TOF), median", "<=", 0.5, "deg"),
+    Target("floor_tof_height_mm_median", "floor height error (TOF), median", "<=", 5.0, "mm"),
+    Target("goals_missed", "goals not reached", "==", 0.0),
+    Target("contacts", "contacts", "==", 0.0),
+)
+
+
+def evaluate(run: RunFolder, truth: Path | None = None) -> dict[str, Any]:
+    """Compute every figure that is possible and write metrics.json.
+
+    Args:
+        run: The run.
+        truth: A trajectory in TUM text to compare with; None takes the run's own truth/.
+
+    Returns:
+        Figure names and numbers, flat; "timing_ms" alone is a table: stage to p50, p95, max. Names and
+        meanings are in `surefoot.metrics`.
+
+    Raises:
+        InputError, RecordingError: A file of the run, or the given truth, cannot be read.
+        OutputError: metrics.json cannot be written.
+    """
+    metrics: dict[str, Any] = {}
+    summary = run.read_json("summary.json") or {}
+    estimate = run.read_trajectory("trajectory.txt") if run.has("trajectory.txt") else None
+    true = read_tum(truth) if truth is not None else run.read_trajectory("truth/trajectory.txt")
+    walked = true if true is not None else estimate
+    if walked is not None:
+        metrics |= walk_metrics(walked.stamps, walked.positions)
+    if estimate is not None and true is not None:
+        metrics |= trajectory_metrics(estimate, true)
+        claims = pose_nees(run, true)
+        metrics |= {} if claims is None else consistency_metrics(claims[1], 3, "pose")
+    if true is not None:
+        metrics |= _goals(true, summary)
+    metrics |= _against_tables(run)
+    timing = run.read_csv("timing.csv")
+    if timing is not None:
+        metrics["timing_ms"] = timing_metrics(timing)
+    run.write_json("metrics.json", metrics)
+    return metrics
+
+
+def pose_nees(
+    run: RunFolder, true: Trajectory
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]] | None:
+    """Stamps and NEES (x, y, yaw) of the poses; None if the run has no covariances or nothing matches."""
+    table = run.read_csv("trajectory_covariance.csv")
+    if table is None:
+        return None
+    stamps, poses, covariances = pose_claims(table)
+    mine, theirs = associate(stamps, true.stamps)
+    if len(mine) == 0:
+        return None
+    errors = poses[mine] - np.column_stack([true.positions[theirs, :2], true.yaws[theirs]])
+    errors[:, 2] = wrapped(errors[:, 2])
+    return stamps[mine], nees(errors, covariances[mine])
+
+
+def pose_claims(
+    table: Table,
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
+    """Stamps, poses (x, y, yaw) and covariances from trajectory_covariance.csv."""
+    numbers = table.matrix(*COVARIANCE_HEADER)
+    covariances = np.zeros((len(numbers), 3, 3))
+    rows, columns = np.triu_indices(3)
+    covariances[:, rows, columns] = covariances[:, columns, rows] = numbers[:, 4:]
+    return numbers[:, 0], numbers[:, 1:4], covariances
+
+
+def _goals(true: Trajectory, summary: dict[str, Any]) -> dict[str, float]:
+    """Goals by the true way, and those that the run itself counted as reached."""
+    figures = goal_metrics(true.positions, summary.get("goal_positions") or [])
+    if figures:
+        figures["goals_missed"] = figures["goals"] - figures["goals_passed"]
+    return figures
+
+
+def _against_tables(run: RunFolder) -> dict[str, float | bool]:
+    figures: dict[str, float | bool] = {}
+    floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
+    if floor is not None and true_floor is not None:
+        figures |= floor_metrics(floor, true_floor)
+    obstacles, true_obstacles = run.read_json("obstacles.json"), run.read_csv("truth/obstacles.csv")
+    if obstacles is not None and true_obstacles is not None:
+        figures |= obstacle_metrics(obstacles["tracks"], true_obstacles)
+    if run.has("map.yaml") and run.has("truth/map.yaml"):
+        figures |= map_metrics(read_map(run.path("map.yaml")), read_map(run.path("truth/map.yaml")))
+    clearance = run.read_csv("truth/clearance.csv")
+    if clearance is not None:
+        figures |= contact_metrics(clearance)
+    return figures
+
+
+def verdicts(metrics: dict[str, Any]) -> list[tuple[Target, float, bool]]:
+    """Every target whose figure is there: target, value, whether it is met."""
+    return [
+        (target, float(metrics[target.figure]), target.met(float(metrics[target.figure])))
+        for target in TARGETS
+        if metrics.get(target.figure) is not None
+    ]
+
+
+def closing_table(metrics: dict[str, Any]) -> str:
+    """The figures that matter as plain text, for the terminal."""
+    judged = [
+        (
+            target.words,
+            f"{value:.4g} {target.unit}".strip(),
+            _wanted(target),
+            "ok" if met else "MISSED",
+        )
+        for target, value, met in verdicts(metrics)
+    ]
+    told = [(words, shown, "", "") for words, shown in _told(metrics)]
+    if not judged and not told:
+        return "nothing to compare: the run has no truth, no poses and no timing"
+    rows = judged + told
+    widths = [max(len(row[i]) for row in rows) for i in range(4)]
+    lines = [
+        f"{a:<{widths[0]}}  {b:>{widths[1]}}  {c:<{widths[2]}}  {d}".rstrip() for a, b, c, d in rows
+    ]
+    if not judged:
+        lines.append("no truth beside this run: nothing to judge it by")
+    return "\n".join(lines)
+
+
+def _wanted(target: Target) -> str:
+    return f"{target.compare} {target.bound:g} {target.unit}".strip()
+
+
+def _told(metrics: dict[str, Any]) -> list[tuple[str, str]]:
+    """Figures without a target."""
+    rows = [
+        ("smallest clearance", "min_clearance_m", "{:.3f} m"),
+        ("way walked", "path_m", "{:.2f} m"),
+        ("duration", "duration_s", "{:.1f} s"),
+        ("grid cells right within one cell", "grid_correct_share_one_cell", "{:.4f}"),
+        ("position after alignment, RMS (ATE)", "ate_floor_aligned_m", "{:.4f} m"),
+        ("mover position error, RMS", "mover_position_rmse_m", "{:.3f} m"),
+        ("mover velocity error, RMS", "mover_velocity_rmse_mps", "{:.3f} m/s"),
+    ]
+    told = [(w, f.format(metrics[n])) for w, n, f in rows if metrics.get(n) is not None]
+    total = metrics.get("timing_ms", {}).get("total")
+    if total:
+        told.append(
+            ("time per frame, median / 95 %", f"{total['p50']:.0f} / {total['p95']:.0f} ms")
+        )
+    return told

@@ -1,0 +1,147 @@
+"""Tracks against the true obstacles: who is who at every instant, and how wrong.
+
+At each instant tracks and true obstacles are paired so that the sum of their distances is smallest, and
+pairs further apart than a gate are undone. Tracks of things that the truth does not list are not judged.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import linear_sum_assignment
+
+from ..run_tables import Table
+from .consistency import consistency_metrics, nees
+from .trajectory import rms
+
+GATE_M = 0.5  # ours: three body radii; further apart it is another thing
+MOVES_MPS = 0.005  # ours: below this over the whole run a thing stands
+
+TRUE_STATE = ("x_m", "y_m", "vx_mps", "vy_mps")
+
+
+@dataclass(frozen=True)
+class TrackErrors:
+    """Matched pairs of all instants, one row each.
+
+    Args:
+        stamps: s.
+        identities: Of the true obstacle.
+        tracks: Number of the track.
+        errors: Estimated minus true (x, y, vx, vy), m and m/s.
+        nees: Four degrees of freedom.
+        present: For each true obstacle, at how many instants it could have been matched: from the first
+            instant of the run on.
+    """
+
+    stamps: Float[np.ndarray, "n"]
+    identities: tuple[str, ...]
+    tracks: tuple[int, ...]
+    errors: Float[np.ndarray, "n 4"]
+    nees: Float[np.ndarray, "n"]
+    present: dict[str, int]
+
+
+def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
+    """Pair the tracks of a run with the true obstacles.
+
+    Args:
+        tracks: Entries with stamp, track, mean (4), covariance (4 x 4), as obstacles.json lists them.
+        truth: Columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps.
+    """
+    by_stamp: dict[float, list[dict[str, Any]]] = defaultdict(list)
+    for entry in tracks:
+        by_stamp[float(entry["stamp"])].append(entry)
+    true_states, identities = truth.matrix(*TRUE_STATE), truth.words("identity")
+    true_rows: dict[float, list[int]] = defaultdict(list)
+    for row, stamp in enumerate(truth.numbers("stamp_s")):
+        true_rows[float(stamp)].append(row)
+    present: dict[str, int] = defaultdict(int)
+    found: list[tuple[float, str, int, np.ndarray, np.ndarray]] = []
+    for stamp in sorted(true_rows):
+        rows, entries = true_rows[stamp], by_stamp.get(stamp, [])
+        for row in rows:
+            present[identities[row]] += 1
+        if not entries:
+            continue
+        means = np.array([entry["mean"] for entry in entries], dtype=np.float64)
+        for i, j in _pairs(means, true_states[rows]):
+            covariance = np.array(entries[i]["covariance"], dtype=np.float64)
+            error = means[i] - true_states[rows[j]]
+            found.append((stamp, identities[rows[j]], int(entries[i]["track"]), error, covariance))
+    errors = np.array([f[3] for f in found]).reshape(-1, 4)
+    covariances = np.array([f[4] for f in found]).reshape(-1, 4, 4)
+    return TrackErrors(
+        np.array([f[0] for f in found], dtype=np.float64),
+        tuple(f[1] for f in found),
+        tuple(f[2] for f in found),
+        errors,
+        nees(errors, covariances),
+        dict(present),
+    )
+
+
+def moving(truth: Table) -> tuple[str, ...]:
+    """Identities of the true obstacles that move at some time, in order of appearance."""
+    velocities = truth.matrix("vx_mps", "vy_mps")
+    fast = np.linalg.norm(velocities, axis=1) > MOVES_MPS
+    words = truth.words("identity")
+    return tuple(dict.fromkeys(word for word, is_fast in zip(words, fast, strict=True) if is_fast))
+
+
+def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, float | bool]:
+    """Figures of the obstacles that move (mover_...) and of those that stand (standing_...).
+
+    Returns:
+        For each kind that exists: <kind>_count; _followed_share (of all instants, those with a track on
+        it; a thing behind a wall counts as missed); and, where any was followed,
+        <kind>_position_rmse_m, _velocity_rmse_mps, _track_changes (times the track on a thing changed its
+        number), and the consistency figures of the NEES.
+    """
+    errors = track_errors(tracks, truth)
+    movers = moving(truth)
+    figures: dict[str, float | bool] = {}
+    for kind, wanted in (
+        ("mover", movers),
+        ("standing", tuple(i for i in errors.present if i not in movers)),
+    ):
+        if not wanted:
+            continue
+        chosen = np.array([identity in wanted for identity in errors.identities], dtype=bool)
+        instants = sum(errors.present[identity] for identity in wanted)
+        figures[f"{kind}_count"] = float(len(wanted))
+        figures[f"{kind}_followed_share"] = float(chosen.sum() / instants)
+        if not chosen.any():
+            continue
+        e = errors.errors[chosen]
+        figures |= {
+            f"{kind}_position_rmse_m": rms(np.linalg.norm(e[:, :2], axis=1)),
+            f"{kind}_velocity_rmse_mps": rms(np.linalg.norm(e[:, 2:], axis=1)),
+            f"{kind}_track_changes": float(_changes(errors, wanted)),
+        }
+        figures |= consistency_metrics(errors.nees[chosen], 4, kind)
+    return figures
+
+
+def _pairs(
+    means: Float[np.ndarray, "n 4"], true: Float[np.ndarray, "m 4"]
+) -> list[tuple[int, int]]:
+    apart = np.linalg.norm(means[:, None, :2] - true[None, :, :2], axis=-1)
+    # Beyond the gate all pairs are equally bad, so that a far one never breaks a near one.
+    rows, columns = linear_sum_assignment(np.minimum(apart, GATE_M))
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if apart[i, j] < GATE_M]
+
+
+def _changes(errors: TrackErrors, wanted: tuple[str, ...]) -> int:
+    changes = 0
+    for identity in wanted:
+        numbers = [
+            t for t, i in zip(errors.tracks, errors.identities, strict=True) if i == identity
+        ]
+        changes += sum(a != b for a, b in pairwise(numbers))
+    return changes

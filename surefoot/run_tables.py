@@ -1,0 +1,136 @@
+"""Reading what runs and other tools write: tables (CSV) and trajectories (TUM text)."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.errors import InputError, RecordingError
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns of text by name; `source` is named in messages."""
+
+    source: str
+    columns: dict[str, list[str]]
+
+    def __len__(self) -> int:
+        return len(next(iter(self.columns.values()), []))
+
+    def words(self, name: str) -> list[str]:
+        """A column as text."""
+        if name not in self.columns:
+            raise RecordingError(
+                f"{self.source} has no column {name!r} (it has {', '.join(self.columns)}); "
+                "was it written by another version?"
+            )
+        return self.columns[name]
+
+    def numbers(self, name: str) -> Float[np.ndarray, "n"]:
+        """A column as numbers, NaN where a cell is empty."""
+        values = []
+        for row, word in enumerate(self.words(name)):
+            try:
+                values.append(float(word) if word else np.nan)
+            except ValueError:
+                raise RecordingError(
+                    f"{self.source}, row {row + 2}, column {name}: {word!r} is not a number; mend the file"
+                ) from None
+        return np.array(values)
+
+    def matrix(self, *names: str) -> Float[np.ndarray, "n k"]:
+        """Several columns as numbers, side by side."""
+        return np.stack([self.numbers(name) for name in names], axis=-1)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses over time.
+
+    Args:
+        stamps: (n,), s, rising.
+        positions: (n, 3), m.
+        quats_xyzw: (n, 4), unit length.
+    """
+
+    stamps: Float[np.ndarray, "n"]
+    positions: Float[np.ndarray, "n 3"]
+    quats_xyzw: Float[np.ndarray, "n 4"]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def yaws(self) -> Float[np.ndarray, "n"]:
+        """Heading of the x axis on the floor, rad."""
+        x, y, z, w = self.quats_xyzw.T
+        return np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
+
+
+def read_table(path: Path) -> Table:
+    """Read a CSV file with a header line.
+
+    Raises:
+        InputError: It cannot be opened.
+        RecordingError: It has no header, or a row is short or long.
+    """
+    rows = list(csv.reader(_lines(path)))
+    if not rows:
+        raise RecordingError(f"{path} is empty; expected a header line")
+    header, *body = rows
+    for number, row in enumerate(body, start=2):
+        if len(row) != len(header):
+            raise RecordingError(
+                f"{path}, line {number}: {len(row)} cells, expected {len(header)}; is it cut off?"
+            )
+    return Table(str(path), {name: [row[i] for row in body] for i, name in enumerate(header)})
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read a trajectory in TUM text (stamp tx ty tz qx qy qz qw), also gzipped.
+
+    Poses come back in order of time; of two with the same stamp the first stays.
+
+    Raises:
+        InputError: It cannot be opened.
+        RecordingError: A line is not eight finite numbers, a quaternion is zero, or there are no poses.
+    """
+    rows = []
+    for number, line in enumerate(_lines(path), start=1):
+        words = line.split("#", 1)[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            row = [float(word) for word in words]
+        except ValueError:
+            row = []
+        if len(row) != 8 or not np.all(np.isfinite(row)) or not np.linalg.norm(row[4:]) > 1e-6:
+            raise RecordingError(
+                f"{path}, line {number}: {line.strip()!r} is not a pose; expected eight finite numbers: "
+                "stamp tx ty tz qx qy qz qw"
+            )
+        rows.append(row)
+    if not rows:
+        raise RecordingError(f"{path} holds no poses; expected lines of stamp tx ty tz qx qy qz qw")
+    table = np.array(rows)
+    table = table[np.unique(table[:, 0], return_index=True)[1]]
+    quats = table[:, 4:] / np.linalg.norm(table[:, 4:], axis=1, keepdims=True)
+    return Trajectory(table[:, 0], table[:, 1:4], quats)
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        data = path.read_bytes()
+        text = gzip.decompress(data) if path.suffix == ".gz" else data
+        return text.decode().splitlines()
+    except FileNotFoundError:
+        raise InputError(f"{path} does not exist; check the path") from None
+    except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
+        raise InputError(f"{path} cannot be read as text ({error}); check the file") from error
