@@ -1,0 +1,355 @@
+"""Where am I: a sigma-point filter on step odometry, gyro and landmarks.
+
+Steps slip and turn a little more than the joints tell, by an amount that is the same over a run and one
+that is new at every step. The first is estimated (see `models`), the second is process noise. The gyro is
+taken as a measurement of the turn made since the frame before. Landmarks seen in one frame are used
+together, because they share the error of the one head that saw them.
+
+The engine is filterpy's unscented filter; here are the models, the gate, and what keeps it alive.
+
+Source: seed 001, section 3, eq. (2) (sigma-point filter); noise figures from walking trials.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import gammaincinv
+
+from ..primitives.errors import ConfigError
+from ..primitives.frame import Imu, StepOdometry
+from ..primitives.gaussian import Gaussian
+from ..primitives.landmark import Landmark, Sighting
+from ..primitives.pose import Pose2
+from . import models
+from .models import DRIFT, GYRO_BIAS, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LocaliserConfig:
+    """Noise of walking, of the gyro and of shared head angles; gate and recovery."""
+
+    slip_m: float = -0.0012  # walking trials: mean forward slip of a step
+    slip_sigma_m: float = 0.0005  # ours: how far a floor's mean slip may lie from that
+    drift_sigma_rad: float = math.radians(0.15)  # walking trials: -0.3 to 0.2 deg a step, per run
+    step_x_sigma_m: float = 0.0015  # walking trials, per step
+    step_y_sigma_m: float = 0.0006  # walking trials: 0.4 to 0.8 mm
+    step_yaw_sigma_rad: float = math.radians(0.6)  # walking trials
+    slip_walk_m: float = 0.00002  # ours: change of the mean slip per step, nearly none
+    drift_walk_rad: float = math.radians(0.005)  # ours: change of the drift per step, nearly none
+    gyro_sigma_radps: float = 0.002  # of the mean over one interval; consumer MEMS gyro
+    gyro_bias_sigma_radps: float = 0.005  # consumer MEMS gyro, at switch-on
+    gyro_bias_walk_radps: float = 0.00003  # ours: per square root of a second
+    still_sigma_m: float = 0.0003  # ours: per square root of a second, while standing
+    still_sigma_rad: float = math.radians(0.02)  # ours: likewise
+    blind_sigma_m: float = 0.07  # ours: per square root of a second without odometry, cruise speed
+    blind_sigma_rad: float = 0.4  # ours: likewise, about one turning step
+    shared_bearing_sigma_rad: float = math.radians(0.5)  # head pan error, same for a whole frame
+    gate_probability: float = 0.999  # ours: true sightings kept
+    rejected_frames: int = 4  # ours: frames in a row with nothing accepted before doubting oneself
+    doubt_m: float = 0.15  # ours: deviation added to the position then
+    doubt_rad: float = math.radians(8.0)  # ours: and to the heading
+
+    def __post_init__(self) -> None:
+        for name in (
+            "slip_sigma_m",
+            "drift_sigma_rad",
+            "step_x_sigma_m",
+            "step_y_sigma_m",
+            "step_yaw_sigma_rad",
+            "gyro_sigma_radps",
+            "gyro_bias_sigma_radps",
+            "still_sigma_m",
+            "still_sigma_rad",
+            "blind_sigma_m",
+            "blind_sigma_rad",
+        ):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"localiser: {name}={value} must be positive; give a deviation")
+        if not 0.0 < self.gate_probability < 1.0:
+            raise ConfigError(
+                f"localiser: gate_probability={self.gate_probability} must lie between 0 and 1"
+            )
+        if self.rejected_frames < 1:
+            raise ConfigError(
+                f"localiser: rejected_frames={self.rejected_frames} must be at least 1"
+            )
+
+
+@dataclass(frozen=True)
+class UpdateReport:
+    """What became of the sightings of one frame.
+
+    Args:
+        accepted: How many were used.
+        rejected: How many were not: unknown, ambiguous, not finite, or outside the gate.
+        nis: Normalised innovation squared of every sighting whose landmark was told, used or not, each
+            chi-square with two degrees of freedom if the filter is consistent.
+    """
+
+    accepted: int
+    rejected: int
+    nis: list[float]
+
+
+class PoseFilter:
+    """The robot's pose on the floor with its covariance; advances by `predict`, learns by `update`."""
+
+    def __init__(
+        self, start: Gaussian, landmarks: Sequence[Landmark], config: LocaliserConfig | None = None
+    ) -> None:
+        """Begin at a pose.
+
+        Args:
+            start: Over (x, y, yaw), m and rad, world frame.
+            landmarks: Those that may be sighted.
+            config: Noise figures; the defaults if None.
+        """
+        if start.mean.shape != (3,) or not np.all(np.isfinite(start.mean)):
+            raise ConfigError(f"localiser: start {start.mean} must be a finite (x, y, yaw)")
+        self.config = config or LocaliserConfig()
+        self._places = {mark.identity: np.array(mark.position[:2]) for mark in landmarks}
+        self._gate = 2.0 * float(gammaincinv(1.0, self.config.gate_probability))  # chi-square, 2
+        self._frames_rejected = 0
+        self._filter = _sigma_point_filter(start, self.config)
+
+    @property
+    def pose(self) -> Gaussian:
+        """Over (x, y, yaw), m and rad, world frame; the yaw in [-pi, pi)."""
+        return Gaussian(self._filter.x[:3].copy(), self._filter.P[:3, :3].copy())
+
+    @property
+    def pose2(self) -> Pose2:
+        """The mean."""
+        x, y, yaw = (float(v) for v in self._filter.x[:3])
+        return Pose2(x, y, yaw)
+
+    @property
+    def state(self) -> Gaussian:
+        """The whole state, entries as in `models`."""
+        return Gaussian(self._filter.x.copy(), self._filter.P.copy())
+
+    def predict(self, odometry: StepOdometry | None, imu: Imu | None, dt: float) -> None:
+        """Advance to the next frame.
+
+        Args:
+            odometry: Motion since the frame before; None or not finite: the robot may have walked anywhere.
+            imu: Means over that time; None or not finite: no gyro.
+            dt: That time, s, not negative.
+        """
+        if odometry is not None and not _finite(odometry.motion.vector, odometry.steps):
+            log.warning("step odometry %s is not finite and is not used", odometry)
+            odometry = None
+        dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
+        motion = odometry.motion if odometry else Pose2()
+        steps = abs(odometry.steps) if odometry else 0.0
+        self._filter.Q = process_noise(
+            self.config, float(self._filter.x[YAW]), steps, dt, blind=odometry is None
+        )
+        self._filter.predict(dt, motion=motion, steps=steps)
+        self._settle()
+        if imu is not None and dt > 0.0 and _finite(imu.angular_velocity, 0.0):
+            self._filter.update(
+                imu.angular_velocity[2:] * dt,
+                R=np.array([[(self.config.gyro_sigma_radps * dt) ** 2]]),
+                UT=_linear_transform,
+                hx=models.gyro_turn,
+                dt=dt,
+            )
+            self._settle()
+
+    def update(self, sightings: Sequence[Sighting]) -> UpdateReport:
+        """Learn from the landmarks of one frame, all at once.
+
+        A sighting without identity is given to the only known landmark inside the gate, if there is
+        just one. When several frames in a row have nothing acceptable, the filter doubts itself: its
+        covariance grows until sightings are accepted again.
+        """
+        accepted: list[tuple[Sighting, np.ndarray]] = []
+        nis: list[float] = []
+        for sighting in sightings:
+            place, distance = self._recognise(sighting)
+            if distance is not None:
+                nis.append(distance)
+            if place is not None:
+                accepted.append((sighting, place))
+        if accepted:
+            self._frames_rejected = 0
+            self._learn(accepted)
+        elif nis:
+            self._doubt()
+        return UpdateReport(len(accepted), len(sightings) - len(accepted), nis)
+
+    def _recognise(self, sighting: Sighting) -> tuple[np.ndarray | None, float | None]:
+        """The place of the landmark, None if it is not acceptable, and its NIS, None if not told."""
+        if not _finite(sighting.measured, float(np.sum(sighting.covariance))):
+            return None, None
+        if sighting.identity is not None:
+            place = self._places.get(sighting.identity)
+            if place is None:
+                return None, None
+            distance = self._distance(sighting, place)
+            return (place if distance <= self._gate else None), distance
+        near = [
+            (distance, place)
+            for place in self._places.values()
+            if (distance := self._distance(sighting, place)) <= self._gate
+        ]
+        return (near[0][1], near[0][0]) if len(near) == 1 else (None, None)
+
+    def _distance(self, sighting: Sighting, place: np.ndarray) -> float:
+        """Normalised innovation squared of one sighting, if it were of the landmark at this place."""
+        points = self._filter.sigmas_f
+        seen = np.array([models.range_bearing(point, place[None]) for point in points])
+        mean = models.sighting_mean(seen, self._filter.Wm)
+        spread = np.array([models.sighting_difference(row, mean) for row in seen])
+        S = spread.T @ (self._filter.Wc[:, None] * spread) + sighting.covariance
+        innovation = models.sighting_difference(sighting.measured, mean)
+        return float(innovation @ np.linalg.solve(models.positive(S), innovation))
+
+    def _learn(self, accepted: list[tuple[Sighting, np.ndarray]]) -> None:
+        measured = np.concatenate([sighting.measured for sighting, _ in accepted])
+        places = np.array([place for _, place in accepted])
+        noise = joint_noise(
+            [sighting.covariance for sighting, _ in accepted], self.config.shared_bearing_sigma_rad
+        )
+        self._filter.update(measured, R=noise, places=places)
+        self._settle()
+
+    def _doubt(self) -> None:
+        self._frames_rejected += 1
+        if self._frames_rejected < self.config.rejected_frames:
+            return
+        log.info("no sighting accepted in %d frames: covariance widened", self._frames_rejected)
+        self._filter.P[[X, Y], [X, Y]] += self.config.doubt_m**2
+        self._filter.P[YAW, YAW] += self.config.doubt_rad**2
+        self._settle()
+
+    def _settle(self) -> None:
+        """Keep the covariance symmetric and positive, and draw the points that an update starts from."""
+        self._filter.P = models.positive(self._filter.P)
+        self._filter.sigmas_f = self._filter.points_fn.sigma_points(self._filter.x, self._filter.P)
+
+
+def process_noise(
+    config: LocaliserConfig, yaw: float, steps: float, dt: float, blind: bool
+) -> Float[np.ndarray, "7 7"]:
+    """Covariance that one interval adds to the walker's state.
+
+    Args:
+        config: Noise figures.
+        yaw: Heading, rad: slip lies along and across the body.
+        steps: Footsteps made.
+        dt: Time passed, s.
+        blind: No odometry: the robot may have walked.
+    """
+    if blind:
+        along = across = config.blind_sigma_m**2 * dt
+        turn = config.blind_sigma_rad**2 * dt
+    else:
+        still = config.still_sigma_m**2 * dt
+        along = config.step_x_sigma_m**2 * steps + still
+        across = config.step_y_sigma_m**2 * steps + still
+        turn = config.step_yaw_sigma_rad**2 * steps + config.still_sigma_rad**2 * dt
+    turn = max(turn, 1e-12)  # a turn known exactly would make the covariance singular
+    rotation = Pose2(yaw=yaw).rotation
+    Q = np.zeros((WALKER_SIZE, WALKER_SIZE))
+    Q[:2, :2] = rotation @ np.diag([along, across]) @ rotation.T
+    Q[YAW, YAW] = Q[TURN, TURN] = Q[YAW, TURN] = Q[TURN, YAW] = turn  # one and the same turn
+    Q[SLIP, SLIP] = config.slip_walk_m**2 * steps
+    Q[DRIFT, DRIFT] = config.drift_walk_rad**2 * steps
+    Q[GYRO_BIAS, GYRO_BIAS] = config.gyro_bias_walk_radps**2 * dt
+    return Q
+
+
+def joint_noise(
+    covariances: Sequence[Float[np.ndarray, "2 2"]], shared_bearing_sigma_rad: float
+) -> Float[np.ndarray, "m m"]:
+    """Covariance of several sightings of one frame: their bearings share the error of the head's pan.
+
+    Args:
+        covariances: k of (2, 2), of (range, bearing), each with the shared part inside.
+        shared_bearing_sigma_rad: Deviation of the shared part; taken smaller where a bearing is surer.
+
+    Returns:
+        (2 k, 2 k), positive definite.
+    """
+    k = len(covariances)
+    R = np.zeros((2 * k, 2 * k))
+    for i, covariance in enumerate(covariances):
+        R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = models.positive(covariance)
+    own = min(
+        R[2 * i + 1, 2 * i + 1] - R[2 * i, 2 * i + 1] ** 2 / R[2 * i, 2 * i] for i in range(k)
+    )
+    shared = min(shared_bearing_sigma_rad**2, 0.99 * own)  # each block minus it stays positive
+    bearings = np.arange(k) * 2 + 1
+    across = np.ix_(bearings, bearings)
+    R[across] += shared * (1.0 - np.eye(k))
+    return R
+
+
+def _sigma_point_filter(start: Gaussian, config: LocaliserConfig) -> Any:
+    """filterpy's filter with our models; the only place of this file that knows that library."""
+    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
+
+    # alpha 1, kappa 0: no weight is negative, so a predicted covariance cannot lose its positivity
+    points = MerweScaledSigmaPoints(
+        WALKER_SIZE, 1.0, 2.0, 0.0, sqrt_method=models.square_root, subtract=np.subtract
+    )
+    engine = UnscentedKalmanFilter(
+        dim_x=WALKER_SIZE,
+        dim_z=2,
+        dt=0.325,
+        hx=models.range_bearing,
+        fx=models.walk,
+        points=points,
+        x_mean_fn=models.walker_mean,
+        z_mean_fn=models.sighting_mean,
+        residual_x=models.walker_difference,
+        residual_z=models.sighting_difference,
+        state_add=models.walker_sum,
+    )
+    engine.x = np.zeros(WALKER_SIZE)
+    engine.x[:3] = start.mean
+    engine.x[SLIP] = config.slip_m
+    engine.P = np.diag(
+        [
+            0.0,
+            0.0,
+            0.0,
+            config.slip_sigma_m**2,
+            config.drift_sigma_rad**2,
+            config.gyro_bias_sigma_radps**2,
+            1e-12,
+        ]
+    )
+    engine.P[:3, :3] = start.covariance
+    engine.P = models.positive(engine.P)
+    engine.sigmas_f = points.sigma_points(engine.x, engine.P)
+    return engine
+
+
+def _linear_transform(
+    points: np.ndarray,
+    mean_weights: np.ndarray,
+    weights: np.ndarray,
+    noise: np.ndarray,
+    *_: object,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unscented transform of plain numbers: nothing here is an angle on the circle."""
+    mean = mean_weights @ points
+    spread = points - mean
+    return mean, spread.T @ (weights[:, None] * spread) + noise
+
+
+def _finite(array: np.ndarray, number: float) -> bool:
+    return bool(np.all(np.isfinite(array))) and math.isfinite(number)

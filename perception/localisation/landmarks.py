@@ -1,0 +1,188 @@
+"""Which known tags are in the picture, and where they stand as seen from the body.
+
+A tag's four corners give its centre in the camera frame (perspective from four points, refined to least
+squares). The head's joint angles carry it into the body frame with a few tenths of a degree of error. Both
+errors go into a covariance of that point; then the known height of the tag over the floor, which no
+stride changes, takes back part of it: it is surer than the head's tilt. What remains is told as range
+along the floor and bearing.
+
+Source: seed 001, section 3 (landmarks for self-localisation); tags and their errors are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ..primitives.camera import Camera
+from ..primitives.errors import ConfigError, InputError
+from ..primitives.frame import ColourView
+from ..primitives.gaussian import Gaussian
+from ..primitives.landmark import Landmark, Sighting
+from ..primitives.pose import Pose3
+
+
+@dataclass(frozen=True)
+class LandmarkConfig:
+    """Errors of corners and of head angles; what is too small or too crooked to be used."""
+
+    corner_sigma_px: float = 0.3  # ours: refined corners of rendered tags, with sensor noise
+    head_yaw_sigma_rad: float = math.radians(0.5)  # walking trials: head encoders and play
+    head_pitch_sigma_rad: float = math.radians(0.5)  # walking trials
+    head_roll_sigma_rad: float = math.radians(0.7)  # walking trials: roll of the stride
+    camera_height_sigma_m: float = 0.003  # walking trials: 0.3 mm of stride, and a tag's own height
+    smallest_side_px: float = 8.0  # ours: below, the corners of neighbouring cells are confused
+    reprojection_px: float = 1.0  # ours: about 3 sigma of corners; more is not a flat square
+    height_gate_sigma: float = (
+        4.0  # ours: a tag this far from its height is another one, or misread
+    )
+    farthest_m: float = 8.0  # ours: beyond, a printed tag is too small in every camera of the robot
+
+    def __post_init__(self) -> None:
+        for name in (
+            "corner_sigma_px",
+            "head_yaw_sigma_rad",
+            "head_pitch_sigma_rad",
+            "head_roll_sigma_rad",
+            "camera_height_sigma_m",
+            "reprojection_px",
+            "height_gate_sigma",
+            "farthest_m",
+        ):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"landmarks: {name}={value} must be positive and finite")
+
+
+def detect(
+    view: ColourView, landmarks: Sequence[Landmark], config: LandmarkConfig | None = None
+) -> list[Sighting]:
+    """Find the known tags of a colour image.
+
+    Args:
+        view: The image, with the camera's place on the body.
+        landmarks: Tags that may be there; others are ignored, and so is an identity seen twice.
+        config: Errors and limits; the defaults if None.
+
+    Returns:
+        One sighting per tag, in order of identity; empty if there is none.
+
+    Raises:
+        InputError: The view does not say where the camera is on the body.
+    """
+    config = config or LandmarkConfig()
+    if view.T_body_camera is None:
+        raise InputError(
+            "landmarks: the colour image has no T_body_camera; without the camera's place on the body "
+            "a tag says nothing of the robot: give it, or leave landmarks out"
+        )
+    known = {mark.identity: mark for mark in landmarks}
+    found = find_corners(view.rgb)
+    identities = [identity for identity, _ in found]
+    sightings = []
+    for identity, corners in sorted(found, key=lambda pair: pair[0]):
+        if identity not in known or identities.count(identity) > 1:
+            continue
+        centre = tag_centre(corners, known[identity].side_m, view.camera, config)
+        if centre is None:
+            continue
+        in_body = carried_to_body(centre, view.T_body_camera, config)
+        at_height = held_at_height(in_body, known[identity].position[2], config)
+        if at_height is not None:
+            sightings.append(range_and_bearing(at_height, identity))
+    return sightings
+
+
+def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
+    """Tags of DICT_4X4_50: identity and corners (u, v) in px, clockwise from the tag's upper left."""
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
+    corners, identities, _ = detector.detectMarkers(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+    if identities is None:
+        return []
+    return [
+        (int(identity), np.asarray(four, np.float64).reshape(4, 2))
+        for identity, four in zip(np.asarray(identities).reshape(-1), corners, strict=True)
+    ]
+
+
+def tag_centre(
+    corners: Float[np.ndarray, "4 2"], side_m: float, camera: Camera, config: LandmarkConfig
+) -> Gaussian | None:
+    """The centre of a square tag in the camera frame.
+
+    Args:
+        corners: (u, v) in px, clockwise from the tag's upper left.
+        side_m: Side of the square.
+        camera: Intrinsics.
+        config: Corner noise and limits.
+
+    Returns:
+        Gaussian over (x, y, z), m, camera frame; None if the tag is too small, too far or not square.
+    """
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    if float(sides.min()) < config.smallest_side_px:
+        return None
+    half = side_m / 2.0
+    square = np.array([[-half, half, 0], [half, half, 0], [half, -half, 0], [-half, -half, 0]])
+    lens = np.array(camera.distortion)
+    ok, turn, centre = cv2.solvePnP(
+        square, corners, camera.matrix, lens, flags=cv2.SOLVEPNP_IPPE_SQUARE
+    )
+    if not ok:
+        return None
+    turn, centre = cv2.solvePnPRefineLM(square, corners, camera.matrix, lens, turn, centre)
+    projected, jacobian = cv2.projectPoints(square, turn, centre, camera.matrix, lens)
+    point = np.asarray(centre, np.float64).reshape(3)
+    error_px = float(np.sqrt(np.mean((np.reshape(projected, (4, 2)) - corners) ** 2)))
+    if not np.all(np.isfinite(point)) or error_px > config.reprojection_px:
+        return None
+    if not 0.0 < point[2] < config.farthest_m:
+        return None
+    J = np.asarray(jacobian)[:, :6]  # of the eight coordinates by rotation and translation
+    information = J.T @ J / config.corner_sigma_px**2
+    return Gaussian(point, np.linalg.pinv(information, hermitian=True)[3:, 3:])
+
+
+def carried_to_body(point: Gaussian, T_body_camera: Pose3, config: LandmarkConfig) -> Gaussian:
+    """A point of the camera frame in the body frame, with the error of the head's angles, m.
+
+    The head errs in pan about the body's z, in tilt about the camera's x, in roll about its optical axis.
+    """
+    R = T_body_camera.rotation
+    axes = np.stack([np.array([0.0, 0.0, 1.0]), R[:, 0], R[:, 2]])  # rows: pan, tilt, roll
+    sigmas = np.array(
+        [config.head_yaw_sigma_rad, config.head_pitch_sigma_rad, config.head_roll_sigma_rad]
+    )
+    arm = R @ point.mean
+    sway = np.cross(axes, arm) * sigmas[:, None]  # rows: displacement by one sigma of each
+    return Gaussian(arm + T_body_camera.position, R @ point.covariance @ R.T + sway.T @ sway)
+
+
+def held_at_height(point: Gaussian, height_m: float, config: LandmarkConfig) -> Gaussian | None:
+    """A point of the body frame, given that its height over the floor is known; None if it cannot be so."""
+    P = point.covariance
+    innovation = height_m - float(point.mean[2])
+    variance = float(P[2, 2]) + config.camera_height_sigma_m**2
+    if innovation**2 > config.height_gate_sigma**2 * variance:
+        return None
+    gain = P[:, 2] / variance
+    return Gaussian(point.mean + gain * innovation, P - np.outer(gain, P[2]))
+
+
+def range_and_bearing(point: Gaussian, identity: int | None) -> Sighting:
+    """Range along the floor and bearing of a point of the body frame, to first order."""
+    x, y = float(point.mean[0]), float(point.mean[1])
+    distance = math.hypot(x, y)
+    J = np.array([[x / distance, y / distance], [-y / distance**2, x / distance**2]])
+    covariance = J @ point.covariance[:2, :2] @ J.T
+    return Sighting(
+        identity, np.array([distance, math.atan2(y, x)]), (covariance + covariance.T) / 2.0
+    )

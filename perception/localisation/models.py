@@ -1,0 +1,161 @@
+"""What the sigma-point filters believe of the world: how a walker moves, what its sensors say.
+
+The walker's state holds, beside its pose, what spoils dead reckoning systematically, so that landmarks
+teach it: the forward slip and the turn that every step adds, and the bias of the gyro. The last entry is
+the turn made since the frame before; it lets the gyro be what it is, a measurement of that turn.
+
+Here are also the few operations that a filter over angles needs: mean and difference on the circle, and
+a matrix square root that cannot fail.
+
+Source: seed 001, section 3 (sigma-point filter); slip and drift as states are ours.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ..primitives.pose import Pose2, wrap_angle
+
+X, Y, YAW, SLIP, DRIFT, GYRO_BIAS, TURN = range(7)
+"""Entries of the walker's state: m, m, rad, m per step, rad per step, rad/s, rad."""
+
+WALKER_SIZE = 7
+
+
+def walk(
+    state: Float[np.ndarray, "7"], dt: float, motion: Pose2, steps: float
+) -> Float[np.ndarray, "7"]:
+    """The walker after the motion that its joints report.
+
+    Args:
+        state: See the entries above.
+        dt: Time passed, s; unused, the filter hands it over.
+        motion: Body now in the body frame before, by step odometry.
+        steps: How much of a footstep it was.
+
+    Returns:
+        The state after it; slip and drift are added in proportion to the steps made.
+    """
+    ahead, left = motion.x + state[SLIP] * steps, motion.y
+    turn = motion.yaw + state[DRIFT] * steps
+    c, s = math.cos(state[YAW]), math.sin(state[YAW])
+    after = state.copy()
+    after[X] += c * ahead - s * left
+    after[Y] += s * ahead + c * left
+    after[YAW] = wrap_angle(state[YAW] + turn)
+    after[TURN] = turn
+    return after
+
+
+def gyro_turn(state: Float[np.ndarray, "7"], dt: float) -> Float[np.ndarray, "1"]:
+    """What the gyro, summed over dt seconds, says of the turn just made: (1,), rad."""
+    return state[TURN : TURN + 1] + state[GYRO_BIAS] * dt
+
+
+def range_bearing(
+    state: Float[np.ndarray, "n"], places: Float[np.ndarray, "k 2"]
+) -> Float[np.ndarray, "2*k"]:
+    """Where known places are seen from the walker's pose.
+
+    Args:
+        state: Starts with (x, y, yaw) of the walker, m and rad, world frame.
+        places: (k, 2), world frame, m.
+
+    Returns:
+        (range_1, bearing_1, range_2, ...), m and rad, left positive.
+    """
+    offset = places - state[:2]
+    seen = np.empty(2 * len(places))
+    seen[0::2] = np.hypot(offset[:, 0], offset[:, 1])
+    seen[1::2] = wrap_angles(np.arctan2(offset[:, 1], offset[:, 0]) - state[YAW])
+    return seen
+
+
+def wrap_angles(angles_rad: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """The same angles in [-pi, pi)."""
+    return np.asarray((angles_rad + math.pi) % (2.0 * math.pi) - math.pi)
+
+
+def circular_mean(
+    angles_rad: Float[np.ndarray, "k *n"], weights: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "*n"]:
+    """Weighted mean of directions along the first axis, rad in [-pi, pi]."""
+    return np.asarray(np.arctan2(weights @ np.sin(angles_rad), weights @ np.cos(angles_rad)))
+
+
+def walker_mean(
+    points: Float[np.ndarray, "k 7"], weights: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "7"]:
+    """Mean of sigma points of the walker, its yaw averaged on the circle."""
+    mean = weights @ points
+    mean[YAW] = circular_mean(points[:, YAW], weights)
+    return mean
+
+
+def walker_difference(
+    a: Float[np.ndarray, "7"], b: Float[np.ndarray, "7"]
+) -> Float[np.ndarray, "7"]:
+    """a - b, the yaw the short way round."""
+    difference = a - b
+    difference[YAW] = wrap_angle(difference[YAW])
+    return difference
+
+
+def walker_sum(a: Float[np.ndarray, "7"], b: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
+    """a + b, the yaw in [-pi, pi)."""
+    total = a + b
+    total[YAW] = wrap_angle(total[YAW])
+    return total
+
+
+def sighting_mean(
+    points: Float[np.ndarray, "k m"], weights: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "m"]:
+    """Mean of (range, bearing, range, bearing, ...), the bearings averaged on the circle."""
+    mean = weights @ points
+    mean[1::2] = circular_mean(points[:, 1::2], weights)
+    return mean
+
+
+def sighting_difference(
+    a: Float[np.ndarray, "m"], b: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "m"]:
+    """a - b of (range, bearing, ...), the bearings the short way round."""
+    difference = a - b
+    difference[1::2] = wrap_angles(difference[1::2])
+    return difference
+
+
+def symmetric(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """The nearest symmetric matrix."""
+    return (matrix + matrix.T) / 2.0
+
+
+def square_root(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """U with U.T @ U = matrix, for any symmetric matrix; what is not positive in it is lifted to just above 0.
+
+    Cholesky where that works, else by eigenvalues: rounding can cost a covariance its last digit of
+    positivity, and a filter must not fall over that.
+    """
+    matrix = symmetric(matrix)
+    try:
+        return np.asarray(np.linalg.cholesky(matrix).T)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrix)
+        floor = max(float(values[-1]), 1e-12) * 1e-12
+        return np.asarray(np.sqrt(np.maximum(values, floor))[:, None] * vectors.T)
+
+
+def positive(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """The matrix, symmetric, and positive definite even if rounding had taken that away."""
+    matrix = symmetric(matrix)
+    try:
+        np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        root = square_root(matrix)
+        matrix = symmetric(root.T @ root)
+        matrix += np.eye(len(matrix)) * (1e-12 * max(float(np.trace(matrix)), 1e-12))
+    return matrix
