@@ -1,0 +1,361 @@
+"""How a frame is spelled in MCAP: Foxglove's protobuf schemas for what they know, JSON for the rest.
+
+One frame is a group of messages with one log time and one sequence number, closed by a `/frame` message
+that names the parts of the group and holds what Foxglove has no place for (exact stamp, units, baseline).
+
+Topics: `/tof/range`, `/tof/amplitude`, `/depth/image` (RawImage 16UC1), `/colour/image`, `/stereo/left`,
+`/stereo/right` (CompressedImage), each camera's `calibration`, `/tf` (cameras on the body; the given pose
+in the world), `/odometry`, `/imu`, `/frame`, and once at the start `/recording`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
+from google.protobuf.message import Message
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Imu, StepOdometry
+from perception.primitives.landmark import Landmark
+from perception.primitives.pose import Pose2, Pose3
+
+from .codec import EncodedAmplitude, EncodedDepth, EncodedFrame, EncodedPicture, EncodedStereo
+from .recording import FrameError, RecordingInfo
+
+FRAME_TOPIC = "/frame"
+RECORDING_TOPIC = "/recording"
+FORMAT = 1  # grows when an older reader could no longer read what is written
+PROTOBUF_TOPICS: dict[str, type[Message]] = {
+    "/tof/range": RawImage,
+    "/tof/amplitude": RawImage,
+    "/tof/calibration": CameraCalibration,
+    "/depth/image": RawImage,
+    "/depth/calibration": CameraCalibration,
+    "/stereo/left": CompressedImage,
+    "/stereo/right": CompressedImage,
+    "/stereo/calibration": CameraCalibration,
+    "/colour/image": CompressedImage,
+    "/colour/calibration": CameraCalibration,
+    "/tf": FrameTransforms,
+}
+_NUMBER = {"type": "number"}
+_XYZ = {"type": "array", "items": _NUMBER, "minItems": 3, "maxItems": 3}
+JSON_TOPICS: dict[str, dict[str, object]] = {
+    "/odometry": {
+        "title": "surefoot.StepOdometry",
+        "type": "object",
+        "description": "Body now in the body frame of the frame before: m, rad; share of a footstep.",
+        "properties": {"x": _NUMBER, "y": _NUMBER, "yaw": _NUMBER, "steps": _NUMBER},
+    },
+    "/imu": {
+        "title": "surefoot.Imu",
+        "type": "object",
+        "description": "Means since the frame before, body axes: rad/s, m/s^2.",
+        "properties": {"angular_velocity": _XYZ, "specific_force": _XYZ},
+    },
+    FRAME_TOPIC: {
+        "title": "surefoot.Frame",
+        "type": "object",
+        "description": "Closes the group of one frame and names its topics.",
+        "properties": {
+            "stamp_s": _NUMBER,
+            "footstep_due": {"type": "boolean"},
+            "topics": {"type": "array", "items": {"type": "string"}},
+            "units": {"type": "object", "additionalProperties": _NUMBER},
+            "baseline_m": _NUMBER,
+        },
+    },
+    RECORDING_TOPIC: {
+        "title": "surefoot.Recording",
+        "type": "object",
+        "description": "What is known before the first frame.",
+        "properties": {"name": {"type": "string"}, "landmarks": {"type": "array"}},
+    },
+}
+_WORLD, _BODY = "world", "body"
+
+
+def nanoseconds(stamp_s: float) -> int:
+    """The log time of a stamp; times before zero, which MCAP cannot tell, are logged at zero."""
+    return max(0, round(stamp_s * 1e9))
+
+
+def timestamp(stamp_s: float) -> Timestamp:
+    """The stamp as Foxglove's messages want it."""
+    seconds, rest = divmod(nanoseconds(stamp_s), 10**9)
+    return Timestamp(seconds=seconds, nanos=rest)
+
+
+def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[str, Any]]]:
+    """Topics and messages of one frame, `/frame` last."""
+    stamp = timestamp(encoded.stamp_s)
+    closing: dict[str, Any] = {
+        "stamp_s": float(encoded.stamp_s),
+        "footstep_due": bool(encoded.footstep_due),
+        "units": {},
+    }
+    group: list[tuple[str, Message | dict[str, Any]]] = []
+    for part, image, topic in (
+        ("tof", encoded.tof, "/tof/range"),
+        ("depth", encoded.depth, "/depth/image"),
+    ):
+        if image is not None:
+            group.append((topic, _raw(image.units, part, stamp)))
+            group.append((f"/{part}/calibration", _calibration(image.camera, part, stamp)))
+            closing["units"][topic] = float(image.units_per_metre)
+    if encoded.amplitude is not None:
+        group.append(("/tof/amplitude", _raw(encoded.amplitude.units, "tof", stamp)))
+        closing["units"]["/tof/amplitude"] = float(encoded.amplitude.units_per_one)
+    if encoded.stereo is not None:
+        group.append(("/stereo/left", _compressed(encoded.stereo.left, "stereo", stamp)))
+        group.append(("/stereo/right", _compressed(encoded.stereo.right, "stereo", stamp)))
+        camera = encoded.stereo.left.camera
+        group.append(("/stereo/calibration", _calibration(camera, "stereo", stamp)))
+        closing["baseline_m"] = float(encoded.stereo.baseline_m)
+    if encoded.colour is not None:
+        group.append(("/colour/image", _compressed(encoded.colour, "colour", stamp)))
+        group.append(("/colour/calibration", _calibration(encoded.colour.camera, "colour", stamp)))
+    transforms = _transforms(encoded, stamp)
+    if transforms.transforms:
+        group.append(("/tf", transforms))
+    if encoded.odometry is not None:
+        motion = encoded.odometry.motion
+        values = {"x": motion.x, "y": motion.y, "yaw": motion.yaw, "steps": encoded.odometry.steps}
+        group.append(("/odometry", {name: float(value) for name, value in values.items()}))
+    if encoded.imu is not None:
+        group.append(("/imu", {k: v.tolist() for k, v in vars(encoded.imu).items()}))
+    closing["topics"] = [topic for topic, _ in group]
+    yield from group
+    yield FRAME_TOPIC, closing
+
+
+def frame_from_messages(closing: Mapping[str, Any], data: Mapping[str, bytes]) -> EncodedFrame:
+    """The frame of a whole group, given the payload of each topic.
+
+    Raises:
+        FrameError: when a part that `/frame` names is missing or cannot be parsed.
+    """
+    missing = [topic for topic in closing["topics"] if topic not in data]
+    if missing:
+        raise FrameError(f"lost its {', '.join(missing)}")
+    parts: dict[str, Any] = {}
+    for topic in closing["topics"]:
+        if topic in PROTOBUF_TOPICS:
+            parts[topic] = PROTOBUF_TOPICS[topic].FromString(data[topic])
+        else:
+            parts[topic] = json.loads(data[topic])
+    poses = {
+        (t.parent_frame_id, t.child_frame_id): _pose(t)
+        for t in (parts["/tf"].transforms if "/tf" in parts else ())
+    }
+    return EncodedFrame(
+        stamp_s=closing["stamp_s"],
+        tof=_depth(parts, poses, closing["units"], "tof", "/tof/range"),
+        amplitude=_amplitude(parts, closing["units"]),
+        depth=_depth(parts, poses, closing["units"], "depth", "/depth/image"),
+        stereo=_stereo(parts, poses, closing.get("baseline_m")),
+        colour=_picture(parts, poses, "colour", "/colour/image"),
+        odometry=_odometry(parts.get("/odometry")),
+        imu=_imu(parts.get("/imu")),
+        T_world_camera=next((T for (parent, _), T in poses.items() if parent == _WORLD), None),
+        footstep_due=closing["footstep_due"],
+    )
+
+
+def info_to_json(info: RecordingInfo) -> dict[str, Any]:
+    """What the `/recording` message holds."""
+    return {
+        "format": FORMAT,
+        "name": info.name,
+        "scene": info.scene,
+        "poses_given": info.poses_given,
+        "landmarks": [asdict(landmark) for landmark in info.landmarks],
+        "start": None if info.start is None else asdict(info.start),
+        "start_covariance": _list(info.start_covariance),
+        "gravity_up_world": _list(info.gravity_up_world),
+        "floor_height_world_m": info.floor_height_world_m,
+    }
+
+
+def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingInfo:
+    """The same back."""
+    return RecordingInfo(
+        name=values["name"],
+        kind="mcap",
+        poses_given=values["poses_given"],
+        frames=frames,
+        landmarks=tuple(
+            Landmark(mark["identity"], tuple(mark["position"]), mark["side_m"])
+            for mark in values["landmarks"]
+        ),
+        start=None if values["start"] is None else Pose2(**values["start"]),
+        start_covariance=_array(values["start_covariance"]),
+        scene=values["scene"],
+        gravity_up_world=_array(values["gravity_up_world"]),
+        floor_height_world_m=values["floor_height_world_m"],
+    )
+
+
+def _frame_id(part: str) -> str:
+    return f"{part}_camera"
+
+
+def _raw(units: np.ndarray, part: str, stamp: Timestamp) -> RawImage:
+    height, width = units.shape
+    data = units.astype("<u2", copy=False).tobytes()
+    return RawImage(
+        timestamp=stamp,
+        frame_id=_frame_id(part),
+        width=width,
+        height=height,
+        encoding="16UC1",
+        step=2 * width,
+        data=data,
+    )
+
+
+def _compressed(picture: EncodedPicture, part: str, stamp: Timestamp) -> CompressedImage:
+    return CompressedImage(
+        timestamp=stamp, frame_id=_frame_id(part), data=picture.data, format=picture.form
+    )
+
+
+def _calibration(camera: Camera, part: str, stamp: Timestamp) -> CameraCalibration:
+    k1, k2, p1, p2, k3 = camera.distortion
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
+    return CameraCalibration(
+        timestamp=stamp,
+        frame_id=_frame_id(part),
+        width=camera.width,
+        height=camera.height,
+        distortion_model="plumb_bob",
+        D=[k1, k2, p1, p2, k3],
+        K=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def _transforms(encoded: EncodedFrame, stamp: Timestamp) -> FrameTransforms:
+    stereo = None if encoded.stereo is None else encoded.stereo.left
+    views = {
+        "tof": encoded.tof,
+        "depth": encoded.depth,
+        "stereo": stereo,
+        "colour": encoded.colour,
+    }
+    poses = [
+        (_BODY, _frame_id(part), view.T_body_camera)
+        for part, view in views.items()
+        if view is not None and view.T_body_camera is not None
+    ]
+    if encoded.T_world_camera is not None:
+        on_body = encoded.depth is None or encoded.depth.T_body_camera is not None
+        child = "given_camera" if on_body else _frame_id("depth")  # a frame has one parent
+        poses.append((_WORLD, child, encoded.T_world_camera))
+    return FrameTransforms(transforms=[_transform(*pose, stamp) for pose in poses])
+
+
+def _transform(parent: str, child: str, pose: Pose3, stamp: Timestamp) -> FrameTransform:
+    transform = FrameTransform(timestamp=stamp, parent_frame_id=parent, child_frame_id=child)
+    for name, value in zip("xyz", pose.translation, strict=True):
+        setattr(transform.translation, name, value)
+    for name, value in zip("xyzw", pose.quat_xyzw, strict=True):
+        setattr(transform.rotation, name, value)
+    return transform
+
+
+def _pose(transform: FrameTransform) -> Pose3:
+    t, q = transform.translation, transform.rotation
+    return Pose3((t.x, t.y, t.z), (q.x, q.y, q.z, q.w))
+
+
+def _camera(calibration: CameraCalibration) -> Camera:
+    k, (k1, k2, p1, p2, k3) = calibration.K, calibration.D
+    return Camera(
+        calibration.width, calibration.height, k[0], k[4], k[2], k[5], (k1, k2, p1, p2, k3)
+    )
+
+
+def _units(image: RawImage) -> np.ndarray:
+    if image.encoding != "16UC1" or len(image.data) != 2 * image.width * image.height:
+        raise FrameError(
+            f"image of {image.width}x{image.height} px, {image.encoding}, holds {len(image.data)} "
+            "bytes; 16UC1 with 2 bytes a pixel was expected"
+        )
+    units = np.frombuffer(image.data, "<u2").reshape(image.height, image.width)
+    return units.astype(np.uint16, copy=False)
+
+
+def _depth(
+    parts: Mapping[str, Any],
+    poses: Mapping[tuple[str, str], Pose3],
+    units: Mapping[str, float],
+    part: str,
+    topic: str,
+) -> EncodedDepth | None:
+    if topic not in parts:
+        return None
+    camera = _camera(parts[f"/{part}/calibration"])
+    return EncodedDepth(
+        _units(parts[topic]), units[topic], camera, poses.get((_BODY, _frame_id(part)))
+    )
+
+
+def _amplitude(parts: Mapping[str, Any], units: Mapping[str, float]) -> EncodedAmplitude | None:
+    topic = "/tof/amplitude"
+    return EncodedAmplitude(_units(parts[topic]), units[topic]) if topic in parts else None
+
+
+def _picture(
+    parts: Mapping[str, Any], poses: Mapping[tuple[str, str], Pose3], part: str, topic: str
+) -> EncodedPicture | None:
+    if topic not in parts:
+        return None
+    image = parts[topic]
+    return EncodedPicture(
+        image.data,
+        image.format,
+        _camera(parts[f"/{part}/calibration"]),
+        poses.get((_BODY, _frame_id(part))),
+    )
+
+
+def _stereo(
+    parts: Mapping[str, Any], poses: Mapping[tuple[str, str], Pose3], baseline_m: float | None
+) -> EncodedStereo | None:
+    left = _picture(parts, poses, "stereo", "/stereo/left")
+    right = _picture(parts, poses, "stereo", "/stereo/right")
+    if left is None or right is None or baseline_m is None:
+        return None
+    return EncodedStereo(left, right, baseline_m)
+
+
+def _odometry(values: Mapping[str, float] | None) -> StepOdometry | None:
+    if values is None:
+        return None
+    return StepOdometry(Pose2(values["x"], values["y"], values["yaw"]), values["steps"])
+
+
+def _imu(values: Mapping[str, list[float]] | None) -> Imu | None:
+    if values is None:
+        return None
+    return Imu(np.array(values["angular_velocity"]), np.array(values["specific_force"]))
+
+
+def _list(array: np.ndarray | None) -> list[Any] | None:
+    return None if array is None else array.tolist()
+
+
+def _array(values: list[Any] | None) -> np.ndarray | None:
+    return None if values is None else np.array(values, dtype=np.float64)
