@@ -182,13 +182,14 @@ def info_to_json(info: RecordingInfo) -> dict[str, Any]:
         "landmarks": [asdict(landmark) for landmark in info.landmarks],
         "start": None if info.start is None else asdict(info.start),
         "start_covariance": _list(info.start_covariance),
-        "gravity_up_world": _list(info.gravity_up_world),
+        "gravity_up_world": info.gravity_up_world,
         "floor_height_world_m": info.floor_height_world_m,
     }
 
 
 def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingInfo:
     """The same back."""
+    up = values["gravity_up_world"]
     return RecordingInfo(
         name=values["name"],
         kind="mcap",
@@ -201,7 +202,7 @@ def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingIn
         start=None if values["start"] is None else Pose2(**values["start"]),
         start_covariance=_array(values["start_covariance"]),
         scene=values["scene"],
-        gravity_up_world=_array(values["gravity_up_world"]),
+        gravity_up_world=None if up is None else (up[0], up[1], up[2]),
         floor_height_world_m=values["floor_height_world_m"],
     )
 

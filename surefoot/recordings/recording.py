@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -21,14 +21,14 @@ class RecordingInfo:
 
     Args:
         name: For titles and tables.
-        kind: Which reader gave it: "mcap", "tum", "seven_scenes", "redwood", "replica", "plain", "pcd".
+        kind: Which reader gave it: "mcap", "tum", "seven_scenes", "redwood", "replica", "plain", "pcd"; a live run says "simulation".
         poses_given: Whether frames come with `T_world_camera`.
         frames: How many frames it holds, readable or not; None if that is not known beforehand.
         landmarks: Known beforehand, world frame.
         start: Where the robot knew it stood at the first frame, world frame.
         start_covariance: (3, 3) of (x, y, yaw) of `start`, m and rad.
         scene: Name or description of the place; "" if nobody said.
-        gravity_up_world: (3,) unit vector that points up, in the world of the given poses; None if neither
+        gravity_up_world: Unit vector that points up, in the world of the given poses; None if neither
             the format nor the recording says.
         floor_height_world_m: Height of the floor along `gravity_up_world`, m; None if nobody says.
     """
@@ -41,13 +41,12 @@ class RecordingInfo:
     start: Pose2 | None = None
     start_covariance: Float[np.ndarray, "3 3"] | None = None
     scene: str = ""
-    gravity_up_world: Float[np.ndarray, "3"] | None = None
+    gravity_up_world: tuple[float, float, float] | None = None
     floor_height_world_m: float | None = None
 
 
-@dataclass(frozen=True)
-class SkippedFrame:
-    """A frame that could not be used, and why."""
+class SkippedFrame(NamedTuple):
+    """A frame that could not be used, and why; reasons are worded so that equal ones can be counted."""
 
     name: str
     reason: str
@@ -115,12 +114,10 @@ class Journal:
     def check_stamp(self, stamp_s: float) -> None:
         """Refuse a stamp that is not a number or does not follow the one before."""
         if not np.isfinite(stamp_s):
-            raise FrameError(f"stamp {stamp_s} s is not a number")
+            raise FrameError("its stamp is not a number")
         if self._stamp_s is not None and stamp_s <= self._stamp_s:
             fault = "repeats" if stamp_s == self._stamp_s else "lies before"
-            raise FrameError(
-                f"stamp {stamp_s:.6f} s {fault} the {self._stamp_s:.6f} s of the frame before"
-            )
+            raise FrameError(f"its stamp {fault} the one of the frame before")
 
     def note(self, stamp_s: float) -> None:
         """A frame of this stamp is handed out."""
@@ -133,13 +130,3 @@ class Journal:
             return ""
         first = self.skipped[0]
         return f" ({len(self.skipped)} skipped; {first.name}: {first.reason})"
-
-
-def skip_summary(skipped: list[SkippedFrame], most: int = 3) -> str:
-    """One line for people: how many were skipped, and the first few with their reasons; "" for none."""
-    if not skipped:
-        return ""
-    shown = "; ".join(f"{frame.name}: {frame.reason}" for frame in skipped[:most])
-    more = f"; and {len(skipped) - most} more" if len(skipped) > most else ""
-    noun = "frame" if len(skipped) == 1 else "frames"
-    return f"{len(skipped)} {noun} skipped ({shown}{more})"

@@ -1,0 +1,272 @@
+"""`recording.toml`: what a folder of depth images does not say of itself.
+
+For a folder of no known layout it says everything; beside a known layout (TUM, 7-Scenes, ...) it fills in
+what is missing there, such as the intrinsics. Every key is known here; a misspelt one is refused.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError, RecordingError
+
+from .folder import camera_of
+from .images import DepthUnit
+from .recording import RecordingInfo
+
+FILE_NAME = "recording.toml"
+EXAMPLE = """\
+rate_hz = 30.0              # or: stamps = "stamps.txt" (one time in s a line), stamps = "name" (file names)
+[camera]
+width = 640
+height = 480
+fx = 525.0
+fy = 525.0
+cx = 319.5
+cy = 239.5
+distortion = [0, 0, 0, 0, 0]  # k1, k2, p1, p2, k3; may be left out
+[depth]
+folder = "depth"            # may be left out, as may pattern = "*.png"
+scale_per_metre = 1000      # 1000: millimetres, 5000: TUM
+none = [0, 65535]           # values that mean "no depth here"
+[colour]                    # may be left out
+folder = "color"
+[poses]                     # may be left out
+file = "groundtruth.txt"    # timestamp tx ty tz qx qy qz qw
+convention = "camera-to-world"
+[world]                     # may be left out
+up = [0, 0, 1]
+floor_height = 0.0
+"""
+
+_CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "distortion")
+_KEYS: dict[str, tuple[str, ...]] = {
+    "": ("name", "scene", "rate_hz", "stamps", "camera", "depth", "colour", "poses", "world"),
+    "camera": _CAMERA_KEYS,
+    "depth": ("folder", "pattern", "scale_per_metre", "none"),
+    "colour": ("folder", "pattern", "camera"),
+    "colour.camera": _CAMERA_KEYS,
+    "poses": ("file", "convention"),
+    "world": ("up", "floor_height"),
+}
+_BESIDE_A_LAYOUT = ("name", "scene", "camera", "world")
+_CONVENTIONS = ("camera-to-world", "world-to-camera")
+
+
+@dataclass(frozen=True)
+class Description:
+    """A `recording.toml`, checked. What the file leaves out is None.
+
+    Args:
+        path: The file itself.
+        rate_hz, stamps: How time is known; `stamps` is a file's name or "name".
+        colour_camera: Intrinsics of the colour images where they differ.
+        world_to_camera: Whether the poses are written the other way round.
+        up: Unit vector up in the world of the poses.
+        keys: What the file speaks of, at its top level.
+    """
+
+    path: Path
+    name: str | None = None
+    scene: str = ""
+    rate_hz: float | None = None
+    stamps: str | None = None
+    camera: Camera | None = None
+    unit: DepthUnit | None = None
+    depth_folder: str | None = None
+    depth_pattern: str = "*"
+    colour_folder: str | None = None
+    colour_pattern: str = "*"
+    colour_camera: Camera | None = None
+    poses_file: str | None = None
+    world_to_camera: bool = False
+    up: tuple[float, float, float] | None = None
+    floor_height_m: float | None = None
+    keys: tuple[str, ...] = ()
+
+
+def read_description(path: Path) -> Description:
+    """Read and check a `recording.toml`.
+
+    Raises:
+        RecordingError: naming the key, its value and what was expected.
+    """
+    table = _load(path)
+    _refuse_unknown(path, table)
+    depth, colour = table.get("depth", {}), table.get("colour", {})
+    poses, world = table.get("poses", {}), table.get("world", {})
+    reader = _Reader(path)
+    convention = reader.text(poses, "poses.convention") or _CONVENTIONS[0]
+    if convention not in _CONVENTIONS:
+        raise RecordingError(
+            f"{path}: poses.convention = {convention!r}; expected one of {', '.join(_CONVENTIONS)}"
+        )
+    if "poses" in table and "file" not in poses:
+        raise RecordingError(f"{path}: [poses] needs file = a text file of TUM lines")
+    rate = reader.number(table, "rate_hz")
+    if rate is not None and rate <= 0.0:
+        raise RecordingError(f"{path}: rate_hz = {rate} must be positive, frames per second")
+    return Description(
+        path=path,
+        name=reader.text(table, "name"),
+        scene=reader.text(table, "scene") or "",
+        rate_hz=rate,
+        stamps=reader.text(table, "stamps"),
+        camera=reader.camera(table.get("camera"), "camera"),
+        unit=reader.unit(table.get("depth")),
+        depth_folder=reader.text(depth, "depth.folder"),
+        depth_pattern=reader.text(depth, "depth.pattern") or "*",
+        colour_folder=reader.text(colour, "colour.folder"),
+        colour_pattern=reader.text(colour, "colour.pattern") or "*",
+        colour_camera=reader.camera(colour.get("camera"), "colour.camera"),
+        poses_file=reader.text(poses, "poses.file"),
+        world_to_camera=convention == _CONVENTIONS[1],
+        up=reader.up(world),
+        floor_height_m=reader.number(world, "world.floor_height"),
+        keys=tuple(table),
+    )
+
+
+def complete(info: RecordingInfo, description: Description | None) -> RecordingInfo:
+    """What a known layout says of itself, with what the description adds.
+
+    Raises:
+        RecordingError: for a description that speaks of what the layout settles.
+    """
+    if description is None:
+        return info
+    beyond = [key for key in description.keys if key not in _BESIDE_A_LAYOUT]
+    if beyond:
+        raise RecordingError(
+            f"{description.path}: {beyond[0]} is settled by the layout ({info.kind}) of this folder; "
+            f"beside it only {', '.join(_BESIDE_A_LAYOUT)} may be given, or a table [depth] to "
+            "describe the whole folder"
+        )
+    return replace(
+        info,
+        name=description.name or info.name,
+        scene=description.scene or info.scene,
+        gravity_up_world=description.up or info.gravity_up_world,
+        floor_height_world_m=description.floor_height_m
+        if description.floor_height_m is not None
+        else info.floor_height_world_m,
+    )
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be read: {error.strerror}; a recording.toml was expected"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: is no valid TOML: {error}") from error
+
+
+def _refuse_unknown(path: Path, table: Mapping[str, Any], prefix: str = "") -> None:
+    known = _KEYS[prefix]
+    for key, value in table.items():
+        whole = f"{prefix}.{key}" if prefix else key
+        if key not in known:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+            hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
+            raise RecordingError(f"{path}: unknown key {whole}; {hint}")
+        if whole in _KEYS:
+            if not isinstance(value, dict):
+                raise RecordingError(f"{path}: {whole} = {value!r} must be a table [{whole}]")
+            _refuse_unknown(path, value, whole)
+
+
+class _Reader:
+    """Takes values out of tables; complaints name the file and the key."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def text(self, table: Mapping[str, Any], key: str) -> str | None:
+        """A string; None if absent."""
+        value = table.get(key.split(".")[-1])
+        if value is not None and not isinstance(value, str):
+            raise RecordingError(f"{self._path}: {key} = {value!r} must be a text in quotes")
+        return value
+
+    def number(self, table: Mapping[str, Any], key: str) -> float | None:
+        """A finite number; None if absent."""
+        value = table.get(key.split(".")[-1])
+        if value is None:
+            return None
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
+            raise RecordingError(f"{self._path}: {key} = {value!r} must be a finite number")
+        return float(value)
+
+    def numbers(self, table: Mapping[str, Any], key: str, count: int | None) -> tuple[float, ...]:
+        """A list of finite numbers."""
+        values = table[key.split(".")[-1]]
+        if not isinstance(values, list) or (count is not None and len(values) != count):
+            many = "" if count is None else f"{count} "
+            raise RecordingError(
+                f"{self._path}: {key} = {values!r} must be a list of {many}numbers"
+            )
+        wrong = [v for v in values if isinstance(v, bool) or not isinstance(v, int | float)]
+        if wrong:
+            raise RecordingError(f"{self._path}: {key} holds {wrong[0]!r}; numbers were expected")
+        return tuple(float(value) for value in values)
+
+    def camera(self, table: Mapping[str, Any] | None, prefix: str) -> Camera | None:
+        """Intrinsics; None without their table."""
+        if table is None:
+            return None
+        values: dict[str, Any] = {}
+        for key in _CAMERA_KEYS[:6]:
+            value = self.number(table, f"{prefix}.{key}")
+            if value is None:
+                raise RecordingError(f"{self._path}: {prefix}.{key} is missing; a number in px")
+            values[key] = value
+        for key in ("width", "height"):
+            if values[key] != int(values[key]):
+                raise RecordingError(f"{self._path}: {prefix}.{key} = {values[key]} must be whole")
+            values[key] = int(values[key])
+        if "distortion" in table:
+            values["distortion"] = self.numbers(table, f"{prefix}.distortion", 5)
+        return camera_of(self._path, **values)
+
+    def unit(self, table: Mapping[str, Any] | None) -> DepthUnit | None:
+        """Scale and no-depth marks; None without the table [depth]."""
+        if table is None:
+            return None
+        scale = self.number(table, "depth.scale_per_metre")
+        if scale is None:
+            raise RecordingError(
+                f"{self._path}: depth.scale_per_metre is missing; 1000 for millimetres, 5000 for TUM"
+            )
+        if "none" not in table:
+            raise RecordingError(
+                f"{self._path}: depth.none is missing; the values that mean no depth, such as [0]"
+            )
+        marks = self.numbers(table, "depth.none", None)
+        try:
+            return DepthUnit(scale, tuple(int(mark) for mark in marks))
+        except ConfigError as error:
+            raise RecordingError(f"{self._path}: [depth] {error}") from error
+
+    def up(self, table: Mapping[str, Any]) -> tuple[float, float, float] | None:
+        """The unit vector up; None if absent."""
+        if "up" not in table:
+            return None
+        x, y, z = self.numbers(table, "world.up", 3)
+        length = math.hypot(x, y, z)
+        if not 0.0 < length < math.inf:
+            raise RecordingError(f"{self._path}: world.up = {[x, y, z]} is no direction")
+        return x / length, y / length, z / length

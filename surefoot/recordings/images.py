@@ -1,0 +1,111 @@
+"""Image files, read with every check: is it there, whole, of the right type and size, and not all empty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError
+
+from .codec import metres
+from .recording import FrameError
+
+_PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+
+
+@dataclass(frozen=True)
+class DepthUnit:
+    """How a depth image is to be read.
+
+    Args:
+        per_metre: Units in a metre.
+        none: Values that say "no depth here".
+    """
+
+    per_metre: float
+    none: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.per_metre) and self.per_metre > 0.0):
+            raise ConfigError(
+                f"depth scale {self.per_metre} units per metre must be positive and finite; "
+                "1000 for millimetres"
+            )
+        outside = [mark for mark in self.none if not 0 <= mark <= 65535]
+        if outside:
+            raise ConfigError(f"no-depth mark {outside[0]} must lie between 0 and 65535")
+
+
+def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
+    """Depth, m, NaN where there is none.
+
+    Raises:
+        FrameError: for a file that is missing, cut short, of another type or size, or without any depth.
+    """
+    image = _read("depth", path, cv2.IMREAD_UNCHANGED)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        raise FrameError(
+            f"depth image has {channels} channel{'s' * (channels > 1)} of {image.dtype}; one channel "
+            "of uint16 was expected (a picture for looking at holds no depth)"
+        )
+    _check_size("depth", image, camera)
+    depth = metres(image, unit.per_metre, unit.none)
+    if not np.isfinite(depth).any():
+        marks = " or ".join(str(mark) for mark in unit.none)
+        raise FrameError(f"depth image has no valid pixel: every value is {marks}")
+    return depth
+
+
+def read_colour(path: Path, camera: Camera) -> UInt8[np.ndarray, "h w 3"]:
+    """Colour, red first; grey pictures are spread over the three channels.
+
+    Raises:
+        FrameError: for a file that is missing, cut short, no picture, or of another size.
+    """
+    image = _read("colour", path, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
+    _check_size("colour", image, camera)
+    return image.astype(np.uint8, copy=False)
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Width and height of a picture, px; FrameError if it cannot be read."""
+    height, width = _read("depth", path, cv2.IMREAD_UNCHANGED).shape[:2]
+    return width, height
+
+
+def _read(what: str, path: Path, flags: int) -> np.ndarray:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise FrameError(f"{what} image is missing") from error
+    except OSError as error:
+        raise FrameError(f"{what} image cannot be read: {error.strerror}") from error
+    if not data:
+        raise FrameError(f"{what} image is an empty file")
+    cut_png = data.startswith(_PNG_START) and _PNG_END not in data[-1024:]
+    cut_jpeg = data.startswith(_JPEG_START) and _JPEG_END not in data[-1024:]
+    if cut_png or cut_jpeg:  # found before OpenCV, whose decoders write to standard error
+        raise FrameError(f"{what} image is cut short")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise FrameError(f"{what} image is not readable as a picture")
+    return np.asarray(image)
+
+
+def _check_size(what: str, image: np.ndarray, camera: Camera) -> None:
+    height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise FrameError(
+            f"{what} image is {width}x{height} px; {camera.width}x{camera.height} px was expected "
+            "from the intrinsics"
+        )

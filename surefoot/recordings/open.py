@@ -1,0 +1,120 @@
+"""Which reader a path needs; the one door to recordings."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+from perception.primitives.errors import RecordingError
+
+from .description import FILE_NAME, Description, read_description
+from .folder import pictures
+from .mcap_format import McapRecording
+from .pcd import PcdRecording
+from .plain import needs_description, open_plain
+from .recording import Recording
+from .redwood import is_redwood, open_redwood
+from .replica import is_replica, open_replica
+from .seven_scenes import is_seven_scenes, open_seven_scenes
+from .tum import is_tum, open_tum
+
+MCAP_NAME = "recording.mcap"
+KINDS = (
+    "a run folder or .mcap file of `surefoot simulate --record`, a TUM RGB-D, 7-Scenes, Redwood/Open3D or "
+    "Replica folder, an organised .pcd file, or a folder of depth images with a recording.toml"
+)
+
+
+def open_recording(path: Path, description: Path | None = None) -> Recording:
+    """Open whatever lies at `path`.
+
+    Args:
+        path: A file or folder.
+        description: A `recording.toml` kept elsewhere; by default the one in the folder, if any. With a
+            table [depth] it says everything (a plain folder); without, it fills in what a known layout
+            leaves out.
+
+    Raises:
+        RecordingError: when there is nothing, nothing known, or it cannot be read as a whole.
+    """
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder{_nearest(path)}; expected {KINDS}")
+    if path.is_file():
+        return _open_file(path, description)
+    return _open_folder(path, _description(path, description))
+
+
+def _open_file(path: Path, description: Path | None) -> Recording:
+    if path.name == FILE_NAME:
+        return _open_folder(path.parent, read_description(path))
+    if description is not None:
+        raise RecordingError(
+            f"{path}: a single file needs no description, but {description} was given; leave it out"
+        )
+    if path.suffix == ".mcap":
+        return McapRecording(path)
+    if path.suffix == ".pcd":
+        return PcdRecording(path)
+    hint = "give the folder it lies in" if path.parent != path else "give a folder"
+    raise RecordingError(
+        f"{path}: a file of kind {path.suffix or path.name!r} is not read; {hint}; expected {KINDS}"
+    )
+
+
+def _open_folder(path: Path, description: Description | None) -> Recording:
+    if description is not None and description.unit is not None:
+        return open_plain(path, description)
+    if (path / MCAP_NAME).is_file() and description is None:
+        return McapRecording(path / MCAP_NAME)
+    if is_seven_scenes(path):
+        return open_seven_scenes(path, description)
+    if is_replica(path):
+        return open_replica(path, description)
+    if is_redwood(path):
+        return open_redwood(path, description)
+    if is_tum(path):
+        return open_tum(path, description)
+    if description is not None:
+        return open_plain(path, description)  # it will say which table is missing
+    raise _nothing_known(path)
+
+
+def _description(path: Path, given: Path | None) -> Description | None:
+    if given is not None:
+        return read_description(given)
+    beside = path / FILE_NAME
+    return read_description(beside) if beside.is_file() else None
+
+
+def _nothing_known(path: Path) -> RecordingError:
+    """The most helpful thing to say of a folder that holds no recording we know."""
+    if (path / "config.toml").is_file() and (path / "metrics.json").is_file():
+        return RecordingError(
+            f"{path}: this run was not recorded (no {MCAP_NAME}); run `surefoot simulate --record`"
+        )
+    found = pictures(path / "depth") or pictures(path)
+    if found:
+        return needs_description(path, found)
+    inside = [child.name for child in sorted(path.iterdir()) if _holds_recording(child)]
+    if inside:
+        return RecordingError(
+            f"{path}: holds no frames itself, but {', '.join(inside[:6])} in it can be read; give one "
+            "of them"
+        )
+    names = ", ".join(child.name for child in sorted(path.iterdir())[:6]) or "nothing"
+    return RecordingError(f"{path}: no frames found (it holds {names}); expected {KINDS}")
+
+
+def _holds_recording(child: Path) -> bool:
+    if child.is_file():
+        return child.suffix in (".mcap", ".pcd")
+    known = (is_seven_scenes, is_replica, is_redwood, is_tum)
+    return (child / MCAP_NAME).is_file() or any(test(child) for test in known)
+
+
+def _nearest(path: Path) -> str:
+    if not path.parent.is_dir():
+        return ""
+    names = [child.name for child in path.parent.iterdir()]
+    near = difflib.get_close_matches(path.name, names, n=1)
+    return f" (did you mean {path.parent / near[0]}?)" if near else ""

@@ -1,0 +1,155 @@
+"""A plain folder of depth images, with a `recording.toml` that says how to read them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.errors import RecordingError
+from perception.primitives.pose import Pose3
+
+from .description import EXAMPLE, Description
+from .folder import FolderRecording, FrameFiles, pair, pictures
+from .poses import ASSOCIATION_S, associate, numbers, pose_of_row, read_lines, read_tum
+from .recording import RecordingInfo
+
+_DEPTH_FOLDERS = ("depth", ".")
+_COLOUR_FOLDERS = ("color", "colour", "rgb", "image")
+
+
+def open_plain(path: Path, description: Description) -> FolderRecording:
+    """Open a folder by its description.
+
+    Raises:
+        RecordingError: for a description that lacks a part, or images, stamps and poses that do not match.
+    """
+    camera, unit = description.camera, description.unit
+    for part, name in ((camera, "camera"), (unit, "depth")):
+        if part is None:
+            raise RecordingError(
+                f"{description.path}: table [{name}] is missing; for example\n{EXAMPLE}"
+            )
+    assert camera is not None
+    assert unit is not None
+    depths = _depths(path, description)
+    colours = _colours(path, description, depths)
+    stamps = _stamps(path, description, depths)
+    remarks: list[str] = []
+    poses = _poses(path, description, stamps, remarks)
+    files = [
+        FrameFiles(depth.name, float(stamp), depth, colour, pose)
+        for depth, stamp, colour, pose in zip(depths, stamps, colours, poses, strict=True)
+    ]
+    info = RecordingInfo(
+        name=description.name or path.resolve().name,
+        kind="plain",
+        poses_given=any(pose is not None for pose in poses),
+        frames=len(files),
+        scene=description.scene,
+        gravity_up_world=description.up,
+        floor_height_world_m=description.floor_height_m,
+    )
+    return FolderRecording(
+        path, info, files, camera, unit, description.colour_camera, remarks=remarks
+    )
+
+
+def needs_description(path: Path, found: list[Path]) -> RecordingError:
+    """What to say of a folder of pictures that nothing describes."""
+    return RecordingError(
+        f"{path}: {len(found)} images (first {found[0].name}) but no recording.toml that says their "
+        "intrinsics, depth scale and no-depth marks; write one like this there, or give it with "
+        f"--description:\n{EXAMPLE}"
+    )
+
+
+def _depths(path: Path, description: Description) -> list[Path]:
+    folders = _DEPTH_FOLDERS if description.depth_folder is None else (description.depth_folder,)
+    for name in folders:
+        found = pictures(path / name, description.depth_pattern)
+        if found:
+            return found
+    where = " or ".join(str(path / name) for name in folders)
+    raise RecordingError(
+        f"{where}: no image matches {description.depth_pattern!r}; check [depth] folder and pattern "
+        f"in {description.path}"
+    )
+
+
+def _colours(path: Path, description: Description, depths: list[Path]) -> list[Path | None]:
+    named = description.colour_folder
+    same_place = description.colour_pattern != "*"
+    folders = (named,) if named is not None else (*_COLOUR_FOLDERS, *(["."] * same_place))
+    for name in folders:
+        found = [p for p in pictures(path / name, description.colour_pattern) if p not in depths]
+        if found:
+            return pair(depths, found, path)
+    if named is not None:
+        raise RecordingError(
+            f"{path / named}: no image matches {description.colour_pattern!r}; check [colour] in "
+            f"{description.path}"
+        )
+    return [None] * len(depths)
+
+
+def _stamps(path: Path, description: Description, depths: list[Path]) -> Float[np.ndarray, "n"]:
+    if description.stamps == "name":
+        try:
+            return np.array([float(depth.stem) for depth in depths])
+        except ValueError as error:
+            raise RecordingError(
+                f'{description.path}: stamps = "name", but {str(error).split(": ")[-1]} is no time in s'
+            ) from error
+    if description.stamps is not None:
+        source = path / description.stamps
+        lines = read_lines(source)
+        if len(lines) != len(depths):
+            raise RecordingError(
+                f"{source}: {len(lines)} stamps for {len(depths)} depth images; one each was expected"
+            )
+        return np.array([numbers(source, n, words[:1], 1, "a time in s")[0] for n, words in lines])
+    if description.rate_hz is None:
+        if len(depths) == 1:
+            return np.zeros(1)
+        raise RecordingError(
+            f"{description.path}: rate_hz or stamps is missing; add rate_hz = 30.0, frames per second"
+        )
+    return np.arange(len(depths)) / description.rate_hz
+
+
+def _poses(
+    path: Path, description: Description, stamps: Float[np.ndarray, "n"], remarks: list[str]
+) -> list[Callable[[], Pose3] | None]:
+    """By time where there are stamps, else line k for frame k."""
+    if description.poses_file is None:
+        return [None] * len(stamps)
+    source = path / description.poses_file
+    pose_stamps, rows = read_tum(source)
+    if description.stamps is not None:
+        partners = associate(stamps, pose_stamps)
+        lonely = int((partners < 0).sum())
+        if lonely == len(stamps):
+            raise RecordingError(
+                f"{source}: no pose within {ASSOCIATION_S} s of any frame: poses span "
+                f"{pose_stamps.min():.3f} to {pose_stamps.max():.3f} s, frames {stamps.min():.3f} to "
+                f"{stamps.max():.3f} s; check that both use one clock"
+            )
+        if lonely:
+            remarks.append(f"{lonely} of {len(stamps)} depth images have no pose within 0.02 s")
+    elif len(rows) == len(stamps):
+        partners = np.arange(len(rows))
+    else:
+        raise RecordingError(
+            f"{source}: {len(rows)} poses for {len(stamps)} depth images; one each was expected, or "
+            "stamps to join them by time"
+        )
+    read = _inverted if description.world_to_camera else pose_of_row
+    return [partial(read, rows[i]) if i >= 0 else None for i in partners]
+
+
+def _inverted(row: tuple[float, ...]) -> Pose3:
+    return pose_of_row(row).inverse()

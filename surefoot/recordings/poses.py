@@ -1,0 +1,156 @@
+"""Poses as recordings write them: TUM lines, 4x4 matrices, Redwood's log; and joining them by time."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from perception.primitives.errors import RecordingError
+from perception.primitives.pose import Pose3
+
+from .recording import FrameError
+
+_NORM_TOLERANCE = 0.01  # ours: four printed digits leave 1e-4, a quaternion of another kind more
+_ROTATION_TOLERANCE = 0.01  # ours: KinectFusion's printed matrices are orthogonal to 1e-3
+ASSOCIATION_S = 0.02  # TUM's associate.py
+
+
+def read_lines(path: Path) -> list[tuple[int, list[str]]]:
+    """Numbered lines of a text file, split into words; comments (#) and empty lines left out.
+
+    Raises:
+        RecordingError: for a file that cannot be read, is no text, or holds no line.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: is not text; lines of numbers were expected") from error
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be read: {error.strerror}; a text file was expected"
+        ) from error
+    lines = [
+        (number, line.replace(",", " ").split())
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise RecordingError(f"{path}: holds no line of data; remove it or fill it")
+    return lines
+
+
+def numbers(path: Path, line: int, words: list[str], expected: int, meaning: str) -> list[float]:
+    """The numbers of one line.
+
+    Raises:
+        RecordingError: for a wrong count or a word that is no number.
+    """
+    try:
+        values = [float(word) for word in words]
+    except ValueError as error:
+        raise RecordingError(
+            f"{path}, line {line}: {str(error).split(': ')[-1]} is not a number; expected {meaning}"
+        ) from error
+    if len(values) != expected:
+        raise RecordingError(
+            f"{path}, line {line}: {len(values)} numbers, expected {expected}: {meaning}"
+        )
+    return values
+
+
+def read_tum(
+    path: Path,
+) -> tuple[Float[np.ndarray, "n"], list[tuple[float, ...]]]:
+    """Stamps, s, and rows (tx, ty, tz, qx, qy, qz, qw) as printed, not yet checked to be poses.
+
+    Raises:
+        RecordingError: for lines that are not eight numbers.
+    """
+    stamps, rows = [], []
+    for line, words in read_lines(path):
+        values = numbers(path, line, words, 8, "timestamp tx ty tz qx qy qz qw")
+        stamps.append(values[0])
+        rows.append(tuple(values[1:]))
+    return np.array(stamps), rows
+
+
+def read_log(path: Path) -> list[Float[np.ndarray, "4 4"]]:
+    """Matrices of a Redwood trajectory: a line of ids, then four rows.
+
+    Raises:
+        RecordingError: for a file whose lines do not come in fives.
+    """
+    lines = read_lines(path)
+    if len(lines) % 5:
+        raise RecordingError(
+            f"{path}: {len(lines)} lines are no whole poses of 5 (ids, then 4 rows); it is cut short"
+        )
+    return [
+        np.array([numbers(path, *lines[i + row], 4, "a row of a 4x4 pose") for row in range(1, 5)])
+        for i in range(0, len(lines), 5)
+    ]
+
+
+def pose_of_row(row: tuple[float, ...]) -> Pose3:
+    """A pose of (tx, ty, tz, qx, qy, qz, qw).
+
+    Raises:
+        FrameError: if it is not finite or the quaternion not of unit length.
+    """
+    if not all(math.isfinite(value) for value in row):
+        raise FrameError("pose holds a value that is not finite")
+    norm = math.hypot(*row[3:])
+    if abs(norm - 1.0) > _NORM_TOLERANCE:
+        raise FrameError(f"pose is no rotation: its quaternion has length {norm:.2f}, not 1")
+    x, y, z, qx, qy, qz, qw = row
+    return Pose3((x, y, z), (qx, qy, qz, qw))
+
+
+def pose_of_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
+    """A pose of a homogeneous matrix.
+
+    Raises:
+        FrameError: if it is not finite or its rotation part no rotation.
+    """
+    if not np.isfinite(matrix).all():
+        raise FrameError("pose holds a value that is not finite")
+    rotation = matrix[:3, :3]
+    fault = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if fault > _ROTATION_TOLERANCE:
+        raise FrameError(f"pose is no rotation: R R^T differs from 1 by {fault:.2f}")
+    if np.linalg.det(rotation) < 0.0:
+        raise FrameError("pose is no rotation: it mirrors (determinant -1)")
+    if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
+        raise FrameError("pose is no rigid motion: its last row is not 0 0 0 1")
+    return Pose3.from_matrix(matrix)
+
+
+def associate(
+    stamps: Float[np.ndarray, "n"],
+    others: Float[np.ndarray, "m"],
+    most_s: float = ASSOCIATION_S,
+) -> Int[np.ndarray, "n"]:
+    """For each stamp the index of its partner among the others, -1 for none.
+
+    Closest pairs first, each stamp used once, none further apart than `most_s`, s.
+
+    Source: TUM RGB-D benchmark, associate.py.
+    """
+    order = np.argsort(others, kind="stable")
+    first = np.searchsorted(others[order], stamps - most_s, side="left")
+    last = np.searchsorted(others[order], stamps + most_s, side="right")
+    pairs = [
+        (abs(float(stamps[i] - others[j])), i, int(j))
+        for i in range(len(stamps))
+        for j in order[first[i] : last[i]]
+    ]
+    partner = np.full(len(stamps), -1, dtype=np.int64)
+    taken: set[int] = set()
+    for _, i, j in sorted(pairs):
+        if partner[i] < 0 and j not in taken:
+            partner[i] = j
+            taken.add(j)
+    return partner

@@ -1,0 +1,82 @@
+"""Replica rooms as rendered for NICE-SLAM: `frameNNNNNN.jpg`, `depthNNNNNN.png`, `traj.txt`, `cam_params.json`.
+
+The JSON has intrinsics and depth scale (6553.5 units a metre), 0 is none. Line k of `traj.txt` is the
+camera-to-world matrix of frame k, row by row. World z is up. Rendered at 30 frames a second.
+
+Source: Straub et al. 2019; Zhu et al., CVPR 2022 (the renderings).
+"""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from perception.primitives.errors import ConfigError, RecordingError
+
+from .description import Description, complete
+from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, number_in, pair, pictures
+from .images import DepthUnit
+from .poses import numbers, pose_of_matrix, read_lines
+from .recording import RecordingInfo
+
+
+def is_replica(path: Path) -> bool:
+    """Whether the folder has the layout."""
+    return (path / "traj.txt").is_file() and _parameters_file(path) is not None
+
+
+def open_replica(path: Path, description: Description | None = None) -> FolderRecording:
+    """Open a room.
+
+    Raises:
+        RecordingError: for parameters or poses that cannot be parsed, or a frame without a pose.
+    """
+    source = _parameters_file(path)
+    if source is None:
+        raise RecordingError(f"{path}: no cam_params.json here or one folder up")
+    try:
+        values = json.loads(source.read_text(encoding="utf-8"))["camera"]
+        scale = float(values["scale"])
+        width, height = int(values["w"]), int(values["h"])
+        fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
+        unit = DepthUnit(scale, (0,))
+    except (json.JSONDecodeError, KeyError, TypeError, ValueError, ConfigError) as error:
+        raise RecordingError(
+            f"{source}: cannot be read ({error}); camera with w h fx fy cx cy scale was expected"
+        ) from error
+    images = path / "results" if (path / "results").is_dir() else path
+    depths = pictures(images, "depth*.png")
+    partners = pair(depths, pictures(images, "frame*"), path)
+    meaning = "a camera-to-world matrix, row by row"
+    rows = [
+        np.array(numbers(path / "traj.txt", line, words, 16, meaning)).reshape(4, 4)
+        for line, words in read_lines(path / "traj.txt")
+    ]
+    files = []
+    for depth, colour in zip(depths, partners, strict=True):
+        number = number_in(depth)
+        if number is None or number >= len(rows):
+            raise RecordingError(
+                f"{path}: {depth.name} has no pose; traj.txt has {len(rows)} lines, line k for frame k"
+            )
+        pose = partial(pose_of_matrix, rows[number])
+        files.append(FrameFiles(depth.name, number / KINECT_HZ, depth, colour, pose))
+    info = RecordingInfo(
+        name=path.resolve().name,
+        kind="replica",
+        poses_given=True,
+        frames=len(files),
+        gravity_up_world=(0.0, 0.0, 1.0),
+    )
+    camera = camera_of(source, width, height, fx, fy, cx, cy)
+    if description is not None and description.camera is not None:
+        camera = description.camera
+    return FolderRecording(path, complete(info, description), files, camera, unit)
+
+
+def _parameters_file(path: Path) -> Path | None:
+    places = (path / "cam_params.json", path.resolve().parent / "cam_params.json")
+    return next((place for place in places if place.is_file()), None)

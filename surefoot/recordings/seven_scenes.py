@@ -1,0 +1,141 @@
+"""7-Scenes folders: `frame-NNNNNN.depth.png`, `.color.*` and `.pose.txt` side by side.
+
+Depth is in millimetres with 0 and 65535 for none. Poses are camera-to-world matrices. Intrinsics come from
+`camera-intrinsics.txt` in the folder or its parent (as tsdf-fusion writes it), else they are the 585 585
+320 240 of the set's own page; `gravity-direction.txt`, in the same places, points down in the world.
+A Kinect writes 30 frames a second, and the number in the name counts them.
+
+Source: Shotton et al., CVPR 2013; microsoft.com/research/project/rgb-d-dataset-7-scenes.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import RecordingError
+from perception.primitives.pose import Pose3
+
+from .description import Description, complete
+from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, number_in, pictures
+from .images import DepthUnit, image_size
+from .poses import numbers, pose_of_matrix, read_lines
+from .recording import FrameError, RecordingInfo
+
+UNIT = DepthUnit(1000.0, (0, 65535))
+_DEPTH = "frame-*.depth.png"
+
+
+def is_seven_scenes(path: Path) -> bool:
+    """Whether the folder has the layout."""
+    return next(path.glob(_DEPTH), None) is not None
+
+
+def open_seven_scenes(path: Path, description: Description | None = None) -> FolderRecording:
+    """Open one sequence.
+
+    Raises:
+        RecordingError: for intrinsics or gravity that cannot be parsed or cannot be.
+    """
+    remarks: list[str] = []
+    depths = pictures(path, _DEPTH)
+    camera = _camera(path, depths, description, remarks)
+    files = [_frame(depth, i) for i, depth in enumerate(depths)]
+    folder = path.resolve()
+    info = RecordingInfo(
+        name=f"{folder.parent.name}-{folder.name}",
+        kind="seven_scenes",
+        poses_given=any(frame.pose is not None for frame in files),
+        frames=len(files),
+        gravity_up_world=_up(path),
+    )
+    return FolderRecording(path, complete(info, description), files, camera, UNIT, remarks=remarks)
+
+
+def _frame(depth: Path, index: int) -> FrameFiles:
+    stem = depth.name.removesuffix(".depth.png")
+    pose = depth.with_name(f"{stem}.pose.txt")
+    colour = next(
+        (
+            c
+            for suffix in ("png", "jpg")
+            if (c := depth.with_name(f"{stem}.color.{suffix}")).is_file()
+        ),
+        None,
+    )
+    number = number_in(Path(stem))
+    stamp_s = (index if number is None else number) / KINECT_HZ
+    return FrameFiles(
+        stem, stamp_s, depth, colour, partial(_pose, pose) if pose.is_file() else None
+    )
+
+
+def _pose(path: Path) -> Pose3:
+    try:
+        matrix = read_matrix(path, (4, 4))
+    except RecordingError as error:
+        raise FrameError("pose file does not hold a 4x4 matrix") from error
+    return pose_of_matrix(matrix)
+
+
+def _camera(
+    path: Path, depths: list[Path], description: Description | None, remarks: list[str]
+) -> Camera:
+    if description is not None and description.camera is not None:
+        return description.camera
+    width, height = _first_size(path, depths)
+    source = _beside(path, "camera-intrinsics.txt")
+    if source is None:
+        remarks.append("no camera-intrinsics.txt: 585 585 320 240 of the set's page are used")
+        return Camera(width, height, 585.0, 585.0, 320.0, 240.0)
+    k = read_matrix(source, (3, 3))
+    return camera_of(
+        source, width=width, height=height, fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2]
+    )
+
+
+def _first_size(path: Path, depths: list[Path]) -> tuple[int, int]:
+    """Size of the first image that can be read: this layout does not write it down."""
+    reason = "no depth image found"
+    for depth in depths:
+        try:
+            return image_size(depth)
+        except FrameError as error:
+            reason = f"{depth.name}: {error}"
+    raise RecordingError(f"{path}: no frame can be used; {reason}")
+
+
+def _up(path: Path) -> tuple[float, float, float] | None:
+    source = _beside(path, "gravity-direction.txt")
+    if source is None:
+        return None
+    down = np.array([float(v) for v in read_matrix(source, (3, 1)).ravel()])
+    length = float(np.linalg.norm(down))
+    if not (np.isfinite(length) and abs(length - 1.0) < 0.01):
+        raise RecordingError(
+            f"{source}: gravity has length {length:.3g}; a unit vector in the world was expected"
+        )
+    x, y, z = (float(v) for v in -down / length)
+    return x, y, z
+
+
+def _beside(path: Path, name: str) -> Path | None:
+    places = (path / name, path.resolve().parent / name)
+    return next((place for place in places if place.is_file()), None)
+
+
+def read_matrix(path: Path, shape: tuple[int, int]) -> np.ndarray:
+    """A matrix of numbers, one row a line.
+
+    Raises:
+        RecordingError: for another shape or a word that is no number.
+    """
+    rows, columns = shape
+    lines = read_lines(path)
+    if len(lines) != rows:
+        raise RecordingError(f"{path}: {len(lines)} rows; a {rows}x{columns} matrix was expected")
+    meaning = f"a row of a {rows}x{columns} matrix"
+    return np.array([numbers(path, line, words, columns, meaning) for line, words in lines])

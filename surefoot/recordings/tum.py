@@ -1,0 +1,163 @@
+"""TUM RGB-D benchmark folders, whole or thinned out.
+
+Whole: `depth.txt` and `rgb.txt` list stamps and files, `groundtruth.txt` the poses; all are joined by time.
+Thinned: `depth/` and `rgb/` alone, line K of `groundtruth.txt` for image K. Depth has 5000 units a metre
+and 0 for none by definition of the benchmark. The intrinsics are not in the folder but on the benchmark's
+page, one set for each of its three cameras, told from the folder's name (freiburg1, fr1, ...); for another
+name a `recording.toml` has to say them. World z is up.
+
+Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
+"""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import RecordingError
+
+from .description import EXAMPLE, Description, complete
+from .folder import FolderRecording, FrameFiles, number_in, pair, pictures
+from .images import DepthUnit
+from .poses import ASSOCIATION_S, associate, pose_of_row, read_lines, read_tum
+from .recording import RecordingInfo
+
+UNIT = DepthUnit(5000.0, (0,))
+CAMERAS = {
+    "1": Camera(640, 480, 517.3, 516.5, 318.6, 255.3, (0.2624, -0.9531, -0.0054, 0.0026, 1.1633)),
+    "2": Camera(640, 480, 520.9, 521.0, 325.1, 249.7, (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
+    "3": Camera(640, 480, 535.4, 539.2, 320.1, 247.6),
+}
+"""Colour cameras by the benchmark's page; depth is registered to them."""
+
+
+def is_tum(path: Path) -> bool:
+    """Whether the folder has the benchmark's layout."""
+    listed = (path / "depth.txt").is_file()
+    return listed or ((path / "depth").is_dir() and (path / "groundtruth.txt").is_file())
+
+
+def open_tum(path: Path, description: Description | None = None) -> FolderRecording:
+    """Open a folder of the benchmark.
+
+    Raises:
+        RecordingError: for lists that cannot be parsed, a camera nobody knows, images that do not match.
+    """
+    remarks: list[str] = []
+    camera = _camera(path, description, remarks)
+    listed = (path / "depth.txt").is_file()
+    files = _listed(path, remarks) if listed else _counted(path)
+    info = RecordingInfo(
+        name=path.resolve().name,
+        kind="tum",
+        poses_given=any(frame.pose is not None for frame in files),
+        frames=len(files),
+        gravity_up_world=(0.0, 0.0, 1.0),
+    )
+    return FolderRecording(path, complete(info, description), files, camera, UNIT, remarks=remarks)
+
+
+def _camera(path: Path, description: Description | None, remarks: list[str]) -> Camera:
+    if description is not None and description.camera is not None:
+        return description.camera
+    for folder in (path.resolve(), *path.resolve().parents):
+        found = re.search(r"(?:freiburg|fr)([123])(?!\d)", folder.name.lower())
+        if found:
+            remarks.append(
+                f"intrinsics of camera freiburg{found[1]} by the benchmark's page, told from the "
+                f"folder name {folder.name}"
+            )
+            return CAMERAS[found[1]]
+    raise RecordingError(
+        f"{path}: the name does not say which TUM camera this is (freiburg1, freiburg2, freiburg3); "
+        f"rename the folder or put a recording.toml beside the images with a table\n"
+        f"{_camera_table()}"
+    )
+
+
+def _camera_table() -> str:
+    return EXAMPLE[EXAMPLE.index("[camera]") : EXAMPLE.index("[depth]")].rstrip()
+
+
+def _listed(path: Path, remarks: list[str]) -> list[FrameFiles]:
+    """The whole layout: everything joined by time."""
+    stamps, depths = _list(path / "depth.txt")
+    colour_of = np.full(len(stamps), -1)
+    colours: list[Path] = []
+    if (path / "rgb.txt").is_file():
+        colour_stamps, colours = _list(path / "rgb.txt")
+        colour_of = associate(stamps, colour_stamps)
+        _remark_lonely(colour_of, "colour image", remarks)
+    pose_of = np.full(len(stamps), -1)
+    rows: list[tuple[float, ...]] = []
+    if (path / "groundtruth.txt").is_file():
+        pose_stamps, rows = read_tum(path / "groundtruth.txt")
+        pose_of = associate(stamps, pose_stamps)
+        _remark_lonely(pose_of, "pose", remarks)
+    return [
+        FrameFiles(
+            f"{depth.name}",
+            float(stamp),
+            depth,
+            colours[colour] if colour >= 0 else None,
+            partial(pose_of_row, rows[pose]) if pose >= 0 else None,
+        )
+        for stamp, depth, colour, pose in zip(stamps, depths, colour_of, pose_of, strict=True)
+    ]
+
+
+def _list(path: Path) -> tuple[np.ndarray, list[Path]]:
+    stamps, files = [], []
+    for line, words in read_lines(path):
+        try:
+            stamps.append(float(words[0]))
+            files.append(path.parent / words[1])
+        except (ValueError, IndexError) as error:
+            raise RecordingError(
+                f"{path}, line {line}: {' '.join(words)!r}; expected: timestamp filename"
+            ) from error
+    return np.array(stamps), files
+
+
+def _remark_lonely(partners: np.ndarray, what: str, remarks: list[str]) -> None:
+    lonely = int((partners < 0).sum())
+    if lonely:
+        remarks.append(
+            f"{lonely} of {len(partners)} depth images have no {what} within {ASSOCIATION_S} s"
+        )
+
+
+def _counted(path: Path) -> list[FrameFiles]:
+    """The thinned layout: line K of the poses is frame K."""
+    depths = pictures(path / "depth")
+    if not depths:
+        raise RecordingError(
+            f"{path / 'depth'}: no depth image found; 16 bit PNG files were expected"
+        )
+    colours = pair(depths, pictures(path / "rgb"), path)
+    stamps, rows = read_tum(path / "groundtruth.txt")
+    lines = [number_in(depth) for depth in depths]
+    if None in lines or len(set(lines)) < len(lines):
+        lines = list(range(len(depths)))
+    beyond = [
+        depth.name for depth, line in zip(depths, lines, strict=True) if (line or 0) >= len(rows)
+    ]
+    if beyond:
+        raise RecordingError(
+            f"{path}: {len(depths)} depth images but {len(rows)} poses in groundtruth.txt (none for "
+            f"{beyond[0]}); one line a frame was expected, or lists depth.txt and rgb.txt with stamps"
+        )
+    return [
+        FrameFiles(
+            depth.name,
+            float(stamps[line or 0]),
+            depth,
+            colour,
+            partial(pose_of_row, rows[line or 0]),
+        )
+        for depth, colour, line in zip(depths, colours, lines, strict=True)
+    ]
