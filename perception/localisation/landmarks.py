@@ -25,19 +25,25 @@ from ..primitives.frame import ColourView
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose3
+from . import tag_edges
 
 
 @dataclass(frozen=True)
 class LandmarkConfig:
     """Errors of corners and of head angles; what is too small or too crooked to be used."""
 
-    corner_sigma_px: float = 0.3  # ours: refined corners of rendered tags, with sensor noise
+    corner_sigma_px: float = (
+        0.1  # ours: .01 (60 px tags) to .08 (14 px) seen, doubled for calibration
+    )
     head_yaw_sigma_rad: float = math.radians(0.5)  # walking trials: head encoders and play
     head_pitch_sigma_rad: float = math.radians(0.5)  # walking trials
     head_roll_sigma_rad: float = math.radians(0.7)  # walking trials: roll of the stride
     camera_height_sigma_m: float = 0.003  # walking trials: 0.3 mm of stride, and a tag's own height
+    camera_place_sigma_m: float = (
+        0.003  # ours: torso tilt of half a degree under a camera 0.38 m high
+    )
     smallest_side_px: float = 8.0  # ours: below, the corners of neighbouring cells are confused
-    reprojection_px: float = 1.0  # ours: about 3 sigma of corners; more is not a flat square
+    reprojection_px: float = 0.7  # ours: more is not a flat square, or the lens is not this one
     height_gate_sigma: float = (
         4.0  # ours: a tag this far from its height is another one, or misread
     )
@@ -50,6 +56,7 @@ class LandmarkConfig:
             "head_pitch_sigma_rad",
             "head_roll_sigma_rad",
             "camera_height_sigma_m",
+            "camera_place_sigma_m",
             "reprojection_px",
             "height_gate_sigma",
             "farthest_m",
@@ -100,17 +107,20 @@ def detect(
 
 def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
     """Tags of DICT_4X4_50: identity and corners (u, v) in px, clockwise from the tag's upper left."""
+    grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     detector = cv2.aruco.ArucoDetector(dictionary, parameters)
-    corners, identities, _ = detector.detectMarkers(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
+    corners, identities, _ = detector.detectMarkers(grey)
     if identities is None:
         return []
-    return [
-        (int(identity), np.asarray(four, np.float64).reshape(4, 2))
-        for identity, four in zip(np.asarray(identities).reshape(-1), corners, strict=True)
-    ]
+    found = []
+    for identity, four in zip(np.asarray(identities).reshape(-1), corners, strict=True):
+        refined = tag_edges.refine(grey, np.asarray(four, np.float64).reshape(4, 2))
+        if refined is not None:
+            found.append((int(identity), refined))
+    return found
 
 
 def tag_centre(
@@ -163,7 +173,10 @@ def carried_to_body(point: Gaussian, T_body_camera: Pose3, config: LandmarkConfi
     )
     arm = R @ point.mean
     sway = np.cross(axes, arm) * sigmas[:, None]  # rows: displacement by one sigma of each
-    return Gaussian(arm + T_body_camera.position, R @ point.covariance @ R.T + sway.T @ sway)
+    place = np.diag([config.camera_place_sigma_m**2, config.camera_place_sigma_m**2, 0.0])
+    return Gaussian(
+        arm + T_body_camera.position, R @ point.covariance @ R.T + sway.T @ sway + place
+    )
 
 
 def held_at_height(point: Gaussian, height_m: float, config: LandmarkConfig) -> Gaussian | None:

@@ -1,0 +1,204 @@
+"""Where are they: obstacles followed from frame to frame.
+
+Detections are given to tracks so that the sum of their distances is least (global nearest neighbour); a
+second round asks whether what is left over has just turned. A track is shown when it was seen often
+enough, and dies when it is not seen where it should be, or has become too vague to be of use.
+
+Source: seed 001, sections 2 and 14; association and life of a track ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.optimize import linear_sum_assignment
+from scipy.special import gammaincinv
+
+from ..primitives.errors import ConfigError
+from ..primitives.gaussian import Gaussian
+from ..primitives.obstacle import Obstacle
+from .track import Detection, Track, TrackConfig
+
+Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
+"""Tells which places (n, 2), world frame, m, the sensors see in this frame, unhidden."""
+
+
+@dataclass(frozen=True)
+class TrackerConfig:
+    """Gate, birth and death of tracks."""
+
+    gate_probability: float = 0.998  # ours: true detections kept by a track that is right
+    hits_to_show: int = 3  # ours: sightings before a track is believed
+    misses_to_die: int = 5  # ours: frames in view, unseen
+    misses_of_newborn: int = 2  # ours: the same, before it is believed
+    largest_sigma_m: float = 0.5  # ours: vaguer than this it says nothing
+    oldest_s: float = 30.0  # ours: not seen for so long
+    max_radius_m: float = 0.35  # ours: larger is furniture, and the map's business
+    same_share: float = 0.5  # ours: closer than this share of their radii, two tracks are one thing
+    track: TrackConfig = field(default_factory=TrackConfig)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.gate_probability < 1.0:
+            raise ConfigError(
+                f"tracker: gate_probability={self.gate_probability} must lie between 0 and 1"
+            )
+        for name in ("hits_to_show", "misses_to_die", "misses_of_newborn"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"tracker: {name}={getattr(self, name)} must be at least 1")
+        for name in ("largest_sigma_m", "oldest_s", "max_radius_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"tracker: {name}={value} must be positive and finite")
+
+
+@dataclass
+class _Life:
+    """A track and the record of its sightings."""
+
+    track: Track
+    number: int
+    since_s: float
+    seen_s: float
+    hits: int = 1
+    misses: int = 0
+
+
+class ObstacleTracker:
+    """All obstacles that are followed."""
+
+    def __init__(self, config: TrackerConfig | None = None) -> None:
+        self.config = config or TrackerConfig()
+        self._lives: list[_Life] = []
+        self._born = 0
+        self._stamp_s: float | None = None
+        self._gate = 2.0 * float(gammaincinv(1.0, self.config.gate_probability))  # chi-square, 2
+        self.nis: list[float] = []
+
+    @property
+    def obstacles(self) -> list[Obstacle]:
+        """Those believed in, world frame, in order of their number."""
+        return [
+            Obstacle(
+                life.track.state,
+                life.track.radius_m,
+                life.track.height_m,
+                life.number,
+                life.track.moving,
+                life.seen_s,
+                life.since_s,
+            )
+            for life in self._lives
+            if life.hits >= self.config.hits_to_show
+        ]
+
+    def update(
+        self,
+        stamp_s: float,
+        detections: Sequence[Detection],
+        robot: Gaussian,
+        visible: Visible | None = None,
+    ) -> None:
+        """Advance to this frame and learn from it.
+
+        Args:
+            stamp_s: Its time, s; not before the frame before (then no time passes).
+            detections: What was seen, body frame; those not finite or larger than `max_radius_m` are ignored.
+            robot: Over (x, y, yaw), m and rad, world frame.
+            visible: Which places are in view and unhidden; None: unseen tracks only grow vague.
+        """
+        dt = 0.0 if self._stamp_s is None else max(stamp_s - self._stamp_s, 0.0)
+        self._stamp_s = stamp_s
+        for life in self._lives:
+            life.track.predict(dt, robot)
+        usable = [seen for seen in detections if self._usable(seen)]
+        given = self._associate(usable, dt)
+        self.nis = []
+        for index, choice in given.items():
+            life = self._lives[index]
+            self.nis.append(life.track.update(usable[choice], dt))
+            life.seen_s, life.hits, life.misses = stamp_s, life.hits + 1, 0
+        self._miss(set(given), visible)
+        self._lives = [life for life in self._lives if self._lives_on(life, stamp_s)]
+        taken = set(given.values())
+        for choice, seen in enumerate(usable):
+            if choice not in taken:
+                self._born += 1
+                track = Track(seen, robot, self.config.track)
+                self._lives.append(_Life(track, self._born, stamp_s, stamp_s))
+        self._unite()
+
+    def _usable(self, seen: Detection) -> bool:
+        finite = np.all(np.isfinite(seen.position)) and np.all(np.isfinite(seen.covariance))
+        return bool(finite) and 0.0 <= seen.radius_m <= self.config.max_radius_m
+
+    def _associate(self, detections: Sequence[Detection], dt: float) -> dict[int, int]:
+        """Track index to detection index, one to one; those who may have turned come second."""
+        given: dict[int, int] = {}
+        for turned_s in (0.0, dt):
+            rows = [i for i in range(len(self._lives)) if i not in given]
+            taken = set(given.values())
+            columns = [j for j in range(len(detections)) if j not in taken]
+            if not rows or not columns:
+                break
+            expected = [self._lives[i].track.expected(turned_s) for i in rows]
+            cost = distances(expected, [detections[j] for j in columns])
+            for row, column in match(cost, self._gate):
+                given[rows[row]] = columns[column]
+        return dict(sorted(given.items()))
+
+    def _miss(self, seen: set[int], visible: Visible | None) -> None:
+        unseen = [i for i in range(len(self._lives)) if i not in seen]
+        if visible is None or not unseen:
+            return
+        places = np.array([self._lives[i].track.state.mean[:2] for i in unseen])
+        for i, in_view in zip(unseen, visible(places), strict=True):
+            self._lives[i].misses += int(in_view)
+
+    def _lives_on(self, life: _Life, stamp_s: float) -> bool:
+        shown = life.hits >= self.config.hits_to_show
+        limit = self.config.misses_to_die if shown else self.config.misses_of_newborn
+        if life.misses >= limit or stamp_s - life.seen_s > self.config.oldest_s:
+            return False
+        P = life.track.state.covariance[:2, :2]
+        return float(np.linalg.eigvalsh(P)[-1]) < self.config.largest_sigma_m**2
+
+    def _unite(self) -> None:
+        """Of two tracks on one thing keep the older."""
+        kept: list[_Life] = []
+        places: list[np.ndarray] = []
+        for life in self._lives:
+            place = life.track.state.mean[:2]
+            near = any(
+                float(np.hypot(*(place - other)))
+                < self.config.same_share * min(life.track.radius_m, older.track.radius_m)
+                for other, older in zip(places, kept, strict=True)
+            )
+            if not near:
+                kept.append(life)
+                places.append(place)
+        self._lives = kept
+
+
+def distances(
+    expected: Sequence[Gaussian], detections: Sequence[Detection]
+) -> Float[np.ndarray, "n m"]:
+    """Squared Mahalanobis distance of every detection from every expectation."""
+    means = np.array([e.mean for e in expected])
+    seen = np.array([d.position for d in detections])
+    S = (
+        np.array([e.covariance for e in expected])[:, None]
+        + np.array([d.covariance for d in detections])[None]
+    )
+    offset = seen[None] - means[:, None]
+    return np.asarray(np.sum(offset * np.linalg.solve(S, offset[..., None])[..., 0], axis=-1))
+
+
+def match(cost: Float[np.ndarray, "n m"], gate: float) -> list[tuple[int, int]]:
+    """Pairs (row, column), one to one, with as many as possible inside the gate and the least total cost."""
+    outside = gate * (min(cost.shape) + 1)  # one pair outside costs more than all inside
+    rows, columns = linear_sum_assignment(np.where(cost <= gate, cost, outside))
+    return [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if cost[r, c] <= gate]

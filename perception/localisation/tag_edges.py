@@ -1,0 +1,94 @@
+"""The corners of a tag to a tenth of a pixel: where straight lines through its four edges meet.
+
+A blurred corner looks rounder, so a corner finder places it inside the square, and the tag seems smaller
+and farther than it is: by 2 cm at 2 m. A blurred straight edge stays where it is.
+
+Source: ours.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+CELLS = 6  # a 4x4 tag with its black border is six cells wide
+REACH_PX = 2.5  # half of a profile across an edge: beyond any lens blur
+REACH_CELLS = 0.8  # ... and short of the next cell
+SAMPLES = 24  # profiles along an edge
+MARGIN = 0.12  # share of an edge left out at either end, where the corner rounds it
+
+
+def refine(
+    grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "4 2"], rounds: int = 2
+) -> Float[np.ndarray, "4 2"] | None:
+    """Corners of a dark square on a light ground, from its edges.
+
+    Args:
+        grey: The image.
+        corners: (u, v) in px, in order around the square, good to a pixel.
+        rounds: How often the profiles are laid anew across the edges found.
+
+    Returns:
+        The corners, px; None if an edge is not to be seen clearly.
+    """
+    found = corners
+    for _ in range(rounds):
+        lines = [_edge(grey, found[i], found[(i + 1) % 4], found.mean(axis=0)) for i in range(4)]
+        meeting = [_meet(lines[i - 1], lines[i]) for i in range(4)]
+        if any(point is None for point in meeting):
+            return None
+        found = np.array(meeting)
+        if float(np.abs(found - corners).max()) > REACH_PX:
+            return None
+    return found
+
+
+def _edge(
+    grey: np.ndarray, start: np.ndarray, end: np.ndarray, middle: np.ndarray
+) -> tuple[np.ndarray, float] | None:
+    """Line n.p = d through the edge between two corners, from the gradient along profiles across it."""
+    along = end - start
+    length = float(np.linalg.norm(along))
+    if length < 4.0:
+        return None
+    normal = np.array([along[1], -along[0]]) / length
+    if normal @ (middle - start) > 0:
+        normal = -normal  # outward: from black to white
+    reach = min(REACH_PX, REACH_CELLS * length / CELLS)
+    steps = np.linspace(-reach, reach, 2 * math.ceil(4 * reach) + 1)
+    share = np.linspace(MARGIN, 1.0 - MARGIN, SAMPLES)
+    feet = start + share[:, None] * along
+    at = (feet[:, None, :] + steps[None, :, None] * normal).astype(np.float32)
+    profile = cv2.remap(grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR, None, cv2.BORDER_REPLICATE)
+    rise = np.maximum(np.diff(np.asarray(profile, np.float64), axis=1), 0.0)
+    weight = rise.sum(axis=1)
+    strong = weight > 0.3 * float(np.median(weight))
+    if float(np.median(weight)) < 20.0 or int(strong.sum()) < SAMPLES // 2:  # grey levels
+        return None
+    offset = (rise[strong] @ ((steps[1:] + steps[:-1]) / 2.0)) / weight[strong]
+    place = share[strong]
+    keep = np.ones(len(offset), dtype=bool)
+    slope = level = 0.0
+    for _ in range(2):  # a line through the offsets, once more without those far off
+        slope, level = np.polyfit(place[keep], offset[keep], 1)
+        rest = np.abs(offset - (slope * place + level))
+        keep = rest <= max(3.0 * float(np.median(rest)), 0.05)
+    first, last = start + level * normal, end + (slope + level) * normal
+    along = last - first
+    normal = np.array([along[1], -along[0]]) / np.linalg.norm(along)
+    return normal, float(normal @ first)
+
+
+def _meet(
+    a: tuple[np.ndarray, float] | None, b: tuple[np.ndarray, float] | None
+) -> np.ndarray | None:
+    """The point on both lines; None if one is missing or they run alongside."""
+    if a is None or b is None:
+        return None
+    normals = np.stack([a[0], b[0]])
+    if abs(float(np.linalg.det(normals))) < 0.1:
+        return None
+    return np.asarray(np.linalg.solve(normals, np.array([a[1], b[1]])))

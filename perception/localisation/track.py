@@ -1,0 +1,258 @@
+"""One obstacle followed: a sigma-point filter on its position, its velocity, and our own error.
+
+A detection tells where a thing is relative to the body, and where the body is in the world is known only
+with a covariance that hardly changes from frame to frame. Taken for fresh noise each time, it would be
+averaged away, and a thing seen a hundred times from a wrong place would seem sure to be where it is not.
+So the filter carries the error of the viewpoint as part of its state: it has the covariance of the robot's
+pose, widened by what is unknown of a half-seen shape, and forgets slowly.
+
+Whether the thing moves at all is asked of the same filter: "it stands" is the hypothesis v = 0 inside it, and
+the weight of evidence is the ratio of its density at v = 0 after and before the sightings (Dickey's
+ratio). No second filter is needed, and a drift that the viewpoint explains is no evidence.
+
+Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..primitives.errors import ConfigError
+from ..primitives.gaussian import Gaussian
+from .models import positive, square_root
+
+SIZE = 7
+"""x, y, vx, vy of the thing, then the error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
+
+PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
+
+
+@dataclass(frozen=True)
+class TrackConfig:
+    """How obstacles move, and how we see them."""
+
+    speed_sigma_mps: float = 0.06  # seed 001: movers of 0.03 to 0.15 m/s; deviation per axis
+    acceleration_mps2: float = (
+        0.015  # ours: random acceleration per frame while nothing unusual happens
+    )
+    view_memory_s: float = 5.0  # ours: the robot's error at this distance is a new one (1/e)
+    shape_share: float = 0.15  # ours: wander of a half-seen thing's centre, in radii
+    moving_prior: float = 0.25  # seed 001: 4 of 16 obstacles move
+    memory_s: float = 20.0  # ours: once seen moving, believed able to, for about this long
+    turn_probability: float = 0.002  # ours: chance of so large an innovation without a turn
+
+    def __post_init__(self) -> None:
+        for name in ("speed_sigma_mps", "acceleration_mps2", "view_memory_s", "memory_s"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"track: {name}={value} must be positive and finite")
+        for name in ("moving_prior", "turn_probability"):
+            value = getattr(self, name)
+            if not 0.0 < value < 1.0:
+                raise ConfigError(f"track: {name}={value} must lie between 0 and 1")
+        if self.shape_share < 0.0:
+            raise ConfigError(f"track: shape_share={self.shape_share} must not be negative")
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Something that rises from the floor, seen in one frame.
+
+    Args:
+        position: Of its middle on the floor, body frame, m.
+        covariance: Of that position by the sensor alone, m^2.
+        radius_m: Of the disc that covers it.
+        height_m: Its top above the floor.
+    """
+
+    position: Float[np.ndarray, "2"]
+    covariance: Float[np.ndarray, "2 2"]
+    radius_m: float
+    height_m: float = 0.0
+
+
+class Track:
+    """The filter of one obstacle."""
+
+    def __init__(self, seen: Detection, robot: Gaussian, config: TrackConfig) -> None:
+        """Begin where it is first seen, at an unknown velocity."""
+        self.config = config
+        self.radius_m = seen.radius_m
+        self.height_m = seen.height_m
+        self._robot = robot
+        self._evidence = -_REMEMBERED
+        self._surprise = 0.0
+        x, y, yaw = robot.mean
+        c, s = math.cos(yaw), math.sin(yaw)
+        R = np.array([[c, -s], [s, c]])
+        arm = R @ seen.position
+        by_view = np.array([[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]]])
+        view = self._view_covariance()
+        mean = np.zeros(SIZE)
+        mean[PLACE] = np.array([x, y]) + arm
+        P = np.zeros((SIZE, SIZE))
+        P[PLACE, PLACE] = by_view @ view @ by_view.T + R @ seen.covariance @ R.T
+        P[PLACE, VIEW] = by_view @ view
+        P[VIEW, PLACE] = P[PLACE, VIEW].T
+        P[VELOCITY, VELOCITY] = np.eye(2) * config.speed_sigma_mps**2
+        P[VIEW, VIEW] = view
+        self._filter = _sigma_point_filter(mean, positive(P))
+
+    @property
+    def moving(self) -> float:
+        """Probability that it moves, in (0, 1)."""
+        odds = _log_odds(self.config.moving_prior) + self._evidence
+        return 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, odds))))
+
+    @property
+    def state(self) -> Gaussian:
+        """Over (x, y, vx, vy), world frame: both hypotheses, standing and moving, by their weight."""
+        mean, P = self._filter.x[:4], self._filter.P[:4, :4]
+        moving = self.moving
+        gain = np.linalg.solve(P[2:, 2:], P[2:, :]).T  # of a sighting v = 0 without noise
+        still_mean = mean - gain @ mean[2:]
+        still_P = P - gain @ P[2:, :]
+        still_mean[2:] = 0.0
+        still_P[2:, :] = still_P[:, 2:] = 0.0
+        mixed = moving * mean + (1.0 - moving) * still_mean
+        between = mean - still_mean
+        covariance = (
+            moving * P
+            + (1.0 - moving) * still_P
+            + moving * (1.0 - moving) * np.outer(between, between)
+        )
+        covariance[2:, 2:] += np.eye(2) * 1e-8  # nothing stands quite still
+        return Gaussian(mixed, positive(covariance))
+
+    def predict(self, dt: float, robot: Gaussian) -> None:
+        """Advance by dt seconds; the robot's pose is now this one.
+
+        The motion is linear, so that matrices give what sigma points would.
+        """
+        self._robot = robot
+        keep = math.exp(-dt / self.config.view_memory_s)
+        F = np.eye(SIZE)
+        F[0, 2] = F[1, 3] = dt
+        F[4, 4] = F[5, 5] = F[6, 6] = keep
+        Q = np.zeros((SIZE, SIZE))
+        pushed = np.array([[dt * dt / 2, 0], [0, dt * dt / 2], [dt, 0], [0, dt]])
+        Q[:4, :4] = pushed @ pushed.T * self.config.acceleration_mps2**2
+        Q[VIEW, VIEW] = (1.0 - keep**2) * self._view_covariance()
+        self._filter.x = F @ self._filter.x
+        self._filter.P = positive(F @ self._filter.P @ F.T + Q)
+        self._evidence -= _REMEMBERED * dt / self.config.memory_s
+        self._draw()
+
+    def expected(self, turned_s: float = 0.0) -> Gaussian:
+        """Where it should be seen: Gaussian over the position in the body frame, m, before sensor noise.
+
+        Args:
+            turned_s: If positive, it may have changed its velocity altogether that long ago, s.
+        """
+        points = np.stack(relative_position(self._filter.sigmas_f.T, self._robot.mean), axis=-1)
+        mean = self._filter.Wm @ points
+        spread = points - mean
+        covariance = spread.T @ (self._filter.Wc[:, None] * spread)
+        covariance += np.eye(2) * 2.0 * (self.config.speed_sigma_mps * turned_s) ** 2
+        return Gaussian(mean, covariance)
+
+    def update(self, seen: Detection, dt: float) -> float:
+        """Learn from a detection; returns its normalised innovation squared, chi-square with 2.
+
+        Too large an innovation, or two rather large ones in a row, say that the thing turned: what is
+        known of its velocity is forgotten, that it moves is not.
+        """
+        expected = self.expected()
+        innovation = seen.position - expected.mean
+        S = expected.covariance + seen.covariance
+        nis = float(innovation @ np.linalg.solve(S, innovation))
+        self._surprise = 0.5 * self._surprise + nis / 2.0
+        tail = math.exp(-nis / 2.0)
+        if tail < self.config.turn_probability or self._surprise > _SURPRISE:
+            self._forget_velocity(dt)
+        self._filter.update(seen.position, R=positive(seen.covariance), robot=self._robot.mean)
+        self._filter.P = positive(self._filter.P)
+        self._draw()
+        self._evidence = max(self._weigh(), min(self._evidence, _REMEMBERED))
+        self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
+        self.height_m = max(seen.height_m, self.height_m)
+        return nis
+
+    def _forget_velocity(self, dt: float) -> None:
+        """It may have turned within the last interval: any velocity again, and the place that follows."""
+        self._surprise = 0.0
+        P = self._filter.P
+        fresh = 2.0 * self.config.speed_sigma_mps**2  # old and new velocity are both unknown
+        P[VELOCITY, VELOCITY] += np.eye(2) * fresh
+        P[PLACE, PLACE] += np.eye(2) * fresh * dt * dt / 3.0
+        P[PLACE, VELOCITY] += np.eye(2) * fresh * dt / 2.0
+        P[VELOCITY, PLACE] += np.eye(2) * fresh * dt / 2.0
+        self._filter.P = positive(P)
+        self._draw()
+
+    def _weigh(self) -> float:
+        """Log of how much likelier the sightings are of something moving than of something standing."""
+        velocity = self._filter.x[VELOCITY]
+        P = self._filter.P[VELOCITY, VELOCITY]
+        at_rest_now = -0.5 * float(velocity @ np.linalg.solve(P, velocity)) - 0.5 * math.log(
+            max(float(np.linalg.det(P)), 1e-30)
+        )
+        at_rest_before = -2.0 * math.log(self.config.speed_sigma_mps)
+        return at_rest_before - at_rest_now
+
+    def _view_covariance(self) -> Float[np.ndarray, "3 3"]:
+        """Of the viewpoint: the robot's pose, and the wander of a half-seen middle."""
+        view = np.array(self._robot.covariance)
+        view[[0, 1], [0, 1]] += (self.config.shape_share * self.radius_m) ** 2
+        return view
+
+    def _draw(self) -> None:
+        self._filter.sigmas_f = self._filter.points_fn.sigma_points(self._filter.x, self._filter.P)
+
+
+_REMEMBERED = 5.0
+"""Log-odds of having moved that are carried on, at most, so that a thing that stops is believed to."""
+
+_SURPRISE = 7.0
+"""Of halved and added NIS / 2, mean 2 for a filter that is right: passed by chance about once in 500."""
+
+
+def relative_position(
+    state: Float[np.ndarray, "7 *k"], robot: Float[np.ndarray, "3"]
+) -> tuple[Any, Any]:
+    """Where the thing is seen from the body: measurement model of a track.
+
+    Args:
+        state: Entries as in this module's heading, one state or k of them side by side; the true viewpoint
+            is the robot's pose plus the error.
+        robot: (x, y, yaw) as believed, m and rad, world frame.
+
+    Returns:
+        x and y in the body frame, m.
+    """
+    x, y = state[0] - robot[0] - state[4], state[1] - robot[1] - state[5]
+    yaw = robot[2] + state[6]
+    c, s = np.cos(yaw), np.sin(yaw)
+    return c * x + s * y, c * y - s * x
+
+
+def _log_odds(probability: float) -> float:
+    return math.log(probability / (1.0 - probability))
+
+
+def _sigma_point_filter(mean: np.ndarray, covariance: np.ndarray) -> Any:
+    """filterpy's filter with the measurement model; prediction is linear and done outside."""
+    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
+
+    points = MerweScaledSigmaPoints(SIZE, 1.0, 2.0, 0.0, sqrt_method=square_root)
+    engine = UnscentedKalmanFilter(
+        dim_x=SIZE, dim_z=2, dt=1.0, hx=relative_position, fx=None, points=points
+    )
+    engine.x, engine.P = mean, covariance
+    engine.sigmas_f = points.sigma_points(mean, covariance)
+    return engine
