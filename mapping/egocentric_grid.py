@@ -1,0 +1,321 @@
+"""The terrain map: a square occupancy grid that walks with the robot.
+
+The grid keeps the world's orientation, and the robot stays in its centre cell. When a step leaves that
+cell, the grid shifts by whole cells; an index offset moves, the data does not.
+
+Free space is what the floor was seen on. A ray that ends further away proves little about what is under
+it: this camera looks over low boxes. Only the last stretch before a seen floor point, where the ray is
+lower than any obstacle worth the name, counts as seen floor too (ours).
+
+Source: seed 003, section 3, eq. (1) and (2), Fig. 5 and 6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from perception.primitives.errors import ConfigError, InputError
+
+from . import _kernels
+from .evidence import EvidenceConfig, age, fold, kinds_of, log_odds, probability_of
+
+
+@dataclass(frozen=True)
+class GridConfig:
+    """Extent and grain of the terrain map, and the weight of evidence."""
+
+    side_m: float = 3.55  # seed 003: 3.5; odd number of cells, so that a centre cell exists
+    cell_m: float = 0.05  # ours: about a quarter of a foot; fine: 0.02 with side 3.50
+    lowest_obstacle_m: float = 0.03  # ours: rays below this height prove the floor under them free
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.cell_m < self.side_m:
+            raise ConfigError(
+                f"grid: cell_m={self.cell_m} must lie between 0 and side_m={self.side_m}"
+            )
+        exact = self.side_m / self.cell_m
+        if abs(exact - self.cells) > 1e-6:
+            raise ConfigError(
+                f"grid: side_m={self.side_m} holds {exact:g} cells of {self.cell_m} m, expected an odd whole "
+                f"number; use {self.cells * self.cell_m:g}"
+            )
+        if not self.lowest_obstacle_m >= 0.0:
+            raise ConfigError(
+                f"grid: lowest_obstacle_m={self.lowest_obstacle_m} must not be negative"
+            )
+
+    @property
+    def cells(self) -> int:
+        """N, cells along a side: the odd number nearest to side / cell."""
+        return 2 * round((self.side_m / self.cell_m - 1) / 2) + 1
+
+
+def whole_cells(
+    offset: Float[np.ndarray, "2"],
+    step: Float[np.ndarray, "2"],
+    cell_m: float,
+    literal: bool = False,
+) -> tuple[Int[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """Split a step into whole cells to shift by and a rest inside the centre cell.
+
+    Args:
+        offset: R, the robot in its centre cell, each in [-S_c/2, S_c/2), world axes, m.
+        step: M, displacement of the robot, world axes, m.
+        cell_m: S_c, side of a cell.
+        literal: Forget the old R, as eq. (2) is printed; drifts, for comparison only.
+
+    Returns:
+        A, the cells crossed along each axis, and the new R, m.
+
+    Source: seed 003, eq. (1) and (2).
+    """
+    cells = np.floor((offset + step) / cell_m + 0.5).astype(np.int64)  # eq. (1)
+    moved = step if literal else offset + step
+    return cells, moved - cells * cell_m  # eq. (2)
+
+
+class EgocentricGrid:
+    """Probability and time of the last update for each cell round the robot.
+
+    The cells lie on a lattice that is fixed in the world, with the start in the middle of one of them; the
+    grid is the N x N window of it with the robot in the centre. Every layer is a torus: the cell that
+    leaves on one side is the memory of the one that enters on the other.
+    """
+
+    def __init__(self, config: GridConfig, position_world: Float[np.ndarray, "2"]) -> None:
+        """Nothing seen yet (p = 1, t = 0), the robot at the position (2,), m, in the middle of its cell."""
+        n = config.cells
+        self.config = config
+        self._start = _finite(position_world)
+        self._first = np.array([-(n // 2), -(n // 2)])  # lattice cell (x, y) of the window's [0, 0]
+        self._corner = np.array([0, 0])  # where that cell is in the layers, (x, y)
+        self._rest = np.zeros(2)  # R
+        self._latest_s = -np.inf
+        self._log_odds = np.full((n, n), np.inf, np.float32)
+        self._updated_s = np.zeros((n, n))
+        self._moving = np.zeros((n, n), np.bool_)
+        self._layers: list[tuple[np.ndarray, float]] = [
+            (self._log_odds, np.inf),
+            (self._updated_s, 0.0),
+            (self._moving, 0.0),
+        ]
+        self._tally = np.zeros(3 * n * n + 1, np.int32)
+        self._counts = self._tally[:-1].reshape(3, n, n)
+
+    # Where the grid is
+
+    @property
+    def cell_m(self) -> float:
+        """S_c, side of a cell, m."""
+        return self.config.cell_m
+
+    @property
+    def position(self) -> Float[np.ndarray, "2"]:
+        """Of the robot, world frame, m: middle of the centre cell plus R."""
+        return self._start + (self._first + self.config.cells // 2) * self.cell_m + self._rest
+
+    @property
+    def offset(self) -> Float[np.ndarray, "2"]:
+        """R, the robot from the middle of the centre cell, m, each in [-S_c/2, S_c/2)."""
+        return self._rest.copy()
+
+    @property
+    def origin(self) -> Float[np.ndarray, "2"]:
+        """Lower left corner of cell [0, 0], world frame, m."""
+        return self._start + (self._first - 0.5) * self.cell_m
+
+    def cell_of(self, xy: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
+        """Cells [row, column] of places in the world, m; outside the grid where not in [0, N)."""
+        lattice = np.floor((xy - self._anchor) * (1.0 / self.cell_m)).astype(np.int64)
+        return (lattice - self._first)[..., ::-1]
+
+    def centre_of(self, row: int, column: int) -> Float[np.ndarray, "2"]:
+        """Middle of a cell, world frame, m."""
+        return self._start + (self._first + np.array([column, row])) * self.cell_m
+
+    def centres(self) -> Float[np.ndarray, "rows columns 2"]:
+        """Middles of all cells, world frame, m."""
+        along = np.arange(self.config.cells)
+        columns, rows = np.meshgrid(along, along)
+        lattice = self._first + np.stack([columns, rows], axis=-1)
+        return np.asarray(self._start + lattice * self.cell_m)
+
+    @property
+    def _anchor(self) -> Float[np.ndarray, "2"]:
+        """Lower left corner of lattice cell (0, 0), world frame, m."""
+        return self._start - 0.5 * self.cell_m
+
+    # What it holds
+
+    @property
+    def probability(self) -> Float32[np.ndarray, "rows columns"]:
+        """p that an obstacle covers the cell; 1 where never seen."""
+        return self._unrolled(probability_of(self._log_odds))
+
+    @property
+    def updated_s(self) -> Float[np.ndarray, "rows columns"]:
+        """t, stamp of the cell's last update, s; 0 where never seen (`known` tells the two apart)."""
+        return self._unrolled(self._updated_s)
+
+    @property
+    def known(self) -> Bool[np.ndarray, "rows columns"]:
+        """Whether the cell was ever seen and is not forgotten."""
+        return self._unrolled(np.isfinite(self._log_odds))
+
+    @property
+    def moving(self) -> Bool[np.ndarray, "rows columns"]:
+        """Whether the obstacle in the cell is part of something that moves."""
+        return self._unrolled(self._moving)
+
+    def new_layer(self, fill: float) -> Float32[np.ndarray, "rows columns"]:
+        """A further layer that scrolls with the grid; entering cells get `fill`.
+
+        The array is the torus itself: read it through `unrolled`, write it through `rolled`.
+        """
+        layer = np.full((self.config.cells, self.config.cells), fill, np.float32)
+        self._layers.append((layer, fill))
+        return layer
+
+    def unrolled(self, layer: Float32[np.ndarray, "n n"]) -> Float32[np.ndarray, "n n"]:
+        """A layer of `new_layer` in world order, as a copy."""
+        return self._unrolled(layer)
+
+    def rolled(self, view: Bool[np.ndarray, "n n"]) -> Bool[np.ndarray, "n n"]:
+        """A mask in world order, as an index into a layer of `new_layer`."""
+        return np.roll(view, (self._corner[1], self._corner[0]), (0, 1))
+
+    def _unrolled(self, layer: np.ndarray) -> np.ndarray:
+        return np.roll(layer, (-self._corner[1], -self._corner[0]), (0, 1))
+
+    # What changes it
+
+    def move(self, position_world: Float[np.ndarray, "2"]) -> None:
+        """Follow the robot to a place, (2,), m; rows and columns that enter are unseen (p = 1, t = 0).
+
+        Raises:
+            InputError: The position is not finite.
+
+        Source: seed 003, eq. (1) and (2), cases (a) and (b).
+        """
+        step = _finite(position_world) - self.position
+        cells, self._rest = whole_cells(self._rest, step, self.cell_m)
+        if not cells.any():
+            return  # case (a)
+        n = self.config.cells
+        self._first += cells
+        self._corner = (self._corner + cells) % n  # case (b): the offset moves, the data does not
+        columns = _entering(int(cells[0]), int(self._corner[0]), n)
+        rows = _entering(int(cells[1]), int(self._corner[1]), n)
+        for layer, fill in self._layers:
+            layer[:, columns] = fill
+            layer[rows, :] = fill
+
+    def update(
+        self,
+        points_xy: Float[np.ndarray, "n 2"],
+        is_obstacle: Bool[np.ndarray, "n"],
+        stamp_s: float,
+        sensor_xy: Float[np.ndarray, "2"],
+        ray_clearing: bool = True,
+        is_moving: Bool[np.ndarray, "n"] | None = None,
+        sensor_height_m: float | None = None,
+    ) -> None:
+        """Remember what one frame showed; each cell changes at most once.
+
+        Args:
+            points_xy: Floor and obstacle points on the floor plane, world frame, m. NaN and points outside
+                the grid are passed over.
+            is_obstacle: Whether each rises above (or falls below) the floor.
+            stamp_s: Time of the frame, s.
+            sensor_xy: The camera on the floor plane, world frame, m.
+            ray_clearing: Also free the cells just before a seen floor point, where the ray is lower than
+                `lowest_obstacle_m`; needs the sensor's height.
+            is_moving: Whether each obstacle point belongs to something that moves; None: none does.
+            sensor_height_m: Of the camera above the floor; None: no ray evidence.
+
+        Raises:
+            InputError: One flag a point is missing.
+
+        Source: seed 003, section 3, "Update of p"; rays and movers are ours.
+        """
+        if len(points_xy) != len(is_obstacle):
+            raise InputError(
+                f"grid update: {len(points_xy)} points but {len(is_obstacle)} flags; give one flag a point"
+            )
+        _kernels.count_points(
+            np.ascontiguousarray(points_xy),
+            kinds_of(is_obstacle, is_moving),
+            self._anchor,
+            1.0 / self.cell_m,
+            self._first,
+            self.config.cells,
+            self.config.cells,
+            self._tally,
+        )
+        if ray_clearing and sensor_height_m is not None and sensor_height_m > 0.0:
+            sensor = (sensor_xy - self.origin) / self.cell_m
+            share = min(1.0, self.config.lowest_obstacle_m / sensor_height_m)
+            _kernels.clear_before_floor(self._counts, sensor, share)
+        fold(
+            self._counts,
+            (self._log_odds, self._updated_s, self._moving),
+            (int(self._corner[1]), int(self._corner[0])),
+            stamp_s,
+            self.config.evidence,
+        )
+        self._latest_s = stamp_s
+
+    def age(self, seconds: float) -> None:
+        """Let what moves fade where the latest frame did not see it; seconds since the last call."""
+        away = self._updated_s < self._latest_s
+        age(self._log_odds, self._moving, away, seconds, self.config.evidence)
+        self._updated_s[np.isinf(self._log_odds)] = 0.0
+
+    def clear_disc(self, centre: Float[np.ndarray, "2"], radius_m: float) -> None:
+        """Free the cells whose middle is in a disc, world frame, m: where the robot stands, nothing else does.
+
+        Source: seed 003, section 3 (the disc of 0.35 m at the start).
+        """
+        disc = self.rolled(self._within(centre, radius_m))
+        free = np.float32(log_odds(self.config.evidence.first_floor))
+        self._log_odds[disc] = np.minimum(self._log_odds[disc], free)
+        self._moving[disc] = False
+        self._stamp(disc)
+
+    def mark_discs(
+        self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
+    ) -> None:
+        """Mark discs as covered by something that moves, such as tracks not in view; world frame, m (ours)."""
+        limit = np.float32(self.config.evidence.mover_limit)
+        for centre, radius_m in zip(centres, radii_m, strict=True):
+            disc = self.rolled(self._within(centre, float(radius_m)))
+            disc &= ~(self._log_odds > limit) | np.isinf(self._log_odds)  # walls stay walls
+            self._log_odds[disc] = limit
+            self._moving[disc] = True
+            self._stamp(disc)
+
+    def _within(self, centre: Float[np.ndarray, "2"], radius_m: float) -> np.ndarray:
+        return np.asarray(np.sum((self.centres() - centre) ** 2, axis=-1) <= radius_m**2)
+
+    def _stamp(self, cells: np.ndarray) -> None:
+        if np.isfinite(self._latest_s):
+            self._updated_s[cells] = self._latest_s
+
+
+def _entering(shift: int, corner: int, n: int) -> Int[np.ndarray, "k"]:
+    """Layer indices of the lines that enter when the window, now at `corner`, has moved by `shift`."""
+    count = min(abs(shift), n)
+    first = n - count if shift > 0 else 0
+    return (corner + first + np.arange(count)) % n
+
+
+def _finite(position: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    if not np.isfinite(position).all():
+        raise InputError(
+            f"grid: position {position} is not finite; keep the last pose until the localiser has one"
+        )
+    return position.astype(np.float64)

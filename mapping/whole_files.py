@@ -1,0 +1,41 @@
+"""A file is complete or absent, never half-written.
+
+The content goes into a temporary file beside the target, which then takes its name in one step.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from perception.primitives.errors import OutputError
+
+
+@contextmanager
+def complete(target: Path) -> Iterator[Path]:
+    """Give a temporary path with the target's suffix; on leaving without an error it becomes the target.
+
+    Raises:
+        OutputError: The folder is absent, read-only or full.
+    """
+    try:
+        handle, name = tempfile.mkstemp(
+            suffix=target.suffix, prefix=f".{target.stem}-", dir=target.parent
+        )
+        os.close(handle)
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror}; check the folder") from error
+    temporary = Path(name)
+    try:
+        yield temporary
+        with temporary.open("rb") as written:
+            os.fsync(written.fileno())
+        temporary.chmod(0o644)
+        temporary.replace(target)
+    except OSError as error:
+        raise OutputError(f"cannot write {target}: {error.strerror}; check the disk") from error
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,224 @@
+"""The world map: what the whole run saw, on a grid that stays and grows.
+
+The same evidence as in the terrain map, on a lattice whose cell corners are multiples of the cell size in
+the world frame, so that maps of several runs lie on top of each other. Each cell also keeps the height of
+the highest thing at rest that was seen on it (ours).
+
+Source: seed 003, section 3 (evidence).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int
+
+from perception.primitives.errors import ConfigError, InputError
+
+from . import _kernels
+from .evidence import EvidenceConfig, age, fold, kinds_of, probability_of
+
+GROWTH = 64  # cells by which the map grows at least, so that it rarely does
+
+
+@dataclass(frozen=True)
+class WorldMapConfig:
+    """Grain and largest extent of the world map."""
+
+    cell_m: float = 0.05  # ours: as the terrain map
+    most_cells: int = (
+        16_000_000  # ours: 200 m x 200 m of 5 cm; points that would need more are dropped
+    )
+    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+
+    def __post_init__(self) -> None:
+        if not self.cell_m > 0.0:
+            raise ConfigError(f"world map: cell_m={self.cell_m} must be positive")
+        if self.most_cells < GROWTH * GROWTH:
+            raise ConfigError(
+                f"world map: most_cells={self.most_cells} must be at least {GROWTH * GROWTH}"
+            )
+
+
+class OccupancyMap(NamedTuple):
+    """A finished map, as it is saved and loaded.
+
+    Args:
+        probability: (rows, columns), p that an obstacle covers the cell; row 0 at the smallest y.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell, m.
+        known: (rows, columns), whether the cell was ever seen.
+    """
+
+    probability: Float32[np.ndarray, "rows columns"]
+    origin: Float[np.ndarray, "2"]
+    cell_m: float
+    known: Bool[np.ndarray, "rows columns"]
+
+
+class WorldMap:
+    """Probability, stamp and height for each cell that was ever seen."""
+
+    def __init__(self, config: WorldMapConfig | None = None) -> None:
+        """An empty map of no cells."""
+        self.config = config or WorldMapConfig()
+        self.dropped = 0  # points too far away to keep
+        self._first = np.zeros(2, np.int64)  # lattice cell (x, y) of cell [0, 0]
+        self._log_odds = np.zeros((0, 0), np.float32)
+        self._updated_s = np.zeros((0, 0))
+        self._moving = np.zeros((0, 0), np.bool_)
+        self._height_m = np.zeros((0, 0), np.float32)
+        self._latest_s = -np.inf
+
+    @property
+    def cell_m(self) -> float:
+        """Side of a cell, m."""
+        return self.config.cell_m
+
+    @property
+    def origin(self) -> Float[np.ndarray, "2"]:
+        """Lower left corner of cell [0, 0], world frame, m; changes when the map grows."""
+        return np.asarray(self._first * self.cell_m)
+
+    @property
+    def probability(self) -> Float32[np.ndarray, "rows columns"]:
+        """p that an obstacle covers the cell; 0.5 where never seen."""
+        return np.where(self.known, probability_of(self._log_odds), np.float32(0.5))
+
+    @property
+    def known(self) -> Bool[np.ndarray, "rows columns"]:
+        """Whether the cell was ever seen and is not forgotten."""
+        return np.isfinite(self._log_odds)
+
+    @property
+    def updated_s(self) -> Float[np.ndarray, "rows columns"]:
+        """Stamp of the cell's last update, s; 0 where never seen."""
+        return self._updated_s.copy()
+
+    @property
+    def height_m(self) -> Float32[np.ndarray, "rows columns"]:
+        """Height of the highest obstacle point seen on the cell, m; NaN where none was or p < 0.5."""
+        occupied = self.known & (self._log_odds >= 0.0)
+        return np.where(occupied, self._height_m, np.float32(np.nan))
+
+    def cell_of(self, xy: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
+        """Cells [row, column] of places in the world, m; outside the map where not in its shape."""
+        lattice = np.floor(xy * (1.0 / self.cell_m)).astype(np.int64)
+        return (lattice - self._first)[..., ::-1]
+
+    def update(
+        self,
+        points_xy: Float[np.ndarray, "n 2"],
+        is_obstacle: Bool[np.ndarray, "n"],
+        stamp_s: float,
+        heights_m: Float[np.ndarray, "n"] | None = None,
+        is_moving: Bool[np.ndarray, "n"] | None = None,
+    ) -> None:
+        """Remember what one frame showed; each cell changes at most once.
+
+        Args:
+            points_xy: Floor and obstacle points on the floor plane, world frame, m; NaN is passed over.
+            is_obstacle: Whether each rises above (or falls below) the floor.
+            stamp_s: Time of the frame, s.
+            heights_m: Of each point above the floor, m; None leaves the heights as they are.
+            is_moving: Whether each obstacle point belongs to something that moves; None: none does.
+
+        Raises:
+            InputError: One flag or height a point is missing.
+        """
+        flags = len(is_obstacle) if heights_m is None else min(len(is_obstacle), len(heights_m))
+        if len(points_xy) != flags:
+            raise InputError(
+                f"world map update: {len(points_xy)} points but {flags} flags or heights; give one a point"
+            )
+        points = np.ascontiguousarray(points_xy)
+        window = self._make_room(points)
+        if window is None:
+            return
+        low, high = window
+        kinds = kinds_of(is_obstacle, is_moving)
+        anchor, per_m = np.zeros(2), 1.0 / self.cell_m
+        columns, rows = (int(v) for v in high - low + 1)
+        tally = np.zeros(3 * rows * columns + 1, np.int32)
+        _kernels.count_points(points, kinds, anchor, per_m, low, rows, columns, tally)
+        counts = tally[:-1].reshape(3, rows, columns)
+        row, column = (int(v) for v in (low - self._first)[::-1])
+        layers = (self._log_odds, self._updated_s, self._moving)
+        fold(counts, layers, (row, column), stamp_s, self.config.evidence)
+        if heights_m is not None:
+            top = self._height_m[row : row + rows, column : column + columns]
+            _kernels.highest_in_cells(points, heights_m, kinds, anchor, per_m, low, top)
+        self._latest_s = stamp_s
+
+    def age(self, seconds: float) -> None:
+        """Let what moves fade where the latest frame did not see it; seconds since the last call."""
+        away = self._updated_s < self._latest_s
+        age(self._log_odds, self._moving, away, seconds, self.config.evidence)
+        self._updated_s[np.isinf(self._log_odds)] = 0.0
+
+    def crop(self) -> OccupancyMap:
+        """The smallest rectangle that holds every seen cell; of no cells while nothing was seen."""
+        rows, columns = (
+            np.flatnonzero(self.known.any(axis=1)),
+            np.flatnonzero(self.known.any(axis=0)),
+        )
+        if not len(rows):
+            nothing = np.zeros((0, 0), np.bool_)
+            return OccupancyMap(nothing.astype(np.float32), self.origin, self.cell_m, nothing)
+        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        corner = (self._first + np.array([columns[0], rows[0]])) * self.cell_m
+        return OccupancyMap(self.probability[part], corner, self.cell_m, self.known[part])
+
+    def _make_room(
+        self, points: Float[np.ndarray, "n 2"]
+    ) -> tuple[Int[np.ndarray, "2"], Int[np.ndarray, "2"]] | None:
+        """Grow so that the points fit; the first and last lattice cell (x, y) that they touch.
+
+        Points that would make the map larger than allowed are dropped and counted: those far from the
+        middle of the map, or of the points where there is no map yet. None if no point is left.
+        """
+        per_m = 1.0 / self.cell_m
+        bounds = np.array(_kernels.lattice_bounds(points, per_m))
+        if not np.isfinite(bounds).all():
+            return None
+        low, high = bounds[:2], bounds[2:]
+        if not self._fits(low, high):
+            cells = np.floor(points[np.isfinite(points).all(axis=1)] * per_m)
+            middle = self._middle() if self._log_odds.size else np.median(cells, axis=0)
+            reach = (int(self.config.most_cells**0.5) - 2 * GROWTH) // 2
+            near = (np.abs(cells - middle) <= reach).all(axis=1)
+            self.dropped += int((~near).sum())
+            if not near.any():
+                return None
+            low, high = cells[near].min(axis=0), cells[near].max(axis=0)
+        first, last = low.astype(np.int64), high.astype(np.int64)
+        self._grow(first, last)
+        return first, last
+
+    def _middle(self) -> Float[np.ndarray, "2"]:
+        return np.floor(self._first + np.array(self._log_odds.shape[::-1]) / 2)
+
+    def _fits(self, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]) -> bool:
+        if self._log_odds.size:
+            low = np.minimum(low, self._first)
+            high = np.maximum(high, self._first + np.array(self._log_odds.shape[::-1]) - 1)
+        return float(np.prod(high - low + 1 + 2 * GROWTH)) <= self.config.most_cells
+
+    def _grow(self, low: Int[np.ndarray, "2"], high: Int[np.ndarray, "2"]) -> None:
+        if not self._log_odds.size:
+            self._first = low.copy()
+        size = np.array(self._log_odds.shape[::-1])
+        before = np.maximum(self._first - low, 0)
+        after = np.maximum(high + 1 - (self._first + size), 0)
+        if not (before.any() or after.any()):
+            return
+        before = np.where(before > 0, np.maximum(before, GROWTH), 0)
+        after = np.where(after > 0, np.maximum(after, GROWTH), 0)
+        around = ((before[1], after[1]), (before[0], after[0]))
+        self._first = self._first - before
+        self._log_odds = np.pad(self._log_odds, around, constant_values=np.inf)
+        self._updated_s = np.pad(self._updated_s, around)
+        self._moving = np.pad(self._moving, around)
+        self._height_m = np.pad(self._height_m, around, constant_values=np.nan)
