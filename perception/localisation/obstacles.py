@@ -119,7 +119,7 @@ class ObstacleTracker:
         self.nis = []
         for index, choice in given.items():
             life = self._lives[index]
-            self.nis.append(life.track.update(usable[choice], dt))
+            self.nis.append(life.track.update(usable[choice]))
             life.seen_s, life.hits, life.misses = stamp_s, life.hits + 1, 0
         self._miss(set(given), visible)
         self._lives = [life for life in self._lives if self._lives_on(life, stamp_s)]

@@ -41,22 +41,32 @@ class TrackConfig:
         0.015  # ours: random acceleration per frame while nothing unusual happens
     )
     view_memory_s: float = 5.0  # ours: the robot's error at this distance is a new one (1/e)
-    shape_share: float = 0.15  # ours: wander of a half-seen thing's centre, in radii
+    shape_share: float = 0.2  # ours: wander of a half-seen thing's centre, in radii
     moving_prior: float = 0.25  # seed 001: 4 of 16 obstacles move
     memory_s: float = 20.0  # ours: once seen moving, believed able to, for about this long
-    turn_probability: float = 0.002  # ours: chance of so large an innovation without a turn
+    start_probability: float = 0.001  # ours: per frame, that something standing starts
+    turn_probability: float = 0.02  # navigation trials: movers turn every 15 to 25 s, 50 frames
+    notice_s: float = 1.0  # ours: how long ago a turn may have been when it is noticed
+    travel_share: float = 0.4  # ours: nothing moves that has not left its place by so many radii
 
     def __post_init__(self) -> None:
-        for name in ("speed_sigma_mps", "acceleration_mps2", "view_memory_s", "memory_s"):
+        for name in (
+            "speed_sigma_mps",
+            "acceleration_mps2",
+            "view_memory_s",
+            "memory_s",
+            "notice_s",
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"track: {name}={value} must be positive and finite")
-        for name in ("moving_prior", "turn_probability"):
+        for name in ("moving_prior", "start_probability", "turn_probability"):
             value = getattr(self, name)
             if not 0.0 < value < 1.0:
                 raise ConfigError(f"track: {name}={value} must lie between 0 and 1")
-        if self.shape_share < 0.0:
-            raise ConfigError(f"track: shape_share={self.shape_share} must not be negative")
+        for name in ("shape_share", "travel_share"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigError(f"track: {name}={getattr(self, name)} must not be negative")
 
 
 @dataclass(frozen=True)
@@ -86,7 +96,9 @@ class Track:
         self.height_m = seen.height_m
         self._robot = robot
         self._evidence = -_REMEMBERED
-        self._surprise = 0.0
+        self._state: Gaussian | None = None
+        self._expected: Gaussian | None = None
+        self._lag = np.zeros(2)
         x, y, yaw = robot.mean
         c, s = math.cos(yaw), math.sin(yaw)
         R = np.array([[c, -s], [s, c]])
@@ -102,16 +114,29 @@ class Track:
         P[VELOCITY, VELOCITY] = np.eye(2) * config.speed_sigma_mps**2
         P[VIEW, VIEW] = view
         self._filter = _sigma_point_filter(mean, positive(P))
+        self._first_place = mean[PLACE].copy()
+        self._travelled = 0.0
 
     @property
     def moving(self) -> float:
-        """Probability that it moves, in (0, 1)."""
+        """Probability that it moves, in [0, 1).
+
+        The middle of a half-seen thing wanders as we pass it, by part of its radius and no further; what
+        has not left its first place yet may be such a thing, however steadily it goes.
+        """
         odds = _log_odds(self.config.moving_prior) + self._evidence
-        return 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, odds))))
+        by_velocity = 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, odds))))
+        out_of_place = self._travelled / max(self.config.travel_share * self.radius_m, 1e-6)
+        return by_velocity * min(1.0, out_of_place)
 
     @property
     def state(self) -> Gaussian:
         """Over (x, y, vx, vy), world frame: both hypotheses, standing and moving, by their weight."""
+        if self._state is None:
+            self._state = self._mixed()
+        return self._state
+
+    def _mixed(self) -> Gaussian:
         mean, P = self._filter.x[:4], self._filter.P[:4, :4]
         moving = self.moving
         gain = np.linalg.solve(P[2:, 2:], P[2:, :]).T  # of a sighting v = 0 without noise
@@ -154,45 +179,46 @@ class Track:
         Args:
             turned_s: If positive, it may have changed its velocity altogether that long ago, s.
         """
-        points = np.stack(relative_position(self._filter.sigmas_f.T, self._robot.mean), axis=-1)
-        mean = self._filter.Wm @ points
-        spread = points - mean
-        covariance = spread.T @ (self._filter.Wc[:, None] * spread)
-        covariance += np.eye(2) * 2.0 * (self.config.speed_sigma_mps * turned_s) ** 2
-        return Gaussian(mean, covariance)
+        if self._expected is None:
+            points = np.stack(relative_position(self._filter.sigmas_f.T, self._robot.mean), axis=-1)
+            mean = self._filter.Wm @ points
+            spread = points - mean
+            self._expected = Gaussian(mean, spread.T @ (self._filter.Wc[:, None] * spread))
+        turned = np.eye(2) * 2.0 * (self.config.speed_sigma_mps * turned_s) ** 2
+        return Gaussian(self._expected.mean, self._expected.covariance + turned)
 
-    def update(self, seen: Detection, dt: float) -> float:
+    def update(self, seen: Detection) -> float:
         """Learn from a detection; returns its normalised innovation squared, chi-square with 2.
 
-        Too large an innovation, or two rather large ones in a row, say that the thing turned: what is
-        known of its velocity is forgotten, that it moves is not.
+        Innovations that add up in one direction say that the thing turned or stopped: what is known of
+        its velocity is forgotten, that it moves is not.
         """
         expected = self.expected()
         innovation = seen.position - expected.mean
         S = expected.covariance + seen.covariance
         nis = float(innovation @ np.linalg.solve(S, innovation))
-        self._surprise = 0.5 * self._surprise + nis / 2.0
-        tail = math.exp(-nis / 2.0)
-        if tail < self.config.turn_probability or self._surprise > _SURPRISE:
-            self._forget_velocity(dt)
+        self._lag = _LAG * self._lag + np.linalg.solve(np.linalg.cholesky(S), innovation)
+        chance = self.config.start_probability + self.moving * self.config.turn_probability
+        if (1.0 - _LAG**2) * float(self._lag @ self._lag) > -2.0 * math.log(chance):
+            self._forget_velocity()
         self._filter.update(seen.position, R=positive(seen.covariance), robot=self._robot.mean)
         self._filter.P = positive(self._filter.P)
         self._draw()
         self._evidence = max(self._weigh(), min(self._evidence, _REMEMBERED))
+        away = float(np.linalg.norm(self._filter.x[PLACE] - self._first_place))
+        self._travelled = max(self._travelled, away)
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         self.height_m = max(seen.height_m, self.height_m)
         return nis
 
-    def _forget_velocity(self, dt: float) -> None:
-        """It may have turned within the last interval: any velocity again, and the place that follows."""
-        self._surprise = 0.0
-        P = self._filter.P
+    def _forget_velocity(self) -> None:
+        """It turned within the last moments: any velocity again, and any place that follows from it."""
+        self._lag = np.zeros(2)
+        t = self.config.notice_s
         fresh = 2.0 * self.config.speed_sigma_mps**2  # old and new velocity are both unknown
-        P[VELOCITY, VELOCITY] += np.eye(2) * fresh
-        P[PLACE, PLACE] += np.eye(2) * fresh * dt * dt / 3.0
-        P[PLACE, VELOCITY] += np.eye(2) * fresh * dt / 2.0
-        P[VELOCITY, PLACE] += np.eye(2) * fresh * dt / 2.0
-        self._filter.P = positive(P)
+        grown = np.array([[t * t / 3.0, t / 2.0], [t / 2.0, 1.0]]) * fresh
+        self._filter.P[:4, :4] += np.kron(grown, np.eye(2))
+        self._filter.P = positive(self._filter.P)
         self._draw()
 
     def _weigh(self) -> float:
@@ -212,14 +238,16 @@ class Track:
         return view
 
     def _draw(self) -> None:
+        """Sigma points for the next use of the filter; what was derived from older ones is void."""
+        self._state = self._expected = None
         self._filter.sigmas_f = self._filter.points_fn.sigma_points(self._filter.x, self._filter.P)
 
 
 _REMEMBERED = 5.0
 """Log-odds of having moved that are carried on, at most, so that a thing that stops is believed to."""
 
-_SURPRISE = 7.0
-"""Of halved and added NIS / 2, mean 2 for a filter that is right: passed by chance about once in 500."""
+_LAG = 0.7
+"""What is kept from frame to frame of the sum of innovations that shows a turn."""
 
 
 def relative_position(
