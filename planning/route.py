@@ -1,0 +1,206 @@
+"""The route: via points kept from one cycle to the next.
+
+Every step the path is searched anew, but the robot leaves the old one only for a clearly cheaper one, or
+when it is blocked: two ways round an obstacle that cost the same would make it dither. If it does not get
+on for ten seconds, the place where it is stuck is made dear for a while, so that the search leads another
+way.
+
+Source: ours, from the rules of cooperation of the four papers; search by seed 003.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose2
+
+from .search.astar import Path, Terrain, prepare, search
+from .search.potential import SearchConfig
+
+
+@dataclass(frozen=True)
+class RouteConfig:
+    """Loyalty to the old path, and patience."""
+
+    loyalty_share: float = 0.10  # ours: a new path must be cheaper by this share ...
+    loyalty_m: float = 0.10  # ours: ... and this much
+    passed_m: float = 0.15  # ours: a way point this near is passed
+    patience_steps: int = 15  # own: 10 s at 0.65 s a step without progress
+    progress_m: float = 0.10  # ours: less than this is no progress
+    memory_steps: int = 60  # ours: about 40 s for which a stuck place stays dear
+    block_ahead_m: float = 0.45  # ours: how far ahead on the path the trouble is taken to be
+    block_radius_m: float = 0.35  # ours
+    block_penalty: float = 2.0  # ours: potential added there: dear, not forbidden
+
+    def __post_init__(self) -> None:
+        if self.patience_steps < 1 or self.memory_steps < 1:
+            raise ConfigError(
+                f"route: patience_steps={self.patience_steps} and memory_steps={self.memory_steps} "
+                "must be at least 1"
+            )
+
+
+@dataclass
+class _Block:
+    """A place that was stuck, and for how many more updates it is remembered."""
+
+    place: np.ndarray
+    left: int
+
+
+class Route:
+    """Leads to one goal at a time; a new goal forgets the old path."""
+
+    def __init__(self, search_config: SearchConfig, config: RouteConfig | None = None) -> None:
+        self._search = search_config
+        self._config = RouteConfig() if config is None else config
+        self._goal: np.ndarray | None = None
+        self._blocks: list[_Block] = []
+        self._best = math.inf  # least straight-line-of-path distance left so far
+        self._waited = 0
+        self.path: Path | None = None
+        """The path being walked, for display; None while there is none."""
+
+    @property
+    def detours(self) -> int:
+        """Stuck places remembered at present."""
+        return len(self._blocks)
+
+    def update(
+        self,
+        probability: Float[np.ndarray, "rows columns"],
+        unknown: Bool[np.ndarray, "rows columns"],
+        origin: Float[np.ndarray, "2"],
+        cell_m: float,
+        robot: Pose2,
+        goal: Float[np.ndarray, "2"],
+    ) -> Float[np.ndarray, "2"]:
+        """The via point to walk to now, world frame, m; to be called once per footstep.
+
+        Where no path leads to the goal the robot's own place is returned: stay. `path` is then None.
+
+        Args: as for `planning.search.astar.find_path`.
+        """
+        here = np.array([robot.x, robot.y])
+        if self._goal is None or not np.array_equal(goal, self._goal):
+            self._start_anew(goal)
+        self._watch_progress(here, goal)
+        ground = prepare(
+            probability,
+            unknown,
+            origin,
+            cell_m,
+            here,
+            self._search,
+            self._penalty(probability.shape, origin, cell_m),
+        )
+        fresh = search(ground, here, goal, self._search)
+        self.path = self._prefer(ground, here, goal, fresh)
+        if self.path is None:
+            return here
+        return self._via(here)
+
+    def _start_anew(self, goal: np.ndarray) -> None:
+        self._goal = goal.copy()
+        self.path = None
+        self._blocks = []
+        self._best = math.inf
+        self._waited = 0
+
+    def _watch_progress(self, here: np.ndarray, goal: np.ndarray) -> None:
+        """Count the steps since the way left last became shorter; remember the place if too many."""
+        for block in self._blocks:
+            block.left -= 1
+        self._blocks = [block for block in self._blocks if block.left > 0]
+        if self.path is None:
+            return
+        left = _length(self._rest(here)) + float(np.hypot(*(goal - self.path.waypoints[-1])))
+        if left < self._best - self._config.progress_m:
+            self._best, self._waited = left, 0
+            return
+        self._waited += 1
+        if self._waited >= self._config.patience_steps:
+            place = _along(self._rest(here), self._config.block_ahead_m)
+            self._blocks.append(_Block(place, self._config.memory_steps))
+            self._best, self._waited = math.inf, 0
+            self.path = None  # no loyalty to a path that does not lead on
+
+    def _penalty(
+        self, shape: tuple[int, ...], origin: np.ndarray, cell_m: float
+    ) -> np.ndarray | None:
+        if not self._blocks:
+            return None
+        rows, columns = np.indices(shape)
+        x, y = origin[0] + (columns + 0.5) * cell_m, origin[1] + (rows + 0.5) * cell_m
+        penalty = np.zeros(shape)
+        for block in self._blocks:
+            gap = np.hypot(x - block.place[0], y - block.place[1]) / self._config.block_radius_m
+            penalty = np.maximum(penalty, self._config.block_penalty * np.maximum(0.0, 1 - gap**2))
+        return penalty
+
+    def _rest(self, here: np.ndarray) -> np.ndarray:
+        """The old path from here on: way points already passed are dropped."""
+        assert self.path is not None
+        points = self.path.waypoints
+        while len(points) > 2:
+            way, ahead = points[1] - here, points[2] - points[1]
+            if float(np.hypot(*way)) > self._config.passed_m and float(way @ ahead) > 0.0:
+                break
+            if float(np.hypot(*way)) > 2 * self._config.passed_m:
+                break
+            points = points[1:]
+        return np.vstack([here, points[1:]])
+
+    def _prefer(
+        self, ground: Terrain, here: np.ndarray, goal: np.ndarray, fresh: Path | None
+    ) -> Path | None:
+        """The old path if it is still open and not clearly dearer than the fresh one."""
+        if self.path is None:
+            return fresh
+        points = self._rest(here)
+        cost = ground.cost_m(points) + float(np.hypot(*(goal - points[-1])))
+        if not math.isfinite(cost):
+            return fresh
+        if fresh is not None:
+            other = fresh.smoothed_cost_m + fresh.remaining_m
+            reserve = self._config.loyalty_m + self._config.loyalty_share * other
+            entered = self.path.remaining_m > ground.cell_m > fresh.remaining_m
+            if cost > other + reserve or entered:  # the goal has come onto the map
+                return fresh
+        old = self.path
+        return Path(
+            points,
+            old.cells,
+            old.cost_m,
+            cost - float(np.hypot(*(goal - points[-1]))),
+            _length(points),
+            old.clearance_m,
+            old.remaining_m,
+        )
+
+    def _via(self, here: np.ndarray) -> np.ndarray:
+        assert self.path is not None
+        for point in self.path.waypoints[1:-1]:
+            if float(np.hypot(*(point - here))) > self._config.passed_m:
+                return np.asarray(point)
+        return np.asarray(self.path.waypoints[-1])
+
+
+def _length(points: np.ndarray) -> float:
+    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+
+
+def _along(points: np.ndarray, distance: float) -> np.ndarray:
+    """The point at a distance along a polyline; its end if it is shorter."""
+    for begin, end in itertools.pairwise(points):
+        piece = float(np.hypot(*(end - begin)))
+        if piece >= distance > 0.0:
+            return np.asarray(begin + (end - begin) * distance / piece)
+        distance -= piece
+    return np.asarray(points[-1])

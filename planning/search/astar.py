@@ -1,0 +1,322 @@
+"""The search: from here to the goal over the nodes of least estimated total cost.
+
+F(k) = E(k) + C(k): E is the length walked plus alpha times the potential integrated along it, C the
+straight distance left. The potential is never negative, so C never overestimates, and the first path
+that reaches the goal is a cheapest one.
+
+Source: seed 003, section 3 (evaluation function, equation lost) and ambiguities 3 to 5.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from perception.primitives.errors import InputError
+
+from . import _kernels
+from .potential import SearchConfig, terrain
+from .shortcuts import polyline_cost, segment_cost, shortcut
+
+BUCKET = 0.25
+"""Width of a bucket of the queue, in cells: narrow enough that nodes seldom reopen."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """A way over the map.
+
+    Args:
+        waypoints: (x, y), world frame, m, shortcut; the first is the start itself (or the nearest free
+            node), the last the goal, or where the way leaves the map.
+        cells: [row, column] of the lattice path before shortcuts.
+        cost_m: E of the lattice path: length plus alpha times the integrated potential.
+        smoothed_cost_m: The same of the way points.
+        length_m: Of the way points.
+        clearance_m: Least distance from the way points' segments to the centre of a solid cell;
+            infinite where there is none.
+        remaining_m: Straight distance from the last way point to the goal.
+    """
+
+    waypoints: Float[np.ndarray, "m 2"]
+    cells: Int[np.ndarray, "n 2"]
+    cost_m: float
+    smoothed_cost_m: float
+    length_m: float
+    clearance_m: float
+    remaining_m: float
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """A map made ready for the search; world coordinates at its edge, cells inside.
+
+    Args:
+        price: 1 + alpha U, cost of a cell of way.
+        blocked: Cells that the body's middle must not enter.
+        solid: Centres of the solid cells, (x, y) in cells.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell.
+    """
+
+    price: Float[np.ndarray, "rows columns"]
+    blocked: Bool[np.ndarray, "rows columns"]
+    solid: Float[np.ndarray, "k 2"] = field(repr=False)
+    origin: Float[np.ndarray, "2"]
+    cell_m: float
+
+    def to_cells(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
+        """(x, y) in cells, centres at integers, of places in the world, m."""
+        return np.asarray((xy - self.origin) / self.cell_m - 0.5)
+
+    def to_world(self, cells: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
+        """Places in the world, m, of (x, y) in cells."""
+        return np.asarray((cells + 0.5) * self.cell_m + self.origin)
+
+    def cost_m(self, points: Float[np.ndarray, "n 2"]) -> float:
+        """Length plus weighted potential along a polyline in the world; infinite where it is blocked."""
+        return polyline_cost(self.to_cells(points), self.price, self.blocked) * self.cell_m
+
+
+def prepare(
+    probability: Float[np.ndarray, "rows columns"],
+    unknown: Bool[np.ndarray, "rows columns"],
+    origin: Float[np.ndarray, "2"],
+    cell_m: float,
+    start_xy: Float[np.ndarray, "2"],
+    config: SearchConfig,
+    penalty: Float[np.ndarray, "rows columns"] | None = None,
+) -> Terrain:
+    """Potential and clearance of a map, unseen cells round the start counted as free.
+
+    Args:
+        probability: p of every cell.
+        unknown: Cells never seen.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell.
+        start_xy: The robot, world frame, m.
+        config: Margins and weights.
+        penalty: Added to the potential, not negative; None for nothing.
+    """
+    rows, columns = np.indices(probability.shape)
+    x, y = (start_xy - origin) / cell_m - 0.5
+    near = np.hypot(columns - x, rows - y) * cell_m <= config.start_radius_m
+    seen = np.where(unknown & near, 0.0, probability)
+    hidden = unknown & ~near
+    strength, blocked = terrain(seen, hidden, cell_m, config)
+    if penalty is not None:
+        strength = strength + penalty
+    solid = np.argwhere(~hidden & (seen >= config.p_solid))[:, ::-1].astype(np.float64)
+    return Terrain(1.0 + config.alpha * strength, blocked, solid, origin.astype(np.float64), cell_m)
+
+
+def find_path(
+    probability: Float[np.ndarray, "rows columns"],
+    unknown: Bool[np.ndarray, "rows columns"],
+    origin: Float[np.ndarray, "2"],
+    cell_m: float,
+    start_xy: Float[np.ndarray, "2"],
+    goal_xy: Float[np.ndarray, "2"],
+    config: SearchConfig,
+) -> Path | None:
+    """The cheapest way over the map, shortcut.
+
+    A goal outside the map is approached through the border cell of least F on the sides it lies beyond,
+    and where these cannot be reached, through any border cell. A start or goal where the body cannot be
+    moves to the nearest node where it can.
+
+    Args:
+        probability: p of every cell [row, column], rows along y, columns along x.
+        unknown: Cells never seen; whatever p they hold, p_unknown is used and they block nothing.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell.
+        start_xy, goal_xy: World frame, m.
+        config: Margins and weights.
+
+    Returns:
+        The path; None if no way leads there.
+
+    Raises:
+        InputError: Start or goal is not finite, the start lies outside the map, or the map is malformed.
+
+    Source: seed 003, section 3 and ambiguities 3 to 5.
+    """
+    _check(probability, origin, cell_m, start_xy, goal_xy)
+    ground = prepare(probability, unknown, origin, cell_m, start_xy, config)
+    return search(ground, start_xy, goal_xy, config)
+
+
+def search(
+    ground: Terrain,
+    start_xy: Float[np.ndarray, "2"],
+    goal_xy: Float[np.ndarray, "2"],
+    config: SearchConfig,
+) -> Path | None:
+    """`find_path` on a map already prepared."""
+    free = ~ground.blocked
+    rows, columns = free.shape
+    start = _nearest_free(ground, start_xy)
+    goal = ground.to_cells(goal_xy)
+    if start is None:
+        return None
+    if -0.5 <= goal[0] < columns - 0.5 and -0.5 <= goal[1] < rows - 0.5:
+        target = _nearest_free(ground, goal_xy)
+        if target is None:
+            return None
+        exits = np.zeros(free.shape, np.bool_)
+        exits[target] = True
+        goal = np.array([target[1], target[0]], np.float64)
+        choices = [exits]
+    else:
+        choices = [_facing(free.shape, goal), _border(free.shape)]
+    for exits in choices:
+        cells, cost = _run(ground.price, free, exits & free, start, goal, config)
+        if cells is not None:
+            return _path(ground, cells, cost, start_xy, goal_xy)
+    return None
+
+
+def _facing(shape: tuple[int, ...], goal: np.ndarray) -> np.ndarray:
+    """Border cells on the sides that the goal lies beyond."""
+    rows, columns = shape
+    exits = np.zeros((rows, columns), np.bool_)
+    exits[0, :] |= goal[1] < -0.5
+    exits[-1, :] |= goal[1] >= rows - 0.5
+    exits[:, 0] |= goal[0] < -0.5
+    exits[:, -1] |= goal[0] >= columns - 0.5
+    return exits
+
+
+def _border(shape: tuple[int, ...]) -> np.ndarray:
+    exits = np.zeros(shape, np.bool_)
+    exits[[0, -1], :] = True
+    exits[:, [0, -1]] = True
+    return exits
+
+
+def _run(
+    price: np.ndarray,
+    free: np.ndarray,
+    exits: np.ndarray,
+    start: tuple[int, int],
+    goal: np.ndarray,
+    config: SearchConfig,
+) -> tuple[np.ndarray | None, float]:
+    """Cells [row, column] from start to exit and their cost in cells."""
+    wide = free.shape[1] + 2
+    first = (start[0] + 1) * wide + start[1] + 1
+    padded_free, padded_exits = np.pad(free, 1), np.pad(exits, 1)
+    if config.literal:
+        weighted = np.pad(price - 1.0, 1)
+        found, _, parent = _kernels.search_literal(
+            weighted, padded_free, first, goal[1] + 1, goal[0] + 1, padded_exits
+        )
+    else:
+        found, _, parent = _kernels.search(
+            np.pad(price, 1), padded_free, first, goal[1] + 1, goal[0] + 1, padded_exits, BUCKET
+        )
+    if found < 0:
+        return None, math.inf
+    chain = [int(found)]
+    while parent[chain[-1]] >= 0:
+        chain.append(int(parent[chain[-1]]))
+    cells = np.stack(np.divmod(np.array(chain[::-1]), wide), axis=-1) - 1
+    return cells, lattice_cost(cells, price)
+
+
+def lattice_cost(cells: Int[np.ndarray, "n 2"], price: Float[np.ndarray, "rows columns"]) -> float:
+    """E of a lattice path in cells: the sum over edges of their length times the mean price of the ends."""
+    prices = price[cells[:, 0], cells[:, 1]]
+    lengths = np.hypot(*np.diff(cells, axis=0).T)
+    return float(np.sum(lengths * (prices[1:] + prices[:-1]) / 2))
+
+
+def _path(
+    ground: Terrain,
+    cells: np.ndarray,
+    cost: float,
+    start_xy: np.ndarray,
+    goal_xy: np.ndarray,
+) -> Path:
+    """Way points in the world; the ends are the given ones where their own cells are free."""
+    line = cells[:, ::-1].astype(np.float64)
+    line = _end_at(ground, line, ground.to_cells(start_xy))
+    line = _end_at(ground, line[::-1], ground.to_cells(goal_xy))[::-1]
+    if len(line) == 1:
+        line = np.vstack([line, line])
+    kept = shortcut(line, ground.price, ground.blocked)
+    waypoints = ground.to_world(kept)
+    return Path(
+        waypoints,
+        cells,
+        cost * ground.cell_m,
+        polyline_cost(kept, ground.price, ground.blocked) * ground.cell_m,
+        float(np.hypot(*np.diff(waypoints, axis=0).T).sum()),
+        _clearance(kept, ground.solid) * ground.cell_m,
+        float(np.hypot(*(goal_xy - waypoints[-1]))),
+    )
+
+
+def _end_at(ground: Terrain, line: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """The line with its first point moved within its cell to the given one, if that lies in it."""
+    if not np.all(np.abs(given - line[0]) < 0.5):
+        return line
+    direct = len(line) > 1 and math.isfinite(
+        segment_cost(given, line[1], ground.price, ground.blocked)
+    )
+    return np.vstack([given, line[1:] if direct else line])
+
+
+def _clearance(points: np.ndarray, solid: np.ndarray) -> float:
+    """Least distance from a polyline to points, same unit."""
+    if not len(solid):
+        return math.inf
+    least = math.inf
+    for begin, end in itertools.pairwise(points):
+        way = end - begin
+        share = (solid - begin) @ way / max(float(way @ way), 1e-12)
+        foot = begin + np.clip(share, 0.0, 1.0)[:, None] * way
+        least = min(least, float(np.hypot(*(solid - foot).T).min()))
+    return least
+
+
+def _nearest_free(ground: Terrain, xy: np.ndarray) -> tuple[int, int] | None:
+    """The nearest cell that is not blocked, rather one that no solid cell hides; None if all are."""
+    rows, columns = ground.blocked.shape
+    here = ground.to_cells(xy)
+    row = min(max(math.floor(here[1] + 0.5), 0), rows - 1)
+    column = min(max(math.floor(here[0] + 0.5), 0), columns - 1)
+    if not ground.blocked[row, column]:
+        return row, column
+    free = np.argwhere(~ground.blocked)
+    if not len(free):
+        return None
+    order = np.argsort(np.hypot(*(free[:, ::-1] - here).T), kind="stable")
+    for index in order[:200]:  # farther ones are no better than the nearest
+        line = np.array([here, free[index, ::-1]], np.float64)
+        if _clearance(line, ground.solid) > 0.5:
+            return int(free[index, 0]), int(free[index, 1])
+    return int(free[order[0], 0]), int(free[order[0], 1])
+
+
+def _check(
+    probability: np.ndarray,
+    origin: np.ndarray,
+    cell_m: float,
+    start_xy: np.ndarray,
+    goal_xy: np.ndarray,
+) -> None:
+    for name, xy in (("start", start_xy), ("goal", goal_xy), ("origin", origin)):
+        if not np.isfinite(xy).all():
+            raise InputError(f"search: {name} {xy} must be finite world coordinates in m")
+    rows, columns = probability.shape
+    x, y = (start_xy - origin) / cell_m
+    if not (0 <= x < columns and 0 <= y < rows):
+        raise InputError(
+            f"search: the start {start_xy} lies outside the map of {columns * cell_m:g} x "
+            f"{rows * cell_m:g} m at {origin}; move the map with the robot"
+        )
