@@ -23,7 +23,10 @@ from perception.primitives.errors import InputError, SurefootError
 if TYPE_CHECKING:
     from .runs import Summary
 
-for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # small matrices: one thread is faster
+for _variable in (
+    "OPENBLAS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+):  # small matrices: one thread is faster
     os.environ.setdefault(_variable, "1")
 os.environ.setdefault("NUMBA_THREADING_LAYER", "workqueue")
 
@@ -107,10 +110,17 @@ out_option = click.option(
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 set_option = click.option(
-    "--set", "overrides", multiple=True, metavar="KEY=VALUE", help="Change one value, grid.cell_m=0.02."
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change one value, grid.cell_m=0.02.",
 )
 config_option = click.option(
-    "--config", "config_path", type=click.Path(path_type=Path), help="TOML file; any part may be left out."
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path),
+    help="TOML file; any part may be left out.",
 )
 
 
@@ -190,7 +200,9 @@ def process(
 @main.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
-    "--truth", type=click.Path(path_type=Path), help="Trajectory in TUM text; default the run's own truth/."
+    "--truth",
+    type=click.Path(path_type=Path),
+    help="Trajectory in TUM text; default the run's own truth/.",
 )
 @json_option
 def evaluate(run: Path, truth: Path | None, as_json: bool) -> None:
@@ -226,8 +238,10 @@ def experiment(identity: str | None, seeds: int | None, as_json: bool) -> None:
     with progress(as_json) as say:
         outcome = chosen.run(seeds or chosen.seeds, say)
     result = experiments.judge(chosen, outcome)
-    shown = json.dumps(result, indent=2) if as_json else "\n".join(
-        experiments.lines(result, outcome.table)
+    shown = (
+        json.dumps(result, indent=2)
+        if as_json
+        else "\n".join(experiments.lines(result, outcome.table))
     )
     click.echo(shown)
     if not result["passed"]:

@@ -12,3 +12,136 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from mapping.clouds import CloudConfig
+from mapping.confidence import ConfidenceConfig
+from mapping.egocentric_grid import GridConfig
+from mapping.footprints import FootprintConfig
+from mapping.world_map import WorldMapConfig
+from perception.clusters import ClusterConfig
+from perception.floor import FloorConfig
+from perception.floor.classify import ClassConfig
+from perception.localisation.filter import LocaliserConfig
+from perception.localisation.landmarks import LandmarkConfig
+from perception.localisation.obstacles import TrackerConfig
+from perception.primitives.errors import ConfigError
+from perception.stereo import StereoConfig
+from perception.structured_light import StructuredLightConfig
+from perception.time_of_flight import TofConfig
+from planning.gaze.sweep import SweepConfig
+from planning.guard import GuardConfig
+from planning.route import RouteConfig
+from planning.search.potential import SearchConfig
+from planning.univector.fields import FieldConfig
+from sim.robot import RobotConfig
+
+from . import config_file
+from .whereabouts import PriorConfig
+
+
+@dataclass(frozen=True)
+class ReachConfig:
+    """Which part of a depth image is believed."""
+
+    nearest_m: float = 0.15
+    farthest_m: float = 3.0
+    stride: int = 1  # 2 takes every second row and column
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.nearest_m < self.farthest_m:
+            raise ConfigError(
+                f"reach: nearest_m={self.nearest_m} must not be negative and be below "
+                f"farthest_m={self.farthest_m}"
+            )
+        if self.stride < 1:
+            raise ConfigError(f"reach: stride={self.stride} must be at least 1")
+
+
+@dataclass(frozen=True)
+class ReachesConfig:
+    """The reach of each kind of depth sensor."""
+
+    tof: ReachConfig = ReachConfig(0.15, 3.0, 1)  # seed 004: 5 m wrap, noise 20 mm at 3 m
+    stereo: ReachConfig = ReachConfig(
+        0.20, 2.0, 2
+    )  # seed 003: floor to 3 m; beyond 2 m TOF is better
+    depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect kind: steps of centimetres beyond 4 m
+
+
+@dataclass(frozen=True)
+class MissionConfig:
+    """What a live run is to do."""
+
+    goals: int = 1  # how many of the scene's goals, in order
+    tolerance_m: float = 0.10  # seed 000: goal tolerance
+    time_limit_s: float = 300.0  # ours: a walk of 6 m takes 90 s, detours included 150 s
+
+    def __post_init__(self) -> None:
+        if self.goals < 1:
+            raise ConfigError(f"mission: goals={self.goals} must be at least 1")
+        for name in ("tolerance_m", "time_limit_s"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f"mission: {name}={getattr(self, name)} must be positive")
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything a run depends on."""
+
+    scene: str = "home"
+    seed: int = 0
+    renderer: str = "auto"  # egl where it works, else tiny; a run writes down which it was
+    mission: MissionConfig = field(default_factory=MissionConfig)
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    reach: ReachesConfig = field(default_factory=ReachesConfig)
+    tof: TofConfig = field(default_factory=TofConfig)
+    stereo: StereoConfig = field(default_factory=StereoConfig)
+    structured_light: StructuredLightConfig = field(default_factory=StructuredLightConfig)
+    floor: FloorConfig = field(default_factory=FloorConfig)
+    classes: ClassConfig = field(default_factory=ClassConfig)
+    clusters: ClusterConfig = field(default_factory=ClusterConfig)
+    prior: PriorConfig = field(default_factory=PriorConfig)
+    landmarks: LandmarkConfig = field(default_factory=LandmarkConfig)
+    localiser: LocaliserConfig = field(default_factory=LocaliserConfig)
+    tracker: TrackerConfig = field(default_factory=TrackerConfig)
+    grid: GridConfig = field(default_factory=GridConfig)
+    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
+    world_map: WorldMapConfig = field(default_factory=WorldMapConfig)
+    cloud: CloudConfig = field(default_factory=CloudConfig)
+    obstacle_cloud: CloudConfig = field(default_factory=CloudConfig)
+    footprints: FootprintConfig = field(default_factory=FootprintConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    route: RouteConfig = field(default_factory=RouteConfig)
+    univector: FieldConfig = field(default_factory=FieldConfig)
+    guard: GuardConfig = field(default_factory=GuardConfig)
+    gaze: SweepConfig = field(default_factory=SweepConfig)
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"seed={self.seed} must not be negative")
+        if self.renderer not in ("auto", "egl", "tiny"):
+            raise ConfigError(f"renderer={self.renderer!r} is unknown; choose auto, egl or tiny")
+
+
+def load(
+    path: Path | None,
+    overrides: Sequence[str] = (),
+    scene: str | None = None,
+    seed: int | None = None,
+) -> Config:
+    """The configuration of a run: defaults, then the file, then single values, then scene and seed.
+
+    Args:
+        path: TOML file; None for the defaults.
+        overrides: Single values as "grid.cell_m=0.02".
+        scene: Name of the scene, if it was given.
+        seed: Of everything random, if it was given.
+
+    Raises:
+        InputError, ConfigError: The file cannot be read, a key is unknown, a value impossible.
+    """
+    config = Config() if path is None else config_file.read(Config, path)
+    config = config_file.override(config, overrides)
+    if scene is not None:
+        config = dataclasses.replace(config, scene=scene)
+    if seed is not None:
+        config = dataclasses.replace(config, seed=seed)
+    return config

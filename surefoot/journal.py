@@ -118,9 +118,7 @@ class Journal:
         folder = self._folder
         self._write_rows()
         world = pipeline.world
-        nav2.save(
-            folder.root, "map", world.probability, world.known, world.origin, world.cell_m
-        )
+        nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
         points, colours = pipeline.cloud.cloud()
         if len(points):
             clouds.save_ply(folder.path("cloud.ply"), points, colours)

@@ -7,10 +7,12 @@ where the robot will step.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from planning import footsteps, guard
 from planning.commands import GazeCommand, WalkCommand
@@ -37,13 +39,17 @@ class Decision:
     why: str
 
 
+MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
+OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
+
+
 class Navigator:
     """Walks to one goal after the other."""
 
     def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
         self._config = config
         self._goals = [np.array(goal) for goal in goals]
-        self._route = Route(config.search)
+        self._route = Route(config.search, config.route)
         self._gaze = Sweep(config.gaze)
         self.reached = 0
 
@@ -62,3 +68,53 @@ class Navigator:
             self.reached >= len(self._goals)
             or estimate.stamp_s >= self._config.mission.time_limit_s
         )
+
+    def decide(self, estimate: Estimate, pipeline: Pipeline) -> Decision:
+        """The next footstep and gaze; to be asked once per footstep."""
+        if estimate.pose is None or pipeline.grid is None or self.reached >= len(self._goals):
+            return Decision(WalkCommand(), GazeCommand(), "blocked")
+        grid, robot = pipeline.grid, estimate.pose2
+        goal = self._goals[self.reached]
+        probability, known, moving = grid.probability, grid.known, grid.moving
+        via = self._route.update(probability, ~known, grid.origin, grid.cell_m, robot, goal)
+        gaze = self._gaze.next(estimate.stamp_s, robot, via, estimate.obstacles)
+        standing = known & ~moving & (probability >= OCCUPIED)
+        walk, why = self._step(estimate, via, grid.centres()[standing])
+        return Decision(walk, gaze, why)
+
+    def _step(
+        self, estimate: Estimate, via: Float[np.ndarray, "2"], standing: Float[np.ndarray, "n 2"]
+    ) -> tuple[WalkCommand, str]:
+        """The field's step towards the via point, if the guard lets it pass."""
+        assert estimate.pose is not None
+        config, robot = self._config, estimate.pose2
+        desired, why = WalkCommand(), "survey"
+        if not self._gaze.surveying:
+            why = "blocked" if self._route.path is None else "walk"
+        if why == "walk":
+            desired = footsteps.footstep(
+                self._heading(estimate, via), config.guard.gait.cruise_mps, robot, config.guard.gait
+            )
+        walk = guard.choose(desired, estimate.pose, estimate.obstacles, standing, via, config.guard)
+        return walk, why if walk == desired else "guard"
+
+    def _heading(self, estimate: Estimate, via: Float[np.ndarray, "2"]) -> float:
+        """Direction of the univector field here, among what moves; what stands is the path's business."""
+        movers = [o for o in estimate.obstacles if o.moving >= MOVER]
+        robot, config = estimate.pose2, self._config.univector
+        radii = fields.extended_radius(
+            np.array([o.radius_m for o in movers]),
+            np.array([np.linalg.norm(o.velocity) for o in movers]),
+            np.zeros(len(movers)),
+            config,
+        )
+        direction = fields.total(
+            np.array([[robot.x, robot.y]]),
+            via,
+            None,
+            np.array([o.position for o in movers]).reshape(-1, 2),
+            radii,
+            config,
+            np.array([robot.yaw]),
+        )[0]
+        return math.atan2(float(direction[1]), float(direction[0]))

@@ -8,12 +8,12 @@ cycle runs live and over a recording; deciding where to step is `navigator`'s pa
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from mapping.clouds import CloudBuilder
 from mapping.confidence import ConfidenceLayer
@@ -36,6 +36,11 @@ from perception.primitives.pose import Pose2, Pose3
 from .config import Config
 from .recordings.recording import RecordingInfo
 from .whereabouts import Given, Nowhere, Walker, Whereabouts
+
+OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # where no foot may go
+KNEE_M = 0.15  # height at which a track is looked for: every obstacle worth a track reaches it
+BEYOND_M = 0.15  # what is measured this far behind a place shows that nothing stands there
+MOVER_MARGIN_M = 0.06  # position error of a track and noise of the points
 
 
 @dataclass(frozen=True)
@@ -198,3 +203,149 @@ class Pipeline:
             placed.T_map_camera,
             upright,
         )
+
+    def _cluster(self, views: Sequence[View], pose: Gaussian | None) -> list[Cluster]:
+        """Obstacle points of all views, in the body frame, grouped."""
+        if not views:
+            return []
+        T_body_map = (Pose2() if pose is None else _pose2(pose)).inverse().lifted()
+        rising = [np.isin(view.classes, OBSTACLES) for view in views]
+        obstacle_points = np.concatenate(
+            [T_body_map.apply(v.upright[mask]) for v, mask in zip(views, rising, strict=True)]
+        )
+        sigma = np.concatenate(
+            [v.points.sigma[mask] for v, mask in zip(views, rising, strict=True)]
+        )
+        sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
+        return clusters.cluster(obstacle_points, sigma, sensor, self.config.clusters)
+
+    def _remember(self, frame: Frame, views: Sequence[View], pose: Gaussian | None) -> None:
+        """Put floor and obstacles into the maps and the cloud."""
+        if not views:
+            return
+        if pose is None:  # nothing relates this frame to the one before
+            self._forget()
+        here = np.zeros(2) if pose is None else pose.mean[:2]
+        elapsed = 0.0 if self._mapped_s is None else frame.stamp_s - self._mapped_s
+        self._mapped_s = frame.stamp_s
+        if self.grid is None:
+            self.grid = EgocentricGrid(self.config.grid, here)
+            self.confidence = ConfidenceLayer(self.grid, self.config.confidence)
+        assert self.confidence is not None
+        self.grid.move(here)
+        self.confidence.decay(elapsed)
+        for view in views:
+            self._remember_view(frame, view)
+            self.confidence.see(
+                _looked_at(view, self.grid, self.config.reach[view.sensor].farthest_m)
+            )
+        self.grid.age(elapsed)
+
+    def _remember_view(self, frame: Frame, view: View) -> None:
+        """One depth image into grid, world map and clouds."""
+        assert self.grid is not None
+        used = np.isin(view.classes, (*OBSTACLES, classify.FLOOR))
+        upright, classes = view.upright[used], view.classes[used]
+        is_obstacle = np.isin(classes, OBSTACLES)
+        is_moving = is_obstacle & _near_movers(upright[:, :2], self.tracker.obstacles)
+        camera = view.T_map_camera.position
+        self.grid.update(
+            upright[:, :2],
+            is_obstacle,
+            frame.stamp_s,
+            camera[:2],
+            is_moving=is_moving,
+            sensor_height_m=view.floor.offset_m,
+        )
+        self.world.update(
+            upright[:, :2],
+            is_obstacle,
+            frame.stamp_s,
+            is_moving=is_moving,
+        )
+        colours = _colours(view, frame.colour)
+        self.cloud.add(view.upright, colours)
+        self.obstacle_cloud.add(upright[is_obstacle & ~is_moving], None)
+
+
+def _whereabouts(config: Config, info: RecordingInfo) -> Whereabouts:
+    """Who can say where the body is."""
+    if info.poses_given:
+        return Given(info.gravity_up_world, config.prior)
+    if info.start is None:
+        return Nowhere()
+    covariance = (
+        np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
+        if info.start_covariance is None
+        else info.start_covariance
+    )
+    start = Gaussian(info.start.vector, covariance)
+    return Walker(PoseFilter(start, info.landmarks, config.localiser), config.prior)
+
+
+def _pose2(pose: Gaussian) -> Pose2:
+    x, y, yaw = (float(v) for v in pose.mean)
+    return Pose2(x, y, yaw)
+
+
+def _detection(cluster: Cluster) -> Detection:
+    return Detection(cluster.centre, cluster.covariance, cluster.radius_m, cluster.height_m)
+
+
+def _visibility(views: Sequence[View]) -> Callable[[np.ndarray], np.ndarray]:
+    """Whether something on the floor at places (n, 2) of the map would have been seen in this frame."""
+
+    def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+        seen = np.zeros(len(xy), dtype=bool)
+        knee = np.column_stack([xy, np.full(len(xy), KNEE_M)])
+        for view in views:
+            camera_points = view.T_map_camera.inverse().apply(knee)
+            pixels = view.depth.camera.project(camera_points)
+            inside = view.depth.camera.contains(pixels)
+            u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
+            u = np.clip(u, 0, view.depth.camera.width - 1)
+            v = np.clip(v, 0, view.depth.camera.height - 1)
+            behind = view.depth.z[v, u]  # what is measured there must lie beyond the place
+            seen |= inside & (behind > camera_points[:, 2] + BEYOND_M)
+        return seen
+
+    return visible
+
+
+def _near_movers(
+    xy: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
+) -> Bool[np.ndarray, "n"]:
+    """Points that belong to something that probably moves."""
+    near = np.zeros(len(xy), dtype=bool)
+    for obstacle in obstacles:
+        if obstacle.moving > 0.5:
+            distance = np.linalg.norm(xy - obstacle.position, axis=1)
+            near |= distance < obstacle.radius_m + MOVER_MARGIN_M
+    return near
+
+
+def _looked_at(view: View, grid: EgocentricGrid, farthest_m: float) -> Bool[np.ndarray, "n n"]:
+    """R_g of seed 001: cells whose middle, on the floor, is inside the view."""
+    centres = grid.centres()
+    floor_points = np.concatenate([centres, np.zeros((*centres.shape[:2], 1))], axis=-1)
+    camera_points = view.T_map_camera.inverse().apply(floor_points)
+    inside = view.depth.camera.contains(view.depth.camera.project(camera_points))
+    return inside & (camera_points[..., 2] < farthest_m)
+
+
+def _colours(view: View, colour: ColourView | None) -> UInt8[np.ndarray, "n 3"] | None:
+    """The colour of each point by the colour camera; grey where it does not look; None without one."""
+    if colour is None:
+        return None
+    xyz = view.points.xyz
+    if view.depth.T_body_camera is not None and colour.T_body_camera is not None:
+        T_colour_depth = colour.T_body_camera.inverse() @ view.depth.T_body_camera
+        xyz = T_colour_depth.apply(xyz)
+    pixels = colour.camera.project(xyz)
+    inside = colour.camera.contains(pixels)
+    u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
+    colours = colour.rgb[
+        np.clip(v, 0, colour.camera.height - 1), np.clip(u, 0, colour.camera.width - 1)
+    ].copy()
+    colours[~inside] = 128
+    return colours

@@ -28,12 +28,16 @@ from perception.primitives.pose import Pose2, Pose3
 class PriorConfig:
     """How far the floor may be from where it is expected."""
 
-    joints_tilt_deg: float = 1.2  # head roll .72, pitch .5 deg (walking study) and 0.3 deg joint offsets
+    joints_tilt_deg: float = (
+        1.2  # head roll .72, pitch .5 deg (walking study) and 0.3 deg joint offsets
+    )
     joints_height_m: float = 0.01  # ours: sole compliance and bumps
     given_tilt_deg: float = 4.0  # ours: gravity of handheld sets is good to 1-3 deg
     given_height_m: float = 0.10  # ours: a pose jump of a few centimetres must not lose the floor
     given_position_m: float = 0.01  # motion capture and SLAM poses: about 1 cm
     given_heading_deg: float = 0.5
+    start_m: float = 0.02  # ours: a robot is put down on its mark by hand
+    start_deg: float = 1.0  # ours
 
 
 @dataclass(frozen=True)
@@ -149,9 +153,7 @@ class Given:
             covariance[:2, :2] = np.eye(2) * tilt**2
             return Plane(up_camera, weak.offset_m, covariance)
         height = self._T_map_camera.translation[2] - float(np.mean(self._floor_heights))
-        return Plane(
-            up_camera, height, np.diag([tilt**2, tilt**2, self._config.given_height_m**2])
-        )
+        return Plane(up_camera, height, np.diag([tilt**2, tilt**2, self._config.given_height_m**2]))
 
     def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
         """The given pose; heights are measured from the floor that is seen."""

@@ -62,7 +62,9 @@ def run(seeds: int, say: Say) -> Outcome:
         "time_s_mean": float(np.mean(all_of("duration_s"))),
         "path_m_mean": float(np.mean(all_of("path_m"))),
     }
-    table = ["seed  contacts  clearance  missed  rmse cm  deg   NEES  grid %  floor deg mm   time s"]
+    table = [
+        "seed  contacts  clearance  missed  rmse cm  deg   NEES  grid %  floor deg mm   time s"
+    ]
     for seed, metrics in enumerate(found):
         table.append(
             f"{seed:4d}  {metrics.get('contacts', -1):8.0f}"

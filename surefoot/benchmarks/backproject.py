@@ -1,0 +1,58 @@
+"""Back-projection of whole depth images, against Open3D's tensor cloud and OpenCV's depthTo3d."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from perception import points
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
+
+from .benchmark import Benchmark, Comparison, race
+
+SIZES = ((176, 144), (320, 240), (640, 480))
+
+
+def run() -> Comparison:
+    """Three sizes; the ratio is the geometric mean over them."""
+    import open3d as o3d
+
+    times: dict[str, float] = {}
+    ratios: dict[str, list[float]] = {"ratio_open3d": [], "ratio_depthto3d": []}
+    worst = 0.0
+    for width, height in SIZES:
+        camera = Camera.from_view(width, height, np.radians(60.0), np.radians(47.0))
+        rng = np.random.default_rng(0)
+        z = rng.uniform(0.5, 4.0, (height, width)).astype(np.float32)
+        depth = Depth(z, np.full_like(z, 0.01), camera)
+        image = o3d.t.geometry.Image(np.ascontiguousarray(z[..., None]))
+        K = o3d.core.Tensor(camera.matrix)
+        taken = race(
+            {
+                "ours": lambda depth=depth: points.organised(depth),
+                "open3d": lambda image=image, K=K: (
+                    o3d.t.geometry.PointCloud.create_from_depth_image(
+                        image, K, depth_scale=1.0, depth_max=10.0
+                    )
+                ),
+                "depthto3d": lambda z=z, camera=camera: cv2.depthTo3d(z, camera.matrix),
+            }
+        )
+        peer = o3d.t.geometry.PointCloud.create_from_depth_image(
+            image, K, depth_scale=1.0, depth_max=10.0
+        ).point.positions.numpy()
+        worst = max(worst, float(np.max(np.abs(points.organised(depth).reshape(-1, 3) - peer))))
+        times.update({f"{name}_{width}x{height}_ms": value for name, value in taken.items()})
+        ratios["ratio_open3d"].append(taken["open3d"] / taken["ours"])
+        ratios["ratio_depthto3d"].append(taken["depthto3d"] / taken["ours"])
+    means = {name: float(np.exp(np.mean(np.log(values)))) for name, values in ratios.items()}
+    return Comparison(times, means, {"largest_difference_m": worst})
+
+
+BENCHMARK = Benchmark(
+    "backproject",
+    "Depth image to points, 176x144 to 640x480",
+    run,
+    {"ratio_open3d": 8.0, "ratio_depthto3d": 2.5},
+)
