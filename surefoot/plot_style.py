@@ -1,0 +1,104 @@
+"""One look for all pictures: colours that everybody can tell apart, few lines, units on every axis.
+
+The palette is Okabe and Ito's; a colour keeps its meaning throughout: blue is what we believe, dark grey
+is the truth, vermilion is wrong or in the way, green is where we want to be.
+
+Nothing here touches the state of Matplotlib: settings hold inside `styled` only, and no figure is
+registered with pyplot.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BELIEF, TRUTH, WRONG, WANTED = "#0072B2", "#3A3F45", "#D55E00", "#009E73"
+LANDMARK, FAINT, INK = "#AA4499", "#C9CFD6", "#22272D"
+SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D31", "#7F7F7F")
+WIDTH_IN = 8.4
+
+_SETTINGS: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.edgecolor": "#8A929B",
+    "axes.linewidth": 0.7,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E7EAEE",
+    "grid.linewidth": 0.7,
+    "text.color": INK,
+    "xtick.color": "#5B636C",
+    "ytick.color": "#5B636C",
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "lines.linewidth": 1.4,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "surefoot",  # the same run gives the same bytes
+    "path.simplify": True,
+}
+
+
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """Draw and save inside, in this project's style."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(_SETTINGS):
+        yield
+
+
+def sheet(
+    rows: int = 1, columns: int = 1, height_in: float = 2.6, **options: Any
+) -> tuple[Figure, Any]:
+    """A figure of the common width, and its axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
+    return figure, figure.subplots(rows, columns, **options)
+
+
+def svg(figure: Figure) -> bytes:
+    """The figure as SVG, text as outlines, without a date."""
+    data = io.BytesIO()
+    figure.savefig(data, format="svg", metadata={"Date": None})
+    return data.getvalue()
+
+
+def png(figure: Figure, dpi: int = 160) -> bytes:
+    """The figure as PNG."""
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=dpi)
+    return data.getvalue()
+
+
+def bound(axes: Axes, value: float, words: str) -> None:
+    """A target that the curve should stay below."""
+    axes.axhline(value, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)))
+    axes.annotate(
+        words,
+        (1.0, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(-2, 2),
+        textcoords="offset points",
+        ha="right",
+        va="bottom",
+        color=WANTED,
+        fontsize=7.5,
+    )

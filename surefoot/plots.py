@@ -1,0 +1,334 @@
+"""Pictures of a run over time; pictures only, every number in them comes from the run's files.
+
+`pictures` draws all that the run has data for. The plan views are in `plots_plan`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .evaluation import pose_claims, pose_nees
+from .metrics.consistency import band
+from .metrics.contacts import contact_intervals
+from .metrics.floor import floor_errors
+from .metrics.obstacles import moving, track_errors
+from .metrics.timing import stages
+from .metrics.trajectory import associate, wrapped
+from .plot_style import BELIEF, FAINT, SERIES, TRUTH, WANTED, WRONG, bound, sheet, styled, svg
+from .run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure of the report.
+
+    Args:
+        identity: Name of the file and of the element in the page.
+        title: Heading.
+        sentence: What one sees.
+        svg: The picture.
+    """
+
+    identity: str
+    title: str
+    sentence: str
+    svg: bytes
+
+
+def pictures(run: RunFolder) -> list[Picture]:
+    """Every picture that the run has data for, in the order of the report.
+
+    Raises:
+        RecordingError: A file of the run cannot be read.
+    """
+    from . import plots_plan
+
+    drawn = []
+    kinds: tuple[tuple[str, str, str, Callable[[RunFolder], Figure | None]], ...] = (
+        ("map", "Where it went", plots_plan.PLAN_SENTENCE, plots_plan.plan),
+        ("pose", "How wrong the pose was", POSE_SENTENCE, pose_errors),
+        ("nees", "Whether the covariance is honest", NEES_SENTENCE, nees_over_time),
+        ("clearance", "How close it came", CLEARANCE_SENTENCE, clearance),
+        ("floor", "The floor", FLOOR_SENTENCE, floor),
+        ("grid", "The map against the truth", plots_plan.GRID_SENTENCE, plots_plan.grid_check),
+        ("tracks", "What moved", TRACKS_SENTENCE, tracks),
+        ("commands", "What it decided", COMMANDS_SENTENCE, commands),
+        ("timing", "Where the time went", TIMING_SENTENCE, timing),
+    )
+    with styled():
+        for identity, title, sentence, draw in kinds:
+            figure = draw(run)
+            if figure is not None:
+                drawn.append(Picture(identity, title, sentence, svg(figure)))
+    return drawn
+
+
+POSE_SENTENCE = (
+    "Estimated minus true position and heading; the band is two deviations of the estimate's own "
+    "covariance and should hold the line about 95 % of the time."
+)
+
+
+def pose_errors(run: RunFolder) -> Figure | None:
+    """Errors of x, y and yaw with the claimed deviation; None without truth or covariance."""
+    table, true = (
+        run.read_csv("trajectory_covariance.csv"),
+        run.read_trajectory("truth/trajectory.txt"),
+    )
+    if table is None or true is None:
+        return None
+    stamps, poses, covariances = pose_claims(table)
+    mine, theirs = associate(stamps, true.stamps)
+    if len(mine) == 0:
+        return None
+    errors = poses[mine] - np.column_stack([true.positions[theirs, :2], true.yaws[theirs]])
+    errors[:, 2] = np.degrees(wrapped(errors[:, 2]))
+    deviations = np.sqrt(np.maximum(np.diagonal(covariances[mine], axis1=1, axis2=2), 0.0))
+    deviations[:, 2] = np.degrees(deviations[:, 2])
+    errors[:, :2] *= 100.0
+    deviations[:, :2] *= 100.0
+    seconds = _since_start(stamps[mine])
+    figure, axes = sheet(3, 1, 4.4, sharex=True)
+    for i, words in enumerate(("x error, cm", "y error, cm", "heading error, deg")):
+        axes[i].fill_between(
+            seconds, -2 * deviations[:, i], 2 * deviations[:, i], color=BELIEF, alpha=0.14, lw=0,
+            label="two deviations",
+        )  # fmt: skip
+        axes[i].axhline(0.0, color=TRUTH, linewidth=0.7)
+        axes[i].plot(seconds, errors[:, i], color=BELIEF, label="error")
+        axes[i].set_ylabel(words)
+    axes[0].legend(loc="upper right", ncols=2)
+    axes[2].set_xlabel("time, s")
+    return figure
+
+
+NEES_SENTENCE = (
+    "The squared error of the pose in units of its own covariance; of an honest estimate 95 % of the points "
+    "lie in the band, and the mean is 3. Above is over-confident, below is timid."
+)
+
+
+def nees_over_time(run: RunFolder) -> Figure | None:
+    """NEES of the pose with its band; None without truth or covariance."""
+    true = run.read_trajectory("truth/trajectory.txt")
+    claims = None if true is None else pose_nees(run, true)
+    if claims is None:
+        return None
+    stamps, values = claims
+    low, high = band(3)
+    figure, axes = sheet(1, 1, 2.5)
+    axes.axhspan(low, high, color=WANTED, alpha=0.12, lw=0, label="95 % band")
+    axes.axhline(3.0, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)), label="expected mean")
+    finite = np.where(np.isfinite(values), values, np.nan)
+    inside = (values >= low) & (values <= high)
+    seconds = _since_start(stamps)
+    axes.plot(seconds, finite, color=BELIEF, linewidth=0.8, alpha=0.5)
+    axes.scatter(seconds[inside], finite[inside], s=7, color=BELIEF, label="inside", zorder=3)
+    axes.scatter(
+        seconds[~inside], finite[~inside], s=12, color=WRONG, marker="x", linewidths=0.9,
+        label="outside", zorder=3,
+    )  # fmt: skip
+    axes.set_yscale("log")
+    axes.set_ylim(min(low / 3, _least(finite, low / 3)), max(high * 2, _most(finite, high) * 1.3))
+    axes.set(xlabel="time, s", ylabel="NEES of x, y, yaw")
+    axes.legend(loc="lower center", ncols=4, bbox_to_anchor=(0.5, 1.0), borderaxespad=0.1)
+    return figure
+
+
+CLEARANCE_SENTENCE = (
+    "True gap between the robot and whatever was nearest, and what that was; at zero they touch."
+)
+
+
+def clearance(run: RunFolder) -> Figure | None:
+    """Gap to the nearest thing over time; None without truth."""
+    table = run.read_csv("truth/clearance.csv")
+    if table is None:
+        return None
+    stamps, gaps, things = (
+        table.numbers("stamp_s"), table.numbers("clearance_m"), table.words("thing"),
+    )  # fmt: skip
+    seconds = _since_start(stamps)
+    figure, axes = sheet(1, 1, 2.3)
+    axes.fill_between(seconds, 0.0, gaps, color=FAINT, alpha=0.35, lw=0)
+    axes.plot(seconds, gaps, color=TRUTH, linewidth=1.2)
+    axes.axhline(0.0, color=WRONG, linewidth=1.2)
+    for begin, end, _ in contact_intervals(stamps, gaps, things):
+        axes.axvspan(begin - stamps[0] - 0.2, end - stamps[0] + 0.2, color=WRONG, alpha=0.35, lw=0)
+    nearest = int(np.nanargmin(gaps))
+    axes.plot(seconds[nearest], gaps[nearest], "o", color=WRONG, markersize=4)
+    axes.annotate(
+        f"{100 * gaps[nearest]:.1f} cm to {things[nearest]}",
+        (seconds[nearest], gaps[nearest]), xytext=(0, -14), textcoords="offset points",
+        color=WRONG, fontsize=8, ha="center",
+    )  # fmt: skip
+    axes.set_ylim(min(0.0, float(gaps[nearest])) - 0.12 * _most(gaps, 0.1), 1.08 * _most(gaps, 0.1))
+    axes.set(xlabel="time, s", ylabel="clearance, m")
+    return figure
+
+
+FLOOR_SENTENCE = (
+    "The floor plane of every frame, camera by camera: error of tilt and of height where the truth is known, "
+    "else the height of the camera over the floor and the share of points on it; gaps are frames without a floor."
+)
+
+
+def floor(run: RunFolder) -> Figure | None:
+    """Errors of the floor plane over time, or the plane itself where no truth is known."""
+    table, truth = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
+    if table is None:
+        return None
+    errors = {} if truth is None else floor_errors(table, truth)
+    figure, axes = sheet(2, 1, 3.7, sharex=True)
+    if errors:
+        start = min(float(one.stamps[0]) for one in errors.values())
+        for colour, (camera, one) in zip(SERIES, errors.items(), strict=False):
+            seconds = one.stamps - start
+            axes[0].plot(seconds, one.angles_deg, color=colour, lw=1.0, label=camera)
+            axes[1].plot(seconds, one.heights_mm, color=colour, lw=1.0)
+        axes[0].set(ylabel="tilt error, deg", ylim=(0, None))
+        axes[1].set(ylabel="height error, mm", xlabel="time, s")
+        axes[1].axhline(0.0, color=TRUTH, linewidth=0.7)
+        bound(axes[0], 0.5, "target of the median (TOF)")
+    else:
+        stamps, heights = table.numbers("stamp_s"), table.numbers("height_m")
+        seen = np.array([state == "seen" for state in table.words("state")])
+        sigma = np.sqrt(np.maximum(table.numbers("P22"), 0.0))
+        for colour, camera in zip(SERIES, dict.fromkeys(table.words("camera")), strict=False):
+            chosen = np.array([word == camera for word in table.words("camera")]) & seen
+            seconds = stamps[chosen] - stamps[0]
+            axes[0].errorbar(
+                seconds, heights[chosen], 2 * sigma[chosen], color=colour, fmt=".", ms=3, lw=0.7,
+                label=camera,
+            )  # fmt: skip
+            axes[1].plot(seconds, 100 * table.numbers("share")[chosen], ".", color=colour, ms=3)
+        axes[0].set_ylabel("camera height, m")
+        axes[1].set(ylabel="points on it, %", xlabel="time, s", ylim=(0, 100))
+    axes[0].legend(loc="upper left", ncols=4)
+    return figure
+
+
+TRACKS_SENTENCE = (
+    "Distance between each moving obstacle and its track, and its speed as believed (solid) and in truth "
+    "(dashed); gaps are times without a track."
+)
+
+
+def tracks(run: RunFolder) -> Figure | None:
+    """Position error and speed of every moving obstacle; None without truth or movers."""
+    obstacles, truth = run.read_json("obstacles.json"), run.read_csv("truth/obstacles.csv")
+    if not obstacles or truth is None or not moving(truth):
+        return None
+    errors = track_errors(obstacles["tracks"], truth)
+    stamps, words = truth.numbers("stamp_s"), truth.words("identity")
+    velocities = truth.matrix("vx_mps", "vy_mps")
+    every = np.unique(stamps)
+    figure, axes = sheet(2, 1, 3.7, sharex=True)
+    for colour, identity in zip(SERIES, moving(truth), strict=False):
+        rows = np.array([word == identity for word in words])
+        speed = np.linalg.norm(velocities[rows], axis=1)
+        axes[1].plot(stamps[rows] - every[0], 100 * speed, color=colour, lw=1.0, ls=(0, (4, 2)))
+        chosen = np.array([name == identity for name in errors.identities], dtype=bool)
+        apart, believed = np.full((2, len(every)), np.nan)
+        at = np.searchsorted(every, errors.stamps[chosen])
+        apart[at] = 100 * np.linalg.norm(errors.errors[chosen, :2], axis=1)
+        true_velocity = velocities[rows][np.searchsorted(stamps[rows], errors.stamps[chosen])]
+        believed[at] = 100 * np.linalg.norm(true_velocity + errors.errors[chosen, 2:], axis=1)
+        axes[0].plot(every - every[0], apart, color=colour, label=identity)
+        axes[1].plot(every - every[0], believed, color=colour)
+    axes[0].set(ylabel="position error, cm", ylim=(0, None))
+    axes[1].set(ylabel="speed, cm/s", xlabel="time, s", ylim=(0, None))
+    axes[0].legend(loc="upper right", ncols=4)
+    return figure
+
+
+COMMANDS_SENTENCE = "Every footstep (ahead, sideways, turn) and where the head was sent to look."
+
+
+def commands(run: RunFolder) -> Figure | None:
+    """Walk and gaze commands over time; None for a recording."""
+    table = run.read_csv("commands.csv")
+    if table is None:
+        return None
+    seconds = _since_start(table.numbers("stamp_s"))
+    figure, axes = sheet(2, 1, 3.7, sharex=True)
+    for colour, name, words in (
+        (SERIES[0], "forward_m", "ahead, cm"), (SERIES[1], "lateral_m", "to the left, cm"),
+    ):  # fmt: skip
+        axes[0].step(seconds, 100 * table.numbers(name), where="post", color=colour, label=words)
+    turn = np.degrees(table.numbers("turn_rad"))
+    axes[0].step(seconds, turn, where="post", color=SERIES[2], lw=0.9, label="turn left, deg")
+    for colour, name, words in (
+        (SERIES[0], "pan_rad", "pan left, deg"), (SERIES[1], "tilt_rad", "tilt down, deg"),
+    ):  # fmt: skip
+        axes[1].step(
+            seconds, np.degrees(table.numbers(name)), where="post", color=colour, label=words
+        )
+    axes[0].set_ylabel("footstep")
+    axes[1].set(ylabel="gaze", xlabel="time, s")
+    for one in axes:
+        one.legend(loc="lower right", ncols=3, bbox_to_anchor=(1.0, 0.98), borderaxespad=0.1)
+    return figure
+
+
+TIMING_SENTENCE = (
+    "Wall time of every stage: stacked frame by frame, and as median (dot) with the middle 90 % (line). "
+    "The first frame is left out."
+)
+
+
+def timing(run: RunFolder) -> Figure | None:
+    """Time per stage; None if nothing was timed."""
+    table = run.read_csv("timing.csv")
+    columns = {} if table is None else stages(table)
+    if table is None or not columns or len(table) < 2:
+        return None
+    means: dict[str, float] = defaultdict(float)
+    for name, values in columns.items():
+        means[name] = float(np.mean(values[1:]))
+    order = sorted(columns, key=lambda name: (-means[name], name))
+    shown, rest = order[:7], order[7:]
+    rows = {name: columns[name][1:] for name in shown}
+    if rest:
+        rows["the rest"] = np.sum([columns[name][1:] for name in rest], axis=0)
+    seconds = (table.numbers("stamp_s") - table.numbers("stamp_s")[0])[1:]
+    figure, axes = sheet(1, 2, 2.9, width_ratios=(3, 2))
+    axes[0].stackplot(seconds, list(rows.values()), colors=SERIES[: len(rows)], lw=0)
+    axes[0].set(xlabel="time, s", ylabel="ms per frame", xlim=(seconds[0], seconds[-1]))
+    for i, values in enumerate(rows.values()):
+        low, middle, high = np.percentile(values, (5, 50, 95))
+        axes[1].plot((low, high), (i, i), color=SERIES[i], linewidth=3.5, alpha=0.45)
+        axes[1].plot(middle, i, "o", color=SERIES[i], markersize=5)
+        axes[1].annotate(
+            f"{middle:.1f}", (high, i), xytext=(5, 0), textcoords="offset points", va="center",
+            fontsize=8,
+        )  # fmt: skip
+    axes[1].set_yticks(range(len(rows)), list(rows))
+    axes[1].invert_yaxis()
+    axes[1].margins(x=0.15)
+    axes[1].set_xlim(left=0)
+    axes[1].set_xlabel("ms, median")
+    return figure
+
+
+def _since_start(stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    return stamps - stamps[0]
+
+
+def _most(values: Any, otherwise: float) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.max(finite)) if len(finite) else otherwise
+
+
+def _least(values: Any, otherwise: float) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.min(finite)) if len(finite) else otherwise
