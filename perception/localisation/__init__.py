@@ -1,1 +1,8 @@
-"""localisation."""
+"""Where am I, where are they, and how sure.
+
+Read `models` (what the walker's filter believes of the world), `tag_edges` and `landmarks` (tags in the
+picture to range and bearing), `filter` (the robot's pose), `track` (one obstacle), `obstacles` (all of
+them, from frame to frame), and `consistency` (whether these covariances can be believed).
+
+Source: seed 001, sections 2, 3 and 14.
+"""

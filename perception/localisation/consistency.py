@@ -1,0 +1,127 @@
+"""Whether a covariance can be believed: normalised errors against the chi-square band.
+
+An estimator is consistent when its errors, measured in units of its own covariance, are as large as
+chance makes them: no larger (it would be overconfident), and no smaller (it would waste what it knows).
+
+Source: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001),
+section 5.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import gammaincinv
+
+from ..primitives.errors import InputError
+from .models import wrap_angles
+
+
+def nees(
+    errors: Float[np.ndarray, "*n d"],
+    covariances: Float[np.ndarray, "*n d d"],
+    angles: Collection[int] = (),
+) -> Float[np.ndarray, "*n"]:
+    """Normalised estimation error squared; chi-square with d degrees of freedom if consistent.
+
+    Args:
+        errors: True minus estimated, or the other way round.
+        covariances: Those claimed.
+        angles: Which entries are angles, rad; their errors are taken the short way round.
+    """
+    short = np.array(errors)
+    for entry in angles:
+        short[..., entry] = wrap_angles(short[..., entry])
+    solved = np.linalg.solve(covariances, short[..., None])[..., 0]
+    return np.asarray(np.sum(short * solved, axis=-1))
+
+
+def nis(
+    innovations: Float[np.ndarray, "*n d"],
+    covariances: Float[np.ndarray, "*n d d"],
+    angles: Collection[int] = (),
+) -> Float[np.ndarray, "*n"]:
+    """Normalised innovation squared: the same of measured minus expected, S in place of P."""
+    return nees(innovations, covariances, angles)
+
+
+def chi_square_quantile(probability: float, degrees: int) -> float:
+    """The value that a chi-square variable stays below with this probability."""
+    if not 0.0 < probability < 1.0 or degrees < 1:
+        raise InputError(
+            f"chi-square quantile: probability={probability} must lie between 0 and 1 and "
+            f"degrees={degrees} must be at least 1"
+        )
+    return 2.0 * float(gammaincinv(degrees / 2.0, probability))
+
+
+def band(degrees: int, samples: int, probability: float = 0.95) -> tuple[float, float]:
+    """Where the mean of independent normalised errors lies, two-sided.
+
+    Args:
+        degrees: d, of one normalised error.
+        samples: How many independent ones are averaged; of a run count one, its frames are correlated.
+        probability: Of lying inside.
+
+    Returns:
+        Lower and upper bound of the mean; its expectation is `degrees`.
+    """
+    tail = (1.0 - probability) / 2.0
+    total = degrees * samples
+    return (
+        chi_square_quantile(tail, total) / samples,
+        chi_square_quantile(1.0 - tail, total) / samples,
+    )
+
+
+def share_inside(
+    normalised: Float[np.ndarray, "n"], degrees: int, probability: float = 0.95
+) -> float:
+    """Share of normalised errors below their chi-square quantile; `probability` if consistent."""
+    return float(np.mean(normalised <= chi_square_quantile(probability, degrees)))
+
+
+def calibration(
+    normalised: Float[np.ndarray, "n"], degrees: int, steps: int = 20
+) -> tuple[Float[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
+    """Calibration curve: what share of errors lies inside each confidence region.
+
+    Returns:
+        The probabilities claimed, evenly spread in (0, 1), and the shares found; a straight diagonal if
+        consistent, below it if overconfident.
+    """
+    claimed = (np.arange(steps) + 0.5) / steps
+    found = np.array([share_inside(normalised, degrees, float(p)) for p in claimed])
+    return claimed, found
+
+
+def whiteness(innovations: Float[np.ndarray, "n d"], lags: int = 10) -> Float[np.ndarray, "lags"]:
+    """Autocorrelation of whitened innovations at lags 1 to `lags`.
+
+    Args:
+        innovations: In order of time, each already divided by the root of its covariance.
+        lags: How many.
+
+    Returns:
+        Each near normal with deviation 1 / sqrt(n d) if they are white (see `whiteness_bound`).
+    """
+    n = len(innovations)
+    if n <= lags:
+        raise InputError(f"whiteness: {n} innovations are too few for {lags} lags; give more")
+    power = float(np.sum(innovations**2))
+    if power == 0.0:
+        return np.zeros(lags)
+    return np.array(
+        [
+            float(np.sum(innovations[lag:] * innovations[:-lag])) / power
+            for lag in range(1, lags + 1)
+        ]
+    )
+
+
+def whiteness_bound(samples: int, dimension: int) -> float:
+    """95 % of the autocorrelations of white innovations are smaller than this in size."""
+    return 1.96 / math.sqrt(samples * dimension)

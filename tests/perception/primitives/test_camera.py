@@ -1,0 +1,113 @@
+"""The camera projects as OpenCV does, and back again."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError
+
+STRAIGHT = Camera(320, 240, 277.0, 280.0, 158.3, 121.7)
+BENT = Camera(320, 240, 277.0, 280.0, 158.3, 121.7, (-0.28, 0.09, 0.001, -0.0015, -0.01))
+MILD = Camera(640, 480, 525.0, 520.0, 319.5, 239.5, (0.05, -0.12, 0.0005, 0.0007, 0.03))
+
+
+def points_before(camera: Camera, seed: int, n: int = 200) -> np.ndarray:
+    """Points that fall on the image of the distortion-free camera, 0.2 to 6 m away."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(0.2, 6.0, n)
+    u = rng.uniform(0, camera.width - 1, n)
+    v = rng.uniform(0, camera.height - 1, n)
+    x = (u - camera.cx) / camera.fx * 0.8
+    y = (v - camera.cy) / camera.fy * 0.8
+    return np.stack([x * z, y * z, z], axis=-1)
+
+
+@pytest.mark.parametrize("camera", [STRAIGHT, BENT, MILD])
+def test_projection_agrees_with_opencv(camera):
+    points = points_before(camera, 1)
+    theirs, _ = cv2.projectPoints(
+        points, np.zeros(3), np.zeros(3), camera.matrix, np.array(camera.distortion)
+    )
+    np.testing.assert_allclose(camera.project(points), theirs.reshape(-1, 2), atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", [STRAIGHT, BENT, MILD])
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_point_projected_and_projected_back_is_the_point(camera, seed):
+    points = points_before(camera, seed, 20)
+    again = camera.back_project(camera.project(points), points[:, 2])
+    np.testing.assert_allclose(again, points, atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", [STRAIGHT, BENT])
+def test_the_ray_table_is_the_back_projection_of_every_pixel_at_one_metre(camera):
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
+    expected = camera.back_project(np.stack([u, v], axis=-1), np.ones_like(u))
+    np.testing.assert_allclose(camera.rays, expected, atol=1e-12)
+    assert camera.rays is camera.rays  # formed once
+    assert not camera.rays.flags.writeable
+
+
+def test_undistorting_agrees_with_opencv_near_the_corner_of_the_image():
+    corner = np.array([[2.0, 3.0]])
+    theirs = cv2.undistortPoints(
+        corner.reshape(1, 1, 2),
+        BENT.matrix,
+        np.array(BENT.distortion),
+        None,
+        None,
+        None,
+        (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14),
+    ).reshape(2)
+    ours = BENT.back_project(corner, np.ones(1))[0, :2]
+    np.testing.assert_allclose(ours, theirs, atol=1e-8)
+
+
+def test_a_point_behind_the_camera_has_no_pixel():
+    pixels = STRAIGHT.project(np.array([[0.1, 0.1, -1.0], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]))
+    assert np.all(np.isnan(pixels[:2]))
+    np.testing.assert_allclose(pixels[2], [STRAIGHT.cx, STRAIGHT.cy])
+
+
+def test_missing_depth_stays_missing():
+    point = STRAIGHT.back_project(np.array([[10.0, 10.0]]), np.array([np.nan]))
+    assert np.all(np.isnan(point))
+
+
+def test_the_image_ends_half_a_pixel_beyond_its_outer_pixel_centres():
+    inside = STRAIGHT.contains(
+        np.array([[-0.5, -0.5], [319.5, 239.5], [-0.51, 0.0], [0.0, 239.6], [np.nan, 3.0]])
+    )
+    assert inside.tolist() == [True, True, False, False, False]
+
+
+@given(st.floats(0.3, 2.2), st.floats(0.3, 2.2))
+def test_opening_angles_reach_from_edge_to_edge(across, down):
+    camera = Camera.from_view(320, 240, across, down)
+    left, right = camera.back_project(np.array([[-0.5, 119.5], [319.5, 119.5]]), np.ones(2))
+    assert math.isclose(math.atan(right[0]) - math.atan(left[0]), across, abs_tol=1e-9)
+    top, bottom = camera.back_project(np.array([[159.5, -0.5], [159.5, 239.5]]), np.ones(2))
+    assert math.isclose(math.atan(bottom[1]) - math.atan(top[1]), down, abs_tol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"width": 0}, "at least 1x1"),
+        ({"fx": -5.0}, "fx=-5.0 px must be positive"),
+        ({"fy": math.nan}, "fy=nan px must be positive"),
+        ({"cx": 5000.0}, "cx=5000.0 px lies far outside"),
+        ({"cy": math.inf}, "cy=inf px lies far outside"),
+    ],
+)
+def test_intrinsics_that_cannot_be_are_refused_by_name(change, said):
+    good = {"width": 320, "height": 240, "fx": 277.0, "fy": 277.0, "cx": 159.5, "cy": 119.5}
+    with pytest.raises(ConfigError, match=said):
+        Camera(**(good | change))
