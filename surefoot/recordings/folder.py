@@ -85,8 +85,7 @@ class FolderRecording:
         Raises:
             RecordingError: when none can be read.
         """
-        journal = self._journal
-        journal.restart()
+        journal = self._journal = Journal()
         for files in self._files:
             try:
                 journal.check_stamp(files.stamp_s)
@@ -120,6 +119,11 @@ def number_in(path: Path) -> int | None:
     """The last whole number in a file's name; None if it has none."""
     found = re.findall(r"\d+", path.stem)
     return int(found[-1]) if found else None
+
+
+def is_stamp(path: Path) -> bool:
+    """Whether a file's name is a time in s with a fraction, as in 1341841278.8427.png."""
+    return re.fullmatch(r"\d+\.\d+", path.stem) is not None
 
 
 def pair(depths: Sequence[Path], colours: Sequence[Path], where: Path) -> list[Path | None]:

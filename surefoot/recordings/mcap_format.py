@@ -12,9 +12,10 @@ from __future__ import annotations
 import json
 import struct
 from collections.abc import Iterator
+from io import BufferedReader
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, cast
+from typing import Any, cast
 
 import zstandard
 from google.protobuf.message import DecodeError, Message
@@ -112,8 +113,10 @@ class RecordingWriter:
         if self._file.closed:
             return
         try:
-            self._writer.finish()
-            self._file.close()
+            try:
+                self._writer.finish()
+            finally:
+                self._file.close()
         except OSError as error:
             raise self._cannot_write(error) from error
 
@@ -201,26 +204,25 @@ class McapRecording:
         Raises:
             RecordingError: when there is none.
         """
-        for encoded in self._whole_groups():
+        journal = self._journal = Journal()
+        for encoded in self._whole_groups(journal):
             try:
                 frame = decode(encoded)
             except FrameError as error:
-                self._journal.skip(f"frame at {encoded.stamp_s} s", str(error))
+                journal.skip(f"frame at {encoded.stamp_s} s", str(error))
                 continue
-            self._journal.note(frame.stamp_s)
+            journal.note(frame.stamp_s)
             yield frame
-        if self._journal.given == 0:
+        if journal.given == 0:
             raise RecordingError(
                 f"{self._path}: no whole frame in {self._path.stat().st_size} bytes"
-                f"{self._journal.why()}; record it again"
+                f"{journal.why()}; record it again"
             )
 
-    def _whole_groups(self) -> Iterator[EncodedFrame]:
-        journal = self._journal
-        journal.restart()
+    def _whole_groups(self, journal: Journal) -> Iterator[EncodedFrame]:
         group: dict[str, bytes] = {}
         sequence = 0
-        for topic, message in self._messages():
+        for topic, message in self._messages(journal):
             if topic not in PROTOBUF_TOPICS and topic not in JSON_TOPICS:
                 continue
             if message.sequence != sequence:
@@ -238,37 +240,14 @@ class McapRecording:
                 continue
             yield encoded
 
-    def _messages(self) -> Iterator[tuple[str, McapMessage]]:
+    def _messages(self, journal: Journal) -> Iterator[tuple[str, McapMessage]]:
         topics: dict[int, str] = {}
         with self._path.open("rb") as file:
-            for record in self._records(file):
+            for record in _records(file, journal):
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
                 elif isinstance(record, McapMessage):
                     yield topics.get(record.channel_id, ""), record
-
-    def _records(self, file: IO[bytes]) -> Iterator[McapRecord]:
-        """Records up to the footer or up to where the file breaks off."""
-        reader = StreamReader(file, emit_chunks=True).records
-        number = 0
-        while True:
-            try:
-                record = next(reader, None)
-            except (*_DAMAGE, MemoryError):
-                return  # the file ends inside this record
-            if record is None or isinstance(record, Footer):
-                return
-            if not isinstance(record, Chunk):
-                yield record
-                continue
-            number += 1
-            try:
-                inside = breakup_chunk(record, validate_crc=True)
-            except _DAMAGE as error:
-                if file.read(1):  # otherwise it is the one that was being written
-                    self._journal.skip(f"chunk {number}", f"damaged ({error})")
-                continue
-            yield from inside
 
     def _read_head(self) -> tuple[dict[str, Any] | None, set[str]]:
         """What the writer said at the start, and the topics seen in looking for it."""
@@ -287,7 +266,7 @@ class McapRecording:
             )
         topics: set[str] = set()
         with self._path.open("rb") as file:
-            for record in self._records(file):
+            for record in _records(file, Journal()):
                 if isinstance(record, Metadata) and record.name == _METADATA:
                     described = {k: json.loads(v) for k, v in record.metadata.items()}
                     return described, topics
@@ -310,3 +289,27 @@ class McapRecording:
             for channel in summary.channels.values()
             if channel.topic == FRAME_TOPIC
         )
+
+
+def _records(file: BufferedReader, journal: Journal) -> Iterator[McapRecord]:
+    """Records up to the footer or up to where the file breaks off, those inside whole chunks too."""
+    reader = StreamReader(file, emit_chunks=True).records
+    number = 0
+    while True:
+        try:
+            record = next(reader, None)
+        except (*_DAMAGE, MemoryError):
+            return  # the file ends inside this record
+        if record is None or isinstance(record, Footer):
+            return
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        number += 1
+        try:
+            inside = breakup_chunk(record, validate_crc=True)
+        except _DAMAGE as error:
+            if file.peek(1):  # otherwise it is the one that was being written
+                journal.skip(f"chunk {number}", f"damaged ({error})")
+            continue
+        yield from inside

@@ -13,7 +13,7 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
 
 from .description import EXAMPLE, Description
-from .folder import FolderRecording, FrameFiles, pair, pictures
+from .folder import FolderRecording, FrameFiles, is_stamp, pair, pictures
 from .poses import ASSOCIATION_S, associate, numbers, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
 
@@ -86,6 +86,9 @@ def _colours(path: Path, description: Description, depths: list[Path]) -> list[P
     folders = (named,) if named is not None else (*_COLOUR_FOLDERS, *(["."] * same_place))
     for name in folders:
         found = [p for p in pictures(path / name, description.colour_pattern) if p not in depths]
+        if found and description.stamps == "name" and all(map(is_stamp, [*found, *depths])):
+            depth_s, colour_s = (np.array([float(p.stem) for p in f]) for f in (depths, found))
+            return [found[i] if i >= 0 else None for i in associate(depth_s, colour_s)]
         if found:
             return pair(depths, found, path)
     if named is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -66,6 +66,7 @@ class FrameError(SurefootError):
     """One frame cannot be used; the reader skips it and keeps the message as the reason."""
 
 
+@runtime_checkable
 class Recording(Protocol):
     """Frames that can be played back, as often as one likes."""
 
@@ -94,18 +95,12 @@ class Recording(Protocol):
 
 
 class Journal:
-    """Bookkeeping that all readers share: frames given, frames skipped, order of time."""
+    """Bookkeeping of one pass, shared by all readers: frames given and skipped, order of time."""
 
     def __init__(self) -> None:
         self.skipped: list[SkippedFrame] = []
         self.given = 0
         self._stamp_s: float | None = None
-
-    def restart(self) -> None:
-        """Forget an earlier pass."""
-        self.skipped.clear()
-        self.given = 0
-        self._stamp_s = None
 
     def skip(self, name: str, reason: str) -> None:
         """Count a frame that cannot be used."""

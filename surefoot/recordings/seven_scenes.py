@@ -90,7 +90,7 @@ def _camera(
     source = _beside(path, "camera-intrinsics.txt")
     if source is None:
         remarks.append("no camera-intrinsics.txt: 585 585 320 240 of the set's page are used")
-        return Camera(width, height, 585.0, 585.0, 320.0, 240.0)
+        return camera_of(path, width, height, 585.0, 585.0, 320.0, 240.0)
     k = read_matrix(source, (3, 3))
     return camera_of(
         source, width=width, height=height, fx=k[0, 0], fy=k[1, 1], cx=k[0, 2], cy=k[1, 2]

@@ -1,6 +1,7 @@
 """TUM RGB-D benchmark folders, whole or thinned out.
 
-Whole: `depth.txt` and `rgb.txt` list stamps and files, `groundtruth.txt` the poses; all are joined by time.
+Whole: `depth.txt` and `rgb.txt` list stamps and files (without the lists the file names are the stamps),
+`groundtruth.txt` has the poses; all are joined by time.
 Thinned: `depth/` and `rgb/` alone, line K of `groundtruth.txt` for image K. Depth has 5000 units a metre
 and 0 for none by definition of the benchmark. The intrinsics are not in the folder but on the benchmark's
 page, one set for each of its three cameras, told from the folder's name (freiburg1, fr1, ...); for another
@@ -21,7 +22,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 
 from .description import EXAMPLE, Description, complete
-from .folder import FolderRecording, FrameFiles, number_in, pair, pictures
+from .folder import FolderRecording, FrameFiles, is_stamp, number_in, pair, pictures
 from .images import DepthUnit
 from .poses import ASSOCIATION_S, associate, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
@@ -49,8 +50,8 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
     """
     remarks: list[str] = []
     camera = _camera(path, description, remarks)
-    listed = (path / "depth.txt").is_file()
-    files = _listed(path, remarks) if listed else _counted(path)
+    timed = (path / "depth.txt").is_file() or all(is_stamp(p) for p in pictures(path / "depth"))
+    files = _timed(path, remarks) if timed else _counted(path)
     info = RecordingInfo(
         name=path.resolve().name,
         kind="tum",
@@ -64,8 +65,8 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
 def _camera(path: Path, description: Description | None, remarks: list[str]) -> Camera:
     if description is not None and description.camera is not None:
         return description.camera
-    for folder in (path.resolve(), *path.resolve().parents):
-        found = re.search(r"(?:freiburg|fr)([123])(?!\d)", folder.name.lower())
+    for folder in (path.resolve(), path.resolve().parent):
+        found = re.search(r"(?<![a-z])(?:freiburg|fr)([123])(?!\d)", folder.name.lower())
         if found:
             remarks.append(
                 f"intrinsics of camera freiburg{found[1]} by the benchmark's page, told from the "
@@ -83,13 +84,12 @@ def _camera_table() -> str:
     return EXAMPLE[EXAMPLE.index("[camera]") : EXAMPLE.index("[depth]")].rstrip()
 
 
-def _listed(path: Path, remarks: list[str]) -> list[FrameFiles]:
-    """The whole layout: everything joined by time."""
-    stamps, depths = _list(path / "depth.txt")
+def _timed(path: Path, remarks: list[str]) -> list[FrameFiles]:
+    """Everything joined by time, told by the lists or, without them, by the file names."""
+    stamps, depths = _with_stamps(path, "depth")
     colour_of = np.full(len(stamps), -1)
-    colours: list[Path] = []
-    if (path / "rgb.txt").is_file():
-        colour_stamps, colours = _list(path / "rgb.txt")
+    colour_stamps, colours = _with_stamps(path, "rgb")
+    if colours:
         colour_of = associate(stamps, colour_stamps)
         _remark_lonely(colour_of, "colour image", remarks)
     pose_of = np.full(len(stamps), -1)
@@ -100,7 +100,7 @@ def _listed(path: Path, remarks: list[str]) -> list[FrameFiles]:
         _remark_lonely(pose_of, "pose", remarks)
     return [
         FrameFiles(
-            f"{depth.name}",
+            depth.name,
             float(stamp),
             depth,
             colours[colour] if colour >= 0 else None,
@@ -108,6 +108,13 @@ def _listed(path: Path, remarks: list[str]) -> list[FrameFiles]:
         )
         for stamp, depth, colour, pose in zip(stamps, depths, colour_of, pose_of, strict=True)
     ]
+
+
+def _with_stamps(path: Path, kind: str) -> tuple[np.ndarray, list[Path]]:
+    if (path / f"{kind}.txt").is_file():
+        return _list(path / f"{kind}.txt")
+    files = [file for file in pictures(path / kind) if is_stamp(file)]
+    return np.array([float(file.stem) for file in files]), files
 
 
 def _list(path: Path) -> tuple[np.ndarray, list[Path]]:
@@ -134,10 +141,6 @@ def _remark_lonely(partners: np.ndarray, what: str, remarks: list[str]) -> None:
 def _counted(path: Path) -> list[FrameFiles]:
     """The thinned layout: line K of the poses is frame K."""
     depths = pictures(path / "depth")
-    if not depths:
-        raise RecordingError(
-            f"{path / 'depth'}: no depth image found; 16 bit PNG files were expected"
-        )
     colours = pair(depths, pictures(path / "rgb"), path)
     stamps, rows = read_tum(path / "groundtruth.txt")
     lines = [number_in(depth) for depth in depths]

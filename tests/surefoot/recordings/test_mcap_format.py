@@ -1,0 +1,373 @@
+"""Our recordings: bit for bit, open to others' tools, and whole up to where a kill cut them."""
+
+import contextlib
+import io
+import itertools
+import json
+import multiprocessing
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.timestamp_pb2 import Timestamp
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_protobuf.decoder import DecoderFactory
+
+from perception.primitives.errors import InputError, OutputError, RecordingError
+from perception.primitives.frame import Frame, StepOdometry
+from perception.primitives.landmark import Landmark
+from perception.primitives.pose import Pose2
+from surefoot.recordings.codec import decode, encode
+from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
+from surefoot.recordings.recording import RecordingInfo
+
+INFO = RecordingInfo(
+    name="walk",
+    kind="simulation",
+    landmarks=(Landmark(7, (1.25, -2.5, 0.1), 0.12),),
+    start=Pose2(0.1, 0.2, 0.3),
+    start_covariance=np.diag([1e-4, 2e-4, 3e-4]),
+    scene="home",
+    gravity_up_world=(0.0, 0.0, 1.0),
+    floor_height_world_m=0.0,
+)
+PARTS = ("tof", "depth", "stereo", "colour", "odometry", "imu", "T_world_camera")
+
+
+def write(path, frames):
+    with RecordingWriter(path, INFO) as writer:
+        for frame in frames:
+            writer.write(encode(frame))
+    return path
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory, make_frame):
+    """Six whole frames: the file, and what went into it as it is decoded."""
+    frames = [make_frame(i) for i in range(6)]
+    path = write(tmp_path_factory.mktemp("walk") / "recording.mcap", frames)
+    return path, [decode(encode(frame)) for frame in frames]
+
+
+def test_a_recording_gives_back_every_bit(walk, same):
+    path, frames = walk
+    recording = McapRecording(path)
+    played = list(recording.frames())
+    assert len(played) == recording.info.frames == len(frames)
+    assert all(map(same, played, frames))
+    assert recording.skipped == []
+    assert recording.remarks == []
+
+
+def test_a_recording_plays_twice_alike(walk, same):
+    recording = McapRecording(walk[0])
+    assert all(map(same, recording.frames(), recording.frames()))
+
+
+def test_a_copy_of_a_recording_is_the_recording(walk, same, tmp_path):
+    played = list(McapRecording(walk[0]).frames())
+    copied = McapRecording(write(tmp_path / "copy.mcap", played))
+    assert all(map(same, copied.frames(), played))
+
+
+@pytest.mark.parametrize(
+    "absent", [*itertools.combinations(PARTS, 1), *itertools.combinations(PARTS, 6), PARTS]
+)
+def test_parts_that_a_frame_lacks_stay_none(make_frame, same, tmp_path, absent):
+    frame = make_frame(1, **dict.fromkeys(absent))
+    (played,) = McapRecording(write(tmp_path / "r.mcap", [frame])).frames()
+    assert same(played, decode(encode(frame)))
+    assert all(getattr(played, part) is None for part in absent)
+
+
+@given(
+    st.floats(0, 2**33),
+    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=4, max_size=4),
+)
+def test_stamps_and_odometry_keep_every_bit_in_the_file(tmp_path_factory, same, stamp_s, values):
+    frame = Frame(stamp_s, odometry=StepOdometry(Pose2(*values[:3]), values[3]))
+    path = tmp_path_factory.getbasetemp() / "exact.mcap"
+    (played,) = McapRecording(write(path, [frame])).frames()
+    assert same(played, frame)
+
+
+def test_what_is_known_beforehand_comes_back(walk):
+    info = McapRecording(walk[0]).info
+    assert info.kind == "mcap"
+    for name in ("name", "landmarks", "start", "scene", "gravity_up_world", "floor_height_world_m"):
+        assert getattr(info, name) == getattr(INFO, name)
+    np.testing.assert_array_equal(info.start_covariance, INFO.start_covariance)
+
+
+def test_the_plain_packages_open_it_as_foxglove_messages(walk):
+    path, frames = walk
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        messages = [
+            (schema.name, channel.topic, message.log_time, decoded)
+            for schema, channel, message, decoded in reader.iter_decoded_messages(
+                topics=["/tof/range", "/tof/calibration", "/colour/image", "/stereo/left", "/tf"]
+            )
+        ]
+    first = {topic: decoded for _, topic, _, decoded in reversed(messages)}
+    kinds = {topic: name for name, topic, _, _ in messages}
+    assert kinds == {
+        "/tof/range": "foxglove.RawImage",
+        "/tof/calibration": "foxglove.CameraCalibration",
+        "/colour/image": "foxglove.CompressedImage",
+        "/stereo/left": "foxglove.CompressedImage",
+        "/tf": "foxglove.FrameTransforms",
+    }
+    assert {time for _, _, time, _ in messages} == {round(f.stamp_s * 1e9) for f in frames}
+    tof = frames[0].tof
+    image = first["/tof/range"]
+    assert (image.encoding, image.width, image.step) == ("16UC1", 32, 64)
+    units = np.frombuffer(image.data, "<u2").reshape(24, 32).astype(float)
+    np.testing.assert_allclose(
+        np.where(units > 0, units * 5 / 2**14, np.nan), tof.range_m, rtol=1e-6
+    )
+    np.testing.assert_array_equal(
+        np.reshape(first["/tof/calibration"].K, (3, 3)), tof.camera.matrix
+    )
+    png = np.frombuffer(first["/stereo/left"].data, np.uint8)
+    np.testing.assert_array_equal(cv2.imdecode(png, -1), frames[0].stereo.left)
+    assert first["/colour/image"].format == "jpeg"
+    parents = {(t.parent_frame_id, t.child_frame_id) for t in first["/tf"].transforms}
+    assert parents == {
+        ("body", "tof_camera"),
+        ("body", "stereo_camera"),
+        ("body", "colour_camera"),
+        ("world", "depth_camera"),
+    }
+
+
+def test_json_topics_carry_their_schemas_and_the_units(walk):
+    with walk[0].open("rb") as file:
+        messages = {c.topic: (s, m) for s, c, m in make_reader(file).iter_messages()}
+    for topic in ("/frame", "/odometry", "/imu", "/recording"):
+        schema, message = messages[topic]
+        values = json.loads(message.data)
+        assert schema.encoding == "jsonschema"
+        assert set(json.loads(schema.data)["properties"]) <= set(values)
+    units = json.loads(messages["/frame"][1].data)["units"]
+    assert units["/tof/range"] == 2**14 / 5
+    assert units["/depth/image"] == 5000.0
+
+
+def test_a_file_cut_anywhere_gives_every_frame_written_whole_before_the_cut(walk, same, tmp_path):
+    """The chunks end where the writer flushed; the cut is tried at and around each, and in between."""
+    path, frames = walk
+    content = path.read_bytes()
+    ends = _sizes_after_each_frame(frames, tmp_path)
+    between = np.random.default_rng(0).integers(ends[0], len(content), 60).tolist()
+    cut = tmp_path / "cut.mcap"
+    around = {end + d for end in ends for d in (-1, 0, 1)} - {ends[0] - 1}
+    for size in sorted({*between, *around}):
+        cut.write_bytes(content[:size])
+        whole = sum(end <= size for end in ends[1:])
+        recording = McapRecording(cut)
+        assert recording.ended_early
+        assert [str(remark) for remark in recording.remarks] == [
+            "recording ended early: every whole frame is played back"
+        ]
+        try:
+            played = list(recording.frames())
+        except RecordingError:
+            assert whole == 0
+            continue
+        assert whole <= len(played) <= whole + 1  # one more where only its index was cut
+        assert all(map(same, played, frames))
+        assert recording.skipped == []
+
+
+def test_a_file_cut_inside_its_head_is_not_ours(walk, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(walk[0].read_bytes()[:60])
+    with pytest.raises(RecordingError, match="not one of our recordings"):
+        McapRecording(cut)
+
+
+def _sizes_after_each_frame(frames, tmp_path):
+    """Size on the disk after the head and after each frame, the writer still open."""
+    path = tmp_path / "growing.mcap"
+    with RecordingWriter(path, INFO) as writer:
+        sizes = [path.stat().st_size]
+        for frame in frames:
+            writer.write(encode(frame))
+            sizes.append(path.stat().st_size)
+    return sizes
+
+
+def test_a_recording_can_be_played_while_it_is_being_written(make_frame, same, tmp_path):
+    frames = [make_frame(i) for i in range(3)]
+    with RecordingWriter(tmp_path / "r.mcap", INFO) as writer:
+        for count, frame in enumerate(frames, start=1):
+            writer.write(encode(frame))
+            assert len(list(McapRecording(tmp_path / "r.mcap").frames())) == count
+
+
+def test_a_flipped_byte_never_gives_a_wrong_frame(walk, same, tmp_path):
+    path, frames = walk
+    content = path.read_bytes()
+    rng = np.random.default_rng(1)
+    stamps = [frame.stamp_s for frame in frames]
+    bad = tmp_path / "bad.mcap"
+    lost = 0
+    for position in rng.integers(8, len(content), 150).tolist():
+        flipped = bytearray(content)
+        flipped[position] ^= int(rng.integers(1, 256))
+        bad.write_bytes(flipped)
+        try:
+            recording = McapRecording(bad)
+            played = list(recording.frames())
+        except RecordingError:
+            continue
+        assert all(same(frame, frames[stamps.index(frame.stamp_s)]) for frame in played)
+        lost += len(played) < len(frames)
+    assert lost > 50  # most of the bytes are frames, so the flips did reach them
+
+
+def test_a_damaged_chunk_is_counted_and_passed_over(walk, tmp_path):
+    path, frames = walk
+    content = bytearray(path.read_bytes())
+    ends = _sizes_after_each_frame(frames, tmp_path)
+    content[(ends[2] + ends[3]) // 2] ^= 255  # inside the third frame's images
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(content)
+    recording = McapRecording(bad)
+    assert [f.stamp_s for f in recording.frames()] == [
+        f.stamp_s for i, f in enumerate(frames) if i != 2
+    ]
+    (skipped,) = recording.skipped
+    assert "damaged" in skipped.reason
+
+
+def _record_until_killed(path, encoded, pipe):
+    with RecordingWriter(path, INFO) as writer:
+        for frame in encoded:
+            writer.write(frame)
+            pipe.send(frame.stamp_s)
+            time.sleep(0.002)
+
+
+def test_twenty_kills_lose_no_frame_whose_writing_was_over(make_frame, same, tmp_path):
+    """Recording time runs at 10 Hz here: a frame more than the last would be more than 0.1 s."""
+    frames = [encode(make_frame(i)) for i in range(150)]
+    rng = np.random.default_rng(2)
+    context = multiprocessing.get_context("fork")
+    for attempt, delay_s in enumerate(rng.uniform(0.02, 0.35, 20)):
+        path = tmp_path / f"killed{attempt}.mcap"
+        receive, send = context.Pipe(duplex=False)
+        process = context.Process(target=_record_until_killed, args=(path, frames, send))
+        process.start()
+        send.close()
+        written = [receive.recv()]  # the clock of the kill starts at the first frame
+        time.sleep(delay_s)
+        process.kill()
+        process.join()
+        with contextlib.suppress(EOFError):
+            while True:
+                written.append(receive.recv())
+        recording = McapRecording(path)
+        played = list(recording.frames())
+        assert [frame.stamp_s for frame in played[: len(written)]] == written
+        assert len(played) <= len(written) + 1
+        assert same(played[-1], decode(frames[len(played) - 1]))
+        assert recording.ended_early == (len(written) < len(frames))
+
+
+def test_topics_of_others_ride_along_unread(make_frame, same, tmp_path):
+    frames = [make_frame(i) for i in range(3)]
+    path = tmp_path / "r.mcap"
+    with RecordingWriter(path, INFO) as writer:
+        for frame in frames:
+            writer.write(encode(frame))
+            pose = PoseInFrame(timestamp=Timestamp(seconds=1), frame_id="world")
+            writer.write_extra("/estimate/pose", pose, frame.stamp_s)
+    assert all(map(same, McapRecording(path).frames(), [decode(encode(f)) for f in frames]))
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        extra = list(reader.iter_decoded_messages(topics=["/estimate/pose"]))
+    assert [m.decoded_message.frame_id for m in extra] == ["world"] * 3
+
+
+def test_a_topic_of_the_recording_cannot_be_written_by_others(tmp_path):
+    with (
+        RecordingWriter(tmp_path / "r.mcap", INFO) as writer,
+        pytest.raises(InputError, match="topic /tf belongs to the recording; choose another"),
+    ):
+        writer.write_extra("/tf", PoseInFrame(), 0.0)
+
+
+def test_stamps_that_do_not_grow_are_skipped_and_counted(make_frame, tmp_path):
+    frames = [make_frame(i, stamp_s=s) for i, s in enumerate((1.0, 1.0, 2.0, 1.5, 3.0))]
+    recording = McapRecording(write(tmp_path / "r.mcap", frames))
+    assert [frame.stamp_s for frame in recording.frames()] == [1.0, 2.0, 3.0]
+    assert [s.reason for s in recording.skipped] == [
+        "its stamp repeats the one of the frame before",
+        "its stamp lies before the one of the frame before",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nowhere/r.mcap", "cannot write recording .*nowhere/r.mcap: No such file or directory"),
+        (".", "cannot write recording .*: Is a directory; choose another folder"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_named(tmp_path, name, message):
+    with pytest.raises(OutputError, match=message):
+        RecordingWriter(tmp_path / name, INFO)
+
+
+def test_a_full_disk_is_named():
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    with pytest.raises(OutputError, match=r"/dev/full: No space left on device; .* make room"):
+        RecordingWriter(Path("/dev/full"), INFO)
+
+
+def _foreign() -> bytes:
+    out = io.BytesIO()
+    writer = Writer(out)
+    writer.start()
+    channel = writer.register_channel("/camera/depth", "ros1", 0)
+    writer.add_message(channel, 0, b"abc", 0)
+    writer.finish()
+    return out.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "the file is empty; record it again"),
+        (b"PK\x03\x04 not mcap", "starts with .*this is no MCAP file"),
+        (b"\x89MCAP0\r\n", "not one of our recordings; it holds nothing"),
+        (_foreign(), "not one of our recordings; it holds /camera/depth. Only MCAP files that"),
+    ],
+)
+def test_files_that_are_not_ours_are_told_apart(tmp_path, content, message):
+    path = tmp_path / "r.mcap"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=message):
+        McapRecording(path)
+
+
+def test_a_recording_without_frames_says_so(tmp_path):
+    recording = McapRecording(write(tmp_path / "r.mcap", []))
+    with pytest.raises(RecordingError, match=r"no whole frame in .* bytes; record it again"):
+        list(recording.frames())
+
+
+def test_a_newer_format_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("surefoot.recordings.mcap_messages.FORMAT", 99)
+    path = write(tmp_path / "r.mcap", [])
+    with pytest.raises(RecordingError, match="format 99 is newer than the 1 this version reads"):
+        McapRecording(path)

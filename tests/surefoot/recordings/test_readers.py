@@ -1,0 +1,260 @@
+"""Folders as others write them: pixels, stamps, poses, intrinsics and scale against what was written."""
+
+import math
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from perception.primitives.errors import RecordingError
+from surefoot.recordings.open import open_recording
+
+UP_45 = (0.0, math.sqrt(0.5), math.sqrt(0.5))
+
+
+def units(index):
+    """What conftest writes: a ramp with one hole."""
+    image = (1000 + 10 * index + np.arange(16 * 12)).reshape(12, 16).astype(np.float64)
+    image[0, 0] = np.nan
+    return image
+
+
+def check(recording, kind, per_metre, stamps, positions):
+    frames = list(recording.frames())
+    assert recording.info.kind == kind
+    assert recording.info.frames == len(frames) == len(stamps)
+    assert recording.skipped == []
+    for i, (frame, stamp_s) in enumerate(zip(frames, stamps, strict=True)):
+        assert frame.stamp_s == pytest.approx(stamp_s, abs=1e-12)
+        np.testing.assert_allclose(frame.depth.depth, units(i) / per_metre, rtol=1e-7)
+        assert frame.depth.T_body_camera is None
+        assert tuple(frame.colour.rgb[3, 3]) == (200, 20, 10)
+        if positions is None:
+            assert frame.T_world_camera is None
+        else:
+            np.testing.assert_allclose(frame.T_world_camera.position, positions[i], atol=1e-12)
+    assert recording.info.poses_given == (positions is not None)
+    return frames
+
+
+def test_tum_thinned(tum):
+    stamps = [10.0, 10.5, 11.0, 11.5]
+    recording = open_recording(tum)
+    frames = check(recording, "tum", 5000, stamps, [(s, 2.0, 3.0) for s in stamps])
+    assert frames[0].T_world_camera.quat_xyzw == (0.0, 0.0, 0.6, 0.8)
+    assert frames[0].depth.camera.fx == 14.0
+    assert recording.info.gravity_up_world == (0.0, 0.0, 1.0)
+
+
+def test_tum_whole_joins_by_time(tum_listed):
+    stamps = [0.5, 1.5, 2.5, 3.5]
+    recording = open_recording(tum_listed)
+    frames = list(recording.frames())
+    assert [frame.stamp_s for frame in frames] == stamps
+    assert [f.T_world_camera and f.T_world_camera.translation[0] for f in frames] == [
+        0.5,
+        1.5,
+        2.5,
+        None,  # the poses end at 2.99 s
+    ]
+    assert all(frame.colour is not None for frame in frames)
+    assert "1 of 4 depth images have no pose within 0.02 s" in map(str, recording.remarks)
+
+
+def test_tum_whole_without_lists_takes_the_stamps_from_the_names(tum_listed):
+    listed = [(f.stamp_s, f.T_world_camera) for f in open_recording(tum_listed).frames()]
+    for name in ("depth.txt", "rgb.txt"):
+        (tum_listed / name).unlink()
+    assert [(f.stamp_s, f.T_world_camera) for f in open_recording(tum_listed).frames()] == listed
+
+
+def test_tum_colour_too_far_in_time_is_left_out_and_told(tum_listed):
+    text = (tum_listed / "rgb.txt").read_text().replace("1.512 ", "1.5201 ")
+    (tum_listed / "rgb.txt").write_text(text)
+    recording = open_recording(tum_listed)
+    assert [f.colour is None for f in recording.frames()] == [False, True, False, False]
+    assert "1 of 4 depth images have no colour image within 0.02 s" in map(str, recording.remarks)
+
+
+@pytest.mark.parametrize(
+    ("name", "fx"),
+    [
+        ("rgbd_dataset_freiburg1_xyz", 517.3),
+        ("freiburg2_desk", 520.9),
+        ("tum_fr3_cabinet", 535.4),
+    ],
+)
+def test_tum_cameras_are_told_from_the_folder_name(tum, tmp_path, name, fx):
+    (tum / "recording.toml").unlink()
+    shutil.move(tum, tmp_path / name)
+    recording = open_recording(tmp_path / name)
+    assert any("intrinsics of camera freiburg" in str(r) for r in recording.remarks)
+    with pytest.raises(RecordingError, match="is 16x12 px; 640x480 px was expected"):
+        next(recording.frames())
+    big = np.full((480, 640), 5000, np.uint16)
+    cv2.imwrite(str(tmp_path / name / "depth/0000.png"), big)
+    cv2.imwrite(str(tmp_path / name / "rgb/0000.png"), np.zeros((480, 640, 3), np.uint8))
+    assert next(recording.frames()).depth.camera.fx == fx
+
+
+def test_seven_scenes(seven_scenes):
+    recording = open_recording(seven_scenes)
+    stamps = [0.0, 4 / 30, 8 / 30]
+    frames = check(recording, "seven_scenes", 1000, stamps, [(i, 2.0, 3.0) for i in range(3)])
+    assert (frames[0].depth.camera.fx, frames[0].depth.camera.cy) == (14.0, 5.5)
+    assert recording.info.gravity_up_world == pytest.approx((0.0, -0.6, -0.8))
+    assert recording.info.name == "kitchen-seq-01"
+    assert recording.remarks == []
+
+
+def test_seven_scenes_takes_65535_for_none(seven_scenes):
+    image = np.full((12, 16), 65535, np.uint16)
+    image[5, 5] = 2000
+    cv2.imwrite(str(seven_scenes / "frame-000000.depth.png"), image)
+    depth = next(open_recording(seven_scenes).frames()).depth.depth
+    assert np.isfinite(depth).sum() == 1
+    assert depth[5, 5] == 2.0
+
+
+def test_seven_scenes_as_published_has_no_intrinsics_and_says_which_are_used(seven_scenes):
+    for name in ("camera-intrinsics.txt", "gravity-direction.txt"):
+        (seven_scenes.parent / name).unlink()
+    for depth in seven_scenes.glob("*.depth.png"):
+        cv2.imwrite(str(depth), np.full((480, 640), 1000, np.uint16))
+    recording = open_recording(seven_scenes)
+    assert recording.info.gravity_up_world is None
+    assert "585 585 320 240 of the set's page" in str(recording.remarks[0])
+
+
+def test_redwood(redwood):
+    recording = open_recording(redwood)
+    positions = [(i, 0.5, 0.0) for i in range(3)]
+    frames = check(recording, "redwood", 1000, [0.0, 1 / 30, 2 / 30], positions)
+    assert (frames[0].depth.camera.fx, frames[0].depth.camera.fy) == (14.0, 15.0)
+    assert recording.info.gravity_up_world == (0.0, 1.0, 0.0)
+
+
+def test_a_camera_that_rolls_was_held_by_a_hand_and_says_nothing_of_up(redwood):
+    c, s = math.cos(0.01), math.sin(0.01)
+    text = (redwood / "trajectory.log").read_text()
+    rolled = text.replace("1 0 0 2\n0 -1 0 0.5", f"{c} {s} 0 2\n{s} {-c} 0 0.5")
+    assert rolled != text
+    (redwood / "trajectory.log").write_text(rolled)
+    assert open_recording(redwood).info.gravity_up_world is None
+
+
+def test_redwood_without_poses_is_a_folder_as_open3d_records_it(redwood):
+    (redwood / "trajectory.log").unlink()
+    recording = open_recording(redwood)
+    check(recording, "redwood", 1000, [0.0, 1 / 30, 2 / 30], None)
+    assert recording.info.gravity_up_world is None
+
+
+def test_a_depth_scale_in_the_intrinsics_is_obeyed(redwood):
+    source = redwood / "camera_primesense.json"
+    source.write_text(source.read_text().replace("{", '{"depth_scale": 4000.0, ', 1))
+    positions = [(i, 0.5, 0.0) for i in range(3)]
+    check(open_recording(redwood), "redwood", 4000, [0.0, 1 / 30, 2 / 30], positions)
+
+
+def test_replica(replica):
+    check(open_recording(replica), "replica", 6553.5, [0.0, 1 / 30], [(0, 0, 0)] * 2)
+
+
+def test_plain(plain):
+    check(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
+
+
+def test_plain_by_its_description_file(plain):
+    check(open_recording(plain / "recording.toml"), "plain", 1000, [0.0, 0.1, 0.2], None)
+
+
+def test_plain_with_a_description_kept_elsewhere(plain, tmp_path):
+    shutil.move(plain / "recording.toml", tmp_path / "theirs.toml")
+    recording = open_recording(plain, tmp_path / "theirs.toml")
+    check(recording, "plain", 1000, [0.0, 0.1, 0.2], None)
+
+
+def test_plain_without_colour(plain):
+    shutil.rmtree(plain / "color")
+    assert all(frame.colour is None for frame in open_recording(plain).frames())
+
+
+def test_plain_with_all_it_can_say(plain):
+    text = (plain / "recording.toml").read_text().replace("rate_hz = 10.0", 'stamps = "times.txt"')
+    text = (
+        'name = "hall"\nscene = "a long hall"\n'
+        + text
+        + (
+            '[colour]\nfolder = "color"\n[poses]\nfile = "poses.txt"\nconvention = "world-to-camera"\n'
+            "[world]\nup = [0, 3, 3]\nfloor_height = -1.5\n"
+        )
+    )
+    (plain / "recording.toml").write_text(text)
+    (plain / "times.txt").write_text("5.0\n5.2\n5.4\n")
+    poses = "".join(f"{5.21 + 0.2 * k:.2f} 1 2 {k} 0 0 1 0\n" for k in range(2))
+    (plain / "poses.txt").write_text(poses)  # half a turn about z, from world to camera
+    recording = open_recording(plain)
+    frames = list(recording.frames())
+    assert [frame.stamp_s for frame in frames] == [5.0, 5.2, 5.4]
+    assert frames[0].T_world_camera is None
+    np.testing.assert_allclose(frames[1].T_world_camera.position, (1, 2, 0), atol=1e-12)
+    np.testing.assert_allclose(frames[2].T_world_camera.position, (1, 2, -1), atol=1e-12)
+    info = recording.info
+    assert (info.name, info.scene, info.floor_height_world_m) == ("hall", "a long hall", -1.5)
+    assert info.gravity_up_world == pytest.approx(UP_45)
+    assert "1 of 3 depth images have no pose" in str(recording.remarks[0])
+
+
+def test_plain_with_stamps_in_the_names_pairs_colour_by_time(plain):
+    for i in range(3):
+        shutil.move(plain / f"depth/{i}.png", plain / f"depth/{10 + i}.0000.png")
+        shutil.move(plain / f"color/{i}.png", plain / f"color/{10 + i}.0150.png")
+    toml = plain / "recording.toml"
+    toml.write_text(toml.read_text().replace("rate_hz = 10.0", 'stamps = "name"'))
+    check(open_recording(plain), "plain", 1000, [10.0, 11.0, 12.0], None)
+
+
+def test_nine_comes_before_ten(plain):
+    for i, number in enumerate((8, 9, 10)):
+        for folder in ("depth", "color"):
+            shutil.move(plain / f"{folder}/{i}.png", plain / f"{folder}/x{number}.png")
+    check(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
+
+
+def test_a_description_beside_a_known_layout_fills_in_what_is_missing(redwood, tmp_path):
+    description = tmp_path / "more.toml"
+    description.write_text('name = "lab"\n[world]\nup = [0, 1, 1]\nfloor_height = 0.13\n')
+    info = open_recording(redwood, description).info
+    assert (info.kind, info.name, info.floor_height_world_m) == ("redwood", "lab", 0.13)
+    assert info.gravity_up_world == pytest.approx(UP_45)
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_an_organised_cloud_is_the_depth_image_it_came_from(pcd, data):
+    recording = open_recording(pcd(data))
+    (frame,) = recording.frames()
+    camera = frame.depth.camera
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == pytest.approx(
+        (14, 13, 7.5, 5.5), abs=1e-4
+    )
+    u = np.arange(16)
+    expected = np.tile(1 / (1 - (u - 7.5) / 28), (12, 1))
+    expected[0, 5] = np.nan
+    np.testing.assert_allclose(frame.depth.depth, expected, rtol=1e-6)
+    assert recording.info.frames == 1
+
+
+def test_frames_are_read_only_when_asked_for(plain):
+    """Ten files more than are read are damaged after opening, and nobody notices."""
+    frames = open_recording(plain).frames()
+    first = next(frames)
+    assert first.stamp_s == 0.0
+    (plain / "depth/1.png").write_bytes(b"")
+    assert next(frames).stamp_s == 0.2
+
+
+def test_every_recording_plays_twice_alike(tum, same):
+    recording = open_recording(tum)
+    assert all(map(same, recording.frames(), recording.frames()))
