@@ -124,7 +124,7 @@ def fold_evidence(
     obstacle: float,
     floor: float,
     limit: float,
-    mover_limit: float,
+    mover_odds: float,
 ) -> None:
     """Change each cell at most once by what the counts say of it.
 
@@ -145,10 +145,12 @@ def fold_evidence(
                 continue
             c = (corner_column + column) % map_columns
             old = log_odds[r, c]
-            if still + mover >= obstacle_points:
-                new = first_obstacle if np.isinf(old) else old + obstacle
-                moving[r, c] = still < obstacle_points
-                new = min(new, mover_limit if moving[r, c] else limit)
+            if still >= obstacle_points:
+                new = first_obstacle if np.isinf(old) else min(old + obstacle, limit)
+                moving[r, c] = False
+            elif still + mover >= obstacle_points:
+                new = mover_odds  # it is here now; what was here before says nothing
+                moving[r, c] = True
             else:
                 new = first_floor if np.isinf(old) else max(old + floor, -limit)
                 if new < 0.0:

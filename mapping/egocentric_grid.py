@@ -13,6 +13,7 @@ Source: seed 003, section 3, eq. (1) and (2), Fig. 5 and 6.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import SupportsIndex
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -133,9 +134,9 @@ class EgocentricGrid:
         lattice = np.floor((xy - self._anchor) * (1.0 / self.cell_m)).astype(np.int64)
         return (lattice - self._first)[..., ::-1]
 
-    def centre_of(self, row: int, column: int) -> Float[np.ndarray, "2"]:
+    def centre_of(self, row: SupportsIndex, column: SupportsIndex) -> Float[np.ndarray, "2"]:
         """Middle of a cell, world frame, m."""
-        return self._start + (self._first + np.array([column, row])) * self.cell_m
+        return self._start + (self._first + np.array([int(column), int(row)])) * self.cell_m
 
     def centres(self) -> Float[np.ndarray, "rows columns 2"]:
         """Middles of all cells, world frame, m."""
@@ -290,7 +291,7 @@ class EgocentricGrid:
         self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
     ) -> None:
         """Mark discs as covered by something that moves, such as tracks not in view; world frame, m (ours)."""
-        limit = np.float32(self.config.evidence.mover_limit)
+        limit = np.float32(self.config.evidence.mover)
         for centre, radius_m in zip(centres, radii_m, strict=True):
             disc = self.rolled(self._within(centre, float(radius_m)))
             disc &= ~(self._log_odds > limit) | np.isinf(self._log_odds)  # walls stay walls

@@ -3,9 +3,10 @@
 The seed's update rule is lost; this is the log-odds filter that its specification proposes. A cell never
 seen keeps the seed's p = 1, held as log-odds of +inf, so that no stamp has to double as a mark.
 
-What moves leaves a trail: a cell that a walker has crossed would need five floor sightings until it
-counts as free again. Cells whose obstacle is known to move are therefore kept at small log-odds, so that one
-floor sighting frees them, and they fade while nobody looks (ours).
+What moves breaks the filter's assumption that a cell stays as it is: a walker would need three sightings
+to show on floor long known as free, and its trail five to vanish. The cells of what is known to move
+therefore take one fixed small value at once, which one floor sighting turns, and fade while nobody looks
+(ours).
 
 Source: seed 003, section 3, "Update of p".
 """
@@ -38,7 +39,9 @@ class EvidenceConfig:
     floor: float = -0.85  # seed 003: log-odds added by a further floor sighting
     limit: float = 3.9  # seed 003: log-odds stay within +- this; p within 0.02 and 0.98
     obstacle_points: int = 3  # seed 003: fewer obstacle points in a cell are stray
-    mover_limit: float = 0.8  # ours: below -floor, so that one floor sighting frees a mover's cell
+    mover: float = (
+        0.8  # ours: log-odds of a mover's cell; below -floor, so that one floor sighting frees it
+    )
     ageing_s: float = 10.0  # seed 003: time constant of p towards 0.5
     faded: float = 0.05  # ours: an aged cell this close to p = 0.5 counts as never seen
 
@@ -52,9 +55,9 @@ class EvidenceConfig:
             raise ConfigError(
                 f"evidence: floor={self.floor} must be negative and obstacle={self.obstacle} positive"
             )
-        if not 0.0 < self.mover_limit <= self.limit:
+        if not 0.0 < self.mover <= self.limit:
             raise ConfigError(
-                f"evidence: mover_limit={self.mover_limit} must lie between 0 and limit={self.limit}"
+                f"evidence: mover={self.mover} must lie between 0 and limit={self.limit}"
             )
         if self.obstacle_points < 1:
             raise ConfigError(
@@ -115,7 +118,7 @@ def fold(
         config.obstacle,
         config.floor,
         config.limit,
-        config.mover_limit,
+        config.mover,
     )
 
 

@@ -116,6 +116,15 @@ def find(
     return [_footprint(points[thing], weights[thing], config) for thing in things]
 
 
+def _cells(
+    points: Float[np.ndarray, "n 3"], config: FootprintConfig
+) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, "n"]]:
+    """The cells of the floor plane that hold points, and which of them each point is in."""
+    lattice = np.floor(points[:, :2] / config.cell_m).astype(np.int64)
+    cells, cell = np.unique(lattice, axis=0, return_inverse=True)
+    return cells, cell.reshape(-1)
+
+
 def _has_company(
     points: Float[np.ndarray, "n 3"], config: FootprintConfig
 ) -> Bool[np.ndarray, "n"]:
@@ -130,22 +139,17 @@ def _parts(points: Float[np.ndarray, "n 3"], config: FootprintConfig) -> list[In
     """Indices of the points of each part that hangs together on the floor plane."""
     if not len(points):
         return []
-    cells, cell = np.unique(
-        np.floor(points[:, :2] / config.cell_m).astype(np.int64), axis=0, return_inverse=True
-    )
+    cells, cell = _cells(points, config)
     pairs = cKDTree(cells).query_pairs(config.gap_m / config.cell_m + 1e-9, output_type="ndarray")
     links = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(len(cells),) * 2)
     count, label = connected_components(links, directed=False)
-    of_point = label[cell.reshape(-1)]
+    of_point = label[cell]
     return [np.flatnonzero(of_point == k) for k in range(count)]
 
 
 def _trunk(points: Float[np.ndarray, "n 3"], config: FootprintConfig) -> Bool[np.ndarray, "n"]:
     """Points in columns that are high enough to belong to the main body of a part."""
-    cells, cell = np.unique(
-        np.floor(points[:, :2] / config.cell_m).astype(np.int64), axis=0, return_inverse=True
-    )
-    cell = cell.reshape(-1)
+    cells, cell = _cells(points, config)
     top = np.full(len(cells), -np.inf)
     np.maximum.at(top, cell, points[:, 2])
     return top[cell] >= config.skirt * np.quantile(points[:, 2], 0.95)
@@ -185,10 +189,7 @@ def _columns(
     A side face stacks many voxels on few columns. What flies off it makes columns of few voxels right
     beside; a horizontal face has few voxels on all of its columns, and keeps them.
     """
-    cells, cell = np.unique(
-        np.floor(points[:, :2] / config.cell_m).astype(np.int64), axis=0, return_inverse=True
-    )
-    cell = cell.reshape(-1)
+    _, cell = _cells(points, config)
     weight = np.bincount(cell, weights)
     count = np.bincount(cell)
     places = np.stack([np.bincount(cell, points[:, axis]) / count for axis in range(2)], axis=1)
