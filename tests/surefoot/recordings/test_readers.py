@@ -9,6 +9,7 @@ import pytest
 
 from perception.primitives.errors import RecordingError
 from surefoot.recordings.open import open_recording
+from surefoot.recordings.recording import Recording
 
 UP_45 = (0.0, math.sqrt(0.5), math.sqrt(0.5))
 
@@ -247,7 +248,7 @@ def test_an_organised_cloud_is_the_depth_image_it_came_from(pcd, data):
 
 
 def test_frames_are_read_only_when_asked_for(plain):
-    """Ten files more than are read are damaged after opening, and nobody notices."""
+    """A file that is damaged after the frame before it was read is found damaged."""
     frames = open_recording(plain).frames()
     first = next(frames)
     assert first.stamp_s == 0.0
@@ -258,3 +259,8 @@ def test_frames_are_read_only_when_asked_for(plain):
 def test_every_recording_plays_twice_alike(tum, same):
     recording = open_recording(tum)
     assert all(map(same, recording.frames(), recording.frames()))
+
+
+def test_every_reader_is_a_recording(tum, seven_scenes, redwood, replica, plain, pcd):
+    for path in (tum, seven_scenes, redwood, replica, plain, pcd("binary")):
+        assert isinstance(open_recording(path), Recording)
