@@ -224,27 +224,29 @@ class _Side(NamedTuple):
 
 
 def _sides(local: Float[np.ndarray, "k 2"], config: FootprintConfig) -> list[_Side]:
-    """The sides towards -x, +x, -y, +y of an outline in the rectangle's axes, m."""
+    """The sides towards -x, +x, -y, +y of an outline in the rectangle's axes, m.
+
+    The outline is cut into strips square to a side; how far out it reaches in each of them tells where the
+    side lies. Of a thing of which two faces were seen, the other two sides are only touched by the faces'
+    ends: the strips that reach as far as the farthest few columns decide, be they all or these few.
+    """
     sides = []
     for axis in range(2):
         along = local[:, 1 - axis]
         strip = np.floor((along - along.min()) / config.cell_m).astype(np.int64)
         for sign in (-1.0, 1.0):
             reach = np.full(int(strip.max()) + 1, -np.inf)
-            np.maximum.at(reach, strip, sign * local[:, axis])
-            sides.append(_side(np.sort(reach[np.isfinite(reach)]), config))
+            outward = sign * local[:, axis]
+            np.maximum.at(reach, strip, outward)
+            few = min(len(outward), max(3, len(outward) // 50))
+            farthest = float(np.partition(outward, -few)[-few])
+            sides.append(_side(reach[reach >= farthest - config.fringe_m], config))
     return sides
 
 
 def _side(reach: Float[np.ndarray, "strips"], config: FootprintConfig) -> _Side:
-    """Where the side lies by how far out the outline reaches in each strip along it, ascending, m.
-
-    Of a thing of which two faces were seen, the other two sides are only touched by the faces' ends: the
-    strips that reach as far as the farthest few decide, be they all or these few.
-    """
-    farthest = reach[-min(len(reach), 3)]
-    on = reach[reach >= farthest - config.fringe_m]
-    edge = float(np.median(on))
-    deviation = on - edge
-    sigma = 1.48 * float(np.median(np.abs(deviation))) / math.sqrt(len(on))
+    """Where the side lies by how far out the outline reaches in each strip that touches it, m."""
+    edge = float(np.median(reach))
+    deviation = reach - edge
+    sigma = 1.48 * float(np.median(np.abs(deviation))) / math.sqrt(len(reach))
     return _Side(edge, sigma, float(np.exp(-0.5 * (deviation / config.cell_m) ** 2).sum()))
