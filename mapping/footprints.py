@@ -97,17 +97,17 @@ def find(
     """
     config = config or FootprintConfig()
     keep = np.isfinite(points_world).all(axis=1)
-    if sightings is not None:
-        if len(sightings) != len(points_world):
-            raise InputError(
-                f"footprints: {len(points_world)} points but {len(sightings)} sightings; give one a point"
-            )
-        keep &= sightings >= config.least_sightings
+    if sightings is not None and len(sightings) != len(points_world):
+        raise InputError(
+            f"footprints: {len(points_world)} points but {len(sightings)} sightings; give one a point"
+        )
     keep[keep] = _has_company(points_world[keep].astype(np.float64), config)
     points = points_world[keep].astype(np.float64)
     weights = np.ones(len(points)) if sightings is None else sightings[keep].astype(np.float64)
     things: list[np.ndarray] = []
     for part in _parts(points, config):
+        if np.quantile(weights[part], 0.9) >= 2 * config.least_sightings:  # a part well seen
+            part = part[weights[part] >= config.least_sightings]
         trunk = _trunk(points[part], config)
         things += [part[trunk][sub] for sub in _parts(points[part[trunk]], config)]
         things += [part[~trunk][sub] for sub in _parts(points[part[~trunk]], config)]

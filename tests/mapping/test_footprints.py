@@ -173,12 +173,21 @@ def test_nothing_stands_where_there_are_no_or_only_stray_points():
     assert find(rng.uniform(-3, 3, (150, 3))) == []
 
 
-def test_voxels_seen_in_too_few_frames_are_stray_where_that_is_known():
+def test_voxels_seen_once_on_a_thing_seen_often_are_stray():
     rng = np.random.default_rng(9)
     points = voxels(box(rng, (0.8, 0.45, 0.5)))
-    assert find(points, sightings=np.ones(len(points), np.int64)) == []
-    (footprint,) = find(points, sightings=np.full(len(points), 5))
-    assert footprint.points > 500
+    ghost = voxels(box(rng, (0.94, 0.45, 0.5), "right"))  # the same face, 7 cm out, in one frame
+    both = np.concatenate([points, ghost])
+    often = np.repeat([9, 1], [len(points), len(ghost)])
+    (footprint,) = find(both, sightings=often)
+    assert footprint.length_m == pytest.approx(0.8, abs=0.025)
+    assert footprint.points <= len(points)
+
+
+def test_a_single_frame_is_enough_for_a_footprint():
+    points = voxels(box(np.random.default_rng(9), (0.8, 0.45, 0.5)))
+    (footprint,) = find(points, sightings=np.ones(len(points), np.int64))
+    assert footprint.length_m == pytest.approx(0.8, abs=0.025)
 
 
 def test_bad_configurations_are_refused_with_their_reason():
