@@ -13,7 +13,7 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
 from .images import DepthUnit, read_colour, read_depth
-from .recording import FrameError, Journal, RecordingInfo, Remark, SkippedFrame
+from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
 KINECT_HZ = 30.0  # of Kinect, Xtion and their rendered like, for layouts that write no stamps
@@ -66,7 +66,7 @@ class FolderRecording:
         if not files:
             raise RecordingError(f"{path}: no depth image found; at least one frame was expected")
         self.info = info
-        self.remarks = [Remark(text) for text in remarks]
+        self.remarks = list(remarks)
         self._path = path
         self._files = files
         self._camera = camera

@@ -44,7 +44,7 @@ from .mcap_messages import (
     info_to_json,
     nanoseconds,
 )
-from .recording import FrameError, Journal, RecordingInfo, Remark, SkippedFrame
+from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
 
 _MAGIC = b"\x89MCAP0\r\n"
 _METADATA = "recording"
@@ -170,7 +170,7 @@ class McapRecording:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._journal = Journal()
-        self.remarks: list[Remark] = []
+        self.remarks: list[str] = []
         described, topics = self._read_head()
         if described is None:
             listed = ", ".join(sorted(topics)[:6]) or "nothing"
@@ -178,15 +178,20 @@ class McapRecording:
                 f"{path}: not one of our recordings; it holds {listed}. Only MCAP files that "
                 "`surefoot simulate --record` wrote can be played back"
             )
-        if described["format"] > FORMAT:
+        newest = described.get("format")
+        if isinstance(newest, int) and newest > FORMAT:
             raise RecordingError(
-                f"{path}: format {described['format']} is newer than the {FORMAT} this version reads; "
-                "update surefoot"
+                f"{path}: format {newest} is newer than the {FORMAT} this version reads; update surefoot"
             )
         self._ended_early, count = self._read_tail()
-        self.info = info_from_json(described, count)
+        try:
+            self.info = info_from_json(described, count)
+        except (KeyError, TypeError, IndexError, AttributeError) as error:
+            raise RecordingError(
+                f"{path}: its head is damaged ({error!r}); restore the file or record it again"
+            ) from error
         if self._ended_early:
-            self.remarks.append(Remark("recording ended early: every whole frame is played back"))
+            self.remarks.append("recording ended early: every whole frame is played back")
 
     @property
     def ended_early(self) -> bool:
@@ -268,8 +273,12 @@ class McapRecording:
         with self._path.open("rb") as file:
             for record in _records(file, Journal()):
                 if isinstance(record, Metadata) and record.name == _METADATA:
-                    described = {k: json.loads(v) for k, v in record.metadata.items()}
-                    return described, topics
+                    try:
+                        return {k: json.loads(v) for k, v in record.metadata.items()}, topics
+                    except ValueError as error:
+                        raise RecordingError(
+                            f"{self._path}: its head is damaged ({error}); restore the file or record it again"
+                        ) from error
                 if isinstance(record, Channel):
                     topics.add(record.topic)
         return None, topics

@@ -21,7 +21,7 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 
 from ._lzf_kernels import lzf_decompress
 from .folder import camera_of
-from .recording import RecordingInfo, Remark, SkippedFrame
+from .recording import RecordingInfo, SkippedFrame
 
 _TYPES = {"F": "f", "U": "u", "I": "i"}
 _PINHOLE_PX = 0.5  # ours: worse than this is another lens, or a cloud that was moved
@@ -35,18 +35,14 @@ class PcdRecording:
         RecordingError: for a file that is no PCD, cut short, not organised, or not seen by a pinhole.
     """
 
-    remarks: list[Remark]
-
     def __init__(self, path: Path) -> None:
         self._path = path
         self._camera, self._depth, self._rgb = _read(path)
         camera = self._camera
         self.info = RecordingInfo(name=path.stem, kind="pcd", frames=1)
         self.remarks = [
-            Remark(
-                f"intrinsics fitted to the points: {camera.fx:.2f} {camera.fy:.2f} "
-                f"{camera.cx:.2f} {camera.cy:.2f} px"
-            )
+            f"intrinsics fitted to the points: {camera.fx:.2f} {camera.fy:.2f} "
+            f"{camera.cx:.2f} {camera.cy:.2f} px"
         ]
 
     @property

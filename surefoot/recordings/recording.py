@@ -52,16 +52,6 @@ class SkippedFrame(NamedTuple):
     reason: str
 
 
-@dataclass(frozen=True)
-class Remark:
-    """Something the user should know of a recording that was read all the same."""
-
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
-
-
 class FrameError(SurefootError):
     """One frame cannot be used; the reader skips it and keeps the message as the reason."""
 
@@ -81,7 +71,7 @@ class Recording(Protocol):
         ...
 
     @property
-    def remarks(self) -> list[Remark]:
+    def remarks(self) -> list[str]:
         """What the user should know: assumptions made, parts without a partner, an early end."""
         ...
 

@@ -1,11 +1,13 @@
 """Our recordings: bit for bit, open to others' tools, and whole up to where a kill cut them."""
 
 import contextlib
+import dataclasses
 import io
 import itertools
 import json
 import multiprocessing
 import time
+import tracemalloc
 from pathlib import Path
 
 import cv2
@@ -173,9 +175,7 @@ def test_a_file_cut_anywhere_gives_every_frame_written_whole_before_the_cut(walk
         whole = sum(end <= size for end in ends[1:])
         recording = McapRecording(cut)
         assert recording.ended_early
-        assert [str(remark) for remark in recording.remarks] == [
-            "recording ended early: every whole frame is played back"
-        ]
+        assert recording.remarks == ["recording ended early: every whole frame is played back"]
         try:
             played = list(recording.frames())
         except RecordingError:
@@ -231,6 +231,24 @@ def test_a_flipped_byte_never_gives_a_wrong_frame(walk, same, tmp_path):
         assert all(same(frame, frames[stamps.index(frame.stamp_s)]) for frame in played)
         lost += len(played) < len(frames)
     assert lost > 50  # most of the bytes are frames, so the flips did reach them
+
+
+def test_a_flipped_byte_in_the_head_is_refused_or_harmless(walk, same, tmp_path):
+    path, frames = walk
+    content = path.read_bytes()
+    bad = tmp_path / "bad.mcap"
+    refused = 0
+    for position in range(_sizes_after_each_frame([], tmp_path)[0]):
+        flipped = bytearray(content)
+        flipped[position] ^= 0x15
+        bad.write_bytes(flipped)
+        try:
+            played = list(McapRecording(bad).frames())
+        except RecordingError:
+            refused += 1
+            continue
+        assert all(map(same, played, frames))
+    assert refused > 100
 
 
 def test_a_damaged_chunk_is_counted_and_passed_over(walk, tmp_path):
@@ -371,3 +389,21 @@ def test_a_newer_format_is_refused(tmp_path, monkeypatch):
     path = write(tmp_path / "r.mcap", [])
     with pytest.raises(RecordingError, match="format 99 is newer than the 1 this version reads"):
         McapRecording(path)
+
+
+def test_a_long_recording_is_played_in_the_memory_of_a_few_frames(make_frame, tmp_path):
+    encoded = encode(make_frame(1))
+
+    def peak(count):
+        path = tmp_path / f"{count}.mcap"
+        with RecordingWriter(path, INFO) as writer:
+            for k in range(count):
+                writer.write(dataclasses.replace(encoded, stamp_s=float(k)))
+        recording = McapRecording(path)
+        tracemalloc.start()
+        assert sum(1 for _ in recording.frames()) == count
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    assert peak(60) < 1.5 * peak(6)  # kept frames would make it 10 times as much
