@@ -25,6 +25,8 @@ from .run_tables import Table, Trajectory, read_tum
 
 _COMPARE = {"<=": operator.le, ">=": operator.ge, "==": operator.eq}
 
+_OWN_AXES = ("position_rmse_m", "position_max_m", "heading_rmse_deg", "heading_max_deg")
+
 
 @dataclass(frozen=True)
 class Target:
@@ -58,7 +60,8 @@ def evaluate(run: RunFolder, truth: Path | None = None) -> dict[str, Any]:
 
     Args:
         run: The run.
-        truth: A trajectory in TUM text to compare with; None takes the run's own truth/.
+        truth: A trajectory in TUM text to compare with instead of the run's own truth/. Its axes and its
+            body point may be others, so only what an alignment leaves is measured then.
 
     Returns:
         Figure names and numbers, flat; "timing_ms" alone is a table: stage to p50, p95, max. Names and
@@ -75,11 +78,14 @@ def evaluate(run: RunFolder, truth: Path | None = None) -> dict[str, Any]:
     walked = true if true is not None else estimate
     if walked is not None:
         metrics |= walk_metrics(walked.stamps, walked.positions)
-    if estimate is not None and true is not None:
+    if estimate is not None and true is not None and truth is not None:
+        figures = trajectory_metrics(estimate, true)
+        metrics |= {name: value for name, value in figures.items() if name not in _OWN_AXES}
+    elif estimate is not None and true is not None:
         metrics |= trajectory_metrics(estimate, true)
         claims = pose_nees(run, true)
         metrics |= {} if claims is None else consistency_metrics(claims[1], 3, "pose")
-    if true is not None:
+    if true is not None and truth is None:
         metrics |= _goals(true, summary)
     metrics |= _against_tables(run)
     timing = run.read_csv("timing.csv")
@@ -117,8 +123,9 @@ def pose_claims(
 
 
 def _goals(true: Trajectory, summary: dict[str, Any]) -> dict[str, float]:
-    """Goals by the true way, and those that the run itself counted as reached."""
-    figures = goal_metrics(true.positions, summary.get("goal_positions") or [])
+    """Goals by the true way, whatever the run itself believed to have reached."""
+    goals = [tuple(float(v) for v in goal) for goal in summary.get("goal_positions") or []]
+    figures = goal_metrics(true.positions, goals)
     if figures:
         figures["goals_missed"] = figures["goals"] - figures["goals_passed"]
     return figures

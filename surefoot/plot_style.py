@@ -36,6 +36,7 @@ _SETTINGS: dict[str, Any] = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
+    "axes.xmargin": 0.012,
     "grid.color": "#E7EAEE",
     "grid.linewidth": 0.7,
     "text.color": INK,
@@ -88,17 +89,14 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
     return data.getvalue()
 
 
+def key(axes: Axes, columns: int = 5) -> None:
+    """The legend, above the axes, where it hides nothing."""
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1,
+        handlelength=1.7, columnspacing=1.4,
+    )  # fmt: skip
+
+
 def bound(axes: Axes, value: float, words: str) -> None:
     """A target that the curve should stay below."""
-    axes.axhline(value, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)))
-    axes.annotate(
-        words,
-        (1.0, value),
-        xycoords=("axes fraction", "data"),
-        xytext=(-2, 2),
-        textcoords="offset points",
-        ha="right",
-        va="bottom",
-        color=WANTED,
-        fontsize=7.5,
-    )
+    axes.axhline(value, color=WANTED, linewidth=1.1, linestyle=(0, (5, 3)), label=words)

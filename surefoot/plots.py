@@ -20,7 +20,7 @@ from .metrics.floor import floor_errors
 from .metrics.obstacles import moving, track_errors
 from .metrics.timing import stages
 from .metrics.trajectory import associate, wrapped
-from .plot_style import BELIEF, FAINT, SERIES, TRUTH, WANTED, WRONG, bound, sheet, styled, svg
+from .plot_style import BELIEF, FAINT, SERIES, TRUTH, WANTED, WRONG, bound, key, sheet, styled, svg
 from .run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def pose_errors(run: RunFolder) -> Figure | None:
         axes[i].axhline(0.0, color=TRUTH, linewidth=0.7)
         axes[i].plot(seconds, errors[:, i], color=BELIEF, label="error")
         axes[i].set_ylabel(words)
-    axes[0].legend(loc="upper right", ncols=2)
+    key(axes[0])
     axes[2].set_xlabel("time, s")
     return figure
 
@@ -128,7 +128,8 @@ def nees_over_time(run: RunFolder) -> Figure | None:
     figure, axes = sheet(1, 1, 2.5)
     axes.axhspan(low, high, color=WANTED, alpha=0.12, lw=0, label="95 % band")
     axes.axhline(3.0, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)), label="expected mean")
-    finite = np.where(np.isfinite(values), values, np.nan)
+    bottom = low / 5
+    finite = np.where(np.isfinite(values), np.maximum(values, 1.05 * bottom), np.nan)
     inside = (values >= low) & (values <= high)
     seconds = _since_start(stamps)
     axes.plot(seconds, finite, color=BELIEF, linewidth=0.8, alpha=0.5)
@@ -138,9 +139,9 @@ def nees_over_time(run: RunFolder) -> Figure | None:
         label="outside", zorder=3,
     )  # fmt: skip
     axes.set_yscale("log")
-    axes.set_ylim(min(low / 3, _least(finite, low / 3)), max(high * 2, _most(finite, high) * 1.3))
+    axes.set_ylim(bottom, max(high * 2, _most(finite, high) * 1.3))
     axes.set(xlabel="time, s", ylabel="NEES of x, y, yaw")
-    axes.legend(loc="lower center", ncols=4, bbox_to_anchor=(0.5, 1.0), borderaxespad=0.1)
+    key(axes)
     return figure
 
 
@@ -193,12 +194,12 @@ def floor(run: RunFolder) -> Figure | None:
         start = min(float(one.stamps[0]) for one in errors.values())
         for colour, (camera, one) in zip(SERIES, errors.items(), strict=False):
             seconds = one.stamps - start
-            axes[0].plot(seconds, one.angles_deg, color=colour, lw=1.0, label=camera)
-            axes[1].plot(seconds, one.heights_mm, color=colour, lw=1.0)
+            axes[0].plot(seconds, one.angles_deg, color=colour, lw=1.0, alpha=0.9, label=camera)
+            axes[1].plot(seconds, one.heights_mm, color=colour, lw=1.0, alpha=0.9)
         axes[0].set(ylabel="tilt error, deg", ylim=(0, None))
         axes[1].set(ylabel="height error, mm", xlabel="time, s")
         axes[1].axhline(0.0, color=TRUTH, linewidth=0.7)
-        bound(axes[0], 0.5, "target of the median (TOF)")
+        bound(axes[0], 0.5, "target of the TOF median")
     else:
         stamps, heights = table.numbers("stamp_s"), table.numbers("height_m")
         seen = np.array([state == "seen" for state in table.words("state")])
@@ -213,7 +214,7 @@ def floor(run: RunFolder) -> Figure | None:
             axes[1].plot(seconds, 100 * table.numbers("share")[chosen], ".", color=colour, ms=3)
         axes[0].set_ylabel("camera height, m")
         axes[1].set(ylabel="points on it, %", xlabel="time, s", ylim=(0, 100))
-    axes[0].legend(loc="upper left", ncols=4)
+    key(axes[0])
     return figure
 
 
@@ -247,7 +248,7 @@ def tracks(run: RunFolder) -> Figure | None:
         axes[1].plot(every - every[0], believed, color=colour)
     axes[0].set(ylabel="position error, cm", ylim=(0, None))
     axes[1].set(ylabel="speed, cm/s", xlabel="time, s", ylim=(0, None))
-    axes[0].legend(loc="upper right", ncols=4)
+    key(axes[0])
     return figure
 
 
@@ -276,7 +277,7 @@ def commands(run: RunFolder) -> Figure | None:
     axes[0].set_ylabel("footstep")
     axes[1].set(ylabel="gaze", xlabel="time, s")
     for one in axes:
-        one.legend(loc="lower right", ncols=3, bbox_to_anchor=(1.0, 0.98), borderaxespad=0.1)
+        key(one)
     return figure
 
 
@@ -302,7 +303,7 @@ def timing(run: RunFolder) -> Figure | None:
         rows["the rest"] = np.sum([columns[name][1:] for name in rest], axis=0)
     seconds = (table.numbers("stamp_s") - table.numbers("stamp_s")[0])[1:]
     figure, axes = sheet(1, 2, 2.9, width_ratios=(3, 2))
-    axes[0].stackplot(seconds, list(rows.values()), colors=SERIES[: len(rows)], lw=0)
+    axes[0].stackplot(seconds, list(rows.values()), colors=SERIES[: len(rows)], lw=0, alpha=0.8)
     axes[0].set(xlabel="time, s", ylabel="ms per frame", xlim=(seconds[0], seconds[-1]))
     for i, values in enumerate(rows.values()):
         low, middle, high = np.percentile(values, (5, 50, 95))
@@ -327,8 +328,3 @@ def _since_start(stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
 def _most(values: Any, otherwise: float) -> float:
     finite = values[np.isfinite(values)]
     return float(np.max(finite)) if len(finite) else otherwise
-
-
-def _least(values: Any, otherwise: float) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.min(finite)) if len(finite) else otherwise

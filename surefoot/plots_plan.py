@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _UNSEEN, _FREE, _OCCUPIED = (0.90, 0.915, 0.93), (1.0, 1.0, 1.0), (0.36, 0.40, 0.45)
 _MOVER_SEEN = 0.5  # tracks that moved with at least this probability are drawn as moving
-_ELLIPSES = 40  # at most, along one line
+_ELLIPSES = 26  # at most, along one line
 _READABLE_M = 0.05  # ellipses smaller than this are drawn enlarged, and the legend says so
 
 PLAN_SENTENCE = (
@@ -88,14 +88,14 @@ def grid_check(run: RunFolder) -> Figure | None:
     axes.plot([], [], color=TRUTH, lw=0.8, label="true outline")
     axes.set_xlim(box[0], box[1])
     axes.set_ylim(box[2], box[3])
-    _legend(axes)
+    _legend(axes, 5)
     return figure
 
 
 def _sheet(box: tuple[float, float, float, float], share: float = 1.0) -> tuple[Figure, Any]:
     """Axes with equal scales, as high as the scene asks for."""
     wide, high = box[1] - box[0], box[3] - box[2]
-    height_in = float(np.clip(share * WIDTH_IN * high / wide + 0.9, 3.2, 9.0))
+    height_in = float(np.clip(share * (WIDTH_IN - 0.6) * high / wide + 0.95, 3.2, 8.5))
     figure, axes = sheet(1, 1, height_in)
     axes.set_aspect("equal")
     axes.grid(False)
@@ -164,6 +164,7 @@ def _enlargement(gaussians: list[Gaussian]) -> float:
 
 
 def _ellipse(axes: Axes, gaussian: Gaussian, enlarged: float, colour: str) -> None:
+    from matplotlib.colors import to_rgba
     from matplotlib.patches import Ellipse
 
     long, short, direction = gaussian.ellipse()
@@ -171,7 +172,7 @@ def _ellipse(axes: Axes, gaussian: Gaussian, enlarged: float, colour: str) -> No
     axes.add_patch(
         Ellipse(
             (x, y), 2 * enlarged * long, 2 * enlarged * short, angle=float(np.degrees(direction)),
-            facecolor=colour, edgecolor=colour, alpha=0.22, lw=0.8, zorder=5,
+            facecolor=to_rgba(colour, 0.13), edgecolor=to_rgba(colour, 0.7), lw=0.7, zorder=5,
         )
     )  # fmt: skip
 
@@ -245,8 +246,18 @@ def _marks(axes: Axes, run: RunFolder) -> None:
             )  # fmt: skip
 
 
-def _legend(axes: Axes) -> None:
+_LEGEND = ("believed", "95 %", "truth", "goal", "landmark", "moving", "footprint")
+
+
+def _legend(axes: Axes, columns: int = 4) -> None:
+    """Above the axes, the way first."""
+    handles, labels = axes.get_legend_handles_labels()
+
+    def place(pair: tuple[Any, str]) -> int:
+        return next((i for i, word in enumerate(_LEGEND) if pair[1].startswith(word)), len(_LEGEND))
+
+    ordered = sorted(zip(handles, labels, strict=True), key=place)
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.6,
-        columnspacing=1.4,
+        *zip(*ordered, strict=True), loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns,
+        borderaxespad=0.2, handlelength=1.6, columnspacing=1.4,
     )  # fmt: skip

@@ -112,5 +112,5 @@ def over_runs(
         dof: Size of the state.
     """
     mean = series.mean(axis=0)
-    low, high = band(dof, len(series))
+    low, high = band(dof, float(len(series)))
     return mean, float(np.mean((mean >= low) & (mean <= high)))
