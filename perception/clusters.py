@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import ndimage
 
+from . import _clusters_kernels
 from .primitives.errors import ConfigError
 
 
@@ -28,7 +29,8 @@ class ClusterConfig:
     least_cell_points: int = 3  # seed 003: fewer points in a cell are stray
     least_height_m: float = 0.04  # ours: lower is carpet
     small_m: float = 0.45  # ours: longest side of what is taken for round
-    mean_radius_m: float = 0.10  # seed 001: S_o, radius of an obstacle whose far side is unseen
+    tall_m: float = 1.2  # ours: only what is this tall is parted into several, by its heads
+    prominence_m: float = 0.15  # ours: head over shoulder is 0.25 m
     arc_noise: float = 0.30  # ours: share of the radius by which a completed centre may be off
 
     def __post_init__(self) -> None:
@@ -88,6 +90,7 @@ def cluster(
     flat = cells[:, 0] * shape[1] + cells[:, 1]
     counts = np.bincount(flat, minlength=int(shape[0] * shape[1])).reshape(shape)
     labels, number = ndimage.label(counts >= config.least_cell_points, np.ones((3, 3)))
+    labels, number = _split(labels, number, cells, points[:, 2], config)
     label_of_point = labels.ravel()[flat]
     order = np.argsort(label_of_point, kind="stable")
     bounds = np.searchsorted(label_of_point[order], np.arange(1, number + 2))
@@ -99,6 +102,27 @@ def cluster(
         if np.quantile(points[members, 2], 0.98) >= config.least_height_m:
             found.append(_describe(points[members], sigma[members], sensor_xy, config))
     return sorted(found, key=lambda c: float(np.linalg.norm(c.centre - sensor_xy)))
+
+
+def _split(
+    labels: np.ndarray, number: int, cells: np.ndarray, heights: np.ndarray, config: ClusterConfig
+) -> tuple[np.ndarray, int]:
+    """Part tall things that only touch: two people shoulder to shoulder have two heads."""
+    top = np.full(labels.shape, -np.inf)
+    np.maximum.at(top, (cells[:, 0], cells[:, 1]), heights)
+    for label in range(1, number + 1):
+        inside = labels == label
+        if top[inside].max() < config.tall_m:
+            continue
+        smooth = ndimage.median_filter(np.where(inside, top, 0.0), size=3)  # flying pixels are no heads
+        relief = np.where(inside, smooth, np.nan)
+        flat = np.flatnonzero(inside)
+        order = flat[np.argsort(-relief.ravel()[flat], kind="stable")]
+        parts = _clusters_kernels.peaks(relief, order, config.prominence_m)
+        for part in np.unique(parts[inside])[1:]:
+            number += 1
+            labels[parts == part] = number
+    return labels, number
 
 
 def _describe(

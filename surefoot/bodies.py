@@ -8,7 +8,7 @@ anything sees it, so what is processed live is to the bit what a recording gives
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from perception.primitives.frame import Frame
 from planning.commands import GazeCommand, WalkCommand
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sim.robot import SimulatedRobot
 
 
+@runtime_checkable
 class Body(Protocol):
     """Eyes to read and, where there are any, legs and a neck to command."""
 

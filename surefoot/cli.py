@@ -102,7 +102,9 @@ def main(debug: bool) -> None:
       surefoot evaluate runs/offline
       surefoot view runs/offline
     """
-    logging.basicConfig(level=logging.DEBUG if debug else logging.WARNING)
+    logging.basicConfig(level=logging.WARNING)
+    for package in ("perception", "mapping", "planning", "sim", "surefoot"):
+        logging.getLogger(package).setLevel(logging.DEBUG if debug else logging.WARNING)
 
 
 out_option = click.option(

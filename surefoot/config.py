@@ -17,8 +17,8 @@ from mapping.egocentric_grid import GridConfig
 from mapping.footprints import FootprintConfig
 from mapping.world_map import WorldMapConfig
 from perception.clusters import ClusterConfig
-from perception.floor import FloorConfig
 from perception.floor.classify import ClassConfig
+from perception.floor.find import FloorConfig
 from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.obstacles import TrackerConfig

@@ -177,8 +177,9 @@ class Journal:
             )
 
     def _obstacles(self, pipeline: Pipeline) -> dict[str, Any]:
-        points, _ = pipeline.obstacle_cloud.cloud()
-        standing = footprints.find(points, self._config.footprints) if len(points) else []
+        cloud = pipeline.obstacle_cloud
+        points, _ = cloud.cloud()
+        standing = footprints.find(points, self._config.footprints, cloud.sightings)
         return {
             "tracks": self._tracks,
             "footprints": [

@@ -21,7 +21,8 @@ from mapping.egocentric_grid import EgocentricGrid
 from mapping.world_map import WorldMap
 from perception import clusters, points, stereo, structured_light, time_of_flight
 from perception.clusters import Cluster
-from perception.floor import classify, find
+from perception.floor import classify
+from perception.floor.find import find_floor
 from perception.levelling import level, shadow
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter, UpdateReport
@@ -33,11 +34,12 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 
-from .config import Config
+from .config import Config, ReachConfig
 from .recordings.recording import RecordingInfo
 from .whereabouts import Given, Nowhere, Walker, Whereabouts
 
 OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # where no foot may go
+RISING = (classify.OBSTACLE, classify.OVERHANG)  # what things are made of: legs and the body above
 KNEE_M = 0.15  # height at which a track is looked for: every obstacle worth a track reaches it
 BEYOND_M = 0.15  # what is measured this far behind a place shows that nothing stands there
 MOVER_MARGIN_M = 0.06  # position error of a track and noise of the points
@@ -184,10 +186,10 @@ class Pipeline:
 
     def _understand(self, sensor: str, depth: Depth) -> View | None:
         """Points, floor and classes of one depth image; None where there is nothing to stand on."""
-        reach = self.config.reach[sensor]
+        reach: ReachConfig = getattr(self.config.reach, sensor)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.whereabouts.expected_floor(depth.T_body_camera)
-        floor = find(cloud, expected, self.rng, self.config.floor)
+        floor = find_floor(cloud, expected, self.rng, self.config.floor)
         placed = self.whereabouts.place(depth.T_body_camera, None if floor is None else floor.plane)
         if placed is None:
             return None
@@ -209,7 +211,7 @@ class Pipeline:
         if not views:
             return []
         T_body_map = (Pose2() if pose is None else _pose2(pose)).inverse().lifted()
-        rising = [np.isin(view.classes, OBSTACLES) for view in views]
+        rising = [np.isin(view.classes, RISING) for view in views]
         obstacle_points = np.concatenate(
             [T_body_map.apply(v.upright[mask]) for v, mask in zip(views, rising, strict=True)]
         )
@@ -237,9 +239,10 @@ class Pipeline:
         for view in views:
             self._remember_view(frame, view)
             self.confidence.see(
-                _looked_at(view, self.grid, self.config.reach[view.sensor].farthest_m)
+                _looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
             )
         self.grid.age(elapsed)
+        self.world.age(elapsed)
 
     def _remember_view(self, frame: Frame, view: View) -> None:
         """One depth image into grid, world map and clouds."""
@@ -261,6 +264,7 @@ class Pipeline:
             upright[:, :2],
             is_obstacle,
             frame.stamp_s,
+            heights_m=upright[:, 2],
             is_moving=is_moving,
         )
         colours = _colours(view, frame.colour)

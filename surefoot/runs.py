@@ -24,6 +24,8 @@ from .run_folder import RunFolder
 
 Say = Callable[[str], None]
 
+START_COVARIANCE = np.diag(np.square([0.01, 0.01, np.radians(1.0)]))  # put down on its mark by hand
+
 
 @dataclass(frozen=True)
 class Summary:
@@ -106,6 +108,8 @@ def simulate(
             landmarks=scene.landmarks,
             start=scene.start,
             scene=config.scene,
+            start_covariance=START_COVARIANCE,
+            floor_height_world_m=0.0,
             gravity_up_world=(0.0, 0.0, 1.0),
         )
         body = LiveBody(robot, begin(info))
@@ -158,7 +162,7 @@ def process(
         journal.frames,
         journal.seconds,
         skipped=_count(recording),
-        notes=journal.notes(pipeline),
+        notes=(*journal.notes(pipeline), *recording.remarks),
     )
     journal.finish(pipeline, summary.as_dict())
     return summary

@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float
 
 from perception.floor.prior import handheld_prior, kinematic_prior
 from perception.levelling import UP, level, rotation_between, shadow
@@ -48,6 +47,7 @@ class Placed:
     floor: Plane
 
 
+@runtime_checkable
 class Whereabouts(Protocol):
     """Who knows where the body is."""
 
@@ -115,9 +115,11 @@ class Given:
     first floor that is seen. Its floor is the running mean of the floors seen.
     """
 
-    def __init__(self, up_world: Float[np.ndarray, "3"] | None, config: PriorConfig) -> None:
+    def __init__(
+        self, up_world: tuple[float, float, float] | None, config: PriorConfig
+    ) -> None:
         self._config = config
-        self._R_map_world = None if up_world is None else rotation_between(up_world, UP)
+        self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
         self._T_map_camera: Pose3 | None = None
         self._given: Pose3 | None = None
         self._floor_heights: list[float] = []

@@ -22,6 +22,7 @@ from .experiment import Experiment, Outcome, Say, Target
 
 FLOOR_SHARE = 0.10  # a floor that is this share of the points must be found
 SAME_FLOOR_M = 0.15  # the table is 0.73 m above the floor: nearer is the floor
+PERSON_TALL_M = (1.4, 2.0)  # a cupboard is lower, a wall higher
 CABINET_M = (0.79, 0.45)  # length and width by the set's truth file
 
 
@@ -54,7 +55,9 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     assert last is not None
     angle, height = errors(pairs)
     points, _ = last.obstacle_cloud.cloud()
-    boxes = footprints.find(points, last.config.footprints)
+    boxes = footprints.find(
+        points, last.config.footprints, last.obstacle_cloud.sightings
+    )
     largest = max(boxes, key=lambda box: box.points)
     figures = {
         "tum_fr3_cabinet_deg": float(np.median(angle)),
@@ -100,7 +103,7 @@ def people(say: Say) -> tuple[dict[str, float], list[str]]:
     (truth,) = real_data.floors(path / "floor.csv").values()
     ((_, estimate, _),) = cycles(path / "five_people.pcd", say)
     angle, height = errors([(view.floor, truth) for view in estimate.views])
-    count = len(estimate.clusters)
+    count = sum(PERSON_TALL_M[0] <= c.height_m <= PERSON_TALL_M[1] for c in estimate.clusters)
     figures = {
         "five_people_deg": float(angle[0]),
         "five_people_mm": float(abs(height[0])),
