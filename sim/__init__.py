@@ -1,1 +1,13 @@
-"""sim."""
+"""The simulation: a world to try it in, a robot that walks there, and a truth to judge by.
+
+Read in this order: `shapes` and `scenes` (what stands and moves, as values), `home` and `rooms` with
+`furniture`, `tags` and `free_space` (how scenes are made from a seed), `textures`, `painting` and
+`pictures` (what they look like), `rays` (how far things are), `world` (a scene with a clock), `gait`
+(footsteps to motion), `body` (what slip and tremble add), `head`, `inertial`, `cameras`, `tof_camera`
+(the sensors), `robot` (all of it, as something to drive), `solid` and `truth` (for evaluation alone).
+
+It knows the words of the project and none of its algorithms. Truth leaves it through `truth` only.
+
+Sources: seed 000 (gait command, instants of the images, robots to and fro), seed 003 (stereo pair),
+seed 004 (time-of-flight camera); measures of a DARwIn-OP.
+"""

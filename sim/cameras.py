@@ -1,0 +1,75 @@
+"""The colour camera and the stereo pair: sizes, places in the head, noise of the image."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose3
+
+from .world import World
+
+
+@dataclass(frozen=True)
+class ImageConfig:
+    """A camera that takes pictures: square pixels, optical axis through the middle."""
+
+    width: int
+    height: int
+    across_deg: float
+    mount_m: tuple[float, float, float]
+    noise_grey: float = 2.0  # deviation in grey levels, every pixel and colour its own
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.across_deg < 170.0:
+            raise ConfigError(f"camera: across_deg={self.across_deg} must lie in (0, 170)")
+        if self.noise_grey < 0.0:
+            raise ConfigError(f"camera: noise_grey={self.noise_grey} must not be negative")
+
+    @property
+    def camera(self) -> Camera:
+        """Its pinhole."""
+        focal = self.width / 2 / math.tan(math.radians(self.across_deg) / 2)
+        middle = ((self.width - 1) / 2, (self.height - 1) / 2)
+        return Camera(self.width, self.height, focal, focal, *middle)
+
+
+def colour_picture(
+    world: World, config: ImageConfig, T_world_camera: Pose3, rng: np.random.Generator
+) -> UInt8[np.ndarray, "h w 3"]:
+    """A picture with the noise of its sensor, red first."""
+    return _noisy(world.picture(config.camera, T_world_camera), config.noise_grey, rng)
+
+
+def stereo_pair(
+    world: World,
+    config: ImageConfig,
+    baseline_m: float,
+    T_world_left: Pose3,
+    rng: np.random.Generator,
+) -> tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
+    """Left and right grey picture of a perfectly rectified pair, each with its own noise."""
+    camera = config.camera
+    T_world_right = T_world_left @ Pose3((baseline_m, 0.0, 0.0))
+    left, right = (
+        _noisy(
+            cv2.cvtColor(world.picture(camera, pose), cv2.COLOR_RGB2GRAY), config.noise_grey, rng
+        )
+        for pose in (T_world_left, T_world_right)
+    )
+    return left, right
+
+
+def _noisy(
+    image: UInt8[np.ndarray, "h w *c"], sigma: float, rng: np.random.Generator
+) -> UInt8[np.ndarray, "h w *c"]:
+    if sigma == 0.0:
+        return image
+    noise = rng.standard_normal(image.shape, dtype=np.float32)
+    return np.clip(np.rint(image + np.float32(sigma) * noise), 0, 255).astype(np.uint8)

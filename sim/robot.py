@@ -1,0 +1,183 @@
+"""The simulated robot: a body that walks in a world, a head that looks, and sensors that say what they see.
+
+Frames come twice a step, 0.2 s before the end of single support and at its end, when the gait asks for
+its next command. Everything in a `Frame` is what sensors give: `T_body_camera` is what the encoders say,
+the odometry what the joints say. What is true stays here, under a leading underscore of `truth`'s.
+
+Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (cameras).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.frame import (
+    ColourView,
+    Frame,
+    RangeView,
+    StepOdometry,
+    StereoView,
+)
+from perception.primitives.pose import Pose3
+from planning.commands import GazeCommand, WalkCommand
+
+from .body import Advance, KinematicBody, SlipConfig, TrembleConfig
+from .cameras import ImageConfig, colour_picture, stereo_pair
+from .gait import GaitConfig
+from .head import Head, HeadConfig
+from .inertial import ImuConfig, InertialSensor, TrunkState
+from .tof_camera import TofCamera, TofConfig
+from .world import World
+
+BEFORE_END_S = 0.20  # dT of seed 000: the first of the two images, before the end of single support
+
+
+@dataclass(frozen=True)
+class RobotConfig:
+    """Which sensors the robot has, and how good they and the body are.
+
+    A camera that is switched off is not rendered; its part of the frame is None.
+    """
+
+    tof: bool = True
+    stereo: bool = True
+    colour: bool = True
+    tof_mount_m: tuple[float, float, float] = (0.035, 0.0, 0.035)  # DARwIn-OP's camera
+    baseline_m: float = 0.04  # seed 003
+    gait: GaitConfig = GaitConfig()
+    slip: SlipConfig = SlipConfig()
+    tremble: TrembleConfig = TrembleConfig()
+    head: HeadConfig = HeadConfig()
+    imu: ImuConfig = ImuConfig()
+    tof_camera: TofConfig = TofConfig()
+    colour_camera: ImageConfig = field(
+        default_factory=lambda: ImageConfig(720, 720, 90.0, (0.035, 0.0, 0.035))
+    )  # seed 000: f = 360 px
+    stereo_camera: ImageConfig = field(
+        default_factory=lambda: ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035))
+    )  # left one; ours: f = 554 px
+
+    def __post_init__(self) -> None:
+        if not self.baseline_m > 0.0:
+            raise ConfigError(f"robot: baseline_m={self.baseline_m} must be positive")
+
+
+class SimulatedRobot:
+    """Drives like a real one: read, walk, look."""
+
+    def __init__(self, world: World, config: RobotConfig, seed: int = 0) -> None:
+        self.world, self.config = world, config
+        streams = np.random.SeedSequence([seed, 30]).spawn(6)
+        body, head, imu, tof, colour, stereo = (np.random.default_rng(s) for s in streams)
+        self.body = KinematicBody(world.scene.start, config.gait, config.slip, config.tremble, body)
+        self._head = Head(config.head, head)
+        self._inertial = InertialSensor(config.imu, imu)
+        self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
+        self._colour_rng, self._stereo_rng = colour, stereo
+        self._began_s = world.stamp_s
+        self._state = self._trunk_state()
+
+    def read(self) -> Frame:
+        """Let the world go on to the next instant of the sensors, and look."""
+        config = self.config
+        first = round(BEFORE_END_S / config.gait.tick_s)
+        left = self.body.ticks_left
+        if left == 0:  # a new step begins; its length is known once it is taken up
+            self._pass(1)
+            left, gone = self.body.ticks_left, self._gone
+        else:
+            gone = None
+        ticks = left - first if left > first else left
+        advance = self._pass(ticks)
+        if gone is not None:
+            advance = _joined(gone, advance)
+        before, self._state = self._state, self._trunk_state()
+        imu = self._inertial.measure(before, self._state, advance.seconds)
+        return Frame(
+            stamp_s=self.world.stamp_s,
+            tof=self._range_view(),
+            stereo=self._stereo_view(),
+            colour=self._colour_view(),
+            odometry=StepOdometry(advance.motion, advance.steps),
+            imu=imu,
+            footstep_due=self.body.ticks_left == 0,
+        )
+
+    def walk(self, command: WalkCommand) -> None:
+        """Taken up at the start of the coming double support; without a new one the robot stands.
+
+        What lies beyond the limits of `GaitConfig` is clipped, and the odometry says so.
+        """
+        self.body.walk(command)
+
+    def look(self, gaze: GazeCommand) -> None:
+        """Turn the head there, as fast as it can; clipped to its reach."""
+        self._head.look(gaze)
+
+    def cameras(self) -> dict[str, tuple[float, float, float]]:
+        """The cameras that are on, and their places in the head."""
+        config = self.config
+        mounts = {
+            "tof": (config.tof, config.tof_mount_m),
+            "stereo": (config.stereo, config.stereo_camera.mount_m),
+            "colour": (config.colour, config.colour_camera.mount_m),
+        }
+        return {name: mount for name, (on, mount) in mounts.items() if on}
+
+    def camera_in_world(self, mount: tuple[float, float, float]) -> Pose3:
+        """Where a camera really is: through it the world is rendered. No estimate may ask."""
+        trunk = self.body.true_pose.lifted() @ self.body.true_trunk()
+        return trunk @ self._head.camera_truly(mount)
+
+    def _camera_by_joints(self, mount: tuple[float, float, float]) -> Pose3:
+        pelvis = self.body.pelvis_joints
+        return Pose3((pelvis.x, pelvis.y, 0.0)) @ self._head.camera_by_encoders(mount)
+
+    def _pass(self, ticks: int) -> Advance:
+        """Body, head and world go on together."""
+        advance = self.body.advance(ticks)
+        self._head.advance(advance.seconds)
+        self.world.advance_to(self._began_s + round(self.body.ticks * self.config.gait.tick_s, 9))
+        self._gone = advance
+        return advance
+
+    def _trunk_state(self) -> TrunkState:
+        body = self.body
+        return TrunkState(body.true_pose.yaw, body.velocity_body, body.tremble)
+
+    def _range_view(self) -> RangeView | None:
+        if self._tof is None:
+            return None
+        mount = self.config.tof_mount_m
+        range_m, amplitude = self._tof.measure(self.world.rays, self.camera_in_world(mount))
+        return RangeView(range_m, amplitude, self._tof.camera, self._camera_by_joints(mount))
+
+    def _colour_view(self) -> ColourView | None:
+        if not self.config.colour:
+            return None
+        config = self.config.colour_camera
+        true = self.camera_in_world(config.mount_m)
+        rgb = colour_picture(self.world, config, true, self._colour_rng)
+        return ColourView(rgb, config.camera, self._camera_by_joints(config.mount_m))
+
+    def _stereo_view(self) -> StereoView | None:
+        if not self.config.stereo:
+            return None
+        config, baseline = self.config.stereo_camera, self.config.baseline_m
+        true = self.camera_in_world(config.mount_m)
+        left, right = stereo_pair(self.world, config, baseline, true, self._stereo_rng)
+        return StereoView(
+            left, right, baseline, config.camera, self._camera_by_joints(config.mount_m)
+        )
+
+
+def _joined(first: Advance, second: Advance) -> Advance:
+    """One after the other."""
+    return Advance(
+        first.motion @ second.motion,
+        first.steps + second.steps,
+        first.seconds + second.seconds,
+    )

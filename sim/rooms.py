@@ -1,0 +1,148 @@
+"""The plain scenes: an empty room, a corridor, boxes in an arena; and the walls that all rooms have."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from perception.primitives.pose import Pose2
+
+from .scenes import FloorArea, Mover, Scene, Thing
+from .shapes import Box, Cylinder
+from .tags import place_tags
+
+WALL_HEIGHT_M = 2.4
+WALL_THICKNESS_M = 0.10
+
+Extent = tuple[float, float, float, float]
+
+
+def walls(extent: Extent, materials: tuple[str, str, str, str]) -> tuple[Thing, ...]:
+    """Four walls just outside the extent: east, north, west, south."""
+    x0, y0, x1, y1 = extent
+    t, h = WALL_THICKNESS_M, WALL_HEIGHT_M
+    middle_x, middle_y = (x0 + x1) / 2, (y0 + y1) / 2
+    long_x, long_y = x1 - x0 + 2 * t, y1 - y0 + 2 * t
+    boxes = (
+        Box((x1 + t / 2, middle_y, h / 2), (t, long_y, h), 0.0, materials[0]),
+        Box((middle_x, y1 + t / 2, h / 2), (long_x, t, h), 0.0, materials[1]),
+        Box((x0 - t / 2, middle_y, h / 2), (t, long_y, h), 0.0, materials[2]),
+        Box((middle_x, y0 - t / 2, h / 2), (long_x, t, h), 0.0, materials[3]),
+    )
+    return tuple(Thing("wall", (box,), 0.75, wall=True) for box in boxes)
+
+
+def little_robot(
+    name: str,
+    start: tuple[float, float],
+    heading_rad: float,
+    speed_mps: float,
+    reversal_s: float,
+    colour: str,
+    height_m: float = 0.45,
+) -> Mover:
+    """A moving robot of 10 cm radius with a narrower head."""
+    head = 0.08
+    body = Cylinder((0.0, 0.0, (height_m - head) / 2), 0.10, height_m - head, f"stripes/{colour}")
+    top = Cylinder((0.0, 0.0, height_m - head / 2), 0.07, head, "stripes/slate")
+    return Mover(name, start, heading_rad, speed_mps, reversal_s, (body, top))
+
+
+def empty_room(seed: int) -> Scene:
+    """Four walls and a floor, 5 x 4 m: for measuring sensors and walking without anything in the way."""
+    extent = (0.0, 0.0, 5.0, 4.0)
+    return _finished(
+        "empty_room",
+        seed,
+        extent,
+        "planks/oak",
+        walls(extent, ("plaster/white", "plaster/sage", "plaster/cream", "plaster/sky")),
+        (),
+        Pose2(0.8, 2.0, 0.0),
+        ((4.2, 2.0), (4.2, 3.2), (0.8, 0.8)),
+    )
+
+
+def corridor(seed: int) -> Scene:
+    """A corridor of 8 x 1.6 m with boxes at alternating sides and one robot going along it."""
+    rng = np.random.default_rng([seed, 2])
+    extent = (0.0, 0.0, 8.0, 1.6)
+    things = list(walls(extent, ("plaster/cream",) * 4))
+    side = bool(rng.integers(2))
+    for k, x in enumerate(np.arange(1.8, 6.8, 1.5)):
+        width, height = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.3, 0.6))
+        y = width / 2 + 0.02 if side else extent[3] - width / 2 - 0.02
+        place = (float(x + rng.uniform(-0.15, 0.15)), y, height / 2)
+        things.append(
+            Thing(f"carton {k + 1}", (Box(place, (0.35, width, height), 0.0, "cardboard/kraft"),))
+        )
+        side = not side
+    speed = float(rng.uniform(0.03, 0.05))
+    mover = little_robot("robot 1", (4.2, 0.8), 0.0, speed, 20.0, "orange")
+    return _finished(
+        "corridor",
+        seed,
+        extent,
+        "tiles/grey",
+        tuple(things),
+        (mover,),
+        Pose2(0.6, 0.8, 0.0),
+        ((7.3, 0.8), (0.7, 0.8)),
+    )
+
+
+def boxes(seed: int) -> Scene:
+    """An arena of 4 x 3 m with boxes of 32 x 24 x 32 cm in a row, a gap between them.
+
+    Source: seed 004, section 8 (test obstacle, arena of 2.5 x 3 m; ours is longer to start back).
+    """
+    rng = np.random.default_rng([seed, 3])
+    extent = (0.0, 0.0, 4.0, 3.0)
+    things = list(walls(extent, ("plaster/white",) * 4))
+    gap = float(rng.uniform(0.7, 0.9))
+    middle = float(rng.uniform(1.0, 2.0))
+    y_low, y_high = middle - gap / 2, middle + gap / 2
+    for k in range(2):
+        for name, y in (("low", y_low - 0.12 - 0.24 * k), ("high", y_high + 0.12 + 0.24 * k)):
+            box = Box((2.0, y, 0.16), (0.32, 0.24, 0.32), 0.0, "cardboard/kraft")
+            things.append(Thing(f"box {name} {k + 1}", (box,)))
+    return _finished(
+        "boxes",
+        seed,
+        extent,
+        "planks/pine",
+        tuple(things),
+        (),
+        Pose2(0.6, 1.5, 0.0),
+        ((3.4, 1.5),),
+    )
+
+
+def _finished(
+    name: str,
+    seed: int,
+    extent: Extent,
+    flooring: str,
+    things: tuple[Thing, ...],
+    movers: tuple[Mover, ...],
+    start: Pose2,
+    goals: tuple[tuple[float, float], ...],
+) -> Scene:
+    plates, landmarks = place_tags(extent, things, start, count=16)
+    return Scene(
+        name,
+        seed,
+        extent,
+        (FloorArea(flooring, extent),),
+        things + plates,
+        movers,
+        landmarks,
+        start,
+        goals,
+    )
+
+
+def towards(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Heading from one place to another, rad."""
+    return math.atan2(b[1] - a[1], b[0] - a[0])

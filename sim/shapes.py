@@ -1,0 +1,233 @@
+"""The shapes a scene is made of, and the patches of surface that cover them.
+
+Everything stands upright: boxes turned about the vertical, and vertical cylinders. One set of patches
+feeds the pictures and the ray casting alike, so that what is seen and what is measured are one world.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+SEGMENTS = 32  # sides of a drawn cylinder; at 10 cm radius the polygon is 0.5 mm inside the circle
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box standing upright.
+
+    Args:
+        centre: (x, y, z) of its middle, world frame, m.
+        size: (along its own x, y, z), m.
+        yaw_rad: Turn about the vertical.
+        material: Name of a material, see `textures`.
+        front: Another material for the face towards its own +x; empty for the same.
+    """
+
+    centre: tuple[float, float, float]
+    size: tuple[float, float, float]
+    yaw_rad: float = 0.0
+    material: str = "plaster/white"
+    front: str = ""
+
+    @property
+    def bottom_m(self) -> float:
+        """Height of its underside."""
+        return self.centre[2] - self.size[2] / 2
+
+    @property
+    def top_m(self) -> float:
+        """Height of its upper side."""
+        return self.centre[2] + self.size[2] / 2
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """A vertical cylinder: centre of its middle (x, y, z), radius and height, m."""
+
+    centre: tuple[float, float, float]
+    radius: float
+    height: float
+    material: str = "plaster/white"
+
+    @property
+    def bottom_m(self) -> float:
+        """Height of its underside."""
+        return self.centre[2] - self.height / 2
+
+    @property
+    def top_m(self) -> float:
+        """Height of its upper side."""
+        return self.centre[2] + self.height / 2
+
+
+Shape = Box | Cylinder
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """A piece of surface with its own rectangle of texture.
+
+    Args:
+        vertices: World frame, m.
+        triangles: Into the vertices, counter-clockwise from outside.
+        uv: Of each vertex, both in [0, 1], (0, 0) the upper left corner of the texture.
+        size_m: Width and height of the texture on the surface.
+        normal: Outward; for the side of a cylinder that of its first line.
+        material: What it is made of.
+        curved: Whether it is the side of a cylinder.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "m 3"]
+    uv: Float[np.ndarray, "n 2"]
+    size_m: tuple[float, float]
+    normal: Float[np.ndarray, "3"]
+    material: str
+    curved: bool = False
+
+
+def patches(shape: Shape) -> list[Patch]:
+    """The visible surface of a shape: all but its underside where that stands on the floor."""
+    if isinstance(shape, Box):
+        return _box_patches(shape)
+    return _cylinder_patches(shape)
+
+
+def rectangle(
+    corner: Float[np.ndarray, "3"],
+    right: Float[np.ndarray, "3"],
+    down: Float[np.ndarray, "3"],
+    material: str,
+) -> Patch:
+    """A flat patch from its upper left corner and the edges along its texture, as seen from outside."""
+    vertices = np.stack([corner, corner + down, corner + down + right, corner + right])
+    normal = np.cross(down, right)
+    return Patch(
+        vertices,
+        np.array([[0, 1, 2], [0, 2, 3]]),
+        np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 1.0], [1.0, 0.0]]),
+        (float(np.linalg.norm(right)), float(np.linalg.norm(down))),
+        normal / np.linalg.norm(normal),
+        material,
+    )
+
+
+def outline(shape: Shape) -> Float[np.ndarray, "n 2"]:
+    """The shape's shadow on the floor: corners counter-clockwise, world frame, m."""
+    if isinstance(shape, Cylinder):
+        angle = np.arange(SEGMENTS) * 2 * math.pi / SEGMENTS
+        ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return np.asarray(shape.centre[:2] + shape.radius * ring)
+    half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(shape.size[:2]) / 2
+    c, s = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
+    return np.asarray(half @ np.array([[c, s], [-s, c]]) + np.array(shape.centre[:2]))
+
+
+def distance(shape: Shape, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n"]:
+    """Signed distance of floor points, m, from the shape's shadow; negative inside. Exact."""
+    offset = points - np.array(shape.centre[:2])
+    if isinstance(shape, Cylinder):
+        return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) - shape.radius)
+    c, s = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
+    local = np.abs(offset @ np.array([[c, -s], [s, c]])) - np.array(shape.size[:2]) / 2
+    outside = np.hypot(np.maximum(local[:, 0], 0.0), np.maximum(local[:, 1], 0.0))
+    return np.asarray(outside + np.minimum(local.max(axis=1), 0.0))
+
+
+def convex_gap(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]) -> float:
+    """Distance between two convex outlines, m; if they overlap, minus the depth of it. Exact.
+
+    Corners run counter-clockwise. Overlapping ones are parted along the edge normal of least depth.
+    """
+    depth = max(_separation(a, b), _separation(b, a))
+    if depth <= 0.0:
+        return depth
+    return min(_corner_distance(a, b), _corner_distance(b, a))
+
+
+def _separation(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]) -> float:
+    """Greatest signed distance of b from the edges of a."""
+    edge = np.roll(a, -1, axis=0) - a
+    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    heights = (b[None] - a[:, None]) @ outward[:, :, None]
+    return float(heights[..., 0].min(axis=1).max())
+
+
+def _corner_distance(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]) -> float:
+    """Least distance of a corner of b from an edge of a."""
+    edge = np.roll(a, -1, axis=0) - a
+    offset = b[None] - a[:, None]
+    share = (offset * edge[:, None]).sum(axis=2) / (edge**2).sum(axis=1)[:, None]
+    nearest = np.clip(share, 0.0, 1.0)[..., None] * edge[:, None]
+    return float(np.linalg.norm(offset - nearest, axis=2).min())
+
+
+def _box_patches(box: Box) -> list[Patch]:
+    c, s = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
+    x, y, z = np.array([c, s, 0.0]), np.array([-s, c, 0.0]), np.array([0.0, 0.0, 1.0])
+    hx, hy, hz = (v / 2 for v in box.size)
+    middle = np.array(box.centre)
+    found = []
+    for outward, leftward, depth, width, front in (
+        (x, y, hx, hy, True),
+        (y, -x, hy, hx, False),
+        (-x, -y, hx, hy, False),
+        (-y, x, hy, hx, False),
+    ):
+        # seen from outside, the side's left edge lies towards minus `leftward`
+        corner = middle + outward * depth - leftward * width + z * hz
+        material = box.front if front and box.front else box.material
+        found.append(rectangle(corner, 2 * width * leftward, -2 * hz * z, material))
+    found.append(
+        rectangle(middle - x * hx + y * hy + z * hz, 2 * hx * x, -2 * hy * y, box.material)
+    )
+    if box.bottom_m > 1e-6:
+        found.append(
+            rectangle(middle - x * hx - y * hy - z * hz, 2 * hx * x, 2 * hy * y, box.material)
+        )
+    return found
+
+
+def _cylinder_patches(cylinder: Cylinder) -> list[Patch]:
+    angle = np.arange(SEGMENTS + 1) * 2 * math.pi / SEGMENTS
+    ring = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    middle = np.array(cylinder.centre)
+    up = np.array([0.0, 0.0, cylinder.height / 2])
+    top, bottom = (middle + cylinder.radius * ring + sign * up for sign in (1, -1))
+    along = np.linspace(0.0, 1.0, SEGMENTS + 1)
+    first = np.arange(SEGMENTS)
+    below = first + SEGMENTS + 1
+    side = Patch(
+        np.concatenate([top, bottom]),
+        np.concatenate(
+            [np.stack([first, below, below + 1], 1), np.stack([first, below + 1, first + 1], 1)]
+        ),
+        np.concatenate([np.stack([along, 0 * along], 1), np.stack([along, 0 * along + 1], 1)]),
+        (2 * math.pi * cylinder.radius, cylinder.height),
+        np.array([1.0, 0.0, 0.0]),
+        cylinder.material,
+        curved=True,
+    )
+    found = [side, _disc(middle + up, cylinder.radius, 1.0, cylinder.material)]
+    if cylinder.bottom_m > 1e-6:
+        found.append(_disc(middle - up, cylinder.radius, -1.0, cylinder.material))
+    return found
+
+
+def _disc(centre: Float[np.ndarray, "3"], radius: float, up: float, material: str) -> Patch:
+    angle = np.arange(SEGMENTS) * 2 * math.pi / SEGMENTS
+    ring = np.stack([np.cos(angle), up * np.sin(angle), np.zeros_like(angle)], axis=1)
+    first = np.arange(SEGMENTS)
+    return Patch(
+        np.concatenate([centre[None], centre + radius * ring]),
+        np.stack([0 * first, 1 + first, 1 + (first + 1) % SEGMENTS], axis=1),
+        np.concatenate([[[0.5, 0.5]], 0.5 + 0.5 * ring[:, :2] * np.array([1.0, -up])]),
+        (2 * radius, 2 * radius),
+        np.array([0.0, 0.0, up]),
+        material,
+    )

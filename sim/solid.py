@@ -1,0 +1,62 @@
+"""The robot's own solid, for contact: trunk with arms, and both feet; all upright boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from perception.primitives.pose import Pose2
+
+from .body import KinematicBody
+from .shapes import Box, Cylinder, Shape, convex_gap, distance, outline
+
+TRUNK_SIZE_M = (0.110, 0.164, 0.355)  # seed 000: depth, width; from 0.10 m up to 0.455 m
+TRUNK_BOTTOM_M = 0.10
+FOOT_SIZE_M = (0.104, 0.066, 0.034)  # DARwIn-OP, ankle included
+FOOT_OUTWARD_M = 0.005  # DARwIn-OP: the sole sits 5 mm outward of the ankle
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest thing, and the gap to it, m; not above 0 means contact."""
+
+    gap_m: float
+    thing: str
+
+
+def robot_solid(body: KinematicBody) -> tuple[Box, ...]:
+    """Trunk and feet where they truly are, world frame."""
+    boxes = [
+        _upright(body.true_pose @ body.pelvis_joints, TRUNK_SIZE_M, TRUNK_BOTTOM_M),
+    ]
+    for side, (foot, lift) in zip((1, -1), body.feet_body, strict=True):
+        sole = body.true_pose @ foot @ Pose2(0.0, side * FOOT_OUTWARD_M)
+        boxes.append(_upright(sole, FOOT_SIZE_M, lift))
+    return tuple(boxes)
+
+
+def nearest(solid: Sequence[Box], things: Sequence[tuple[str, Shape]]) -> Nearest:
+    """The thing nearest to the solid, level by level: only what shares a height can touch.
+
+    Exact, since everything is an upright prism.
+    """
+    best = Nearest(float("inf"), "nothing")
+    for name, shape in things:
+        for box in solid:
+            if shape.bottom_m < box.top_m and box.bottom_m < shape.top_m:
+                gap = _gap(box, shape)
+                if gap < best.gap_m:
+                    best = Nearest(gap, name)
+    return best
+
+
+def _gap(box: Box, shape: Shape) -> float:
+    if isinstance(shape, Cylinder):
+        return float(distance(box, np.array([shape.centre[:2]]))[0]) - shape.radius
+    return convex_gap(outline(box), outline(shape))
+
+
+def _upright(pose: Pose2, size: tuple[float, float, float], bottom_m: float) -> Box:
+    return Box((pose.x, pose.y, bottom_m + size[2] / 2), size, pose.yaw)

@@ -1,0 +1,260 @@
+"""Materials: procedural, metric, never repeating, so that a stereo pair can be matched anywhere.
+
+A material is a name "kind/colour". Painted on a rectangle of so many metres it is sums of noise at
+octaves from decimetres to millimetres, with what the kind adds: planks, tiles, threads, drawers.
+Plain or periodic surfaces make stereo fail, which is a fact of life and an experiment of its own, but
+not what a home looks like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from perception.primitives.errors import InputError
+
+Image = Float32[np.ndarray, "h w 3"]
+
+PALETTE: dict[str, tuple[int, int, int]] = {
+    "white": (225, 222, 214),
+    "cream": (226, 211, 184),
+    "sage": (176, 190, 164),
+    "sky": (170, 190, 205),
+    "oak": (190, 148, 98),
+    "walnut": (118, 80, 54),
+    "pine": (214, 178, 122),
+    "teal": (52, 122, 128),
+    "rust": (178, 88, 52),
+    "plum": (112, 66, 98),
+    "mustard": (202, 158, 54),
+    "navy": (52, 70, 110),
+    "grey": (136, 138, 142),
+    "slate": (92, 100, 108),
+    "kraft": (186, 146, 100),
+    "leaf": (74, 124, 58),
+    "clay": (182, 104, 72),
+    "red": (190, 52, 48),
+    "orange": (232, 128, 40),
+    "violet": (134, 84, 176),
+    "lime": (150, 190, 60),
+}
+
+TAG_MODULES = 6  # a DICT_4X4_50 tag is 4 x 4 bits in a black frame one wide
+TAG_MARGIN_MODULES = 1  # of white around it on its plate
+
+
+def paint(
+    material: str, size_m: tuple[float, float], metres_per_px: float, rng: np.random.Generator
+) -> UInt8[np.ndarray, "h w 3"]:
+    """A rectangle of a material.
+
+    Args:
+        material: "kind/colour", or "tag/17" for the tag with that number.
+        size_m: Width and height.
+        metres_per_px: Grain of the result.
+        rng: Source of everything that is not regular.
+
+    Raises:
+        InputError: for a kind or colour that does not exist.
+    """
+    kind, _, colour = material.partition("/")
+    if kind == "tag":
+        return _tag(int(colour))
+    if kind not in KINDS or colour not in PALETTE:
+        raise InputError(
+            f"material {material!r}: expected kind/colour with a kind of {', '.join(KINDS)} and a "
+            f"colour of {', '.join(PALETTE)}"
+        )
+    width, height = (max(4, round(side / metres_per_px)) for side in size_m)
+    image = np.empty((height, width, 3), np.float32)
+    image[:] = PALETTE[colour]
+    painted = KINDS[kind](image, metres_per_px, rng)
+    return np.clip(painted, 0, 255).astype(np.uint8)
+
+
+def noise(
+    shape: tuple[int, int],
+    metres_per_px: float,
+    rng: np.random.Generator,
+    coarsest_m: float = 0.4,
+    finest_m: float = 0.005,
+    stretch: float = 1.0,
+) -> Float32[np.ndarray, "h w"]:
+    """Smooth noise of many octaves, mean 0, deviation 1.
+
+    Args:
+        shape: Rows and columns.
+        metres_per_px: Grain.
+        rng: Source.
+        coarsest_m, finest_m: Feature sizes of the first and the last octave.
+        stretch: How much longer features are along the rows than across.
+    """
+    height, width = shape
+    total = np.zeros(shape, np.float32)
+    feature, weight = coarsest_m, 1.0
+    while feature >= finest_m:
+        rows = int(height * metres_per_px / feature) + 2
+        columns = int(width * metres_per_px / (feature * stretch)) + 2
+        grid = rng.standard_normal((rows, columns), dtype=np.float32)
+        total += weight * cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC)
+        feature, weight = feature / 2, weight * 0.85
+    return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), dtype=np.float32)
+
+
+def _plaster(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    mottled = noise(image.shape[:2], grain, rng, 0.3, 0.006)
+    return image + 9.0 * mottled[..., None] * np.array([1.0, 0.98, 0.9], np.float32)
+
+
+def _fabric(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    woven = noise(image.shape[:2], grain, rng, 0.06, 0.004)
+    worn = noise(image.shape[:2], grain, rng, 0.5, 0.1)
+    return image * (1 + 0.13 * woven + 0.07 * worn)[..., None]
+
+
+def _wood(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    veins = noise(image.shape[:2], grain, rng, 0.05, 0.004, stretch=9.0)
+    knots = noise(image.shape[:2], grain, rng, 0.3, 0.04)
+    return image * (1 + 0.12 * veins + 0.06 * knots)[..., None]
+
+
+def _planks(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """Floor boards along the rows, each cut at random and of its own shade."""
+    image = _wood(image, grain, rng)
+    height, width = image.shape[:2]
+    board = max(8, round(0.13 / grain))
+    for top in range(0, height, board):
+        left = -int(rng.integers(0, round(0.8 / grain)))
+        while left < width:
+            length = int(rng.uniform(0.6, 1.5) / grain)
+            rows, columns = slice(top, top + board), slice(max(left, 0), max(left + length, 0))
+            tint = np.array([1.0, 1.0, 1.0]) + rng.normal(0, 0.02, 3)
+            image[rows, columns] *= (rng.normal(1.0, 0.09) * tint).astype(np.float32)
+            image[rows, max(left, 0) : max(left, 0) + 1] *= 0.6
+            left += length
+        image[top : top + 1] *= 0.62
+    return image
+
+
+def _tiles(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """Square tiles of 33 cm, each of its own shade, with strong clouds so that none looks like another."""
+    side = max(8, round(0.33 / grain))
+    image = image * (1 + 0.12 * noise(image.shape[:2], grain, rng, 0.25, 0.005))[..., None]
+    for top in range(0, image.shape[0], side):
+        for left in range(0, image.shape[1], side):
+            image[top : top + side, left : left + side] *= np.float32(rng.normal(1.0, 0.07))
+        image[top : top + 2] *= 0.7
+    for left in range(0, image.shape[1], side):
+        image[:, left : left + 2] *= 0.7
+    return image
+
+
+def _rug(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """A woven rug with a border and irregular bands."""
+    height, width = image.shape[:2]
+    image = _fabric(image, grain, rng)
+    bands = noise((height, width), grain, rng, 0.35, 0.08, stretch=3.0)
+    image[np.abs(bands) < 0.18] *= np.float32(1.45)
+    for inset, thick, factor in ((0.05, 0.025, 1.6), (0.10, 0.012, 0.5)):
+        a, b = round(inset / grain), max(2, round(thick / grain))
+        ring = np.zeros((height, width), bool)
+        ring[a : height - a, a : width - a] = True
+        ring[a + b : height - a - b, a + b : width - a - b] = False
+        image[ring] *= np.float32(factor)
+    return image
+
+
+def _drawers(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """Wooden doors or drawers with dark joints and small handles."""
+    image = _wood(image, grain, rng)
+    height, width = image.shape[:2]
+    across = max(1, round(width * grain / 0.5))
+    down = max(1, round(height * grain / 0.4))
+    line = max(1, round(0.006 / grain))
+    for i in range(across):
+        for j in range(down):
+            x0, x1 = i * width // across, (i + 1) * width // across
+            y0, y1 = j * height // down, (j + 1) * height // down
+            image[y0 : y1 + 1, x0 : x0 + line] *= 0.45
+            image[y0 : y0 + line, x0 : x1 + 1] *= 0.45
+            middle = ((x0 + x1) // 2, y0 + max(3, (y1 - y0) // 4))
+            reach = max(2, round(0.05 / grain))
+            image[middle[1] - line : middle[1] + line, middle[0] - reach : middle[0] + reach] = 60.0
+    return image
+
+
+def _books(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """Shelves of books, no two alike."""
+    image = _wood(image, grain, rng)
+    height, width = image.shape[:2]
+    shelf, rim = max(12, round(0.32 / grain)), max(2, round(0.02 / grain))
+    colours = [np.array(c, np.float32) for c in PALETTE.values()]
+    for top in range(rim, height - rim, shelf):
+        base = min(top + shelf - rim, height - rim)
+        image[top:base, rim : width - rim] *= 0.25
+        left = rim
+        while left < width - rim:
+            thick = max(2, round(rng.uniform(0.015, 0.05) / grain))
+            tall = round(rng.uniform(0.55, 0.9) * (base - top))
+            if rng.random() < 0.9:
+                spine = colours[int(rng.integers(len(colours)))] * rng.uniform(0.6, 1.0)
+                image[base - tall : base, left : min(left + thick - 1, width - rim)] = spine
+            left += thick
+    return image + 5.0 * noise((height, width), grain, rng, 0.05, 0.004)[..., None]
+
+
+def _cardboard(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    image = image * (1 + 0.09 * noise(image.shape[:2], grain, rng, 0.15, 0.004))[..., None]
+    height, width = image.shape[:2]
+    tape = max(2, round(0.025 / grain))
+    image[:, width // 2 - tape : width // 2 + tape] *= np.array([1.12, 1.08, 0.95], np.float32)
+    image[int(0.6 * height) : int(0.8 * height), int(0.1 * width) : int(0.35 * width)] *= 0.6
+    return image
+
+
+def _leaves(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    clumps = noise(image.shape[:2], grain, rng, 0.09, 0.012)
+    return image * (1 + 0.38 * clumps)[..., None] * np.array([0.95, 1.05, 0.9], np.float32)
+
+
+def _stripes(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """A painted casing with bands and scratches: the moving robots."""
+    height = image.shape[0]
+    image = image * (1 + 0.10 * noise(image.shape[:2], grain, rng, 0.08, 0.004))[..., None]
+    for where, thick in ((0.18, 0.10), (0.62, 0.05)):
+        image[int(where * height) : int((where + thick) * height)] *= np.float32(0.35)
+    return image
+
+
+KINDS: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {
+    "plaster": _plaster,
+    "fabric": _fabric,
+    "wood": _wood,
+    "planks": _planks,
+    "tiles": _tiles,
+    "rug": _rug,
+    "drawers": _drawers,
+    "books": _books,
+    "cardboard": _cardboard,
+    "leaves": _leaves,
+    "stripes": _stripes,
+}
+
+
+def _tag(identity: int) -> UInt8[np.ndarray, "h w 3"]:
+    """The tag with its white margin, 24 px a module."""
+    modules = TAG_MODULES + 2 * TAG_MARGIN_MODULES
+    image = np.full((modules * 24, modules * 24), 245, np.uint8)
+    inner = slice(TAG_MARGIN_MODULES * 24, (TAG_MARGIN_MODULES + TAG_MODULES) * 24)
+    printed = cv2.aruco.generateImageMarker(_dictionary(), identity, TAG_MODULES * 24)
+    image[inner, inner] = np.clip(printed, 12, 245)
+    return np.repeat(image[..., None], 3, axis=2)
+
+
+@cache
+def _dictionary() -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)

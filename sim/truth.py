@@ -1,0 +1,126 @@
+"""The only door for the truth: what evaluation may ask of a simulated run, and nobody else.
+
+Sensors never pass through here: replacing every answer below by garbage changes no frame.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from perception.primitives.errors import InputError
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose2, Pose3
+
+from .free_space import ROBOT_TOP_M
+from .robot import SimulatedRobot
+from .scenes import Thing
+from .shapes import Cylinder, Shape, distance, outline
+from .solid import nearest, robot_solid
+
+STILL = 101  # identities of what stands still count from here, of movers from 1
+
+ObstacleTruth = tuple[int, float, float, float, float, float, float]
+
+
+class Truth:
+    """What is so, of one robot in its world, at the instant it is asked."""
+
+    def __init__(self, robot: SimulatedRobot) -> None:
+        self._robot = robot
+        self._world = robot.world
+        self._scene = robot.world.scene
+
+    def robot_pose(self) -> Pose2:
+        """The body frame in the world."""
+        return self._robot.body.true_pose
+
+    def cameras(self) -> tuple[str, ...]:
+        """Of "tof", "stereo", "colour" those that the robot has."""
+        return tuple(self._robot.cameras())
+
+    def camera_pose(self, camera: str) -> Pose3:
+        """A camera in the world; of the stereo pair the left one.
+
+        Raises:
+            InputError: for a camera that the robot does not have.
+        """
+        mounts = self._robot.cameras()
+        if camera not in mounts:
+            raise InputError(f"camera {camera!r} is not on this robot; it has {', '.join(mounts)}")
+        return self._robot.camera_in_world(mounts[camera])
+
+    def floor(self, camera: str) -> Plane:
+        """The floor in the frame of a camera, normal up."""
+        pose = self.camera_pose(camera)
+        return Plane(pose.rotation[2].copy(), pose.translation[2])
+
+    def obstacles(self) -> list[ObstacleTruth]:
+        """(identity, x, y, vx, vy, radius, height) of movers and of furniture, m and m/s.
+
+        The radius is that of the smallest circle about the middle of the outline below 0.5 m.
+        """
+        found: list[ObstacleTruth] = []
+        states = zip(self._scene.movers, self._world.movers(), strict=True)
+        for k, (mover, (x, y, vx, vy)) in enumerate(states):
+            found.append((k + 1, x, y, vx, vy, mover.radius_m, mover.height_m))
+        for k, thing in enumerate(self._scene.obstacles):
+            x, y, radius = _circle(thing)
+            height = max(part.top_m for part in thing.parts)
+            found.append((STILL + k, x, y, 0.0, 0.0, radius, height))
+        return found
+
+    def clearance_m(self) -> tuple[float, str]:
+        """Gap between the robot's solid and the nearest thing but the floor, and its name.
+
+        Not above 0 means contact. The solid is seed 000's body, 0.164 x 0.110 m, and the feet.
+        """
+        things = [(thing.name, part) for thing in self._scene.things for part in thing.parts]
+        found = nearest(robot_solid(self._robot.body), things + self._mover_shapes())
+        return found.gap_m, found.thing
+
+    def occupied(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+        """Whether places on the floor are covered by something below 0.5 m; outside the walls all are."""
+        x0, y0, x1, y1 = self._scene.extent
+        x, y = points[:, 0], points[:, 1]
+        covered = (x < x0) | (x > x1) | (y < y0) | (y > y1)
+        still = [part for thing in self._scene.things for part in thing.parts]
+        for shape in still + [shape for _, shape in self._mover_shapes()]:
+            if shape.bottom_m < ROBOT_TOP_M:
+                covered |= distance(shape, points) < 0.0
+        return np.asarray(covered)
+
+    def occupancy(
+        self, origin: tuple[float, float], cell_m: float, shape: tuple[int, int]
+    ) -> Bool[np.ndarray, "rows columns"]:
+        """`occupied` at the centres of a grid's cells, indexed [row (y), column (x)].
+
+        Args:
+            origin: Lower left corner of the first cell, m.
+            cell_m: Side of a cell.
+            shape: Rows and columns.
+        """
+        y, x = np.mgrid[0 : shape[0], 0 : shape[1]] + 0.5
+        centres = np.stack([origin[0] + x * cell_m, origin[1] + y * cell_m], axis=-1)
+        return self.occupied(centres.reshape(-1, 2)).reshape(shape)
+
+    def _mover_shapes(self) -> list[tuple[str, Shape]]:
+        shapes: list[tuple[str, Shape]] = []
+        for mover, (x, y, _, _) in zip(self._scene.movers, self._world.movers(), strict=True):
+            for part in mover.parts:
+                px, py, pz = part.centre
+                moved = Cylinder((x + px, y + py, pz), part.radius, part.height, part.material)
+                shapes.append((mover.name, moved))
+        return shapes
+
+
+def _circle(thing: Thing) -> tuple[float, float, float]:
+    """Middle and radius that cover a thing's outline below the robot's top."""
+    corners = np.concatenate(
+        [outline(part) for part in thing.parts if part.bottom_m < ROBOT_TOP_M]
+        or [outline(part) for part in thing.parts]
+    )
+    x, y = ((float(a) + float(b)) / 2 for a, b in zip(corners.min(0), corners.max(0), strict=True))
+    return x, y, max(math.hypot(float(a) - x, float(b) - y) for a, b in corners)

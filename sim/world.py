@@ -1,0 +1,102 @@
+"""The world: a scene with a clock. Movers move, rays and pictures show the instant it is at.
+
+Nothing here says what is true to anybody but the sensors; evaluation asks `truth`.
+"""
+
+from __future__ import annotations
+
+from types import TracebackType
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError
+from perception.primitives.pose import Pose3
+
+from .pictures import Pictures, choose_renderer
+from .rays import RayCaster
+from .scenes import Scene
+
+
+class World:
+    """Plays a scene. Use it as a context, or close it: it holds a renderer.
+
+    Args:
+        scene: What stands and moves.
+        renderer: "egl", "tiny", or "auto" for EGL where it works.
+        seed: Of chance in the world: where on its line each mover is at the start.
+    """
+
+    def __init__(self, scene: Scene, renderer: str = "auto", seed: int = 0) -> None:
+        self.scene = scene
+        self.stamp_s = 0.0
+        self.renderer = choose_renderer(renderer)
+        rng = np.random.default_rng([seed, 20])
+        self._phases = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.movers]
+        self._caster: RayCaster | None = None
+        self._pictures: Pictures | None = None
+
+    def advance(self, seconds: float) -> None:
+        """Let time pass.
+
+        Raises:
+            InputError: for time going back.
+        """
+        if not seconds >= 0.0:
+            raise InputError(f"world: cannot advance by {seconds} s; time only goes forward")
+        self.advance_to(self.stamp_s + seconds)
+
+    def advance_to(self, stamp_s: float) -> None:
+        """Let time pass until a stamp; exact, however many advances it takes.
+
+        Raises:
+            InputError: for a stamp that is over.
+        """
+        if not stamp_s >= self.stamp_s:
+            raise InputError(f"world: cannot go to {stamp_s} s; it is {self.stamp_s} s already")
+        self.stamp_s = stamp_s
+
+    def movers(self) -> list[tuple[float, float, float, float]]:
+        """(x, y, vx, vy) of every mover now, m and m/s."""
+        pairs = zip(self.scene.movers, self._phases, strict=True)
+        return [mover.state(phase + self.stamp_s) for mover, phase in pairs]
+
+    @property
+    def rays(self) -> RayCaster:
+        """Rays through the world as it is now; built when first asked for."""
+        if self._caster is None:
+            self._caster = RayCaster(self.scene)
+        self._caster.place([(x, y) for x, y, _, _ in self.movers()])
+        return self._caster
+
+    def picture(self, camera: Camera, T_world_camera: Pose3) -> UInt8[np.ndarray, "h w 3"]:
+        """What an ideal camera sees now, red first; the renderer starts when first asked."""
+        return self._placed_pictures().colour(camera, T_world_camera)
+
+    def rendered_depth(self, camera: Camera, T_world_camera: Pose3) -> Float32[np.ndarray, "h w"]:
+        """The renderer's own depth along the axis, m: a check on its geometry, not a sensor."""
+        return self._placed_pictures().depth(camera, T_world_camera)
+
+    def _placed_pictures(self) -> Pictures:
+        if self._pictures is None:
+            self._pictures = Pictures(self.scene, self.renderer)
+        self._pictures.place([(x, y) for x, y, _, _ in self.movers()])
+        return self._pictures
+
+    def close(self) -> None:
+        """Give the renderer back; a second time does nothing."""
+        if self._pictures is not None:
+            self._pictures.close()
+            self._pictures = None
+
+    def __enter__(self) -> World:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
