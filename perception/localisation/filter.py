@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import gammaincinv
 
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Imu, StepOdometry
@@ -28,7 +27,9 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
 from . import models
+from .consistency import chi_square_quantile
 from .models import DRIFT, GYRO_BIAS, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+from .relocation import pose_from_sightings
 
 log = logging.getLogger(__name__)
 
@@ -54,7 +55,7 @@ class LocaliserConfig:
     blind_sigma_rad: float = 0.4  # ours: likewise, about one turning step
     shared_bearing_sigma_rad: float = math.radians(0.5)  # head pan error, same for a whole frame
     gate_probability: float = 0.999  # ours: true sightings kept
-    rejected_frames: int = 4  # ours: frames in a row with nothing accepted before doubting oneself
+    rejected_frames: int = 4  # ours: frames in a row, mostly rejected, before doubting oneself
     doubt_m: float = 0.15  # ours: deviation added to the position then
     doubt_rad: float = math.radians(8.0)  # ours: and to the heading
 
@@ -118,7 +119,7 @@ class PoseFilter:
             raise ConfigError(f"localiser: start {start.mean} must be a finite (x, y, yaw)")
         self.config = config or LocaliserConfig()
         self._places = {mark.identity: np.array(mark.position[:2]) for mark in landmarks}
-        self._gate = 2.0 * float(gammaincinv(1.0, self.config.gate_probability))  # chi-square, 2
+        self._gate = chi_square_quantile(self.config.gate_probability, 2)
         self._frames_rejected = 0
         self._filter = _sigma_point_filter(start, self.config)
 
@@ -171,8 +172,8 @@ class PoseFilter:
         """Learn from the landmarks of one frame, all at once.
 
         A sighting without identity is given to the only known landmark inside the gate, if there is
-        just one. When several frames in a row have nothing acceptable, the filter doubts itself: its
-        covariance grows until sightings are accepted again.
+        just one. When several frames in a row are mostly unacceptable, the filter doubts itself: it takes
+        the pose that two sightings agree on, or else its covariance grows until some are accepted again.
         """
         accepted: list[tuple[Sighting, np.ndarray]] = []
         nis: list[float] = []
@@ -183,15 +184,16 @@ class PoseFilter:
             if place is not None:
                 accepted.append((sighting, place))
         if accepted:
-            self._frames_rejected = 0
             self._learn(accepted)
+        if 2 * len(accepted) > len(nis):
+            self._frames_rejected = 0
         elif nis:
-            self._doubt()
+            self._doubt(sightings)
         return UpdateReport(len(accepted), len(sightings) - len(accepted), nis)
 
     def _recognise(self, sighting: Sighting) -> tuple[np.ndarray | None, float | None]:
         """The place of the landmark, None if it is not acceptable, and its NIS, None if not told."""
-        if not _finite(sighting.measured, float(np.sum(sighting.covariance))):
+        if not _is_finite(sighting):
             return None, None
         if sighting.identity is not None:
             place = self._places.get(sighting.identity)
@@ -225,13 +227,28 @@ class PoseFilter:
         self._filter.update(measured, R=noise, places=places)
         self._settle()
 
-    def _doubt(self) -> None:
+    def _doubt(self, sightings: Sequence[Sighting]) -> None:
         self._frames_rejected += 1
         if self._frames_rejected < self.config.rejected_frames:
             return
-        log.info("no sighting accepted in %d frames: covariance widened", self._frames_rejected)
-        self._filter.P[[X, Y], [X, Y]] += self.config.doubt_m**2
-        self._filter.P[YAW, YAW] += self.config.doubt_rad**2
+        told = [s for s in sightings if s.identity in self._places and _is_finite(s)]
+        elsewhere = None
+        if len(told) >= 2:
+            elsewhere = pose_from_sightings(
+                told,
+                np.array([self._places[s.identity] for s in told if s.identity is not None]),
+                joint_noise([s.covariance for s in told], self.config.shared_bearing_sigma_rad),
+            )
+        if elsewhere is not None:
+            log.info("carried elsewhere: pose taken from %d landmarks of one frame", len(told))
+            self._frames_rejected = 0
+            self._filter.x[:3] = elsewhere.mean
+            self._filter.P[:3, :] = self._filter.P[:, :3] = 0.0
+            self._filter.P[:3, :3] = elsewhere.covariance
+        else:
+            log.info("%d frames mostly rejected: covariance widened", self._frames_rejected)
+            self._filter.P[[X, Y], [X, Y]] += self.config.doubt_m**2
+            self._filter.P[YAW, YAW] += self.config.doubt_rad**2
         self._settle()
 
     def _settle(self) -> None:
@@ -301,9 +318,13 @@ def _sigma_point_filter(start: Gaussian, config: LocaliserConfig) -> Any:
     """filterpy's filter with our models; the only place of this file that knows that library."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
 
-    # alpha 1, kappa 0: no weight is negative, so a predicted covariance cannot lose its positivity
     points = MerweScaledSigmaPoints(
-        WALKER_SIZE, 1.0, 2.0, 0.0, sqrt_method=models.square_root, subtract=np.subtract
+        WALKER_SIZE,
+        models.spread(WALKER_SIZE),
+        2.0,
+        0.0,
+        sqrt_method=models.square_root,
+        subtract=np.subtract,
     )
     engine = UnscentedKalmanFilter(
         dim_x=WALKER_SIZE,
@@ -353,3 +374,7 @@ def _linear_transform(
 
 def _finite(array: np.ndarray, number: float) -> bool:
     return bool(np.all(np.isfinite(array))) and math.isfinite(number)
+
+
+def _is_finite(sighting: Sighting) -> bool:
+    return _finite(sighting.measured, float(np.sum(sighting.covariance)))

@@ -5,7 +5,8 @@ teach it: the forward slip and the turn that every step adds, and the bias of th
 the turn made since the frame before; it lets the gyro be what it is, a measurement of that turn.
 
 Here are also the few operations that a filter over angles needs: mean and difference on the circle, and
-a matrix square root that cannot fail.
+a matrix square root that cannot fail. Functions that run once per sigma point tell their shapes in words:
+a check of shapes at run time would cost ten times what they do.
 
 Source: seed 001, section 3 (sigma-point filter); slip and drift as states are ours.
 """
@@ -25,13 +26,11 @@ X, Y, YAW, SLIP, DRIFT, GYRO_BIAS, TURN = range(7)
 WALKER_SIZE = 7
 
 
-def walk(
-    state: Float[np.ndarray, "7"], dt: float, motion: Pose2, steps: float
-) -> Float[np.ndarray, "7"]:
+def walk(state: np.ndarray, dt: float, motion: Pose2, steps: float) -> np.ndarray:
     """The walker after the motion that its joints report.
 
     Args:
-        state: See the entries above.
+        state: (7,), see the entries above.
         dt: Time passed, s; unused, the filter hands it over.
         motion: Body now in the body frame before, by step odometry.
         steps: How much of a footstep it was.
@@ -50,22 +49,20 @@ def walk(
     return after
 
 
-def gyro_turn(state: Float[np.ndarray, "7"], dt: float) -> Float[np.ndarray, "1"]:
-    """What the gyro, summed over dt seconds, says of the turn just made: (1,), rad."""
+def gyro_turn(state: np.ndarray, dt: float) -> np.ndarray:
+    """What the gyro, summed over dt seconds, says of the turn just made in a state (7,): (1,), rad."""
     return state[TURN : TURN + 1] + state[GYRO_BIAS] * dt
 
 
-def range_bearing(
-    state: Float[np.ndarray, "n"], places: Float[np.ndarray, "k 2"]
-) -> Float[np.ndarray, "2*k"]:
+def range_bearing(state: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Where known places are seen from the walker's pose.
 
     Args:
-        state: Starts with (x, y, yaw) of the walker, m and rad, world frame.
+        state: (n,), starts with (x, y, yaw) of the walker, m and rad, world frame.
         places: (k, 2), world frame, m.
 
     Returns:
-        (range_1, bearing_1, range_2, ...), m and rad, left positive.
+        (2 k,), range_1, bearing_1, range_2, ..., m and rad, left positive.
     """
     offset = places - state[:2]
     seen = np.empty(2 * len(places))
@@ -74,15 +71,13 @@ def range_bearing(
     return seen
 
 
-def wrap_angles(angles_rad: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """The same angles in [-pi, pi)."""
+def wrap_angles(angles_rad: np.ndarray) -> np.ndarray:
+    """The same angles in [-pi, pi), of any shape."""
     return np.asarray((angles_rad + math.pi) % (2.0 * math.pi) - math.pi)
 
 
-def circular_mean(
-    angles_rad: Float[np.ndarray, "k *n"], weights: Float[np.ndarray, "k"]
-) -> Float[np.ndarray, "*n"]:
-    """Weighted mean of directions along the first axis, rad in [-pi, pi]."""
+def circular_mean(angles_rad: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Mean of directions (k, ...) by weights (k,) along the first axis, rad in [-pi, pi]."""
     return np.asarray(np.arctan2(weights @ np.sin(angles_rad), weights @ np.cos(angles_rad)))
 
 
@@ -95,17 +90,15 @@ def walker_mean(
     return mean
 
 
-def walker_difference(
-    a: Float[np.ndarray, "7"], b: Float[np.ndarray, "7"]
-) -> Float[np.ndarray, "7"]:
-    """a - b, the yaw the short way round."""
+def walker_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a - b of states (7,), the yaw the short way round."""
     difference = a - b
     difference[YAW] = wrap_angle(difference[YAW])
     return difference
 
 
-def walker_sum(a: Float[np.ndarray, "7"], b: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
-    """a + b, the yaw in [-pi, pi)."""
+def walker_sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a + b of states (7,), the yaw in [-pi, pi)."""
     total = a + b
     total[YAW] = wrap_angle(total[YAW])
     return total
@@ -120,13 +113,20 @@ def sighting_mean(
     return mean
 
 
-def sighting_difference(
-    a: Float[np.ndarray, "m"], b: Float[np.ndarray, "m"]
-) -> Float[np.ndarray, "m"]:
+def sighting_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a - b of (range, bearing, ...), the bearings the short way round."""
     difference = a - b
     difference[1::2] = wrap_angles(difference[1::2])
     return difference
+
+
+def spread(size: int) -> float:
+    """alpha of the scaled unscented transform (with beta 2, kappa 0) for a state of this size.
+
+    The points lie sqrt(3) deviations out, where a Gaussian has its fourth moment; no weight of the
+    covariance is negative, so that a predicted covariance cannot lose its positivity.
+    """
+    return math.sqrt(3.0 / size)
 
 
 def symmetric(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:

@@ -16,11 +16,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
-from scipy.special import gammaincinv
 
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import Obstacle
+from .consistency import chi_square_quantile
 from .track import Detection, Track, TrackConfig
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
@@ -75,7 +75,7 @@ class ObstacleTracker:
         self._lives: list[_Life] = []
         self._born = 0
         self._stamp_s: float | None = None
-        self._gate = 2.0 * float(gammaincinv(1.0, self.config.gate_probability))  # chi-square, 2
+        self._gate = chi_square_quantile(self.config.gate_probability, 2)
         self.nis: list[float] = []
 
     @property

@@ -24,7 +24,7 @@ from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
-from .models import positive, square_root
+from .models import positive, spread, square_root
 
 SIZE = 7
 """x, y, vx, vy of the thing, then the error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
@@ -250,15 +250,13 @@ _LAG = 0.7
 """What is kept from frame to frame of the sum of innovations that shows a turn."""
 
 
-def relative_position(
-    state: Float[np.ndarray, "7 *k"], robot: Float[np.ndarray, "3"]
-) -> tuple[Any, Any]:
+def relative_position(state: np.ndarray, robot: np.ndarray) -> tuple[Any, Any]:
     """Where the thing is seen from the body: measurement model of a track.
 
     Args:
-        state: Entries as in this module's heading, one state or k of them side by side; the true viewpoint
-            is the robot's pose plus the error.
-        robot: (x, y, yaw) as believed, m and rad, world frame.
+        state: (7,) or (7, k), k states side by side, entries as above; the true viewpoint is the robot's
+            pose plus the error.
+        robot: (3,), x, y, yaw as believed, m and rad, world frame.
 
     Returns:
         x and y in the body frame, m.
@@ -277,7 +275,7 @@ def _sigma_point_filter(mean: np.ndarray, covariance: np.ndarray) -> Any:
     """filterpy's filter with the measurement model; prediction is linear and done outside."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
 
-    points = MerweScaledSigmaPoints(SIZE, 1.0, 2.0, 0.0, sqrt_method=square_root)
+    points = MerweScaledSigmaPoints(SIZE, spread(SIZE), 2.0, 0.0, sqrt_method=square_root)
     engine = UnscentedKalmanFilter(
         dim_x=SIZE, dim_z=2, dt=1.0, hx=relative_position, fx=None, points=points
     )

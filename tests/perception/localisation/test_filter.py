@@ -1,0 +1,401 @@
+"""The pose filter, walked over a simulated floor many times: right, honest, and hard to kill."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from perception.localisation import models
+from perception.localisation.consistency import band, nees, whiteness, whiteness_bound
+from perception.localisation.filter import (
+    LocaliserConfig,
+    PoseFilter,
+    UpdateReport,
+    joint_noise,
+    process_noise,
+)
+from perception.primitives.errors import ConfigError
+from perception.primitives.frame import Imu, StepOdometry
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Landmark, Sighting
+from perception.primitives.pose import Pose2, wrap_angle
+
+DEG = math.pi / 180
+MARKS = [
+    Landmark(i, (x, y, 0.45), 0.16)
+    for i, (x, y) in enumerate([(1.5, 1.5), (3.0, -1.5), (0.0, -1.6), (4.2, 0.5), (2.5, 2.0)])
+]
+STARTING = np.diag([0.02, 0.02, 2 * DEG]) ** 2
+GRAVITY = np.array([0.0, 0.0, 9.81])
+
+
+@dataclass
+class Walk:
+    """What a walk with truth beside it leaves behind; (frames, 3) and (frames, 3, 3)."""
+
+    errors: np.ndarray
+    covariances: np.ndarray
+    reports: list[UpdateReport]
+    filter: PoseFilter
+
+    @property
+    def nees(self) -> np.ndarray:
+        return nees(self.errors, self.covariances)
+
+
+class Walker:
+    """A body that slips: truth, and what its sensors say of it.
+
+    Forward slip -1.2 +- 1.5 mm a step, sideways 0.6 mm, turn: up to 0.2 deg a step for a whole run, and
+    0.6 deg that are new at every step. Two frames a step; it stands for the first six.
+    """
+
+    def __init__(self, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.true = Pose2()
+        self.drift = self.rng.uniform(-0.2, 0.2) * DEG
+        self.gyro_bias = self.rng.normal() * 0.005
+        self.frame = 0
+
+    def step(self) -> tuple[StepOdometry, Imu, float]:
+        dt = 0.2 if self.frame % 2 else 0.45
+        steps = 0.0 if self.frame < 6 else 0.5
+        told = Pose2()
+        slip = Pose2()
+        if steps:
+            told = Pose2(0.0225, 0.0, 3.0 * DEG * math.sin(self.frame / 20))
+            root = math.sqrt(steps)
+            slip = Pose2(
+                -0.0012 * steps + 0.0015 * root * self.rng.normal(),
+                0.0006 * root * self.rng.normal(),
+                self.drift * steps + 0.6 * DEG * root * self.rng.normal(),
+            )
+        now = self.true @ told @ slip
+        rate = wrap_angle(now.yaw - self.true.yaw) / dt
+        rate += self.gyro_bias + 0.002 * self.rng.normal()
+        self.true = now
+        self.frame += 1
+        return StepOdometry(told, steps), Imu(np.array([0.0, 0.0, rate]), GRAVITY), dt
+
+    def look(self, reach_m: float = 2.5) -> list[Sighting]:
+        """Landmarks ahead, all with the same error of the head's pan."""
+        pan = 0.5 * DEG * self.rng.normal()
+        seen = []
+        for mark in MARKS:
+            r, b = models.range_bearing(self.true.vector, np.array([mark.position[:2]]))
+            if r < reach_m and abs(b) < 0.9:
+                P = np.diag([(0.01 * r) ** 2, (0.5 * DEG) ** 2 + 0.001**2])
+                noise = [0.01 * r * self.rng.normal(), pan + 0.001 * self.rng.normal()]
+                seen.append(Sighting(mark.identity, np.array([r, b]) + noise, P))
+        return seen
+
+
+Spoil = Callable[[int, list[Sighting], np.random.Generator], list[Sighting]]
+
+
+def walk(
+    seed: int,
+    frames: int = 120,
+    landmarks: bool = True,
+    gyro: bool = True,
+    spoil: Spoil | None = None,
+    config: LocaliserConfig | None = None,
+) -> Walk:
+    """Walk and filter; `spoil` may change the sightings of a frame."""
+    walker = Walker(seed)
+    start = walker.rng.multivariate_normal(walker.true.vector, STARTING)
+    robot = PoseFilter(Gaussian(start, STARTING), MARKS, config)
+    errors, covariances, reports = [], [], []
+    for k in range(frames):
+        odometry, imu, dt = walker.step()
+        robot.predict(odometry, imu if gyro else None, dt)
+        if landmarks:
+            seen = walker.look()
+            reports.append(robot.update(spoil(k, seen, walker.rng) if spoil else seen))
+        error = robot.pose.mean - walker.true.vector
+        error[2] = wrap_angle(float(error[2]))
+        errors.append(error)
+        covariances.append(robot.pose.covariance)
+    return Walk(np.array(errors), np.array(covariances), reports, robot)
+
+
+@pytest.fixture(scope="module")
+def walks() -> list[Walk]:
+    return [walk(seed, frames=100) for seed in range(20)]
+
+
+def test_with_landmarks_the_error_is_as_large_as_the_covariance_says(walks):
+    low, high = band(3, len(walks))
+    assert low < np.mean([w.nees.mean() for w in walks]) < high
+    at_the_end = np.mean([w.nees[-1] for w in walks])
+    assert low < at_the_end < high
+
+
+def test_with_landmarks_it_knows_its_place_to_centimetres(walks):
+    errors = np.concatenate([w.errors[20:] for w in walks])
+    assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) < 0.03
+    assert np.sqrt(np.mean(errors[:, 2] ** 2)) < 1.0 * DEG
+
+
+def test_innovations_are_chi_square(walks):
+    values = np.concatenate([r.nis for w in walks for r in w.reports])
+    assert len(values) > 1000
+    # sightings of one frame share an error: count frames, not sightings
+    frames = sum(1 for w in walks for r in w.reports if r.nis)
+    low, high = band(2, frames // 2, 0.999)
+    assert low < values.mean() < high
+    assert np.mean(values > 13.8) < 0.004  # one in a thousand expected
+
+
+@pytest.mark.parametrize("gyro", [True, False])
+def test_dead_reckoning_grows_uncertain_as_fast_as_it_errs(gyro):
+    runs = [walk(seed, frames=80, landmarks=False, gyro=gyro) for seed in range(100, 116)]
+    low, high = band(3, len(runs))
+    assert low < np.mean([w.nees[-1] for w in runs]) < high
+    assert runs[0].covariances[-1][0, 0] > runs[0].covariances[10][0, 0]
+
+
+def test_the_gyro_makes_the_heading_better():
+    def heading(gyro: bool) -> float:
+        runs = [walk(seed, frames=80, landmarks=False, gyro=gyro) for seed in range(8)]
+        return float(np.mean([w.covariances[-1][2, 2] for w in runs]))
+
+    assert heading(True) < 0.3 * heading(False)
+
+
+def test_landmarks_teach_it_the_drift_and_standing_teaches_it_the_gyro_bias():
+    walker = Walker(3)
+    robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
+    for _ in range(160):
+        odometry, imu, dt = walker.step()
+        robot.predict(odometry, imu, dt)
+        robot.update(walker.look())
+    state = robot.state
+    for entry, true, before in (
+        (models.DRIFT, walker.drift, LocaliserConfig().drift_sigma_rad),
+        (models.GYRO_BIAS, walker.gyro_bias, LocaliserConfig().gyro_bias_sigma_radps),
+    ):
+        sigma = math.sqrt(state.covariance[entry, entry])
+        assert sigma < 0.6 * before
+        assert abs(state.mean[entry] - true) < 3.5 * sigma
+
+
+def test_it_walks_across_the_seam_of_the_circle_without_noticing():
+    robot = PoseFilter(Gaussian(np.array([0.0, 0.0, math.pi - 0.02]), STARTING), MARKS)
+    for _ in range(6):
+        robot.predict(StepOdometry(Pose2(0.0, 0.0, 0.01), 0.5), None, 0.3)
+    assert abs(wrap_angle(robot.pose2.yaw - (math.pi + 0.04))) < 1e-6
+    assert robot.pose.covariance[2, 2] < (5 * DEG) ** 2
+
+
+def test_a_prediction_is_what_many_walkers_do():
+    """Unscented against sampled, the heading uncertain by five degrees."""
+    rng = np.random.default_rng(1)
+    config = LocaliserConfig()
+    robot = PoseFilter(Gaussian(np.zeros(3), np.diag([0.01, 0.01, 0.09]) ** 2), [], config)
+    before = robot.state
+    motion, n = Pose2(0.3, 0.05, 0.2), 20000
+    cloud = rng.multivariate_normal(before.mean, before.covariance, size=n)
+    moved = np.array([models.walk(s, 0.3, motion, 1.0) for s in cloud])
+    moved += rng.multivariate_normal(np.zeros(7), process_noise(config, 0.0, 1.0, 0.3, False), n)
+    robot.predict(StepOdometry(motion, 1.0), None, 0.3)
+    P = robot.pose.covariance
+    sigma = np.sqrt(np.diag(P))
+    np.testing.assert_allclose(robot.pose.mean, moved[:, :3].mean(axis=0), atol=4e-3)
+    size = np.outer(sigma, sigma)
+    np.testing.assert_allclose(P / size, np.cov(moved[:, :3].T) / size, atol=0.06)
+
+
+def test_a_sure_heading_makes_it_the_textbook_kalman_filter():
+    """With small angles everything is linear: the gain is P H^T S^-1 by hand."""
+    P0 = np.diag([0.05, 0.03, 0.001]) ** 2
+    place = np.array([[2.0, 0.0]])
+    robot = PoseFilter(Gaussian(np.zeros(3), P0), [Landmark(0, (2.0, 0.0, 0.4), 0.16)])
+    R = np.diag([0.02, 0.01]) ** 2
+    measured = np.array([1.98, 0.005])
+    H = np.array([[-1.0, 0.0, 0.0], [0.0, -0.5, -1.0]])
+    K = P0 @ H.T @ np.linalg.inv(H @ P0 @ H.T + R)
+    expected = K @ (measured - models.range_bearing(np.zeros(3), place))
+    robot.update([Sighting(0, measured, R)])
+    np.testing.assert_allclose(robot.pose.mean, expected, atol=3e-4)
+    np.testing.assert_allclose(robot.pose.covariance, P0 - K @ H @ P0, atol=1e-5)
+
+
+def test_many_tags_in_one_frame_do_not_average_away_the_error_of_one_head():
+    marks = [Landmark(i, (3.0, -1.0 + 0.2 * i, 0.4), 0.16) for i in range(10)]
+    robot = PoseFilter(Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 0.2]) ** 2), marks)
+    P = np.diag([0.05**2, (0.5 * DEG) ** 2 + 0.0005**2])
+    robot.update(
+        [
+            Sighting(m.identity, models.range_bearing(np.zeros(3), np.array([m.position[:2]])), P)
+            for m in marks
+        ]
+    )
+    heading = math.sqrt(robot.pose.covariance[2, 2])
+    assert 0.49 * DEG < heading < 0.55 * DEG
+
+
+@given(st.lists(st.tuples(st.floats(1e-4, 0.3), st.floats(1e-4, 0.3)), min_size=1, max_size=6))
+def test_joint_noise_is_positive_and_keeps_each_sighting_s_own(sigmas):
+    blocks = [np.diag([a * a, b * b]) for a, b in sigmas]
+    R = joint_noise(blocks, 0.5 * DEG)
+    np.linalg.cholesky(R)
+    for i, block in enumerate(blocks):
+        np.testing.assert_allclose(R[2 * i : 2 * i + 2, 2 * i : 2 * i + 2], block)
+
+
+def outliers(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sighting]:
+    """Three in ten sightings are nonsense."""
+    return [
+        Sighting(s.identity, np.array([rng.uniform(0.3, 4.0), rng.uniform(-1, 1)]), s.covariance)
+        if rng.random() < 0.3
+        else s
+        for s in seen
+    ]
+
+
+def test_three_outliers_in_ten_are_turned_away_and_counted():
+    runs = [walk(seed, spoil=outliers) for seed in range(8)]
+    assert np.mean([w.nees.mean() for w in runs]) < 4.5
+    errors = np.concatenate([w.errors[20:] for w in runs])
+    assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) < 0.05
+    told = sum(r.accepted + r.rejected for w in runs for r in w.reports)
+    refused = sum(r.rejected for w in runs for r in w.reports)
+    assert 0.25 < refused / told < 0.35
+
+
+def test_ten_seconds_without_landmarks_are_survived():
+    def blackout(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sighting]:
+        return [] if 40 <= k < 70 else seen
+
+    runs = [walk(seed, frames=100, spoil=blackout) for seed in range(8)]
+    low, high = band(3, len(runs), 0.99)
+    assert low < np.mean([w.nees[69] for w in runs]) < high
+    assert low < np.mean([w.nees[-1] for w in runs]) < high
+
+
+@pytest.mark.parametrize(
+    "carried", [Pose2(0.5, 0.0, 0.0), Pose2(0.8, -0.8, 0.3), Pose2(0.3, 0.8, -0.7)]
+)
+def test_one_that_was_carried_away_finds_itself_again(carried):
+    for seed in range(4):
+        walker = Walker(seed)
+        robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
+        for k in range(50):
+            odometry, imu, dt = walker.step()
+            if k == 30:
+                walker.true = walker.true @ carried
+            robot.predict(odometry, imu, dt)
+            robot.update(walker.look(reach_m=4.0))
+        error = (walker.true.inverse() @ robot.pose2).vector
+        assert np.hypot(*error[:2]) < 0.05
+        assert abs(error[2]) < 2 * DEG
+
+
+def test_tags_without_a_number_are_told_apart_by_their_place():
+    def nameless(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sighting]:
+        return [Sighting(None, s.measured, s.covariance) for s in seen]
+
+    runs = [walk(seed, spoil=nameless) for seed in range(4)]
+    errors = np.concatenate([w.errors[20:] for w in runs])
+    assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) < 0.03
+    assert sum(r.accepted for w in runs for r in w.reports) > 300
+
+
+def test_a_number_that_is_not_in_the_map_is_rejected():
+    robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
+    report = robot.update([Sighting(77, np.array([1.0, 0.0]), np.eye(2) * 1e-4)])
+    assert report == UpdateReport(0, 1, [])
+
+
+def test_without_odometry_it_may_have_gone_anywhere_it_can_walk():
+    robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
+    for _ in range(30):
+        robot.predict(None, None, 0.325)
+    sigma = math.sqrt(robot.pose.covariance[0, 0])
+    assert 0.1 < sigma < 0.7  # 10 s at up to 0.07 m/s
+
+
+def test_the_same_walk_gives_the_same_bits():
+    first, second = walk(5, frames=40), walk(5, frames=40)
+    np.testing.assert_array_equal(first.errors, second.errors)
+    np.testing.assert_array_equal(first.covariances, second.covariances)
+
+
+anything = st.floats(-1e3, 1e3) | st.sampled_from([math.nan, math.inf, -math.inf, 0.0])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.tuples(anything, anything, anything, anything),
+            st.tuples(anything, st.floats(0, 10) | st.sampled_from([math.nan, -1.0])),
+            st.lists(
+                st.tuples(st.sampled_from([0, 1, 99, None]), anything, anything, anything),
+                max_size=3,
+            ),
+        ),
+        max_size=8,
+    )
+)
+def test_no_input_breaks_it(history):
+    robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
+    for (x, y, yaw, steps), (rate, dt), sightings in history:
+        robot.predict(
+            StepOdometry(Pose2(x, y, yaw), steps), Imu(np.array([0, 0, rate]), GRAVITY), dt
+        )
+        robot.update(
+            [Sighting(i, np.array([r, b]), np.diag([v, 0.01])) for i, r, b, v in sightings]
+        )
+        pose = robot.pose
+        assert np.all(np.isfinite(pose.mean))
+        np.testing.assert_array_equal(pose.covariance, pose.covariance.T)
+        np.linalg.cholesky(robot.state.covariance)
+
+
+def test_whitened_innovations_have_no_memory():
+    """Range innovations to one tag straight ahead; a wrong process model would show as correlation."""
+    sequences = []
+    for seed in range(6):
+        walker = Walker(seed)
+        robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
+        for _ in range(100):
+            odometry, imu, dt = walker.step()
+            robot.predict(odometry, imu, dt)
+            seen = walker.look()
+            for sighting in seen[:1]:
+                mark = MARKS[sighting.identity or 0]
+                expected = models.range_bearing(robot.pose.mean, np.array([mark.position[:2]]))
+                gradient = np.array(mark.position[:2]) - robot.pose.mean[:2]
+                gradient /= -np.linalg.norm(gradient)
+                S = gradient @ robot.pose.covariance[:2, :2] @ gradient + sighting.covariance[0, 0]
+                sequences.append((sighting.measured[0] - expected[0]) / math.sqrt(S))
+            robot.update(seen)
+    n = len(sequences)
+    assert n > 200
+    assert abs(whiteness(np.array(sequences)[:, None], 1)[0]) < 2.0 * whiteness_bound(n, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"gyro_sigma_radps": 0.0}, r"gyro_sigma_radps=0\.0 must be positive"),
+        ({"gate_probability": 1.0}, r"gate_probability=1\.0 must lie between"),
+        ({"rejected_frames": 0}, "rejected_frames=0 must be at least 1"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(change, said):
+    with pytest.raises(ConfigError, match=said):
+        LocaliserConfig(**change)
+
+
+def test_a_start_that_is_nowhere_is_refused():
+    with pytest.raises(ConfigError, match="must be a finite"):
+        PoseFilter(Gaussian(np.array([0.0, math.nan, 0.0]), STARTING), MARKS)

@@ -1,0 +1,80 @@
+"""Two landmarks give the pose from nothing, with an honest covariance; contradictions give none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.localisation.consistency import band, nees
+from perception.localisation.filter import joint_noise
+from perception.localisation.models import range_bearing, wrap_angles
+from perception.localisation.relocation import jacobian, pose_from_sightings
+from perception.primitives.landmark import Sighting
+
+NOISE = np.diag([0.01**2, 0.01**2])
+
+
+def look(pose: np.ndarray, places: np.ndarray, rng: np.random.Generator | None) -> list[Sighting]:
+    seen = range_bearing(pose, places).reshape(-1, 2)
+    if rng is not None:
+        seen = seen + rng.multivariate_normal(np.zeros(2), NOISE, len(places))
+    return [Sighting(i, row, NOISE) for i, row in enumerate(seen)]
+
+
+def noise(k: int) -> np.ndarray:
+    return joint_noise([NOISE] * k, 0.0)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_perfect_sightings_give_the_pose(seed):
+    rng = np.random.default_rng(seed)
+    pose = rng.uniform([-3, -3, -math.pi], [3, 3, math.pi])
+    places = rng.uniform([-5, 5], [5, 15], (3, 2))
+    found = pose_from_sightings(look(pose, places, None), places, noise(3))
+    assert found is not None
+    np.testing.assert_allclose(found.mean[:2], pose[:2], atol=1e-6)
+    assert abs(wrap_angles(found.mean[2:] - pose[2:])[0]) < 1e-6
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_the_jacobian_is_the_difference_quotient(seed):
+    rng = np.random.default_rng(seed)
+    pose, places = rng.uniform(-1, 1, 3), rng.uniform(2, 5, (3, 2))
+    step = 1e-6
+    columns = [
+        (range_bearing(pose + e, places) - range_bearing(pose - e, places)) / (2 * step)
+        for e in np.eye(3) * step
+    ]
+    np.testing.assert_allclose(jacobian(pose, places), np.array(columns).T, atol=1e-7)
+
+
+def test_its_covariance_is_honest():
+    rng = np.random.default_rng(1)
+    pose, places = np.array([0.3, -0.2, 0.5]), np.array([[2.0, 1.0], [1.5, -1.0]])
+    errors, covariances = [], []
+    for _ in range(200):
+        found = pose_from_sightings(look(pose, places, rng), places, noise(2))
+        assert found is not None or rng is not None
+        if found is not None:
+            errors.append(found.mean - pose)
+            covariances.append(found.covariance)
+    assert len(errors) > 195
+    low, high = band(3, len(errors), 0.999)
+    assert low < nees(np.array(errors), np.array(covariances)).mean() < high
+
+
+def test_one_landmark_or_two_in_one_place_say_nothing():
+    pose, places = np.zeros(3), np.array([[2.0, 1.0], [2.0, 1.05]])
+    seen = look(pose, places, None)
+    assert pose_from_sightings(seen[:1], places[:1], noise(1)) is None
+    assert pose_from_sightings(seen, places, noise(2)) is None
+
+
+def test_landmarks_that_contradict_each_other_say_nothing():
+    places = np.array([[2.0, 1.0], [1.5, -1.0]])
+    seen = look(np.zeros(3), places, None)
+    wrong = Sighting(1, seen[1].measured + np.array([0.5, 0.3]), NOISE)
+    assert pose_from_sightings([seen[0], wrong], places, noise(2)) is None
