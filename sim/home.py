@@ -63,7 +63,7 @@ def furnished(seed: int) -> Scene:
 
 
 def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
-    x0, y0, x1, y1 = EXTENT
+    _, y0, x1, y1 = EXTENT
     rug = str(rng.choice(["rug/teal", "rug/rust", "rug/plum", "rug/navy"]))
     x, y = float(rng.uniform(0.9, 1.3)), float(rng.uniform(1.4, 2.0))
     return (

@@ -76,7 +76,7 @@ def _paint(surfaces: Sequence[Patch], rng: np.random.Generator) -> Painted:
     """Patches painted and stacked below each other on one image."""
     images = [_lit(patch, rng) for patch in surfaces]
     framed = [
-        cv2.copyMakeBorder(image, *([_RIM_PX] * 4), borderType=cv2.BORDER_REPLICATE)
+        np.pad(image, ((_RIM_PX, _RIM_PX), (_RIM_PX, _RIM_PX), (0, 0)), mode="edge")
         for image in images
     ]
     places, size = _shelves([image.shape[:2] for image in framed])

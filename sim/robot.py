@@ -47,12 +47,12 @@ class RobotConfig:
     colour: bool = True
     tof_mount_m: tuple[float, float, float] = (0.035, 0.0, 0.035)  # DARwIn-OP's camera
     baseline_m: float = 0.04  # seed 003
-    gait: GaitConfig = GaitConfig()
-    slip: SlipConfig = SlipConfig()
-    tremble: TrembleConfig = TrembleConfig()
-    head: HeadConfig = HeadConfig()
-    imu: ImuConfig = ImuConfig()
-    tof_camera: TofConfig = TofConfig()
+    gait: GaitConfig = field(default_factory=GaitConfig)
+    slip: SlipConfig = field(default_factory=SlipConfig)
+    tremble: TrembleConfig = field(default_factory=TrembleConfig)
+    head: HeadConfig = field(default_factory=HeadConfig)
+    imu: ImuConfig = field(default_factory=ImuConfig)
+    tof_camera: TofConfig = field(default_factory=TofConfig)
     colour_camera: ImageConfig = field(
         default_factory=lambda: ImageConfig(720, 720, 90.0, (0.035, 0.0, 0.035))
     )  # seed 000: f = 360 px
