@@ -1,4 +1,4 @@
-"""Compiled inner loop of back-projection."""
+"""Compiled loops of back-projection. Ray slopes come as (1 or h, w) and (h, 1 or w) tables."""
 
 from __future__ import annotations
 
@@ -7,12 +7,61 @@ from numba import njit
 
 
 @njit(cache=True)
-def back_project(z: np.ndarray, rays: np.ndarray, out: np.ndarray) -> None:
-    """out[v, u] = (x z, y z, z) for rays (h, w, 2) and depths (h, w)."""
+def gather(
+    z: np.ndarray,
+    sigma: np.ndarray,
+    slope_x: np.ndarray,
+    slope_y: np.ndarray,
+    nearest: float,
+    farthest: float,
+    stride: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, sigma and flat pixel index of the pixels in range, row by row."""
     height, width = z.shape
+    count = 0
+    for v in range(0, height, stride):
+        for u in range(0, width, stride):
+            if nearest <= z[v, u] <= farthest and 0.0 < sigma[v, u] < np.inf:
+                count += 1
+    xyz = np.empty((count, 3))
+    deviation = np.empty(count)
+    pixels = np.empty(count, np.int64)
+    rows_x, columns_y = slope_x.shape[0], slope_y.shape[1]
+    i = 0
+    for v in range(0, height, stride):
+        row = v if rows_x > 1 else 0
+        for u in range(0, width, stride):
+            depth = float(z[v, u])
+            if nearest <= z[v, u] <= farthest and 0.0 < sigma[v, u] < np.inf:
+                column = u if columns_y > 1 else 0
+                xyz[i, 0] = slope_x[row, u] * depth
+                xyz[i, 1] = slope_y[v, column] * depth
+                xyz[i, 2] = depth
+                deviation[i] = sigma[v, u]
+                pixels[i] = v * width + u
+                i += 1
+    return xyz, deviation, pixels
+
+
+@njit(cache=True)
+def spread(z: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
+    """(h, w, 3) float32 points of every pixel; NaN depth gives NaN."""
+    height, width = z.shape
+    xyz = np.empty((height, width, 3), np.float32)
+    rows_x, columns_y = slope_x.shape[0], slope_y.shape[1]
     for v in range(height):
-        for u in range(width):
-            distance = z[v, u]
-            out[v, u, 0] = rays[v, u, 0] * distance
-            out[v, u, 1] = rays[v, u, 1] * distance
-            out[v, u, 2] = distance
+        x = slope_x[v if rows_x > 1 else 0]
+        if columns_y > 1:
+            for u in range(width):
+                depth = z[v, u]
+                xyz[v, u, 0] = x[u] * depth
+                xyz[v, u, 1] = slope_y[v, u] * depth
+                xyz[v, u, 2] = depth
+        else:
+            y = slope_y[v, 0]
+            for u in range(width):
+                depth = z[v, u]
+                xyz[v, u, 0] = x[u] * depth
+                xyz[v, u, 1] = y * depth
+                xyz[v, u, 2] = depth
+    return xyz

@@ -1,73 +1,108 @@
-"""From a depth image to points in the camera frame, each with the deviation of its depth.
+"""Depth images to points: back-projection through ray tables, with the sigma of every point.
 
-The ray through every pixel is computed once per camera and kept; back-projecting is then one product.
+An undistorted camera's rays are separable, so its table is one row and one column; a distorted camera
+carries its table itself (`Camera.rays`, made once). Only pixels with depth become points, and each keeps
+its place in the image.
 
-Source: seed 003, section 3 (X = (u - c_x) Z / f).
+Source: seed 003, section 3 (disparity to range).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from . import _points_kernels
+from . import _points_kernels as kernels
 from .primitives.camera import Camera
+from .primitives.errors import InputError
 from .primitives.frame import Depth
 
 
 @dataclass(frozen=True)
 class Points:
-    """Points of one depth image.
+    """Points seen by one camera.
 
     Args:
-        xyz: (n, 3), camera frame, m.
-        sigma: (n,), deviation of z, m.
-        pixels: (n, 2), (u, v) each came from.
+        xyz: (n, 3), camera frame, m; all finite and in front of the camera.
+        sigma: (n,), deviation of z, m; the error lies along the ray.
+        pixels: (n,), flat index row * width + column into the image, or the number of the point where
+            there is no image.
     """
 
     xyz: Float[np.ndarray, "n 3"]
     sigma: Float[np.ndarray, "n"]
-    pixels: Int[np.ndarray, "n 2"]
+    pixels: Int[np.ndarray, "n"]
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+
+def slopes(camera: Camera) -> tuple[Float[np.ndarray, "a w"], Float[np.ndarray, "h b"]]:
+    """Ray slopes x/z and y/z of every pixel, in the smallest shapes that broadcast to (h, w)."""
+    if camera.is_distorted:
+        return camera.rays[..., 0], camera.rays[..., 1]
+    x = (np.arange(camera.width) - camera.cx) / camera.fx
+    y = (np.arange(camera.height) - camera.cy) / camera.fy
+    return x[None, :], y[:, None]
 
 
 def from_depth(depth: Depth, nearest_m: float, farthest_m: float, stride: int = 1) -> Points:
-    """The points of all pixels whose depth is known and within reach.
+    """Points of all pixels whose depth lies in a range, in row order.
 
     Args:
-        depth: Depth image with its deviations, m.
-        nearest_m: Nearer is left out.
-        farthest_m: Farther is left out.
-        stride: 2 takes every second row and column.
+        depth: Image; NaN, and pixels whose sigma is not a positive number, give no point.
+        nearest_m: Smallest z that is believed, m.
+        farthest_m: Largest z that is believed, m.
+        stride: Take every so many rows and columns.
 
-    Returns:
-        In row order.
+    Raises:
+        InputError: The image does not fit its camera, the range is empty, or the stride is not positive.
     """
-    z = depth.z[::stride, ::stride]
-    with np.errstate(invalid="ignore"):
-        used = (z >= nearest_m) & (z <= farthest_m)
-    v, u = np.nonzero(used)
-    distance = z[used].astype(np.float64)
-    rays = _rays(depth.camera)[::stride, ::stride][used]
-    return Points(
-        np.column_stack([rays * distance[:, None], distance]),
-        depth.sigma[::stride, ::stride][used].astype(np.float64),
-        np.column_stack([u, v]) * stride,
+    _check(depth)
+    if not 0.0 <= nearest_m < farthest_m:
+        raise InputError(
+            f"points: nearest_m={nearest_m} must not be negative and be below farthest_m={farthest_m}"
+        )
+    if stride < 1:
+        raise InputError(f"points: stride={stride} must be at least 1")
+    x, y = slopes(depth.camera)
+    xyz, sigma, pixels = kernels.gather(
+        depth.z, depth.sigma, x, y, max(nearest_m, 1e-6), farthest_m, stride
     )
+    return Points(xyz, sigma, pixels)
 
 
 def organised(depth: Depth) -> Float32[np.ndarray, "h w 3"]:
-    """Every pixel's point, camera frame, m, in image order; NaN where there is no depth."""
-    out = np.empty((*depth.z.shape, 3), np.float32)
-    _points_kernels.back_project(depth.z, _rays(depth.camera), out)
-    return out
+    """Points of the whole image in its own order, camera frame, m; NaN where there is no depth.
+
+    Raises:
+        InputError: The image does not fit its camera.
+    """
+    _check(depth)
+    x, y = slopes(depth.camera)
+    return np.asarray(kernels.spread(depth.z, x.astype(np.float32), y.astype(np.float32)))
 
 
-@lru_cache(maxsize=16)
-def _rays(camera: Camera) -> Float32[np.ndarray, "h w 2"]:
-    """(x, y) at z = 1 through every pixel."""
-    rays = np.ascontiguousarray(camera.rays[..., :2], dtype=np.float32)
-    rays.setflags(write=False)
-    return rays
+def unorganised(
+    xyz: Float[np.ndarray, "n 3"], sigma: Float[np.ndarray, "n"] | None = None
+) -> Points:
+    """A cloud without an image; without sigma, that of a structured-light camera is taken.
+
+    Points that are not finite or not in front of the camera are left out, the others keep their number.
+    """
+    keep = np.flatnonzero(np.isfinite(xyz).all(axis=1) & (xyz[:, 2] > 0.0))
+    kept = np.ascontiguousarray(xyz[keep], dtype=np.float64)
+    if sigma is None:
+        return Points(kept, 0.0012 + 0.0019 * (kept[:, 2] - 0.4) ** 2, keep)
+    return Points(kept, np.ascontiguousarray(sigma[keep], dtype=np.float64), keep)
+
+
+def _check(depth: Depth) -> None:
+    expected = (depth.camera.height, depth.camera.width)
+    if depth.z.shape != expected or depth.sigma.shape != expected:
+        raise InputError(
+            f"points: depth is {depth.z.shape} and sigma {depth.sigma.shape}, the camera says {expected} "
+            "(rows, columns); check the intrinsics"
+        )

@@ -1,94 +1,136 @@
-"""Time of flight: range along the ray to depth, with the sensor's known faults undone and its noise known.
+"""Time of flight: range along the ray to depth, with a noise model and without flying pixels.
 
-A phase camera of the SR-4000 kind. Its range wiggles with the phase by a few millimetres, a fixed curve that
-calibration finds and that is subtracted here. Its noise grows as the amplitude falls. A pixel on an edge
-sees two surfaces and reports a place between them ("flying"); such pixels are left out.
+A pixel at the rim of a thing receives light from before and behind it and reports a range in between,
+where there is nothing. Such a pixel lies between two opposite neighbours that are far apart, and off both.
+A surface seen at a grazing angle looks alike, so the jump must be steeper than any floor that matters.
 
-Source: seed 004, sections 2.3 and 7 (30 MHz, 5 m, 4 mm at 1.3 m); phasor noise figures from the
-simulation study; edge rejection is ours.
+Source: seed 004, section 4 (SR-4000: 4 mm at 1.3 m); the amplitude law and the rejection are ours.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float32
 
-from .primitives.errors import ConfigError
+from . import points
+from .primitives.camera import Camera
+from .primitives.errors import ConfigError, InputError
 from .primitives.frame import Depth, RangeView
-
-SPEED_OF_LIGHT_MPS = 299_792_458.0
 
 
 @dataclass(frozen=True)
 class TofConfig:
-    """Calibration and noise of the camera."""
+    """Noise of the sensor, and what is thrown away."""
 
-    modulation_hz: float = 30e6  # seed 004: 30 MHz, unambiguous to 4.997 m
-    noise_m: float = 0.004  # seed 004: at amplitude 1 (white wall at 2 m) or at 1.3 m without amplitude
-    noise_range_m: float = 1.3  # seed 004
-    ambient: float = 0.1  # noise study: share of the shot noise that is there without a return
-    floor_noise_m: float = 0.0025  # noise study: what remains at high amplitude
-    fixed_pattern_m: float = 0.003  # noise study: per pixel, the same in every frame
-    wiggle_m: float = 0.004  # noise study: amplitude of the phase error; 0 leaves it in
-    least_amplitude: float = 0.05  # ours: below, the range is hardly more than noise
-    edge_m: float = 0.05  # ours: a pixel between two jumps of this size flies
+    sigma_at_m: float = 1.3  # published SR-4000 test: 4 mm at 1.3 m, growing with range squared
+    sigma_m: float = 0.004  # published SR-4000 test
+    fixed_m: float = (
+        0.005  # fixed pattern 3 mm, timing 2.5 mm, rest of the wiggling: independent of range
+    )
+    white_amplitude: float = (
+        1.0  # amplitude of a white target 2 m straight ahead; unit of the camera
+    )
+    least_amplitude: float = 0.03  # ours: below it a range is noise; in parts of white_amplitude
+    wiggle_m: float = 0.0  # calibrated amplitude of the fourth harmonic, e.g. 0.004; 0 leaves it in
+    wrap_m: float = 4.997  # c / 2f at 30 MHz: ranges repeat
+    graze_deg: float = 3.0  # ours: a 0.4 m high camera sees the floor at 3 m under 7.6 deg
+    off_sigmas: float = 3.0  # ours: a flying pixel is this far off both of its neighbours
 
     def __post_init__(self) -> None:
-        for name in ("modulation_hz", "noise_m", "noise_range_m", "edge_m"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"tof: {name}={getattr(self, name)} must be positive")
+        for name in ("sigma_at_m", "sigma_m", "white_amplitude", "wrap_m", "off_sigmas"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"tof: {name}={value} must be positive and finite")
+        for name in ("fixed_m", "least_amplitude", "wiggle_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"tof: {name}={value} must not be negative, and finite")
+        if not 0.0 < self.graze_deg < 45.0:
+            raise ConfigError(f"tof: graze_deg={self.graze_deg} must lie between 0 and 45")
 
 
 def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
     """Depth along the optical axis with its deviation.
 
     Args:
-        view: Range along the ray, m, and amplitude.
-        config: Calibration and noise.
+        view: Range along the ray, m (NaN, not positive: none), and the amplitude of the return.
+        config: Noise of the sensor.
 
     Returns:
-        NaN where there is no range, the amplitude is too low, or the pixel flies.
+        Depth; NaN where there is no range, the return is too weak, or the pixel is a flying one.
 
-    Source: seed 004, Table 3; wiggling and noise after the simulation study.
+    Raises:
+        InputError: An image does not fit its camera.
     """
     config = config or TofConfig()
-    measured = view.range_m.astype(np.float64)
-    phase = 4.0 * np.pi * config.modulation_hz / SPEED_OF_LIGHT_MPS * measured
-    corrected = measured - config.wiggle_m * np.sin(4.0 * phase)
-    if view.amplitude is None:
-        shot = config.noise_m * (measured / config.noise_range_m) ** 2
-    else:
-        amplitude = np.maximum(view.amplitude.astype(np.float64), 1e-6)
-        shot = config.noise_m * np.sqrt((amplitude + config.ambient) / (1 + config.ambient))
-        shot = shot / amplitude
-        corrected[amplitude < config.least_amplitude] = np.nan
-    corrected[_flying(measured, config.edge_m)] = np.nan
-    sigma = np.sqrt(shot**2 + config.floor_noise_m**2 + config.fixed_pattern_m**2)
-    along = 1.0 / np.linalg.norm(view.camera.rays, axis=-1)  # from along the ray to along the axis
-    z = (corrected * along).astype(np.float32)
-    spread = np.where(np.isfinite(z), sigma * along, np.nan).astype(np.float32)
-    return Depth(z, spread, view.camera, view.T_body_camera)
-
-
-def _flying(range_m: np.ndarray, edge_m: float) -> Bool[np.ndarray, "h w"]:
-    """Pixels halfway up a jump: steeply rising on one side and going on rising on the other.
-
-    Down the image a floor rises steadily too; there the two rises must also be unequal.
-    """
-    flying = np.zeros(range_m.shape, dtype=bool)
+    expected = (view.camera.height, view.camera.width)
+    for name, image in (("range", view.range_m), ("amplitude", view.amplitude)):
+        if image is not None and image.shape != expected:
+            raise InputError(
+                f"time of flight: {name} image is {image.shape}, its camera says {expected} "
+                "(rows, columns); check the intrinsics"
+            )
     with np.errstate(invalid="ignore"):
-        across = np.diff(range_m, axis=1)
-        before, after = across[:, :-1], across[:, 1:]
-        flying[:, 1:-1] |= (before * after > 0) & (
-            np.minimum(np.abs(before), np.abs(after)) > edge_m
-        )
-        down = np.diff(range_m, axis=0)
-        before, after = down[:-1], down[1:]
-        steep = np.minimum(np.abs(before), np.abs(after)) > edge_m
-        uneven = np.abs(before - after) > np.maximum(edge_m, 0.5 * np.abs(before + after) / 2)
-        flying[1:-1] |= (before * after > 0) & steep & uneven
-    return flying
+        valid = (view.range_m > 0.0) & np.isfinite(view.range_m)
+        if view.amplitude is not None:
+            valid &= view.amplitude >= config.least_amplitude * config.white_amplitude
+    measured = np.where(valid, view.range_m, np.float32(np.nan))
+    sigma = deviation(measured, view.amplitude, config)
+    measured = np.where(flying(measured, sigma, view.camera, config), np.float32(np.nan), measured)
+    if config.wiggle_m > 0.0:
+        phase = np.float32(2.0 * math.pi / config.wrap_m) * measured
+        measured = measured - np.float32(config.wiggle_m) * np.sin(4.0 * phase)
+    x, y = points.slopes(view.camera)
+    along = (1.0 / np.sqrt(1.0 + x * x + y * y)).astype(np.float32)  # z of a ray of length 1
+    z = measured * along
+    return Depth(z, np.where(np.isfinite(z), sigma * along, z), view.camera, view.T_body_camera)
 
 
+def deviation(
+    range_m: Float32[np.ndarray, "h w"],
+    amplitude: Float32[np.ndarray, "h w"] | None,
+    config: TofConfig,
+) -> Float32[np.ndarray, "h w"]:
+    """Deviation of range, m.
+
+    Without amplitude it grows with the square of range, as the light of a white target falls off. With
+    amplitude A (1 for a white target at 2 m) it is the shot and background noise
+    `sigma_2 sqrt((A + 0.1) / 1.1) / A`, which has the published value for a white target at 1.3 m.
+    """
+    if amplitude is None:
+        temporal = config.sigma_m * (range_m / config.sigma_at_m) ** 2
+    else:
+        white = (2.0 / config.sigma_at_m) ** 2
+        scale = config.sigma_m * white / math.sqrt(white + 0.1)
+        A = np.maximum(amplitude / np.float32(config.white_amplitude), np.float32(1e-3))
+        temporal = scale * np.sqrt(A + np.float32(0.1)) / A
+    return np.sqrt(temporal**2 + config.fixed_m**2).astype(np.float32)
+
+
+def flying(
+    range_m: Float32[np.ndarray, "h w"],
+    sigma_m: Float32[np.ndarray, "h w"],
+    camera: Camera,
+    config: TofConfig,
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels that lie between two opposite neighbours far apart, and off both."""
+    found = np.zeros(range_m.shape, dtype=bool)
+    middle = range_m[1:-1, 1:-1]
+    off = config.off_sigmas * sigma_m[1:-1, 1:-1]
+    steep = 2.0 / math.tan(math.radians(config.graze_deg))
+    pitches = (1.0 / camera.fx, 1.0 / camera.fy, math.hypot(1.0 / camera.fx, 1.0 / camera.fy))
+    pairs = (
+        (range_m[1:-1, :-2], range_m[1:-1, 2:], pitches[0]),
+        (range_m[:-2, 1:-1], range_m[2:, 1:-1], pitches[1]),
+        (range_m[:-2, :-2], range_m[2:, 2:], pitches[2]),
+        (range_m[:-2, 2:], range_m[2:, :-2], pitches[2]),
+    )
+    with np.errstate(invalid="ignore"):
+        for one, other, pitch in pairs:
+            near, far = np.minimum(one, other), np.maximum(one, other)
+            jump = far - near > np.float32(steep * pitch) * near
+            found[1:-1, 1:-1] |= jump & (middle > near + off) & (middle < far - off)
+    return found

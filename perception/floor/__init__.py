@@ -1,7 +1,24 @@
-"""The floor: which plane the robot stands on, how sure that is, and what rises above it.
+"""The floor: the plane the robot stands on, how sure we are of it, and what rises from it.
 
-Read `prior` (where it should be), `proposals` (randomised Hough and RANSAC), `refine` (least squares and
-covariance), `find` (which of several planes is the floor), `classify` (floor, obstacle, hole, overhang).
+Read in this order: `prior` (where it should be), `sample` (a few points, and what makes a plane a floor),
+`ransac` and `hough` (two ways to think of a plane), `refine` (the fit to all points and its covariance),
+`choose` (find, which joins them), then `classify` (floor, obstacle, hole, overhang).
 
-Source: seed 003, section 3 and Fig. 4.
+Source: seed 003, sections 3 and 5.
 """
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .choose import Floor, FloorConfig, find
+
+__all__ = ["Floor", "FloorConfig", "find"]
+
+
+def __getattr__(name: str) -> Any:
+    """Floor, FloorConfig and find on demand: the package itself imports nothing."""
+    if name in __all__:
+        from . import choose
+
+        return getattr(choose, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,4 +1,9 @@
-"""Compiled inner loops of the plane search: triples to planes, votes, costs."""
+"""Compiled loops of the floor search. Arrays and scalars only; every input is finite.
+
+A plane n.p + rho = 0 is fitted in inverse depth: along the ray r = p / z the plane reads 1 / z = a.r with
+a = -n / rho. The ray is known exactly and all noise is in 1 / z, so the fit is linear and has no bias,
+however grazing the view.
+"""
 
 from __future__ import annotations
 
@@ -7,136 +12,465 @@ import math
 import numpy as np
 from numba import njit
 
-
-@njit(cache=True)
-def _through(points, i, j, k, up):  # type: ignore[no-untyped-def]
-    """Plane through three points, normal towards up: nx, ny, nz, rho, area; area 0 if degenerate."""
-    ax, ay, az = points[i]
-    bx, by, bz = points[j, 0] - ax, points[j, 1] - ay, points[j, 2] - az
-    cx, cy, cz = points[k, 0] - ax, points[k, 1] - ay, points[k, 2] - az
-    nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-    area = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if area < 1e-4:  # m^2: nearly on a line
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    if nx * up[0] + ny * up[1] + nz * up[2] < 0.0:
-        area = -area
-    nx, ny, nz = nx / area, ny / area, nz / area
-    return nx, ny, nz, -(nx * ax + ny * ay + nz * az), abs(area)
+FREE_SUMS = {"reassoc", "contract", "nsz"}  # sums may be vectorised; nothing assumes finite values
+BLOCK = 256  # points scored between two looks at whether the best can still be reached
+GRAIN = 12.0  # image cells for correlated noise per unit of ray slope: about 5 deg
+SPAN = 2.0  # ray slopes beyond this share the outermost cell
+CELLS = 48  # 2 SPAN GRAIN
 
 
 @njit(cache=True)
-def msac(points, tau, triples, up, cos_gate, lowest, highest):  # type: ignore[no-untyped-def]
-    """The plane through one of the triples with the least truncated squared cost.
+def within(
+    xyz: np.ndarray, n: np.ndarray, rho: float, half_m: float, slope: float
+) -> tuple[np.ndarray, int]:
+    """Indices of points that a plane within the gate could pass through, and how many lie below it.
 
-    points (m, 3), tau (m,) inlier bounds, triples (k, 3) indices, up (3,), offsets within
-    [lowest, highest]. Returns (nx, ny, nz, rho, cost); cost m where no triple passes the gates.
+    The gate opens with distance: half_m at the camera, `slope` times the distance more along the way.
     """
-    m = len(points)
-    best = (0.0, 0.0, 0.0, 0.0, float(m))
-    for t in range(len(triples)):
-        nx, ny, nz, rho, area = _through(points, triples[t, 0], triples[t, 1], triples[t, 2], up)
-        if area == 0.0 or nx * up[0] + ny * up[1] + nz * up[2] < cos_gate:
-            continue
-        if rho < lowest or rho > highest:
-            continue
-        cost = 0.0
-        for i in range(m):
-            d = (nx * points[i, 0] + ny * points[i, 1] + nz * points[i, 2] + rho) / tau[i]
-            cost += min(d * d, 1.0)
-            if cost >= best[4]:
-                break
-        if cost < best[4]:
-            best = (nx, ny, nz, rho, cost)
-    return best
+    count = xyz.shape[0]
+    kept = np.empty(count, np.int64)
+    k = below = 0
+    for i in range(count):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        d = n[0] * x + n[1] * y + n[2] * z + rho
+        gate = half_m + slope * math.sqrt(x * x + y * y + z * z)
+        kept[k] = i
+        k += abs(d) <= gate
+        below += d < -gate
+    return kept[:k], below
 
 
 @njit(cache=True)
-def hough(  # type: ignore[no-untyped-def]
-    points, triples, up, across, cos_gate, lowest, highest, tilt_bin, offset_bin, enough
-):
-    """Randomised Hough transform over (two tilts about up, offset), cells of tilt_bin rad, offset_bin m.
+def take(
+    xyz: np.ndarray, sigma: np.ndarray, index: np.ndarray, sigmas: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Columns x, y, z of some points, and the slack sigmas * sigma / z."""
+    count = index.shape[0]
+    x, y, z = np.empty(count), np.empty(count), np.empty(count)
+    slack = np.empty(count)
+    for k in range(count):
+        i = index[k]
+        x[k], y[k], z[k] = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        slack[k] = sigmas * sigma[i] / xyz[i, 2]
+    return x, y, z, slack
 
-    across (2, 3): the axes the tilts are counted along. Stops when a cell has `enough` votes.
-    Returns (nx, ny, nz, rho, votes) as the mean of the winning cell, votes 0 if there is none.
+
+@njit(cache=True, fastmath=FREE_SUMS)
+def score(
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    slack: np.ndarray,
+    a: float,
+    b: float,
+    c: float,
+    rho: float,
+    base: float,
+    penalty: float,
+    least: float,
+) -> float:
+    """How much a plane is the floor: points on it count for it, points below it against it.
+
+    A point at signed distance d counts 1 - (d / tau)^2 within tau = base + slack rho, and -penalty below
+    -2 tau. Returns -inf as soon as `least` cannot be reached.
     """
-    gate = math.acos(cos_gate)
-    side = 2 * int(math.ceil(gate / tilt_bin)) + 1
-    levels = int(math.ceil((highest - lowest) / offset_bin)) + 1
-    votes = np.zeros((side, side, levels), np.int32)
-    sums = np.zeros((side, side, levels, 3))
-    most, win = 0, (0, 0, 0)
-    for t in range(len(triples)):
-        nx, ny, nz, rho, area = _through(points, triples[t, 0], triples[t, 1], triples[t, 2], up)
-        cosine = nx * up[0] + ny * up[1] + nz * up[2]
-        if area == 0.0 or cosine < cos_gate or rho < lowest or rho > highest:
-            continue
-        first = nx * across[0, 0] + ny * across[0, 1] + nz * across[0, 2]
-        second = nx * across[1, 0] + ny * across[1, 1] + nz * across[1, 2]
-        length = math.sqrt(first * first + second * second)
-        angle = math.atan2(length, cosine)
-        scale = angle / length if length > 1e-12 else 1.0
-        first, second = first * scale, second * scale
-        i = int(math.floor(first / tilt_bin + 0.5)) + side // 2
-        j = int(math.floor(second / tilt_bin + 0.5)) + side // 2
-        k = int((rho - lowest) / offset_bin)
-        i, j = min(max(i, 0), side - 1), min(max(j, 0), side - 1)
-        votes[i, j, k] += 1
-        sums[i, j, k, 0] += first
-        sums[i, j, k, 1] += second
-        sums[i, j, k, 2] += rho
-        if votes[i, j, k] > most:
-            most, win = votes[i, j, k], (i, j, k)
-            if most >= enough:
-                break
-    if most == 0:
-        return 0.0, 0.0, 0.0, 0.0, 0
-    first, second, rho = sums[win] / most
-    angle = math.sqrt(first * first + second * second)
-    sine = math.sin(angle) / angle if angle > 1e-12 else 1.0
-    n = math.cos(angle) * up + sine * (first * across[0] + second * across[1])
-    return n[0], n[1], n[2], rho, most
+    count = x.shape[0]
+    total = 0.0
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        part = 0.0
+        for i in range(start, stop):
+            tau = base + slack[i] * rho
+            t = (a * x[i] + b * y[i] + c * z[i] + rho) / tau
+            part += max(1.0 - t * t, 0.0) - (penalty if t < -2.0 else 0.0)
+        total += part
+        if total + (count - stop) < least:
+            return -np.inf
+    return total
 
 
 @njit(cache=True)
-def truncated_cost(points, tau, n, rho):  # type: ignore[no-untyped-def]
-    """MSAC cost of one plane: sum of min((distance / tau)^2, 1)."""
-    cost = 0.0
-    for i in range(len(points)):
-        d = (n[0] * points[i, 0] + n[1] * points[i, 1] + n[2] * points[i, 2] + rho) / tau[i]
-        cost += min(d * d, 1.0)
-    return cost
+def solve(A: np.ndarray, g: np.ndarray) -> tuple[float, float, float, bool]:
+    """Solution of a symmetric 3x3 system by its adjugate; false where it is singular."""
+    c00 = A[1, 1] * A[2, 2] - A[1, 2] * A[1, 2]
+    c01 = A[0, 2] * A[1, 2] - A[0, 1] * A[2, 2]
+    c02 = A[0, 1] * A[1, 2] - A[0, 2] * A[1, 1]
+    det = A[0, 0] * c00 + A[0, 1] * c01 + A[0, 2] * c02
+    if not det > 1e-12 * A[0, 0] * A[1, 1] * A[2, 2]:
+        return 0.0, 0.0, 0.0, False
+    c11 = A[0, 0] * A[2, 2] - A[0, 2] * A[0, 2]
+    c12 = A[0, 1] * A[0, 2] - A[0, 0] * A[1, 2]
+    c22 = A[0, 0] * A[1, 1] - A[0, 1] * A[0, 1]
+    return (
+        (c00 * g[0] + c01 * g[1] + c02 * g[2]) / det,
+        (c01 * g[0] + c11 * g[1] + c12 * g[2]) / det,
+        (c02 * g[0] + c12 * g[1] + c22 * g[2]) / det,
+        True,
+    )
 
 
 @njit(cache=True)
-def normal_equations(points, sigma, n, rho, t0, t1, own, reach):  # type: ignore[no-untyped-def]
-    """Sums of the weighted fit of (tilt, tilt, offset) to the points within `reach` deviations.
-
-    sigma (m,) of z; the deviation of a distance is sigma |n.p| / z joined with `own` (m). Returns the
-    (3, 3) matrix, the (3,) right-hand side, the sum of squares and the number of points.
-    """
+def fit(
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    slack: np.ndarray,
+    n: np.ndarray,
+    rho: float,
+    base: float,
+) -> tuple[float, float, float, float, bool]:
+    """Weighted least squares in inverse depth on the points within tau of a plane: n and rho."""
     A = np.zeros((3, 3))
-    b = np.zeros(3)
-    total, count = 0.0, 0
-    for i in range(len(points)):
-        x, y, z = points[i, 0], points[i, 1], points[i, 2]
-        height = n[0] * x + n[1] * y + n[2] * z
-        distance = height + rho
-        deviation2 = (sigma[i] * height / z) ** 2 + own * own
-        if distance * distance > reach * reach * deviation2:
+    g = np.zeros(3)
+    for i in range(x.shape[0]):
+        tau = base + slack[i] * rho
+        if abs(n[0] * x[i] + n[1] * y[i] + n[2] * z[i] + rho) < tau:
+            q = 1.0 / z[i]
+            w = (rho * z[i] / tau) ** 2  # d = rho z (1/z - a.r), so 1/z has deviation tau / (rho z)
+            u, v = x[i] * q, y[i] * q
+            A[0, 0] += w * u * u
+            A[0, 1] += w * u * v
+            A[0, 2] += w * u
+            A[1, 1] += w * v * v
+            A[1, 2] += w * v
+            A[2, 2] += w
+            g[0] += w * u * q
+            g[1] += w * v * q
+            g[2] += w * q
+    a, b, c, good = solve(A, g)
+    norm = math.sqrt(a * a + b * b + c * c)
+    if not good or norm < 1e-9:
+        return 0.0, 0.0, 0.0, 0.0, False
+    return -a / norm, -b / norm, -c / norm, 1.0 / norm, True
+
+
+@njit(cache=True)
+def draw(state: np.uint64) -> tuple[np.uint64, float]:
+    """Next state and a number in [0, 1) (SplitMix64)."""
+    state = state + np.uint64(0x9E3779B97F4A7C15)
+    s = state
+    s = (s ^ (s >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    s = (s ^ (s >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    s = s ^ (s >> np.uint64(31))
+    return state, float(s >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@njit(cache=True)
+def triple(
+    x: np.ndarray, y: np.ndarray, z: np.ndarray, state: np.uint64, near_of: int
+) -> tuple[np.uint64, float, float, float, float, bool]:
+    """Plane through three random points, the camera on its positive side; false if nearly collinear.
+
+    The second and the third are each the nearest to the first of `near_of` draws: a small floor is hit
+    far more often than by points from anywhere.
+    """
+    count = x.shape[0]
+    state, r = draw(state)
+    i = int(r * count)
+    chosen = np.empty(2, np.int64)
+    for k in range(2):
+        best, nearest = 0, np.inf
+        for _ in range(near_of):
+            state, r = draw(state)
+            j = int(r * count)
+            d = (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 + (z[i] - z[j]) ** 2
+            if d < nearest and j != i and not (k == 1 and j == chosen[0]):
+                best, nearest = j, d
+        chosen[k] = best
+    j, m = chosen[0], chosen[1]
+    ux, uy, uz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
+    vx, vy, vz = x[m] - x[i], y[m] - y[i], z[m] - z[i]
+    a, b, c = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    area = math.sqrt(a * a + b * b + c * c)
+    u2, v2 = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
+    if area < 1e-6 or area * area < 0.05 * u2 * v2:  # sides at less than 13 deg
+        return state, 0.0, 0.0, 0.0, 0.0, False
+    a, b, c = a / area, b / area, c / area
+    rho = -(a * x[i] + b * y[i] + c * z[i])
+    if rho < 0.0:
+        a, b, c, rho = -a, -b, -c, -rho
+    return state, a, b, c, rho, True
+
+
+@njit(cache=True)
+def msac(
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    slack: np.ndarray,
+    up: np.ndarray,
+    least_cosine: float,
+    lowest_rho: float,
+    highest_rho: float,
+    base: float,
+    penalty: float,
+    tries: int,
+    miss: float,
+    near_of: int,
+    seed: np.uint64,
+) -> tuple[float, float, float, float, float, int]:
+    """Best plane within the gate by random triples, each new best improved by least squares.
+
+    Returns:
+        n and rho, the score (0 where nothing was found), the triples drawn.
+    """
+    count = x.shape[0]
+    n = np.zeros(3)
+    best_a, best_b, best_c, best_rho, best = 0.0, 0.0, 0.0, 0.0, 0.0
+    state = seed
+    k, needed = 0, tries
+    while k < needed:
+        state, a, b, c, rho, good = triple(x, y, z, state, near_of if k % 2 else 1)
+        k += 1
+        if not good or rho < lowest_rho or rho > highest_rho:
             continue
-        j0 = t0[0] * x + t0[1] * y + t0[2] * z
-        j1 = t1[0] * x + t1[1] * y + t1[2] * z
-        w = 1.0 / deviation2
-        A[0, 0] += w * j0 * j0
-        A[0, 1] += w * j0 * j1
-        A[0, 2] += w * j0
-        A[1, 1] += w * j1 * j1
-        A[1, 2] += w * j1
+        if a * up[0] + b * up[1] + c * up[2] < least_cosine:
+            continue
+        value = score(x, y, z, slack, a, b, c, rho, base, penalty, best)
+        if value <= best:
+            continue
+        for wide in (3.0, 2.0, 1.0, 1.0):  # local optimisation; the first triples are rough
+            n[0], n[1], n[2] = a, b, c
+            fa, fb, fc, frho, good = fit(x, y, z, slack * wide, n, rho, base * wide)
+            if not good or frho < lowest_rho or frho > highest_rho:
+                break
+            if fa * up[0] + fb * up[1] + fc * up[2] < least_cosine:
+                break
+            better = score(x, y, z, slack, fa, fb, fc, frho, base, penalty, 0.0)
+            if better > value:
+                a, b, c, rho, value = fa, fb, fc, frho, better
+        best_a, best_b, best_c, best_rho, best = a, b, c, rho, value
+        share = best / count
+        if share > 0.999:
+            needed = k
+        else:  # triples until one lies on a plane as good, but for the probability `miss`
+            needed = min(tries, int(math.log(miss) / math.log(1.0 - share**3)) + 1)
+    return best_a, best_b, best_c, best_rho, best, k
+
+
+@njit(cache=True)
+def vote(
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    up: np.ndarray,
+    first: np.ndarray,
+    second: np.ndarray,
+    least_cosine: float,
+    lowest_rho: float,
+    highest_rho: float,
+    tilt_cell: float,
+    rho_cell: float,
+    triples: int,
+    enough: int,
+    near_of: int,
+    seed: np.uint64,
+    keys: np.ndarray,
+    votes: np.ndarray,
+    sums: np.ndarray,
+) -> tuple[int, int, int]:
+    """Randomised Hough transform: votes of random triples in a hash table of plane parameters.
+
+    The parameters are the tilts about two directions across the predicted up, and rho. Cells are found
+    by open addressing; the table's size is a power of two and larger than the triples.
+
+    Args:
+        keys, votes, sums: The table, (m,), (m,), (m, 3), set to -1, 0, 0; filled.
+
+    Returns:
+        Slot of the best cell, its votes, the triples drawn.
+    """
+    state = seed
+    mask = keys.shape[0] - 1
+    best_slot, best_votes = -1, 0
+    drawn = 0
+    for k in range(triples):
+        state, a, b, c, rho, good = triple(x, y, z, state, near_of if k % 2 else 1)
+        drawn += 1
+        if not good or rho < lowest_rho or rho > highest_rho:
+            continue
+        cosine = a * up[0] + b * up[1] + c * up[2]
+        if cosine < least_cosine:
+            continue
+        one = math.atan2(a * first[0] + b * first[1] + c * first[2], cosine)
+        two = math.atan2(a * second[0] + b * second[1] + c * second[2], cosine)
+        i = int(math.floor(one / tilt_cell)) + 512
+        j = int(math.floor(two / tilt_cell)) + 512
+        m = int(math.floor(rho / rho_cell))
+        key = (m * 1024 + j) * 1024 + i
+        slot = (key * 2654435761) & mask
+        while keys[slot] != -1 and keys[slot] != key:
+            slot = (slot + 1) & mask
+        keys[slot] = key
+        votes[slot] += 1
+        sums[slot, 0] += one
+        sums[slot, 1] += two
+        sums[slot, 2] += rho
+        if votes[slot] > best_votes:
+            best_slot, best_votes = slot, votes[slot]
+            if best_votes >= enough:
+                break
+    return best_slot, best_votes, drawn
+
+
+@njit(cache=True, fastmath=FREE_SUMS)
+def moments(
+    xyz: np.ndarray,
+    sigma: np.ndarray,
+    n: np.ndarray,
+    rho: float,
+    base: float,
+    sigmas: float,
+    rough: float,
+    A: np.ndarray,
+    g: np.ndarray,
+) -> int:
+    """Normal equations A a = g in inverse depth of the points within tau; how many they are.
+
+    Each weighs 1 / variance of its inverse depth: depth noise, and `rough` of the floor itself.
+    """
+    a0, a1, a2 = -n[0] / rho, -n[1] / rho, -n[2] / rho
+    s00 = s01 = s02 = s11 = s12 = s22 = g0 = g1 = g2 = 0.0
+    count = 0
+    for i in range(xyz.shape[0]):
+        z = xyz[i, 2]
+        q = 1.0 / z
+        u, v = xyz[i, 0] * q, xyz[i, 1] * q
+        e = q - (a0 * u + a1 * v + a2)
+        noise = sigma[i] * rho * q  # deviation of height
+        tau = base + sigmas * noise
+        inside = abs(e) * rho * z < tau
+        w = (rho * z) ** 2 / (noise * noise + rough * rough) if inside else 0.0
+        count += inside
+        s00 += w * u * u
+        s01 += w * u * v
+        s02 += w * u
+        s11 += w * v * v
+        s12 += w * v
+        s22 += w
+        g0 += w * u * e
+        g1 += w * v * e
+        g2 += w * e
+    A[0, 0], A[0, 1], A[0, 2] = s00, s01, s02
+    A[1, 0], A[1, 1], A[1, 2] = s01, s11, s12
+    A[2, 0], A[2, 1], A[2, 2] = s02, s12, s22
+    g[0], g[1], g[2] = g0, g1, g2
+    return count
+
+
+@njit(cache=True)
+def statistics(
+    xyz: np.ndarray,
+    sigma: np.ndarray,
+    n: np.ndarray,
+    rho: float,
+    base: float,
+    sigmas: float,
+    rough: float,
+    A: np.ndarray,
+    B: np.ndarray,
+    C: np.ndarray,
+) -> tuple[int, int, int]:
+    """What the covariance needs, at the final plane.
+
+    Args:
+        A: (3, 3), normal matrix, filled.
+        B: (3, 3), sum over image cells of the outer product of the cell's gradient, filled: equals A in
+            the mean where the noise of neighbours is independent, and is larger where it is not.
+        C: (3, 3), sum of w q r r^T, filled: the answer to a depth scale that varies over the image.
+
+    Returns:
+        Points on the plane, points below -2 tau, image cells with points on the plane.
+    """
+    a0, a1, a2 = -n[0] / rho, -n[1] / rho, -n[2] / rho
+    cells = np.zeros((CELLS * CELLS, 4))
+    A[:], B[:], C[:] = 0.0, 0.0, 0.0
+    inliers = below = 0
+    for i in range(xyz.shape[0]):
+        z = xyz[i, 2]
+        q = 1.0 / z
+        u, v = xyz[i, 0] * q, xyz[i, 1] * q
+        e = q - (a0 * u + a1 * v + a2)
+        noise = sigma[i] * rho * q
+        tau = base + sigmas * noise
+        d = rho * z * e
+        if d < -2.0 * tau:
+            below += 1
+        if abs(d) >= tau:
+            continue
+        inliers += 1
+        w = (rho * z) ** 2 / (noise * noise + rough * rough)
+        A[0, 0] += w * u * u
+        A[0, 1] += w * u * v
+        A[0, 2] += w * u
+        A[1, 1] += w * v * v
+        A[1, 2] += w * v
         A[2, 2] += w
-        b[0] -= w * j0 * distance
-        b[1] -= w * j1 * distance
-        b[2] -= w * distance
-        total += w * distance * distance
-        count += 1
-    A[1, 0], A[2, 0], A[2, 1] = A[0, 1], A[0, 2], A[1, 2]
-    return A, b, total, count
+        w2 = w * q
+        C[0, 0] += w2 * u * u
+        C[0, 1] += w2 * u * v
+        C[0, 2] += w2 * u
+        C[1, 1] += w2 * v * v
+        C[1, 2] += w2 * v
+        C[2, 2] += w2
+        column = int(min(max((u + SPAN) * GRAIN, 0.0), CELLS - 1.0))
+        row = int(min(max((v + SPAN) * GRAIN, 0.0), CELLS - 1.0))
+        cell = row * CELLS + column
+        cells[cell, 0] += w * e * u
+        cells[cell, 1] += w * e * v
+        cells[cell, 2] += w * e
+        cells[cell, 3] += 1.0
+    used = 0
+    for cell in range(CELLS * CELLS):
+        if cells[cell, 3] > 0.0:
+            used += 1
+            for j in range(3):
+                for k in range(3):
+                    B[j, k] += cells[cell, j] * cells[cell, k]
+    for j in range(3):
+        for k in range(j):
+            A[j, k], C[j, k] = A[k, j], C[k, j]
+    return inliers, below, used
+
+
+@njit(cache=True)
+def classes(
+    xyz: np.ndarray,
+    sigma: np.ndarray,
+    n: np.ndarray,
+    rho: float,
+    first: np.ndarray,
+    second: np.ndarray,
+    P: np.ndarray,
+    base: float,
+    sigmas: float,
+    top: float,
+    labels: np.ndarray,
+) -> None:
+    """Label each point: 0 floor, 1 obstacle, 2 hole, 3 overhang.
+
+    Args:
+        P: (3, 3) covariance of the plane (tilt about `first`, tilt about `second`, offset).
+        labels: (n,) int8, overwritten.
+    """
+    for i in range(xyz.shape[0]):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        d = n[0] * x + n[1] * y + n[2] * z + rho
+        noise = sigma[i] * rho / z
+        s = first[0] * x + first[1] * y + first[2] * z
+        t = second[0] * x + second[1] * y + second[2] * z
+        plane = (
+            P[0, 0] * s * s
+            + P[1, 1] * t * t
+            + P[2, 2]
+            + 2.0 * (P[0, 1] * s * t + P[0, 2] * s + P[1, 2] * t)
+        )
+        tau = base + sigmas * math.sqrt(noise * noise + max(plane, 0.0))
+        if d > top:
+            labels[i] = 3
+        elif d > tau:
+            labels[i] = 1
+        elif d < -tau:
+            labels[i] = 2
+        else:
+            labels[i] = 0

@@ -1,13 +1,16 @@
-"""Floor, obstacle, hole, overhang: what each point means for a foot.
+"""Floor, obstacle, hole or overhang: each point by its height over the plane.
 
-The bound between floor and obstacle grows with depth noise: at 3 m a stereo camera of 4 cm baseline cannot
-tell a 5 cm step from floor, and must not pretend to. It also grows with what is not known of the plane.
+A floor point far away is noisy in height, so the band that counts as floor grows with depth noise, and
+with what the plane itself is unsure of there. Low things far away are not separable from the floor, and
+the band says so.
 
-Source: seed 003, section 3 (classification, tau).
+Source: seed 003, section 3: floor |z| <= tau(Z) = 0.01 + 3 sigma_Z h / Z, obstacle up to the robot's height
+and 0.1 m; the plane's own part is ours.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,56 +19,64 @@ from jaxtyping import Float, Int8
 from ..points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
+from . import _kernels as kernels
 
 FLOOR, OBSTACLE, HOLE, OVERHANG = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
 class ClassConfig:
-    """Heights that matter."""
+    """Borders between the classes."""
 
-    tau_m: float = 0.01  # seed 003: tau = 0.01 + 3 sigma_Z h / Z
+    base_m: float = 0.01  # seed 003
     sigmas: float = 3.0  # seed 003
-    robot_height_m: float = 0.455  # seed 000
-    headroom_m: float = 0.10  # seed 003: obstacles up to the robot's height and 0.1 m
-    hole_m: float = 0.02  # ours: deeper than -tau by this, since stray returns lie below floors
+    robot_height_m: float = 0.46  # DARwIn-OP, standing
+    headroom_m: float = 0.10  # seed 003: ignored from robot height + 0.1 m up
 
     def __post_init__(self) -> None:
-        if not (self.tau_m > 0.0 and self.robot_height_m > self.tau_m):
+        for name in ("base_m", "sigmas", "robot_height_m", "headroom_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"classes: {name}={value} must not be negative, and finite")
+        if not self.robot_height_m + self.headroom_m > self.base_m:
             raise ConfigError(
-                f"classes: tau_m={self.tau_m} must be positive and below "
-                f"robot_height_m={self.robot_height_m}"
+                f"classes: robot_height_m={self.robot_height_m} and headroom_m={self.headroom_m} must "
+                f"reach above base_m={self.base_m}"
             )
-
-
-def floor_bound(
-    points: Points, plane: Plane, config: ClassConfig | None = None
-) -> Float[np.ndarray, "n"]:
-    """tau of every point: how far from the plane it may be and still be floor, m."""
-    config = config or ClassConfig()
-    t0, t1 = plane.tangents
-    lever = np.column_stack([points.xyz @ t0, points.xyz @ t1, np.ones(len(points.xyz))])
-    plane_variance = np.einsum("ni,ij,nj->n", lever, plane.covariance, lever)
-    height_share = (points.xyz @ plane.normal) / points.xyz[:, 2]
-    variance = (points.sigma * height_share) ** 2 + plane_variance
-    return config.tau_m + config.sigmas * np.sqrt(np.maximum(variance, 0.0))
 
 
 def classify(
     points: Points, plane: Plane, config: ClassConfig | None = None
 ) -> Int8[np.ndarray, "n"]:
-    """FLOOR, OBSTACLE, HOLE or OVERHANG for every point.
+    """FLOOR, OBSTACLE, HOLE or OVERHANG for each point.
 
     Args:
-        points: Camera frame.
-        plane: The floor, camera frame, with covariance.
-        config: Heights.
+        points: Camera frame, m.
+        plane: The floor in the camera frame, with covariance.
     """
     config = config or ClassConfig()
-    height = plane.distance(points.xyz)
-    tau = floor_bound(points, plane, config)
-    classes = np.full(len(height), FLOOR, np.int8)
-    classes[height > tau] = OBSTACLE
-    classes[height > config.robot_height_m + config.headroom_m] = OVERHANG
-    classes[height < -(tau + config.hole_m)] = HOLE
-    return classes
+    first, second = plane.tangents
+    labels = np.empty(len(points), dtype=np.int8)
+    kernels.classes(
+        points.xyz,
+        points.sigma,
+        plane.normal,
+        plane.offset_m,
+        first,
+        second,
+        plane.covariance,
+        config.base_m,
+        config.sigmas,
+        config.robot_height_m + config.headroom_m,
+        labels,
+    )
+    return labels
+
+
+def band(points: Points, plane: Plane, config: ClassConfig | None = None) -> Float[np.ndarray, "n"]:
+    """tau of each point: half the height of the band that counts as floor there, m."""
+    config = config or ClassConfig()
+    noise = points.sigma * plane.offset_m / points.xyz[:, 2]
+    lever = np.column_stack([points.xyz @ plane.tangents.T, np.ones(len(points))])
+    variance = np.einsum("ni,ij,nj->n", lever, plane.covariance, lever)
+    return np.asarray(config.base_m + config.sigmas * np.sqrt(noise**2 + variance))

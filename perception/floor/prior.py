@@ -1,49 +1,93 @@
-"""Where the floor should be before one looks: from the joints, or from next to nothing.
+"""Where the floor should be before looking: from joint angles, from gravity, or from nothing but habit.
 
-Source: seed 003, Fig. 4, step 2 (up vector predicted by the joint angles); the rest is ours.
+A prior is a `Plane` in the camera frame whose covariance says how far it may be off. It decides which
+planes are thought of at all, and takes part in the result as one more measurement.
+
+Source: seed 003, section 3, Fig. 4 (normal predicted by the joint angles); the rest ours.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from ..primitives.errors import InputError
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 
-HAND_TILT_RAD = math.radians(28.0)  # people hold cameras level or down; rolled by 20 deg at times
-HAND_HEIGHT_M = 1.1  # between a small humanoid's head and a person's
-HAND_HEIGHT_SIGMA_M = 1.5
+HAND_UP = np.array([0.0, -1.0, 0.0])  # a camera held level: up is up in the image
+HAND_TILT_RAD = math.radians(
+    25.0
+)  # ours: cameras in the hand are pitched and rolled by up to 50 deg
+GRAVITY_TILT_RAD = math.radians(3.0)  # ours: gravity of handheld sets is good to 1-3 deg
+HAND_HEIGHT_M = 1.0  # ours: between a camera at the ankle and one over the head
+HAND_HEIGHT_SIGMA_M = 1.0  # ours
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Which planes are thought of: tilt from `up` and height of the camera."""
+
+    up: Float[np.ndarray, "3"]
+    tilt_rad: float
+    lowest_m: float
+    highest_m: float
 
 
 def kinematic_prior(T_body_camera: Pose3, tilt_sigma_rad: float, height_sigma_m: float) -> Plane:
-    """The floor by joint angles: z = 0 of the body frame, seen from the camera.
+    """The floor z = 0 of the body frame in the camera frame, by joint angles.
 
     Args:
         T_body_camera: Camera on the body.
-        tilt_sigma_rad: Deviation of each tilt.
+        tilt_sigma_rad: Deviation of either tilt of the camera.
         height_sigma_m: Deviation of the camera's height.
 
-    Returns:
-        Plane in the camera frame, with covariance.
+    Raises:
+        InputError: A deviation is not positive and finite, or the camera is not above the floor.
     """
-    plane = Plane(np.array([0.0, 0.0, 1.0]), 0.0).moved(T_body_camera.inverse())
-    covariance = np.diag([tilt_sigma_rad**2, tilt_sigma_rad**2, height_sigma_m**2])
-    return Plane(plane.normal, plane.offset_m, covariance)
+    for name, value in (("tilt_sigma_rad", tilt_sigma_rad), ("height_sigma_m", height_sigma_m)):
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"floor prior: {name}={value} must be positive and finite")
+    height = T_body_camera.translation[2]
+    if not height > 0.0:
+        raise InputError(
+            f"floor prior: the camera is {height} m above the floor of the body frame; it must be "
+            "above it, check T_body_camera"
+        )
+    up = T_body_camera.rotation.T @ np.array([0.0, 0.0, 1.0])
+    return Plane(up, height, np.diag([tilt_sigma_rad**2, tilt_sigma_rad**2, height_sigma_m**2]))
 
 
 def handheld_prior(up_camera: Float[np.ndarray, "3"] | None) -> Plane:
-    """The floor for a camera in the hand: below it, at an unknown height.
+    """The floor under a camera in the hand: about a metre below it, somewhere.
 
     Args:
-        up_camera: Up in the camera frame, if gravity is known; then it is good to a few degrees.
+        up_camera: Up in the camera frame, from an inertial sensor or a given pose, any length; None if
+            nobody knows, then the camera is taken to be held upright to within `HAND_TILT_RAD`.
 
-    Returns:
-        Plane in the camera frame, with a covariance that says how little is known.
+    Raises:
+        InputError: The direction has no length or is not finite.
     """
-    known = up_camera is not None
-    up = up_camera / np.linalg.norm(up_camera) if up_camera is not None else np.array([0.0, -1.0, 0.0])
-    tilt = math.radians(4.0) if known else HAND_TILT_RAD
+    if up_camera is None:
+        up, tilt = HAND_UP, HAND_TILT_RAD
+    else:
+        length = float(np.linalg.norm(up_camera))
+        if not (math.isfinite(length) and length > 0.0):
+            raise InputError(f"floor prior: up_camera={up_camera} must be a direction")
+        up, tilt = up_camera / length, GRAVITY_TILT_RAD
     return Plane(up, HAND_HEIGHT_M, np.diag([tilt**2, tilt**2, HAND_HEIGHT_SIGMA_M**2]))
+
+
+def gate(prior: Plane, sigmas: float, most_tilt_rad: float, least_height_m: float) -> Gate:
+    """What lies within so many deviations of the prior, but never steeper or lower than allowed."""
+    tilt = sigmas * math.sqrt(float(np.linalg.eigvalsh(prior.covariance[:2, :2])[-1]))
+    reach = sigmas * math.sqrt(float(prior.covariance[2, 2]))
+    return Gate(
+        prior.normal,
+        min(tilt, most_tilt_rad),
+        max(prior.offset_m - reach, least_height_m),
+        prior.offset_m + reach,
+    )

@@ -1,10 +1,14 @@
-"""From a rough plane to the best one: weighted least squares, with the covariance that follows.
+"""The last word on a plane: weighted least squares on all points, and how sure it is.
 
-A depth error moves a point along its ray; seen from height h at depth z that is h/z of it across the floor.
-Each point is weighed by that. The formal covariance of ten thousand points is far too small to be true,
-because sensors err together: a systematic part is added (ours).
+Two passes in inverse depth (see `_kernels`). The covariance has three parts:
 
-Source: seed 003, Fig. 4, step 5; parameters of the error as in `Plane`.
+- what independent noise of the points leaves: the inverse of the normal matrix;
+- times the factor by which the noise of neighbouring pixels hangs together, measured on the residuals:
+  gradients summed over image cells of about 5 deg vary that much more than independent ones would;
+- plus what residuals cannot show, because it bends the floor into another plane: an error of depth scale,
+  constant and growing across the image to the right and downwards, each of deviation `scale_share`.
+
+Source: seed 003, section 3 (least squares, one repeat); covariance ours, its factor after White 1980.
 """
 
 from __future__ import annotations
@@ -15,53 +19,117 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ..points import Points
+from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
-from . import _kernels
+from . import _kernels as kernels
+from .sample import ScoreConfig
 
 
 @dataclass(frozen=True)
 class RefineConfig:
-    """Passes, gate and what the sensor errs as a whole."""
+    """Passes and the parts of the covariance."""
 
-    passes: int = 3  # ours: the third changes nothing any more
-    reach: float = 2.5  # ours: deviations within which a point counts
-    own_m: float = 0.004  # ours: unevenness of a floor, joints, carpet
-    systematic_tilt_deg: float = 0.12  # ours: of TOF and RGB-D cameras, by their errors against truth
-    systematic_offset_m: float = 0.002  # ours: likewise
+    passes: int = 2  # seed 003: least squares, one repeat
+    rough_m: float = 0.003  # ours: carpet, joints of tiles
+    scale_share: float = 0.003  # ours: depth scale left by calibration, part of depth
+    least_points: int = 100  # ours: fewer are no floor
+
+    def __post_init__(self) -> None:
+        if self.passes < 1:
+            raise ConfigError(f"floor: passes={self.passes} must be at least 1")
+        for name in ("rough_m", "scale_share"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"floor: {name}={value} must not be negative, and finite")
+        if self.least_points < 3:
+            raise ConfigError(f"floor: least_points={self.least_points} must be at least 3")
 
 
-def fit(
-    points: Float[np.ndarray, "n 3"],
-    sigma: Float[np.ndarray, "n"],
-    rough: Plane,
-    config: RefineConfig,
-) -> tuple[Plane, int] | None:
-    """The least-squares plane near a rough one.
+@dataclass(frozen=True)
+class Fit:
+    """A plane with covariance; shares of the points on it, and clearly below it."""
+
+    plane: Plane
+    share: float
+    below_share: float
+
+
+def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineConfig) -> Fit | None:
+    """Fit the plane to all points near it.
 
     Args:
         points: Camera frame, m.
-        sigma: Deviation of each z, m.
-        rough: Where to begin.
-        config: Passes and gate.
+        start: Within a few centimetres of the answer.
 
     Returns:
-        The plane with covariance and the number of points it rests on; None if they do not fix a plane.
+        The plane, the camera on its positive side; None if too few points are near or they lie on a line.
     """
-    plane, count = rough, 0
-    A = np.zeros((3, 3))
-    total = 0.0
+    normal, rho = start.normal, start.offset_m
+    A, B, C = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    g = np.zeros(3)
+    common = (scoring.base_m, scoring.sigmas, config.rough_m)
     for _ in range(config.passes):
-        t0, t1 = plane.tangents
-        A, b, total, count = _kernels.normal_equations(
-            points, sigma, plane.normal, plane.offset_m, t0, t1, config.own_m, config.reach
-        )
-        if count < 12 or np.linalg.cond(A) > 1e12:
+        count = kernels.moments(points.xyz, points.sigma, normal, rho, *common, A, g)
+        if count < config.least_points or not _is_regular(A):
             return None
-        a, c, offset = np.linalg.solve(A, b)
-        normal = plane.normal + a * t0 + c * t1
-        length = float(np.linalg.norm(normal))
-        plane = Plane(normal / length, (plane.offset_m + float(offset)) / length)
-    spread = max(1.0, total / max(count - 3, 1))  # points noisier than they claim
-    tilt = math.radians(config.systematic_tilt_deg)
-    systematic = np.diag([tilt**2, tilt**2, config.systematic_offset_m**2])
-    return Plane(plane.normal, plane.offset_m, np.linalg.inv(A) * spread + systematic), count
+        slope = -normal / rho + np.linalg.solve(A, g)
+        rho = 1.0 / float(np.linalg.norm(slope))
+        normal = -slope * rho
+    inliers, below, cells = kernels.statistics(
+        points.xyz, points.sigma, normal, rho, *common, A, B, C
+    )
+    if inliers < config.least_points or not _is_regular(A):
+        return None
+    inverse = np.linalg.inv(A)
+    factor = float(np.trace(inverse @ B)) / 3.0 * cells / max(cells - 3, 1)
+    M = config.scale_share * inverse @ C
+    P = max(factor, 1.0) * inverse + M @ M.T
+    plane = Plane(normal, rho)
+    J = _jacobian(plane)
+    return Fit(Plane(normal, rho, J @ P @ J.T), inliers / len(points), below / len(points))
+
+
+def fuse(measured: Plane, prior: Plane) -> Plane:
+    """The plane measured, with the prior as one more measurement (information form)."""
+    W_measured, W_prior = (
+        np.linalg.inv(measured.covariance),
+        np.linalg.inv(_turned(prior, measured)),
+    )
+    P = np.linalg.inv(W_measured + W_prior)
+    a, b, c = P @ W_prior @ measured.error_to(prior)
+    first, second = measured.tangents
+    normal = measured.normal + a * first + b * second
+    normal /= np.linalg.norm(normal)
+    fused = Plane(normal, measured.offset_m + float(c))
+    return Plane(normal, fused.offset_m, _turned(Plane(measured.normal, 0.0, P), fused))
+
+
+def mahalanobis(measured: Plane, prior: Plane) -> float:
+    """Squared distance of the measured plane from the prior, both covariances taken together."""
+    e = measured.error_to(prior)
+    return float(e @ np.linalg.solve(measured.covariance + _turned(prior, measured), e))
+
+
+def _turned(plane: Plane, to: Plane) -> Float[np.ndarray, "3 3"]:
+    """Covariance of a plane in the tangents of another that is nearly parallel."""
+    T = np.eye(3)
+    T[:2, :2] = to.tangents @ plane.tangents.T
+    u, _, vt = np.linalg.svd(T[:2, :2])  # the nearest rotation
+    T[:2, :2] = u @ vt
+    return np.asarray(T @ plane.covariance @ T.T)
+
+
+def _jacobian(plane: Plane) -> Float[np.ndarray, "3 3"]:
+    """Of (tilt, tilt, offset) by the slope a = -n / rho."""
+    n, rho = plane.normal, plane.offset_m
+    first, second = plane.tangents  # dn = -rho (I - n n^T) da, drho = rho^2 n.da
+    return np.stack([-rho * first, -rho * second, rho * rho * n])
+
+
+def _is_regular(A: Float[np.ndarray, "3 3"]) -> bool:
+    """Whether the points span a plane."""
+    scale = np.sqrt(np.diag(A))
+    if not np.all(scale > 0.0):
+        return False
+    return float(np.linalg.eigvalsh(A / np.outer(scale, scale))[0]) > 1e-9

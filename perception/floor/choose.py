@@ -1,0 +1,132 @@
+"""Which plane is the floor: propose, refine, and make sure before believing.
+
+The floor is not the largest plane. It is the one that agrees with the prior, has points on it and has
+nothing below it. Both ways to propose a plane (`ransac`, `hough`) look for that; what follows is common:
+a fit to all points, a test against the prior with both covariances, and a look at what lies below.
+
+Source: seed 003, section 3, Fig. 4 steps 5 and 6; the choice is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from ..points import Points
+from ..primitives.errors import ConfigError
+from ..primitives.plane import Plane
+from . import hough, ransac
+from .hough import HoughConfig
+from .prior import gate
+from .ransac import RansacConfig
+from .refine import Fit, RefineConfig, fuse, mahalanobis, refine
+from .sample import Sample, ScoreConfig, draw
+
+METHODS = ("ransac", "hough")
+
+
+@dataclass(frozen=True)
+class FloorConfig:
+    """How the floor is looked for, and when it is believed."""
+
+    method: str = "ransac"  # or "hough", as in seed 003
+    sample: ScoreConfig = field(default_factory=ScoreConfig)
+    ransac: RansacConfig = field(default_factory=RansacConfig)
+    hough: HoughConfig = field(default_factory=HoughConfig)
+    refine: RefineConfig = field(default_factory=RefineConfig)
+    gate_sigmas: float = 4.0  # ours: planes farther from the prior are not thought of
+    most_tilt_deg: float = 60.0  # ours: however weak the prior, steeper is a wall
+    least_height_m: float = 0.03  # ours: a camera lies no lower
+    least_share: float = 0.03  # ours: floors of 6 % of the points occur; fewer than 3 % are ledges
+    most_below: float = (
+        0.25  # ours: points below, per point on it, where height was not known before
+    )
+    known_height_m: float = 0.15  # ours: a prior this sure of height may have holes below it
+    confidence: float = 0.999  # ours: of the test against the prior
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise ConfigError(
+                f"floor: method={self.method!r} is unknown; choose {' or '.join(METHODS)}"
+            )
+        for name in ("gate_sigmas", "least_height_m", "known_height_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"floor: {name}={value} must be positive and finite")
+        if not 0.0 < self.most_tilt_deg < 90.0:
+            raise ConfigError(
+                f"floor: most_tilt_deg={self.most_tilt_deg} must lie between 0 and 90"
+            )
+        for name in ("least_share", "most_below"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ConfigError(f"floor: {name}={getattr(self, name)} must lie in [0, 1]")
+        if not 0.0 < self.confidence < 1.0:
+            raise ConfigError(f"floor: confidence={self.confidence} must lie between 0 and 1")
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The floor as seen.
+
+    Args:
+        plane: Camera frame; normal up, offset the camera's height in m, with covariance.
+        share: Of all points that lie on it.
+        below_share: Of all points that lie clearly below it.
+    """
+
+    plane: Plane
+    share: float
+    below_share: float
+
+
+def find(
+    points: Points, prior: Plane, rng: np.random.Generator, config: FloorConfig | None = None
+) -> Floor | None:
+    """The floor among the points, or None if it cannot be told.
+
+    Args:
+        points: Camera frame, m, with sigma; in image order, or in any.
+        prior: Where the floor should be, camera frame, with covariance; see `prior`.
+        rng: Chooses the sample and the triples.
+        config: Method and thresholds.
+
+    Returns:
+        The floor, the prior taken in as one more measurement; None if no plane agrees with the prior, has
+        enough points on it, and has nothing below it. Then the caller keeps the prior.
+
+    Source: seed 003, section 3, Fig. 4.
+    """
+    config = config or FloorConfig()
+    if len(points) < config.refine.least_points:
+        return None
+    thought_of = gate(
+        prior, config.gate_sigmas, math.radians(config.most_tilt_deg), config.least_height_m
+    )
+    sample = draw(points, prior, thought_of, rng, config.sample)
+    if len(sample) < 3:
+        return None
+    if config.method == "hough":
+        start = hough.propose(sample, thought_of, rng, config.hough, config.sample)
+    else:
+        start = ransac.propose(sample, thought_of, rng, config.ransac, config.sample)
+    if start is None:
+        return None
+    fit = refine(points, start, config.sample, config.refine)
+    if fit is None or not _is_believed(fit, prior, config):
+        return None
+    return Floor(fuse(fit.plane, prior), fit.share, fit.below_share)
+
+
+def _is_believed(fit: Fit, prior: Plane, config: FloorConfig) -> bool:
+    """Enough points on it, as the prior allows, and nothing below it where that is the only sign."""
+    if fit.share < config.least_share:
+        return False
+    if fit.plane.angle_to(prior) > math.radians(config.most_tilt_deg):
+        return False
+    if mahalanobis(fit.plane, prior) > 2.0 * float(gammaincinv(1.5, config.confidence)):
+        return False
+    height_known = prior.covariance[2, 2] <= config.known_height_m**2
+    return bool(height_known) or fit.below_share <= config.most_below * fit.share
