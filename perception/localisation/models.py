@@ -93,7 +93,7 @@ def walker_mean(
 def walker_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a - b of states (7,), the yaw the short way round."""
     difference = a - b
-    difference[YAW] = wrap_angle(difference[YAW])
+    difference[YAW] = (difference[YAW] + math.pi) % (2.0 * math.pi) - math.pi
     return difference
 
 
@@ -116,7 +116,7 @@ def sighting_mean(
 def sighting_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a - b of (range, bearing, ...), the bearings the short way round."""
     difference = a - b
-    difference[1::2] = wrap_angles(difference[1::2])
+    difference[1::2] = (difference[1::2] + math.pi) % (2.0 * math.pi) - math.pi
     return difference
 
 

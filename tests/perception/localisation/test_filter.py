@@ -127,7 +127,7 @@ def walk(
 
 @pytest.fixture(scope="module")
 def walks() -> list[Walk]:
-    return [walk(seed, frames=100) for seed in range(20)]
+    return [walk(seed, frames=90) for seed in range(16)]
 
 
 def test_with_landmarks_the_error_is_as_large_as_the_covariance_says(walks):
@@ -145,7 +145,7 @@ def test_with_landmarks_it_knows_its_place_to_centimetres(walks):
 
 def test_innovations_are_chi_square(walks):
     values = np.concatenate([r.nis for w in walks for r in w.reports])
-    assert len(values) > 1000
+    assert len(values) > 600
     # sightings of one frame share an error: count frames, not sightings
     frames = sum(1 for w in walks for r in w.reports if r.nis)
     low, high = band(2, frames // 2, 0.999)
@@ -155,7 +155,7 @@ def test_innovations_are_chi_square(walks):
 
 @pytest.mark.parametrize("gyro", [True, False])
 def test_dead_reckoning_grows_uncertain_as_fast_as_it_errs(gyro):
-    runs = [walk(seed, frames=80, landmarks=False, gyro=gyro) for seed in range(100, 116)]
+    runs = [walk(seed, frames=80, landmarks=False, gyro=gyro) for seed in range(100, 112)]
     low, high = band(3, len(runs))
     assert low < np.mean([w.nees[-1] for w in runs]) < high
     assert runs[0].covariances[-1][0, 0] > runs[0].covariances[10][0, 0]
@@ -163,7 +163,7 @@ def test_dead_reckoning_grows_uncertain_as_fast_as_it_errs(gyro):
 
 def test_the_gyro_makes_the_heading_better():
     def heading(gyro: bool) -> float:
-        runs = [walk(seed, frames=80, landmarks=False, gyro=gyro) for seed in range(8)]
+        runs = [walk(seed, frames=60, landmarks=False, gyro=gyro) for seed in range(3)]
         return float(np.mean([w.covariances[-1][2, 2] for w in runs]))
 
     assert heading(True) < 0.3 * heading(False)
@@ -261,20 +261,20 @@ def outliers(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sig
 
 
 def test_three_outliers_in_ten_are_turned_away_and_counted():
-    runs = [walk(seed, spoil=outliers) for seed in range(8)]
+    runs = [walk(seed, frames=90, spoil=outliers) for seed in range(6)]
     assert np.mean([w.nees.mean() for w in runs]) < 4.5
     errors = np.concatenate([w.errors[20:] for w in runs])
     assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) < 0.05
     told = sum(r.accepted + r.rejected for w in runs for r in w.reports)
     refused = sum(r.rejected for w in runs for r in w.reports)
-    assert 0.25 < refused / told < 0.35
+    assert 0.2 < refused / told < 0.4  # 3.5 deviations of the share of 280
 
 
 def test_ten_seconds_without_landmarks_are_survived():
     def blackout(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sighting]:
         return [] if 40 <= k < 70 else seen
 
-    runs = [walk(seed, frames=100, spoil=blackout) for seed in range(8)]
+    runs = [walk(seed, frames=90, spoil=blackout) for seed in range(6)]
     low, high = band(3, len(runs), 0.99)
     assert low < np.mean([w.nees[69] for w in runs]) < high
     assert low < np.mean([w.nees[-1] for w in runs]) < high
@@ -284,7 +284,7 @@ def test_ten_seconds_without_landmarks_are_survived():
     "carried", [Pose2(0.5, 0.0, 0.0), Pose2(0.8, -0.8, 0.3), Pose2(0.3, 0.8, -0.7)]
 )
 def test_one_that_was_carried_away_finds_itself_again(carried):
-    for seed in range(4):
+    for seed in range(3):
         walker = Walker(seed)
         robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
         for k in range(50):
@@ -302,10 +302,10 @@ def test_tags_without_a_number_are_told_apart_by_their_place():
     def nameless(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sighting]:
         return [Sighting(None, s.measured, s.covariance) for s in seen]
 
-    runs = [walk(seed, spoil=nameless) for seed in range(4)]
+    runs = [walk(seed, frames=90, spoil=nameless) for seed in range(3)]
     errors = np.concatenate([w.errors[20:] for w in runs])
     assert np.sqrt(np.mean(np.sum(errors[:, :2] ** 2, axis=1))) < 0.03
-    assert sum(r.accepted for w in runs for r in w.reports) > 300
+    assert sum(r.accepted for w in runs for r in w.reports) > 130
 
 
 def test_a_number_that_is_not_in_the_map_is_rejected():
@@ -331,7 +331,7 @@ def test_the_same_walk_gives_the_same_bits():
 anything = st.floats(-1e3, 1e3) | st.sampled_from([math.nan, math.inf, -math.inf, 0.0])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -363,7 +363,7 @@ def test_no_input_breaks_it(history):
 def test_whitened_innovations_have_no_memory():
     """Range innovations to one tag straight ahead; a wrong process model would show as correlation."""
     sequences = []
-    for seed in range(6):
+    for seed in range(3):
         walker = Walker(seed)
         robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS)
         for _ in range(100):
@@ -379,7 +379,7 @@ def test_whitened_innovations_have_no_memory():
                 sequences.append((sighting.measured[0] - expected[0]) / math.sqrt(S))
             robot.update(seen)
     n = len(sequences)
-    assert n > 200
+    assert n > 100
     assert abs(whiteness(np.array(sequences)[:, None], 1)[0]) < 2.0 * whiteness_bound(n, 1)
 
 
