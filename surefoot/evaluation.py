@@ -134,8 +134,12 @@ def _goals(true: Trajectory, summary: dict[str, Any]) -> dict[str, float]:
 def _against_tables(run: RunFolder) -> dict[str, float | bool]:
     figures: dict[str, float | bool] = {}
     floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
-    if floor is not None and true_floor is not None:
+    if floor is not None:
         figures |= floor_metrics(floor, true_floor)
+    nis = run.read_csv("nis.csv")
+    if nis is not None:
+        planar = nis.numbers("dimension") == 2  # range and bearing
+        figures |= consistency_metrics(nis.numbers("nis")[planar], 2, "landmark", "nis")
     obstacles, true_obstacles = run.read_json("obstacles.json"), run.read_csv("truth/obstacles.csv")
     if obstacles is not None and true_obstacles is not None:
         figures |= obstacle_metrics(obstacles["tracks"], true_obstacles)
@@ -176,7 +180,7 @@ def closing_table(metrics: dict[str, Any]) -> str:
         f"{a:<{widths[0]}}  {b:>{widths[1]}}  {c:<{widths[2]}}  {d}".rstrip() for a, b, c, d in rows
     ]
     if not judged:
-        lines.append("no truth beside this run: nothing to judge it by")
+        lines.append("no truth of its own beside this run: no targets to judge")
     return "\n".join(lines)
 
 

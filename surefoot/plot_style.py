@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,6 +54,13 @@ _SETTINGS: dict[str, Any] = {
     "svg.hashsalt": "surefoot",  # the same run gives the same bytes
     "path.simplify": True,
 }
+
+
+class Drawn(NamedTuple):
+    """A figure, and one sentence on what it shows."""
+
+    figure: Figure
+    sentence: str
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -20,11 +20,21 @@ from .metrics.floor import floor_errors
 from .metrics.obstacles import moving, track_errors
 from .metrics.timing import stages
 from .metrics.trajectory import associate, wrapped
-from .plot_style import BELIEF, FAINT, SERIES, TRUTH, WANTED, WRONG, bound, key, sheet, styled, svg
+from .plot_style import (
+    BELIEF,
+    FAINT,
+    SERIES,
+    TRUTH,
+    WANTED,
+    WRONG,
+    Drawn,
+    bound,
+    key,
+    sheet,
+    styled,
+    svg,
+)
 from .run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -53,32 +63,26 @@ def pictures(run: RunFolder) -> list[Picture]:
     from . import plots_plan
 
     drawn = []
-    kinds: tuple[tuple[str, str, str, Callable[[RunFolder], Figure | None]], ...] = (
-        ("map", "Where it went", plots_plan.PLAN_SENTENCE, plots_plan.plan),
-        ("pose", "How wrong the pose was", POSE_SENTENCE, pose_errors),
-        ("nees", "Whether the covariance is honest", NEES_SENTENCE, nees_over_time),
-        ("clearance", "How close it came", CLEARANCE_SENTENCE, clearance),
-        ("floor", "The floor", FLOOR_SENTENCE, floor),
-        ("grid", "The map against the truth", plots_plan.GRID_SENTENCE, plots_plan.grid_check),
-        ("tracks", "What moved", TRACKS_SENTENCE, tracks),
-        ("commands", "What it decided", COMMANDS_SENTENCE, commands),
-        ("timing", "Where the time went", TIMING_SENTENCE, timing),
+    kinds: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
+        ("map", "Where it went", plots_plan.plan),
+        ("pose", "How wrong the pose was", pose_errors),
+        ("nees", "Whether the covariance is honest", nees_over_time),
+        ("clearance", "How close it came", clearance),
+        ("floor", "The floor", floor),
+        ("grid", "The map against the truth", plots_plan.grid_check),
+        ("tracks", "What moved", tracks),
+        ("commands", "What it decided", commands),
+        ("timing", "Where the time went", timing),
     )
     with styled():
-        for identity, title, sentence, draw in kinds:
-            figure = draw(run)
-            if figure is not None:
-                drawn.append(Picture(identity, title, sentence, svg(figure)))
+        for identity, title, draw in kinds:
+            result = draw(run)
+            if result is not None:
+                drawn.append(Picture(identity, title, result.sentence, svg(result.figure)))
     return drawn
 
 
-POSE_SENTENCE = (
-    "Estimated minus true position and heading; the band is two deviations of the estimate's own "
-    "covariance and should hold the line about 95 % of the time."
-)
-
-
-def pose_errors(run: RunFolder) -> Figure | None:
+def pose_errors(run: RunFolder) -> Drawn | None:
     """Errors of x, y and yaw with the claimed deviation; None without truth or covariance."""
     table, true = (
         run.read_csv("trajectory_covariance.csv"),
@@ -108,16 +112,14 @@ def pose_errors(run: RunFolder) -> Figure | None:
         axes[i].set_ylabel(words)
     key(axes[0])
     axes[2].set_xlabel("time, s")
-    return figure
+    sentence = (
+        "Estimated minus true position and heading; the band is two deviations of the estimate's own "
+        "covariance and should hold the line about 95 % of the time."
+    )
+    return Drawn(figure, sentence)
 
 
-NEES_SENTENCE = (
-    "The squared error of the pose in units of its own covariance; of an honest estimate 95 % of the points "
-    "lie in the band, and the mean is 3. Above is over-confident, below is timid."
-)
-
-
-def nees_over_time(run: RunFolder) -> Figure | None:
+def nees_over_time(run: RunFolder) -> Drawn | None:
     """NEES of the pose with its band; None without truth or covariance."""
     true = run.read_trajectory("truth/trajectory.txt")
     claims = None if true is None else pose_nees(run, true)
@@ -142,15 +144,14 @@ def nees_over_time(run: RunFolder) -> Figure | None:
     axes.set_ylim(bottom, max(high * 2, _most(finite, high) * 1.3))
     axes.set(xlabel="time, s", ylabel="NEES of x, y, yaw")
     key(axes)
-    return figure
+    sentence = (
+        "The squared error of the pose in units of its own covariance; of an honest estimate 95 % of the points "
+        "lie in the band, and the mean is 3. Above is over-confident, below is timid."
+    )
+    return Drawn(figure, sentence)
 
 
-CLEARANCE_SENTENCE = (
-    "True gap between the robot and whatever was nearest, and what that was; at zero they touch."
-)
-
-
-def clearance(run: RunFolder) -> Figure | None:
+def clearance(run: RunFolder) -> Drawn | None:
     """Gap to the nearest thing over time; None without truth."""
     table = run.read_csv("truth/clearance.csv")
     if table is None:
@@ -174,22 +175,18 @@ def clearance(run: RunFolder) -> Figure | None:
     )  # fmt: skip
     axes.set_ylim(min(0.0, float(gaps[nearest])) - 0.12 * _most(gaps, 0.1), 1.08 * _most(gaps, 0.1))
     axes.set(xlabel="time, s", ylabel="clearance, m")
-    return figure
+    sentence = "True gap between the robot and whatever was nearest, and what that was; at zero they touch."
+    return Drawn(figure, sentence)
 
 
-FLOOR_SENTENCE = (
-    "The floor plane of every frame, camera by camera: error of tilt and of height where the truth is known, "
-    "else the height of the camera over the floor and the share of points on it; gaps are frames without a floor."
-)
-
-
-def floor(run: RunFolder) -> Figure | None:
+def floor(run: RunFolder) -> Drawn | None:
     """Errors of the floor plane over time, or the plane itself where no truth is known."""
     table, truth = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
     if table is None:
         return None
     errors = {} if truth is None else floor_errors(table, truth)
     figure, axes = sheet(2, 1, 3.7, sharex=True)
+    sentence = "Error of the floor's tilt and height in every frame, camera by camera"
     if errors:
         start = min(float(one.stamps[0]) for one in errors.values())
         for colour, (camera, one) in zip(SERIES, errors.items(), strict=False):
@@ -201,6 +198,7 @@ def floor(run: RunFolder) -> Figure | None:
         axes[1].axhline(0.0, color=TRUTH, linewidth=0.7)
         bound(axes[0], 0.5, "target of the TOF median")
     else:
+        sentence = "Height of the camera over the floor, and the share of its points that lie on it"
         stamps, heights = table.numbers("stamp_s"), table.numbers("height_m")
         seen = np.array([state == "seen" for state in table.words("state")])
         sigma = np.sqrt(np.maximum(table.numbers("P22"), 0.0))
@@ -215,16 +213,10 @@ def floor(run: RunFolder) -> Figure | None:
         axes[0].set_ylabel("camera height, m")
         axes[1].set(ylabel="points on it, %", xlabel="time, s", ylim=(0, 100))
     key(axes[0])
-    return figure
+    return Drawn(figure, f"{sentence}; gaps are frames without a floor.")
 
 
-TRACKS_SENTENCE = (
-    "Distance between each moving obstacle and its track, and its speed as believed (solid) and in truth "
-    "(dashed); gaps are times without a track."
-)
-
-
-def tracks(run: RunFolder) -> Figure | None:
+def tracks(run: RunFolder) -> Drawn | None:
     """Position error and speed of every moving obstacle; None without truth or movers."""
     obstacles, truth = run.read_json("obstacles.json"), run.read_csv("truth/obstacles.csv")
     if not obstacles or truth is None or not moving(truth):
@@ -249,13 +241,14 @@ def tracks(run: RunFolder) -> Figure | None:
     axes[0].set(ylabel="position error, cm", ylim=(0, None))
     axes[1].set(ylabel="speed, cm/s", xlabel="time, s", ylim=(0, None))
     key(axes[0])
-    return figure
+    sentence = (
+        "Distance between each moving obstacle and its track, and its speed as believed (solid) and in truth "
+        "(dashed); gaps are times without a track."
+    )
+    return Drawn(figure, sentence)
 
 
-COMMANDS_SENTENCE = "Every footstep (ahead, sideways, turn) and where the head was sent to look."
-
-
-def commands(run: RunFolder) -> Figure | None:
+def commands(run: RunFolder) -> Drawn | None:
     """Walk and gaze commands over time; None for a recording."""
     table = run.read_csv("commands.csv")
     if table is None:
@@ -278,16 +271,11 @@ def commands(run: RunFolder) -> Figure | None:
     axes[1].set(ylabel="gaze", xlabel="time, s")
     for one in axes:
         key(one)
-    return figure
+    sentence = "Every footstep (ahead, sideways, turn) and where the head was sent to look."
+    return Drawn(figure, sentence)
 
 
-TIMING_SENTENCE = (
-    "Wall time of every stage: stacked frame by frame, and as median (dot) with the middle 90 % (line). "
-    "The first frame is left out."
-)
-
-
-def timing(run: RunFolder) -> Figure | None:
+def timing(run: RunFolder) -> Drawn | None:
     """Time per stage; None if nothing was timed."""
     table = run.read_csv("timing.csv")
     columns = {} if table is None else stages(table)
@@ -318,7 +306,11 @@ def timing(run: RunFolder) -> Figure | None:
     axes[1].margins(x=0.15)
     axes[1].set_xlim(left=0)
     axes[1].set_xlabel("ms, median")
-    return figure
+    sentence = (
+        "Wall time of every stage: stacked frame by frame, and as median (dot) with the middle 90 % (line). "
+        "The first frame is left out."
+    )
+    return Drawn(figure, sentence)
 
 
 def _since_start(stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:

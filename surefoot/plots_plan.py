@@ -13,7 +13,7 @@ from perception.primitives.gaussian import Gaussian
 from .evaluation import pose_claims
 from .metrics.maps import FREE, OCCUPIED, UNKNOWN, GridMap, read_map, wrong_cells
 from .metrics.obstacles import moving
-from .plot_style import BELIEF, INK, LANDMARK, SERIES, TRUTH, WANTED, WIDTH_IN, WRONG, sheet
+from .plot_style import BELIEF, INK, LANDMARK, SERIES, TRUTH, WANTED, WIDTH_IN, WRONG, Drawn, sheet
 from .run_folder import RunFolder
 
 if TYPE_CHECKING:
@@ -22,20 +22,13 @@ if TYPE_CHECKING:
 
 _UNSEEN, _FREE, _OCCUPIED = (0.90, 0.915, 0.93), (1.0, 1.0, 1.0), (0.36, 0.40, 0.45)
 _MOVER_SEEN = 0.5  # tracks that moved with at least this probability are drawn as moving
+_LOST_M = 0.4  # a track less sure than this hides the map and tells nothing
+_TRACKS = 12  # at most, those followed longest
 _ELLIPSES = 26  # at most, along one line
 _READABLE_M = 0.05  # ellipses smaller than this are drawn enlarged, and the legend says so
 
-PLAN_SENTENCE = (
-    "The way the robot believed it went, with the 95 % ellipses of its position, over the grid it built; the "
-    "dashed line is the truth. White is seen free, dark is occupied, grey was never seen."
-)
-GRID_SENTENCE = (
-    "Every seen cell held against the true map: pale ones are right, yellow ones are off by one cell at most, "
-    "vermilion ones are wrong."
-)
 
-
-def plan(run: RunFolder) -> Figure | None:
+def plan(run: RunFolder) -> Drawn | None:
     """The way over the grid; None if there is neither."""
     grid = read_map(run.path("map.yaml")) if run.has("map.yaml") else None
     table = run.read_csv("trajectory_covariance.csv")
@@ -56,10 +49,15 @@ def plan(run: RunFolder) -> Figure | None:
     axes.set_xlim(box[0], box[1])
     axes.set_ylim(box[2], box[3])
     _legend(axes)
-    return figure
+    sentence = "The way the robot believed it went, with the 95 % ellipses of its position"
+    if run.has("truth/trajectory.txt"):
+        sentence += " and, dashed, the true way"
+    if grid is not None:
+        sentence += ", over the grid it built: white was seen free, dark occupied, grey never"
+    return Drawn(figure, f"{sentence}.")
 
 
-def grid_check(run: RunFolder) -> Figure | None:
+def grid_check(run: RunFolder) -> Drawn | None:
     """Right and wrong cells; None without a true map."""
     if not run.has("map.yaml") or not run.has("truth/map.yaml"):
         return None
@@ -89,7 +87,11 @@ def grid_check(run: RunFolder) -> Figure | None:
     axes.set_xlim(box[0], box[1])
     axes.set_ylim(box[2], box[3])
     _legend(axes, 5)
-    return figure
+    sentence = (
+        "Every seen cell held against the true map: pale ones are right, yellow ones are off by one "
+        "cell at most, vermilion ones are wrong."
+    )
+    return Drawn(figure, sentence)
 
 
 def _sheet(box: tuple[float, float, float, float], share: float = 1.0) -> tuple[Figure, Any]:
@@ -213,19 +215,17 @@ def _tracks(axes: Axes, run: RunFolder) -> None:
         axes.plot([], [], "s", mfc="none", mec=SERIES[1], ms=7, label="footprint measured")
     by_track: dict[int, list[dict[str, Any]]] = {}
     for entry in obstacles["tracks"]:
-        by_track.setdefault(int(entry["track"]), []).append(entry)
-    drawn = False
-    for entries in by_track.values():
-        if max(float(entry["moving"]) for entry in entries) < _MOVER_SEEN:
-            continue
+        if float(entry["moving"]) >= _MOVER_SEEN:
+            by_track.setdefault(int(entry["track"]), []).append(entry)
+    longest = sorted(by_track.values(), key=lambda entries: -len(entries))[:_TRACKS]
+    for number, entries in enumerate(entries for entries in longest if len(entries) >= 5):
         means = np.array([entry["mean"][:2] for entry in entries], dtype=np.float64)
-        label = None if drawn else "moving obstacle, tracked"
+        label = None if number else "moving obstacle, tracked"
         axes.plot(*means.T, color=WRONG, lw=1.3, zorder=5, label=label)
-        chosen = np.unique(np.linspace(0, len(entries) - 1, min(len(entries), 6)).astype(int))
-        for i in chosen:
-            covariance = np.array(entries[i]["covariance"], dtype=np.float64)
-            _ellipse(axes, Gaussian(means[i], covariance[:2, :2]), 1.0, WRONG)
-        drawn = True
+        covariance = np.array(entries[-1]["covariance"], dtype=np.float64)
+        last = Gaussian(means[-1], covariance[:2, :2])
+        if last.ellipse()[0] < _LOST_M:
+            _ellipse(axes, last, 1.0, WRONG)
 
 
 def _marks(axes: Axes, run: RunFolder) -> None:

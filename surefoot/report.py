@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import html
+import math
 import shlex
 from dataclasses import dataclass
 from importlib import metadata, resources
@@ -121,6 +122,9 @@ def cards(metrics: dict[str, Any], summary: dict[str, Any]) -> list[Card]:
     add(
         "floor_tof_height_mm_median", "Floor height error", "{:.1f} mm", "TOF, median; at most 5 mm"
     )
+    if "floor_tof_angle_deg_median" not in metrics:
+        for camera in ("tof", "depth", "stereo"):
+            add(f"floor_{camera}_seen_share", f"Floor seen ({camera})", "{:.0%}", "of the frames")
     if "min_clearance_m" in metrics:
         count = int(metrics.get("contacts", 0))
         note = "no contact" if count == 0 else f"{count} contact" + ("s" if count > 1 else "")
@@ -159,7 +163,7 @@ def _subtitle(summary: dict[str, Any], metrics: dict[str, Any]) -> str:
     seconds = summary.get("seconds", metrics.get("duration_s"))
     if seconds is not None:
         said.append(f"{float(seconds):.1f} s")
-    if summary.get("renderer"):
+    if summary.get("renderer") and summary.get("kind") == "simulation":
         said.append(f"renderer: {summary['renderer']}")
     said.append(f"surefoot {summary.get('version') or _version()}")
     said += [
@@ -198,19 +202,20 @@ def _section(picture: Picture) -> str:
 def _views(run: RunFolder) -> str:
     """The camera views, one instant at a time; without scripts all of them one below the other."""
     shots: dict[float, list[str]] = {}
+    start = math.inf
     for view in run.read_json("views.json") or []:
         if not run.has(view["file"]):
             continue
         kind = "png" if str(view["file"]).endswith(".png") else "jpeg"
         data = base64.b64encode(run.path(view["file"]).read_bytes()).decode("ascii")
-        caption = html.escape(str(view.get("caption") or view["name"]))
+        start = min(start, float(view["stamp"]))
+        caption = html.escape(f"{view['name']}, {float(view['stamp']) - start:.1f} s")
         shots.setdefault(float(view["stamp"]), []).append(
             f'<figure><img alt="{caption}" src="data:image/{kind};base64,{data}">'
             f"<figcaption>{caption}</figcaption></figure>"
         )
     if not shots:
         return ""
-    start = min(shots)
     listed = "\n".join(
         f'<div class="shot" data-told="{stamp - start:.1f} s">{"".join(figures)}</div>'
         for stamp, figures in sorted(shots.items())

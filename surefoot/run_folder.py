@@ -269,6 +269,9 @@ def _clear(path: Path) -> None:
             place.unlink(missing_ok=True)
     for part in sorted(path.glob(f"{_PART}*")):
         shutil.rmtree(part, ignore_errors=True)
+    for pattern in (".map-*.*", ".cloud-*.ply"):  # what the writers of mapping left when killed
+        for part in sorted(path.glob(pattern)):
+            part.unlink(missing_ok=True)
     if (path / RECORDING).is_file():
         os.replace(path / RECORDING, path / "recording.previous.mcap")
 

@@ -68,9 +68,15 @@ def effective_samples(series: Float[np.ndarray, "n"]) -> float:
 
 
 def consistency_metrics(
-    series: Float[np.ndarray, "n"], dof: int, prefix: str
+    series: Float[np.ndarray, "n"], dof: int, prefix: str, kind: str = "nees"
 ) -> dict[str, float | bool]:
-    """Figures of a NEES series; empty for an empty one.
+    """Figures of a NEES (or NIS) series; empty for an empty one.
+
+    Args:
+        series: Non-negative; infinite where there was no covariance.
+        dof: Size of the state, or of the measurement.
+        prefix: Of the names.
+        kind: "nees" or "nis", for the names.
 
     Returns:
         <prefix>_anees (mean), _anees_low and _anees_high (95 % band of that mean, by effective samples),
@@ -83,8 +89,8 @@ def consistency_metrics(
         return {}
     low, high = band(dof)
     figures: dict[str, float | bool] = {
-        f"{prefix}_nees_inside_share": float(np.mean((series >= low) & (series <= high))),
-        f"{prefix}_nees_above_share": float(np.mean(series > high)),
+        f"{prefix}_{kind}_inside_share": float(np.mean((series >= low) & (series <= high))),
+        f"{prefix}_{kind}_above_share": float(np.mean(series > high)),
     }
     if len(usable) < len(series):
         figures[f"{prefix}_no_covariance_share"] = 1.0 - len(usable) / len(series)
@@ -93,9 +99,9 @@ def consistency_metrics(
         mean_low, mean_high = band(dof, effective)
         mean = float(np.mean(usable))
         figures |= {
-            f"{prefix}_anees": mean,
-            f"{prefix}_anees_low": mean_low,
-            f"{prefix}_anees_high": mean_high,
+            f"{prefix}_a{kind}": mean,
+            f"{prefix}_a{kind}_low": mean_low,
+            f"{prefix}_a{kind}_high": mean_high,
             f"{prefix}_effective_samples": effective,
             f"{prefix}_consistent": len(usable) == len(series) and mean_low <= mean <= mean_high,
         }

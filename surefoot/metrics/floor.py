@@ -57,16 +57,23 @@ def floor_errors(estimate: Table, truth: Table) -> dict[str, FloorErrors]:
     return {camera: _collect(np.array(table)) for camera, table in rows.items()}
 
 
-def floor_metrics(estimate: Table, truth: Table) -> dict[str, float | bool]:
-    """Figures per camera: floor_<camera>_angle_deg_median and _max, _height_mm_median and _max (absolute),
-    _height_mm_bias (median, signed), _seen_share, and the consistency figures of its NEES.
+def floor_metrics(estimate: Table, truth: Table | None) -> dict[str, float | bool]:
+    """Figures per camera.
+
+    Returns:
+        floor_<camera>_seen_share; and where the truth is known _angle_deg_median and _max,
+        _height_mm_median and _max (absolute), _height_mm_bias (median, signed), and the consistency
+        figures of the NEES.
     """
     figures: dict[str, float | bool] = {}
-    for camera, errors in floor_errors(estimate, truth).items():
-        name = f"floor_{camera}"
-        figures[f"{name}_seen_share"] = float(np.mean(errors.seen))
+    cameras, states = np.array(estimate.words("camera")), np.array(estimate.words("state"))
+    for camera in dict.fromkeys(estimate.words("camera")):
+        seen = float(np.mean(states[cameras == camera] == "seen"))
+        figures[f"floor_{camera}_seen_share"] = seen
+    for camera, errors in ({} if truth is None else floor_errors(estimate, truth)).items():
         if not errors.seen.any():
             continue
+        name = f"floor_{camera}"
         angles, heights = errors.angles_deg[errors.seen], errors.heights_mm[errors.seen]
         figures |= {
             f"{name}_angle_deg_median": float(np.median(angles)),

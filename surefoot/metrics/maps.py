@@ -12,12 +12,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
-from perception.primitives.errors import InputError, RecordingError
+from mapping import nav2
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 1
-NO_INFORMATION = 205  # grey value of an unseen cell, whatever the thresholds say
 
 
 @dataclass(frozen=True)
@@ -59,47 +58,14 @@ class GridMap:
 
 
 def read_map(path: Path) -> GridMap:
-    """Read a Nav2 / map_server pair.
-
-    Args:
-        path: The .yaml file.
+    """A saved map (Nav2 / map_server pair) by its .yaml file.
 
     Raises:
-        InputError: A file is missing.
-        RecordingError: The description or the image is not what map_server writes.
+        InputError: A file is missing, truncated or not of this format.
     """
-    if not path.is_file():
-        raise InputError(f"map {path} does not exist; check the path")
-    said = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
-        key, colon, value = line.split("#", 1)[0].partition(":")
-        if colon:
-            said[key.strip()] = value.strip().strip("'\"")
-    try:
-        cell_m = float(said["resolution"])
-        x, y = (float(v) for v in said["origin"].strip("[]").split(",")[:2])
-        occupied_above = float(said.get("occupied_thresh", "0.65"))
-        free_below = float(said.get("free_thresh", "0.25"))
-        negate = int(float(said.get("negate", "0")))
-        image_path = path.parent / said["image"]
-    except (KeyError, ValueError) as error:
-        raise RecordingError(
-            f"map {path}: {error} is missing or no number; expected image, resolution and origin"
-        ) from error
-    image = _grey(image_path)
-    p = image / 255.0 if negate else (255.0 - image) / 255.0
-    state = np.full(image.shape, UNKNOWN, dtype=np.int64)
-    state[p < free_below] = FREE
-    state[p > occupied_above] = OCCUPIED
-    state[image == NO_INFORMATION] = UNKNOWN
-    return GridMap(state[::-1].copy(), np.array([x, y]), cell_m)  # row 0 of the image is on top
-
-
-def _grey(path: Path) -> UInt8[np.ndarray, "rows columns"]:
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None
-    if image is None:
-        raise RecordingError(f"map image {path} cannot be read; expected a PGM beside its yaml")
-    return np.asarray(image)
+    saved = nav2.load(path)
+    state = np.where(saved.probability > 0.5, OCCUPIED, FREE)
+    return GridMap(np.where(saved.known, state, UNKNOWN), saved.origin, saved.cell_m)
 
 
 def map_metrics(mine: GridMap, truth: GridMap) -> dict[str, float]:

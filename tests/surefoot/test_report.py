@@ -15,6 +15,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from mapping import nav2
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from surefoot.evaluation import evaluate
@@ -81,17 +82,9 @@ def _maps(run: RunFolder, rng: np.random.Generator, way: np.ndarray) -> None:
     rim = cv2.dilate((~occupied).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     seen = (near < 1.35) & rim & (px > -0.1) & (px < 5.1) & (py > -0.1) & (py < 4.1)
     flip = (rng.random(px.shape) < 0.012) | ((rng.random(px.shape) < 0.1) & rim & occupied)
-    for name, state, known in (
-        ("truth/map", occupied, np.ones_like(occupied)),
-        ("map", occupied ^ flip, seen),
-    ):
-        grey = np.where(known, np.where(state, 0, 254), 205).astype(np.uint8)[::-1]
-        run.write_bytes(f"{name}.pgm", b"P5\n120 100\n255\n" + grey.tobytes())
-        run.write_text(
-            f"{name}.yaml",
-            f"image: map.pgm\nmode: trinary\nresolution: {cell}\norigin: [-0.5, -0.5, 0.0]\n"
-            "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n",
-        )
+    everywhere = np.ones_like(occupied)
+    for below, state, known in (("truth", occupied, everywhere), (".", occupied ^ flip, seen)):
+        nav2.save(run.path(below), "map", state.astype(np.float32), known, origin, cell)
 
 
 def _obstacles(
