@@ -308,6 +308,19 @@ def test_maps_of_the_same_place_agree_wherever_their_corners_are(columns, rows, 
     np.testing.assert_array_equal(whole.at(centres), state)
 
 
+@given(st.floats(-0.6, 1.4), st.floats(-0.6, 1.4))
+def test_a_point_has_the_state_of_the_cell_that_holds_it(x, y):
+    state = np.random.default_rng(0).integers(-1, 2, size=(4, 7))
+    held = GridMap(state, np.array([-0.5, 0.2]), 0.25)
+    column, row = math.floor((x + 0.5) / 0.25), math.floor((y - 0.2) / 0.25)
+    on_an_edge = (
+        min(abs((v + s) / 0.25 - round((v + s) / 0.25)) for v, s in ((x, 0.5), (y, -0.2))) < 1e-5
+    )
+    inside = 0 <= row < 4 and 0 <= column < 7
+    expected = int(state[row, column]) if inside else UNKNOWN
+    assert on_an_edge or int(held.at(np.array([[x, y]]))[0]) == expected
+
+
 def test_a_saved_map_is_read_with_its_lowest_row_first(tmp_path):
     (tmp_path / "map.pgm").write_bytes(b"P5\n2 2\n255\n" + bytes([0, 254, 205, 254]))
     (tmp_path / "map.yaml").write_text(

@@ -102,6 +102,16 @@ def test_a_write_that_fails_halfway_leaves_the_complete_file_or_none(tmp_path, t
         assert (tmp_path / "cloud.ply").read_text() == "complete"
 
 
+def test_who_reads_while_it_is_written_again_reads_the_old_file_to_its_end(tmp_path):
+    run = RunFolder(tmp_path)
+    run.write_text("map.yaml", "old " * 1000)
+    with (tmp_path / "map.yaml").open() as reader:
+        begin = reader.read(4)
+        run.write_text("map.yaml", "new " * 1000)
+        assert begin + reader.read() == "old " * 1000
+    assert (tmp_path / "map.yaml").read_text() == "new " * 1000
+
+
 def test_a_killed_writer_leaves_the_complete_file_or_none(tmp_path):
     script = (
         "import itertools\nfrom pathlib import Path\nfrom surefoot.run_folder import RunFolder\n"
