@@ -1,67 +1,89 @@
-"""Obstacle points grouped into things, each with a place on the floor and how sure that place is.
+"""Points that rise from the floor to separate things: where each is, how large, how sure.
 
-Points are counted on a grid of the floor plane; cells that touch belong to one thing. Of a thing only the
-near side is seen: a small round one is completed by the disc that its visible arc spans, a large one keeps
-the rectangle of what was seen.
+On a plan of small cells, points that hang together are one thing. Things that touch lower down but stand
+apart higher up (people side by side) are parted where their tops are. Only the near side of a thing is
+seen, so its middle lies behind the mean of its points: by pi/4 of its radius if it is round, which is what
+the mean over the visible half of a circle says.
 
-Source: seed 003, section 3 (obstacle points); seed 001, S14 (cylinders); completion is ours.
+What reaches down to where the robot walks is a thing; a shelf above it is not. Walls and long furniture
+come out as large clusters, and it is for the reader to leave those to the map.
+
+Source: ours; the footprint is the rectangle of least area after Freeman and Shapira 1975.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import ndimage
 
-from . import _clusters_kernels
-from .primitives.errors import ConfigError
+from .primitives.errors import ConfigError, InputError
+
+NEIGHBOURS = np.ones((3, 3), dtype=bool)
 
 
 @dataclass(frozen=True)
 class ClusterConfig:
-    """Grain and smallest thing."""
+    """What hangs together, what is too little, and how unsure a middle is."""
 
-    cell_m: float = 0.05  # ours: as the terrain map; two things 10 cm apart stay two
-    least_points: int = 40  # ours: stray points are no thing
-    least_cell_points: int = 3  # seed 003: fewer points in a cell are stray
-    least_height_m: float = 0.04  # ours: lower is carpet
-    small_m: float = 0.45  # ours: longest side of what is taken for round
-    tall_m: float = 1.2  # ours: only what is this tall is parted into several, by its heads
-    prominence_m: float = 0.15  # ours: head over shoulder is 0.25 m
-    arc_noise: float = 0.30  # ours: share of the radius by which a completed centre may be off
+    cell_m: float = (
+        0.05  # ours: wider than the steps of a Kinect at 3.5 m; gaps up to this are bridged
+    )
+    cell_points: float = 3.0  # ours: points in a cell, as seen from 2 m; fewer are flying pixels
+    least_points: float = 20.0  # ours: points of a thing, as seen from 2 m
+    least_height_m: float = 0.03  # ours: the least that rises from the floor's own band
+    robot_top_m: float = 0.56  # seed 003: robot's height + 0.1 m; a thing has points below it
+    merged_m: float = 0.7  # ours: longer than this it may be several things
+    apart_m: float = 0.25  # ours: things side by side rise so much above where they touch
+    level_m: float = 0.10  # ours: steps in which tops are compared
+    round_m: float = 0.40  # ours: wider is no round thing; its middle is that of what is seen
+    shape_share: float = 0.12  # ours: middle of a flat, round or edgy front, per radius
+    place_sigma_m: float = 0.008  # ours: depth error that all points of a thing share
 
     def __post_init__(self) -> None:
-        if not self.cell_m > 0.0:
-            raise ConfigError(f"clusters: cell_m={self.cell_m} must be positive")
-        if self.least_points < 1 or self.least_cell_points < 1:
-            raise ConfigError(
-                f"clusters: least_points={self.least_points} and "
-                f"least_cell_points={self.least_cell_points} must be at least 1"
-            )
+        for field in self.__dataclass_fields__:
+            value = getattr(self, field)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"clusters: {field}={value} must be positive and finite")
+
+
+class Footprint(NamedTuple):
+    """Rectangle on the floor: sides in m, the longer first; direction of the longer one, rad."""
+
+    length_m: float
+    width_m: float
+    yaw_rad: float
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """One thing that rises from the floor, body frame.
+    """One thing that stands on the floor.
 
     Args:
-        centre: Of its disc, m.
-        covariance: (2, 2) of the centre.
-        radius_m: Of the disc that covers it.
+        centre: (2,), middle of the disc that covers it, m, in the frame of the points.
+        covariance: (2, 2) of the centre, m^2.
+        radius_m: Of that disc.
         height_m: Its top above the floor.
-        footprint: Length and width of the seen part, m, and direction of the length, rad.
-        points: How many it rests on.
+        points: How many it was seen with.
+        footprint: Rectangle of least area round what was seen of it.
     """
 
     centre: Float[np.ndarray, "2"]
     covariance: Float[np.ndarray, "2 2"]
     radius_m: float
     height_m: float
-    footprint: tuple[float, float, float]
     points: int
+    footprint: Footprint
+
+    @property
+    def length_m(self) -> float:
+        """Longer side of what was seen."""
+        return self.footprint.length_m
 
 
 def cluster(
@@ -70,111 +92,160 @@ def cluster(
     sensor_xy: Float[np.ndarray, "2"],
     config: ClusterConfig | None = None,
 ) -> list[Cluster]:
-    """Group obstacle points.
+    """Separate things, the nearest to the sensor first.
 
     Args:
-        points: Upright frame, z the height over the floor, m.
-        sigma: Deviation of each point's depth, m.
-        sensor_xy: The camera on the floor plane, m.
-        config: Grain and smallest thing.
+        points: What is not floor, in an upright frame, z the height over the floor, m. With the points
+            above the robot's head things that touch are told apart better.
+        sigma: Deviation of each point along its ray, m.
+        sensor_xy: Where the sensor stands, m.
+        config: Sizes.
 
-    Returns:
-        By distance from the sensor, nearest first.
+    Raises:
+        InputError: Points or sigma are not finite.
     """
     config = config or ClusterConfig()
-    if len(points) < config.least_points:
+    if len(points) != len(sigma):
+        raise InputError(f"clusters: {len(points)} points but {len(sigma)} sigmas; one for each")
+    if len(points) == 0:
         return []
-    low = points[:, :2].min(axis=0)
-    cells = np.floor((points[:, :2] - low) / config.cell_m).astype(np.int64)
-    shape = cells.max(axis=0) + 1
-    flat = cells[:, 0] * shape[1] + cells[:, 1]
-    counts = np.bincount(flat, minlength=int(shape[0] * shape[1])).reshape(shape)
-    labels, number = ndimage.label(counts >= config.least_cell_points, np.ones((3, 3)))
-    labels, number = _split(labels, number, cells, points[:, 2], config)
-    label_of_point = labels.ravel()[flat]
-    order = np.argsort(label_of_point, kind="stable")
-    bounds = np.searchsorted(label_of_point[order], np.arange(1, number + 2))
+    if not (np.isfinite(points).all() and np.isfinite(sigma).all()):
+        raise InputError(
+            "clusters: points and sigma must be finite; leave out pixels without depth"
+        )
+    weight = np.sum((points[:, :2] - sensor_xy) ** 2, axis=1) / 4.0  # density as seen from 2 m
+    labels, count = _things(points, weight, config)
+    order = np.argsort(labels, kind="stable")
+    borders = np.searchsorted(labels[order], np.arange(1, count + 2))
     found = []
-    for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
-        if end - begin < config.least_points:
+    for first, last in zip(borders[:-1], borders[1:], strict=True):
+        mine = order[first:last]
+        thing = points[mine]
+        is_low = thing[:, 2] < config.robot_top_m
+        if float(weight[mine][is_low].sum()) < config.least_points:
             continue
-        members = order[begin:end]
-        if np.quantile(points[members, 2], 0.98) >= config.least_height_m:
-            found.append(_describe(points[members], sigma[members], sensor_xy, config))
-    return sorted(found, key=lambda c: float(np.linalg.norm(c.centre - sensor_xy)))
-
-
-def _split(
-    labels: np.ndarray, number: int, cells: np.ndarray, heights: np.ndarray, config: ClusterConfig
-) -> tuple[np.ndarray, int]:
-    """Part tall things that only touch: two people shoulder to shoulder have two heads."""
-    top = np.full(labels.shape, -np.inf)
-    np.maximum.at(top, (cells[:, 0], cells[:, 1]), heights)
-    for label in range(1, number + 1):
-        inside = labels == label
-        if top[inside].max() < config.tall_m:
+        height = float(np.quantile(thing[:, 2], 0.99))
+        if height < config.least_height_m:
             continue
-        smooth = ndimage.median_filter(np.where(inside, top, 0.0), size=3)  # flying pixels are no heads
-        relief = np.where(inside, smooth, np.nan)
-        flat = np.flatnonzero(inside)
-        order = flat[np.argsort(-relief.ravel()[flat], kind="stable")]
-        parts = _clusters_kernels.peaks(relief, order, config.prominence_m)
-        for part in np.unique(parts[inside])[1:]:
-            number += 1
-            labels[parts == part] = number
-    return labels, number
+        found.append(_measure(thing, sigma[mine], sensor_xy, height, config))
+    return sorted(found, key=lambda c: float(np.hypot(*(c.centre - sensor_xy))))
 
 
-def _describe(
-    points: np.ndarray, sigma: np.ndarray, sensor_xy: np.ndarray, config: ClusterConfig
-) -> Cluster:
-    xy = points[:, :2]
-    rectangle = _rectangle(xy)
-    length, width, _ = rectangle
-    height = float(np.quantile(points[:, 2], 0.98))
-    noise = float(np.median(sigma)) ** 2 / 9 + (config.cell_m / 10) ** 2  # points err together
-    if length > config.small_m:
-        middle = (xy.min(axis=0) + xy.max(axis=0)) / 2
-        radius = length / 2
-        return Cluster(middle, np.eye(2) * (noise + (0.1 * length) ** 2), radius, height,
-                       rectangle, len(points))  # fmt: skip
-    return _disc(xy, sensor_xy, height, noise, rectangle, config)
+def _things(
+    points: Float[np.ndarray, "n 3"], weight: Float[np.ndarray, "n"], config: ClusterConfig
+) -> tuple[Int[np.ndarray, "n"], int]:
+    """Number of the thing each point belongs to, from 1; 0 for stray points."""
+    cells = np.floor(points[:, :2] / config.cell_m).astype(np.int64)
+    cells -= cells.min(axis=0)
+    rows, columns = (int(v) for v in cells.max(axis=0) + 1)
+    flat = cells[:, 0] * columns + cells[:, 1]
+    mass = np.bincount(flat, weight, rows * columns).reshape(rows, columns)
+    labels, count = ndimage.label(mass >= config.cell_points, NEIGHBOURS)
+    tops = np.full(rows * columns, -np.inf)
+    np.maximum.at(tops, flat, points[:, 2])
+    tops = tops.reshape(rows, columns)
+    longest = config.merged_m / config.cell_m
+    for number, box in enumerate(ndimage.find_objects(labels), start=1):
+        if max(side.stop - side.start for side in box) <= longest:
+            continue
+        part = _part(labels[box] == number, tops[box], config)
+        if part is not None:
+            labels[box][part > 1] = part[part > 1] + count - 1
+            count += int(part.max()) - 1
+    return labels.reshape(-1)[flat], count
 
 
-def _disc(
-    xy: np.ndarray,
-    sensor_xy: np.ndarray,
-    height: float,
-    noise: float,
-    rectangle: tuple[float, float, float],
+def _part(
+    is_thing: np.ndarray, tops: np.ndarray, config: ClusterConfig
+) -> Int[np.ndarray, "rows columns"] | None:
+    """Parts of a thing that stand apart higher up, numbered from 1; None if it is one.
+
+    Level by level, a part is a summit once it is apart from the others and rises `apart_m` above the
+    level; every other cell goes to the nearest summit.
+    """
+    tops = np.where(is_thing, tops, -np.inf)
+    summits: list[np.ndarray] = []
+    waiting = [(is_thing, 0.0)]
+    while waiting:
+        region, level = waiting.pop()
+        highest = float(tops[region].max())
+        while level + config.apart_m < highest:
+            level += config.level_m
+            labels, count = ndimage.label(region & (tops >= level), NEIGHBOURS)
+            apart = [
+                labels == k
+                for k in range(1, count + 1)
+                if float(tops[labels == k].max()) >= level + config.apart_m
+                and int(np.sum(labels == k)) >= 3
+            ]
+            if len(apart) != 1:
+                waiting += [(one, level) for one in apart]
+                break
+            region = apart[0]
+        else:
+            summits.append(region)
+            continue
+        if not apart:
+            summits.append(region)
+    if len(summits) < 2:
+        return None
+    marked = np.zeros(is_thing.shape, dtype=np.int64)
+    for k, summit in enumerate(summits, start=1):
+        marked[summit] = k
+    _, (i, j) = ndimage.distance_transform_edt(marked == 0, return_indices=True)
+    return np.where(is_thing, marked[i, j], 0)
+
+
+def _measure(
+    thing: Float[np.ndarray, "n 3"],
+    sigma: Float[np.ndarray, "n"],
+    sensor_xy: Float[np.ndarray, "2"],
+    height_m: float,
     config: ClusterConfig,
 ) -> Cluster:
-    """The disc behind a visible arc: as wide as the arc is across the view, touching its near edge."""
-    middle = np.median(xy, axis=0)
-    away = middle - sensor_xy
-    away = away / max(float(np.linalg.norm(away)), 1e-9)
-    across = np.array([-away[1], away[0]])
-    left, right = np.quantile((xy - sensor_xy) @ across, [0.99, 0.01])
-    near = float(np.quantile((xy - sensor_xy) @ away, 0.03))
-    far = float(np.quantile((xy - sensor_xy) @ away, 0.97))
-    radius = float(np.clip((left - right) / 2, 0.03, 0.5))
-    deep = max(radius, (far - near) / 2)  # a box seen end on is deeper than wide
-    centre = sensor_xy + across * (left + right) / 2 + away * (near + deep)
-    along = noise + (config.arc_noise * radius) ** 2 / 4
-    sideways = noise + (config.arc_noise * radius) ** 2 / 16
-    turn = np.column_stack([away, across])
+    """Disc, covariance and rectangle of one thing."""
+    mean = thing[:, :2].mean(axis=0)
+    ahead = mean - sensor_xy
+    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    axes = np.stack([ahead, [-ahead[1], ahead[0]]])  # along the ray, across it
+    local = (thing[:, :2] - mean) @ axes.T
+    nearest, left, farthest, right = _extent(local)
+    across = (right - left) / 2.0
+    depth_seen = farthest - nearest
+    noise = float(np.mean(sigma))
+    if across <= config.round_m and depth_seen <= 2.0 * config.round_m:
+        along = max(math.pi / 4.0 * across, nearest + depth_seen / 2.0)
+        middle = np.array([along, (left + right) / 2.0])
+        radius = max(across, depth_seen / 2.0)
+        shape = config.shape_share * radius
+        sigmas = np.array([math.hypot(shape, config.place_sigma_m), 0.4 * shape])
+    else:
+        middle = np.array([(nearest + farthest) / 2.0, (left + right) / 2.0])
+        radius = math.hypot(across, depth_seen / 2.0)
+        sigmas = np.full(2, config.shape_share * radius)
+    sigmas = np.hypot(sigmas, noise / math.sqrt(min(len(thing), 25)))
+    sigmas[1] = math.hypot(sigmas[1], config.place_sigma_m)
     return Cluster(
-        np.asarray(centre),
-        turn @ np.diag([along, sideways]) @ turn.T,
-        max(radius, deep),
-        height,
-        rectangle,
-        len(xy),
+        mean + axes.T @ middle,
+        axes.T @ np.diag(sigmas**2) @ axes,
+        radius,
+        height_m,
+        len(thing),
+        _rectangle(thing[:, :2]),
     )
 
 
-def _rectangle(xy: np.ndarray) -> tuple[float, float, float]:
-    """Length, width and direction of the smallest rectangle round the points."""
-    (_, (a, b), angle) = cv2.minAreaRect(xy.astype(np.float32))
-    radians = float(np.radians(angle))
-    return (float(a), float(b), radians) if a >= b else (float(b), float(a), radians + np.pi / 2)
+def _extent(local: Float[np.ndarray, "n 2"]) -> tuple[float, float, float, float]:
+    """Nearest, left-most, farthest, right-most: ends of evenly spread points, stray ones left out."""
+    low, high = np.quantile(local, (0.03, 0.97), axis=0)
+    grown = (high - low) * 0.03 / 0.94
+    low, high = low - grown, high + grown
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _rectangle(xy: Float[np.ndarray, "n 2"]) -> Footprint:
+    """Rectangle of least area."""
+    (_, (one, other), degrees) = cv2.minAreaRect(xy.astype(np.float32))
+    yaw = math.radians(degrees) + (0.0 if one >= other else math.pi / 2.0)
+    yaw = (yaw + math.pi / 2.0) % math.pi - math.pi / 2.0
+    return Footprint(max(one, other), min(one, other), yaw)
