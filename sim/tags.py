@@ -24,7 +24,7 @@ SIDE_M = 0.22  # of the black square: 24 px at 3.3 m in the colour camera, 4 px 
 PLATE_M = SIDE_M * (TAG_MODULES + 2 * TAG_MARGIN_MODULES) / TAG_MODULES
 THICKNESS_M = 0.006
 IN_VIEW_M = 2.5  # how far a tag is counted on
-EYE_M = 0.40  # camera height: what is taller hides a tag
+HIDING_M = 0.33  # what is taller, as seen from a camera at 0.4 m, hides part of a tag at 0.45 m
 ENOUGH = 3  # tags in view of a place, after which more count little
 
 
@@ -160,7 +160,7 @@ def _visible(
     facing = -(ray * normals[None]).sum(axis=2) / np.maximum(reach, 1e-9)
     seen = (reach < IN_VIEW_M) & (reach > 0.4) & (facing > math.cos(math.radians(60)))
     for shape in shapes:
-        if shape.top_m > EYE_M - 0.02 and shape.bottom_m < EYE_M:
+        if shape.top_m > HIDING_M and shape.bottom_m < HIDING_M + 0.2:
             seen &= ~_crosses(places, ray, outline(shape))
     return np.asarray(seen)
 

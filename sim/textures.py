@@ -81,10 +81,10 @@ def noise(
     metres_per_px: float,
     rng: np.random.Generator,
     coarsest_m: float = 0.4,
-    finest_m: float = 0.005,
+    finest_m: float = 0.002,
     stretch: float = 1.0,
 ) -> Float32[np.ndarray, "h w"]:
-    """Smooth noise of many octaves, mean 0, deviation 1.
+    """Noise of many octaves of equal strength, each laid over the finer grid; mean 0, deviation 1.
 
     Args:
         shape: Rows and columns.
@@ -94,32 +94,33 @@ def noise(
         stretch: How much longer features are along the rows than across.
     """
     height, width = shape
-    total = np.zeros(shape, np.float32)
-    feature, weight = coarsest_m, 1.0
-    while feature >= finest_m:
-        rows = int(height * metres_per_px / feature) + 2
-        columns = int(width * metres_per_px / (feature * stretch)) + 2
-        grid = rng.standard_normal((rows, columns), dtype=np.float32)
-        total += weight * cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC)
-        feature, weight = feature / 2, weight * 0.85
-    return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), dtype=np.float32)
+    feature, total = coarsest_m, np.zeros((1, 1), np.float32)
+    while True:
+        rows = min(height, int(height * metres_per_px / feature) + 2)
+        columns = min(width, int(width * metres_per_px / (feature * stretch)) + 2)
+        total = cv2.resize(total, (columns, rows), interpolation=cv2.INTER_LINEAR)
+        total += rng.standard_normal((rows, columns), dtype=np.float32)
+        feature /= 2
+        if feature < max(finest_m, metres_per_px) or (rows, columns) == shape:
+            break
+    total = cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR)
+    return (total - total.mean()) / max(float(total.std()), 1e-6)
 
 
 def _plaster(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    mottled = noise(image.shape[:2], grain, rng, 0.3, 0.006)
+    mottled = noise(image.shape[:2], grain, rng, 0.25)
     return image + 9.0 * mottled[..., None] * np.array([1.0, 0.98, 0.9], np.float32)
 
 
 def _fabric(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    woven = noise(image.shape[:2], grain, rng, 0.06, 0.004)
-    worn = noise(image.shape[:2], grain, rng, 0.5, 0.1)
-    return image * (1 + 0.13 * woven + 0.07 * worn)[..., None]
+    woven = noise(image.shape[:2], grain, rng, 0.2)
+    return image * (1 + 0.16 * woven)[..., None]
 
 
 def _wood(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    veins = noise(image.shape[:2], grain, rng, 0.05, 0.004, stretch=9.0)
-    knots = noise(image.shape[:2], grain, rng, 0.3, 0.04)
-    return image * (1 + 0.12 * veins + 0.06 * knots)[..., None]
+    veins = noise(image.shape[:2], grain, rng, 0.03, stretch=10.0)
+    pores = noise(image.shape[:2], grain, rng, 0.06, stretch=2.0)
+    return image * (1 + 0.10 * veins + 0.08 * pores)[..., None]
 
 
 def _planks(image: Image, grain: float, rng: np.random.Generator) -> Image:
@@ -143,7 +144,7 @@ def _planks(image: Image, grain: float, rng: np.random.Generator) -> Image:
 def _tiles(image: Image, grain: float, rng: np.random.Generator) -> Image:
     """Square tiles of 33 cm, each of its own shade, with strong clouds so that none looks like another."""
     side = max(8, round(0.33 / grain))
-    image = image * (1 + 0.12 * noise(image.shape[:2], grain, rng, 0.25, 0.005))[..., None]
+    image = image * (1 + 0.12 * noise(image.shape[:2], grain, rng, 0.25))[..., None]
     for top in range(0, image.shape[0], side):
         for left in range(0, image.shape[1], side):
             image[top : top + side, left : left + side] *= np.float32(rng.normal(1.0, 0.07))
@@ -204,11 +205,11 @@ def _books(image: Image, grain: float, rng: np.random.Generator) -> Image:
                 spine = colours[int(rng.integers(len(colours)))] * rng.uniform(0.6, 1.0)
                 image[base - tall : base, left : min(left + thick - 1, width - rim)] = spine
             left += thick
-    return image + 5.0 * noise((height, width), grain, rng, 0.05, 0.004)[..., None]
+    return image + 5.0 * noise((height, width), grain, rng, 0.05)[..., None]
 
 
 def _cardboard(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    image = image * (1 + 0.09 * noise(image.shape[:2], grain, rng, 0.15, 0.004))[..., None]
+    image = image * (1 + 0.09 * noise(image.shape[:2], grain, rng, 0.15))[..., None]
     height, width = image.shape[:2]
     tape = max(2, round(0.025 / grain))
     image[:, width // 2 - tape : width // 2 + tape] *= np.array([1.12, 1.08, 0.95], np.float32)
@@ -217,14 +218,14 @@ def _cardboard(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 
 def _leaves(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    clumps = noise(image.shape[:2], grain, rng, 0.09, 0.012)
+    clumps = noise(image.shape[:2], grain, rng, 0.12)
     return image * (1 + 0.38 * clumps)[..., None] * np.array([0.95, 1.05, 0.9], np.float32)
 
 
 def _stripes(image: Image, grain: float, rng: np.random.Generator) -> Image:
     """A painted casing with bands and scratches: the moving robots."""
     height = image.shape[0]
-    image = image * (1 + 0.10 * noise(image.shape[:2], grain, rng, 0.08, 0.004))[..., None]
+    image = image * (1 + 0.10 * noise(image.shape[:2], grain, rng, 0.08))[..., None]
     for where, thick in ((0.18, 0.10), (0.62, 0.05)):
         image[int(where * height) : int((where + thick) * height)] *= np.float32(0.35)
     return image

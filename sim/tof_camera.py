@@ -98,15 +98,16 @@ class TofCamera:
     def _phasors(self, caster: RayCaster, T_world_camera: Pose3) -> np.ndarray:
         """(h, w) complex: the mean over each pixel's rays of A exp(j phi)."""
         config = self.config
-        world = (self._rays @ T_world_camera.rotation.T).astype(np.float32)
+        world = self._rays @ np.ascontiguousarray(T_world_camera.rotation.T, dtype=np.float32)
         hits = caster.cast(T_world_camera.position, world)
         met = np.isfinite(hits.distance_m)
-        distance = np.where(met, hits.distance_m, 1.0).astype(np.float64)
-        amplitude = hits.albedo * hits.cosine * (config.reference_m / distance) ** 2
-        amplitude[~met] = 0.0
-        phase = 2.0 * math.pi * distance / config.wrap_m
+        distance = np.where(met, hits.distance_m, np.float32(1.0))
+        amplitude = hits.albedo * hits.cosine * (np.float32(config.reference_m) / distance) ** 2
+        phase = np.float32(2.0 * math.pi / config.wrap_m) * distance
         shape = (config.sub_rays**2, config.height, config.width)
-        return np.asarray((amplitude * np.exp(1j * phase)).reshape(shape).mean(axis=0))
+        real = (amplitude * np.cos(phase)).reshape(shape).mean(axis=0, dtype=np.float64)
+        imaginary = (amplitude * np.sin(phase)).reshape(shape).mean(axis=0, dtype=np.float64)
+        return np.asarray(real + 1j * imaginary)
 
     def _with_stray_light(self, phasor: np.ndarray) -> np.ndarray:
         config = self.config
@@ -140,7 +141,7 @@ class TofCamera:
         return measured.astype(np.float32), amplitude.astype(np.float32)
 
 
-def _sub_rays(camera: Camera, count: int) -> Float[np.ndarray, "n 3"]:
+def _sub_rays(camera: Camera, count: int) -> Float32[np.ndarray, "n 3"]:
     """Unit rays in the camera frame: for each of count x count places in the pixel, all pixels."""
     within = (np.arange(count) + 0.5) / count - 0.5
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
@@ -151,7 +152,7 @@ def _sub_rays(camera: Camera, count: int) -> Float[np.ndarray, "n 3"]:
             y = (v + dv - camera.cy) / camera.fy
             bundles.append(np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3))
     rays = np.concatenate(bundles)
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+    return (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
 
 
 def _blur(image: Float[np.ndarray, "h w"], sigma_px: float) -> Float[np.ndarray, "h w"]:
