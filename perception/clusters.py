@@ -14,17 +14,18 @@ Source: ours; the footprint is the rectangle of least area after Freeman and Sha
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from .primitives.errors import ConfigError, InputError
 
 NEIGHBOURS = np.ones((3, 3), dtype=bool)
+ENOUGH = 1000  # points that measure a thing as well as all of them
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class ClusterConfig:
     )
     cell_points: float = 3.0  # ours: points in a cell, as seen from 2 m; fewer are flying pixels
     least_points: float = 20.0  # ours: points of a thing, as seen from 2 m
+    cut_points: int = 3  # ours: so many points at a cut make a thing incomplete
     least_height_m: float = 0.03  # ours: the least that rises from the floor's own band
     robot_top_m: float = 0.56  # seed 003: robot's height + 0.1 m; a thing has points below it
     merged_m: float = 0.7  # ours: longer than this it may be several things
@@ -71,6 +73,7 @@ class Cluster:
         height_m: Its top above the floor.
         points: How many it was seen with.
         footprint: Rectangle of least area round what was seen of it.
+        whole: Whether all of it is in view; of one that is cut off or half hidden the centre is elsewhere.
     """
 
     centre: Float[np.ndarray, "2"]
@@ -79,6 +82,7 @@ class Cluster:
     height_m: float
     points: int
     footprint: Footprint
+    whole: bool = True
 
     @property
     def length_m(self) -> float:
@@ -91,6 +95,7 @@ def cluster(
     sigma: Float[np.ndarray, "n"],
     sensor_xy: Float[np.ndarray, "2"],
     config: ClusterConfig | None = None,
+    cut_off: Bool[np.ndarray, "n"] | None = None,
 ) -> list[Cluster]:
     """Separate things, the nearest to the sensor first.
 
@@ -100,6 +105,7 @@ def cluster(
         sigma: Deviation of each point along its ray, m.
         sensor_xy: Where the sensor stands, m.
         config: Sizes.
+        cut_off: Points at which a thing may go on unseen; None: everything is seen whole.
 
     Raises:
         InputError: Points or sigma are not finite.
@@ -113,21 +119,24 @@ def cluster(
         raise InputError(
             "clusters: points and sigma must be finite; leave out pixels without depth"
         )
-    weight = np.sum((points[:, :2] - sensor_xy) ** 2, axis=1) / 4.0  # density as seen from 2 m
+    dx, dy = points[:, 0] - sensor_xy[0], points[:, 1] - sensor_xy[1]
+    weight = (dx * dx + dy * dy) / 4.0  # density as seen from 2 m
     labels, count = _things(points, weight, config)
     order = np.argsort(labels, kind="stable")
-    borders = np.searchsorted(labels[order], np.arange(1, count + 2))
+    borders = np.cumsum(np.bincount(labels, minlength=count + 1))
     found = []
     for first, last in zip(borders[:-1], borders[1:], strict=True):
         mine = order[first:last]
-        thing = points[mine]
-        is_low = thing[:, 2] < config.robot_top_m
-        if float(weight[mine][is_low].sum()) < config.least_points:
+        if float(weight[mine] @ (points[mine, 2] < config.robot_top_m)) < config.least_points:
             continue
+        whole = cut_off is None or np.count_nonzero(cut_off[mine]) < config.cut_points
+        mine = mine[:: max(len(mine) // ENOUGH, 1)]
+        thing = points[mine]
         height = float(np.quantile(thing[:, 2], 0.99))
         if height < config.least_height_m:
             continue
-        found.append(_measure(thing, sigma[mine], sensor_xy, height, config))
+        measured = _measure(thing, sigma[mine], int(last - first), sensor_xy, height, config)
+        found.append(replace(measured, whole=whole))
     return sorted(found, key=lambda c: float(np.hypot(*(c.centre - sensor_xy))))
 
 
@@ -199,6 +208,7 @@ def _part(
 def _measure(
     thing: Float[np.ndarray, "n 3"],
     sigma: Float[np.ndarray, "n"],
+    count: int,
     sensor_xy: Float[np.ndarray, "2"],
     height_m: float,
     config: ClusterConfig,
@@ -216,7 +226,9 @@ def _measure(
     if across <= config.round_m and depth_seen <= 2.0 * config.round_m:
         along = max(math.pi / 4.0 * across, nearest + depth_seen / 2.0)
         middle = np.array([along, (left + right) / 2.0])
-        radius = max(across, depth_seen / 2.0)
+        middle_local = local - middle
+        reach = np.quantile(np.hypot(middle_local[:, 0], middle_local[:, 1]), 0.9)
+        radius = max(across, float(reach) - 1.28 * noise)  # noise alone reaches so far out
         shape = config.shape_share * radius
         sigmas = np.array([math.hypot(shape, config.place_sigma_m), 0.4 * shape])
     else:
@@ -230,7 +242,7 @@ def _measure(
         axes.T @ np.diag(sigmas**2) @ axes,
         radius,
         height_m,
-        len(thing),
+        count,
         _rectangle(thing[:, :2]),
     )
 

@@ -17,8 +17,8 @@ from mapping.egocentric_grid import GridConfig
 from mapping.footprints import FootprintConfig
 from mapping.world_map import WorldMapConfig
 from perception.clusters import ClusterConfig
+from perception.floor.choose import FloorConfig
 from perception.floor.classify import ClassConfig
-from perception.floor.find import FloorConfig
 from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.obstacles import TrackerConfig
@@ -113,6 +113,10 @@ class Config:
     univector: FieldConfig = field(default_factory=FieldConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
     gaze: SweepConfig = field(default_factory=SweepConfig)
+
+    def resolved(self, renderer: str) -> Config:
+        """The same, with the renderer that was really used."""
+        return dataclasses.replace(self, renderer=renderer)
 
     def __post_init__(self) -> None:
         if self.seed < 0:

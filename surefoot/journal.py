@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,11 +35,13 @@ class Journal:
         config: Config,
         info: RecordingInfo,
         goals: Sequence[tuple[float, float]],
+        recording: str = "",
     ) -> None:
         self._folder = folder
         self._config = config
         self._info = info
         self._goals = goals
+        self._recording = recording
         self._stamps: list[float] = []
         self._poses: list[tuple[float, Any]] = []
         self._floors: list[tuple[object, ...]] = []
@@ -137,9 +140,19 @@ class Journal:
                 ],
                 "landmark_sightings": self._sightings,
                 "renderer": self._config.renderer,
+                "version": importlib.metadata.version("surefoot"),
+                "recording": self._recording,
+                "command": self._command(),
             },
         )
         write_report(folder)
+
+    def _command(self) -> str:
+        """How to make this run again."""
+        config = self._folder.path("config.toml")
+        if self._recording:
+            return f"surefoot process {self._recording} --config {config}"
+        return f"surefoot simulate --config {config}"
 
     def _write_rows(self) -> None:
         folder = self._folder

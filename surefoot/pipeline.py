@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
@@ -21,8 +22,7 @@ from mapping.egocentric_grid import EgocentricGrid
 from mapping.world_map import WorldMap
 from perception import clusters, points, stereo, structured_light, time_of_flight
 from perception.clusters import Cluster
-from perception.floor import classify
-from perception.floor.find import find_floor
+from perception.floor import choose, classify
 from perception.levelling import level, shadow
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter, UpdateReport
@@ -42,6 +42,9 @@ OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # where no foot may go
 RISING = (classify.OBSTACLE, classify.OVERHANG)  # what things are made of: legs and the body above
 KNEE_M = 0.15  # height at which a track is looked for: every obstacle worth a track reaches it
 BEYOND_M = 0.15  # what is measured this far behind a place shows that nothing stands there
+BORDER_SHARE = 0.02  # of the image's width
+HIDING_SHARE = 0.02  # of the image's width: how near in the image what hides a thing must be
+CUT_M = 0.10  # nearer by this hides; this close to the end of reach a thing may go on
 MOVER_MARGIN_M = 0.06  # position error of a track and noise of the points
 
 
@@ -157,7 +160,7 @@ class Pipeline:
             found = self._cluster(views, pose)
             if pose is not None:
                 self.tracker.update(
-                    frame.stamp_s, [_detection(c) for c in found], pose, _visibility(views)
+                    frame.stamp_s, [_detection(c) for c in found if c.whole], pose, _visibility(views)
                 )
         with watch.stage("map"):
             self._remember(frame, views, pose)
@@ -189,7 +192,7 @@ class Pipeline:
         reach: ReachConfig = getattr(self.config.reach, sensor)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.whereabouts.expected_floor(depth.T_body_camera)
-        floor = find_floor(cloud, expected, self.rng, self.config.floor)
+        floor = choose.find(cloud, expected, self.rng, self.config.floor)
         placed = self.whereabouts.place(depth.T_body_camera, None if floor is None else floor.plane)
         if placed is None:
             return None
@@ -219,7 +222,15 @@ class Pipeline:
             [v.points.sigma[mask] for v, mask in zip(views, rising, strict=True)]
         )
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
-        return clusters.cluster(obstacle_points, sigma, sensor, self.config.clusters)
+        widest = max(view.depth.camera.width / view.depth.camera.fx for view in views)
+        cut = []
+        for view, mask in zip(views, rising, strict=True):
+            camera = view.depth.camera
+            reach: ReachConfig = getattr(self.config.reach, view.sensor)
+            cut.append(_cut_off(view, reach, camera.width / camera.fx > 0.99 * widest)[mask])
+        return clusters.cluster(
+            obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
+        )
 
     def _remember(self, frame: Frame, views: Sequence[View], pose: Gaussian | None) -> None:
         """Put floor and obstacles into the maps and the cloud."""
@@ -294,6 +305,24 @@ def _pose2(pose: Gaussian) -> Pose2:
 
 def _detection(cluster: Cluster) -> Detection:
     return Detection(cluster.centre, cluster.covariance, cluster.radius_m, cluster.height_m)
+
+
+def _cut_off(view: View, reach: ReachConfig, widest: bool) -> Bool[np.ndarray, "n"]:
+    """Points at which a thing may go on unseen: border of the image, end of reach, edge of what hides it.
+
+    The border counts for the widest view of the frame only; a wider one sees on.
+    """
+    camera = view.depth.camera
+    u = view.points.pixels % camera.width
+    margin = BORDER_SHARE * camera.width
+    cut = view.points.xyz[:, 2] > reach.farthest_m - CUT_M
+    if widest:
+        cut |= (u < margin) | (u > camera.width - 1 - margin)
+    z = np.where(np.isfinite(view.depth.z), view.depth.z, np.float32(np.inf))
+    width = 2 * max(1, round(HIDING_SHARE * camera.width)) + 1
+    nearest = cv2.erode(z, np.ones((1, width), np.uint8))
+    hidden = z.ravel()[view.points.pixels] - nearest.ravel()[view.points.pixels] > CUT_M
+    return np.asarray(cut | hidden)
 
 
 def _visibility(views: Sequence[View]) -> Callable[[np.ndarray], np.ndarray]:

@@ -147,9 +147,9 @@ def process(
         OutputError: The folder cannot be written.
     """
     recording = open_recording(path, description)
-    folder = RunFolder.create(out, name=recording.info.name)
+    folder = RunFolder.create(out, name=recording.info.name, reads=path)
     pipeline = Pipeline(config, recording.info)
-    journal = Journal(folder, config, recording.info, ())
+    journal = Journal(folder, config, recording.info, (), str(path))
     _cycle(Playback(recording), pipeline, None, journal, say)
     if journal.frames == 0:
         raise RecordingError(
