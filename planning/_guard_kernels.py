@@ -23,6 +23,7 @@ def roll_out(
     needed: np.ndarray,
     cells: np.ndarray,
     cells_needed: np.ndarray,
+    weight: float,
     soft: float,
     step_s: float,
     fade_s: float,
@@ -42,6 +43,7 @@ def roll_out(
         needed: (h, 2 steps) least distance to each; 0 where the hypothesis says nothing.
         cells: (k, 2) middles of occupied cells.
         cells_needed: (k,) least distance to each.
+        weight: Of a violation of these.
         soft: Width of the band beyond the needed distance in which a rollout is clear but uneasy.
         step_s: Time of one step.
         fade_s: Time in which the weight of a violation falls by e: the later, the more can be done.
@@ -94,7 +96,7 @@ def roll_out(
                     ay = y - cells[k, 1]
                     square = ax * ax + ay * ay
                     if square < cells_needed[k] ** 2:
-                        worst = max(worst, (cells_needed[k] - math.sqrt(square)) * fade)
+                        worst = max(worst, weight * (cells_needed[k] - math.sqrt(square)) * fade)
             last = math.hypot(target[0] - x, target[1] - y)
             nearest = min(nearest, last)
         error = math.atan2(target[1] - y, target[0] - x) - yaw

@@ -35,16 +35,20 @@ class GuardConfig:
     steps: int = 12  # own: 7.8 s, what the study found enough
     body_radius_m: float = 0.15  # S_r, seed 001
     margin_m: float = 0.05  # ours: between surfaces, of movers
-    sigmas: float = 0.75  # ours: share of the deviation added to the margin
+    sigmas: float = 1.0  # ours: share of the deviation added to the margin
     max_sigma_m: float = 0.15  # ours: more doubt than this would freeze the robot
-    acceleration_mps2: float = 0.01  # ours: of movers, how their covariance grows
-    cell_distance_m: float = 0.15  # ours: body to the middle of an occupied cell, wanted
-    cell_contact_m: float = 0.12  # ours: the same, never to be given up
+    acceleration_mps2: float = 0.004  # ours: of movers, how their covariance grows
+    cell_distance_m: float = 0.17  # ours: body to the middle of an occupied cell, wanted
+    cell_contact_m: float = 0.13  # ours: the same, never to be given up
     moving_share: float = 0.3  # ours: less probable movers are taken to stand
     small_radius_m: float = 0.20  # ours: larger standing tracks are left to the occupied cells
     max_mover_mps: float = 0.15  # ours: estimated velocities are capped here
-    doubt_s: float = 3.3  # own: how long the hypotheses that it turns back or stops are followed
+    doubt_s: float = 2.5  # ours (study: 3.3): how long the hypotheses that it turns back or stops are followed
+    longest_unseen_s: float = (
+        15.0  # ours: a mover lost for longer is taken to be lost for this long
+    )
     soft_m: float = 0.10  # ours: band beyond the margin that is avoided if it costs little
+    w_cells: float = 4.0  # ours: what stands is certain, where a mover goes is not
     w_unease: float = 0.15  # ours: m of detour that leaving the band is worth
     w_heading: float = 0.05  # ours: m per rad of facing away from the target at the end
     fade_s: float = 4.0  # ours: a violation this much later weighs 1/e
@@ -85,6 +89,7 @@ def choose(
     occupied: Float[np.ndarray, "n 2"],
     target: Float[np.ndarray, "2"],
     config: GuardConfig,
+    stamp_s: float | None = None,
 ) -> WalkCommand:
     """The desired step if it is safe, else the first step of the best plan.
 
@@ -98,8 +103,9 @@ def choose(
         occupied: Middles of occupied cells, world frame, m; far ones may be included.
         target: Via point, world frame, m.
         config: Margins and hypotheses.
+        stamp_s: Now, in the clock of `Obstacle.seen_s`; None: the latest sighting of any track.
     """
-    return assess(desired, robot, obstacles, occupied, target, config)[0].command
+    return assess(desired, robot, obstacles, occupied, target, config, stamp_s)[0].command
 
 
 def assess(
@@ -109,10 +115,13 @@ def assess(
     occupied: Float[np.ndarray, "n 2"],
     target: Float[np.ndarray, "2"],
     config: GuardConfig,
+    stamp_s: float | None = None,
 ) -> list[Assessment]:
     """Every plan, best first; arguments as for `choose`."""
     plans = _plans(desired, config)
-    movers, needed = _hypotheses(robot, obstacles, config)
+    if stamp_s is None:
+        stamp_s = max((obstacle.seen_s for obstacle in obstacles), default=0.0)
+    movers, needed = _hypotheses(robot, obstacles, stamp_s, config)
     cells, cells_needed = _cells(robot.mean[:2], occupied, config)
     results = np.empty((len(plans), 4))
     _guard_kernels.roll_out(
@@ -125,6 +134,7 @@ def assess(
         needed,
         cells,
         cells_needed,
+        config.w_cells,
         config.soft_m,
         config.gait.step_s,
         config.fade_s,
@@ -171,6 +181,8 @@ def _plans(desired: WalkCommand, config: GuardConfig) -> np.ndarray:
                 plans.append([speed, 0.0, sign * turn, n, speed, 0.0, 0.0, 0.0])
             plans.append([0.0, 0.0, sign * turn, n, cruise, 0.0, 0.0, 0.0])
             plans.append([0.0, 0.0, sign * turn, n, top, 0.0, 0.0, 0.0])
+            plans.append([back, 0.0, sign * turn, n, top, 0.0, 0.0, 0.0])
+            plans.append([back, sign * side, sign * turn, n, top, 0.0, 0.0, 0.0])
         for forward in (back, 0.0, half, cruise):
             for n in (1, 3, 12):
                 plans.append([forward, sign * side, 0.0, n, *stand])
@@ -181,48 +193,74 @@ def _plans(desired: WalkCommand, config: GuardConfig) -> np.ndarray:
 
 
 def _hypotheses(
-    robot: Gaussian, obstacles: Sequence[Obstacle], config: GuardConfig
+    robot: Gaussian, obstacles: Sequence[Obstacle], stamp_s: float, config: GuardConfig
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions (h, samples, 2) of discs and the distance (h, samples) to be kept from each."""
     times = (np.arange(2 * config.steps) + 1) * config.gait.step_s / 2
-    places, needed = [], []
+    places: list[np.ndarray] = [np.zeros((0, len(times), 2))]
+    needed: list[np.ndarray] = [np.zeros((0, len(times)))]
     for obstacle in obstacles:
         moves = obstacle.moving >= config.moving_share
         if not moves and obstacle.radius_m > config.small_radius_m:
             continue
         near = config.body_radius_m + obstacle.radius_m + config.margin_m
-        velocity = obstacle.velocity if moves else np.zeros(2)
-        speed = float(np.hypot(*velocity))
-        velocity = velocity * min(1.0, config.max_mover_mps / max(speed, 1e-9))
         gap = float(np.hypot(*(obstacle.position - robot.mean[:2]))) - near
-        reach = config.steps * config.gait.step_s * (config.gait.max_speed_mps + speed)
-        if gap > reach + config.sigmas * config.max_sigma_m + config.soft_m:
-            continue
-        distance = near + config.sigmas * _deviation(robot, obstacle, times, moves, config)
-        if not moves:
-            distance = np.minimum(distance, max(gap + near, near - config.margin_m))
-        early = np.where(times <= config.doubt_s, distance, 0.0)
-        for factor, need in ((1.0, distance), (-1.0, early), (0.0, early)):
-            places.append(obstacle.position + factor * velocity * times[:, None])
-            needed.append(need)
-            if not moves:
-                break
-    if not places:
-        return np.zeros((0, len(times), 2)), np.zeros((0, len(times)))
+        distance = near + config.sigmas * _deviation(robot, obstacle, times, config)
+        if moves:
+            where, needs = _to_and_fro(obstacle, distance, times, stamp_s, config)
+        else:
+            where = np.broadcast_to(obstacle.position, (1, len(times), 2))
+            needs = np.minimum(distance, max(gap + near, near - config.margin_m))[None]
+        away = np.hypot(*(where[:, 0] - robot.mean[:2]).T)
+        reach = (
+            config.steps * config.gait.step_s * (config.gait.max_speed_mps + config.max_mover_mps)
+        )
+        within = away < reach + distance[-1] + config.soft_m
+        places.append(where[within])
+        needed.append(needs[within])
+    return np.concatenate(places), np.concatenate(needed)
+
+
+def _to_and_fro(
+    obstacle: Obstacle,
+    distance: np.ndarray,
+    times: np.ndarray,
+    stamp_s: float,
+    config: GuardConfig,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where on its line a mover may be: it goes on, stops, turns back; any time since it was last seen."""
+    velocity = obstacle.velocity
+    speed = float(np.hypot(*velocity))
+    velocity = velocity * min(1.0, config.max_mover_mps / max(speed, 1e-9))
+    unseen = min(max(stamp_s - obstacle.seen_s, 0.0), config.longest_unseen_s)
+    seen_at = obstacle.position - velocity * unseen
+    near = distance.min()
+    early = np.where(times <= config.doubt_s, distance, 0.0)
+    pieces = 1 + int(speed * unseen / near)
+    shares = [1.0 - 2.0 * k / (2 * pieces) for k in range(2 * pieces + 1)]  # 1, ..., 0, ..., -1
+    places = [seen_at + share * velocity * (unseen + times[:, None]) for share in shares]
+    needed = [distance if share == 1.0 else early for share in shares]
     return np.array(places), np.array(needed)
 
 
 def _deviation(
-    robot: Gaussian, obstacle: Obstacle, times: np.ndarray, moves: bool, config: GuardConfig
+    robot: Gaussian, obstacle: Obstacle, times: np.ndarray, config: GuardConfig
 ) -> np.ndarray:
-    """Deviation of the relative position along its worst axis at the times, m, capped."""
-    P = obstacle.state.covariance
+    """Deviation of the relative position along its worst axis at the times, m, capped.
+
+    A mover's velocity counts with its covariance; a thing that only may move, with its probability times
+    the whole second moment (law of total variance).
+    """
+    P, v = obstacle.state.covariance, obstacle.velocity
     here, cross, speed = P[:2, :2] + robot.covariance[:2, :2], P[:2, 2:], P[2:, 2:]
-    t = times[:, None, None] if moves else 0.0 * times[:, None, None]
-    grown = here + t * (cross + cross.T) + t**2 * speed
+    share = 1.0
+    if obstacle.moving < config.moving_share:
+        share, speed = obstacle.moving, speed + np.outer(v, v)
+    t = times[:, None, None]
+    grown = here + share * (t * (cross + cross.T) + t**2 * speed)
     middle = (grown[:, 0, 0] + grown[:, 1, 1]) / 2
     spread = np.hypot((grown[:, 0, 0] - grown[:, 1, 1]) / 2, grown[:, 0, 1])
-    noise = (config.acceleration_mps2 * t[:, 0, 0] ** 2 / 2) ** 2
+    noise = share * (config.acceleration_mps2 * times**2 / 2) ** 2
     return np.minimum(np.sqrt(np.maximum(middle + spread, 0.0) + noise), config.max_sigma_m)
 
 

@@ -35,6 +35,8 @@ class SweepConfig:
     # ours: neighbouring gazes overlap for the narrowest view (44 deg)
     glance_pans_deg: tuple[float, ...] = (40.0, -40.0, 80.0, -80.0)  # ours
     revisit_s: float = 1.0  # own: a mover unseen for longer is looked for
+    close_m: float = 1.2  # ours: a mover this near ...
+    close_revisit_s: float = 0.6  # ours: ... is looked for already after this
     revisit_m: float = 2.0  # own: if it is this near
     moving_share: float = 0.3  # ours: less probable movers need no second look
     unwatched_s: float = 2.0  # own: the walking direction is never left for longer
@@ -61,6 +63,7 @@ class Sweep:
         self._glances = 0
         self._ahead_s = -math.inf  # when the walking direction was last looked at
         self._aside = False  # whether the gaze before was aside
+        self._sought_s: dict[int, float] = {}  # by track: when it was last looked for
 
     @property
     def surveying(self) -> bool:
@@ -95,7 +98,9 @@ class Sweep:
         lost = self._lost(stamp_s, robot, obstacles)
         if lost is not None:
             self._aside = True
-            return self._gaze(*lost)
+            track, pan, distance = lost
+            self._sought_s[track] = stamp_s
+            return self._gaze(pan, distance)
         if self._aside or self._ahead_s == -math.inf:
             return self._look_ahead(stamp_s, ahead)
         self._aside = True
@@ -122,28 +127,35 @@ class Sweep:
 
     def _lost(
         self, stamp_s: float, robot: Pose2, obstacles: Sequence[Obstacle]
-    ) -> tuple[float, float] | None:
-        """Pan and distance of the mover that most needs a look: longest unseen for how near it is."""
+    ) -> tuple[int, float, float] | None:
+        """Track, pan and distance of the mover that most needs a look: longest without one, and near."""
         config = self._config
         best, found = 0.0, None
+        reach = self._limit + math.radians(config.view_deg / 2)
         for obstacle in obstacles:
             unseen = stamp_s - obstacle.seen_s
-            if obstacle.moving < config.moving_share or unseen <= config.revisit_s:
+            alone = min(unseen, stamp_s - self._sought_s.get(obstacle.track, -math.inf))
+            if obstacle.moving < config.moving_share:
                 continue
-            place = obstacle.position + obstacle.velocity * min(unseen, 5.0)
-            dx, dy = float(place[0]) - robot.x, float(place[1]) - robot.y
-            distance = math.hypot(dx, dy)
-            pan = wrap_angle(math.atan2(dy, dx) - robot.yaw)
-            if distance > config.revisit_m or abs(pan) > self._limit + math.radians(
-                config.view_deg / 2
-            ):
-                continue
-            need = unseen / max(distance, 0.3)
-            if need > best:
-                best, found = need, (pan, distance)
+            for place in _may_be(obstacle, unseen):
+                dx, dy = float(place[0]) - robot.x, float(place[1]) - robot.y
+                distance = math.hypot(dx, dy)
+                pan = wrap_angle(math.atan2(dy, dx) - robot.yaw)
+                patience = config.close_revisit_s if distance < config.close_m else config.revisit_s
+                if alone <= patience or distance > config.revisit_m or abs(pan) > reach:
+                    continue
+                need = alone / max(distance, 0.3)
+                if need > best:
+                    best, found = need, (obstacle.track, pan, distance)
         return found
 
     def _gaze(self, pan: float, distance_m: float) -> GazeCommand:
         near = distance_m < self._config.near_m
         tilt = self._config.near_tilt_deg if near else self._config.tilt_deg
         return GazeCommand(min(max(pan, -self._limit), self._limit), math.radians(tilt))
+
+
+def _may_be(obstacle: Obstacle, unseen_s: float) -> list[Float[np.ndarray, "2"]]:
+    """Where a mover may be that was not seen for a while: gone on, or turned back at once."""
+    back = obstacle.position - 2.0 * obstacle.velocity * unseen_s
+    return [obstacle.position] if unseen_s < 3.0 else [obstacle.position, back]
