@@ -2,7 +2,7 @@
 
 Frames come twice a step, 0.2 s before the end of single support and at its end, when the gait asks for
 its next command. Everything in a `Frame` is what sensors give: `T_body_camera` is what the encoders say,
-the odometry what the joints say. What is true stays here, under a leading underscore of `truth`'s.
+the odometry what the joints say.
 
 Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (cameras).
 """
@@ -45,6 +45,7 @@ class RobotConfig:
     tof: bool = True
     stereo: bool = True
     colour: bool = True
+    image_pairs: bool = False  # seed 000 looks twice a step; else colour and stereo look once, at its end
     tof_mount_m: tuple[float, float, float] = (0.035, 0.0, 0.035)  # DARwIn-OP's camera
     baseline_m: float = 0.04  # seed 003
     gait: GaitConfig = field(default_factory=GaitConfig)
@@ -82,28 +83,22 @@ class SimulatedRobot:
 
     def read(self) -> Frame:
         """Let the world go on to the next instant of the sensors, and look."""
-        config = self.config
-        first = round(BEFORE_END_S / config.gait.tick_s)
+        self.body.take_up()
+        first = round(BEFORE_END_S / self.config.gait.tick_s)
         left = self.body.ticks_left
-        if left == 0:  # a new step begins; its length is known once it is taken up
-            self._pass(1)
-            left, gone = self.body.ticks_left, self._gone
-        else:
-            gone = None
-        ticks = left - first if left > first else left
-        advance = self._pass(ticks)
-        if gone is not None:
-            advance = _joined(gone, advance)
+        advance = self._pass(left - first if left > first else left)
         before, self._state = self._state, self._trunk_state()
         imu = self._inertial.measure(before, self._state, advance.seconds)
+        ends = self.body.ticks_left == 0
+        looks = ends or config.image_pairs
         return Frame(
             stamp_s=self.world.stamp_s,
             tof=self._range_view(),
-            stereo=self._stereo_view(),
-            colour=self._colour_view(),
+            stereo=self._stereo_view() if looks else None,
+            colour=self._colour_view() if looks else None,
             odometry=StepOdometry(advance.motion, advance.steps),
             imu=imu,
-            footstep_due=self.body.ticks_left == 0,
+            footstep_due=ends,
         )
 
     def walk(self, command: WalkCommand) -> None:
@@ -141,7 +136,6 @@ class SimulatedRobot:
         advance = self.body.advance(ticks)
         self._head.advance(advance.seconds)
         self.world.advance_to(self._began_s + round(self.body.ticks * self.config.gait.tick_s, 9))
-        self._gone = advance
         return advance
 
     def _trunk_state(self) -> TrunkState:
@@ -172,12 +166,3 @@ class SimulatedRobot:
         return StereoView(
             left, right, baseline, config.camera, self._camera_by_joints(config.mount_m)
         )
-
-
-def _joined(first: Advance, second: Advance) -> Advance:
-    """One after the other."""
-    return Advance(
-        first.motion @ second.motion,
-        first.steps + second.steps,
-        first.seconds + second.seconds,
-    )
