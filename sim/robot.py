@@ -90,7 +90,7 @@ class SimulatedRobot:
         before, self._state = self._state, self._trunk_state()
         imu = self._inertial.measure(before, self._state, advance.seconds)
         ends = self.body.ticks_left == 0
-        looks = ends or config.image_pairs
+        looks = ends or self.config.image_pairs
         return Frame(
             stamp_s=self.world.stamp_s,
             tof=self._range_view(),
