@@ -43,7 +43,9 @@ class GuardConfig:
     moving_share: float = 0.3  # ours: less probable movers are taken to stand
     small_radius_m: float = 0.20  # ours: larger standing tracks are left to the occupied cells
     max_mover_mps: float = 0.15  # ours: estimated velocities are capped here
-    doubt_s: float = 2.5  # ours (study: 3.3): how long the hypotheses that it turns back or stops are followed
+    doubt_s: float = (
+        2.5  # ours (study: 3.3): how long the hypotheses that it turns back or stops are followed
+    )
     longest_unseen_s: float = (
         15.0  # ours: a mover lost for longer is taken to be lost for this long
     )
@@ -155,7 +157,8 @@ def assess(
 
 def _step(plan: np.ndarray, config: GuardConfig) -> WalkCommand:
     gait = config.gait
-    return gait.command(plan[0] / gait.step_s, plan[1] / gait.step_s, plan[2])
+    forward, left, turn = (float(v) for v in plan[:3])
+    return gait.command(forward / gait.step_s, left / gait.step_s, turn)
 
 
 def _plans(desired: WalkCommand, config: GuardConfig) -> np.ndarray:

@@ -33,10 +33,10 @@ class RouteConfig:
     passed_m: float = 0.15  # ours: a way point this near is passed
     patience_steps: int = 15  # own: 10 s at 0.65 s a step without progress
     progress_m: float = 0.10  # ours: less than this is no progress
-    memory_steps: int = 60  # ours: about 40 s for which a stuck place stays dear
-    block_ahead_m: float = 0.45  # ours: how far ahead on the path the trouble is taken to be
+    memory_steps: int = 200  # ours: 130 s, for a stuck place to stay dear until the detour is made
+    block_ahead_m: float = 0.30  # ours: how far ahead on the path the trouble is taken to be
     block_radius_m: float = 0.35  # ours
-    block_penalty: float = 2.0  # ours: potential added there: dear, not forbidden
+    block_penalty: float = 4.0  # ours: potential added there: dear, not forbidden
 
     def __post_init__(self) -> None:
         if self.patience_steps < 1 or self.memory_steps < 1:

@@ -9,9 +9,10 @@ replacement for the simulation, but hundreds of runs take minutes. Run as a scri
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -237,9 +238,9 @@ class Memory:
     """What the robot believes: its map and its tracks."""
 
     rng: np.random.Generator
-    log_odds: np.ndarray = field(default_factory=lambda: np.full((120, 140), np.inf))
-    mover_s: np.ndarray = field(default_factory=lambda: np.full((120, 140), -np.inf))
-    tracks: dict[int, Track] = field(default_factory=dict)
+    log_odds: np.ndarray = dataclasses.field(default_factory=lambda: np.full((120, 140), np.inf))
+    mover_s: np.ndarray = dataclasses.field(default_factory=lambda: np.full((120, 140), -np.inf))
+    tracks: dict[int, Track] = dataclasses.field(default_factory=dict)
 
     def see(
         self, world: World, true: Pose2, believed: Pose2, pan: float, stamp_s: float, dt: float
@@ -330,11 +331,11 @@ def moving_probability(track: Track) -> float:
 
 @dataclass(frozen=True)
 class Settings:
-    search: SearchConfig = SearchConfig()
-    route: RouteConfig = RouteConfig()
-    field: fields.FieldConfig = fields.FieldConfig()
-    guard: guard.GuardConfig = guard.GuardConfig()
-    sweep: SweepConfig = SweepConfig()
+    search: SearchConfig = dataclasses.field(default_factory=SearchConfig)
+    route: RouteConfig = dataclasses.field(default_factory=RouteConfig)
+    field: fields.FieldConfig = dataclasses.field(default_factory=fields.FieldConfig)
+    guard: guard.GuardConfig = dataclasses.field(default_factory=guard.GuardConfig)
+    sweep: SweepConfig = dataclasses.field(default_factory=SweepConfig)
     movers: int = 3
     speeds: tuple[float, float] = (0.03, 0.06)
     reach_m: float = 0.28  # radius of a disc that can pass every mover

@@ -1,0 +1,82 @@
+"""Shortcuts and rounded corners."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from planning.search.astar import find_path, prepare
+from planning.search.potential import SearchConfig
+from planning.search.shortcuts import polyline_cost, rounded, segment_cost, shortcut, total_turning
+
+CELL_M = 0.05
+
+
+def test_a_segment_through_an_even_price_costs_its_length_times_the_price():
+    price, blocked = np.full((20, 20), 3.0), np.zeros((20, 20), bool)
+    begin, end = np.array([2.2, 3.1]), np.array([15.7, 11.4])
+    length = float(np.hypot(*(end - begin)))
+    assert segment_cost(begin, end, price, blocked) == pytest.approx(3.0 * length)
+
+
+def test_a_segment_through_a_slope_costs_the_price_of_its_middle():
+    price = np.broadcast_to(1.0 + 0.1 * np.arange(20.0), (20, 20)).copy()
+    blocked = np.zeros((20, 20), bool)
+    cost = segment_cost(np.array([2.0, 5.0]), np.array([12.0, 5.0]), price, blocked)
+    assert cost == pytest.approx(10.0 * 1.7)
+
+
+def test_a_segment_into_a_blocked_cell_costs_infinitely_much():
+    blocked = np.zeros((20, 20), bool)
+    blocked[5, 8] = True
+    assert math.isinf(
+        segment_cost(np.array([2.0, 5.0]), np.array([12.0, 5.0]), np.ones((20, 20)), blocked)
+    )
+
+
+def test_a_staircase_over_free_ground_becomes_one_straight_line():
+    path = np.array([[i // 2, (i + 1) // 2] for i in range(21)], float)
+    kept = shortcut(path, np.ones((20, 20)), np.zeros((20, 20), bool))
+    np.testing.assert_array_equal(kept, path[[0, -1]])
+
+
+def test_shortcuts_never_cost_more_and_take_away_half_of_the_turning():
+    before = after = 0.0
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        probability = np.full((71, 71), 0.02)
+        for row, column in rng.integers(8, 60, (10, 2)):
+            probability[row : row + 4, column : column + 4] = 0.97
+        known, config = np.zeros((71, 71), bool), SearchConfig()
+        start, goal = np.array([0.125, 0.125]), np.array([3.425, 2.925])
+        path = find_path(probability, known, np.zeros(2), CELL_M, start, goal, config)
+        ground = prepare(probability, known, np.zeros(2), CELL_M, start, config)
+        line = path.cells[:, ::-1].astype(float)
+        kept = ground.to_cells(path.waypoints)
+        assert polyline_cost(kept, ground.price, ground.blocked) <= (
+            polyline_cost(line, ground.price, ground.blocked) + 1e-6
+        )
+        before += total_turning(line)
+        after += total_turning(kept)
+    assert after <= 0.5 * before
+
+
+def test_a_rounded_corner_turns_no_sharper_than_the_radius_allows():
+    corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
+    radius = 6.0
+    arc = rounded(corner, radius, np.ones((30, 30)), np.zeros((30, 30), bool), pieces=8)
+    np.testing.assert_array_equal(arc[[0, -1]], corner[[0, -1]])
+    middle = np.array([16.0, 8.0])
+    inner = arc[1:-1]
+    np.testing.assert_allclose(np.hypot(*(inner - middle).T), radius, atol=1e-9)
+    assert total_turning(arc) == pytest.approx(math.pi / 2)
+
+
+def test_a_corner_whose_arc_is_blocked_stays():
+    corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
+    blocked = np.zeros((30, 30), bool)
+    blocked[4:7, 18:20] = True
+    kept = rounded(corner, 10.0, np.ones((30, 30)), blocked)
+    np.testing.assert_array_equal(kept, corner)

@@ -1,0 +1,55 @@
+"""Footsteps stay within the gait's limits and turn the right way."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose2, wrap_angle
+from planning.footsteps import GaitConfig, footstep
+
+GAIT = GaitConfig()
+angles = st.floats(-10.0, 10.0)
+
+
+@given(angles, angles, st.floats(-1.0, 1.0))
+def test_no_step_exceeds_the_gait(heading, yaw, speed):
+    step = footstep(heading, speed, Pose2(1.0, -2.0, yaw), GAIT)
+    assert -0.03 * 0.65 - 1e-12 <= step.forward_m <= 0.10 * 0.65 + 1e-12
+    assert abs(step.turn_rad) <= math.radians(14.0) + 1e-12
+    assert step.lateral_m == 0.0
+    assert step.duration_s == pytest.approx(0.65)
+
+
+@given(angles, angles)
+def test_a_step_never_turns_away_from_the_heading(heading, yaw):
+    step = footstep(heading, 0.07, Pose2(0.0, 0.0, yaw), GAIT)
+    before = abs(wrap_angle(heading - yaw))
+    after = abs(wrap_angle(heading - yaw - step.turn_rad))
+    assert after <= before + 1e-9
+    if before <= GAIT.max_turn_rad:
+        assert after == pytest.approx(0.0, abs=1e-9)
+
+
+def test_ahead_it_walks_a_cruise_step_and_to_the_side_it_turns_on_the_spot():
+    assert footstep(0.1, 0.07, Pose2(0.0, 0.0, 0.1), GAIT).forward_m == pytest.approx(0.0455)
+    assert footstep(math.radians(110), 0.07, Pose2(), GAIT).forward_m == 0.0
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4))
+def test_a_command_is_the_wish_where_the_gait_can_do_it(forward, left, turn):
+    step = GAIT.command(forward, left, turn)
+    if -0.03 <= forward <= 0.10:
+        assert step.forward_m == pytest.approx(0.65 * forward)
+    if abs(left) <= 0.03:
+        assert step.lateral_m == pytest.approx(0.65 * left)
+    assert abs(step.lateral_m) <= 0.03 * 0.65 + 1e-12
+
+
+def test_a_cruise_above_the_top_speed_is_refused():
+    with pytest.raises(ConfigError, match="cruise_mps"):
+        GaitConfig(cruise_mps=0.2)

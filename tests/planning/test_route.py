@@ -1,0 +1,130 @@
+"""The route: a via point each step, loyal, and willing to go round where it is stuck."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose2
+from planning.route import Route, RouteConfig
+from planning.search.potential import SearchConfig
+
+CELL_M = 0.05
+SIDE = 71
+ORIGIN = np.array([-1.775, -1.775])
+GOAL = np.array([1.5, 0.0])
+START = Pose2(-1.5, 0.0, 0.0)
+KNOWN = np.zeros((SIDE, SIDE), bool)
+
+
+def empty():
+    return np.full((SIDE, SIDE), 0.02)
+
+
+def fill(probability, x0, y0, x1, y1):
+    c0, r0, c1, r1 = (round((v + 1.775) / CELL_M) for v in (x0, y0, x1, y1))
+    probability[r0:r1, c0:c1] = 0.97
+    return probability
+
+
+def towards(robot, via, step_m):
+    heading = math.atan2(via[1] - robot.y, via[0] - robot.x)
+    return Pose2(
+        robot.x + step_m * math.cos(heading), robot.y + step_m * math.sin(heading), heading
+    )
+
+
+def test_over_free_ground_the_goal_is_the_via_point():
+    via = Route(SearchConfig()).update(empty(), KNOWN, ORIGIN, CELL_M, START, GOAL)
+    np.testing.assert_allclose(via, GOAL)
+
+
+def test_following_the_via_points_leads_round_a_wall_to_the_goal():
+    probability = fill(empty(), -0.2, -1.2, 0.0, 1.775)
+    route, robot = Route(SearchConfig()), START
+    solid = (np.argwhere(probability > 0.5)[:, ::-1] + 0.5) * CELL_M + ORIGIN
+    nearest = math.inf
+    for _ in range(200):
+        via = route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        robot = towards(robot, via, 0.045)
+        nearest = min(nearest, float(np.hypot(*(solid - (robot.x, robot.y)).T).min()))
+        if math.hypot(robot.x - GOAL[0], robot.y - GOAL[1]) < 0.05:
+            break
+    else:
+        pytest.fail("never arrived")
+    assert nearest > 0.12
+
+
+def test_two_equal_ways_do_not_make_it_dither():
+    """An obstacle in the middle; the map flickers in favour of one side, then of the other."""
+    rng = np.random.default_rng(2)
+    route, robot, sides = Route(SearchConfig()), START, []
+    for _ in range(30):
+        probability = fill(empty(), -0.3, -0.3, 0.3, 0.3)
+        probability += rng.uniform(0.0, 0.02, probability.shape)
+        side = rng.choice([-1, 1])
+        fill(probability, -0.3, 0.3 if side > 0 else -0.35, 0.3, 0.35 if side > 0 else -0.3)
+        via = route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        robot = towards(robot, via, 0.03)
+        y = route.path.waypoints[:, 1]
+        sides.append(np.sign(y[np.argmax(np.abs(y))]))
+    assert len(set(sides)) == 1
+
+
+def test_a_path_that_closes_is_left():
+    route = Route(SearchConfig())
+    probability = fill(fill(empty(), -0.1, -1.775, 0.1, -0.9), -0.1, -0.3, 0.1, 1.2)
+    first = route.update(probability, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    assert first[1] < 0.0
+    fill(probability, -0.1, -0.9, 0.1, -0.3)
+    second = route.update(probability, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    assert second[1] > 0.0
+    assert route.path.clearance_m > 0.12
+
+
+def test_without_progress_for_ten_seconds_it_takes_the_longer_way():
+    """Two gaps; something unmapped holds the robot before the nearer one."""
+    probability = fill(fill(empty(), -0.1, -0.9, 0.1, 0.9), -0.1, 1.6, 0.1, 1.775)
+    robot, route = Pose2(-0.5, 0.8, 0.0), Route(SearchConfig())
+    assert route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)[1] > 0.0
+    vias = [route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL) for _ in range(20)]
+    assert vias[-1][1] < 0.0
+    assert route.detours == 1
+    assert all(via[1] > 0.0 for via in vias[:12])
+
+
+def test_a_detour_is_forgotten_after_a_while():
+    config = RouteConfig(memory_steps=5)
+    route, robot = Route(SearchConfig(), config), START
+    for _ in range(config.patience_steps + 2):
+        route.update(empty(), KNOWN, ORIGIN, CELL_M, robot, GOAL)
+    assert route.detours == 1
+    for _ in range(6):
+        robot = towards(robot, GOAL, 0.12)
+        route.update(empty(), KNOWN, ORIGIN, CELL_M, robot, GOAL)
+    assert route.detours == 0
+
+
+def test_locked_in_it_stays_where_it_is():
+    probability = empty()
+    probability[:, 30] = 0.97
+    route = Route(SearchConfig())
+    via = route.update(probability, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    np.testing.assert_array_equal(via, [START.x, START.y])
+    assert route.path is None
+
+
+def test_a_new_goal_is_walked_to_at_once():
+    route = Route(SearchConfig())
+    route.update(empty(), KNOWN, ORIGIN, CELL_M, START, GOAL)
+    other = np.array([-1.0, 1.0])
+    via = route.update(empty(), KNOWN, ORIGIN, CELL_M, START, other)
+    np.testing.assert_allclose(via, other)
+
+
+def test_patience_below_one_step_is_refused():
+    with pytest.raises(ConfigError, match="patience_steps"):
+        RouteConfig(patience_steps=0)
