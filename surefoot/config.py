@@ -82,6 +82,10 @@ class MissionConfig:
                 raise ConfigError(f"mission: {name}={getattr(self, name)} must be positive")
 
 
+CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
+"""The robot's own camera as its calibration found it; another camera needs its own figures."""
+
+
 @dataclass(frozen=True)
 class Config:
     """Everything a run depends on."""
@@ -92,7 +96,7 @@ class Config:
     mission: MissionConfig = field(default_factory=MissionConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     reach: ReachesConfig = field(default_factory=ReachesConfig)
-    tof: TofConfig = field(default_factory=TofConfig)
+    tof: TofConfig = field(default_factory=lambda: CALIBRATED_TOF)
     stereo: StereoConfig = field(default_factory=StereoConfig)
     structured_light: StructuredLightConfig = field(default_factory=StructuredLightConfig)
     floor: FloorConfig = field(default_factory=FloorConfig)
