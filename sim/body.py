@@ -103,6 +103,7 @@ class KinematicBody:
         self._turn_bias = float(rng.uniform(-bias, bias))
         self._command: WalkCommand | None = None
         self._ticks = 0
+        self._rest = (Pose2(), np.zeros(2), np.zeros(2))  # pose and weight where the step began
         self.true_pose = start
         self.tremble = Tremble()
         self._begin_step()
@@ -110,6 +111,11 @@ class KinematicBody:
     def walk(self, command: WalkCommand) -> None:
         """Taken up at the start of the coming double support; the last one counts."""
         self._command = command
+
+    def take_up(self) -> None:
+        """Begin the next step with the command given, if this one is over."""
+        if self._tick == self._step.ticks:
+            self._begin_step()
 
     @property
     def ticks_left(self) -> int:
@@ -127,18 +133,16 @@ class KinematicBody:
         Args:
             ticks: At least 1; may reach into the following steps.
         """
-        before, steps = self.joint_pose, 0.0
-        for_all = ticks
+        before, steps, asked = self.joint_pose, 0.0, ticks
         while ticks > 0:
-            if self._tick == self._step.ticks:
-                self._begin_step()
+            self.take_up()
             part = min(ticks, self._step.ticks - self._tick)
             steps += self._advance_within(part)
             ticks -= part
-        self._ticks += for_all
+        self._ticks += asked
         self.tremble = self._draw_tremble()
         motion = before.inverse() @ self.joint_pose
-        return Advance(motion, steps, for_all * self._gait.config.tick_s)
+        return Advance(motion, steps, asked * self._gait.config.tick_s)
 
     @property
     def joint_pose(self) -> Pose2:
@@ -158,9 +162,8 @@ class KinematicBody:
     @property
     def velocity_body(self) -> Float[np.ndarray, "2"]:
         """Of the centre of mass, in body axes, m/s."""
-        if self._tick == 0:
-            return np.zeros(2)
-        return np.asarray(self.joint_pose.rotation.T @ self._step.com_velocity[self._tick - 1])
+        velocity = self._rest[2] if self._tick == 0 else self._step.com_velocity[self._tick - 1]
+        return np.asarray(self.joint_pose.rotation.T @ velocity)
 
     @property
     def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
@@ -188,10 +191,9 @@ class KinematicBody:
         return Pose3.from_rotation(rotation, np.array([pelvis.x, pelvis.y, t.height_m]))
 
     def _begin_step(self) -> None:
-        if hasattr(self, "_step"):
-            self._rest = (_pose(self._step.body[-1]), self._step.com[-1])
-        else:
-            self._rest = (Pose2(), np.zeros(2))
+        if self._ticks > 0:
+            last = self._step
+            self._rest = (_pose(last.body[-1]), last.com[-1], last.com_velocity[-1])
         self._step: Step = self._gait.step(self._command or WalkCommand())
         self._command = None
         self._tick = 0

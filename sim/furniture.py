@@ -233,7 +233,7 @@ def _fits(piece: Piece, extent: Extent, taken: list[Shape]) -> bool:
         corners[:, 1].min() - y0,
         y1 - corners[:, 1].max(),
     )
-    return gap >= PASSAGE_M and (to_wall >= PASSAGE_M or to_wall < 0.15)
+    return bool(gap >= PASSAGE_M and (to_wall >= PASSAGE_M or to_wall < 0.15))
 
 
 def _gap(shape: Shape, points: np.ndarray) -> float:

@@ -282,9 +282,12 @@ class Gait:
         return np.asarray(capture + fade[:, None] * (self._capture - capture[0]))
 
     def _follow(
-        self, capture: Float[np.ndarray, "n+1 2"]
+        self, capture: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-        """The centre of mass behind the capture point; exact for one that moves evenly over a tick."""
+        """The centre of mass behind the capture point, given at the m = n + 1 edges of n ticks.
+
+        Exact for a capture point that moves evenly over a tick.
+        """
         tick, omega = self.config.tick_s, self._omega
         decay = math.exp(-omega * tick)
         com = np.empty((len(capture) - 1, 2))

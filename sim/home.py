@@ -81,12 +81,12 @@ def _lay_out(rng: np.random.Generator) -> _Layout | None:
     middle = partition_y / 2 if from_south else EXTENT[3] - partition_y / 2
     partition = Thing(
         "wall",
-        (Box((partition_x, middle, 1.2), (0.12, partition_y, 2.4), 0.0, "plaster/cream"),),
+        (Box((partition_x, middle, 1.2), (0.12, partition_y, 2.4), 0.0, "wall/cream"),),
         0.75,
         wall=True,
     )
     building = (
-        *walls(EXTENT, ("plaster/sky", "plaster/cream", "plaster/sage", "plaster/white")),
+        *walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")),
         partition,
     )
     pieces = furnish(EXTENT, partition, CATALOGUE, rng)

@@ -78,7 +78,7 @@ def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
 def _is_inside(patch: Patch, extent: tuple[float, float, float, float]) -> bool:
     """Whether a patch belongs to the room: the outer sides of its walls do not."""
     x, y, _ = patch.vertices.mean(axis=0)
-    return extent[0] <= x <= extent[2] and extent[1] <= y <= extent[3]
+    return bool(extent[0] <= x <= extent[2] and extent[1] <= y <= extent[3])
 
 
 def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, grain_m: float) -> Painted:
@@ -137,7 +137,7 @@ def _lit(patch: Patch, rng: np.random.Generator, grain_m: float) -> UInt8[np.nda
         facing = np.cos(angle) * _LIGHT[0] + np.sin(angle) * _LIGHT[1]
     else:
         facing = np.full(width, float(patch.normal @ _LIGHT))
-    light = np.broadcast_to(0.80 + 0.24 * facing, (height, width))
+    light = np.broadcast_to(0.84 + 0.20 * facing, (height, width))
     if abs(float(patch.normal[2])) < 0.5:
         top = float(patch.vertices[:, 2].max())
         above = np.maximum(top - (np.arange(height) + 0.5) / height * patch.size_m[1], 0.0)

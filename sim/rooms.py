@@ -57,7 +57,7 @@ def empty_room(seed: int) -> Scene:
         seed,
         extent,
         "planks/oak",
-        walls(extent, ("plaster/white", "plaster/sage", "plaster/cream", "plaster/sky")),
+        walls(extent, ("wall/white", "wall/sage", "wall/cream", "wall/sky")),
         (),
         Pose2(0.8, 2.0, 0.0),
         ((4.2, 2.0), (4.2, 3.2), (0.8, 0.8)),
@@ -68,7 +68,7 @@ def corridor(seed: int) -> Scene:
     """A corridor of 8 x 1.6 m with boxes at alternating sides and one robot going along it."""
     rng = np.random.default_rng([seed, 2])
     extent = (0.0, 0.0, 8.0, 1.6)
-    things = list(walls(extent, ("plaster/cream",) * 4))
+    things = list(walls(extent, ("wall/cream",) * 4))
     side = bool(rng.integers(2))
     for k, x in enumerate(np.arange(1.8, 6.8, 1.5)):
         width, height = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.3, 0.6))
@@ -99,7 +99,7 @@ def boxes(seed: int) -> Scene:
     """
     rng = np.random.default_rng([seed, 3])
     extent = (0.0, 0.0, 4.0, 3.0)
-    things = list(walls(extent, ("plaster/white",) * 4))
+    things = list(walls(extent, ("wall/white",) * 4))
     gap = float(rng.uniform(0.7, 0.9))
     middle = float(rng.uniform(1.0, 2.0))
     y_low, y_high = middle - gap / 2, middle + gap / 2

@@ -20,10 +20,10 @@ from perception.primitives.errors import InputError
 Image = Float32[np.ndarray, "h w 3"]
 
 PALETTE: dict[str, tuple[int, int, int]] = {
-    "white": (225, 222, 214),
-    "cream": (226, 211, 184),
-    "sage": (176, 190, 164),
-    "sky": (170, 190, 205),
+    "white": (236, 233, 226),
+    "cream": (238, 222, 194),
+    "sage": (186, 204, 172),
+    "sky": (174, 200, 220),
     "oak": (190, 148, 98),
     "walnut": (118, 80, 54),
     "pine": (214, 178, 122),
@@ -94,22 +94,35 @@ def noise(
         stretch: How much longer features are along the rows than across.
     """
     height, width = shape
-    feature, total = coarsest_m, np.zeros((1, 1), np.float32)
+    feature = coarsest_m
+    total: np.ndarray = np.zeros((1, 1), np.float32)
     while True:
         rows = min(height, int(height * metres_per_px / feature) + 2)
         columns = min(width, int(width * metres_per_px / (feature * stretch)) + 2)
         total = cv2.resize(total, (columns, rows), interpolation=cv2.INTER_LINEAR)
-        total += rng.standard_normal((rows, columns), dtype=np.float32)
+        total = total + rng.standard_normal((rows, columns), dtype=np.float32)
         feature /= 2
         if feature < max(finest_m, metres_per_px) or (rows, columns) == shape:
             break
     total = cv2.resize(total, (width, height), interpolation=cv2.INTER_LINEAR)
-    return (total - total.mean()) / max(float(total.std()), 1e-6)
+    return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), dtype=np.float32)
 
 
 def _plaster(image: Image, grain: float, rng: np.random.Generator) -> Image:
     mottled = noise(image.shape[:2], grain, rng, 0.25)
     return image + 9.0 * mottled[..., None] * np.array([1.0, 0.98, 0.9], np.float32)
+
+
+def _wall(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """Plaster down to a white skirting board."""
+    image = _plaster(image, grain, rng)
+    board = round(0.07 / grain)
+    if image.shape[0] > 4 * board:
+        image[-board:] = 0.25 * image[-board:] + np.float32(0.75) * np.array(
+            PALETTE["white"], np.float32
+        )
+        image[-board : -board + max(1, round(0.004 / grain))] *= np.float32(0.6)
+    return image
 
 
 def _fabric(image: Image, grain: float, rng: np.random.Generator) -> Image:
@@ -233,6 +246,7 @@ def _stripes(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 KINDS: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {
     "plaster": _plaster,
+    "wall": _wall,
     "fabric": _fabric,
     "wood": _wood,
     "planks": _planks,
