@@ -176,12 +176,14 @@ def furnish(
     """
     placed: list[Piece] = []
     taken: list[Shape] = list(partition.parts)
+    rims = np.concatenate([_rim(part) for part in taken])
     for model in models:
         for _ in range(40):
             piece = _draw(model, extent, rng)
-            if _fits(piece, extent, taken):
+            if _fits(piece, extent, taken, rims):
                 placed.append(piece)
                 taken += piece.thing.parts
+                rims = np.concatenate([rims, *(_rim(part) for part in piece.thing.parts)])
                 break
     return placed if len(placed) >= LEAST_PIECES else None
 
@@ -212,17 +214,16 @@ def _draw(model: Model, extent: Extent, rng: np.random.Generator) -> Piece:
     return Piece(model, Thing(model.name, parts, model.albedo))
 
 
-def _fits(piece: Piece, extent: Extent, taken: list[Shape]) -> bool:
+def _fits(piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray) -> bool:
     x0, y0, x1, y1 = extent
     corners = np.concatenate([outline(part) for part in piece.thing.parts])
     if corners[:, 0].min() < x0 or corners[:, 0].max() > x1:
         return False
     if corners[:, 1].min() < y0 or corners[:, 1].max() > y1:
         return False
-    others = np.concatenate([_rim(shape) for shape in taken])
     own = np.concatenate([_rim(part) for part in piece.thing.parts])
     gap = min(
-        min(float(_gap(part, others)) for part in piece.thing.parts),
+        min(float(_gap(part, rims)) for part in piece.thing.parts),
         min(float(_gap(shape, own)) for shape in taken),
     )
     if piece.model.wall:
@@ -243,13 +244,12 @@ def _gap(shape: Shape, points: np.ndarray) -> float:
 
 
 def _rim(shape: Shape) -> np.ndarray:
-    """Points along the outline, every 10 cm or closer."""
+    """Points along the outline: corners for a round one, else sixteen to a side."""
     corners = outline(shape)
-    rim = []
-    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        count = max(1, math.ceil(float(np.linalg.norm(b - a)) / 0.1))
-        rim.append(a + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (b - a))
-    return np.concatenate(rim)
+    if isinstance(shape, Cylinder):
+        return corners
+    share = np.arange(16)[:, None, None] / 16
+    return (corners + share * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 2)
 
 
 def _moved(part: Shape, place: tuple[float, float], yaw: float) -> Shape:
