@@ -160,7 +160,10 @@ class Pipeline:
             found = self._cluster(views, pose)
             if pose is not None:
                 self.tracker.update(
-                    frame.stamp_s, [_detection(c) for c in found if c.whole], pose, _visibility(views)
+                    frame.stamp_s,
+                    [_detection(c) for c in found if c.whole],
+                    pose,
+                    _visibility(views),
                 )
         with watch.stage("map"):
             self._remember(frame, views, pose)

@@ -115,9 +115,7 @@ class Given:
     first floor that is seen. Its floor is the running mean of the floors seen.
     """
 
-    def __init__(
-        self, up_world: tuple[float, float, float] | None, config: PriorConfig
-    ) -> None:
+    def __init__(self, up_world: tuple[float, float, float] | None, config: PriorConfig) -> None:
         self._config = config
         self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
         self._T_map_camera: Pose3 | None = None

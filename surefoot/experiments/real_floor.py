@@ -55,9 +55,7 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     assert last is not None
     angle, height = errors(pairs)
     points, _ = last.obstacle_cloud.cloud()
-    boxes = footprints.find(
-        points, last.config.footprints, last.obstacle_cloud.sightings
-    )
+    boxes = footprints.find(points, last.config.footprints, last.obstacle_cloud.sightings)
     largest = max(boxes, key=lambda box: box.points)
     figures = {
         "tum_fr3_cabinet_deg": float(np.median(angle)),

@@ -1,0 +1,50 @@
+# Everything sets itself up: `make demo` or `make test` on a fresh machine is enough.
+.PHONY: help setup demo test lint bench clean
+.DEFAULT_GOAL := help
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+BIN := .venv/bin
+READY := .venv/.ready
+RUNS ?= runs
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+export NUMBA_THREADING_LAYER := workqueue
+export SUREFOOT_DATA ?= $(abspath ../shared/data)
+
+help:  ## what can be made
+	@grep -E '^[a-z]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 8
+
+setup: $(READY)  ## own environment, pinned packages, compiled kernels
+
+$(READY): pyproject.toml requirements.lock
+	@test -n "$(PYTHON)" || { echo "surefoot: no Python found; run: apt-get install python3.11 python3.11-venv" >&2; exit 2; }
+	@$(PYTHON) surefoot/bootstrap.py
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev]'
+	$(BIN)/python -m surefoot.warmup
+	@touch $(READY)
+
+demo: $(READY)  ## a live walk, its recording processed, both judged
+	$(BIN)/surefoot simulate home --seed 0 --record --out $(RUNS)/demo
+	$(BIN)/surefoot process $(RUNS)/demo --out $(RUNS)/demo-offline
+	@echo && echo "live walk" && $(BIN)/surefoot evaluate $(RUNS)/demo
+	@echo && echo "the same, processed from its recording" && $(BIN)/surefoot evaluate $(RUNS)/demo-offline
+	@cmp $(RUNS)/demo/trajectory_covariance.csv $(RUNS)/demo-offline/trajectory_covariance.csv \
+		&& cmp $(RUNS)/demo/map.pgm $(RUNS)/demo-offline/map.pgm \
+		&& echo "trajectory and map of both are the same, bit for bit"
+
+test: $(READY)  ## the test suite
+	$(BIN)/python -m pytest -n 2 --dist loadfile -q
+
+lint: $(READY)  ## style, types, import contracts
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(READY)  ## hot paths against their peers
+	$(BIN)/surefoot bench
+
+clean:  ## forget the environment and all caches; runs stay
+	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,88 @@
+"""Compile every kernel once, so that no user waits for it: `python -m surefoot.warmup`.
+
+Compiled code is kept beside the modules; later starts load it in milliseconds. The calls are the public
+ones, with inputs as small as they may be: a miniature walk through an empty world and a recording's depth.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from perception.primitives.camera import Camera
+from perception.primitives.frame import DepthView, Frame, StepOdometry, StereoView
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2, Pose3, head_rotation
+
+from .config import Config
+from .navigator import Navigator
+from .pipeline import Pipeline
+from .recordings.recording import RecordingInfo
+
+
+def frame(stamp_s: float, rng: np.random.Generator) -> Frame:
+    """A floor with a box on it, seen by a small robot's head."""
+    camera = Camera.from_view(96, 72, 1.0, 0.8)
+    head = Pose3.from_rotation(head_rotation(0.0, 0.5), np.array([0.0, 0.0, 0.4]))
+    rays = camera.rays @ head.rotation.T
+    z = np.where(rays[..., 2] < -0.05, 0.4 / np.maximum(-rays[..., 2], 0.05), np.nan)
+    z[20:40, 40:56] = 0.7
+    noise = rng.normal(0.0, 0.002, z.shape)
+    texture = rng.integers(0, 255, (72, 96)).astype(np.uint8)
+    return Frame(
+        stamp_s,
+        depth=DepthView((z + noise).astype(np.float32), camera, head),
+        stereo=StereoView(texture, np.roll(texture, -8, axis=1), 0.04, camera, head),
+        odometry=StepOdometry(Pose2(), 0.0),
+        footstep_due=True,
+    )
+
+
+def warm(say: Callable[[str], None]) -> None:
+    """Run every compiled path once.
+
+    Args:
+        say: Takes a line for each part, with its time.
+    """
+    rng = np.random.default_rng(0)
+    config = Config()
+    info = RecordingInfo("warm-up", "simulation", start=Pose2())
+    began = time.perf_counter()
+    pipeline = Pipeline(config, info)
+    navigator = Navigator(config, [(2.0, 0.0)])
+    for number in range(20):
+        estimate = pipeline.cycle(frame(0.325 * number, rng))
+        navigator.decide(estimate, pipeline)
+    say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
+    began = time.perf_counter()
+    from perception.floor import choose
+    from perception.points import Points
+    from planning import guard
+    from planning.commands import WalkCommand
+
+    xyz = np.column_stack([rng.uniform(-1, 1, (400, 2)), rng.uniform(1, 2, 400)])
+    xyz[:, 1] = 0.4
+    cloud = Points(xyz, np.full(400, 0.005), np.arange(400))
+    expected = pipeline.whereabouts.expected_floor(None)
+    for method in ("ransac", "hough"):
+        choose.find(cloud, expected, rng, choose.FloorConfig(method=method))
+    mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)
+    robot = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
+    guard.choose(
+        WalkCommand(0.04),
+        robot,
+        [mover],
+        np.array([[1.0, 0.0]]),
+        np.array([2.0, 0.0]),
+        config.guard,
+    )
+    say(f"floors and guard: {time.perf_counter() - began:.1f} s")
+
+
+if __name__ == "__main__":
+    print("compiling kernels, once", file=sys.stderr)
+    warm(lambda line: print(f"  {line}", file=sys.stderr))
