@@ -157,9 +157,18 @@ def draw(state: np.uint64) -> tuple[np.uint64, float]:
 
 @njit(cache=True)
 def triple(
-    x: np.ndarray, y: np.ndarray, z: np.ndarray, state: np.uint64, near_of: int
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
+    slack: np.ndarray,
+    state: np.uint64,
+    near_of: int,
+    side: float,
+    slacks: float,
 ) -> tuple[np.uint64, float, float, float, float, bool]:
-    """Plane through three random points, the camera on its positive side; false if nearly collinear.
+    """Plane through three random points, the camera on its positive side.
+
+    False if they are nearly collinear, or closer together than `side` or `slacks` times their noise.
 
     The second and the third are each the nearest to the first of `near_of` draws: a small floor is hit
     far more often than by points from anywhere.
@@ -168,14 +177,17 @@ def triple(
     state, r = draw(state)
     i = int(r * count)
     chosen = np.empty(2, np.int64)
+    side2 = max(side, slacks * slack[i] * z[i]) ** 2
     for k in range(2):
-        best, nearest = 0, np.inf
+        best, nearest = -1, np.inf
         for _ in range(near_of):
             state, r = draw(state)
             j = int(r * count)
             d = (x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2 + (z[i] - z[j]) ** 2
-            if d < nearest and j != i and not (k == 1 and j == chosen[0]):
+            if side2 < d < nearest and not (k == 1 and j == chosen[0]):
                 best, nearest = j, d
+        if best < 0:
+            return state, 0.0, 0.0, 0.0, 0.0, False
         chosen[k] = best
     j, m = chosen[0], chosen[1]
     ux, uy, uz = x[j] - x[i], y[j] - y[i], z[j] - z[i]
@@ -220,7 +232,7 @@ def msac(
     state = seed
     k, needed = 0, tries
     while k < needed:
-        state, a, b, c, rho, good = triple(x, y, z, state, near_of if k % 2 else 1)
+        state, a, b, c, rho, good = triple(x, y, z, slack, state, near_of if k % 4 else 1, 0.0, 0.0)
         k += 1
         if not good or rho < lowest_rho or rho > highest_rho:
             continue
@@ -253,6 +265,7 @@ def vote(
     x: np.ndarray,
     y: np.ndarray,
     z: np.ndarray,
+    slack: np.ndarray,
     up: np.ndarray,
     first: np.ndarray,
     second: np.ndarray,
@@ -264,29 +277,33 @@ def vote(
     triples: int,
     enough: int,
     near_of: int,
+    side: float,
+    slacks: float,
+    origin: np.ndarray,
     seed: np.uint64,
     keys: np.ndarray,
     votes: np.ndarray,
     sums: np.ndarray,
-) -> tuple[int, int, int]:
+) -> int:
     """Randomised Hough transform: votes of random triples in a hash table of plane parameters.
 
-    The parameters are the tilts about two directions across the predicted up, and rho. Cells are found
-    by open addressing; the table's size is a power of two and larger than the triples.
+    The parameters are the tilts about two directions across the predicted up, and the distance from an
+    origin amid the points: there an error of tilt and one of distance are independent, while at the camera
+    a degree of tilt is centimetres of rho, and the votes for one plane would scatter. Cells are found by
+    open addressing; the table's size is a power of two and larger than the triples.
 
     Args:
         keys, votes, sums: The table, (m,), (m,), (m, 3), set to -1, 0, 0; filled.
 
     Returns:
-        Slot of the best cell, its votes, the triples drawn.
+        Triples drawn: fewer than allowed if a cell has gathered enough.
     """
     state = seed
     mask = keys.shape[0] - 1
-    best_slot, best_votes = -1, 0
-    drawn = 0
     for k in range(triples):
-        state, a, b, c, rho, good = triple(x, y, z, state, near_of if k % 2 else 1)
-        drawn += 1
+        state, a, b, c, rho, good = triple(
+            x, y, z, slack, state, near_of if k % 4 else 1, side, slacks
+        )
         if not good or rho < lowest_rho or rho > highest_rho:
             continue
         cosine = a * up[0] + b * up[1] + c * up[2]
@@ -294,9 +311,10 @@ def vote(
             continue
         one = math.atan2(a * first[0] + b * first[1] + c * first[2], cosine)
         two = math.atan2(a * second[0] + b * second[1] + c * second[2], cosine)
-        i = int(math.floor(one / tilt_cell)) + 512
-        j = int(math.floor(two / tilt_cell)) + 512
-        m = int(math.floor(rho / rho_cell))
+        i = math.floor(one / tilt_cell) + 512
+        j = math.floor(two / tilt_cell) + 512
+        at = rho + a * origin[0] + b * origin[1] + c * origin[2]
+        m = math.floor(at / rho_cell) + 512
         key = (m * 1024 + j) * 1024 + i
         slot = (key * 2654435761) & mask
         while keys[slot] != -1 and keys[slot] != key:
@@ -305,12 +323,10 @@ def vote(
         votes[slot] += 1
         sums[slot, 0] += one
         sums[slot, 1] += two
-        sums[slot, 2] += rho
-        if votes[slot] > best_votes:
-            best_slot, best_votes = slot, votes[slot]
-            if best_votes >= enough:
-                break
-    return best_slot, best_votes, drawn
+        sums[slot, 2] += at
+        if votes[slot] >= enough:
+            return k + 1
+    return triples
 
 
 @njit(cache=True, fastmath=FREE_SUMS)
@@ -319,42 +335,44 @@ def moments(
     sigma: np.ndarray,
     n: np.ndarray,
     rho: float,
-    base: float,
     sigmas: float,
     rough: float,
     A: np.ndarray,
     g: np.ndarray,
 ) -> int:
-    """Normal equations A a = g in inverse depth of the points within tau; how many they are.
+    """Normal equations A da = g in inverse depth of the points near a plane; how many they are.
 
-    Each weighs 1 / variance of its inverse depth: depth noise, and `rough` of the floor itself.
+    A point is near if its distance d is within `sigmas` deviations, and weighs 1 / variance of its inverse
+    depth: depth noise, and `rough` of the floor itself. With r = p / z and 1/z - a.r = d / (rho z) all
+    sums are those of p p^T and p d with the weight W = z^2 / (sigma^2 + (rough z / rho)^2).
     """
-    a0, a1, a2 = -n[0] / rho, -n[1] / rho, -n[2] / rho
+    a, b, c = n[0], n[1], n[2]
+    ground = (rough / rho) ** 2
+    limit = (sigmas * rho) ** 2
     s00 = s01 = s02 = s11 = s12 = s22 = g0 = g1 = g2 = 0.0
     count = 0
     for i in range(xyz.shape[0]):
-        z = xyz[i, 2]
-        q = 1.0 / z
-        u, v = xyz[i, 0] * q, xyz[i, 1] * q
-        e = q - (a0 * u + a1 * v + a2)
-        noise = sigma[i] * rho * q  # deviation of height
-        tau = base + sigmas * noise
-        inside = abs(e) * rho * z < tau
-        w = (rho * z) ** 2 / (noise * noise + rough * rough) if inside else 0.0
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        d = a * x + b * y + c * z + rho
+        z2 = z * z
+        variance = sigma[i] * sigma[i] + ground * z2
+        inside = d * d * z2 < limit * variance
+        W = z2 / variance if inside else 0.0
         count += inside
-        s00 += w * u * u
-        s01 += w * u * v
-        s02 += w * u
-        s11 += w * v * v
-        s12 += w * v
-        s22 += w
-        g0 += w * u * e
-        g1 += w * v * e
-        g2 += w * e
+        wx, wy, wz = W * x, W * y, W * z
+        s00 += wx * x
+        s01 += wx * y
+        s02 += wx * z
+        s11 += wy * y
+        s12 += wy * z
+        s22 += wz * z
+        g0 += wx * d
+        g1 += wy * d
+        g2 += wz * d
     A[0, 0], A[0, 1], A[0, 2] = s00, s01, s02
     A[1, 0], A[1, 1], A[1, 2] = s01, s11, s12
     A[2, 0], A[2, 1], A[2, 2] = s02, s12, s22
-    g[0], g[1], g[2] = g0, g1, g2
+    g[0], g[1], g[2] = g0 / rho, g1 / rho, g2 / rho
     return count
 
 
@@ -366,71 +384,74 @@ def statistics(
     rho: float,
     base: float,
     sigmas: float,
+    narrow: float,
     rough: float,
     A: np.ndarray,
+    g: np.ndarray,
     B: np.ndarray,
     C: np.ndarray,
 ) -> tuple[int, int, int]:
-    """What the covariance needs, at the final plane.
+    """The normal equations once more, with what the covariance needs and with what lies below.
 
     Args:
-        A: (3, 3), normal matrix, filled.
+        A, g: (3, 3), (3,), as in `moments`, filled.
         B: (3, 3), sum over image cells of the outer product of the cell's gradient, filled: equals A in
             the mean where the noise of neighbours is independent, and is larger where it is not.
-        C: (3, 3), sum of w q r r^T, filled: the answer to a depth scale that varies over the image.
+        C: (3, 3), sum of w r r^T / z, filled: the answer to a depth scale that varies over the image.
 
     Returns:
-        Points on the plane, points below -2 tau, image cells with points on the plane.
+        Points within tau = base + sigmas * noise, points below -2 tau, image cells that were used.
     """
-    a0, a1, a2 = -n[0] / rho, -n[1] / rho, -n[2] / rho
+    a, b, c = n[0], n[1], n[2]
+    ground = (rough / rho) ** 2
+    limit = (narrow * rho) ** 2
     cells = np.zeros((CELLS * CELLS, 4))
-    A[:], B[:], C[:] = 0.0, 0.0, 0.0
-    inliers = below = 0
+    A[:], B[:], C[:], g[:] = 0.0, 0.0, 0.0, 0.0
+    near = below = 0
     for i in range(xyz.shape[0]):
-        z = xyz[i, 2]
-        q = 1.0 / z
-        u, v = xyz[i, 0] * q, xyz[i, 1] * q
-        e = q - (a0 * u + a1 * v + a2)
-        noise = sigma[i] * rho * q
-        tau = base + sigmas * noise
-        d = rho * z * e
-        if d < -2.0 * tau:
-            below += 1
-        if abs(d) >= tau:
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        d = a * x + b * y + c * z + rho
+        tau_z = base * z + sigmas * sigma[i] * rho
+        below += d * z < -2.0 * tau_z
+        near += abs(d) * z < tau_z
+        z2 = z * z
+        variance = sigma[i] * sigma[i] + ground * z2
+        if d * d * z2 >= limit * variance:
             continue
-        inliers += 1
-        w = (rho * z) ** 2 / (noise * noise + rough * rough)
-        A[0, 0] += w * u * u
-        A[0, 1] += w * u * v
-        A[0, 2] += w * u
-        A[1, 1] += w * v * v
-        A[1, 2] += w * v
-        A[2, 2] += w
-        w2 = w * q
-        C[0, 0] += w2 * u * u
-        C[0, 1] += w2 * u * v
-        C[0, 2] += w2 * u
-        C[1, 1] += w2 * v * v
-        C[1, 2] += w2 * v
-        C[2, 2] += w2
-        column = int(min(max((u + SPAN) * GRAIN, 0.0), CELLS - 1.0))
-        row = int(min(max((v + SPAN) * GRAIN, 0.0), CELLS - 1.0))
+        W = z2 / variance
+        q = 1.0 / z
+        wx, wy, wz = W * x, W * y, W * z
+        C[0, 0] += wx * x * q
+        C[0, 1] += wx * y * q
+        C[0, 2] += wx
+        C[1, 1] += wy * y * q
+        C[1, 2] += wy
+        C[2, 2] += wz
+        A[0, 0] += wx * x
+        A[0, 1] += wx * y
+        A[0, 2] += wx * z
+        A[1, 1] += wy * y
+        A[1, 2] += wy * z
+        A[2, 2] += wz * z
+        column = int(min(max((x * q + SPAN) * GRAIN, 0.0), CELLS - 1.0))
+        row = int(min(max((y * q + SPAN) * GRAIN, 0.0), CELLS - 1.0))
         cell = row * CELLS + column
-        cells[cell, 0] += w * e * u
-        cells[cell, 1] += w * e * v
-        cells[cell, 2] += w * e
+        cells[cell, 0] += wx * d
+        cells[cell, 1] += wy * d
+        cells[cell, 2] += wz * d
         cells[cell, 3] += 1.0
     used = 0
     for cell in range(CELLS * CELLS):
         if cells[cell, 3] > 0.0:
             used += 1
             for j in range(3):
+                g[j] += cells[cell, j] / rho
                 for k in range(3):
-                    B[j, k] += cells[cell, j] * cells[cell, k]
+                    B[j, k] += cells[cell, j] * cells[cell, k] / (rho * rho)
     for j in range(3):
         for k in range(j):
             A[j, k], C[j, k] = A[k, j], C[k, j]
-    return inliers, below, used
+    return near, below, used
 
 
 @njit(cache=True)

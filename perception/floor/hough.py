@@ -1,9 +1,9 @@
 """Floor candidates by the randomised Hough transform, as the flow chart of seed 003 has it.
 
-Random triples vote for planes in a table of (two tilts about the predicted up, rho). The cell that first
-gathers enough votes, or else the fullest one, is a candidate: the mean of its votes. Further planes are
-found by taking the points of a candidate away and voting again; the one that is most like a floor wins,
-because the largest plane of a kitchen is its table.
+Random triples vote for planes in a table of (two tilts about the predicted up, distance) until one cell has
+enough votes or there are no more triples. The means of the fullest cells are candidates, each improved by
+least squares; then the points of the best are taken away and the vote repeats. Of all candidates the one
+that is most like a floor wins, because the largest plane of a kitchen is its table.
 
 Source: seed 003, section 3, Fig. 4; Xu and Oja 1990. The choice among the planes, and triples of
 neighbours, ours.
@@ -27,19 +27,22 @@ from .sample import Sample, ScoreConfig, score
 class HoughConfig:
     """Grain of the table and when a cell is full."""
 
-    triples: int = 3000  # seed 003: K_max, for each plane
+    triples: int = 10000  # seed 003: K_max = 3000; ours more, for floors of 6 %
     enough: int = 60  # seed 003: T_v
-    least: int = 15  # seed 003: T_min
+    least: int = 3  # seed 003: T_min = 15 for a floor of 65 %; here the score judges what passes
     tilt_cell_deg: float = 2.0  # seed 003
     rho_cell_m: float = 0.02  # seed 003
-    planes: int = 5  # ours: table, bed, seats, shelf, floor
-    near_of: int = 8  # ours: every second triple has its points drawn as nearest of so many
+    rounds: int = 5  # ours: table, bed, seats, floor
+    cells: int = 12  # ours: candidates of a round
+    near_of: int = 8  # ours: three triples of four have points drawn as nearest of so many
+    side_m: float = 0.15  # ours: 5 mm of noise over this length are a cell of tilt
+    side_sigmas: float = 30.0  # ours: the same where depth is noisier
 
     def __post_init__(self) -> None:
-        for name in ("triples", "enough", "least", "planes", "near_of"):
+        for name in ("triples", "enough", "least", "rounds", "cells", "near_of"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"hough: {name}={getattr(self, name)} must be at least 1")
-        for name in ("tilt_cell_deg", "rho_cell_m"):
+        for name in ("tilt_cell_deg", "rho_cell_m", "side_m", "side_sigmas"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"hough: {name}={value} must be positive and finite")
@@ -55,35 +58,39 @@ def propose(
     """The plane of the sample that is most like a floor; None if no cell gathers enough votes."""
     best, best_score = None, 0.0
     rest = sample
-    for _ in range(config.planes):
-        plane = _fullest(rest, gate, rng, config, scoring) if len(rest) >= 3 else None
-        if plane is None:
+    for _ in range(config.rounds):
+        if len(rest) < 3 or best_score >= len(rest):  # what is left cannot beat it
             break
-        value = score(sample, plane, scoring)
-        if value > best_score:
-            best, best_score = plane, value
-        if best_score >= len(rest) - value:  # what is left cannot beat it
+        planes = _candidates(rest, gate, rng, config, scoring)
+        if not planes:
             break
-        rest = rest.without(plane, scoring)
+        for plane in planes:
+            value = score(sample, plane, scoring)
+            if value > best_score:
+                best, best_score = plane, value
+        on_it = [score(rest, plane, scoring, penalty=0.0) for plane in planes]
+        rest = rest.without(planes[int(np.argmax(on_it))], scoring)
     return best
 
 
-def _fullest(
+def _candidates(
     sample: Sample,
     gate: Gate,
     rng: np.random.Generator,
     config: HoughConfig,
     scoring: ScoreConfig,
-) -> Plane | None:
-    """Mean of the fullest cell, improved by least squares on the sample."""
+) -> list[Plane]:
+    """Means of the fullest cells, the fullest first, improved by least squares on the sample."""
     first, second = Plane(gate.up, 0.0).tangents
+    origin = np.array([sample.x.mean(), sample.y.mean(), sample.z.mean()])
     size = 1 << (2 * config.triples - 1).bit_length()
     sums = np.zeros((size, 3))
     votes = np.zeros(size, dtype=np.int64)
-    slot, most, _ = kernels.vote(
+    kernels.vote(
         sample.x,
         sample.y,
         sample.z,
+        sample.slack,
         gate.up,
         first,
         second,
@@ -95,21 +102,32 @@ def _fullest(
         config.triples,
         config.enough,
         config.near_of,
+        config.side_m,
+        config.side_sigmas / scoring.sigmas,
+        origin,
         rng.integers(0, 2**63, dtype=np.uint64),
         np.full(size, -1, dtype=np.int64),
         votes,
         sums,
     )
-    if most < config.least:
-        return None
-    one, two, rho = sums[slot] / most
-    normal = gate.up + math.tan(one) * first + math.tan(two) * second
-    normal /= np.linalg.norm(normal)
+    full = np.flatnonzero(votes >= config.least)
+    full = full[np.argsort(-votes[full], kind="stable")][: config.cells]
+    planes = []
+    for slot in full:
+        one, two, at = sums[slot] / votes[slot]
+        normal = gate.up + math.tan(one) * first + math.tan(two) * second
+        normal /= np.linalg.norm(normal)
+        planes.append(_improved(sample, normal, at - float(normal @ origin), scoring))
+    return planes
+
+
+def _improved(sample: Sample, normal: np.ndarray, rho: float, scoring: ScoreConfig) -> Plane:
+    """Least squares on the points near a plane, then on those nearer: a cell is good to a degree."""
     for wide in (3.0, 1.5, 1.0):
-        *fitted, offset, good = kernels.fit(
+        a, b, c, offset, good = kernels.fit(
             sample.x, sample.y, sample.z, wide * sample.slack, normal, rho, wide * scoring.base_m
         )
         if not good:
             break
-        normal, rho = np.array(fitted), offset
+        normal, rho = np.array([a, b, c]), offset
     return Plane(normal, float(rho))

@@ -28,7 +28,7 @@ class RansacConfig:
 
     tries: int = 1500  # ours: finds a floor of 6 % of the points among tables, 20 of 20 seeds
     miss: float = 1e-4  # ours: probability that a better plane is overlooked, after which it stops
-    near_of: int = 8  # ours: every second triple has its points drawn as nearest of so many
+    near_of: int = 8  # ours: three triples of four have their points drawn as nearest of so many
 
     def __post_init__(self) -> None:
         if self.tries < 1 or self.near_of < 1:

@@ -30,14 +30,21 @@ from .sample import ScoreConfig
 class RefineConfig:
     """Passes and the parts of the covariance."""
 
-    passes: int = 2  # seed 003: least squares, one repeat
+    passes: int = 3  # seed 003: least squares, one repeat; ours: one more, as the band narrows
     rough_m: float = 0.003  # ours: carpet, joints of tiles
+    wide_sigmas: float = 5.0  # ours: band of the first pass, deviations of noise and roughness
+    narrow_sigmas: float = 2.5  # ours: feet of walls and boxes lie within tau, but not within this
     scale_share: float = 0.003  # ours: depth scale left by calibration, part of depth
     least_points: int = 100  # ours: fewer are no floor
 
     def __post_init__(self) -> None:
-        if self.passes < 1:
-            raise ConfigError(f"floor: passes={self.passes} must be at least 1")
+        if self.passes < 2:
+            raise ConfigError(f"floor: passes={self.passes} must be at least 2")
+        if not 0.0 < self.narrow_sigmas < self.wide_sigmas:
+            raise ConfigError(
+                f"floor: narrow_sigmas={self.narrow_sigmas} must be positive and below "
+                f"wide_sigmas={self.wide_sigmas}"
+            )
         for name in ("rough_m", "scale_share"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
@@ -68,18 +75,31 @@ def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineCon
     normal, rho = start.normal, start.offset_m
     A, B, C = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     g = np.zeros(3)
-    common = (scoring.base_m, scoring.sigmas, config.rough_m)
-    for _ in range(config.passes):
-        count = kernels.moments(points.xyz, points.sigma, normal, rho, *common, A, g)
-        if count < config.least_points or not _is_regular(A):
+    near = below = cells = 0
+    for wide in np.linspace(config.wide_sigmas, config.narrow_sigmas, config.passes):
+        if wide > config.narrow_sigmas:
+            kernels.moments(points.xyz, points.sigma, normal, rho, wide, config.rough_m, A, g)
+        else:
+            near, below, cells = kernels.statistics(
+                points.xyz,
+                points.sigma,
+                normal,
+                rho,
+                scoring.base_m,
+                scoring.sigmas,
+                config.narrow_sigmas,
+                config.rough_m,
+                A,
+                g,
+                B,
+                C,
+            )
+        if not _is_regular(A):
             return None
         slope = -normal / rho + np.linalg.solve(A, g)
         rho = 1.0 / float(np.linalg.norm(slope))
         normal = -slope * rho
-    inliers, below, cells = kernels.statistics(
-        points.xyz, points.sigma, normal, rho, *common, A, B, C
-    )
-    if inliers < config.least_points or not _is_regular(A):
+    if near < config.least_points:
         return None
     inverse = np.linalg.inv(A)
     factor = float(np.trace(inverse @ B)) / 3.0 * cells / max(cells - 3, 1)
@@ -87,7 +107,7 @@ def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineCon
     P = max(factor, 1.0) * inverse + M @ M.T
     plane = Plane(normal, rho)
     J = _jacobian(plane)
-    return Fit(Plane(normal, rho, J @ P @ J.T), inliers / len(points), below / len(points))
+    return Fit(Plane(normal, rho, J @ P @ J.T), near / len(points), below / len(points))
 
 
 def fuse(measured: Plane, prior: Plane) -> Plane:

@@ -79,8 +79,8 @@ def draw(
     return Sample(*kernels.take(points.xyz, points.sigma, index, config.sigmas))
 
 
-def score(sample: Sample, plane: Plane, config: ScoreConfig) -> float:
-    """Points on the plane, less those below it times the penalty."""
+def score(sample: Sample, plane: Plane, config: ScoreConfig, penalty: float | None = None) -> float:
+    """Points on the plane, less those below it times the penalty (the configured one if None)."""
     a, b, c = (float(v) for v in plane.normal)
     return float(
         kernels.score(
@@ -93,7 +93,7 @@ def score(sample: Sample, plane: Plane, config: ScoreConfig) -> float:
             c,
             plane.offset_m,
             config.base_m,
-            config.penalty,
+            config.penalty if penalty is None else penalty,
             -math.inf,
         )
     )
