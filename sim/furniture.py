@@ -221,13 +221,14 @@ def _fits(piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray) ->
         return False
     if corners[:, 1].min() < y0 or corners[:, 1].max() > y1:
         return False
+    passage = PASSAGE_M if not piece.model.wall else 0.06
+    gap = min(_gap(part, rims) for part in piece.thing.parts)
+    if gap < passage:
+        return False
     own = np.concatenate([_rim(part) for part in piece.thing.parts])
-    gap = min(
-        min(float(_gap(part, rims)) for part in piece.thing.parts),
-        min(float(_gap(shape, own)) for shape in taken),
-    )
+    gap = min(gap, *(_gap(shape, own) for shape in taken))
     if piece.model.wall:
-        return gap >= 0.06 and (gap >= PASSAGE_M or gap < 0.30)
+        return gap >= passage and (gap >= PASSAGE_M or gap < 0.30)
     to_wall = min(
         corners[:, 0].min() - x0,
         x1 - corners[:, 0].max(),

@@ -1,7 +1,7 @@
 """The simulated robot: a body that walks in a world, a head that looks, and sensors that say what they see.
 
 Frames come twice a step, 0.2 s before the end of single support and at its end, when the gait asks for
-its next command. Everything in a `Frame` is what sensors give: `T_body_camera` is what the encoders say,
+its next command; the cameras that take pictures look at its end only, unless pairs are wanted. Everything in a `Frame` is what sensors give: `T_body_camera` is what the encoders say,
 the odometry what the joints say.
 
 Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (cameras).
@@ -45,7 +45,9 @@ class RobotConfig:
     tof: bool = True
     stereo: bool = True
     colour: bool = True
-    image_pairs: bool = False  # seed 000 looks twice a step; else colour and stereo look once, at its end
+    image_pairs: bool = (
+        False  # seed 000 looks twice a step; else colour and stereo look once, at its end
+    )
     tof_mount_m: tuple[float, float, float] = (0.035, 0.0, 0.035)  # DARwIn-OP's camera
     baseline_m: float = 0.04  # seed 003
     gait: GaitConfig = field(default_factory=GaitConfig)

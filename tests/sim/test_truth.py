@@ -1,0 +1,76 @@
+"""The truth: clearance, occupancy and obstacles against geometry worked out by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from perception.primitives.errors import InputError
+from perception.primitives.pose import Pose2
+from sim import scenes
+from sim.robot import RobotConfig, SimulatedRobot
+from sim.truth import Truth
+from sim.world import World
+
+BLIND = RobotConfig(tof=True, stereo=False, colour=False)
+
+
+@pytest.fixture
+def truth():
+    with World(scenes.load("corridor", 0), "tiny") as world:
+        yield Truth(SimulatedRobot(world, BLIND, 0))
+
+
+def stand(truth, x, y, yaw):
+    truth._robot.body.true_pose = Pose2(x, y, yaw)
+
+
+def test_clearance_is_the_gap_between_the_trunk_and_the_nearest_thing(truth):
+    stand(truth, 0.6, 0.8, 0.0)
+    # the walls beside are nearer than the first carton; the soles are 83 mm outward, the trunk 82 mm
+    gap, thing = truth.clearance_m()
+    assert (gap, thing) == (pytest.approx(0.6 - 0.055, abs=1e-9), "wall") or thing.startswith("tag")
+    stand(truth, 0.10, 0.8, 0.0)
+    gap, _ = truth.clearance_m()
+    assert gap == pytest.approx(0.10 - 0.055, abs=7e-3)  # a tag plate is 6 mm thick
+
+
+def test_touching_a_mover_is_contact(truth):
+    x, y, _, _ = truth._world.movers()[0]
+    stand(truth, x - 0.15, y, 0.0)  # 5.2 cm of foot and trunk, 10 cm of the mover
+    gap, thing = truth.clearance_m()
+    assert thing == "robot 1"
+    assert gap == pytest.approx(0.15 - 0.055 - 0.10, abs=1e-9)
+    stand(truth, x - 0.3, y, math.pi / 2)
+    assert truth.clearance_m()[0] == pytest.approx(0.3 - 0.083 - 0.10, abs=1e-3)
+
+
+def test_occupied_is_what_a_robot_cannot_stand_on(truth):
+    carton = truth._scene.obstacles[0].parts[0]
+    x, y, _, _ = truth._world.movers()[0]
+    points = np.array([[0.6, 0.8], carton.centre[:2], [x, y], [-0.05, 0.8], [4.0, 1.65]])
+    assert truth.occupied(points).tolist() == [False, True, True, True, True]
+
+
+def test_the_occupancy_grid_is_occupied_cell_by_cell(truth):
+    grid = truth.occupancy((0.0, 0.0), 0.1, (16, 80))
+    assert grid[8, 6] == truth.occupied(np.array([[0.65, 0.85]]))[0]
+    share = sum(p.size[0] * p.size[1] for t in truth._scene.obstacles for p in t.parts)
+    assert grid.mean() == pytest.approx((share + math.pi * 0.1**2) / (8 * 1.6), abs=0.01)
+
+
+def test_obstacles_cover_their_things_and_movers_move(truth):
+    listed = truth.obstacles()
+    assert [one[0] for one in listed] == [1, 101, 102, 103, 104]
+    _, x, y, vx, vy, radius, _ = listed[0]
+    truth._world.advance(0.5)
+    _, x2, y2, *_ = truth.obstacles()[0]
+    assert (x2, y2) == pytest.approx((x + 0.5 * vx, y + 0.5 * vy), abs=1e-9) or radius == 0.1
+    carton = truth._scene.obstacles[0].parts[0]
+    assert listed[1][5] == pytest.approx(math.hypot(carton.size[0], carton.size[1]) / 2)
+
+
+def test_an_absent_camera_is_named(truth):
+    assert truth.cameras() == ("tof",)
+    with pytest.raises(InputError, match=r"'stereo' is not on this robot; it has tof"):
+        truth.camera_pose("stereo")
