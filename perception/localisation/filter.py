@@ -1,7 +1,7 @@
 """Where am I: a sigma-point filter on step odometry, gyro and landmarks.
 
 Steps slip and turn a little more than the joints tell, by an amount that is the same over a run and one
-that is new at every step. The first is estimated (see `models`), the second is process noise. The gyro is
+that is new at every step; so does the head err. The first is estimated (see `models`), the second is noise. The gyro is
 taken as a measurement of the turn made since the frame before. Landmarks seen in one frame are used
 together, because they share the error of the one head that saw them.
 
@@ -28,7 +28,7 @@ from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
 from . import models
 from .consistency import chi_square_quantile
-from .models import DRIFT, GYRO_BIAS, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+from .models import DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .relocation import pose_from_sightings
 
 log = logging.getLogger(__name__)
@@ -48,12 +48,19 @@ class LocaliserConfig:
     drift_walk_rad: float = math.radians(0.005)  # ours: change of the drift per step, nearly none
     gyro_sigma_radps: float = 0.002  # of the mean over one interval; consumer MEMS gyro
     gyro_bias_sigma_radps: float = 0.005  # consumer MEMS gyro, at switch-on
+    range_walk: float = 0.1  # ours: per square root of a second; other tags, other offset
     gyro_bias_walk_radps: float = 0.00003  # ours: per square root of a second
     still_sigma_m: float = 0.0003  # ours: per square root of a second, while standing
     still_sigma_rad: float = math.radians(0.02)  # ours: likewise
     blind_sigma_m: float = 0.07  # ours: per square root of a second without odometry, cruise speed
     blind_sigma_rad: float = 0.4  # ours: likewise, about one turning step
-    shared_bearing_sigma_rad: float = math.radians(0.5)  # head pan error, same for a whole frame
+    pan_offset_sigma_rad: float = math.radians(0.3)  # walking trials: joint zeros, one a run
+    range_offset_sigma: float = (
+        0.7  # ours: rendered tags; share of a range's deviation common to all
+    )
+    shared_bearing_sigma_rad: float = math.radians(
+        0.4
+    )  # walking trials: neck play, same for a frame
     gate_probability: float = 0.999  # ours: true sightings kept
     rejected_frames: int = 4  # ours: frames in a row, mostly rejected, before doubting oneself
     doubt_m: float = 0.15  # ours: deviation added to the position then
@@ -72,6 +79,8 @@ class LocaliserConfig:
             "still_sigma_rad",
             "blind_sigma_m",
             "blind_sigma_rad",
+            "pan_offset_sigma_rad",
+            "range_offset_sigma",
         ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -210,8 +219,8 @@ class PoseFilter:
 
     def _distance(self, sighting: Sighting, place: np.ndarray) -> float:
         """Normalised innovation squared of one sighting, if it were of the landmark at this place."""
-        points = self._filter.sigmas_f
-        seen = np.array([models.range_bearing(point, place[None]) for point in points])
+        points, sigma = self._filter.sigmas_f, range_sigmas([sighting])
+        seen = np.array([models.sighted(point, place[None], sigma) for point in points])
         mean = models.sighting_mean(seen, self._filter.Wm)
         spread = np.array([models.sighting_difference(row, mean) for row in seen])
         S = spread.T @ (self._filter.Wc[:, None] * spread) + sighting.covariance
@@ -224,7 +233,8 @@ class PoseFilter:
         noise = joint_noise(
             [sighting.covariance for sighting, _ in accepted], self.config.shared_bearing_sigma_rad
         )
-        self._filter.update(measured, R=noise, places=places)
+        sigmas = range_sigmas([sighting for sighting, _ in accepted])
+        self._filter.update(measured, R=noise, places=places, sigmas=sigmas)
         self._settle()
 
     def _doubt(self, sightings: Sequence[Sighting]) -> None:
@@ -259,7 +269,7 @@ class PoseFilter:
 
 def process_noise(
     config: LocaliserConfig, yaw: float, steps: float, dt: float, blind: bool
-) -> Float[np.ndarray, "7 7"]:
+) -> Float[np.ndarray, "9 9"]:
     """Covariance that one interval adds to the walker's state.
 
     Args:
@@ -285,6 +295,8 @@ def process_noise(
     Q[SLIP, SLIP] = config.slip_walk_m**2 * steps
     Q[DRIFT, DRIFT] = config.drift_walk_rad**2 * steps
     Q[GYRO_BIAS, GYRO_BIAS] = config.gyro_bias_walk_radps**2 * dt
+    Q[PAN, PAN] = 1e-14  # a constant
+    Q[RANGE, RANGE] = config.range_walk**2 * dt
     return Q
 
 
@@ -314,6 +326,11 @@ def joint_noise(
     return R
 
 
+def range_sigmas(sightings: Sequence[Sighting]) -> Float[np.ndarray, "k"]:
+    """Deviation claimed for the range of each sighting, m."""
+    return np.sqrt(np.maximum([sighting.covariance[0, 0] for sighting in sightings], 0.0))
+
+
 def _sigma_point_filter(start: Gaussian, config: LocaliserConfig) -> Any:
     """filterpy's filter with our models; the only place of this file that knows that library."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
@@ -330,7 +347,7 @@ def _sigma_point_filter(start: Gaussian, config: LocaliserConfig) -> Any:
         dim_x=WALKER_SIZE,
         dim_z=2,
         dt=0.325,
-        hx=models.range_bearing,
+        hx=models.sighted,
         fx=models.walk,
         points=points,
         x_mean_fn=models.walker_mean,
@@ -350,6 +367,8 @@ def _sigma_point_filter(start: Gaussian, config: LocaliserConfig) -> Any:
             config.slip_sigma_m**2,
             config.drift_sigma_rad**2,
             config.gyro_bias_sigma_radps**2,
+            config.pan_offset_sigma_rad**2,
+            config.range_offset_sigma**2,
             1e-12,
         ]
     )

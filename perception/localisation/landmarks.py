@@ -32,17 +32,13 @@ from . import tag_edges
 class LandmarkConfig:
     """Errors of corners and of head angles; what is too small or too crooked to be used."""
 
-    corner_sigma_px: float = (
-        0.1  # ours: .01 (60 px tags) to .08 (14 px) seen, doubled for calibration
-    )
-    head_yaw_sigma_rad: float = math.radians(0.5)  # walking trials: head encoders and play
+    corner_sigma_px: float = 0.3  # ours: .05 on ideal pictures, .25 on rendered ones
+    head_yaw_sigma_rad: float = math.radians(0.4)  # walking trials: play; not the offset
     head_pitch_sigma_rad: float = math.radians(0.5)  # walking trials
     head_roll_sigma_rad: float = math.radians(0.7)  # walking trials: roll of the stride
     camera_height_sigma_m: float = 0.003  # walking trials: 0.3 mm of stride, and a tag's own height
-    camera_place_sigma_m: float = (
-        0.003  # ours: torso tilt of half a degree under a camera 0.38 m high
-    )
-    smallest_side_px: float = 8.0  # ours: below, the corners of neighbouring cells are confused
+    camera_place_sigma_m: float = 0.004  # walking trials: trunk tilt of 0.6 deg, 0.38 m above
+    smallest_side_px: float = 20.0  # ours: below, blur mixes an edge with the first cells
     reprojection_px: float = 0.7  # ours: more is not a flat square, or the lens is not this one
     height_gate_sigma: float = (
         4.0  # ours: a tag this far from its height is another one, or misread

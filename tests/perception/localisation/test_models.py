@@ -19,14 +19,14 @@ seeds = st.integers(0, 2**32 - 1)
 @given(seeds)
 def test_a_step_is_the_composition_of_poses(seed):
     rng = np.random.default_rng(seed)
-    state = np.concatenate([rng.normal(size=3), [-0.001, 0.003, 0.004, 9.9]])
+    state = np.concatenate([rng.normal(size=3), [-0.001, 0.003, 0.004, 0.005, 0.6, 9.9]])
     motion, steps = Pose2(*rng.normal(size=3) * [0.04, 0.02, 0.2]), 0.5
     after = models.walk(state, 0.3, motion, steps)
     true = Pose2(*state[:3]) @ Pose2(motion.x - 0.001 * 0.5, motion.y, motion.yaw + 0.003 * 0.5)
     np.testing.assert_allclose(after[:2], [true.x, true.y], atol=1e-12)
     assert abs(wrap_angle(after[models.YAW] - true.yaw)) < 1e-12
     assert math.isclose(after[models.TURN], motion.yaw + 0.003 * 0.5)
-    np.testing.assert_array_equal(after[3:6], state[3:6])
+    np.testing.assert_array_equal(after[3:8], state[3:8])
 
 
 @given(seeds)
@@ -39,6 +39,13 @@ def test_a_place_is_seen_where_the_inverse_pose_puts_it(seed):
     np.testing.assert_allclose(seen[0::2], np.hypot(*there.T), atol=1e-12)
     error = models.wrap_angles(seen[1::2] - np.arctan2(there[:, 1], there[:, 0]))
     np.testing.assert_allclose(error, 0.0, atol=1e-9)
+
+
+def test_a_head_askew_and_a_small_lens_shift_what_is_seen():
+    state = np.zeros(models.WALKER_SIZE)
+    state[models.PAN], state[models.RANGE] = 0.01, -0.5
+    seen = models.sighted(state, np.array([[2.0, 0.0], [0.0, 1.0]]), np.array([0.02, 0.04]))
+    np.testing.assert_allclose(seen, [1.99, 0.01, 0.98, math.pi / 2 + 0.01])
 
 
 @given(st.floats(-math.pi, math.pi), st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=8))
