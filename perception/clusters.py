@@ -136,7 +136,7 @@ def cluster(
         if height < config.least_height_m:
             continue
         measured = _measure(thing, sigma[mine], int(last - first), sensor_xy, height, config)
-        found.append(replace(measured, whole=whole))
+        found.append(replace(measured, whole=bool(whole)))
     return sorted(found, key=lambda c: float(np.hypot(*(c.centre - sensor_xy))))
 
 

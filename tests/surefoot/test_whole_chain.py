@@ -1,0 +1,102 @@
+"""The whole chain: pixels to steps, live and from the recording, honest about what it may know."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose2, Pose3
+from surefoot import runs
+from surefoot.config import Config, load
+from surefoot.evaluation import evaluate
+from surefoot.run_folder import RunFolder
+
+SAME = ("trajectory_covariance.csv", "trajectory.txt", "map.pgm", "obstacles.json", "floor.csv", "cloud.ply")
+"""What a run concludes; commands.csv is there only where somebody walked."""
+
+
+def quiet(text: str) -> None:
+    """No progress in tests."""
+
+
+def short(seconds: float, **changes: object) -> Config:
+    """The home for some seconds, long enough to look round and make the first steps."""
+    mission = dataclasses.replace(Config().mission, time_limit_s=seconds)
+    return dataclasses.replace(Config(), mission=mission, **changes)
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded walk of ten seconds."""
+    out = tmp_path_factory.mktemp("walk") / "live"
+    runs.simulate(short(10.0), out, True, quiet)
+    return out
+
+
+def test_a_recording_processed_gives_the_same_to_the_last_bit(walked, tmp_path):
+    runs.process(walked, None, Config(), tmp_path / "offline", quiet)
+    for name in SAME:
+        assert (walked / name).read_bytes() == (tmp_path / "offline" / name).read_bytes(), name
+
+
+def test_the_configuration_that_a_run_wrote_runs_again_to_the_same_numbers(walked, tmp_path):
+    runs.simulate(load(walked / "config.toml"), tmp_path / "again", True, quiet)
+    for name in (*SAME, "commands.csv", "config.toml"):
+        assert (walked / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+
+
+def test_no_truth_reaches_an_estimate_or_a_command(walked, tmp_path, monkeypatch):
+    from sim.truth import Truth
+
+    garbage = Plane(np.array([1.0, 0.0, 0.0]), -7.0)
+    monkeypatch.setattr(Truth, "robot_pose", lambda self: Pose2(99.0, -99.0, 1.0))
+    monkeypatch.setattr(Truth, "camera_pose", lambda self, camera: Pose3((9.0, 9.0, 9.0)))
+    monkeypatch.setattr(Truth, "floor", lambda self, camera: garbage)
+    monkeypatch.setattr(Truth, "obstacles", lambda self: [(1, 5.0, 5.0, 3.0, 3.0, 9.0, 9.0)])
+    monkeypatch.setattr(Truth, "clearance_m", lambda self: (-1.0, "nonsense"))
+    monkeypatch.setattr(Truth, "occupied", lambda self, points: np.ones(len(points), dtype=bool))
+    runs.simulate(short(10.0), tmp_path / "lied", True, quiet)
+    for name in (*SAME, "commands.csv"):
+        assert (walked / name).read_bytes() == (tmp_path / "lied" / name).read_bytes(), name
+    assert "99.0" in (tmp_path / "lied" / "truth" / "trajectory.txt").read_text()  # it was asked
+
+
+def test_another_seed_is_another_walk(walked, tmp_path):
+    runs.simulate(short(2.0, seed=1), tmp_path / "other", False, quiet)
+    ours = (walked / "trajectory.txt").read_text().splitlines()[2]
+    assert (tmp_path / "other" / "trajectory.txt").read_text().splitlines()[2] != ours
+
+
+def test_a_robot_crosses_the_home_without_touching_anything(tmp_path):
+    out = tmp_path / "home"
+    summary = runs.simulate(dataclasses.replace(Config(), seed=3), out, False, quiet)
+    metrics = evaluate(RunFolder.open(out))
+    start, goal = (
+        np.array(json.loads((out / "summary.json").read_text())[name][:2])
+        for name in ("start", "goal_positions")
+    )
+    assert summary.succeeded
+    assert np.linalg.norm(np.ravel(goal)[:2] - start) >= 4.0
+    assert metrics["goals_missed"] == 0
+    assert metrics["contacts"] == 0
+    assert metrics["position_rmse_m"] <= 0.05
+    assert metrics["heading_rmse_deg"] <= 2.0
+    assert metrics["floor_tof_angle_deg_median"] <= 0.5
+    assert metrics["floor_tof_height_mm_median"] <= 5.0
+    assert metrics["grid_correct_share_one_cell"] >= 0.95
+
+
+@pytest.mark.parametrize("part", ["config.toml", "map.yaml", "cloud.ply", "report.html", "summary.json"])
+def test_a_run_leaves_what_other_tools_open(walked, part):
+    assert (walked / part).stat().st_size > 0
+
+
+def test_the_summary_says_how_to_make_the_run_again(walked):
+    summary = json.loads((walked / "summary.json").read_text())
+    assert summary["command"].startswith("surefoot simulate --config")
+    assert summary["renderer"] in ("egl", "tiny")
