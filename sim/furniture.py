@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .scenes import Thing
-from .shapes import Box, Cylinder, Shape, outline
+from .shapes import Box, Cylinder, Shape, distance, outline
 
 Extent = tuple[float, float, float, float]
 Parts = tuple[Shape, ...]
@@ -239,8 +239,6 @@ def _fits(piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray) ->
 
 
 def _gap(shape: Shape, points: np.ndarray) -> float:
-    from .shapes import distance
-
     return float(distance(shape, points).min())
 
 

@@ -17,7 +17,7 @@ from perception.primitives.pose import Pose2
 
 from .free_space import clearance_map
 from .scenes import Thing
-from .shapes import Box, Shape, outline
+from .shapes import Box, Shape, distance, outline
 from .textures import TAG_MARGIN_MODULES, TAG_MODULES
 
 SIDE_M = 0.22  # of the black square: 24 px at 3.3 m in the colour camera, 4 px a module
@@ -129,8 +129,6 @@ def _uncovered(
     own: Shape,
 ) -> bool:
     """Whether the plate's face lies in the room and 10 cm before it there is nothing."""
-    from .shapes import distance
-
     x0, y0, x1, y1 = extent
     samples = np.array(
         [at + ahead * d + along * PLATE_M * s for d in (0.02, 0.10) for s in (-0.6, 0.0, 0.6)]

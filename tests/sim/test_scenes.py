@@ -9,6 +9,7 @@ import pytest
 from perception.primitives.errors import InputError
 from sim import scenes
 from sim.free_space import clearance_map
+from sim.shapes import distance
 from sim.tags import IN_VIEW_M, _visible
 from sim.tags import _Spot as Spot
 from sim.world import World
@@ -59,8 +60,6 @@ def test_every_home_is_worth_crossing(homes):
         way = space(scene).walk((scene.start.x, scene.start.y), scene.goals[0], 0.28)
         near = 0
         for thing in scene.obstacles:
-            from sim.shapes import distance
-
             near += min(distance(part, way).min() for part in thing.parts) < 1.0
         for mover in scene.movers:
             line = np.array([mover.state(s)[:2] for s in np.linspace(0, mover.reversal_s, 12)])

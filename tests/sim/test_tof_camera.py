@@ -95,7 +95,9 @@ def test_beyond_five_metres_ranges_wrap_around():
 def test_pixels_on_an_edge_fly_between_both_sides():
     camera = TofCamera(replace(EXACT, sub_rays=3), np.random.default_rng(0))
     measured, _ = camera.measure(wall_at(2.5, step=True), AHEAD)
-    middle = measured[72, 60:116]  # the near side at 1.5 m, the far one at 2.5 m, up to 1 % more aslant
+    middle = measured[
+        72, 60:116
+    ]  # the near side at 1.5 m, the far one at 2.5 m, up to 1 % more aslant
     between = (middle > 1.55) & (middle < 2.45)
     assert 1 <= between.sum() <= 2
 
