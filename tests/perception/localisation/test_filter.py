@@ -131,7 +131,7 @@ def walk(
 
 @pytest.fixture(scope="module")
 def walks() -> list[Walk]:
-    return [walk(seed, frames=90) for seed in range(16)]
+    return [walk(seed, frames=80) for seed in range(14)]
 
 
 def test_with_landmarks_the_error_is_as_large_as_the_covariance_says(walks):
@@ -149,7 +149,7 @@ def test_with_landmarks_it_knows_its_place_to_centimetres(walks):
 
 def test_innovations_are_chi_square(walks):
     values = np.concatenate([r.nis for w in walks for r in w.reports])
-    assert len(values) > 600
+    assert len(values) > 450
     # sightings of one frame share an error: count frames, not sightings
     frames = sum(1 for w in walks for r in w.reports if r.nis)
     low, high = band(2, frames // 2, 0.999)
@@ -159,7 +159,7 @@ def test_innovations_are_chi_square(walks):
 
 @pytest.mark.parametrize("gyro", [True, False])
 def test_dead_reckoning_grows_uncertain_as_fast_as_it_errs(gyro):
-    runs = [walk(seed, frames=80, landmarks=False, gyro=gyro) for seed in range(100, 112)]
+    runs = [walk(seed, frames=80, landmarks=False, gyro=gyro) for seed in range(100, 110)]
     low, high = band(3, len(runs))
     assert low < np.mean([w.nees[-1] for w in runs]) < high
     assert runs[0].covariances[-1][0, 0] > runs[0].covariances[10][0, 0]
@@ -281,7 +281,7 @@ def test_ten_seconds_without_landmarks_are_survived():
     def blackout(k: int, seen: list[Sighting], rng: np.random.Generator) -> list[Sighting]:
         return [] if 40 <= k < 70 else seen
 
-    runs = [walk(seed, frames=90, spoil=blackout) for seed in range(6)]
+    runs = [walk(seed, frames=80, spoil=blackout) for seed in range(5)]
     low, high = band(3, len(runs), 0.99)
     assert low < np.mean([w.nees[69] for w in runs]) < high
     assert low < np.mean([w.nees[-1] for w in runs]) < high
