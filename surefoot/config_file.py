@@ -13,7 +13,6 @@ import tomllib
 import types
 import typing
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -125,7 +124,6 @@ def _default(kind: type[Any], key: str) -> Any:
     return None
 
 
-@cache
 def _fields(kind: type[Any]) -> dict[str, Any]:
     hints = typing.get_type_hints(kind)
     return {item.name: hints[item.name] for item in dataclasses.fields(kind)}

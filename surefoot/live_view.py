@@ -92,7 +92,7 @@ class LivePage:
         )
 
     def show_cloud(
-        self, points: Float[np.ndarray, "n 3"], colours: UInt8[np.ndarray, "n 3"]
+        self, points: Float[np.ndarray, "n 3"], colours: UInt8[np.ndarray, "n 3"] | None
     ) -> None:
         """Draw the cloud of a whole run."""
         self._points("/cloud", points, colours, 0.015)

@@ -26,7 +26,8 @@ from perception.floor import choose, classify
 from perception.levelling import level, shadow
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter, UpdateReport
-from perception.localisation.obstacles import Detection, ObstacleTracker
+from perception.localisation.obstacles import ObstacleTracker
+from perception.localisation.track import Detection
 from perception.points import Points
 from perception.primitives.frame import ColourView, Depth, Frame
 from perception.primitives.gaussian import Gaussian

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mapping import nav2
+from mapping.nav2 import save as save_map
 
 from .run_folder import RunFolder
 
@@ -72,7 +72,7 @@ class TruthLog:
         y = origin[1] + (np.arange(rows) + 0.5) * MAP_CELL_M
         centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         occupied = self._truth.occupied(centres).reshape(rows, columns)
-        nav2.save(
+        save_map(
             folder.path("truth"),
             "map",
             occupied.astype(np.float32),

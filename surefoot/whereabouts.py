@@ -140,6 +140,7 @@ class Given:
         if self._given is not None and self._R_map_world is not None:
             upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
             self._T_map_camera = upright @ self._given
+        return None
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
         """Horizontal, at the height of the floors seen so far."""
@@ -179,6 +180,7 @@ class Nowhere:
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Nothing is known of the motion."""
+        return None
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
         """Below, somewhere."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import partial
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -27,27 +30,29 @@ def run() -> Comparison:
         z = rng.uniform(0.5, 4.0, (height, width)).astype(np.float32)
         depth = Depth(z, np.full_like(z, 0.01), camera)
         image = o3d.t.geometry.Image(np.ascontiguousarray(z[..., None]))
-        K = o3d.core.Tensor(camera.matrix)
         taken = race(
             {
-                "ours": lambda depth=depth: points.organised(depth),
-                "open3d": lambda image=image, K=K: (
-                    o3d.t.geometry.PointCloud.create_from_depth_image(
-                        image, K, depth_scale=1.0, depth_max=10.0
-                    )
-                ),
-                "depthto3d": lambda z=z, camera=camera: cv2.depthTo3d(z, camera.matrix),
+                "ours": partial(points.organised, depth),
+                "open3d": partial(_open3d_points, image, camera),
+                "depthto3d": partial(cv2.depthTo3d, z, camera.matrix),
             }
         )
-        peer = o3d.t.geometry.PointCloud.create_from_depth_image(
-            image, K, depth_scale=1.0, depth_max=10.0
-        ).point.positions.numpy()
+        peer = _open3d_points(image, camera).point.positions.numpy()
         worst = max(worst, float(np.max(np.abs(points.organised(depth).reshape(-1, 3) - peer))))
         times.update({f"{name}_{width}x{height}_ms": value for name, value in taken.items()})
         ratios["ratio_open3d"].append(taken["open3d"] / taken["ours"])
         ratios["ratio_depthto3d"].append(taken["depthto3d"] / taken["ours"])
     means = {name: float(np.exp(np.mean(np.log(values)))) for name, values in ratios.items()}
     return Comparison(times, means, {"largest_difference_m": worst})
+
+
+def _open3d_points(image: Any, camera: Camera) -> Any:
+    import open3d as o3d
+
+    K: Any = o3d.core.Tensor
+    return o3d.t.geometry.PointCloud.create_from_depth_image(
+        image, K(camera.matrix), depth_scale=1.0, depth_max=10.0
+    )
 
 
 BENCHMARK = Benchmark(

@@ -19,8 +19,6 @@ from perception.primitives.errors import InputError
 FILES = {
     "backproject": "backproject",
     "plane": "plane",
-    "grid": "grid",
-    "astar": "astar",
 }
 """Where each benchmark lives: name to file of this folder."""
 

@@ -46,7 +46,7 @@ def run(seeds: int, say: Say) -> Outcome:
         return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)
 
     anees = float(np.mean(all_of("pose_anees")))
-    low, high = (float(v) / seeds for v in stats.chi2.ppf([0.025, 0.975], 3 * seeds))
+    low, high = (float(stats.chi2.ppf(p, 3 * seeds)) / seeds for p in (0.025, 0.975))
     figures = {
         "contact_free_share": float(np.mean(all_of("contacts") == 0)),
         "arrived_share": float(np.mean(all_of("goals_missed") == 0)),

@@ -16,7 +16,14 @@ from surefoot.config import Config, load
 from surefoot.evaluation import evaluate
 from surefoot.run_folder import RunFolder
 
-SAME = ("trajectory_covariance.csv", "trajectory.txt", "map.pgm", "obstacles.json", "floor.csv", "cloud.ply")
+SAME = (
+    "trajectory_covariance.csv",
+    "trajectory.txt",
+    "map.pgm",
+    "obstacles.json",
+    "floor.csv",
+    "cloud.ply",
+)
 """What a run concludes; commands.csv is there only where somebody walked."""
 
 
@@ -91,7 +98,9 @@ def test_a_robot_crosses_the_home_without_touching_anything(tmp_path):
     assert metrics["grid_correct_share_one_cell"] >= 0.95
 
 
-@pytest.mark.parametrize("part", ["config.toml", "map.yaml", "cloud.ply", "report.html", "summary.json"])
+@pytest.mark.parametrize(
+    "part", ["config.toml", "map.yaml", "cloud.ply", "report.html", "summary.json"]
+)
 def test_a_run_leaves_what_other_tools_open(walked, part):
     assert (walked / part).stat().st_size > 0
 
