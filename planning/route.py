@@ -1,7 +1,7 @@
 """The route: via points kept from one cycle to the next.
 
-Every step the path is searched anew, but the robot leaves the old one only for a clearly cheaper one, or
-when it is blocked: two ways round an obstacle that cost the same would make it dither. If it does not get
+Every step the path is searched anew, but off the old path the ground counts as a little dearer: two ways
+round an obstacle that cost the same would make the robot dither. If it does not get
 on for ten seconds, the place where it is stuck is made dear for a while, so that the search leads another
 way.
 
@@ -14,13 +14,14 @@ import itertools
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
 
-from .search.astar import Path, Terrain, prepare, search
+from .search.astar import Path, prepare, search
 from .search.potential import SearchConfig
 
 
@@ -28,14 +29,16 @@ from .search.potential import SearchConfig
 class RouteConfig:
     """Loyalty to the old path, and patience."""
 
-    loyalty_share: float = 0.10  # ours: a new path must be cheaper by this share ...
-    loyalty_m: float = 0.10  # ours: ... and this much
+    loyalty: float = 0.03  # ours: potential added off the old path; with alpha 5, 15 % of the way
+    ring_m: float = 0.6  # ours: unseen ground added round the map, so that a way may leave it
+    corridor_m: float = 0.30  # ours: it grows up to this distance from the old path
     passed_m: float = 0.15  # ours: a way point this near is passed
     patience_steps: int = 15  # own: 10 s at 0.65 s a step without progress
     progress_m: float = 0.10  # ours: less than this is no progress
     memory_steps: int = 200  # ours: 130 s, for a stuck place to stay dear until the detour is made
     block_ahead_m: float = 0.30  # ours: how far ahead on the path the trouble is taken to be
     block_radius_m: float = 0.35  # ours
+    block_growth: float = 0.5  # ours: stuck again and again, by this share wider each time
     block_penalty: float = 4.0  # ours: potential added there: dear, not forbidden
 
     def __post_init__(self) -> None:
@@ -48,9 +51,10 @@ class RouteConfig:
 
 @dataclass
 class _Block:
-    """A place that was stuck, and for how many more updates it is remembered."""
+    """A place that was stuck, how far round it, and for how many more updates it is remembered."""
 
     place: np.ndarray
+    radius_m: float
     left: int
 
 
@@ -65,7 +69,7 @@ class Route:
         self._best = math.inf  # least straight-line-of-path distance left so far
         self._waited = 0
         self.path: Path | None = None
-        """The path being walked, for display; None while there is none."""
+        """The path being walked, for display; None while there is none. Its costs include loyalty."""
 
     @property
     def detours(self) -> int:
@@ -83,7 +87,8 @@ class Route:
     ) -> Float[np.ndarray, "2"]:
         """The via point to walk to now, world frame, m; to be called once per footstep.
 
-        Where no path leads to the goal the robot's own place is returned: stay. `path` is then None.
+        The map may be of any size; beyond it the ground counts as unseen. Where no path leads to the goal
+        the robot's own place is returned: stay. `path` is then None.
 
         Args: as for `planning.search.astar.find_path`.
         """
@@ -91,20 +96,11 @@ class Route:
         if self._goal is None or not np.array_equal(goal, self._goal):
             self._start_anew(goal)
         self._watch_progress(here, goal)
-        ground = prepare(
-            probability,
-            unknown,
-            origin,
-            cell_m,
-            here,
-            self._search,
-            self._penalty(probability.shape, origin, cell_m),
-        )
-        fresh = search(ground, here, goal, self._search)
-        self.path = self._prefer(ground, here, goal, fresh)
-        if self.path is None:
-            return here
-        return self._via(here)
+        probability, unknown, origin = self._widened(probability, unknown, origin, cell_m, goal)
+        penalty = self._penalty(probability.shape, origin, cell_m, here)
+        ground = prepare(probability, unknown, origin, cell_m, here, self._search, penalty)
+        self.path = search(ground, here, goal, self._search)
+        return here if self.path is None else self._via(here)
 
     def _start_anew(self, goal: np.ndarray) -> None:
         self._goal = goal.copy()
@@ -127,20 +123,49 @@ class Route:
         self._waited += 1
         if self._waited >= self._config.patience_steps:
             place = _along(self._rest(here), self._config.block_ahead_m)
-            self._blocks.append(_Block(place, self._config.memory_steps))
+            radius = self._config.block_radius_m * (1 + self._config.block_growth * self.detours)
+            self._blocks.append(_Block(place, radius, self._config.memory_steps))
             self._best, self._waited = math.inf, 0
             self.path = None  # no loyalty to a path that does not lead on
 
+    def _widened(
+        self,
+        probability: np.ndarray,
+        unknown: np.ndarray,
+        origin: np.ndarray,
+        cell_m: float,
+        goal: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The map with unseen ground all round it, the goal included.
+
+        Else a goal near the border, once on the map and once not, would change the way at every step:
+        on the map it must be reached over the map, beyond it the way may leave anywhere.
+        """
+        size = np.array(probability.shape[::-1]) * cell_m
+        ring = self._config.ring_m
+        low = np.maximum(ring, origin - goal + ring)
+        high = np.maximum(ring, goal - origin - size + ring)
+        left, below = np.ceil(low / cell_m).astype(int)
+        right, above = np.ceil(high / cell_m).astype(int)
+        sides = ((below, above), (left, right))
+        return (
+            np.pad(probability, sides, constant_values=1.0),
+            np.pad(unknown, sides, constant_values=True),
+            origin - np.array([left, below]) * cell_m,
+        )
+
     def _penalty(
-        self, shape: tuple[int, ...], origin: np.ndarray, cell_m: float
-    ) -> np.ndarray | None:
-        if not self._blocks:
-            return None
+        self, shape: tuple[int, ...], origin: np.ndarray, cell_m: float, here: np.ndarray
+    ) -> np.ndarray:
+        """What is added to the potential: loyalty off the old path, and the places that were stuck."""
         rows, columns = np.indices(shape)
         x, y = origin[0] + (columns + 0.5) * cell_m, origin[1] + (rows + 0.5) * cell_m
         penalty = np.zeros(shape)
+        if self.path is not None:
+            away = _distance_m(self._rest(here), shape, origin, cell_m) / self._config.corridor_m
+            penalty += self._config.loyalty * np.minimum(away, 1.0)
         for block in self._blocks:
-            gap = np.hypot(x - block.place[0], y - block.place[1]) / self._config.block_radius_m
+            gap = np.hypot(x - block.place[0], y - block.place[1]) / block.radius_m
             penalty = np.maximum(penalty, self._config.block_penalty * np.maximum(0.0, 1 - gap**2))
         return penalty
 
@@ -156,33 +181,6 @@ class Route:
                 break
             points = points[1:]
         return np.vstack([here, points[1:]])
-
-    def _prefer(
-        self, ground: Terrain, here: np.ndarray, goal: np.ndarray, fresh: Path | None
-    ) -> Path | None:
-        """The old path if it is still open and not clearly dearer than the fresh one."""
-        if self.path is None:
-            return fresh
-        points = self._rest(here)
-        cost = ground.cost_m(points) + float(np.hypot(*(goal - points[-1])))
-        if not math.isfinite(cost):
-            return fresh
-        if fresh is not None:
-            other = fresh.smoothed_cost_m + fresh.remaining_m
-            reserve = self._config.loyalty_m + self._config.loyalty_share * other
-            entered = self.path.remaining_m > ground.cell_m > fresh.remaining_m
-            if cost > other + reserve or entered:  # the goal has come onto the map
-                return fresh
-        old = self.path
-        return Path(
-            points,
-            old.cells,
-            old.cost_m,
-            cost - float(np.hypot(*(goal - points[-1]))),
-            _length(points),
-            old.clearance_m,
-            old.remaining_m,
-        )
 
     def _via(self, here: np.ndarray) -> np.ndarray:
         assert self.path is not None
@@ -204,3 +202,13 @@ def _along(points: np.ndarray, distance: float) -> np.ndarray:
             return np.asarray(begin + (end - begin) * distance / piece)
         distance -= piece
     return np.asarray(points[-1])
+
+
+def _distance_m(
+    points: np.ndarray, shape: tuple[int, ...], origin: np.ndarray, cell_m: float
+) -> np.ndarray:
+    """From every cell to the nearest cell of a polyline, m."""
+    off = np.ones(shape, np.uint8)
+    corners = np.floor((points - origin) / cell_m).astype(np.int32)
+    cv2.polylines(off, [corners.reshape(-1, 1, 2)], False, 0)
+    return cv2.distanceTransform(off, cv2.DIST_L2, 5).astype(np.float64) * cell_m

@@ -167,7 +167,7 @@ def _passable(gaps: np.ndarray, start: np.ndarray, goal: np.ndarray, reach_m: fl
     return bool(a == b > 0)
 
 
-@njit(cache=True)
+@njit
 def cast(
     x: float, y: float, angles: np.ndarray, boxes: np.ndarray, discs: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -199,7 +199,7 @@ def cast(
     return distances, what
 
 
-@njit(cache=True)
+@njit
 def mark(
     evidence: np.ndarray,
     x: float,
