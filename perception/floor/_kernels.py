@@ -17,6 +17,7 @@ BLOCK = 256  # points scored between two looks at whether the best can still be 
 GRAIN = 12.0  # image cells for correlated noise per unit of ray slope: about 5 deg
 SPAN = 2.0  # ray slopes beyond this share the outermost cell
 CELLS = 48  # 2 SPAN GRAIN
+PLAN = 256  # cells along a side of the ground plan in which feet are looked for
 
 
 @njit(cache=True)
@@ -329,10 +330,57 @@ def vote(
     return triples
 
 
+@njit(cache=True)
+def open_ground(
+    xyz: np.ndarray,
+    sigma: np.ndarray,
+    n: np.ndarray,
+    rho: float,
+    first: np.ndarray,
+    second: np.ndarray,
+    base: float,
+    sigmas: float,
+    top: float,
+    cell_m: float,
+    is_open: np.ndarray,
+) -> None:
+    """Tell the feet of walls and boxes from the floor: points that have others straight above them.
+
+    On a plan of the ground round the camera, a cell is taken if at least two points in it lie between
+    2 tau and `top` above the plane.
+
+    Args:
+        is_open: (n,) bool, overwritten: whether the point's cell is free.
+    """
+    taken = np.zeros(PLAN * PLAN, np.int32)
+    per_m, middle = 1.0 / cell_m, PLAN / 2.0
+    count = xyz.shape[0]
+    for i in range(count):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        d = n[0] * x + n[1] * y + n[2] * z + rho
+        if d > top or d * z < 2.0 * (base * z + sigmas * sigma[i] * rho):
+            continue
+        u = (first[0] * x + first[1] * y + first[2] * z) * per_m + middle
+        v = (second[0] * x + second[1] * y + second[2] * z) * per_m + middle
+        if 0.0 <= u < PLAN and 0.0 <= v < PLAN:
+            taken[int(v) * PLAN + int(u)] += 1
+    for i in range(count):
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        d = n[0] * x + n[1] * y + n[2] * z + rho
+        is_open[i] = True
+        if abs(d) > top:
+            continue
+        u = (first[0] * x + first[1] * y + first[2] * z) * per_m + middle
+        v = (second[0] * x + second[1] * y + second[2] * z) * per_m + middle
+        if 0.0 <= u < PLAN and 0.0 <= v < PLAN:
+            is_open[i] = taken[int(v) * PLAN + int(u)] < 2
+
+
 @njit(cache=True, fastmath=FREE_SUMS)
 def moments(
     xyz: np.ndarray,
     sigma: np.ndarray,
+    is_open: np.ndarray,
     n: np.ndarray,
     rho: float,
     sigmas: float,
@@ -340,7 +388,7 @@ def moments(
     A: np.ndarray,
     g: np.ndarray,
 ) -> int:
-    """Normal equations A da = g in inverse depth of the points near a plane; how many they are.
+    """Normal equations A da = g in inverse depth of the open points near a plane; how many they are.
 
     A point is near if its distance d is within `sigmas` deviations, and weighs 1 / variance of its inverse
     depth: depth noise, and `rough` of the floor itself. With r = p / z and 1/z - a.r = d / (rho z) all
@@ -356,7 +404,7 @@ def moments(
         d = a * x + b * y + c * z + rho
         z2 = z * z
         variance = sigma[i] * sigma[i] + ground * z2
-        inside = d * d * z2 < limit * variance
+        inside = is_open[i] and d * d * z2 < limit * variance
         W = z2 / variance if inside else 0.0
         count += inside
         wx, wy, wz = W * x, W * y, W * z
@@ -380,6 +428,7 @@ def moments(
 def statistics(
     xyz: np.ndarray,
     sigma: np.ndarray,
+    is_open: np.ndarray,
     n: np.ndarray,
     rho: float,
     base: float,
@@ -416,7 +465,7 @@ def statistics(
         near += abs(d) * z < tau_z
         z2 = z * z
         variance = sigma[i] * sigma[i] + ground * z2
-        if d * d * z2 >= limit * variance:
+        if not is_open[i] or d * d * z2 >= limit * variance:
             continue
         W = z2 / variance
         q = 1.0 / z

@@ -22,7 +22,7 @@ from . import hough, ransac
 from .hough import HoughConfig
 from .prior import gate
 from .ransac import RansacConfig
-from .refine import Fit, RefineConfig, fuse, mahalanobis, refine
+from .refine import Fit, RefineConfig, fuse, refine
 from .sample import ScoreConfig, draw
 
 METHODS = ("ransac", "hough")
@@ -37,10 +37,12 @@ class FloorConfig:
     ransac: RansacConfig = field(default_factory=RansacConfig)
     hough: HoughConfig = field(default_factory=HoughConfig)
     refine: RefineConfig = field(default_factory=RefineConfig)
+    most_points: int = 40_000  # ours: more do not help: what is left is not noise
     gate_sigmas: float = 4.0  # ours: planes farther from the prior are not thought of
     most_tilt_deg: float = 60.0  # ours: however weak the prior, steeper is a wall
     least_height_m: float = 0.03  # ours: a camera lies no lower
     least_share: float = 0.03  # ours: floors of 6 % of the points occur; fewer than 3 % are ledges
+    least_known_share: float = 0.01  # ours: the same where the height was known before
     most_below: float = (
         0.02  # ours: points below, per point on it; kitchen floors 0.001, tables 0.03
     )
@@ -52,6 +54,8 @@ class FloorConfig:
             raise ConfigError(
                 f"floor: method={self.method!r} is unknown; choose {' or '.join(METHODS)}"
             )
+        if self.most_points < 1000:
+            raise ConfigError(f"floor: most_points={self.most_points} must be at least 1000")
         for name in ("gate_sigmas", "least_height_m", "known_height_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -60,7 +64,7 @@ class FloorConfig:
             raise ConfigError(
                 f"floor: most_tilt_deg={self.most_tilt_deg} must lie between 0 and 90"
             )
-        for name in ("least_share", "most_below"):
+        for name in ("least_share", "least_known_share", "most_below"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ConfigError(f"floor: {name}={getattr(self, name)} must lie in [0, 1]")
         if not 0.0 < self.confidence < 1.0:
@@ -102,6 +106,7 @@ def find(
     config = config or FloorConfig()
     if len(points) < config.refine.least_points:
         return None
+    points = _thinned(points, config.most_points)
     thought_of = gate(
         prior, config.gate_sigmas, math.radians(config.most_tilt_deg), config.least_height_m
     )
@@ -117,16 +122,29 @@ def find(
     fit = refine(points, start, config.sample, config.refine)
     if fit is None or not _is_believed(fit, prior, config):
         return None
-    return Floor(fuse(fit.plane, prior), fit.share, fit.below_share)
+    plane, distance = fuse(fit.plane, prior)
+    if distance > 2.0 * float(gammaincinv(1.5, config.confidence)):  # chi-square, 3
+        return None
+    return Floor(plane, fit.share, fit.below_share)
+
+
+def _thinned(points: Points, most: int) -> Points:
+    """Every k-th point, k odd so that no column of the image is left out for good."""
+    if len(points) <= most:
+        return points
+    k = -(-len(points) // most) | 1
+    return Points(
+        np.ascontiguousarray(points.xyz[::k]),
+        np.ascontiguousarray(points.sigma[::k]),
+        points.pixels[::k],
+    )
 
 
 def _is_believed(fit: Fit, prior: Plane, config: FloorConfig) -> bool:
-    """Enough points on it, as the prior allows, and nothing below it where that is the only sign."""
-    if fit.share < config.least_share:
-        return False
-    if fit.plane.angle_to(prior) > math.radians(config.most_tilt_deg):
-        return False
-    if mahalanobis(fit.plane, prior) > 2.0 * float(gammaincinv(1.5, config.confidence)):
-        return False
+    """Enough points on it, not too steep, and nothing below it where that is the only sign."""
     height_known = prior.covariance[2, 2] <= config.known_height_m**2
+    if fit.share < (config.least_known_share if height_known else config.least_share):
+        return False
+    if float(fit.plane.normal @ prior.normal) < math.cos(math.radians(config.most_tilt_deg)):
+        return False
     return bool(height_known) or fit.below_share <= config.most_below * fit.share

@@ -34,6 +34,8 @@ class RefineConfig:
     rough_m: float = 0.003  # ours: carpet, joints of tiles
     wide_sigmas: float = 5.0  # ours: band of the first pass, deviations of noise and roughness
     narrow_sigmas: float = 2.5  # ours: feet of walls and boxes lie within tau, but not within this
+    foot_m: float = 0.25  # ours: points up to here above the floor make what is below them a foot
+    foot_cell_m: float = 0.05  # ours: as far from a wall as its foot reaches through noise
     scale_share: float = 0.003  # ours: depth scale left by calibration, part of depth
     least_points: int = 100  # ours: fewer are no floor
 
@@ -45,10 +47,12 @@ class RefineConfig:
                 f"floor: narrow_sigmas={self.narrow_sigmas} must be positive and below "
                 f"wide_sigmas={self.wide_sigmas}"
             )
-        for name in ("rough_m", "scale_share"):
+        for name in ("rough_m", "scale_share", "foot_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"floor: {name}={value} must not be negative, and finite")
+        if not self.foot_cell_m > 0.0:
+            raise ConfigError(f"floor: foot_cell_m={self.foot_cell_m} must be positive")
         if self.least_points < 3:
             raise ConfigError(f"floor: least_points={self.least_points} must be at least 3")
 
@@ -75,16 +79,29 @@ def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineCon
     normal, rho = start.normal, start.offset_m
     A, B, C = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
     g = np.zeros(3)
+    is_open = np.ones(len(points), dtype=np.bool_)
     near = below = cells = 0
-    for wide in np.linspace(config.wide_sigmas, config.narrow_sigmas, config.passes):
-        if wide > config.narrow_sigmas:
-            kernels.moments(points.xyz, points.sigma, normal, rho, wide, config.rough_m, A, g)
-        else:
-            near, below, cells = kernels.statistics(
+    bands = np.linspace(config.wide_sigmas, config.narrow_sigmas, config.passes)
+    for number, wide in enumerate(bands):
+        if number == 1:
+            kernels.open_ground(
                 points.xyz,
                 points.sigma,
                 normal,
                 rho,
+                *Plane(normal, rho).tangents,
+                scoring.base_m,
+                scoring.sigmas,
+                config.foot_m,
+                config.foot_cell_m,
+                is_open,
+            )
+        common = (points.xyz, points.sigma, is_open, normal, rho)
+        if wide > config.narrow_sigmas:
+            kernels.moments(*common, wide, config.rough_m, A, g)
+        else:
+            near, below, cells = kernels.statistics(
+                *common,
                 scoring.base_m,
                 scoring.sigmas,
                 config.narrow_sigmas,
@@ -110,34 +127,39 @@ def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineCon
     return Fit(Plane(normal, rho, J @ P @ J.T), near / len(points), below / len(points))
 
 
-def fuse(measured: Plane, prior: Plane) -> Plane:
-    """The plane measured, with the prior as one more measurement (information form)."""
-    W_measured, W_prior = (
-        np.linalg.inv(measured.covariance),
-        np.linalg.inv(_turned(prior, measured)),
-    )
+def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:
+    """Join a measured plane and a prior.
+
+    Returns:
+        The plane, the prior taken as one more measurement (information form); and the squared Mahalanobis
+        distance of the two, both covariances taken together.
+    """
+    tangents = measured.tangents
+    W_measured = np.linalg.inv(measured.covariance)
+    P_prior = _turned(prior.covariance, prior.tangents, tangents)
+    W_prior = np.linalg.inv(P_prior)
+    tilt = tangents @ prior.normal / max(float(measured.normal @ prior.normal), 1e-9)
+    e = np.array([tilt[0], tilt[1], prior.offset_m - measured.offset_m])
     P = np.linalg.inv(W_measured + W_prior)
-    a, b, c = P @ W_prior @ measured.error_to(prior)
-    first, second = measured.tangents
-    normal = measured.normal + a * first + b * second
+    a, b, c = P @ W_prior @ e
+    normal = measured.normal + a * tangents[0] + b * tangents[1]
     normal /= np.linalg.norm(normal)
     fused = Plane(normal, measured.offset_m + float(c))
-    return Plane(normal, fused.offset_m, _turned(Plane(measured.normal, 0.0, P), fused))
+    turned = _turned(P, tangents, fused.tangents)
+    distance = float(e @ np.linalg.solve(measured.covariance + P_prior, e))
+    return Plane(normal, fused.offset_m, turned), distance
 
 
-def mahalanobis(measured: Plane, prior: Plane) -> float:
-    """Squared distance of the measured plane from the prior, both covariances taken together."""
-    e = measured.error_to(prior)
-    return float(e @ np.linalg.solve(measured.covariance + _turned(prior, measured), e))
-
-
-def _turned(plane: Plane, to: Plane) -> Float[np.ndarray, "3 3"]:
+def _turned(
+    P: Float[np.ndarray, "3 3"],
+    source: Float[np.ndarray, "2 3"],
+    target: Float[np.ndarray, "2 3"],
+) -> Float[np.ndarray, "3 3"]:
     """Covariance of a plane in the tangents of another that is nearly parallel."""
     T = np.eye(3)
-    T[:2, :2] = to.tangents @ plane.tangents.T
-    u, _, vt = np.linalg.svd(T[:2, :2])  # the nearest rotation
+    u, _, vt = np.linalg.svd(target @ source.T)  # the nearest rotation
     T[:2, :2] = u @ vt
-    return np.asarray(T @ plane.covariance @ T.T)
+    return np.asarray(T @ P @ T.T)
 
 
 def _jacobian(plane: Plane) -> Float[np.ndarray, "3 3"]:
