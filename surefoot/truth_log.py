@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from sim.scenes import Scene
 
 MAP_CELL_M = 0.05
+PARTS = 5  # a cell counts as occupied if anything covers any of its 5 x 5 parts
 
 
 class TruthLog:
@@ -68,10 +69,11 @@ class TruthLog:
         origin = np.array([x_min, y_min]) - 0.5
         columns = int(np.ceil((x_max - x_min + 1.0) / MAP_CELL_M))
         rows = int(np.ceil((y_max - y_min + 1.0) / MAP_CELL_M))
-        x = origin[0] + (np.arange(columns) + 0.5) * MAP_CELL_M
-        y = origin[1] + (np.arange(rows) + 0.5) * MAP_CELL_M
-        centres = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        occupied = self._truth.occupied(centres).reshape(rows, columns)
+        x = origin[0] + (np.arange(columns * PARTS) + 0.5) * MAP_CELL_M / PARTS
+        y = origin[1] + (np.arange(rows * PARTS) + 0.5) * MAP_CELL_M / PARTS
+        places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        covered = self._truth.occupied(places).reshape(rows, PARTS, columns, PARTS)
+        occupied = covered.any(axis=(1, 3))
         save_map(
             folder.path("truth"),
             "map",
