@@ -36,9 +36,8 @@ class RouteConfig:
     patience_steps: int = 15  # own: 10 s at 0.65 s a step without progress
     progress_m: float = 0.10  # ours: less than this is no progress
     memory_steps: int = 200  # ours: 130 s, for a stuck place to stay dear until the detour is made
-    block_ahead_m: float = 0.30  # ours: how far ahead on the path the trouble is taken to be
+    block_ahead_m: float = 0.30  # ours: where the trouble is taken to be; farther each time
     block_radius_m: float = 0.35  # ours
-    block_growth: float = 0.5  # ours: stuck again and again, by this share wider each time
     block_penalty: float = 4.0  # ours: potential added there: dear, not forbidden
 
     def __post_init__(self) -> None:
@@ -51,10 +50,9 @@ class RouteConfig:
 
 @dataclass
 class _Block:
-    """A place that was stuck, how far round it, and for how many more updates it is remembered."""
+    """A place that was stuck, and for how many more updates it is remembered."""
 
     place: np.ndarray
-    radius_m: float
     left: int
 
 
@@ -122,9 +120,8 @@ class Route:
             return
         self._waited += 1
         if self._waited >= self._config.patience_steps:
-            place = _along(self._rest(here), self._config.block_ahead_m)
-            radius = self._config.block_radius_m * (1 + self._config.block_growth * self.detours)
-            self._blocks.append(_Block(place, radius, self._config.memory_steps))
+            place = _along(self._rest(here), self._config.block_ahead_m * (1 + self.detours))
+            self._blocks.append(_Block(place, self._config.memory_steps))
             self._best, self._waited = math.inf, 0
             self.path = None  # no loyalty to a path that does not lead on
 
@@ -165,7 +162,7 @@ class Route:
             away = _distance_m(self._rest(here), shape, origin, cell_m) / self._config.corridor_m
             penalty += self._config.loyalty * np.minimum(away, 1.0)
         for block in self._blocks:
-            gap = np.hypot(x - block.place[0], y - block.place[1]) / block.radius_m
+            gap = np.hypot(x - block.place[0], y - block.place[1]) / self._config.block_radius_m
             penalty = np.maximum(penalty, self._config.block_penalty * np.maximum(0.0, 1 - gap**2))
         return penalty
 

@@ -259,6 +259,7 @@ class Memory:
         mark(evidence, believed.x, believed.y, believed.yaw + bearings, noisy, what, 2.1)
         delta = np.where(evidence >= 2, 1.73, -0.85)
         first = np.isinf(self.log_odds)
+        stood = ~first & (self.log_odds > 0.0) & (self.mover_s == -np.inf)
         self.log_odds = np.where(
             evidence > 0,
             np.clip(np.where(first, 0.0, self.log_odds) + delta, -3.9, 3.9),
@@ -273,7 +274,8 @@ class Memory:
             for d in moving:
                 c, r = ((self.tracks[d].mean[:2] + 0.5) / CELL_M).astype(int)
                 near[max(r - 4, 0) : r + 5, max(c - 4, 0) : c + 5] = True
-            self.mover_s[(evidence == 3) & near] = stamp_s
+            self.mover_s[(evidence == 3) & near & ~stood] = stamp_s
+        self.mover_s[evidence == 2] = -np.inf
         old = (self.mover_s > -np.inf) & (self.mover_s < stamp_s - 10.0)
         self.log_odds[old] = np.inf
         self.mover_s[old] = -np.inf
@@ -308,13 +310,17 @@ class Memory:
             for d, t in sorted(self.tracks.items())
         ]
 
-    def window(self, here: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Probability, unknown and origin of the 71 x 71 cells round the robot."""
+    def window(self, here: np.ndarray, soft: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Probability, unknown and origin of the 71 x 71 cells round the robot; movers no more than soft."""
         c, r = np.floor((here + 0.5) / CELL_M).astype(int) - SIDE // 2
         wide = np.pad(self.log_odds, SIDE, constant_values=np.inf)
         part = wide[r + SIDE : r + 2 * SIDE, c + SIDE : c + 2 * SIDE]
         unknown = np.isinf(part)
         probability = np.where(unknown, 1.0, 1 / (1 + np.exp(-np.where(unknown, 0, part))))
+        moving = np.pad(self.mover_s > -np.inf, SIDE)[
+            r + SIDE : r + 2 * SIDE, c + SIDE : c + 2 * SIDE
+        ]
+        probability = np.where(moving & ~unknown, np.minimum(probability, soft), probability)
         return probability, unknown, np.array([c, r]) * CELL_M - 0.5
 
     def occupied(self) -> np.ndarray:
@@ -339,6 +345,7 @@ class Settings:
     movers: int = 3
     speeds: tuple[float, float] = (0.03, 0.06)
     reach_m: float = 0.28  # radius of a disc that can pass every mover
+    soft_movers: float = 0.4  # movers in the map are dear, not solid
     use_guard: bool = True
 
 
@@ -374,7 +381,7 @@ def walk(seed: int, settings: Settings) -> Result:
             result.arrived = True
             break
         obstacles = memory.obstacles()
-        via = route.update(*memory.window(here), CELL_M, believed, world.goal)
+        via = route.update(*memory.window(here, settings.soft_movers), CELL_M, believed, world.goal)
         command, desired = gait.command(0.0, 0.0, 0.0), None
         if not sweep.surveying:
             wish = _heading(here, via, obstacles, settings.field)
