@@ -77,7 +77,7 @@ class TruthLog:
         save_map(
             folder.path("truth"),
             "map",
-            occupied.astype(np.float32),
+            np.asarray(occupied, dtype=np.float32),
             np.ones_like(occupied),
             origin,
             MAP_CELL_M,

@@ -79,14 +79,15 @@ class Camera:
     ) -> Float[np.ndarray, "*n 3"]:
         """Points in the camera frame, m, of pixels (u, v) at depth z, m; NaN depth gives NaN."""
         x, y = self._undistort(
-            (pixels[..., 0] - self.cx) / self.fx, (pixels[..., 1] - self.cy) / self.fy
+            np.asarray((pixels[..., 0] - self.cx) / self.fx),
+            np.asarray((pixels[..., 1] - self.cy) / self.fy),
         )
         return np.stack([x * depth, y * depth, depth], axis=-1)
 
     def project(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
         """Pixels (u, v) of points in the camera frame, m; NaN for points not in front of it."""
         z = np.where(points[..., 2] > 1e-9, points[..., 2], np.nan)
-        x, y = self._distort(points[..., 0] / z, points[..., 1] / z)
+        x, y = self._distort(np.asarray(points[..., 0] / z), np.asarray(points[..., 1] / z))
         return np.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
 
     def contains(self, pixels: Float[np.ndarray, "*n 2"]) -> np.ndarray:

@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 def wrap_angle(angle_rad: float) -> float:
     """The same angle in [-pi, pi)."""
-    return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+    turned = (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
+    return turned if turned < math.pi else -math.pi  # rounding may reach the open end
 
 
 @dataclass(frozen=True)
