@@ -2,8 +2,8 @@
 
 On a plan of small cells, points that hang together are one thing. Things that touch lower down but stand
 apart higher up (people side by side) are parted where their tops are. Only the near side of a thing is
-seen, so its middle lies behind the mean of its points: by pi/4 of its radius if it is round, which is what
-the mean over the visible half of a circle says.
+seen, so its middle lies behind the mean of its points: by pi/4 of its radius if it is round and far, which
+is the mean over the visible half of a circle; near by, where less than half is seen, by more.
 
 What reaches down to where the robot walks is a thing; a shelf above it is not. Walls and long furniture
 come out as large clusters, and it is for the reader to leave those to the map.
@@ -13,6 +13,7 @@ Source: ours; the footprint is the rectangle of least area after Freeman and Sha
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -26,6 +27,10 @@ from .primitives.errors import ConfigError, InputError
 
 NEIGHBOURS = np.ones((3, 3), dtype=bool)
 ENOUGH = 1000  # points that measure a thing as well as all of them
+NEARNESS = (
+    0.48,
+    0.93,
+)  # by which radius and push grow per (half width / distance); from circles drawn
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,7 @@ def cluster(
     order = np.argsort(labels, kind="stable")
     borders = np.cumsum(np.bincount(labels, minlength=count + 1))
     found = []
-    for first, last in zip(borders[:-1], borders[1:], strict=True):
+    for first, last in itertools.pairwise(borders):
         mine = order[first:last]
         if float(weight[mine] @ (points[mine, 2] < config.robot_top_m)) < config.least_points:
             continue
@@ -152,12 +157,12 @@ def _things(
     labels, count = ndimage.label(mass >= config.cell_points, NEIGHBOURS)
     tops = np.full(rows * columns, -np.inf)
     np.maximum.at(tops, flat, points[:, 2])
-    tops = tops.reshape(rows, columns)
+    plan_tops = tops.reshape(rows, columns)
     longest = config.merged_m / config.cell_m
     for number, box in enumerate(ndimage.find_objects(labels), start=1):
         if max(side.stop - side.start for side in box) <= longest:
             continue
-        part = _part(labels[box] == number, tops[box], config)
+        part = _part(labels[box] == number, plan_tops[box], config)
         if part is not None:
             labels[box][part > 1] = part[part > 1] + count - 1
             count += int(part.max()) - 1
@@ -224,7 +229,10 @@ def _measure(
     depth_seen = farthest - nearest
     noise = float(np.mean(sigma))
     if across <= config.round_m and depth_seen <= 2.0 * config.round_m:
-        along = max(math.pi / 4.0 * across, nearest + depth_seen / 2.0)
+        nearness = across / max(float(np.linalg.norm(mean - sensor_xy)), across)
+        push = math.pi / 4.0 * across * (1.0 + NEARNESS[1] * nearness)
+        across *= 1.0 + NEARNESS[0] * nearness
+        along = max(push, nearest + depth_seen / 2.0)
         middle = np.array([along, (left + right) / 2.0])
         middle_local = local - middle
         reach = np.quantile(np.hypot(middle_local[:, 0], middle_local[:, 1]), 0.9)

@@ -113,7 +113,7 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
     """
     config = config or StereoConfig()
     _check(view)
-    height, width = view.left.shape
+    width = view.left.shape[1]
     reach = min(config.most_disparity_px, view.camera.fx * view.baseline_m / config.nearest_m)
     steps = max(16, 16 * math.ceil(reach / 16.0))
     # Columns at the left border would be skipped by the whole search range: give them a margin.

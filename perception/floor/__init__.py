@@ -6,19 +6,3 @@ Read in this order: `prior` (where it should be), `sample` (a few points, and wh
 
 Source: seed 003, sections 3 and 5.
 """
-
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from .choose import Floor, FloorConfig, find
-
-__all__ = ["Floor", "FloorConfig", "find"]
-
-
-def __getattr__(name: str) -> Any:
-    """Floor, FloorConfig and find on demand: the package itself imports nothing."""
-    if name in __all__:
-        from . import choose
-
-        return getattr(choose, name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

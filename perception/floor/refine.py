@@ -84,12 +84,14 @@ def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineCon
     bands = np.linspace(config.wide_sigmas, config.narrow_sigmas, config.passes)
     for number, wide in enumerate(bands):
         if number == 1:
+            first, second = Plane(normal, rho).tangents
             kernels.open_ground(
                 points.xyz,
                 points.sigma,
                 normal,
                 rho,
-                *Plane(normal, rho).tangents,
+                first,
+                second,
                 scoring.base_m,
                 scoring.sigmas,
                 config.foot_m,

@@ -1,0 +1,78 @@
+"""Floor, obstacle, hole, overhang: against rooms whose every point is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from perception.floor.choose import find
+from perception.floor.classify import (
+    FLOOR,
+    HOLE,
+    OBSTACLE,
+    OVERHANG,
+    ClassConfig,
+    band,
+    classify,
+)
+from perception.floor.prior import handheld_prior
+from perception.points import Points
+from perception.primitives.errors import ConfigError
+from perception.primitives.plane import Plane
+
+LEVEL = Plane(np.array([0.0, -1.0, 0.0]), 0.4)  # a camera looking ahead, 0.4 m above the floor
+
+
+def at_height(height, z=1.0, sigma=0.001):
+    """Points so high over the floor of `LEVEL`."""
+    height = np.atleast_1d(np.asarray(height, dtype=float))
+    xyz = np.column_stack([np.zeros_like(height), 0.4 - height, np.full_like(height, z)])
+    return Points(xyz, np.full(len(height), sigma), np.arange(len(height)))
+
+
+def test_the_borders_are_those_of_the_seed():
+    tau = 0.01 + 3.0 * 0.001 * 0.4 / 1.0
+    heights = [0.0, tau - 1e-6, tau + 1e-6, 0.559, 0.561, -tau + 1e-6, -tau - 1e-6]
+    expected = [FLOOR, FLOOR, OBSTACLE, OBSTACLE, OVERHANG, FLOOR, HOLE]
+    np.testing.assert_array_equal(classify(at_height(heights), LEVEL), expected)
+
+
+def test_the_band_grows_with_depth_noise_and_with_what_the_plane_does_not_know():
+    near, far = at_height(0.0, 1.0, 0.002), at_height(0.0, 3.0, 0.02)
+    assert band(near, LEVEL)[0] == pytest.approx(0.01 + 3 * 0.002 * 0.4 / 1.0)
+    assert band(far, LEVEL)[0] == pytest.approx(0.01 + 3 * 0.02 * 0.4 / 3.0)
+    tilted = Plane(LEVEL.normal, 0.4, np.diag([0.02**2, 0.02**2, 0.0]))
+    lever = np.hypot(3.0, 0.0)  # the tilt moves a floor point 3 m ahead up and down
+    expected = 0.01 + 3 * np.hypot(0.02 * 0.4 / 3.0, 0.02 * lever)
+    assert band(far, tilted)[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_compiled_classes_are_what_numpy_says(look):
+    room = look(0, boxes=((0.8, 1.1, -0.2, 0.2, 0.0, 0.2),))
+    M = 0.01 * np.random.default_rng(0).normal(size=(3, 3))
+    plane = Plane(room.floor.normal, room.floor.offset_m, M @ M.T)
+    d, tau = plane.distance(room.points.xyz), band(room.points, plane)
+    expected = np.select([d > 0.56, d > tau, d < -tau], [OVERHANG, OBSTACLE, HOLE], FLOOR)
+    np.testing.assert_array_equal(classify(room.points, plane), expected)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_floor_and_boxes_are_told_apart_on_the_floor_that_was_found(look, seed):
+    boxes = ((0.9, 1.2, -0.6, -0.2, 0.0, 0.12), (1.5, 1.8, 0.1, 0.6, 0.0, 0.40))
+    room = look(seed, boxes=boxes, reach_m=3.0)
+    found = find(room.points, handheld_prior(None), np.random.default_rng(seed))
+    labels = classify(room.points, found.plane)
+    is_floor = room.height < 0.005
+    precision = np.mean(is_floor[labels == FLOOR])
+    recall = np.mean(labels[is_floor] == FLOOR)
+    assert precision >= 0.97
+    assert recall >= 0.97
+    tall = room.height > 0.06  # beyond every band within 3 m
+    assert np.mean(labels[tall] == OBSTACLE) > 0.99
+
+
+def test_impossible_borders_are_refused_in_words():
+    with pytest.raises(ConfigError, match=r"base_m=-0\.01"):
+        ClassConfig(base_m=-0.01)
+    with pytest.raises(ConfigError, match="must reach above"):
+        ClassConfig(robot_height_m=0.0, headroom_m=0.0)

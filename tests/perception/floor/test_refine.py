@@ -1,0 +1,162 @@
+"""The fit in inverse depth: exact on paper, covariance as Monte Carlo has it, priors taken in."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from perception.floor import _kernels as kernels
+from perception.floor.refine import RefineConfig, fuse, refine
+from perception.floor.sample import Sample, ScoreConfig, score
+from perception.points import Points
+from perception.primitives.errors import ConfigError
+from perception.primitives.plane import Plane
+
+EXACT = RefineConfig(scale_share=0.0, rough_m=0.0)
+
+
+def patch(rng, normal, height, count=3000):
+    """Points of a plane seen in random directions ahead, camera frame."""
+    rays = np.column_stack([rng.uniform(-0.5, 0.5, (count, 2)), np.ones(count)])
+    rays[:, 1] += 0.45
+    z = -height / (rays @ normal)
+    return rays * z[:, None]
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(0.2, 1.6))
+def test_points_of_a_plane_give_it_back(roll, pitch, height):
+    normal = np.array([roll, -1.0, pitch - 0.2])
+    normal /= np.linalg.norm(normal)
+    xyz = patch(np.random.default_rng(0), normal, height)
+    points = Points(xyz, np.full(len(xyz), 0.004), np.arange(len(xyz)))
+    off = normal + np.array([0.003, 0.0, 0.003])
+    start = Plane(off / np.linalg.norm(off), height + 0.003)
+    plane = refine(points, start, ScoreConfig(), EXACT).plane
+    np.testing.assert_allclose(plane.normal, normal, atol=1e-9)
+    assert abs(plane.offset_m - height) < 1e-9
+
+
+def test_the_covariance_is_that_of_many_repetitions():
+    normal = np.array([0.05, -0.9, -0.4])
+    normal /= np.linalg.norm(normal)
+    truth = Plane(normal, 0.4)
+    rng = np.random.default_rng(1)
+    xyz = patch(rng, normal, 0.4, 800)
+    errors, claims = [], []
+    for _ in range(300):
+        z = xyz[:, 2] + 0.01 * rng.normal(size=len(xyz))
+        points = Points(xyz * (z / xyz[:, 2])[:, None], np.full(len(xyz), 0.01), np.arange(len(z)))
+        plane = refine(points, truth, ScoreConfig(), EXACT).plane
+        errors.append(plane.error_to(truth))
+        claims.append(plane.covariance)
+    seen, claimed = np.cov(np.array(errors).T), np.mean(claims, axis=0)
+    ratio = np.sqrt(np.diag(seen) / np.diag(claimed))
+    assert np.all((ratio > 0.85) & (ratio < 1.2))  # the noise factor only ever widens
+
+
+def test_noise_that_neighbours_share_widens_the_covariance():
+    rng = np.random.default_rng(2)
+    normal = np.array([0.0, -0.9, -0.436])
+    normal /= np.linalg.norm(normal)
+    xyz = patch(rng, normal, 0.4, 20000)
+    cell = np.floor(xyz[:, :2] / xyz[:, 2:] * 12.0).astype(int)
+    patches = rng.normal(size=(200, 200))[cell[:, 0], cell[:, 1]]
+    widths = []
+    for noise in (rng.normal(size=len(xyz)), patches):
+        z = xyz[:, 2] + 0.005 * noise
+        points = Points(xyz * (z / xyz[:, 2])[:, None], np.full(len(xyz), 0.005), np.arange(len(z)))
+        fit = refine(points, Plane(normal, 0.4), ScoreConfig(), EXACT)
+        widths.append(float(np.trace(fit.plane.covariance)))
+    assert widths[1] > 20.0 * widths[0]  # about 60 points share each patch
+
+
+def test_an_error_of_depth_scale_is_inside_what_is_claimed():
+    normal = np.array([0.0, -0.9, -0.436])
+    normal /= np.linalg.norm(normal)
+    xyz = patch(np.random.default_rng(3), normal, 0.8)
+    config = dataclasses.replace(EXACT, scale_share=0.01)
+    points = Points(1.01 * xyz, np.full(len(xyz), 0.002), np.arange(len(xyz)))
+    plane = refine(points, Plane(normal, 0.8), ScoreConfig(), config).plane
+    error = plane.offset_m - 0.8
+    assert error == pytest.approx(0.008, abs=1e-6)
+    assert np.sqrt(plane.covariance[2, 2]) > 0.9 * error  # one deviation of scale is one of height
+
+
+def test_points_on_a_line_are_no_plane():
+    t = np.linspace(1.0, 2.0, 500)
+    xyz = np.column_stack([0.1 * t, np.full(500, 0.4), t])
+    line = Points(xyz[:, [0, 1, 2]], np.full(500, 0.005), np.arange(500))
+    start = Plane(np.array([0.0, -1.0, 0.0]), 0.4)
+    assert refine(line, start, ScoreConfig(), EXACT) is None
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_fusing_is_the_product_of_two_gaussians(seed):
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    measured, prior = (
+        Plane(
+            normal,
+            1.0 + 0.01 * k,
+            (lambda m: m @ m.T + 1e-6 * np.eye(3))(0.01 * rng.normal(size=(3, 3))),
+        )
+        for k in range(2)
+    )
+    fused, distance = fuse(measured, prior)
+    W = np.linalg.inv(measured.covariance) + np.linalg.inv(prior.covariance)
+    e = np.array([0.0, 0.0, 0.01])
+    shift = np.linalg.solve(W, np.linalg.solve(prior.covariance, e))
+    np.testing.assert_allclose(measured.error_to(fused), shift, atol=1e-3 * np.abs(shift).max())
+    assert np.trace(fused.covariance) <= np.trace(measured.covariance) + 1e-12
+    expected = e @ np.linalg.solve(measured.covariance + prior.covariance, e)
+    assert distance == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_compiled_score_is_what_numpy_says():
+    rng = np.random.default_rng(4)
+    sample = Sample(*rng.normal(size=(3, 700)), np.abs(rng.normal(0.02, 0.01, 700)))
+    plane = Plane(np.array([0.6, -0.8, 0.0]), 0.5)
+    config = ScoreConfig()
+    d = np.column_stack([sample.x, sample.y, sample.z]) @ plane.normal + plane.offset_m
+    t = d / (config.base_m + sample.slack * plane.offset_m)
+    expected = np.maximum(1.0 - t**2, 0.0).sum() - config.penalty * np.sum(t < -2.0)
+    assert score(sample, plane, config) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_compiled_sums_are_what_numpy_says():
+    rng = np.random.default_rng(5)
+    n, rho = np.array([0.1, -0.95, -0.3]), 0.5
+    n /= np.linalg.norm(n)
+    xyz = patch(rng, n, rho, 500) * (1.0 + 0.01 * rng.normal(size=(500, 1)))
+    sigma = rng.uniform(0.002, 0.02, 500)
+    A, g, is_open = np.zeros((3, 3)), np.zeros(3), rng.random(500) < 0.8
+    count = kernels.moments(xyz, sigma, is_open, n, rho, 2.5, 0.003, A, g)
+    z = xyz[:, 2]
+    e = 1.0 / z + xyz @ n / (rho * z)  # 1/z - a.r
+    variance = (sigma / z**2) ** 2 + (0.003 / (rho * z)) ** 2
+    near = is_open & (e**2 < 2.5**2 * variance)
+    r, w = (xyz / z[:, None])[near], 1.0 / variance[near]
+    assert count == near.sum()
+    np.testing.assert_allclose(A, (r * w[:, None]).T @ r, rtol=1e-9)
+    np.testing.assert_allclose(g, (r * w[:, None]).T @ e[near], rtol=1e-6, atol=1e-9 * A.max())
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"passes": 1}, "passes=1"),
+        ({"narrow_sigmas": 6.0}, "narrow_sigmas=6.0"),
+        ({"rough_m": -1.0}, "rough_m=-1.0"),
+        ({"least_points": 2}, "least_points=2"),
+    ],
+)
+def test_impossible_settings_are_refused_in_words(values, said):
+    with pytest.raises(ConfigError, match=said):
+        RefineConfig(**values)

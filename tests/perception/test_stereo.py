@@ -1,0 +1,142 @@
+"""Stereo against disparities known on paper, measured ones, and what must not be believed."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from perception.floor.choose import find
+from perception.floor.prior import handheld_prior
+from perception.points import from_depth
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.frame import StereoView
+from perception.stereo import StereoConfig, depth, disparity
+
+CAMERA = Camera(320, 240, 277.0, 277.0, 159.5, 119.5)
+BASELINE_M = 0.08
+
+
+def texture(rng, shape):
+    """Aperiodic, many octaves."""
+    image = np.zeros(shape, dtype=np.float32)
+    for octave in range(6):
+        grain = rng.normal(size=(max(shape[0] >> octave, 2), max(shape[1] >> octave, 2)))
+        image += 12.0 * cv2.resize(
+            grain.astype(np.float32), shape[::-1], interpolation=cv2.INTER_CUBIC
+        )
+    return image
+
+
+def pair(truth, seed=0, noise=2.0, plain=None):
+    """Grey pair of a scene whose disparity depends on the row alone; from column `plain` on no texture."""
+    rng = np.random.default_rng(seed)
+    height, width = truth.shape
+    scene = texture(rng, (height, width + 200))
+    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
+    left = cv2.remap(scene, u, v, cv2.INTER_CUBIC)
+    right = cv2.remap(scene, u + truth.astype(np.float32), v, cv2.INTER_CUBIC)
+    if plain is not None:
+        left[u >= plain], right[u >= plain - truth] = 0.0, 0.0
+    grey = [
+        np.clip(128.0 + image + rng.normal(0.0, noise, image.shape), 0, 255).astype(np.uint8)
+        for image in (left, right)
+    ]
+    return StereoView(grey[0], grey[1], BASELINE_M, CAMERA)
+
+
+RAMP = np.linspace(5.0, 40.0, 240)[:, None].repeat(320, axis=1)
+
+
+@pytest.fixture(params=["sgbm", "bm"])
+def config(request):
+    return StereoConfig(method=request.param)
+
+
+def test_a_slanted_plane_has_the_disparity_it_was_drawn_with(config):
+    found = disparity(pair(RAMP), config)
+    visible = np.arange(320)[None, :] > RAMP + 8
+    seen = np.isfinite(found.disparity_px)
+    assert np.mean(seen[visible]) > 0.9
+    error = (found.disparity_px - RAMP)[seen]
+    assert np.mean(np.abs(error) > 1.0) < 0.005
+    assert np.sqrt(np.mean(error[np.abs(error) < 1.0] ** 2)) < config.sigma_px
+    assert abs(np.median(error)) < 0.05
+    assert np.mean(found.reliability[seen] > 0.5) > 0.95
+
+
+def test_depth_and_its_sigma_follow_from_disparity(config):
+    view = pair(RAMP)
+    matched, seen = disparity(view, config), depth(view, config)
+    fB = 277.0 * BASELINE_M
+    ok = np.isfinite(seen.z)
+    np.testing.assert_allclose(seen.z[ok], fB / matched.disparity_px[ok], rtol=1e-5)
+    sigma_px = config.sigma_px / np.sqrt(matched.reliability[ok])
+    np.testing.assert_allclose(seen.sigma[ok], seen.z[ok] ** 2 * sigma_px / fB, rtol=1e-4)
+    assert np.array_equal(ok, np.isfinite(seen.sigma))
+    assert np.all(matched.reliability[ok] >= config.least_reliability)
+
+
+def test_a_wall_without_texture_is_not_believed(config):
+    seen = depth(pair(RAMP, plain=180), config)
+    assert np.mean(np.isfinite(seen.z[:, 190:])) < 0.05  # seed 003-E7
+    assert np.mean(np.isfinite(seen.z[:, 60:170])) > 0.8
+
+
+def test_unrelated_images_are_not_believed(config):
+    one, other = pair(RAMP, seed=1), pair(RAMP, seed=2)
+    seen = depth(StereoView(one.left, other.right, BASELINE_M, CAMERA), config)
+    assert np.mean(np.isfinite(seen.z)) < 0.05
+
+
+def test_the_left_border_is_matched_too(config):
+    far = np.full((240, 320), 6.0)
+    seen = depth(pair(far), config)
+    assert (
+        np.mean(np.isfinite(seen.z[20:-20, 20:60])) > 0.8
+    )  # within the search range of the border
+
+
+def test_reliability_halves_the_outliers_of_a_real_pair(recordings, config):
+    folder = recordings / "middlebury_motorcycle"
+    left, right = (
+        cv2.imread(str(folder / f"motorcycle_{side}.png"), cv2.IMREAD_GRAYSCALE)
+        for side in ("left", "right")
+    )
+    truth = np.load(folder / "motorcycle_disp.npz")["arr_0"]
+    camera = Camera(741, 500, 994.978, 994.978, 311.193, 254.877)
+    found = disparity(StereoView(left, right, 0.193, camera), config)
+    known = np.isfinite(found.disparity_px) & np.isfinite(truth)
+    wrong = np.abs(found.disparity_px - truth)[known] > 2.0
+    believed = found.reliability[known] >= config.least_reliability
+    assert np.mean(wrong[believed]) < 0.65 * np.mean(wrong)
+    assert np.mean(believed) > 0.7
+
+
+def test_the_floor_of_a_real_pair_is_found(recordings, config):
+    folder = recordings / "rtabmap_3it"
+    left, right = (
+        cv2.imread(str(folder / f"stereo_50_{side}.jpg"), cv2.IMREAD_GRAYSCALE)
+        for side in ("left", "right")
+    )
+    camera = Camera(640, 480, 487.609, 487.609, 318.116, 249.444)
+    points = from_depth(depth(StereoView(left, right, 0.11969, camera), config), 0.2, 6.0, 2)
+    found = find(points, handheld_prior(None), np.random.default_rng(0))
+    assert abs(found.plane.offset_m - 1.11) < 0.02
+    assert abs(np.degrees(np.arcsin(-found.plane.normal[2])) - 3.7) < 0.5  # down by 3.7 deg
+    assert found.share > 0.85
+
+
+def test_what_does_not_fit_is_refused_in_words():
+    view = pair(RAMP)
+    with pytest.raises(InputError, match="must be rectified to one size"):
+        depth(StereoView(view.left[:-1], view.right[:-1], BASELINE_M, CAMERA))
+    with pytest.raises(InputError, match=r"baseline_m=0\.0"):
+        depth(StereoView(view.left, view.right, 0.0, CAMERA))
+    with pytest.raises(ConfigError, match="choose sgbm or bm"):
+        StereoConfig(method="elas")
+    with pytest.raises(ConfigError, match="block_px=4"):
+        StereoConfig(block_px=4)
+    with pytest.raises(ConfigError, match="most_disparity_px=8"):
+        StereoConfig(most_disparity_px=8)
