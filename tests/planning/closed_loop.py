@@ -323,9 +323,17 @@ class Memory:
         probability = np.where(moving & ~unknown, np.minimum(probability, soft), probability)
         return probability, unknown, np.array([c, r]) * CELL_M - 0.5
 
-    def occupied(self) -> np.ndarray:
-        """Middles of the cells of what stands."""
+    def start_at(self, here: np.ndarray) -> None:
+        """Where the robot stands nothing else does."""
+        rows, columns = np.indices(self.log_odds.shape)
+        x, y = (columns + 0.5) * CELL_M - 0.5, (rows + 0.5) * CELL_M - 0.5
+        self.log_odds[np.hypot(x - here[0], y - here[1]) < 0.35] = -0.85
+
+    def occupied(self, with_unseen: bool) -> np.ndarray:
+        """Middles of the cells of what stands, and of those never seen: nobody walks there unseeing."""
         solid = np.isfinite(self.log_odds) & (self.log_odds > 0.0) & (self.mover_s == -np.inf)
+        if with_unseen:
+            solid |= np.isinf(self.log_odds)
         return (np.argwhere(solid)[:, ::-1] + 0.5) * CELL_M - 0.5
 
 
@@ -346,6 +354,7 @@ class Settings:
     speeds: tuple[float, float] = (0.03, 0.06)
     reach_m: float = 0.28  # radius of a disc that can pass every mover
     soft_movers: float = 0.4  # movers in the map are dear, not solid
+    unseen_blocks: bool = True  # the guard takes cells never seen for occupied ones
     use_guard: bool = True
 
 
@@ -373,6 +382,7 @@ def walk(seed: int, settings: Settings) -> Result:
     touching: set[str] = set()
     stamp, pan = 0.0, 0.0
     deviation = np.array([0.02, 0.02, math.radians(1.0)])
+    memory.start_at(np.array([true.x, true.y]))
     memory.see(world, true, true, 0.0, 0.0, 0.0)
     while stamp < TIME_LIMIT_S:
         believed = Pose2(true.x + error[0], true.y + error[1], wrap_angle(true.yaw + error[2]))
@@ -391,7 +401,13 @@ def walk(seed: int, settings: Settings) -> Result:
             if settings.use_guard:
                 belief = Gaussian(believed.vector, np.diag(deviation**2))
                 command = guard.choose(
-                    desired, belief, obstacles, memory.occupied(), via, settings.guard, stamp
+                    desired,
+                    belief,
+                    obstacles,
+                    memory.occupied(settings.unseen_blocks),
+                    via,
+                    settings.guard,
+                    stamp,
                 )
                 result.guarded += command != desired
         gaze = sweep.next(stamp, believed, via, obstacles)
