@@ -27,6 +27,7 @@ from .primitives.errors import ConfigError, InputError
 
 NEIGHBOURS = np.ones((3, 3), dtype=bool)
 ENOUGH = 1000  # points that measure a thing as well as all of them
+LEAST_CELLS = 3  # a top of fewer cells is a hand or a flying pixel
 NEARNESS = (
     0.48,
     0.93,
@@ -127,13 +128,16 @@ def cluster(
     dx, dy = points[:, 0] - sensor_xy[0], points[:, 1] - sensor_xy[1]
     weight = (dx * dx + dy * dy) / 4.0  # density as seen from 2 m
     labels, count = _things(points, weight, config)
-    order = np.argsort(labels, kind="stable")
+    short = labels.astype(np.uint16) if count < 2**16 else labels  # sorted by radix
+    order = np.argsort(short, kind="stable")
+    is_low = points[:, 2] < config.robot_top_m
+    low_mass = np.bincount(labels, weight * is_low, count + 1)[1:]
     borders = np.cumsum(np.bincount(labels, minlength=count + 1))
     found = []
-    for first, last in itertools.pairwise(borders):
-        mine = order[first:last]
-        if float(weight[mine] @ (points[mine, 2] < config.robot_top_m)) < config.least_points:
+    for (first, last), mass in zip(itertools.pairwise(borders), low_mass, strict=True):
+        if mass < config.least_points:
             continue
+        mine = order[first:last]
         whole = cut_off is None or np.count_nonzero(cut_off[mine]) < config.cut_points
         mine = mine[:: max(len(mine) // ENOUGH, 1)]
         thing = points[mine]
@@ -149,10 +153,11 @@ def _things(
     points: Float[np.ndarray, "n 3"], weight: Float[np.ndarray, "n"], config: ClusterConfig
 ) -> tuple[Int[np.ndarray, "n"], int]:
     """Number of the thing each point belongs to, from 1; 0 for stray points."""
-    cells = np.floor(points[:, :2] / config.cell_m).astype(np.int64)
-    cells -= cells.min(axis=0)
-    rows, columns = (int(v) for v in cells.max(axis=0) + 1)
-    flat = cells[:, 0] * columns + cells[:, 1]
+    row, column = (np.floor(points[:, k] / config.cell_m).astype(np.int64) for k in (0, 1))
+    row -= row.min()
+    column -= column.min()
+    rows, columns = int(row.max()) + 1, int(column.max()) + 1
+    flat = row * columns + column
     mass = np.bincount(flat, weight, rows * columns).reshape(rows, columns)
     labels, count = ndimage.label(mass >= config.cell_points, NEIGHBOURS)
     tops = np.full(rows * columns, -np.inf)
@@ -186,12 +191,11 @@ def _part(
         while level + config.apart_m < highest:
             level += config.level_m
             labels, count = ndimage.label(region & (tops >= level), NEIGHBOURS)
-            apart = [
-                labels == k
-                for k in range(1, count + 1)
-                if float(tops[labels == k].max()) >= level + config.apart_m
-                and int(np.sum(labels == k)) >= 3
-            ]
+            numbers = np.arange(1, count + 1)
+            highest_of = ndimage.maximum(tops, labels, numbers)
+            cells_of = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+            rises = (highest_of >= level + config.apart_m) & (cells_of >= LEAST_CELLS)
+            apart = [labels == k for k in numbers[rises]]
             if len(apart) != 1:
                 waiting += [(one, level) for one in apart]
                 break
