@@ -10,6 +10,7 @@ Source: seed 003, section 3 (disparity to range).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
@@ -81,8 +82,8 @@ def organised(depth: Depth) -> Float32[np.ndarray, "h w 3"]:
         InputError: The image does not fit its camera.
     """
     _check(depth)
-    x, y = slopes(depth.camera)
-    return np.asarray(kernels.spread(depth.z, x.astype(np.float32), y.astype(np.float32)))
+    x, y = _tables(depth.camera)
+    return np.asarray(kernels.spread(depth.z, x, y))
 
 
 def unorganised(
@@ -97,6 +98,13 @@ def unorganised(
     if sigma is None:
         return Points(kept, 0.0012 + 0.0019 * (kept[:, 2] - 0.4) ** 2, keep)
     return Points(kept, np.ascontiguousarray(sigma[keep], dtype=np.float64), keep)
+
+
+@lru_cache(maxsize=8)
+def _tables(camera: Camera) -> tuple[Float32[np.ndarray, "a w"], Float32[np.ndarray, "h b"]]:
+    """Ray slopes in single precision, made once per camera."""
+    x, y = slopes(camera)
+    return np.ascontiguousarray(x, dtype=np.float32), np.ascontiguousarray(y, dtype=np.float32)
 
 
 def _check(depth: Depth) -> None:
