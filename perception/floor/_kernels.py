@@ -21,24 +21,21 @@ PLAN = 256  # cells along a side of the ground plan in which feet are looked for
 
 
 @njit(cache=True)
-def within(
-    xyz: np.ndarray, n: np.ndarray, rho: float, half_m: float, slope: float
-) -> tuple[np.ndarray, int]:
-    """Indices of points that a plane within the gate could pass through, and how many lie below it.
+def within(xyz: np.ndarray, n: np.ndarray, rho: float, half_m: float, slope: float) -> np.ndarray:
+    """Indices of points that a plane within the gate could pass through.
 
     The gate opens with distance: half_m at the camera, `slope` times the distance more along the way.
     """
     count = xyz.shape[0]
     kept = np.empty(count, np.int64)
-    k = below = 0
+    k = 0
     for i in range(count):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
         d = n[0] * x + n[1] * y + n[2] * z + rho
         gate = half_m + slope * math.sqrt(x * x + y * y + z * z)
         kept[k] = i
         k += abs(d) <= gate
-        below += d < -gate
-    return kept[:k], below
+    return kept[:k]
 
 
 @njit(cache=True)

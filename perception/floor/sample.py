@@ -70,7 +70,7 @@ def draw(
 ) -> Sample:
     """A stratified sample of the points that a plane within the gate could pass through."""
     half = max(gate.highest_m - prior.offset_m, prior.offset_m - gate.lowest_m)
-    index, _ = kernels.within(
+    index = kernels.within(
         points.xyz, prior.normal, prior.offset_m, half + config.base_m, math.tan(gate.tilt_rad)
     )
     if len(index) > config.size:
