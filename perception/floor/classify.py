@@ -19,7 +19,7 @@ from jaxtyping import Float, Int8
 from ..points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
-from . import _kernels as kernels
+from . import _fit_kernels as kernels
 
 FLOOR, OBSTACLE, HOLE, OVERHANG = 0, 1, 2, 3
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
-from . import _kernels as kernels
+from . import _search_kernels as kernels
 from .prior import Gate
 from .sample import Sample, ScoreConfig, score
 

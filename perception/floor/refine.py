@@ -1,6 +1,6 @@
 """The last word on a plane: weighted least squares on all points, and how sure it is.
 
-Two passes in inverse depth (see `_kernels`). The covariance has three parts:
+Two passes in inverse depth (see `_search_kernels`). The covariance has three parts:
 
 - what independent noise of the points leaves: the inverse of the normal matrix;
 - times the factor by which the noise of neighbouring pixels hangs together, measured on the residuals:
@@ -22,7 +22,7 @@ from jaxtyping import Float
 from ..points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
-from . import _kernels as kernels
+from . import _fit_kernels as kernels
 from .sample import ScoreConfig
 
 

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ..points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
-from . import _kernels as kernels
+from . import _search_kernels as kernels
 from .prior import Gate
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perception.floor import _kernels as kernels
+from perception.floor import _fit_kernels as kernels
 from perception.floor.refine import RefineConfig, fuse, refine
 from perception.floor.sample import Sample, ScoreConfig, score
 from perception.points import Points
