@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from mapping import clouds, footprints, nav2
+from mapping import clouds, nav2
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 
@@ -190,9 +190,6 @@ class Journal:
             )
 
     def _obstacles(self, pipeline: Pipeline) -> dict[str, Any]:
-        cloud = pipeline.obstacle_cloud
-        points, _ = cloud.cloud()
-        standing = footprints.find(points, self._config.footprints, cloud.sightings)
         return {
             "tracks": self._tracks,
             "footprints": [
@@ -205,7 +202,7 @@ class Journal:
                     "covariance": footprint.covariance.tolist(),
                     "points": footprint.points,
                 }
-                for footprint in standing
+                for footprint in pipeline.footprints()
             ],
         }
 

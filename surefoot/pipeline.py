@@ -16,14 +16,15 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from mapping import footprints
 from mapping.clouds import CloudBuilder
 from mapping.confidence import ConfidenceLayer
 from mapping.egocentric_grid import EgocentricGrid
+from mapping.footprints import Footprint
 from mapping.world_map import WorldMap
 from perception import clusters, points, stereo, structured_light, time_of_flight
 from perception.clusters import Cluster
 from perception.floor import choose, classify
-from perception.levelling import level, shadow
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.obstacles import ObstacleTracker
@@ -177,6 +178,19 @@ class Pipeline:
             report,
             watch.milliseconds,
         )
+
+    def footprints(self) -> list[Footprint]:
+        """Ground plans of what stands, from the obstacle points that the world map believes in."""
+        points, _ = self.obstacle_cloud.cloud()
+        sightings, probability = self.obstacle_cloud.sightings, self.world.probability
+        if not len(points) or not probability.size:
+            return []
+        rows, columns = self.world.cell_of(points[:, :2]).T
+        inside = (rows >= 0) & (columns >= 0)
+        inside &= (rows < probability.shape[0]) & (columns < probability.shape[1])
+        believed = np.zeros(len(points), dtype=bool)
+        believed[inside] = probability[rows[inside], columns[inside]] > 0.5
+        return footprints.find(points[believed], self.config.footprints, sightings[believed])
 
     def _depths(self, frame: Frame, watch: Stopwatch) -> Iterator[tuple[str, Depth]]:
         """Every depth image of the frame, whatever sensor it comes from."""

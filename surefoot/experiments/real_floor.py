@@ -44,8 +44,6 @@ def errors(planes: list[tuple[Plane, Plane]]) -> tuple[np.ndarray, np.ndarray]:
 
 def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     """tum_fr3_cabinet: floor against motion capture, and the cabinet fused with the given poses."""
-    from mapping import footprints
-
     path = real_data.folder("tum_fr3_cabinet")
     known = list(real_data.floors(path / "floor.csv").values())
     pairs, last = [], None
@@ -54,8 +52,7 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
         pairs += [(view.floor, truth) for view in estimate.views if view.seen is not None]
     assert last is not None
     angle, height = errors(pairs)
-    points, _ = last.obstacle_cloud.cloud()
-    boxes = footprints.find(points, last.config.footprints, last.obstacle_cloud.sightings)
+    boxes = last.footprints()
     largest = max(boxes, key=lambda box: box.points)
     figures = {
         "tum_fr3_cabinet_deg": float(np.median(angle)),
