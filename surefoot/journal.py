@@ -21,6 +21,8 @@ from .pipeline import Estimate, Pipeline, View
 from .recordings.recording import RecordingInfo
 from .run_folder import RunFolder
 
+UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
+FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", *UPPER, "share", "state")
 VIEW_EVERY_S = 4.0  # pictures for the report: about twenty of a minute's walk
 VIEWS_AT_MOST = 60
 VIEW_WIDTH_PX = 360
@@ -159,9 +161,7 @@ class Journal:
         folder.write_estimates(self._poses)
         folder.write_csv(
             "floor.csv",
-            ("stamp_s", "camera", "nx", "ny", "nz", "height_m")
-            + tuple(f"P{i}{j}" for i in range(3) for j in range(i, 3))
-            + ("share", "state"),
+            FLOOR_HEADER,
             self._floors,
         )
         stages = sorted({name for _, timing in self._timings for name in timing})
