@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -31,15 +32,15 @@ class Plane:
     offset_m: float
     covariance: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.zeros((3, 3)))
 
-    @property
+    @cached_property
     def tangents(self) -> Float[np.ndarray, "2 3"]:
         """Two unit vectors that with the normal make a right-handed frame; a function of n alone."""
-        n = self.normal
-        axis = np.zeros(3)
-        axis[int(np.argmin(np.abs(n)))] = 1.0
-        first = np.cross(n, axis)
-        first /= np.linalg.norm(first)
-        return np.stack([first, np.cross(n, first)])
+        x, y, z = (float(v) for v in self.normal)
+        least = min(range(3), key=lambda i: abs((x, y, z)[i]))
+        a, b, c = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[least]  # n x axis of the least entry
+        length = math.sqrt(a * a + b * b + c * c)
+        a, b, c = a / length, b / length, c / length
+        return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
 
     def distance(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
         """Signed distance of points (..., 3), m; positive on the side the normal points to."""
