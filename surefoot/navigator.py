@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives.obstacle import Obstacle
 from planning import footsteps, guard
 from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.sweep import Sweep
@@ -40,6 +41,7 @@ class Decision:
 
 
 MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
+CELL_M = 0.05  # half a cell's diagonal and the position error of a track
 OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 
 
@@ -75,11 +77,11 @@ class Navigator:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         grid, robot = pipeline.grid, estimate.pose2
         goal = self._goals[self.reached]
-        probability, known, moving = grid.probability, grid.known, grid.moving
+        probability, known = grid.probability, grid.known
         via = self._route.update(probability, ~known, grid.origin, grid.cell_m, robot, goal)
         gaze = self._gaze.next(estimate.stamp_s, robot, via, estimate.obstacles)
-        standing = known & ~moving & (probability >= OCCUPIED)
-        walk, why = self._step(estimate, via, grid.centres()[standing])
+        occupied = grid.centres()[known & (probability >= OCCUPIED)]
+        walk, why = self._step(estimate, via, _not_movers(occupied, estimate.obstacles))
         return Decision(walk, gaze, why)
 
     def _step(
@@ -118,3 +120,15 @@ class Navigator:
             np.array([robot.yaw]),
         )[0]
         return math.atan2(float(direction[1]), float(direction[0]))
+
+
+def _not_movers(
+    cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
+) -> Float[np.ndarray, "m 2"]:
+    """Occupied cells that no moving track accounts for; those that one does the guard rolls out."""
+    free = np.ones(len(cells), dtype=bool)
+    for obstacle in obstacles:
+        if obstacle.moving >= MOVER:
+            gap = np.linalg.norm(cells - obstacle.position, axis=1)
+            free &= gap > obstacle.radius_m + CELL_M
+    return cells[free]
