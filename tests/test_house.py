@@ -1,0 +1,74 @@
+"""The house itself: where packages come from, what their chapter openings hold, what is pinned."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
+MODULES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
+
+
+def name(path: Path) -> str:
+    """Path below the root, for test ids."""
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_each_package_is_the_one_of_this_tree(package):
+    found = importlib.import_module(package).__file__
+    assert found is not None
+    assert Path(found).resolve() == ROOT / package / "__init__.py"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=name)
+def test_every_module_says_what_it_is(path):
+    tree = ast.parse(path.read_text())
+    assert ast.get_docstring(tree)
+    if path.name == "__init__.py":
+        assert len(tree.body) == 1, "a chapter opening holds a docstring and nothing else"
+
+
+def test_no_module_replaces_one_of_the_standard_library():
+    assert {path.stem for path in MODULES} & set(sys.stdlib_module_names) == set()
+
+
+def test_every_public_function_and_class_is_described():
+    silent = []
+    for path in MODULES:
+        if path.stem.endswith("_kernels"):
+            continue
+        for node in ast.parse(path.read_text()).body:
+            described = (ast.FunctionDef, ast.ClassDef)
+            public = isinstance(node, described) and not node.name.startswith("_")
+            if public and not ast.get_docstring(node):
+                silent.append(f"{name(path)}: {node.name}")
+    assert silent == []
+
+
+def test_versions_are_pinned_by_name_and_version_only():
+    lines = (ROOT / "requirements.lock").read_text().splitlines()
+    assert len(lines) > 50
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+==[A-Za-z0-9.]+", line) for line in lines)
+
+
+def test_no_file_names_the_host_of_a_package_index():
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split("\n")
+    hosts = re.compile("|".join(("pypi" + r"\.org", "python" + "hosted", "extra-" + "index-url")))
+    texts = [p for p in listed if p.endswith((".py", ".toml", ".md", ".lock", "Makefile", "run"))]
+    assert [p for p in texts if (ROOT / p).is_file() and hosts.search((ROOT / p).read_text())] == []
+
+
+def test_pybullet_hands_images_over_as_arrays():
+    import pybullet
+
+    assert pybullet.isNumpyEnabled()
