@@ -12,8 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Float32
+from scipy import ndimage
 
+from mapping.egocentric_grid import EgocentricGrid
 from perception.primitives.obstacle import Obstacle
 from planning import footsteps, guard
 from planning.commands import GazeCommand, WalkCommand
@@ -42,6 +44,9 @@ class Decision:
 
 MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
 CELL_M = 0.05  # half a cell's diagonal and the position error of a track
+DEPTH_M = 0.15  # least depth of furniture: how far behind a seen face nobody walks unseen
+HIDDEN = np.float32(0.6)  # probability of what is behind a seen face
+MOVER_COST = np.float32(0.4)  # probability that the search gives to a mover's cell
 OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 
 
@@ -77,11 +82,11 @@ class Navigator:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         grid, robot = pipeline.grid, estimate.pose2
         goal = self._goals[self.reached]
-        probability, known = grid.probability, grid.known
-        via = self._route.update(probability, ~known, grid.origin, grid.cell_m, robot, goal)
+        probability, unknown, occupied = _as_ground(grid)
+        via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
         gaze = self._gaze.next(estimate.stamp_s, robot, via, estimate.obstacles)
-        occupied = grid.centres()[known & (probability >= OCCUPIED)]
-        walk, why = self._step(estimate, via, _not_movers(occupied, estimate.obstacles))
+        standing = _not_movers(grid.centres()[occupied], estimate.obstacles)
+        walk, why = self._step(estimate, via, standing)
         return Decision(walk, gaze, why)
 
     def _step(
@@ -97,7 +102,15 @@ class Navigator:
             desired = footsteps.footstep(
                 self._heading(estimate, via), config.guard.gait.cruise_mps, robot, config.guard.gait
             )
-        walk = guard.choose(desired, estimate.pose, estimate.obstacles, standing, via, config.guard)
+        walk = guard.choose(
+            desired,
+            estimate.pose,
+            estimate.obstacles,
+            standing,
+            via,
+            config.guard,
+            estimate.stamp_s,
+        )
         return walk, why if walk == desired else "guard"
 
     def _heading(self, estimate: Estimate, via: Float[np.ndarray, "2"]) -> float:
@@ -120,6 +133,23 @@ class Navigator:
             np.array([robot.yaw]),
         )[0]
         return math.atan2(float(direction[1]), float(direction[0]))
+
+
+def _as_ground(
+    grid: EgocentricGrid,
+) -> tuple[Float32[np.ndarray, "n n"], Bool[np.ndarray, "n n"], Bool[np.ndarray, "n n"]]:
+    """Probability and unknown cells for the search, and the cells that no step may touch.
+
+    What stands has a depth: unseen cells just behind a seen face count as part of it. What moves will be
+    elsewhere when the robot comes by: for the search it is dear, not solid; the guard sees to it.
+    """
+    probability, known, moving = grid.probability, grid.known, grid.moving
+    occupied = known & (probability >= OCCUPIED)
+    cells = round(DEPTH_M / grid.cell_m)
+    behind = ~known & ndimage.binary_dilation(occupied & ~moving, iterations=cells)
+    probability = np.where(known & moving, np.minimum(probability, MOVER_COST), probability)
+    probability = np.where(behind, HIDDEN, probability).astype(np.float32)
+    return probability, ~known & ~behind, occupied | behind
 
 
 def _not_movers(
