@@ -5,8 +5,6 @@ Absolute times drift with the machine; the ratio of two medians taken in turn do
 
 from __future__ import annotations
 
-import difflib
-import importlib
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from perception.primitives.errors import InputError
+from .. import registry
 
 FILES = {
     "backproject": "backproject",
@@ -69,17 +67,8 @@ def names() -> list[str]:
 
 
 def load(name: str) -> Benchmark:
-    """The benchmark of that name.
-
-    Raises:
-        InputError: No such name; the message has the nearest one.
-    """
-    if name not in FILES:
-        near = difflib.get_close_matches(name, FILES, 1)
-        hint = f"did you mean {near[0]}?" if near else "known are: " + ", ".join(FILES)
-        raise InputError(f"benchmark {name!r} is unknown; {hint}")
-    module = importlib.import_module(f"{__package__}.{FILES[name]}")
-    found: Benchmark = module.BENCHMARK
+    """The benchmark of that name; an unknown one is an InputError with the nearest."""
+    found: Benchmark = registry.load("benchmark", __package__, FILES, name)
     return found
 
 

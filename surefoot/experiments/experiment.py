@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
-import importlib
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from perception.primitives.errors import InputError
+from .. import registry
 
 COMPARE: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -80,17 +78,8 @@ def names() -> list[str]:
 
 
 def load(identity: str) -> Experiment:
-    """The experiment of that id.
-
-    Raises:
-        InputError: No such id; the message has the nearest one.
-    """
-    if identity not in FILES:
-        near = difflib.get_close_matches(identity, FILES, 1)
-        hint = f"did you mean {near[0]}?" if near else "known are: " + ", ".join(FILES)
-        raise InputError(f"experiment {identity!r} is unknown; {hint}")
-    module = importlib.import_module(f"{__package__}.{FILES[identity]}")
-    found: Experiment = module.EXPERIMENT
+    """The experiment of that id; an unknown one is an InputError with the nearest."""
+    found: Experiment = registry.load("experiment", __package__, FILES, identity)
     return found
 
 
