@@ -36,7 +36,9 @@ class TofConfig:
     )
     least_amplitude: float = 0.03  # ours: below it a range is noise; in parts of white_amplitude
     wiggle_m: float = 0.0  # calibrated amplitude of the fourth harmonic, e.g. 0.004; 0 leaves it in
-    stray_share: float = 0.0  # calibrated share of all light that is scattered in the lens, e.g. 0.02
+    stray_share: float = (
+        0.0  # calibrated share of all light that is scattered in the lens, e.g. 0.02
+    )
     stray_px: float = 25.0  # calibrated width of the scattering
     wrap_m: float = 4.997  # c / 2f at 30 MHz: ranges repeat
     graze_deg: float = 3.0  # ours: a 0.4 m high camera sees the floor at 3 m under 7.6 deg
