@@ -107,7 +107,7 @@ class Journal:
 
     def notes(self, pipeline: Pipeline) -> tuple[str, ...]:
         """What the user should know about how the recording was used."""
-        found = [row for row in self._floors if row[-1] == "seen"]
+        found = {row[0] for row in self._floors if row[-1] == "seen"}
         said = [f"floor seen in {len(found)} of {self.frames} frames"]
         if not self._poses:
             said.append(
