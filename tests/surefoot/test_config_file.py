@@ -1,0 +1,83 @@
+"""Configuration files: complete, exact, and strict about what they do not know."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.primitives.errors import ConfigError, InputError
+from surefoot import config_file
+from surefoot.config import Config, MissionConfig, load
+
+
+@given(
+    st.integers(0, 10**6),
+    st.floats(1e-3, 1e3, allow_nan=False),
+    st.booleans(),
+    st.sampled_from(["auto", "egl", "tiny"]),
+)
+def test_what_is_written_reads_back_to_the_same_bits(seed, tolerance_m, pairs, renderer):
+    config = dataclasses.replace(
+        Config(),
+        seed=seed,
+        renderer=renderer,
+        mission=MissionConfig(tolerance_m=tolerance_m),
+        robot=dataclasses.replace(Config().robot, image_pairs=pairs),
+    )
+    assert config_file.parse(Config, tomllib.loads(config_file.dumps(config))) == config
+
+
+def test_every_value_is_written_so_that_no_default_can_change_a_run():
+    written = tomllib.loads(config_file.dumps(Config()))
+    assert set(written) == {field.name for field in dataclasses.fields(Config)}
+    assert written["grid"]["evidence"]["limit"] == Config().grid.evidence.limit
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"sead": 1}, "did you mean seed"),
+        ({"grid": {"cel_m": 0.1}}, "grid.cel_m; did you mean cell_m"),
+        ({"seed": "one"}, "seed='one': expected a whole number"),
+        ({"seed": True}, "seed=True: expected a whole number"),
+        ({"mission": {"tolerance_m": float("nan")}}, "expected a finite number"),
+        ({"mission": 3}, r"expected a table \[mission\]"),
+        ({"mission": {"goals": 0}}, r"\[mission\] mission: goals=0 must be at least 1"),
+        ({"robot": {"tof_mount_m": [0.0, 0.1]}}, "expected 3 values"),
+        ({"robot": {"tof_mount_m": 0.1}}, "expected a list"),
+        ({"renderer": "gpu"}, "choose auto, egl or tiny"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_place(table, said):
+    with pytest.raises(ConfigError, match=said):
+        config_file.parse(Config, table)
+
+
+def test_a_whole_number_serves_where_a_number_is_wanted():
+    config = config_file.parse(Config, {"mission": {"time_limit_s": 60}})
+    assert config.mission.time_limit_s == 60.0
+    assert isinstance(config.mission.time_limit_s, float)
+
+
+def test_single_values_change_on_the_command_line_and_nothing_else_does():
+    config = load(None, ["grid.cell_m=0.05", "renderer=tiny", "robot.stereo=false"], seed=4)
+    assert (config.renderer, config.robot.stereo, config.seed) == ("tiny", False, 4)
+    assert dataclasses.replace(config.robot, stereo=True) == Config().robot
+
+
+def test_a_file_that_is_not_toml_is_named(tmp_path):
+    path = tmp_path / "broken.toml"
+    path.write_text("[grid\n")
+    with pytest.raises(InputError, match=r"broken\.toml is not TOML"):
+        load(path)
+
+
+def test_an_error_in_a_file_begins_with_the_file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[tracker]\nhits_to_show = 0\n")
+    with pytest.raises(ConfigError, match=r"mine\.toml: \[tracker\]"):
+        load(path)
