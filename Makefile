@@ -42,7 +42,8 @@ lint: $(READY)  ## style, types, import contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(READY)  ## hot paths against their peers
+bench: $(READY)  ## hot paths against their peers, which it installs
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]'
 	$(BIN)/surefoot bench
 
 clean:  ## forget the environment and all caches; runs stay

@@ -15,8 +15,15 @@ import numpy as np
 from .. import registry
 
 FILES = {
+    "stereo": "stereo",
     "backproject": "backproject",
     "plane": "plane",
+    "grid": "grid",
+    "ukf": "ukf",
+    "astar": "astar",
+    "mdghm": "mdghm",
+    "panorama": "panorama",
+    "smoother": "smoother",
 }
 """Where each benchmark lives: name to file of this folder."""
 

@@ -18,8 +18,23 @@ COMPARE: dict[str, Callable[[float, float], bool]] = {
 }
 
 FILES = {
+    "003-E1": "floor_range",
+    "003-E2": "stereo_range",
+    "003-E3": "grid_shift",
+    "003-E4": "path_search",
+    "003-E5": "path_smoothing",
+    "003-E6": "wandering",
+    "003-E7": "texture_limit",
+    "003-walls": "walls",
+    "INT-3": "floor_methods",
     "home": "home",
+    "localisation": "localisation",
+    "mrclam": "mrclam",
     "real-floor": "real_floor",
+    "real-stereo": "real_stereo",
+    "real-planes": "real_planes",
+    "004-features": "feature_study",
+    "real-panorama": "real_panorama",
 }
 """Where each experiment lives: id to file of this folder. Ids are those of the specification."""
 
