@@ -96,19 +96,42 @@ class LocaliserConfig:
 
 
 @dataclass(frozen=True)
+class Innovation:
+    """What one sighting said against what was expected.
+
+    Args:
+        identity: Of the landmark; None where it was not told.
+        whitened: (2,), measured minus expected divided by the Cholesky root of its covariance: two
+            standard normal numbers if the filter is consistent.
+    """
+
+    identity: int | None
+    whitened: Float[np.ndarray, "2"]
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared, chi-square with two degrees of freedom if consistent."""
+        return float(self.whitened @ self.whitened)
+
+
+@dataclass(frozen=True)
 class UpdateReport:
     """What became of the sightings of one frame.
 
     Args:
         accepted: How many were used.
         rejected: How many were not: unknown, ambiguous, not finite, or outside the gate.
-        nis: Normalised innovation squared of every sighting whose landmark was told, used or not, each
-            chi-square with two degrees of freedom if the filter is consistent.
+        innovations: Of every sighting whose landmark was told, used or not.
     """
 
     accepted: int
     rejected: int
-    nis: list[float]
+    innovations: list[Innovation]
+
+    @property
+    def nis(self) -> list[float]:
+        """Normalised innovation squared of each, chi-square with two degrees of freedom if consistent."""
+        return [innovation.nis for innovation in self.innovations]
 
 
 class PoseFilter:
@@ -185,47 +208,48 @@ class PoseFilter:
         the pose that two sightings agree on, or else its covariance grows until some are accepted again.
         """
         accepted: list[tuple[Sighting, np.ndarray]] = []
-        nis: list[float] = []
+        innovations: list[Innovation] = []
         for sighting in sightings:
-            place, distance = self._recognise(sighting)
-            if distance is not None:
-                nis.append(distance)
+            place, innovation = self._recognise(sighting)
+            if innovation is not None:
+                innovations.append(innovation)
             if place is not None:
                 accepted.append((sighting, place))
         if accepted:
             self._learn(accepted)
-        if 2 * len(accepted) > len(nis):
+        if 2 * len(accepted) > len(innovations):
             self._frames_rejected = 0
-        elif nis:
+        elif innovations:
             self._doubt(sightings)
-        return UpdateReport(len(accepted), len(sightings) - len(accepted), nis)
+        return UpdateReport(len(accepted), len(sightings) - len(accepted), innovations)
 
-    def _recognise(self, sighting: Sighting) -> tuple[np.ndarray | None, float | None]:
-        """The place of the landmark, None if it is not acceptable, and its NIS, None if not told."""
+    def _recognise(self, sighting: Sighting) -> tuple[np.ndarray | None, Innovation | None]:
+        """The place of the landmark, None if not acceptable, and the innovation, None if not told."""
         if not _is_finite(sighting):
             return None, None
         if sighting.identity is not None:
             place = self._places.get(sighting.identity)
             if place is None:
                 return None, None
-            distance = self._distance(sighting, place)
-            return (place if distance <= self._gate else None), distance
+            innovation = self._innovation(sighting, place)
+            return (place if innovation.nis <= self._gate else None), innovation
         near = [
-            (distance, place)
+            (place, innovation)
             for place in self._places.values()
-            if (distance := self._distance(sighting, place)) <= self._gate
+            if (innovation := self._innovation(sighting, place)).nis <= self._gate
         ]
-        return (near[0][1], near[0][0]) if len(near) == 1 else (None, None)
+        return near[0] if len(near) == 1 else (None, None)
 
-    def _distance(self, sighting: Sighting, place: np.ndarray) -> float:
-        """Normalised innovation squared of one sighting, if it were of the landmark at this place."""
+    def _innovation(self, sighting: Sighting, place: np.ndarray) -> Innovation:
+        """Of one sighting, if it were of the landmark at this place."""
         points, sigma = self._filter.sigmas_f, range_sigmas([sighting])
         seen = np.array([models.sighted(point, place[None], sigma) for point in points])
         mean = models.sighting_mean(seen, self._filter.Wm)
         spread = np.array([models.sighting_difference(row, mean) for row in seen])
         S = spread.T @ (self._filter.Wc[:, None] * spread) + sighting.covariance
-        innovation = models.sighting_difference(sighting.measured, mean)
-        return float(innovation @ np.linalg.solve(models.positive(S), innovation))
+        root = np.linalg.cholesky(models.positive(S))
+        difference = models.sighting_difference(sighting.measured, mean)
+        return Innovation(sighting.identity, np.linalg.solve(root, difference))
 
     def _learn(self, accepted: list[tuple[Sighting, np.ndarray]]) -> None:
         measured = np.concatenate([sighting.measured for sighting, _ in accepted])
