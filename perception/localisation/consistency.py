@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,35 @@ from scipy.special import gammaincinv
 
 from ..primitives.errors import InputError
 from .models import wrap_angles
+
+
+@dataclass(frozen=True)
+class Innovation:
+    """What one measurement said against what was expected.
+
+    Args:
+        identity: Number of the landmark, or of the track; None where it was not told.
+        whitened: (d,), measured minus expected, divided by the Cholesky root of its covariance: d standard
+            normal numbers if the filter is consistent.
+    """
+
+    identity: int | None
+    whitened: Float[np.ndarray, "d"]
+
+    @classmethod
+    def of(
+        cls,
+        identity: int | None,
+        difference: Float[np.ndarray, "d"],
+        covariance: Float[np.ndarray, "d d"],
+    ) -> Innovation:
+        """Whiten a difference by its covariance, which must be positive definite."""
+        return cls(identity, np.linalg.solve(np.linalg.cholesky(covariance), difference))
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared, chi-square with d degrees of freedom if consistent."""
+        return float(self.whitened @ self.whitened)
 
 
 def nees(

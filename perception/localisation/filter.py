@@ -27,7 +27,7 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
 from . import models
-from .consistency import chi_square_quantile
+from .consistency import Innovation, chi_square_quantile
 from .models import DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .relocation import pose_from_sightings
 
@@ -93,25 +93,6 @@ class LocaliserConfig:
             raise ConfigError(
                 f"localiser: rejected_frames={self.rejected_frames} must be at least 1"
             )
-
-
-@dataclass(frozen=True)
-class Innovation:
-    """What one sighting said against what was expected.
-
-    Args:
-        identity: Of the landmark; None where it was not told.
-        whitened: (2,), measured minus expected divided by the Cholesky root of its covariance: two
-            standard normal numbers if the filter is consistent.
-    """
-
-    identity: int | None
-    whitened: Float[np.ndarray, "2"]
-
-    @property
-    def nis(self) -> float:
-        """Normalised innovation squared, chi-square with two degrees of freedom if consistent."""
-        return float(self.whitened @ self.whitened)
 
 
 @dataclass(frozen=True)
@@ -247,9 +228,8 @@ class PoseFilter:
         mean = models.sighting_mean(seen, self._filter.Wm)
         spread = np.array([models.sighting_difference(row, mean) for row in seen])
         S = spread.T @ (self._filter.Wc[:, None] * spread) + sighting.covariance
-        root = np.linalg.cholesky(models.positive(S))
         difference = models.sighting_difference(sighting.measured, mean)
-        return Innovation(sighting.identity, np.linalg.solve(root, difference))
+        return Innovation.of(sighting.identity, difference, models.positive(S))
 
     def _learn(self, accepted: list[tuple[Sighting, np.ndarray]]) -> None:
         measured = np.concatenate([sighting.measured for sighting, _ in accepted])
