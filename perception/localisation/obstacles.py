@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import Obstacle
-from .consistency import chi_square_quantile
+from .consistency import Innovation, chi_square_quantile
 from .track import Detection, Track, TrackConfig
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
@@ -76,7 +76,8 @@ class ObstacleTracker:
         self._born = 0
         self._stamp_s: float | None = None
         self._gate = chi_square_quantile(self.config.gate_probability, 2)
-        self.nis: list[float] = []
+        self.innovations: list[Innovation] = []
+        """Of this frame's sightings, numbered by track; given out for judging consistency."""
 
     @property
     def obstacles(self) -> list[Obstacle]:
@@ -116,10 +117,11 @@ class ObstacleTracker:
             life.track.predict(dt, robot)
         usable = [seen for seen in detections if self._usable(seen)]
         given = self._associate(usable, dt)
-        self.nis = []
+        self.innovations = []
         for index, choice in given.items():
             life = self._lives[index]
-            self.nis.append(life.track.update(usable[choice]))
+            surprise = life.track.update(usable[choice])
+            self.innovations.append(Innovation(life.number, surprise.whitened))
             life.seen_s, life.hits, life.misses = stamp_s, life.hits + 1, 0
         self._miss(set(given), visible)
         self._lives = [life for life in self._lives if self._lives_on(life, stamp_s)]

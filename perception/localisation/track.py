@@ -10,7 +10,12 @@ Whether the thing moves at all is asked of the same filter: "it stands" is the h
 the weight of evidence is the ratio of its density at v = 0 after and before the sightings (Dickey's
 ratio). No second filter is needed, and a drift that the viewpoint explains is no evidence.
 
-Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours.
+While it is out of sight it may have turned back, once or several times: its velocity becomes a random
+telegraph signal, whose first two moments the filter carries (a decaying mean and a covariance that keeps the
+speed). What stands is believed to stand where it was seen last.
+
+Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours;
+telegraph signal: Papoulis, "Probability, Random Variables and Stochastic Processes" (1965), section 9-2.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
+from .consistency import Innovation
 from .models import positive, spread, square_root
 
 SIZE = 7
@@ -46,6 +52,7 @@ class TrackConfig:
     memory_s: float = 20.0  # ours: once seen moving, believed able to, for about this long
     start_probability: float = 0.001  # ours: per frame, that something standing starts
     turn_probability: float = 0.02  # navigation trials: movers turn every 15 to 25 s, 50 frames
+    turn_every_s: float = 20.0  # navigation trials: the same, for what is out of sight
     notice_s: float = 1.0  # ours: how long ago a turn may have been when it is noticed
     travel_share: float = 0.4  # ours: nothing moves that has not left its place by so many radii
 
@@ -56,6 +63,7 @@ class TrackConfig:
             "view_memory_s",
             "memory_s",
             "notice_s",
+            "turn_every_s",
         ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -96,6 +104,8 @@ class Track:
         self.height_m = seen.height_m
         self._robot = robot
         self._evidence = -_REMEMBERED
+        self._in_sight = True  # whether the last frame showed it
+        self._still: Gaussian | None = None  # if it stands: as of when it went out of sight
         self._state: Gaussian | None = None
         self._expected: Gaussian | None = None
         self._lag = np.zeros(2)
@@ -138,21 +148,26 @@ class Track:
 
     def _mixed(self) -> Gaussian:
         mean, P = self._filter.x[:4], self._filter.P[:4, :4]
+        still = self._if_it_stands() if self._still is None else self._still
         moving = self.moving
-        gain = np.linalg.solve(P[2:, 2:], P[2:, :]).T  # of a sighting v = 0 without noise
-        still_mean = mean - gain @ mean[2:]
-        still_P = P - gain @ P[2:, :]
-        still_mean[2:] = 0.0
-        still_P[2:, :] = still_P[:, 2:] = 0.0
-        mixed = moving * mean + (1.0 - moving) * still_mean
-        between = mean - still_mean
+        mixed = moving * mean + (1.0 - moving) * still.mean
+        between = mean - still.mean
         covariance = (
             moving * P
-            + (1.0 - moving) * still_P
+            + (1.0 - moving) * still.covariance
             + moving * (1.0 - moving) * np.outer(between, between)
         )
         covariance[2:, 2:] += np.eye(2) * 1e-8  # nothing stands quite still
         return Gaussian(mixed, positive(covariance))
+
+    def _if_it_stands(self) -> Gaussian:
+        """The state after a sighting v = 0 without noise."""
+        mean, P = self._filter.x[:4], self._filter.P[:4, :4]
+        gain = np.linalg.solve(P[2:, 2:], P[2:, :]).T
+        still, still_P = mean - gain @ mean[2:], P - gain @ P[2:, :]
+        still[2:] = 0.0
+        still_P[2:, :] = still_P[:, 2:] = 0.0
+        return Gaussian(still, still_P)
 
     def predict(self, dt: float, robot: Gaussian) -> None:
         """Advance by dt seconds; the robot's pose is now this one.
@@ -162,12 +177,22 @@ class Track:
         self._robot = robot
         keep = math.exp(-dt / self.config.view_memory_s)
         F = np.eye(SIZE)
-        F[0, 2] = F[1, 3] = dt
         F[4, 4] = F[5, 5] = F[6, 6] = keep
         Q = np.zeros((SIZE, SIZE))
-        pushed = np.array([[dt * dt / 2, 0], [0, dt * dt / 2], [dt, 0], [0, dt]])
-        Q[:4, :4] = pushed @ pushed.T * self.config.acceleration_mps2**2
         Q[VIEW, VIEW] = (1.0 - keep**2) * self._view_covariance()
+        if self._in_sight or dt == 0.0:
+            F[0, 2] = F[1, 3] = dt
+            pushed = np.array([[dt * dt / 2, 0], [0, dt * dt / 2], [dt, 0], [0, dt]])
+            Q[:4, :4] = pushed @ pushed.T * self.config.acceleration_mps2**2
+        else:
+            if self._still is None:
+                self._still = self._if_it_stands()
+            velocity = self._filter.x[VELOCITY]
+            power = np.outer(velocity, velocity) + self._filter.P[VELOCITY, VELOCITY]
+            move, decay, noise = turning(dt, self.config.turn_every_s)
+            F[:4, :4] = np.kron(np.array([[1.0, move], [0.0, decay]]), np.eye(2))
+            Q[:4, :4] = np.kron(noise, power)
+        self._in_sight = False
         self._filter.x = F @ self._filter.x
         self._filter.P = positive(F @ self._filter.P @ F.T + Q)
         self._evidence -= _REMEMBERED * dt / self.config.memory_s
@@ -187,17 +212,18 @@ class Track:
         turned = np.eye(2) * 2.0 * (self.config.speed_sigma_mps * turned_s) ** 2
         return Gaussian(self._expected.mean, self._expected.covariance + turned)
 
-    def update(self, seen: Detection) -> float:
-        """Learn from a detection; returns its normalised innovation squared, chi-square with 2.
+    def update(self, seen: Detection) -> Innovation:
+        """Learn from a detection; returns how it surprised.
 
         Innovations that add up in one direction say that the thing turned or stopped: what is known of
         its velocity is forgotten, that it moves is not.
         """
         expected = self.expected()
-        innovation = seen.position - expected.mean
-        S = expected.covariance + seen.covariance
-        nis = float(innovation @ np.linalg.solve(S, innovation))
-        self._lag = _LAG * self._lag + np.linalg.solve(np.linalg.cholesky(S), innovation)
+        innovation = Innovation.of(
+            None, seen.position - expected.mean, expected.covariance + seen.covariance
+        )
+        self._in_sight, self._still = True, None
+        self._lag = _LAG * self._lag + innovation.whitened
         chance = self.config.start_probability + self.moving * self.config.turn_probability
         if (1.0 - _LAG**2) * float(self._lag @ self._lag) > -2.0 * math.log(chance):
             self._forget_velocity()
@@ -209,7 +235,7 @@ class Track:
         self._travelled = max(self._travelled, away)
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         self.height_m = max(seen.height_m, self.height_m)
-        return nis
+        return innovation
 
     def _forget_velocity(self) -> None:
         """It turned within the last moments: any velocity again, and any place that follows from it."""
@@ -248,6 +274,27 @@ _REMEMBERED = 5.0
 
 _LAG = 0.7
 """What is kept from frame to frame of the sum of innovations that shows a turn."""
+
+
+def turning(dt: float, every_s: float) -> tuple[float, float, Float[np.ndarray, "2 2"]]:
+    """A speed whose sign flips at random, on average every so many seconds: its moments after dt.
+
+    Args:
+        dt: s.
+        every_s: Mean time between flips, s.
+
+    Returns:
+        What the old velocity adds to the mean place (s) and leaves of the mean velocity, and the covariance
+        of (place, velocity) that flips add, for a velocity whose mean square is 1: with a = 2 / every_s and
+        e = exp(-a dt), the place has variance 2 (a dt - 1 + e) / a^2 - ((1 - e) / a)^2, the velocity
+        1 - e^2, and both (1 - e)/a - e (1 - e)/a.
+    """
+    a = 2.0 / every_s
+    e = math.exp(-a * dt)
+    move = -math.expm1(-a * dt) / a
+    place = max(2.0 * (dt - move) / a - move**2, 0.0)
+    both = move - e * move
+    return move, e, np.array([[place, both], [both, 1.0 - e * e]])
 
 
 def relative_position(state: np.ndarray, robot: np.ndarray) -> tuple[Any, Any]:

@@ -16,7 +16,7 @@ from hypothesis.extra.numpy import arrays
 from perception.localisation.consistency import band
 from perception.localisation.models import spread
 from perception.localisation.obstacles import ObstacleTracker, TrackerConfig, match
-from perception.localisation.track import Detection, Track, TrackConfig, relative_position
+from perception.localisation.track import Detection, Track, TrackConfig, relative_position, turning
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -221,6 +221,63 @@ def test_a_single_glimpse_is_not_believed():
     for k in range(1, 3):
         tracker.update(0.3 * k, [seen_at(1.0, 0.0)], SURE)
     assert [o.track for o in tracker.obstacles] == [1]
+
+
+def test_the_moments_of_a_turning_speed_are_those_of_simulated_ones():
+    rng = np.random.default_rng(5)
+    dt, every_s, n = 0.02, 3.0, 20000
+    sign, place = np.ones(n), np.zeros(n)
+    for _ in range(200):  # 4 s
+        place += 0.5 * dt * sign
+        sign = np.where(rng.random(n) < dt / every_s, -sign, sign)
+        place += 0.5 * dt * sign
+    move, decay, noise = turning(4.0, every_s)
+    assert move == pytest.approx(place.mean(), abs=0.05)
+    assert decay == pytest.approx(sign.mean(), abs=0.03)
+    np.testing.assert_allclose(noise, np.cov(place, sign), rtol=0.04)
+
+
+def test_out_of_sight_a_mover_may_have_turned_and_its_covariance_says_so():
+    """Movers that turn at random every 20 s, seen for 8 s and lost for 4 to 16 s."""
+    rng = np.random.default_rng(2)
+    place_nees = []
+    for _ in range(150):
+        tracker = ObstacleTracker(TrackerConfig(largest_sigma_m=5.0))
+        heading = rng.uniform(0, 2 * math.pi)
+        velocity = rng.uniform(0.03, 0.1) * np.array([math.cos(heading), math.sin(heading)])
+        place = np.array([1.0, 0.0]) + rng.normal(size=2) * 0.3
+        lost_s = rng.uniform(4.0, 16.0)
+        for k in range(1, int((8.0 + lost_s) / 0.325)):
+            t = 0.325 * k
+            place = place + 0.325 * velocity
+            seen = t < 8.0
+            if not seen and rng.random() < 0.325 / 20.0:
+                velocity = -velocity
+            found = [seen_at(*(place + rng.normal(size=2) * NOISE_M))] if seen else []
+            tracker.update(t, found, SURE)
+        (told,) = tracker.obstacles
+        place_nees.append(
+            Gaussian(told.state.mean[:2], told.state.covariance[:2, :2]).mahalanobis_squared(place)
+        )
+    # heavier tails than a Gaussian: either gone straight on, or all the way back
+    assert 1.2 < np.mean(place_nees) < 3.0
+    assert np.mean(np.array(place_nees) < 5.99) > 0.88
+
+
+def test_what_stands_is_still_where_it_was_seen_last():
+    rng = np.random.default_rng(3)
+    tracker = ObstacleTracker()
+    for k in range(40):
+        tracker.update(
+            0.3 * k, [seen_at(*(np.array([1.0, 0.2]) + rng.normal(size=2) * 0.01))], SURE
+        )
+    (before,) = tracker.obstacles
+    for k in range(40, 100):
+        tracker.update(0.3 * k, [], SURE)
+    (after,) = tracker.obstacles
+    assert after.moving < 0.1
+    np.testing.assert_allclose(after.position, before.position, atol=2e-3)
+    assert np.linalg.eigvalsh(after.state.covariance[:2, :2])[-1] < 0.03**2
 
 
 def test_nothing_is_remembered_for_ever():
