@@ -116,7 +116,7 @@ class ObstacleTracker:
         for life in self._lives:
             life.track.predict(dt, robot)
         usable = [seen for seen in detections if self._usable(seen)]
-        given = self._associate(usable, dt)
+        given = self._associate(usable)
         self.innovations = []
         for index, choice in given.items():
             life = self._lives[index]
@@ -137,16 +137,16 @@ class ObstacleTracker:
         finite = np.all(np.isfinite(seen.position)) and np.all(np.isfinite(seen.covariance))
         return bool(finite) and 0.0 <= seen.radius_m <= self.config.max_radius_m
 
-    def _associate(self, detections: Sequence[Detection], dt: float) -> dict[int, int]:
+    def _associate(self, detections: Sequence[Detection]) -> dict[int, int]:
         """Track index to detection index, one to one; those who may have turned come second."""
         given: dict[int, int] = {}
-        for turned_s in (0.0, dt):
+        for turned in (False, True):
             rows = [i for i in range(len(self._lives)) if i not in given]
             taken = set(given.values())
             columns = [j for j in range(len(detections)) if j not in taken]
             if not rows or not columns:
                 break
-            expected = [self._lives[i].track.expected(turned_s) for i in rows]
+            expected = [self._lives[i].track.expected(turned) for i in rows]
             cost = distances(expected, [detections[j] for j in columns])
             for row, column in match(cost, self._gate):
                 given[rows[row]] = columns[column]

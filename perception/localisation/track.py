@@ -10,9 +10,10 @@ Whether the thing moves at all is asked of the same filter: "it stands" is the h
 the weight of evidence is the ratio of its density at v = 0 after and before the sightings (Dickey's
 ratio). No second filter is needed, and a drift that the viewpoint explains is no evidence.
 
-While it is out of sight it may have turned back, once or several times: its velocity becomes a random
-telegraph signal, whose first two moments the filter carries (a decaying mean and a covariance that keeps the
-speed). What stands is believed to stand where it was seen last.
+While it is out of sight it may have turned back, once or several times. The filter goes straight on; the
+state that is told is a mixture of that and of a random telegraph signal, and when the thing is seen again
+the likelier of the two is carried on. What stands is believed to stand where it was seen last. Whether it moves
+is not learnt from not seeing it, but from where it is when it is seen again.
 
 Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours;
 telegraph signal: Papoulis, "Probability, Random Variables and Stochastic Processes" (1965), section 9-2.
@@ -104,8 +105,8 @@ class Track:
         self.height_m = seen.height_m
         self._robot = robot
         self._evidence = -_REMEMBERED
-        self._in_sight = True  # whether the last frame showed it
-        self._still: Gaussian | None = None  # if it stands: as of when it went out of sight
+        self._unseen_s = 0.0
+        self._still: Gaussian | None = None  # if it stands: as it was seen last
         self._state: Gaussian | None = None
         self._expected: Gaussian | None = None
         self._lag = np.zeros(2)
@@ -147,82 +148,91 @@ class Track:
         return self._state
 
     def _mixed(self) -> Gaussian:
-        mean, P = self._filter.x[:4], self._filter.P[:4, :4]
-        still = self._if_it_stands() if self._still is None else self._still
-        moving = self.moving
-        mixed = moving * mean + (1.0 - moving) * still.mean
-        between = mean - still.mean
-        covariance = (
-            moving * P
-            + (1.0 - moving) * still.covariance
-            + moving * (1.0 - moving) * np.outer(between, between)
-        )
-        covariance[2:, 2:] += np.eye(2) * 1e-8  # nothing stands quite still
-        return Gaussian(mixed, positive(covariance))
+        """Standing, gone straight on, turned since it was seen: by their weights, with their spread.
 
-    def _if_it_stands(self) -> Gaussian:
-        """The state after a sighting v = 0 without noise."""
-        mean, P = self._filter.x[:4], self._filter.P[:4, :4]
-        gain = np.linalg.solve(P[2:, 2:], P[2:, :]).T
-        still, still_P = mean - gain @ mean[2:], P - gain @ P[2:, :]
-        still[2:] = 0.0
-        still_P[2:, :] = still_P[:, 2:] = 0.0
-        return Gaussian(still, still_P)
+        A turn in view is noticed late, so that the last moments count as unseen.
+        """
+        straight = Gaussian(self._filter.x, self._filter.P)
+        since = turning(self._unseen_s + self.config.notice_s, self.config.turn_every_s)
+        parts = (
+            (1.0 - self.moving, self._still or _stopped(straight)),
+            (self.moving * since.straight, straight),
+            (self.moving * (1.0 - since.straight), _turned(straight, since)),
+        )
+        mean = np.sum([weight * part.mean[:4] for weight, part in parts], axis=0)
+        covariance = np.zeros((4, 4))
+        for weight, part in parts:
+            away = part.mean[:4] - mean
+            covariance += weight * (part.covariance[:4, :4] + np.outer(away, away))
+        covariance[2:, 2:] += np.eye(2) * 1e-8  # nothing stands quite still
+        return Gaussian(mean, positive(covariance))
 
     def predict(self, dt: float, robot: Gaussian) -> None:
-        """Advance by dt seconds; the robot's pose is now this one.
+        """Advance by dt seconds, straight on; the robot's pose is now this one.
 
         The motion is linear, so that matrices give what sigma points would.
         """
         self._robot = robot
+        if self._unseen_s == 0.0 and dt > 0.0:
+            self._still = _stopped(Gaussian(self._filter.x, self._filter.P))
+            self._evidence -= _REMEMBERED * dt / self.config.memory_s
         keep = math.exp(-dt / self.config.view_memory_s)
         F = np.eye(SIZE)
+        F[0, 2] = F[1, 3] = dt
         F[4, 4] = F[5, 5] = F[6, 6] = keep
         Q = np.zeros((SIZE, SIZE))
-        Q[VIEW, VIEW] = (1.0 - keep**2) * self._view_covariance()
-        if self._in_sight or dt == 0.0:
-            F[0, 2] = F[1, 3] = dt
+        if self._unseen_s == 0.0:  # out of sight what it may do is told by `turning`
             pushed = np.array([[dt * dt / 2, 0], [0, dt * dt / 2], [dt, 0], [0, dt]])
             Q[:4, :4] = pushed @ pushed.T * self.config.acceleration_mps2**2
-        else:
-            if self._still is None:
-                self._still = self._if_it_stands()
-            velocity = self._filter.x[VELOCITY]
-            power = np.outer(velocity, velocity) + self._filter.P[VELOCITY, VELOCITY]
-            move, decay, noise = turning(dt, self.config.turn_every_s)
-            F[:4, :4] = np.kron(np.array([[1.0, move], [0.0, decay]]), np.eye(2))
-            Q[:4, :4] = np.kron(noise, power)
-        self._in_sight = False
+        Q[VIEW, VIEW] = (1.0 - keep**2) * self._view_covariance()
         self._filter.x = F @ self._filter.x
         self._filter.P = positive(F @ self._filter.P @ F.T + Q)
-        self._evidence -= _REMEMBERED * dt / self.config.memory_s
+        if self._still is not None:
+            F[0, 2] = F[1, 3] = 0.0
+            Q[:4, :4] = 0.0
+            self._still = Gaussian(F @ self._still.mean, F @ self._still.covariance @ F.T + Q)
+        self._unseen_s += dt
         self._draw()
 
-    def expected(self, turned_s: float = 0.0) -> Gaussian:
+    def expected(self, turned: bool = False) -> Gaussian:
         """Where it should be seen: Gaussian over the position in the body frame, m, before sensor noise.
 
         Args:
-            turned_s: If positive, it may have changed its velocity altogether that long ago, s.
+            turned: If it did not go straight on since it was seen, and has just taken up any velocity.
         """
-        if self._expected is None:
-            points = np.stack(relative_position(self._filter.sigmas_f.T, self._robot.mean), axis=-1)
-            mean = self._filter.Wm @ points
-            spread = points - mean
-            self._expected = Gaussian(mean, spread.T @ (self._filter.Wc[:, None] * spread))
-        turned = np.eye(2) * 2.0 * (self.config.speed_sigma_mps * turned_s) ** 2
-        return Gaussian(self._expected.mean, self._expected.covariance + turned)
+        if not turned:
+            if self._expected is None:
+                self._expected = self._seen_from_body(self._filter.sigmas_f)
+            return self._expected
+        found = self._seen_from_body(self._sigma_points(self._if_turned()))
+        fresh = 2.0 * (self.config.speed_sigma_mps * min(self._unseen_s, self.config.notice_s)) ** 2
+        return Gaussian(found.mean, found.covariance + fresh * np.eye(2))
+
+    def _seen_from_body(self, points: np.ndarray) -> Gaussian:
+        places = np.stack(relative_position(points.T, self._robot.mean), axis=-1)
+        mean = self._filter.Wm @ places
+        spread = places - mean
+        return Gaussian(mean, spread.T @ (self._filter.Wc[:, None] * spread))
+
+    def _if_turned(self) -> Gaussian:
+        """The filter's state if it turned since it was seen."""
+        since = turning(self._unseen_s, self.config.turn_every_s)
+        return _turned(Gaussian(self._filter.x, self._filter.P), since)
 
     def update(self, seen: Detection) -> Innovation:
         """Learn from a detection; returns how it surprised.
 
-        Innovations that add up in one direction say that the thing turned or stopped: what is known of
-        its velocity is forgotten, that it moves is not.
+        What was out of sight is asked first whether it turned meanwhile. Innovations that add up in one
+        direction say that the thing turned or stopped in view: what is known of its velocity is forgotten,
+        that it moves is not.
         """
+        if self._unseen_s > self.config.notice_s:
+            self._settle_turn(seen)
         expected = self.expected()
         innovation = Innovation.of(
             None, seen.position - expected.mean, expected.covariance + seen.covariance
         )
-        self._in_sight, self._still = True, None
+        self._unseen_s, self._still = 0.0, None
         self._lag = _LAG * self._lag + innovation.whitened
         chance = self.config.start_probability + self.moving * self.config.turn_probability
         if (1.0 - _LAG**2) * float(self._lag @ self._lag) > -2.0 * math.log(chance):
@@ -236,6 +246,30 @@ class Track:
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         self.height_m = max(seen.height_m, self.height_m)
         return innovation
+
+    def _settle_turn(self, seen: Detection) -> None:
+        """Seen again: take the likelier, gone straight on or turned, and weigh both against standing."""
+        since = turning(self._unseen_s, self.config.turn_every_s)
+        turned = self._if_turned()
+        went = self._log_density(seen, self.expected()) + math.log(since.straight)
+        came = self._log_density(seen, self._seen_from_body(self._sigma_points(turned)))
+        came += math.log1p(-since.straight)
+        if self._still is not None:
+            stood = self._log_density(seen, self._seen_from_body(self._sigma_points(self._still)))
+            moved = float(np.logaddexp(went, came))
+            self._evidence = min(self._evidence, _REMEMBERED) + moved - stood
+        if came > went:
+            self._filter.x, self._filter.P = turned.mean, positive(turned.covariance)
+            self._lag = np.zeros(2)
+            self._draw()
+
+    def _log_density(self, seen: Detection, expected: Gaussian) -> float:
+        """Of a detection, broadened by the chance of one (1 %) that has nothing to do with the thing."""
+        S = expected.covariance + seen.covariance
+        away = seen.position - expected.mean
+        density = math.exp(-0.5 * float(away @ np.linalg.solve(S, away)))
+        density /= 2.0 * math.pi * math.sqrt(float(np.linalg.det(S)))
+        return math.log(0.99 * density + 0.01 * _ANYWHERE)
 
     def _forget_velocity(self) -> None:
         """It turned within the last moments: any velocity again, and any place that follows from it."""
@@ -266,35 +300,81 @@ class Track:
     def _draw(self) -> None:
         """Sigma points for the next use of the filter; what was derived from older ones is void."""
         self._state = self._expected = None
-        self._filter.sigmas_f = self._filter.points_fn.sigma_points(self._filter.x, self._filter.P)
+        self._filter.sigmas_f = self._sigma_points(Gaussian(self._filter.x, self._filter.P))
+
+    def _sigma_points(self, state: Gaussian) -> np.ndarray:
+        return np.asarray(
+            self._filter.points_fn.sigma_points(state.mean, positive(state.covariance))
+        )
 
 
 _REMEMBERED = 5.0
 """Log-odds of having moved that are carried on, at most, so that a thing that stops is believed to."""
 
+_ANYWHERE = 1.0
+"""Density of a stray detection, per square metre."""
+
 _LAG = 0.7
 """What is kept from frame to frame of the sum of innovations that shows a turn."""
 
 
-def turning(dt: float, every_s: float) -> tuple[float, float, Float[np.ndarray, "2 2"]]:
-    """A speed whose sign flips at random, on average every so many seconds: its moments after dt.
+@dataclass(frozen=True)
+class Turning:
+    """A speed whose sign flips at random, after some time: a random telegraph signal.
 
     Args:
-        dt: s.
-        every_s: Mean time between flips, s.
-
-    Returns:
-        What the old velocity adds to the mean place (s) and leaves of the mean velocity, and the covariance
-        of (place, velocity) that flips add, for a velocity whose mean square is 1: with a = 2 / every_s and
-        e = exp(-a dt), the place has variance 2 (a dt - 1 + e) / a^2 - ((1 - e) / a)^2, the velocity
-        1 - e^2, and both (1 - e)/a - e (1 - e)/a.
+        straight: Probability that it has not flipped.
+        seconds: That time, s.
+        move_s: If it has: mean place, in units of the first velocity, s.
+        keep: If it has: mean velocity in the same units.
+        noise: If it has: covariance of (place, velocity) for a velocity whose mean square is 1.
     """
+
+    straight: float
+    seconds: float
+    move_s: float
+    keep: float
+    noise: Float[np.ndarray, "2 2"]
+
+
+def turning(seconds: float, every_s: float) -> Turning:
+    """Moments of a telegraph signal that flips on average every so many seconds.
+
+    With a = 2 / every_s, e = exp(-a t) and m = (1 - e) / a, all flips counted, the velocity has mean e and
+    mean square 1, the place has mean m and mean square 2 (t - m) / a, and their product has mean m. The
+    share exp(-t / every_s) that never flipped, gone straight to t, is taken out of these.
+    """
+    t = max(seconds, 1e-3)  # the limit for no time is smooth, its quotients are not
     a = 2.0 / every_s
-    e = math.exp(-a * dt)
-    move = -math.expm1(-a * dt) / a
-    place = max(2.0 * (dt - move) / a - move**2, 0.0)
-    both = move - e * move
-    return move, e, np.array([[place, both], [both, 1.0 - e * e]])
+    e, m, straight = math.exp(-a * t), -math.expm1(-a * t) / a, math.exp(-t / every_s)
+    share = -math.expm1(-t / every_s)
+    keep, move = (e - straight) / share, (m - straight * t) / share
+    square, product = (2.0 * (t - m) / a - straight * t * t) / share, (m - straight * t) / share
+    noise = np.array(
+        [[square - move**2, product - move * keep], [product - move * keep, 1.0 - keep**2]]
+    )
+    return Turning(straight, seconds, move, keep, noise)
+
+
+def _turned(straight: Gaussian, since: Turning) -> Gaussian:
+    """The state of a track that has turned, from that of one that has not."""
+    F = np.eye(SIZE)
+    F[:4, :4] = np.kron([[1.0, since.move_s - since.seconds], [0.0, since.keep]], np.eye(2))
+    velocity = straight.mean[VELOCITY]
+    power = np.outer(velocity, velocity) + straight.covariance[VELOCITY, VELOCITY]
+    covariance = F @ straight.covariance @ F.T
+    covariance[:4, :4] += np.kron(since.noise, power)
+    return Gaussian(F @ straight.mean, covariance)
+
+
+def _stopped(straight: Gaussian) -> Gaussian:
+    """The state of a track if it stands: after a sighting v = 0 without noise."""
+    P = straight.covariance
+    gain = np.linalg.solve(P[VELOCITY, VELOCITY], P[VELOCITY, :]).T
+    mean, covariance = straight.mean - gain @ straight.mean[VELOCITY], P - gain @ P[VELOCITY, :]
+    mean[VELOCITY] = 0.0
+    covariance[VELOCITY, :] = covariance[:, VELOCITY] = 0.0
+    return Gaussian(mean, covariance)
 
 
 def relative_position(state: np.ndarray, robot: np.ndarray) -> tuple[Any, Any]:
