@@ -152,6 +152,12 @@ class PoseFilter:
         """The whole state, entries as in `models`."""
         return Gaussian(self._filter.x.copy(), self._filter.P.copy())
 
+    def believe(self, state: Gaussian) -> None:
+        """Take over a whole state that was conditioned outside (`registration`), entries as in `models`."""
+        self._filter.x = np.array(state.mean)
+        self._filter.P = np.array(state.covariance)
+        self._settle()
+
     def predict(self, odometry: StepOdometry | None, imu: Imu | None, dt: float) -> None:
         """Advance to the next frame.
 
