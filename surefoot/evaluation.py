@@ -16,6 +16,7 @@ from jaxtyping import Float
 from .metrics.consistency import consistency_metrics, nees
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
+from .metrics.innovations import innovation_metrics
 from .metrics.maps import map_metrics, read_map
 from .metrics.obstacles import obstacle_metrics
 from .metrics.timing import timing_metrics
@@ -136,10 +137,9 @@ def _against_tables(run: RunFolder) -> dict[str, float | bool]:
     floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
     if floor is not None:
         figures |= floor_metrics(floor, true_floor)
-    nis = run.read_csv("nis.csv")
-    if nis is not None:
-        planar = nis.numbers("dimension") == 2  # range and bearing
-        figures |= consistency_metrics(nis.numbers("nis")[planar], 2, "landmark", "nis")
+    surprises = run.read_csv("innovations.csv")
+    if surprises is not None:
+        figures |= innovation_metrics(surprises)
     obstacles, true_obstacles = run.read_json("obstacles.json"), run.read_csv("truth/obstacles.csv")
     if obstacles is not None and true_obstacles is not None:
         figures |= obstacle_metrics(obstacles["tracks"], true_obstacles)
@@ -198,6 +198,10 @@ def _told(metrics: dict[str, Any]) -> list[tuple[str, str]]:
         ("position after alignment, RMS (ATE)", "ate_floor_aligned_m", "{:.4f} m"),
         ("mover position error, RMS", "mover_position_rmse_m", "{:.3f} m"),
         ("mover velocity error, RMS", "mover_velocity_rmse_mps", "{:.3f} m/s"),
+        ("movers: OSPA (cut at 0.5 m)", "ospa_m", "{:.3f} m"),
+        ("mean NEES of the pose (3 if honest)", "pose_anees", "{:.2f}"),
+        ("mean NIS of landmarks (2 if honest)", "landmark_anis", "{:.2f}"),
+        ("mean NIS of tracks (2 if honest)", "track_anis", "{:.2f}"),
     ]
     told = [(w, f.format(metrics[n])) for w, n, f in rows if metrics.get(n) is not None]
     total = metrics.get("timing_ms", {}).get("total")

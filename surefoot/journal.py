@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mapping import clouds, nav2
+from perception.localisation.consistency import Innovation
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 
@@ -23,6 +24,7 @@ from .run_folder import RunFolder
 
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
 FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", *UPPER, "share", "state")
+INNOVATION_HEADER = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
 VIEW_EVERY_S = 4.0  # pictures for the report: about twenty of a minute's walk
 VIEWS_AT_MOST = 60
 VIEW_WIDTH_PX = 360
@@ -52,7 +54,7 @@ class Journal:
         self._tracks: list[dict[str, Any]] = []
         self._views: list[dict[str, Any]] = []
         self._sightings = {"accepted": 0, "rejected": 0}
-        self._nis: list[tuple[float, float, int]] = []
+        self._innovations: list[tuple[object, ...]] = []
         folder.write_text("config.toml", config_file.dumps(config))
 
     @property
@@ -79,7 +81,10 @@ class Journal:
         if estimate.landmarks is not None:
             self._sightings["accepted"] += estimate.landmarks.accepted
             self._sightings["rejected"] += estimate.landmarks.rejected
-            self._nis += [(stamp, nis, 2) for nis in estimate.landmarks.nis]
+            for innovation in estimate.landmarks.innovations:
+                self._innovations.append(_innovation(stamp, "landmark", innovation))
+        for innovation in estimate.innovations:
+            self._innovations.append(_innovation(stamp, "track", innovation))
         if decision is not None:
             self._commands.append(
                 (
@@ -173,7 +178,7 @@ class Journal:
                 for stamp, timing in self._timings
             ],
         )
-        folder.write_csv("nis.csv", ("stamp_s", "nis", "dimension"), self._nis)
+        folder.write_csv("innovations.csv", INNOVATION_HEADER, self._innovations)
         if self._commands:
             folder.write_csv(
                 "commands.csv",
@@ -243,6 +248,11 @@ def _floor_row(stamp_s: float, view: View) -> tuple[object, ...]:
         0.0 if view.seen is None else view.seen,
         "expected" if view.seen is None else "seen",
     )
+
+
+def _innovation(stamp_s: float, source: str, innovation: Innovation) -> tuple[object, ...]:
+    identity = "" if innovation.identity is None else innovation.identity
+    return (stamp_s, source, identity, *innovation.whitened.tolist())
 
 
 def _track(stamp_s: float, obstacle: Obstacle) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from scipy import ndimage
 
 from mapping.egocentric_grid import EgocentricGrid
 from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
 from planning import footsteps, guard
 from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.sweep import Sweep
@@ -82,15 +83,20 @@ class Navigator:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         grid, robot = pipeline.grid, estimate.pose2
         goal = self._goals[self.reached]
+        obstacles = _supposed(estimate.obstacles)
         probability, unknown, occupied = _as_ground(grid)
         via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
-        gaze = self._gaze.next(estimate.stamp_s, robot, via, estimate.obstacles)
-        standing = _not_movers(grid.centres()[occupied], estimate.obstacles)
-        walk, why = self._step(estimate, via, standing)
+        gaze = self._gaze.next(estimate.stamp_s, robot, via, obstacles)
+        standing = _not_movers(grid.centres()[occupied], obstacles)
+        walk, why = self._step(estimate, via, obstacles, standing)
         return Decision(walk, gaze, why)
 
     def _step(
-        self, estimate: Estimate, via: Float[np.ndarray, "2"], standing: Float[np.ndarray, "n 2"]
+        self,
+        estimate: Estimate,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        standing: Float[np.ndarray, "n 2"],
     ) -> tuple[WalkCommand, str]:
         """The field's step towards the via point, if the guard lets it pass."""
         assert estimate.pose is not None
@@ -100,12 +106,15 @@ class Navigator:
             why = "blocked" if self._route.path is None else "walk"
         if why == "walk":
             desired = footsteps.footstep(
-                self._heading(estimate, via), config.guard.gait.cruise_mps, robot, config.guard.gait
+                self._heading(robot, via, obstacles),
+                config.guard.gait.cruise_mps,
+                robot,
+                config.guard.gait,
             )
         walk = guard.choose(
             desired,
             estimate.pose,
-            estimate.obstacles,
+            obstacles,
             standing,
             via,
             config.guard,
@@ -113,10 +122,12 @@ class Navigator:
         )
         return walk, why if walk == desired else "guard"
 
-    def _heading(self, estimate: Estimate, via: Float[np.ndarray, "2"]) -> float:
+    def _heading(
+        self, robot: Pose2, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
+    ) -> float:
         """Direction of the univector field here, among what moves; what stands is the path's business."""
-        movers = [o for o in estimate.obstacles if o.moving >= MOVER]
-        robot, config = estimate.pose2, self._config.univector
+        movers = [o for o in obstacles if o.moving >= MOVER]
+        config = self._config.univector
         radii = fields.extended_radius(
             np.array([o.radius_m for o in movers]),
             np.array([np.linalg.norm(o.velocity) for o in movers]),
@@ -150,6 +161,11 @@ def _as_ground(
     probability = np.where(known & moving, np.minimum(probability, MOVER_COST), probability)
     probability = np.where(behind, HIDDEN, probability).astype(np.float32)
     return probability, ~known & ~behind, occupied | behind
+
+
+def _supposed(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+    """Movers as if gone straight on since they were seen: field, guard and gaze suppose the rest themselves."""
+    return [o.gone_straight() if o.moving >= MOVER else o for o in obstacles]
 
 
 def _not_movers(

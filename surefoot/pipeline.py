@@ -26,6 +26,7 @@ from perception import clusters, points, stereo, structured_light, time_of_fligh
 from perception.clusters import Cluster
 from perception.floor import choose, classify
 from perception.localisation import landmarks
+from perception.localisation.consistency import Innovation
 from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.obstacles import ObstacleTracker
 from perception.localisation.track import Detection
@@ -86,6 +87,7 @@ class Estimate:
         clusters: Obstacles of this frame, body frame.
         obstacles: Tracks, map frame.
         landmarks: What the localiser made of the landmarks; None where none were looked for.
+        innovations: Of the tracks that were seen.
         timing_ms: Wall time of each stage.
     """
 
@@ -95,6 +97,7 @@ class Estimate:
     clusters: tuple[Cluster, ...]
     obstacles: tuple[Obstacle, ...]
     landmarks: UpdateReport | None
+    innovations: tuple[Innovation, ...] = ()
     timing_ms: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -176,6 +179,7 @@ class Pipeline:
             tuple(found),
             tuple(self.tracker.obstacles) if pose is not None else (),
             report,
+            tuple(self.tracker.innovations),
             watch.milliseconds,
         )
 

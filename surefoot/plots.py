@@ -1,6 +1,7 @@
 """Pictures of a run over time; pictures only, every number in them comes from the run's files.
 
-`pictures` draws all that the run has data for. The plan views are in `plots_plan`.
+`pictures` draws all that the run has data for. The plan views are in `plots_plan`, those of covariances in
+`plots_trust`.
 """
 
 from __future__ import annotations
@@ -13,8 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .evaluation import pose_claims, pose_nees
-from .metrics.consistency import band
+from .evaluation import pose_claims
 from .metrics.contacts import contact_intervals
 from .metrics.floor import floor_errors
 from .metrics.obstacles import moving, track_errors
@@ -25,7 +25,6 @@ from .plot_style import (
     FAINT,
     SERIES,
     TRUTH,
-    WANTED,
     WRONG,
     Drawn,
     bound,
@@ -60,13 +59,15 @@ def pictures(run: RunFolder) -> list[Picture]:
     Raises:
         RecordingError: A file of the run cannot be read.
     """
-    from . import plots_plan
+    from . import plots_plan, plots_trust
 
     drawn = []
     kinds: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
         ("map", "Where it went", plots_plan.plan),
         ("pose", "How wrong the pose was", pose_errors),
-        ("nees", "Whether the covariance is honest", nees_over_time),
+        ("nees", "Whether the covariance is honest", plots_trust.nees_over_time),
+        ("calibration", "Whether every claim holds as often as it says", plots_trust.calibration),
+        ("whiteness", "Whether every surprise is new", plots_trust.whiteness),
         ("clearance", "How close it came", clearance),
         ("floor", "The floor", floor),
         ("grid", "The map against the truth", plots_plan.grid_check),
@@ -115,38 +116,6 @@ def pose_errors(run: RunFolder) -> Drawn | None:
     sentence = (
         "Estimated minus true position and heading; the band is two deviations of the estimate's own "
         "covariance and should hold the line about 95 % of the time."
-    )
-    return Drawn(figure, sentence)
-
-
-def nees_over_time(run: RunFolder) -> Drawn | None:
-    """NEES of the pose with its band; None without truth or covariance."""
-    true = run.read_trajectory("truth/trajectory.txt")
-    claims = None if true is None else pose_nees(run, true)
-    if claims is None:
-        return None
-    stamps, values = claims
-    low, high = band(3)
-    figure, axes = sheet(1, 1, 2.5)
-    axes.axhspan(low, high, color=WANTED, alpha=0.12, lw=0, label="95 % band")
-    axes.axhline(3.0, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)), label="expected mean")
-    bottom = low / 5
-    finite = np.where(np.isfinite(values), np.maximum(values, 1.05 * bottom), np.nan)
-    inside = (values >= low) & (values <= high)
-    seconds = _since_start(stamps)
-    axes.plot(seconds, finite, color=BELIEF, linewidth=0.8, alpha=0.5)
-    axes.scatter(seconds[inside], finite[inside], s=7, color=BELIEF, label="inside", zorder=3)
-    axes.scatter(
-        seconds[~inside], finite[~inside], s=12, color=WRONG, marker="x", linewidths=0.9,
-        label="outside", zorder=3,
-    )  # fmt: skip
-    axes.set_yscale("log")
-    axes.set_ylim(bottom, max(high * 2, _most(finite, high) * 1.3))
-    axes.set(xlabel="time, s", ylabel="NEES of x, y, yaw")
-    key(axes)
-    sentence = (
-        "The squared error of the pose in units of its own covariance; of an honest estimate 95 % of the points "
-        "lie in the band, and the mean is 3. Above is over-confident, below is timid."
     )
     return Drawn(figure, sentence)
 

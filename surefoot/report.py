@@ -32,7 +32,7 @@ FILES = {
     "floor.csv": "the floor plane of every frame and camera",
     "commands.csv": "footsteps and gaze",
     "timing.csv": "milliseconds per stage and frame",
-    "nis.csv": "surprise of every landmark sighting",
+    "innovations.csv": "surprise of every sighting of a landmark or a track, whitened",
     "metrics.json": "the figures of this page",
     "summary.json": "frames, skipped frames, goals, renderer",
     "figures/map.svg": "the pictures of this page, one by one, in figures/",

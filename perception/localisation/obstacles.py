@@ -91,6 +91,7 @@ class ObstacleTracker:
                 life.track.moving,
                 life.seen_s,
                 life.since_s,
+                life.track.straight,
             )
             for life in self._lives
             if life.hits >= self.config.hits_to_show

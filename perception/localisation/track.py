@@ -147,6 +147,11 @@ class Track:
             self._state = self._mixed()
         return self._state
 
+    @property
+    def straight(self) -> Gaussian:
+        """Over (x, y, vx, vy), world frame, if it moves and went straight on since it was seen."""
+        return Gaussian(self._filter.x[:4].copy(), self._filter.P[:4, :4].copy())
+
     def _mixed(self) -> Gaussian:
         """Standing, gone straight on, turned since it was seen: by their weights, with their spread.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +22,8 @@ class Obstacle:
         moving: Probability that it moves, in [0, 1].
         seen_s: Stamp of the last sighting.
         since_s: Stamp of the first sighting.
+        straight: The same as `state` under the one hypothesis that it moves and has gone straight on since it
+            was seen; None where nobody asked.
     """
 
     state: Gaussian
@@ -31,6 +33,7 @@ class Obstacle:
     moving: float = 0.0
     seen_s: float = 0.0
     since_s: float = 0.0
+    straight: Gaussian | None = None
 
     @property
     def position(self) -> Float[np.ndarray, "2"]:
@@ -54,12 +57,8 @@ class Obstacle:
         state = self.state.linear(step)
         gain = np.array([[seconds**2 / 2, 0], [0, seconds**2 / 2], [seconds, 0], [0, seconds]])
         covariance = state.covariance + gain @ gain.T * acceleration_mps2**2
-        return Obstacle(
-            Gaussian(state.mean, covariance),
-            self.radius_m,
-            self.height_m,
-            self.track,
-            self.moving,
-            self.seen_s,
-            self.since_s,
-        )
+        return replace(self, state=Gaussian(state.mean, covariance), straight=None)
+
+    def gone_straight(self) -> Obstacle:
+        """The obstacle under that hypothesis, for those who make their own of where else it may be."""
+        return self if self.straight is None else replace(self, state=self.straight)

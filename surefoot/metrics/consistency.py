@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri
 
+from perception.localisation.consistency import calibration
+
 BAND = 0.95
 
 
@@ -81,7 +83,8 @@ def consistency_metrics(
     Returns:
         <prefix>_anees (mean), _anees_low and _anees_high (95 % band of that mean, by effective samples),
         _consistent (mean inside it), _nees_inside_share (samples inside the two-sided 95 % band of a
-        single one), _nees_above_share (samples above it: over-confidence), _effective_samples;
+        single one), _nees_above_share (samples above it: over-confidence), _effective_samples,
+        _calibration_error (mean distance of the calibration curve from the diagonal);
         _no_covariance_share where some covariances were none (left out of the mean).
     """
     usable = series[np.isfinite(series)]
@@ -91,6 +94,7 @@ def consistency_metrics(
     figures: dict[str, float | bool] = {
         f"{prefix}_{kind}_inside_share": float(np.mean((series >= low) & (series <= high))),
         f"{prefix}_{kind}_above_share": float(np.mean(series > high)),
+        f"{prefix}_calibration_error": calibration_error(series, dof),
     }
     if len(usable) < len(series):
         figures[f"{prefix}_no_covariance_share"] = 1.0 - len(usable) / len(series)
@@ -106,6 +110,12 @@ def consistency_metrics(
             f"{prefix}_consistent": len(usable) == len(series) and mean_low <= mean <= mean_high,
         }
     return figures
+
+
+def calibration_error(series: Float[np.ndarray, "n"], dof: int) -> float:
+    """Mean distance of the calibration curve from the diagonal: 0 if every region holds what it claims."""
+    claimed, found = calibration(series, dof)
+    return float(np.mean(np.abs(found - claimed)))
 
 
 def over_runs(

@@ -17,9 +17,11 @@ from scipy.optimize import linear_sum_assignment
 
 from ..run_tables import Table
 from .consistency import consistency_metrics, nees
+from .ospa import ospa
 from .trajectory import rms
 
 GATE_M = 0.5  # ours: three body radii; further apart it is another thing
+BELIEVED = 0.5  # probability of moving above which a track counts as a mover
 MOVES_MPS = 0.005  # ours: below this over the whole run a thing stands
 
 TRUE_STATE = ("x_m", "y_m", "vx_mps", "vy_mps")
@@ -101,7 +103,7 @@ def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, fl
         For each kind that exists: <kind>_count; _followed_share (of all instants, those with a track on
         it; a thing behind a wall counts as missed); and, where any was followed,
         <kind>_position_rmse_m, _velocity_rmse_mps, _track_changes (times the track on a thing changed its
-        number), and the consistency figures of the NEES.
+        number), and the consistency figures of the NEES. ospa_m where something moves.
     """
     errors = track_errors(tracks, truth)
     movers = moving(truth)
@@ -125,7 +127,34 @@ def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, fl
             f"{kind}_track_changes": float(_changes(errors, wanted)),
         }
         figures |= consistency_metrics(errors.nees[chosen], 4, kind)
+    if movers:
+        figures["ospa_m"] = float(np.mean(ospa_over_time(tracks, truth)[1]))
     return figures
+
+
+def ospa_over_time(
+    tracks: list[dict[str, Any]], truth: Table
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+    """Instants, s, and the OSPA distance between what is believed to move and what does, m.
+
+    A mover out of sight counts as missed, standing furniture believed to move as invented.
+    """
+    movers = set(moving(truth))
+    believed: dict[float, list[list[float]]] = defaultdict(list)
+    for entry in tracks:
+        if entry.get("moving", 1.0) > BELIEVED:
+            believed[float(entry["stamp"])].append(entry["mean"][:2])
+    places, words = truth.matrix("x_m", "y_m"), truth.words("identity")
+    true: dict[float, list[np.ndarray]] = {}
+    for stamp, word, place in zip(truth.numbers("stamp_s"), words, places, strict=True):
+        at = true.setdefault(float(stamp), [])
+        if word in movers:
+            at.append(place)
+    stamps = sorted(true)
+    values = [
+        ospa(np.array(believed[s]).reshape(-1, 2), np.array(true[s]).reshape(-1, 2)) for s in stamps
+    ]
+    return np.array(stamps), np.array(values)
 
 
 def _pairs(

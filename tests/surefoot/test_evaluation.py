@@ -17,6 +17,7 @@ from perception.primitives.plane import Plane
 from surefoot.evaluation import TARGETS, closing_table, evaluate, verdicts
 from surefoot.metrics.consistency import (
     band,
+    calibration_error,
     consistency_metrics,
     effective_samples,
     nees,
@@ -32,6 +33,7 @@ from surefoot.metrics.maps import (
     read_map,
     wrong_cells,
 )
+from surefoot.metrics.ospa import ospa
 from surefoot.metrics.trajectory import (
     align,
     associate,
@@ -434,12 +436,48 @@ def test_floor_figures_are_those_of_planes_tilted_and_shifted_on_purpose(tmp_pat
 def test_surprise_by_landmarks_is_judged_as_two_numbers_each(tmp_path):
     rng = np.random.default_rng(8)
     run = RunFolder.create(tmp_path)
-    rows = [(0.1 * i, float(nis), 2) for i, nis in enumerate(rng.chisquare(2, size=900))]
-    run.write_csv("nis.csv", ("stamp_s", "nis", "dimension"), rows)
+    header = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
+    rows = [(0.1 * i, "landmark", i % 3, *rng.normal(size=2).tolist()) for i in range(900)]
+    steady = rng.normal(size=2)
+    for i in range(400):  # as large as expected, but every one much like the one before
+        steady = 0.8 * steady + 0.6 * rng.normal(size=2)
+        rows.append((0.1 * i, "track", 7, *steady.tolist()))
+    run.write_csv("innovations.csv", header, rows)
     found = evaluate(run)
     assert found["landmark_consistent"]
     assert found["landmark_anis"] == pytest.approx(2.0, abs=4.5 * math.sqrt(4 / 900))
     assert found["landmark_nis_inside_share"] == pytest.approx(0.95, abs=4.5 * 0.0073)
+    assert found["landmark_calibration_error"] < 0.05
+    assert found["landmark_whiteness_max"] < 2.0
+    assert found["track_lag1"] == pytest.approx(0.8, abs=0.1)
+    assert found["track_whiteness_max"] > 5.0
+
+
+def test_claims_twice_too_small_show_in_the_calibration():
+    rng = np.random.default_rng(4)
+    honest, bold = rng.chisquare(3, 4000), 4.0 * rng.chisquare(3, 4000)
+    assert calibration_error(honest, 3) < 0.02
+    assert calibration_error(bold, 3) > 0.25
+
+
+def test_the_ospa_distance_counts_errors_misses_and_inventions():
+    two = np.array([[0.0, 0.0], [3.0, 0.0]])
+    assert ospa(two, two[::-1]) == 0.0
+    assert ospa(two + np.array([0.1, 0.0]), two) == pytest.approx(0.1)
+    assert ospa(two[:1], two, 0.5) == pytest.approx(0.25)  # half of the things missed
+    assert ospa(two, two[:1], 0.5) == pytest.approx(0.25)
+    assert ospa(two[:1], two, 0.5, order=2.0) == pytest.approx(math.sqrt(0.125))
+    assert ospa(np.zeros((0, 2)), two, 0.7) == 0.7
+    assert ospa(np.zeros((0, 2)), np.zeros((0, 2))) == 0.0
+    assert ospa(two + 10.0, two, 0.5) == 0.5
+
+
+@given(seeds, st.integers(0, 4), st.integers(0, 4), st.integers(0, 4), st.sampled_from([1.0, 2.0]))
+def test_the_ospa_distance_is_a_metric(seed, n, m, k, order):
+    rng = np.random.default_rng(seed)
+    a, b, c = (rng.uniform(-1, 1, (size, 2)) for size in (n, m, k))
+    assert ospa(a, b, 0.8, order) == pytest.approx(ospa(b, a, 0.8, order))
+    assert ospa(a, c, 0.8, order) <= ospa(a, b, 0.8, order) + ospa(b, c, 0.8, order) + 1e-12
 
 
 def test_tracks_are_matched_to_the_nearest_obstacles_and_judged(tmp_path):

@@ -24,7 +24,7 @@ from surefoot.report import write_report
 from surefoot.run_folder import RunFolder
 
 ALL_PICTURES = [
-    "map", "pose", "nees", "clearance", "floor", "grid", "tracks", "commands", "timing",
+    "map", "pose", "nees", "calibration", "whiteness", "clearance", "floor", "grid", "tracks", "commands", "timing",
 ]  # fmt: skip
 SIGMA = np.array([0.012, 0.012, math.radians(0.7)])
 
