@@ -55,7 +55,7 @@ class TrackConfig:
     turn_probability: float = 0.02  # navigation trials: movers turn every 15 to 25 s, 50 frames
     turn_every_s: float = 20.0  # navigation trials: the same, for what is out of sight
     notice_s: float = 1.0  # ours: how long ago a turn may have been when it is noticed
-    travel_share: float = 0.4  # ours: nothing moves that has not left its place by so many radii
+    travel_share: float = 0.7  # ours: nothing moves that has not left its place by so many radii
 
     def __post_init__(self) -> None:
         for name in (
@@ -125,15 +125,16 @@ class Track:
         P[VELOCITY, VELOCITY] = np.eye(2) * config.speed_sigma_mps**2
         P[VIEW, VIEW] = view
         self._filter = _sigma_point_filter(mean, positive(P))
-        self._first_place = mean[PLACE].copy()
+        self._first_place, self._first_radius_m = mean[PLACE].copy(), seen.radius_m
         self._travelled = 0.0
 
     @property
     def moving(self) -> float:
         """Probability that it moves, in [0, 1).
 
-        The middle of a half-seen thing wanders as we pass it, by part of its radius and no further; what
-        has not left its first place yet may be such a thing, however steadily it goes.
+        The middle of a half-seen thing wanders as we pass it, by part of its radius and no further, and by
+        as much as the thing grows while more of it is seen; what has not left its first place yet may be
+        such a thing, however steadily it goes.
         """
         odds = _log_odds(self.config.moving_prior) + self._evidence
         by_velocity = 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, odds))))
@@ -246,9 +247,10 @@ class Track:
         self._filter.P = positive(self._filter.P)
         self._draw()
         self._evidence = max(self._weigh(), min(self._evidence, _REMEMBERED))
-        away = float(np.linalg.norm(self._filter.x[PLACE] - self._first_place))
-        self._travelled = max(self._travelled, away)
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
+        away = float(np.linalg.norm(self._filter.x[PLACE] - self._first_place))
+        grown = max(self.radius_m - self._first_radius_m, 0.0)
+        self._travelled = max(self._travelled, away - grown)
         self.height_m = max(seen.height_m, self.height_m)
         return innovation
 
