@@ -1,8 +1,10 @@
 """The search: from here to the goal over the nodes of least estimated total cost.
 
-F(k) = E(k) + C(k): E is the length walked plus alpha times the potential integrated along it, C the
-straight distance left. The potential is never negative, so C never overestimates, and the first path
-that reaches the goal is a cheapest one.
+F(k) = E(k) + C(k): E is the length walked plus alpha times the potential integrated along it, C an estimate
+of what is left. C is the length of the shortest lattice way at the least price of the map, the greatest
+estimate that never exceeds the truth without looking at obstacles: the path costs what Dijkstra's does,
+and a third of the nodes are expanded that the straight distance of the specification needs. Where the
+goal lies beyond the map, C is that straight distance.
 
 Source: seed 003, section 3 (evaluation function, equation lost) and ambiguities 3 to 5.
 """
@@ -18,11 +20,11 @@ from jaxtyping import Bool, Float, Int
 
 from perception.primitives.errors import InputError
 
-from . import _kernels
+from . import _lattice_kernels as kernels
 from .potential import SearchConfig, terrain
-from .shortcuts import polyline_cost, segment_cost, shortcut
+from .shortcuts import polyline_cost, rounded, segment_cost, shortcut
 
-BUCKET = 0.25
+BUCKET = 0.125
 """Width of a bucket of the queue, in cells: narrow enough that nodes seldom reopen."""
 
 
@@ -33,6 +35,8 @@ class Path:
     Args:
         waypoints: (x, y), world frame, m, shortcut; the first is the start itself (or the nearest free
             node), the last the goal, or where the way leaves the map.
+        curve: (x, y), world frame, m: the way points with their corners rounded for the gait.
+        corners: How many corners the curve still has, for the robot to turn on the spot.
         cells: [row, column] of the lattice path before shortcuts.
         cost_m: E of the lattice path: length plus alpha times the integrated potential.
         smoothed_cost_m: The same of the way points.
@@ -43,6 +47,8 @@ class Path:
     """
 
     waypoints: Float[np.ndarray, "m 2"]
+    curve: Float[np.ndarray, "r 2"]
+    corners: int
     cells: Int[np.ndarray, "n 2"]
     cost_m: float
     smoothed_cost_m: float
@@ -157,37 +163,66 @@ def search(
     config: SearchConfig,
 ) -> Path | None:
     """`find_path` on a map already prepared."""
-    free = ~ground.blocked
-    rows, columns = free.shape
     start = _nearest_free(ground, start_xy)
-    goal = ground.to_cells(goal_xy)
     if start is None:
         return None
-    if -0.5 <= goal[0] < columns - 0.5 and -0.5 <= goal[1] < rows - 0.5:
+    x, y = ground.to_cells(goal_xy)
+    rows, columns = ground.blocked.shape
+    if -0.5 <= x < columns - 0.5 and -0.5 <= y < rows - 0.5:
         target = _nearest_free(ground, goal_xy)
-        if target is None:
-            return None
-        exits = np.zeros(free.shape, np.bool_)
-        exits[target] = True
-        goal = np.array([target[1], target[0]], np.float64)
-        choices = [exits]
+        assert target is not None, "there is one beside the start"
+        cells = cheapest(ground.price, ground.blocked, start, target, config.literal)
     else:
-        choices = [_facing(free.shape, goal), _border(free.shape)]
-    for exits in choices:
-        cells, cost = _run(ground.price, free, exits & free, start, goal, config)
+        cells = _leave(ground, start, (float(y), float(x)), config.literal)
+    if cells is None:
+        return None
+    return _path(ground, cells, start_xy, goal_xy, config)
+
+
+def cheapest(
+    price: Float[np.ndarray, "rows columns"],
+    blocked: Bool[np.ndarray, "rows columns"],
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    literal: bool = False,
+) -> Int[np.ndarray, "n 2"] | None:
+    """The cheapest path on the 8-neighbour lattice between two nodes; `lattice_cost` is its cost.
+
+    Args:
+        price: Cost of a cell of way at each node, at least 1.
+        blocked: Nodes that must not be entered.
+        start, goal: [row, column] on the map.
+        literal: Rank nodes by L + alpha U(k) + C, with the potential of the node only; not optimal.
+
+    Returns:
+        Cells [row, column] from start to goal; None if no way leads there, or either of them is blocked.
+    """
+    if blocked[start]:
+        return None
+    aim = float(goal[0]), float(goal[1])
+    return _run(price, blocked, start, aim, np.array([goal]), True, literal)
+
+
+def _leave(
+    ground: Terrain, start: tuple[int, int], goal: tuple[float, float], literal: bool
+) -> np.ndarray | None:
+    """Cells to the border cell of least F on the sides that the goal lies beyond, or else on any side."""
+    for exits in (_facing(ground.blocked.shape, goal), _border(ground.blocked.shape)):
+        open_exits = np.argwhere(exits & ~ground.blocked)
+        cells = _run(ground.price, ground.blocked, start, goal, open_exits, False, literal)
         if cells is not None:
-            return _path(ground, cells, cost, start_xy, goal_xy)
+            return cells
     return None
 
 
-def _facing(shape: tuple[int, ...], goal: np.ndarray) -> np.ndarray:
+def _facing(shape: tuple[int, ...], goal: tuple[float, float]) -> np.ndarray:
     """Border cells on the sides that the goal lies beyond."""
     rows, columns = shape
     exits = np.zeros((rows, columns), np.bool_)
-    exits[0, :] |= goal[1] < -0.5
-    exits[-1, :] |= goal[1] >= rows - 0.5
-    exits[:, 0] |= goal[0] < -0.5
-    exits[:, -1] |= goal[0] >= columns - 0.5
+    exits[0, :] |= goal[0] < -0.5
+    exits[-1, :] |= goal[0] >= rows - 0.5
+    exits[:, 0] |= goal[1] < -0.5
+    exits[:, -1] |= goal[1] >= columns - 0.5
     return exits
 
 
@@ -200,32 +235,26 @@ def _border(shape: tuple[int, ...]) -> np.ndarray:
 
 def _run(
     price: np.ndarray,
-    free: np.ndarray,
-    exits: np.ndarray,
+    blocked: np.ndarray,
     start: tuple[int, int],
-    goal: np.ndarray,
-    config: SearchConfig,
-) -> tuple[np.ndarray | None, float]:
-    """Cells [row, column] from start to exit and their cost in cells."""
-    wide = free.shape[1] + 2
+    goal: tuple[float, float],
+    exits: np.ndarray,
+    on_lattice: bool,
+    literal: bool,
+) -> np.ndarray | None:
+    """Cells [row, column] from the start to the best of the exits; None if none can be reached."""
+    wide = price.shape[1] + 2
     first = (start[0] + 1) * wide + start[1] + 1
-    padded_free, padded_exits = np.pad(free, 1), np.pad(exits, 1)
-    if config.literal:
-        weighted = np.pad(price - 1.0, 1)
-        found, _, parent = _kernels.search_literal(
-            weighted, padded_free, first, goal[1] + 1, goal[0] + 1, padded_exits
-        )
+    aim = goal[0] + 1.0, goal[1] + 1.0
+    leaves = (exits[:, 0] + 1) * wide + exits[:, 1] + 1
+    ground, least, dearest = kernels.pave(price, blocked)
+    if literal:
+        found, _, state = kernels.search_literal(ground, wide, first, aim, leaves)
     else:
-        found, _, parent = _kernels.search(
-            np.pad(price, 1), padded_free, first, goal[1] + 1, goal[0] + 1, padded_exits, BUCKET
+        found, _, state = kernels.search(
+            ground, wide, (least, dearest), first, aim, leaves, on_lattice, BUCKET
         )
-    if found < 0:
-        return None, math.inf
-    chain = [int(found)]
-    while parent[chain[-1]] >= 0:
-        chain.append(int(parent[chain[-1]]))
-    cells = np.stack(np.divmod(np.array(chain[::-1]), wide), axis=-1) - 1
-    return cells, lattice_cost(cells, price)
+    return None if found < 0 else np.asarray(kernels.trace(state, wide, first, found))
 
 
 def lattice_cost(cells: Int[np.ndarray, "n 2"], price: Float[np.ndarray, "rows columns"]) -> float:
@@ -238,9 +267,9 @@ def lattice_cost(cells: Int[np.ndarray, "n 2"], price: Float[np.ndarray, "rows c
 def _path(
     ground: Terrain,
     cells: np.ndarray,
-    cost: float,
     start_xy: np.ndarray,
     goal_xy: np.ndarray,
+    config: SearchConfig,
 ) -> Path:
     """Way points in the world; the ends are the given ones where their own cells are free."""
     line = cells[:, ::-1].astype(np.float64)
@@ -249,12 +278,17 @@ def _path(
     if len(line) == 1:
         line = np.vstack([line, line])
     kept = shortcut(line, ground.price, ground.blocked)
+    cost, smoothed = (polyline_cost(way, ground.price, ground.blocked) for way in (line, kept))
+    radius = config.turn_radius_m / ground.cell_m
+    curve = rounded(kept, radius, ground.price, ground.blocked, cost - smoothed)
     waypoints = ground.to_world(kept)
     return Path(
         waypoints,
+        ground.to_world(curve.points),
+        curve.corners,
         cells,
-        cost * ground.cell_m,
-        polyline_cost(kept, ground.price, ground.blocked) * ground.cell_m,
+        lattice_cost(cells, ground.price) * ground.cell_m,
+        smoothed * ground.cell_m,
         float(np.hypot(*np.diff(waypoints, axis=0).T).sum()),
         _clearance(kept, ground.solid) * ground.cell_m,
         float(np.hypot(*(goal_xy - waypoints[-1]))),

@@ -1,6 +1,10 @@
 """The repulsive potential: how unpleasant it is to be in a cell, and where the body cannot be at all.
 
-Source: seed 003, section 3 ("U(k,k')", equation lost; the smooth form on [0, 1]).
+Two forms fit what is left of the seed's text. The smooth one is p times the square of what is left to the
+margin, on [0, 1]. Khatib's is p (1/E - 1/E0)^2, in 1/m^2, 1344 on the cell itself and 0.4 at 5 cm from the
+margin; times r_b^2 it equals the smooth form at the body radius, so that one weight alpha serves both.
+
+Source: seed 003, section 3 ("U(k,k')", equation lost); Khatib 1986 for the second form.
 """
 
 from __future__ import annotations
@@ -13,23 +17,29 @@ from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError, InputError
 
-from . import _kernels
+from . import _potential_kernels as kernels
+
+FORMS = ("smooth", "khatib")
 
 
 @dataclass(frozen=True)
 class SearchConfig:
     """Margins of the potential and weights of the search."""
 
+    form: str = "smooth"  # of the potential: "smooth", or "khatib" for comparison
     margin_m: float = 0.30  # E0, own (specification)
     body_radius_m: float = 0.16  # r_b, own (specification)
     alpha: float = 5.0  # own (specification): weight of the potential, per m of way
     p_unknown: float = 0.5  # own (specification): for cells never seen
     p_solid: float = 0.5  # own (specification): from here on a known cell is a hard obstacle
     start_radius_m: float = 0.35  # own (specification): unseen cells this near the start are free
+    turn_radius_m: float = 0.19  # gait: 46 mm a step at cruise over 14 deg of turn a step
     literal: bool = False  # rank nodes by their own potential only; not optimal, for comparison
 
     def __post_init__(self) -> None:
-        for name in ("margin_m", "body_radius_m", "start_radius_m"):
+        if self.form not in FORMS:
+            raise ConfigError(f"search: form={self.form!r} is unknown; expected one of {FORMS}")
+        for name in ("margin_m", "body_radius_m", "start_radius_m", "turn_radius_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"search: {name}={value} must be a positive length in m")
@@ -41,15 +51,38 @@ class SearchConfig:
                 raise ConfigError(f"search: {name}={value} must be a probability in [0, 1]")
 
 
+def pull(
+    distance_m: Float[np.ndarray, "*n"], cell_m: float, config: SearchConfig
+) -> Float[np.ndarray, "*n"]:
+    """What an obstacle that is certain (p = 1) adds to the potential at a distance, without unit.
+
+    Smooth: (1 - E / E0)^2, in [0, 1]. Khatib: r_b^2 (1 / max(E, S_c / 2) - 1 / E0)^2. Both are 0 from E0 on.
+
+    Args:
+        distance_m: E, from the middle of the obstacle's cell, m.
+        cell_m: S_c.
+        config: Form, E0 and r_b.
+
+    Source: seed 003, section 3.
+    """
+    if config.form == "khatib":
+        strength = config.body_radius_m * (
+            1.0 / np.maximum(distance_m, cell_m / 2) - 1.0 / config.margin_m
+        )
+    else:
+        strength = 1.0 - distance_m / config.margin_m
+    return np.where(distance_m < config.margin_m, strength**2, 0.0)
+
+
 def potential(
     probability: Float[np.ndarray, "rows columns"], cell_m: float, config: SearchConfig
 ) -> Float[np.ndarray, "rows columns"]:
-    """U(k) = max over k' of p(k') (1 - E(k, k') / E0)^2 where E < E0, else 0; in [0, 1].
+    """U(k) = max over k' of p(k') times the pull at E(k, k').
 
     Args:
         probability: p, that an obstacle covers the cell; cells outside the grid count as free.
         cell_m: Side of a cell.
-        config: E0.
+        config: Form and E0.
 
     Source: seed 003, section 3.
     """
@@ -101,11 +134,12 @@ def terrain(
 def _spread(
     probability: np.ndarray, solid: np.ndarray, cell_m: float, config: SearchConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    return _kernels.spread(
+    reach = math.ceil(max(config.margin_m, config.body_radius_m) / cell_m)
+    along = np.arange(-reach, reach + 1) * cell_m
+    distance = np.hypot(along[:, None], along)
+    return kernels.spread(
         np.ascontiguousarray(probability, np.float64),
         np.ascontiguousarray(solid),
-        config.margin_m / cell_m,
-        config.body_radius_m
-        / cell_m
-        * (1.0 + 1e-9),  # centres exactly at r_b count, whatever rounding
+        pull(distance, cell_m, config),
+        distance <= config.body_radius_m * (1.0 + 1e-9),  # exactly at r_b counts, whatever rounding
     )

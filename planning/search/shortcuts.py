@@ -1,17 +1,28 @@
-"""Shortcuts: a lattice path straightened wherever the straight line costs no more.
+"""Shortcuts: a lattice path straightened wherever the straight line costs no more, and its corners rounded.
 
-Source: seed 003, section 3, "Shortcuts".
+A corner becomes an arc of at least the radius that the gait can walk. Where no such arc fits between its
+neighbours, stays clear and can be paid for, the corner is left out if the straight line past it may be
+walked, else it stays: there the robot stops and turns on the spot.
+
+Source: seed 003, section 3, "Shortcuts"; what becomes of tight corners is ours.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from . import _kernels
+from . import _segment_kernels as kernels
+
+SLACK = 1e-9
+"""Cells by which a shortcut may cost more than what it replaces, for rounding."""
+
+STRAIGHT_RAD = 0.02
+"""Bends below this are no corners; chords of an arc turn by ten times as much at most."""
 
 
 def shortcut(
@@ -21,7 +32,7 @@ def shortcut(
 ) -> Float[np.ndarray, "m 2"]:
     """Way points left of a path after replacing stretches by straight segments.
 
-    From each way point the farthest later one is taken whose straight segment has no blocked cell and
+    From each way point the farthest later one is taken whose straight segment enters no blocked cell and
     costs no more than the stretch it replaces.
 
     Args:
@@ -32,18 +43,7 @@ def shortcut(
     Returns:
         A subsequence of the path with the same ends.
     """
-    along = np.zeros(len(path))
-    for i in range(1, len(path)):
-        along[i] = along[i - 1] + segment_cost(path[i - 1], path[i], price, blocked)
-    kept, here = [0], 0
-    while here < len(path) - 1:
-        for there in range(len(path) - 1, here, -1):
-            direct = segment_cost(path[here], path[there], price, blocked)
-            if there == here + 1 or direct <= along[there] - along[here] + 1e-9:
-                break
-        kept.append(there)
-        here = there
-    return path[kept]
+    return path[kernels.shortcut(path, price, blocked, SLACK)]
 
 
 def segment_cost(
@@ -53,7 +53,7 @@ def segment_cost(
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> float:
     """Line integral of the price along a segment (x, y) in cells; infinite where it enters a blocked cell."""
-    return float(_kernels.segment_cost(price, blocked, begin, end))
+    return float(kernels.segment_cost(price, blocked, begin, end))
 
 
 def polyline_cost(
@@ -62,9 +62,7 @@ def polyline_cost(
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> float:
     """Sum of `segment_cost` over a polyline, in cells."""
-    return math.fsum(
-        segment_cost(begin, end, price, blocked) for begin, end in itertools.pairwise(points)
-    )
+    return float(kernels.polyline_cost(price, blocked, np.ascontiguousarray(points)))
 
 
 def total_turning(points: Float[np.ndarray, "n 2"]) -> float:
@@ -76,47 +74,111 @@ def total_turning(points: Float[np.ndarray, "n 2"]) -> float:
     return float(np.abs(turns).sum())
 
 
+class Rounded(NamedTuple):
+    """A way with round corners.
+
+    Args:
+        points: (m, 2), (x, y) in cells; arcs as chords that turn by 0.2 rad at most.
+        arcs: How many corners became arcs.
+        corners: How many stayed corners, for the robot to turn on the spot.
+    """
+
+    points: Float[np.ndarray, "m 2"]
+    arcs: int
+    corners: int
+
+
 def rounded(
     points: Float[np.ndarray, "n 2"],
     radius: float,
     price: Float[np.ndarray, "rows columns"],
     blocked: Bool[np.ndarray, "rows columns"],
-    pieces: int = 4,
-) -> Float[np.ndarray, "m 2"]:
-    """Replace corners by arcs of a radius, in cells, that a gait with limited turn per step can walk.
-
-    An arc starts and ends at most halfway along its two segments, so a corner between short segments gets
-    the largest radius that fits. A corner whose arc would enter a blocked cell stays as it is.
+    allowance: float = 0.0,
+) -> Rounded:
+    """Replace corners by arcs that a gait with limited turn per step can walk.
 
     Args:
         points: Way points, (x, y) in cells.
-        radius: At least step length / greatest turn per step, in cells.
+        radius: Of the arcs: at least step length / greatest turn per step, in cells.
         price, blocked: As for `shortcut`.
-        pieces: Chords per arc.
+        allowance: What the whole may cost more than the way points do, in cells; what the shortcuts saved.
     """
-    result = [points[0]]
-    for before, corner, after in zip(points[:-2], points[1:-1], points[2:], strict=True):
-        arc = _arc(before, corner, after, radius, pieces)
-        clear = math.isfinite(polyline_cost(np.vstack([result[-1], arc]), price, blocked))
-        result.extend(arc if clear else [corner])
-    result.append(points[-1])
-    return np.array(result)
+    way = _Way(radius, price, blocked, allowance)
+    line = way.without_tight_corners(points)
+    result, arcs, corners = [line[0]], 0, 0
+    for corner, after in itertools.pairwise(line[1:]):
+        before = result[-1]
+        arc = way.arc(before, corner, after)
+        if arc is not None:
+            result.extend(arc)
+            arcs += 1
+        else:
+            result.append(corner)
+            corners += abs(_turn(before, corner, after)) >= STRAIGHT_RAD
+    return Rounded(np.array([*result, line[-1]]), arcs, corners)
+
+
+class _Way:
+    """The ground and what is left of the allowance."""
+
+    def __init__(
+        self, radius: float, price: np.ndarray, blocked: np.ndarray, allowance: float
+    ) -> None:
+        self.radius, self.allowance = radius, allowance
+        self._price, self._blocked = price, blocked
+
+    def without_tight_corners(self, points: np.ndarray) -> list[np.ndarray]:
+        """The way points but those corners that no arc fits and that can be left out."""
+        line = list(points)
+        index = 1
+        while index < len(line) - 1:
+            before, corner, after = line[index - 1 : index + 2]
+            tight = _arc(before, corner, after, self.radius) is None
+            if tight and self._paid(np.vstack([before, after]), before, corner, after):
+                del line[index]
+            else:
+                index += 1
+        return line
+
+    def arc(self, before: np.ndarray, corner: np.ndarray, after: np.ndarray) -> np.ndarray | None:
+        """The arc round a corner; None where it does not fit, is not clear, or is too dear."""
+        arc = _arc(before, corner, after, self.radius)
+        if arc is None or not self._paid(np.vstack([before, arc, after]), before, corner, after):
+            return None
+        return arc
+
+    def _paid(self, new: np.ndarray, *old: np.ndarray) -> bool:
+        more = self._cost(new) - self._cost(np.vstack(old))
+        if not more <= self.allowance:  # also where either is blocked
+            return False
+        self.allowance -= more
+        return True
+
+    def _cost(self, points: np.ndarray) -> float:
+        return polyline_cost(points, self._price, self._blocked)
+
+
+def _turn(before: np.ndarray, corner: np.ndarray, after: np.ndarray) -> float:
+    """Change of direction at a corner, rad; left positive."""
+    come, leave = corner - before, after - corner
+    return math.atan2(float(come[0] * leave[1] - come[1] * leave[0]), float(np.dot(come, leave)))
 
 
 def _arc(
-    before: np.ndarray, corner: np.ndarray, after: np.ndarray, radius: float, pieces: int
-) -> np.ndarray:
-    """Points on the arc that touches both segments; the corner itself where it hardly turns."""
+    before: np.ndarray, corner: np.ndarray, after: np.ndarray, radius: float
+) -> np.ndarray | None:
+    """Points on the arc that touches both segments; None where it does not fit, or nothing turns."""
+    turn = _turn(before, corner, after)
+    if abs(turn) < STRAIGHT_RAD:
+        return None
     come, leave = corner - before, after - corner
+    tangent = radius * math.tan(abs(turn) / 2)
     a, b = float(np.hypot(*come)), float(np.hypot(*leave))
-    turn = math.atan2(float(come[0] * leave[1] - come[1] * leave[0]), float(np.dot(come, leave)))
-    if abs(turn) < 0.02 or abs(turn) > math.radians(170.0):
-        return corner[None]
-    tangent = min(radius * math.tan(abs(turn) / 2), a / 2, b / 2)
-    radius = tangent / math.tan(abs(turn) / 2)
+    if tangent > min(a, b):
+        return None
     come, begin = come / a, corner - come / a * tangent
     normal = np.array([-come[1], come[0]]) * math.copysign(1.0, turn)
-    angles = np.linspace(0.0, abs(turn), pieces + 1)
+    angles = np.linspace(0.0, abs(turn), math.ceil(abs(turn) / (10 * STRAIGHT_RAD)) + 1)
     return np.asarray(
         begin + radius * (np.sin(angles)[:, None] * come + (1 - np.cos(angles))[:, None] * normal)
     )

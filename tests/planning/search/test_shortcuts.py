@@ -66,17 +66,36 @@ def test_shortcuts_never_cost_more_and_take_away_half_of_the_turning():
 def test_a_rounded_corner_turns_no_sharper_than_the_radius_allows():
     corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
     radius = 6.0
-    arc = rounded(corner, radius, np.ones((30, 30)), np.zeros((30, 30), bool), pieces=8)
-    np.testing.assert_array_equal(arc[[0, -1]], corner[[0, -1]])
+    found = rounded(corner, radius, np.ones((30, 30)), np.zeros((30, 30), bool))
+    np.testing.assert_array_equal(found.points[[0, -1]], corner[[0, -1]])
     middle = np.array([16.0, 8.0])
-    inner = arc[1:-1]
+    inner = found.points[1:-1]
     np.testing.assert_allclose(np.hypot(*(inner - middle).T), radius, atol=1e-9)
-    assert total_turning(arc) == pytest.approx(math.pi / 2)
+    assert total_turning(found.points) == pytest.approx(math.pi / 2)
+    assert (found.arcs, found.corners) == (1, 0)
 
 
-def test_a_corner_whose_arc_is_blocked_stays():
+def test_a_corner_whose_arc_and_whose_omission_are_blocked_stays():
     corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
     blocked = np.zeros((30, 30), bool)
-    blocked[4:7, 18:20] = True
-    kept = rounded(corner, 10.0, np.ones((30, 30)), blocked)
-    np.testing.assert_array_equal(kept, corner)
+    blocked[4:9, 16:20] = True
+    found = rounded(corner, 10.0, np.ones((30, 30)), blocked)
+    np.testing.assert_array_equal(found.points, corner)
+    assert (found.arcs, found.corners) == (0, 1)
+
+
+def test_a_corner_too_tight_for_an_arc_is_left_out_where_the_straight_line_is_free():
+    zigzag = np.array([[2.0, 2.0], [12.0, 2.0], [12.0, 3.0], [25.0, 3.0]])
+    found = rounded(zigzag, 6.0, np.ones((30, 30)), np.zeros((30, 30), bool))
+    assert found.corners == 0
+    assert total_turning(found.points) < total_turning(zigzag) / 4
+
+
+def test_an_arc_that_costs_more_than_its_corner_waits_for_an_allowance():
+    # The inside of the corner is dear: cutting it costs more than walking round.
+    corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
+    rows, columns = np.indices((30, 30))
+    price = 1.0 + 8.0 * np.exp(-((rows - 4.5) ** 2 + (columns - 19.5) ** 2) / 4.0)
+    free = np.zeros((30, 30), bool)
+    assert rounded(corner, 8.0, price, free).corners == 1
+    assert rounded(corner, 8.0, price, free, allowance=30.0).corners == 0

@@ -1,0 +1,76 @@
+"""Compiled inner loops of the shortcuts: what straight lines cost, and which of them replace a path.
+
+Points are (x, y) in cells, cell centres at integers. Arrays and scalars only.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def segment_cost(
+    price: np.ndarray, blocked: np.ndarray, begin: np.ndarray, end: np.ndarray
+) -> float:
+    """Cost of a straight segment: the mean price along it times its length.
+
+    Sampled at least every half cell, prices between cell centres by bilinear interpolation; infinite if a
+    sample lies in a blocked cell or outside the grid.
+    """
+    rows, columns = price.shape
+    right, down = end[0] - begin[0], end[1] - begin[1]
+    length = math.sqrt(right * right + down * down)
+    pieces = max(1, math.ceil(2.0 * length))
+    total = 0.0
+    for i in range(pieces + 1):
+        x = begin[0] + i / pieces * right
+        y = begin[1] + i / pieces * down
+        column, row = math.floor(x + 0.5), math.floor(y + 0.5)
+        if not (0 <= row < rows and 0 <= column < columns) or blocked[row, column]:
+            return np.inf
+        c = min(max(int(x), 0), columns - 2)
+        r = min(max(int(y), 0), rows - 2)
+        u = min(max(x - c, 0.0), 1.0)
+        v = min(max(y - r, 0.0), 1.0)
+        value = (1.0 - v) * ((1.0 - u) * price[r, c] + u * price[r, c + 1]) + v * (
+            (1.0 - u) * price[r + 1, c] + u * price[r + 1, c + 1]
+        )
+        total += value * (0.5 if i in (0, pieces) else 1.0)
+    return total / pieces * length
+
+
+@njit(cache=True)
+def polyline_cost(price: np.ndarray, blocked: np.ndarray, points: np.ndarray) -> float:
+    """Sum of `segment_cost` over a polyline of (n, 2) points."""
+    total = 0.0
+    for i in range(points.shape[0] - 1):
+        total += segment_cost(price, blocked, points[i], points[i + 1])
+    return total
+
+
+@njit(cache=True)
+def shortcut(path: np.ndarray, price: np.ndarray, blocked: np.ndarray, slack: float) -> np.ndarray:
+    """Which points of a path are left after replacing stretches by straight segments; (n,) bool.
+
+    A segment may cost more than what it replaces by no more than `slack`, which is for rounding.
+    """
+    n = path.shape[0]
+    along = np.zeros(n)
+    for i in range(1, n):
+        along[i] = along[i - 1] + segment_cost(price, blocked, path[i - 1], path[i])
+    kept = np.zeros(n, np.bool_)
+    kept[0] = True
+    here = 0
+    while here < n - 1:
+        there = n - 1
+        while there > here + 1:
+            direct = segment_cost(price, blocked, path[here], path[there])
+            if direct <= along[there] - along[here] + slack:
+                break
+            there -= 1
+        kept[there] = True
+        here = there
+    return kept
