@@ -131,6 +131,12 @@ config_option = click.option(
 @click.option("--seed", type=click.IntRange(min=0), help="Of scene, noise and choices.")
 @click.option("--record", is_flag=True, help="Keep the sensors in recording.mcap.")
 @click.option("--view", "watch", is_flag=True, help="Live page on loopback (needs the extra viz).")
+@click.option(
+    "--wander",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="Explore for so long instead of walking to a goal.",
+)
 @out_option
 @config_option
 @set_option
@@ -140,6 +146,7 @@ def simulate(
     seed: int | None,
     record: bool,
     watch: bool,
+    wander: float | None,
     out: Path | None,
     config_path: Path | None,
     overrides: tuple[str, ...],
@@ -151,11 +158,14 @@ def simulate(
     Examples:
       surefoot simulate                      the furnished home, seed 0
       surefoot simulate home --seed 7 --record --out runs/seven
+      surefoot simulate home --wander 300    explore it for five minutes
       surefoot simulate --config runs/seven/config.toml     the same again
     """
     from .config import load
     from .runs import simulate as run
 
+    if wander is not None:
+        overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
     config = load(config_path, overrides, scene=scene, seed=seed)
     with progress(as_json) as say:
         summary = run(config, out, record, say, watch)

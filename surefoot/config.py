@@ -26,6 +26,7 @@ from perception.primitives.errors import ConfigError
 from perception.stereo import StereoConfig
 from perception.structured_light import StructuredLightConfig
 from perception.time_of_flight import TofConfig
+from planning.exploration import ExplorationConfig
 from planning.gaze.sweep import SweepConfig
 from planning.guard import GuardConfig
 from planning.route import RouteConfig
@@ -71,6 +72,7 @@ class MissionConfig:
     """What a live run is to do."""
 
     goals: int = 1  # how many of the scene's goals, in order
+    wander: bool = False  # explore instead, until the time is up (seed 003, experiment E6)
     tolerance_m: float = 0.10  # seed 000: goal tolerance
     time_limit_s: float = 300.0  # ours: a walk of 6 m takes 90 s, detours included 150 s
 
@@ -114,6 +116,7 @@ class Config:
     footprints: FootprintConfig = field(default_factory=FootprintConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
+    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = field(default_factory=FieldConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
     gaze: SweepConfig = field(default_factory=SweepConfig)

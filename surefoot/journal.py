@@ -106,7 +106,10 @@ class Journal:
             text += f" of {self._info.frames}"
         text += f", t {estimate.stamp_s:.1f} s"
         if navigator is not None:
-            text += f", {navigator.distance_to_goal(estimate):.2f} m to the goal"
+            if self._goals:
+                text += f", {navigator.distance_to_goal(estimate):.2f} m to the goal"
+            else:
+                text += f", {navigator.reached} places visited"
             text += f", {len(estimate.obstacles)} tracks"
         return text
 

@@ -20,6 +20,7 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps, guard
 from planning.commands import GazeCommand, WalkCommand
+from planning.exploration import Explorer, Ground
 from planning.gaze.sweep import Sweep
 from planning.route import Route
 from planning.univector import fields
@@ -52,23 +53,32 @@ OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 
 
 class Navigator:
-    """Walks to one goal after the other."""
+    """Walks to one goal after the other, or wanders about and explores."""
 
     def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
+        """Set out.
+
+        Args:
+            config: Of everything; `mission.wander` explores instead of going to the goals.
+            goals: Where to walk, one after the other, map frame, m.
+        """
         self._config = config
         self._goals = [np.array(goal) for goal in goals]
+        self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route)
         self._gaze = Sweep(config.gaze)
         self.reached = 0
 
     def distance_to_goal(self, estimate: Estimate) -> float:
         """From the estimated pose to the present goal, m; 0 when all are reached."""
-        if self.reached >= len(self._goals) or estimate.pose is None:
+        if self._explorer or self.reached >= len(self._goals) or estimate.pose is None:
             return 0.0
         return float(np.linalg.norm(self._goals[self.reached] - estimate.pose.mean[:2]))
 
     def finished(self, estimate: Estimate) -> bool:
-        """Whether all goals are reached or the time is up."""
+        """Whether all goals are reached or the time is up; who wanders has no other end."""
+        if self._explorer is not None:
+            return estimate.stamp_s >= self._config.mission.time_limit_s
         close = self.distance_to_goal(estimate) <= self._config.mission.tolerance_m
         if self.reached < len(self._goals) and close:
             self.reached += 1
@@ -79,10 +89,10 @@ class Navigator:
 
     def decide(self, estimate: Estimate, pipeline: Pipeline) -> Decision:
         """The next footstep and gaze; to be asked once per footstep."""
-        if estimate.pose is None or pipeline.grid is None or self.reached >= len(self._goals):
+        goal = self._goal(estimate, pipeline)
+        if estimate.pose is None or pipeline.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         grid, robot = pipeline.grid, estimate.pose2
-        goal = self._goals[self.reached]
         obstacles = _supposed(estimate.obstacles)
         probability, unknown, occupied = _as_ground(grid)
         via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
@@ -90,6 +100,22 @@ class Navigator:
         standing = _not_movers(grid.centres()[occupied], obstacles)
         walk, why = self._step(estimate, via, obstacles, standing)
         return Decision(walk, gaze, why)
+
+    def _goal(self, estimate: Estimate, pipeline: Pipeline) -> Float[np.ndarray, "2"] | None:
+        """The place to walk to at present; None if there is none."""
+        if self._explorer is None:
+            return self._goals[self.reached] if self.reached < len(self._goals) else None
+        if estimate.pose is None or not pipeline.world.known.any():
+            return None
+        world = pipeline.world
+        known = world.known
+        occupied = known & (world.probability >= OCCUPIED)
+        ground = Ground(occupied, known, world.updated_s, world.origin, world.cell_m)
+        goal = self._explorer.goal(ground, estimate.pose.mean[:2], estimate.stamp_s)
+        if self._explorer.visited > self.reached:
+            self.reached = self._explorer.visited
+            self._gaze.survey()
+        return goal
 
     def _step(
         self,

@@ -98,7 +98,7 @@ def simulate(
     from .truth_log import TruthLog
 
     scene = scenes.load(config.scene, config.seed)
-    goals = scene.goals[: config.mission.goals]
+    goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{config.scene}-{config.seed}")
     with World(scene, config.renderer, config.seed) as world, _recorder(folder, record) as begin:
         robot = SimulatedRobot(world, config.robot, config.seed)
@@ -124,7 +124,7 @@ def simulate(
         folder.root,
         journal.frames,
         journal.seconds,
-        reached=(navigator.reached, len(goals)),
+        reached=(navigator.reached, len(goals)) if goals else None,
     )
     journal.finish(pipeline, summary.as_dict())
     return summary

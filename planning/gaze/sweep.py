@@ -70,6 +70,10 @@ class Sweep:
         """Whether the first look round is still under way; the robot should stand meanwhile."""
         return self._surveyed <= len(self._config.survey_pans_deg)
 
+    def survey(self) -> None:
+        """Look all round once more, from the next gaze on."""
+        self._surveyed = 0
+
     def next(
         self,
         stamp_s: float,

@@ -1,0 +1,256 @@
+"""Exploration: where to go to see what was never seen, and then what was not seen for longest.
+
+Where known free ground borders on unknown ground lies a frontier. Of the frontiers that the body can reach
+the one is chosen that shows most for the way; when none is left, the ground seen longest ago is visited
+again. A place that cannot be reached in time is left alone for a while.
+
+Source: seed 003, section 5 and experiment E6 (wander and explore at home); frontiers: B. Yamauchi, "A
+frontier-based approach for autonomous exploration" (CIRA 1997); gain and patience ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage, sparse
+
+from perception.primitives.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class ExplorationConfig:
+    """What counts as a frontier, and how patient the walk there is."""
+
+    body_m: float = 0.22  # ours: half of the narrowest passage to look for a way through
+    least_frontier_m: float = 0.20  # ours: shorter borders with the unknown are gaps of the sensor
+    settle_m: float = 0.80  # ours: a metre of way costs as much as this length of frontier gains
+    arrive_m: float = 0.30  # ours: nearer than this one has arrived
+    ahead_m: float = (
+        1.20  # ours: the next goal lies at most so far along the way; the local map holds it
+    )
+    patience_s: float = 45.0  # ours: without getting nearer
+    shun_s: float = 150.0  # ours: how long a place that could not be reached is left alone
+    shun_m: float = 0.50  # ours: and what lies so near to it
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"exploration: {name}={value} must be positive and finite")
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A map as the explorer sees it.
+
+    Args:
+        occupied: Cells covered by something, [row (y), column (x)].
+        known: Cells that were seen.
+        updated_s: When, s.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell.
+    """
+
+    occupied: Bool[np.ndarray, "rows columns"]
+    known: Bool[np.ndarray, "rows columns"]
+    updated_s: Float[np.ndarray, "rows columns"]
+    origin: Float[np.ndarray, "2"]
+    cell_m: float
+
+    def cell(self, place: Float[np.ndarray, "2"]) -> tuple[int, int]:
+        """[row, column] of a place, pulled onto the map."""
+        column, row = np.floor((place - self.origin) / self.cell_m).astype(int)
+        rows, columns = self.known.shape
+        return int(np.clip(row, 0, rows - 1)), int(np.clip(column, 0, columns - 1))
+
+    def places(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Middles of cells [row, column], m."""
+        return np.asarray(self.origin + (cells[:, ::-1] + 0.5) * self.cell_m)
+
+    def passable(self, body_m: float) -> Bool[np.ndarray, "rows columns"]:
+        """Known free cells whose distance from everything in the way is at least half a body."""
+        clearance = ndimage.distance_transform_edt(~self.occupied) * self.cell_m
+        return np.asarray(self.known & ~self.occupied & (clearance >= body_m))
+
+    def frontier(self) -> Bool[np.ndarray, "rows columns"]:
+        """Known free cells that touch unknown ground."""
+        unknown = ndimage.binary_dilation(
+            np.pad(~self.known, 1, constant_values=True), np.ones((3, 3), bool)
+        )
+        return np.asarray(self.known & ~self.occupied & unknown[1:-1, 1:-1])
+
+
+@dataclass
+class _Target:
+    place: Float[np.ndarray, "2"]
+    fresh: bool  # a frontier, not ground to see again
+    best_m: float = math.inf  # shortest way left so far
+    best_s: float = 0.0  # and when
+
+
+class Explorer:
+    """Gives one goal after the other; remembers the present one and those that could not be reached."""
+
+    def __init__(self, config: ExplorationConfig | None = None) -> None:
+        self._config = config or ExplorationConfig()
+        self._target: _Target | None = None
+        self._shunned: list[tuple[Float[np.ndarray, "2"], float]] = []
+        self.visited = 0
+        """Targets arrived at, or seen from afar."""
+
+    def goal(
+        self, ground: Ground, here: Float[np.ndarray, "2"], stamp_s: float
+    ) -> Float[np.ndarray, "2"]:
+        """Where to walk now, world frame, m: a place on the way to the target, or `here` if there is none."""
+        self._shunned = [(place, until) for place, until in self._shunned if until > stamp_s]
+        ways = _Ways(ground, here, self._config.body_m)
+        if self._target is not None and self._is_done(self._target, ground, ways, here, stamp_s):
+            self._target = None
+        if self._target is None:
+            self._target = self._choose(ground, ways, stamp_s)
+        if self._target is None:
+            return here
+        return ways.ahead(self._target.place, self._config.ahead_m)
+
+    def _is_done(
+        self,
+        target: _Target,
+        ground: Ground,
+        ways: _Ways,
+        here: Float[np.ndarray, "2"],
+        stamp_s: float,
+    ) -> bool:
+        if float(np.hypot(*(target.place - here))) < self._config.arrive_m:
+            self.visited += 1
+            return True
+        if target.fresh and not _near(ground, ground.frontier(), target.place):
+            self.visited += 1
+            return True
+        left = ways.length(target.place)
+        if left < target.best_m - 0.1:
+            target.best_m, target.best_s = left, stamp_s
+        if not math.isfinite(left) or stamp_s - target.best_s > self._config.patience_s:
+            self._shunned.append((target.place, stamp_s + self._config.shun_s))
+            return True
+        return False
+
+    def _choose(self, ground: Ground, ways: _Ways, stamp_s: float) -> _Target | None:
+        best = self._best_frontier(ground, ways)
+        if best is not None:
+            return _Target(best, True, ways.length(best), stamp_s)
+        longest = self._longest_unseen(ground, ways)
+        return None if longest is None else _Target(longest, False, ways.length(longest), stamp_s)
+
+    def _best_frontier(self, ground: Ground, ways: _Ways) -> Float[np.ndarray, "2"] | None:
+        labels, count = ndimage.label(ground.frontier(), np.ones((3, 3)))
+        best, found = 0.0, None
+        for label in range(1, count + 1):
+            cells = np.argwhere(labels == label)
+            length = len(cells) * ground.cell_m
+            if length < self._config.least_frontier_m:
+                continue
+            stand = ways.nearest(cells)
+            if stand is None or self._is_shunned(stand):
+                continue
+            gain = length / (self._config.settle_m + ways.length(stand))
+            if gain > best:
+                best, found = gain, stand
+        return found
+
+    def _longest_unseen(self, ground: Ground, ways: _Ways) -> Float[np.ndarray, "2"] | None:
+        cells = np.argwhere(np.isfinite(ways.metres) & (ways.metres > self._config.arrive_m))
+        order = np.argsort(ground.updated_s[tuple(cells.T)], kind="stable")
+        for place in ground.places(cells[order[:: max(1, len(order) // 200)]]):
+            if not self._is_shunned(place):
+                return np.asarray(place)
+        return None
+
+    def _is_shunned(self, place: Float[np.ndarray, "2"]) -> bool:
+        near = self._config.shun_m
+        return any(float(np.hypot(*(place - other))) < near for other, _ in self._shunned)
+
+
+class _Ways:
+    """Shortest ways from one place to every passable cell, straight and diagonal steps."""
+
+    def __init__(self, ground: Ground, here: Float[np.ndarray, "2"], body_m: float) -> None:
+        self._ground = ground
+        passable = ground.passable(body_m)
+        start = ground.cell(here)
+        rows, columns = np.ogrid[: passable.shape[0], : passable.shape[1]]
+        around = np.hypot(rows - start[0], columns - start[1]) * ground.cell_m <= 1.5 * body_m
+        passable |= around & ~ground.occupied  # the body stands there: it can leave
+        self._index = np.full(passable.shape, -1)
+        self._cells = np.argwhere(passable)
+        self._index[tuple(self._cells.T)] = np.arange(len(self._cells))
+        self.metres = np.full(passable.shape, np.inf)
+        """Length of the way to each cell; infinite where there is none."""
+        self._before: np.ndarray = np.zeros(0, np.int32)
+        if self._index[start] < 0:
+            return
+        graph = _lattice(self._index, ground.cell_m)
+        lengths, before = sparse.csgraph.dijkstra(
+            graph, indices=self._index[start], return_predecessors=True
+        )
+        self.metres[tuple(self._cells.T)] = lengths
+        self._before = before
+
+    def length(self, place: Float[np.ndarray, "2"]) -> float:
+        """Of the way to a place, m."""
+        return float(self.metres[self._ground.cell(place)])
+
+    def nearest(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"] | None:
+        """The place within reach that is nearest to the middle one of some cells, at most 0.6 m off."""
+        middle = cells[np.argmin(np.hypot(*(cells - cells.mean(axis=0)).T))]
+        reach = np.isfinite(self.metres[tuple(self._cells.T)])
+        if not reach.any():
+            return None
+        away = np.hypot(*(self._cells[reach] - middle).T) * self._ground.cell_m
+        best = int(np.argmin(away))
+        if away[best] > 0.6:
+            return None
+        return self._ground.places(self._cells[reach][best][None])[0]
+
+    def ahead(self, place: Float[np.ndarray, "2"], most_m: float) -> Float[np.ndarray, "2"]:
+        """The point of the way to a place that lies at most so far along it."""
+        at = self._index[self._ground.cell(place)]
+        if at < 0 or not math.isfinite(self.length(place)):
+            return place
+        lengths = self.metres[tuple(self._cells.T)]
+        if lengths[at] <= most_m:
+            return place
+        while lengths[at] > most_m:
+            at = self._before[at]
+        return self._ground.places(self._cells[at][None])[0]
+
+
+def _lattice(index: Int[np.ndarray, "rows columns"], cell_m: float) -> sparse.csr_array:
+    """Graph of passable cells, eight neighbours, edges in metres, both directions."""
+    ends, weights = [], []
+    for i, j in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        rows, columns = index.shape
+        a = index[: rows - i, max(0, -j) : columns - max(0, j)]
+        b = index[i:, max(0, j) : columns + min(0, j)]
+        both = (a >= 0) & (b >= 0)
+        ends.append(np.stack([a[both], b[both]]))
+        weights.append(np.full(int(both.sum()), cell_m * math.hypot(i, j)))
+    (first, second), weight = np.concatenate(ends, axis=1), np.concatenate(weights)
+    count = int(index.max()) + 1
+    graph = sparse.coo_array((weight, (first, second)), shape=(count, count))
+    return (graph + graph.T).tocsr()
+
+
+def _near(
+    ground: Ground, cells: Bool[np.ndarray, "rows columns"], place: Float[np.ndarray, "2"]
+) -> bool:
+    """Whether one of the cells lies within 0.4 m of a place."""
+    row, column = ground.cell(place)
+    reach = round(0.4 / ground.cell_m)
+    return bool(
+        cells[
+            max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1
+        ].any()
+    )
