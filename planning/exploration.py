@@ -2,7 +2,7 @@
 
 Where known free ground borders on unknown ground lies a frontier. Of the frontiers that the body can reach
 the one is chosen that shows most for the way; when none is left, the ground seen longest ago is visited
-again. A place that cannot be reached in time is left alone for a while.
+again. A place just visited, or that cannot be reached in time, is left alone for a while.
 
 Source: seed 003, section 5 and experiment E6 (wander and explore at home); frontiers: B. Yamauchi, "A
 frontier-based approach for autonomous exploration" (CIRA 1997); gain and patience ours.
@@ -125,6 +125,7 @@ class Explorer:
     ) -> bool:
         if float(np.hypot(*(target.place - here))) < self._config.arrive_m:
             self.visited += 1
+            self._shun(target, stamp_s)  # what can be seen from there will have been
             return True
         if target.fresh and not _near(ground, ground.frontier(), target.place):
             self.visited += 1
@@ -133,9 +134,12 @@ class Explorer:
         if left < target.best_m - 0.1:
             target.best_m, target.best_s = left, stamp_s
         if not math.isfinite(left) or stamp_s - target.best_s > self._config.patience_s:
-            self._shunned.append((target.place, stamp_s + self._config.shun_s))
+            self._shun(target, stamp_s)
             return True
         return False
+
+    def _shun(self, target: _Target, stamp_s: float) -> None:
+        self._shunned.append((target.place, stamp_s + self._config.shun_s))
 
     def _choose(self, ground: Ground, ways: _Ways, stamp_s: float) -> _Target | None:
         best = self._best_frontier(ground, ways)
