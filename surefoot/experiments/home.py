@@ -6,41 +6,20 @@ robot's solid never touched anything in any frame; nothing is left out of the co
 
 from __future__ import annotations
 
-import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import stats
 
 from ..config import Config
 from .experiment import Experiment, Outcome, Say, Target
-
-WORKERS = 2
-
-
-def walk(seed: int) -> dict[str, Any]:
-    """One live run in a folder that is thrown away; its metrics, and those of its recording processed."""
-    from .. import runs
-    from ..evaluation import evaluate
-    from ..run_folder import RunFolder
-
-    with tempfile.TemporaryDirectory() as place:
-        out = Path(place) / "live"
-        runs.simulate(replace(Config(), scene="home", seed=seed), out, False, lambda text: None)
-        return evaluate(RunFolder.open(out))
+from .walks import walk_all
 
 
 def run(seeds: int, say: Say) -> Outcome:
     """Seeds 0 to n - 1, two at a time."""
-    found: list[dict[str, Any]] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for metrics in pool.map(walk, range(seeds)):
-            found.append(metrics)
-            say(f"{len(found)} of {seeds} walks")
+    configs = [replace(Config(), scene="home", seed=seed) for seed in range(seeds)]
+    found = walk_all(configs, say)
 
     def all_of(name: str) -> np.ndarray:
         return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)

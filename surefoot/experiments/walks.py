@@ -1,0 +1,52 @@
+"""Many simulated walks, two at a time: what the experiments that walk have in common."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+from ..config import Config
+from ..run_folder import RunFolder
+from .experiment import Say
+
+WORKERS = 2
+
+Extra = Callable[[RunFolder, Config], dict[str, float]]
+
+
+def walk(config: Config, extra: Extra | None = None) -> dict[str, Any]:
+    """One live run in a folder that is thrown away.
+
+    Args:
+        config: Of the run.
+        extra: More figures, from the run folder before it goes.
+
+    Returns:
+        Its metrics (see `surefoot.metrics`), and those more.
+    """
+    from .. import runs
+    from ..evaluation import evaluate
+
+    with tempfile.TemporaryDirectory() as place:
+        out = Path(place) / "live"
+        runs.simulate(config, out, False, lambda text: None)
+        folder = RunFolder.open(out)
+        metrics = evaluate(folder)
+        return metrics if extra is None else metrics | extra(folder, config)
+
+
+def walk_all(
+    configs: Iterable[Config], say: Say, extra: Extra | None = None
+) -> list[dict[str, Any]]:
+    """The metrics of every run, in order; each run in a process of its own."""
+    todo = list(configs)
+    found: list[dict[str, Any]] = []
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        for metrics in pool.map(walk, todo, [extra] * len(todo)):
+            found.append(metrics)
+            say(f"{len(found)} of {len(todo)} walks")
+    return found

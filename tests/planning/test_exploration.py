@@ -1,0 +1,134 @@
+"""The explorer in drawn flats: it sees everything it can get to, gives up what it cannot, and goes on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.sparse import csgraph
+
+from perception.primitives.errors import ConfigError
+from planning.exploration import ExplorationConfig, Explorer, Ground, _Ways
+
+CELL = 0.05
+
+
+def flat() -> np.ndarray:
+    """Two rooms with a door, 4 x 3 m; True is wall or furniture."""
+    occupied = np.zeros((60, 80), dtype=bool)
+    occupied[[0, -1], :] = occupied[:, [0, -1]] = True
+    occupied[:, 39:41] = True
+    occupied[24:38, 39:41] = False  # the door, 0.7 m
+    occupied[10:20, 10:22] = True
+    occupied[40:50, 60:66] = True
+    return occupied
+
+
+class Walk:
+    """A body that goes straight to its goal, 0.1 m at a time, and sees 1.5 m far through nothing."""
+
+    def __init__(self, occupied: np.ndarray, here: tuple[float, float]) -> None:
+        self.occupied, self.here = occupied, np.array(here)
+        self.known = np.zeros_like(occupied)
+        self.updated_s = np.zeros(occupied.shape)
+        self.t = 0.0
+        self.look()
+
+    def ground(self) -> Ground:
+        return Ground(
+            self.occupied & self.known, self.known.copy(), self.updated_s.copy(), np.zeros(2), CELL
+        )
+
+    def look(self) -> None:
+        for angle in np.linspace(0, 2 * math.pi, 240, endpoint=False):
+            for r in np.arange(0.0, 1.5, CELL / 2):
+                x, y = self.here + r * np.array([math.cos(angle), math.sin(angle)])
+                cell = int(y / CELL), int(x / CELL)
+                self.known[cell], self.updated_s[cell] = True, self.t
+                if self.occupied[cell]:
+                    break
+
+    def step(self, goal: np.ndarray) -> None:
+        away = goal - self.here
+        distance = float(np.hypot(*away))
+        if distance > 1e-9:
+            self.here = self.here + away * min(1.0, 0.1 / distance)
+        self.t += 1.0
+
+
+def test_all_ground_within_reach_is_seen_at_last_and_nothing_is_walked_through():
+    walk, explorer = Walk(flat(), (0.5, 2.0)), Explorer()
+    clearance = ndimage.distance_transform_edt(~walk.occupied) * CELL
+    for _ in range(400):
+        walk.step(explorer.goal(walk.ground(), walk.here, walk.t))
+        walk.look()
+        cell = int(walk.here[1] / CELL), int(walk.here[0] / CELL)
+        assert clearance[cell] > 0.05
+    labels, _ = ndimage.label(~walk.occupied)
+    within = labels == labels[40, 10]
+    assert np.mean(walk.known[within]) > 0.97
+    assert explorer.visited >= 2
+
+
+def test_when_all_is_seen_the_ground_seen_longest_ago_is_visited_again():
+    walk, explorer = Walk(flat(), (0.5, 2.0)), Explorer()
+    walk.known[:] = True
+    walk.updated_s[:] = 50.0
+    walk.updated_s[4:20, 60:76] = 1.0  # a corner of the other room
+    walk.t = 60.0
+    for _ in range(80):
+        walk.step(explorer.goal(walk.ground(), walk.here, walk.t))
+        if explorer.visited:
+            break
+    assert np.all(np.abs(walk.here - [3.4, 0.6]) < 0.75)
+
+
+def test_a_place_that_is_never_reached_is_left_alone_for_another():
+    walk, explorer = Walk(flat(), (0.5, 2.0)), Explorer()
+    first = explorer.goal(walk.ground(), walk.here, 0.0)
+    goals = [explorer.goal(walk.ground(), walk.here, float(t)) for t in range(1, 100)]
+    assert np.array_equal(goals[20], first)  # patient at first
+    assert any(float(np.hypot(*(goal - first))) > 0.3 for goal in goals)
+
+
+def test_ways_are_as_short_as_those_of_another_solver():
+    rng = np.random.default_rng(3)
+    occupied = ndimage.binary_dilation(rng.random((40, 50)) < 0.02, iterations=2)
+    occupied[18:23, 18:23] = False
+    ground = Ground(occupied, ~np.zeros_like(occupied), np.zeros(occupied.shape), np.zeros(2), CELL)
+    here = np.array([20.5, 20.5]) * CELL
+    ways = _Ways(ground, here, 0.06)
+    free = np.isfinite(ways.metres)
+    nodes = np.argwhere(free)
+    apart = np.abs(nodes[:, None] - nodes[None]).max(axis=-1)
+    edges = np.where(apart == 1, np.linalg.norm(nodes[:, None] - nodes[None], axis=-1) * CELL, 0.0)
+    start = int(np.flatnonzero((nodes == [20, 20]).all(axis=1))[0])
+    expected = csgraph.bellman_ford(edges, indices=start)
+    np.testing.assert_allclose(ways.metres[free], expected, atol=1e-9)
+    assert free.sum() > 200
+
+
+def test_the_next_goal_lies_on_the_way_and_no_farther_than_asked():
+    walk = Walk(flat(), (0.5, 2.0))
+    walk.known[:] = True
+    ways = _Ways(walk.ground(), walk.here, 0.2)
+    far = np.array([3.5, 0.5])
+    near = ways.ahead(far, 1.2)
+    assert 1.1 <= ways.length(near) <= 1.2 + 1e-9
+    onward = _Ways(walk.ground(), near, 0.2)
+    assert ways.length(near) + onward.length(far) == pytest.approx(ways.length(far), abs=0.1)
+
+
+def test_walled_in_it_stays_where_it_is():
+    occupied = np.ones((20, 20), dtype=bool)
+    occupied[8:12, 8:12] = False
+    ground = Ground(occupied, np.ones_like(occupied), np.zeros((20, 20)), np.zeros(2), CELL)
+    here = np.array([0.5, 0.5])
+    assert float(np.hypot(*(Explorer().goal(ground, here, 0.0) - here))) < 0.2
+
+
+def test_impossible_figures_are_refused():
+    with pytest.raises(ConfigError, match="patience_s"):
+        ExplorationConfig(patience_s=0.0)
