@@ -14,6 +14,9 @@ FREE_SUMS = {"reassoc", "contract", "nsz"}  # sums may be vectorised; nothing as
 GRAIN = 12.0  # image cells for correlated noise per unit of ray slope: about 5 deg
 SPAN = 2.0  # ray slopes beyond this share the outermost cell
 CELLS = 48  # 2 SPAN GRAIN
+SECTORS = 720  # directions on the ground in which feet are looked for: half a degree
+RING_M = 0.025  # grain of distance on the ground
+RINGS = 256
 PLAN = 256  # cells along a side of the ground plan in which feet are looked for
 
 
@@ -126,6 +129,7 @@ def statistics(
     g: np.ndarray,
     B: np.ndarray,
     C: np.ndarray,
+    D: np.ndarray,
 ) -> tuple[int, int, int]:
     """The normal equations once more, with what the covariance needs and with what lies below.
 
@@ -133,7 +137,9 @@ def statistics(
         A, g: (3, 3), (3,), as in `moments`, filled.
         B: (3, 3), sum over image cells of the outer product of the cell's gradient, filled: equals A in
             the mean where the noise of neighbours is independent, and is larger where it is not.
-        C: (3, 3), sum of w r r^T / z, filled: the answer to a depth scale that varies over the image.
+        C: (3, 3), sum of w r r^T / z, filled: the answer to an error of depth scale.
+        D: (3, 3), sum of w r r^T s, filled, s the point's deviation in inverse depth: the answer to an
+            error of one deviation that all points share.
 
     Returns:
         Points within tau = base + sigmas * noise, points below -2 tau, image cells that were used.
@@ -142,7 +148,7 @@ def statistics(
     ground = (rough / rho) ** 2
     limit = (narrow * rho) ** 2
     cells = np.zeros((CELLS * CELLS, 4))
-    A[:], B[:], C[:], g[:] = 0.0, 0.0, 0.0, 0.0
+    A[:], B[:], C[:], D[:], g[:] = 0.0, 0.0, 0.0, 0.0, 0.0
     near = below = 0
     for i in range(xyz.shape[0]):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -163,6 +169,13 @@ def statistics(
         C[1, 1] += wy * y * q
         C[1, 2] += wy
         C[2, 2] += wz
+        share = sigma[i] * q * q
+        D[0, 0] += wx * x * share
+        D[0, 1] += wx * y * share
+        D[0, 2] += wx * z * share
+        D[1, 1] += wy * y * share
+        D[1, 2] += wy * z * share
+        D[2, 2] += wz * z * share
         A[0, 0] += wx * x
         A[0, 1] += wx * y
         A[0, 2] += wx * z
@@ -186,7 +199,7 @@ def statistics(
                     B[j, k] += cells[cell, j] * cells[cell, k] / (rho * rho)
     for j in range(3):
         for k in range(j):
-            A[j, k], C[j, k] = A[k, j], C[k, j]
+            A[j, k], C[j, k], D[j, k] = A[k, j], C[k, j], D[k, j]
     return near, below, used
 
 
@@ -203,12 +216,14 @@ def classes(
     sigmas: float,
     top: float,
     labels: np.ndarray,
+    taus: np.ndarray,
 ) -> None:
     """Label each point: 0 floor, 1 obstacle, 2 hole, 3 overhang.
 
     Args:
         P: (3, 3) covariance of the plane (tilt about `first`, tilt about `second`, offset).
         labels: (n,) int8, overwritten.
+        taus: (n,), half the band of the floor at each point, overwritten.
     """
     for i in range(xyz.shape[0]):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -223,6 +238,7 @@ def classes(
             + 2.0 * (P[0, 1] * s * t + P[0, 2] * s + P[1, 2] * t)
         )
         tau = base + sigmas * math.sqrt(noise * noise + max(plane, 0.0))
+        taus[i] = tau
         if d > top:
             labels[i] = 3
         elif d > tau:
@@ -231,3 +247,73 @@ def classes(
             labels[i] = 2
         else:
             labels[i] = 0
+
+
+@njit(cache=True)
+def sector(s: float, t: float) -> int:
+    """Number of a direction on the ground; quarters of a diamond in place of angles."""
+    p = s / (abs(s) + abs(t) + 1e-12)
+    return int((1.0 - p if t >= 0.0 else 3.0 + p) * (SECTORS / 4)) % SECTORS
+
+
+@njit(cache=True)
+def feet(
+    xyz: np.ndarray,
+    n: np.ndarray,
+    rho: float,
+    first: np.ndarray,
+    second: np.ndarray,
+    tau: np.ndarray,
+    foot_m: float,
+    least: int,
+    labels: np.ndarray,
+) -> None:
+    """Take the feet of things out of the floor: what lies within tau but behind the front of a thing.
+
+    A ray that reaches the floor at distance G on the ground passes a front at distance R at the height
+    rho (1 - R / G). If there is a front that rises in the same direction, and that height is within its
+    foot, the floor there is hidden, and what was seen is the foot.
+
+    Args:
+        tau: (n,), half the band of the floor at each point.
+        foot_m: Fronts are looked for up to so much above tau.
+        least: Points that make a front.
+        labels: (n,) int8 as `classes` has them; some 0 become 1.
+    """
+    fronts = np.zeros((SECTORS, RINGS + 1), np.int32)
+    count = xyz.shape[0]
+    for i in range(count):
+        if labels[i] != 1:
+            continue
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        if n[0] * x + n[1] * y + n[2] * z + rho > tau[i] + foot_m:
+            continue
+        s = first[0] * x + first[1] * y + first[2] * z
+        t = second[0] * x + second[1] * y + second[2] * z
+        ring = int(math.sqrt(s * s + t * t) / RING_M)
+        if ring < RINGS:
+            fronts[sector(s, t), ring + 1] += 1
+    for k in range(SECTORS):
+        for ring in range(RINGS):
+            fronts[k, ring + 1] += fronts[k, ring]
+    for i in range(count):
+        if labels[i] != 0 or tau[i] > 0.5 * rho:
+            continue
+        x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
+        drop = -(n[0] * x + n[1] * y + n[2] * z)  # rho on the plane itself
+        if drop <= 1e-9:
+            continue
+        s = first[0] * x + first[1] * y + first[2] * z
+        t = second[0] * x + second[1] * y + second[2] * z
+        k = sector(s, t)
+        if fronts[k, RINGS] < least:
+            continue
+        ground = math.sqrt(s * s + t * t) * rho / drop
+        nearest = ground * (1.0 - 1.5 * tau[i] / rho)
+        last = ground * (1.0 - 0.2 * tau[i] / rho)
+        r0 = min(max(int(nearest / RING_M), 0), RINGS)
+        r1 = min(max(int(last / RING_M + 0.5), r0), RINGS)
+        r2 = min(2 * r1 - r0, RINGS)
+        before = fronts[k, r1] - fronts[k, r0]
+        if before >= least and before >= fronts[k, r2] - fronts[k, r1]:
+            labels[i] = 1

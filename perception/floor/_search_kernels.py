@@ -270,6 +270,8 @@ def vote(
     rho_cell: float,
     triples: int,
     enough: int,
+    least: int,
+    most: int,
     near_of: int,
     side: float,
     slacks: float,
@@ -290,11 +292,15 @@ def vote(
         keys, votes, sums: The table, (m,), (m,), (m, 3), set to -1, 0, 0; filled.
 
     Returns:
-        Triples drawn: fewer than allowed if a cell has gathered enough.
+        Triples drawn: fewer than `triples` if a cell has gathered `enough`, and up to `most` as long as
+        none has `least`.
     """
     state = seed
     mask = keys.shape[0] - 1
-    for k in range(triples):
+    fullest = 0
+    for k in range(most):
+        if k >= triples and fullest >= least:
+            return k
         state, a, b, c, rho, good = triple(
             x, y, z, slack, state, near_of if k % 4 else 1, side, slacks
         )
@@ -318,6 +324,7 @@ def vote(
         sums[slot, 0] += one
         sums[slot, 1] += two
         sums[slot, 2] += at
-        if votes[slot] >= enough:
+        fullest = max(fullest, votes[slot])
+        if fullest >= enough:
             return k + 1
-    return triples
+    return most

@@ -79,15 +79,22 @@ class Floor:
         plane: Camera frame; normal up, offset the camera's height in m, with covariance.
         share: Of all points that lie on it.
         below_share: Of all points that lie clearly below it.
+        among_points: The plane as the points alone have it, and as sure as it is relative to them: an
+            error that they all share lifts no point off the floor. Classes are told by this one.
     """
 
     plane: Plane
     share: float
     below_share: float
+    among_points: Plane
 
 
 def find(
-    points: Points, prior: Plane, rng: np.random.Generator, config: FloorConfig | None = None
+    points: Points,
+    prior: Plane,
+    rng: np.random.Generator,
+    config: FloorConfig | None = None,
+    sensor: str | None = None,
 ) -> Floor | None:
     """The floor among the points, or None if it cannot be told.
 
@@ -96,6 +103,7 @@ def find(
         prior: Where the floor should be, camera frame, with covariance; see `prior`.
         rng: Chooses the sample and the triples.
         config: Method and thresholds.
+        sensor: "tof", "stereo" or "depth"; says what error all points may share. None if nobody says.
 
     Returns:
         The floor, the prior taken in as one more measurement; None if no plane agrees with the prior, has
@@ -119,13 +127,13 @@ def find(
         start = ransac.propose(sample, thought_of, rng, config.ransac, config.sample)
     if start is None:
         return None
-    fit = refine(points, start, config.sample, config.refine)
+    fit = refine(points, start, config.sample, config.refine, sensor)
     if fit is None or not _is_believed(fit, prior, config):
         return None
     plane, distance = fuse(fit.plane, prior)
     if distance > 2.0 * float(gammaincinv(1.5, config.confidence)):  # chi-square, 3
         return None
-    return Floor(plane, fit.share, fit.below_share)
+    return Floor(plane, fit.share, fit.below_share, fit.among_points)
 
 
 def _thinned(points: Points, most: int) -> Points:

@@ -2,10 +2,11 @@
 
 A floor point far away is noisy in height, so the band that counts as floor grows with depth noise, and
 with what the plane itself is unsure of there. Low things far away are not separable from the floor, and
-the band says so.
+the band says so. The foot of a thing lies within the band as well; but a front that rises above it hides
+the floor behind, so what is seen there is foot and not floor.
 
 Source: seed 003, section 3: floor |z| <= tau(Z) = 0.01 + 3 sigma_Z h / Z, obstacle up to the robot's height
-and 0.1 m; the plane's own part is ours.
+and 0.1 m; the plane's own part and the feet are ours.
 """
 
 from __future__ import annotations
@@ -32,12 +33,16 @@ class ClassConfig:
     sigmas: float = 3.0  # seed 003
     robot_height_m: float = 0.46  # DARwIn-OP, standing
     headroom_m: float = 0.10  # seed 003: ignored from robot height + 0.1 m up
+    foot_m: float = 0.15  # ours: fronts are looked for so far above the band; 0: feet stay floor
+    front_points: int = 3  # ours: points that make a front, half a degree wide
 
     def __post_init__(self) -> None:
-        for name in ("base_m", "sigmas", "robot_height_m", "headroom_m"):
+        for name in ("base_m", "sigmas", "robot_height_m", "headroom_m", "foot_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"classes: {name}={value} must not be negative, and finite")
+        if self.front_points < 1:
+            raise ConfigError(f"classes: front_points={self.front_points} must be at least 1")
         if not self.robot_height_m + self.headroom_m > self.base_m:
             raise ConfigError(
                 f"classes: robot_height_m={self.robot_height_m} and headroom_m={self.headroom_m} must "
@@ -56,7 +61,7 @@ def classify(
     """
     config = config or ClassConfig()
     first, second = plane.tangents
-    labels = np.empty(len(points), dtype=np.int8)
+    labels, tau = np.empty(len(points), dtype=np.int8), np.empty(len(points))
     kernels.classes(
         points.xyz,
         points.sigma,
@@ -69,7 +74,20 @@ def classify(
         config.sigmas,
         config.robot_height_m + config.headroom_m,
         labels,
+        tau,
     )
+    if config.foot_m > 0.0:
+        kernels.feet(
+            points.xyz,
+            plane.normal,
+            plane.offset_m,
+            first,
+            second,
+            tau,
+            config.foot_m,
+            config.front_points,
+            labels,
+        )
     return labels
 
 

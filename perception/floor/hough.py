@@ -27,19 +27,32 @@ from .sample import Sample, ScoreConfig, score
 class HoughConfig:
     """Grain of the table and when a cell is full."""
 
-    triples: int = 10000  # seed 003: K_max = 3000; ours more, for floors of 6 %
+    triples: int = 3000  # seed 003: K_max
+    patience: int = (
+        6  # ours: so many times K_max while no cell has T_min; 1 gives up as the seed does
+    )
     enough: int = 60  # seed 003: T_v
-    least: int = 3  # seed 003: T_min = 15 for a floor of 65 %; here the score judges what passes
+    least: int = 15  # seed 003: T_min
     tilt_cell_deg: float = 2.0  # seed 003
     rho_cell_m: float = 0.02  # seed 003
     rounds: int = 5  # ours: table, bed, seats, floor
-    cells: int = 12  # ours: candidates of a round
+    cells: int = 12  # ours: candidates of a round: the fullest cell and some of those after it
+    runner_up: int = 3  # ours: votes of those; the score judges them
     near_of: int = 8  # ours: three triples of four have points drawn as nearest of so many
     side_m: float = 0.15  # ours: 5 mm of noise over this length are a cell of tilt
     side_sigmas: float = 30.0  # ours: the same where depth is noisier
 
     def __post_init__(self) -> None:
-        for name in ("triples", "enough", "least", "rounds", "cells", "near_of"):
+        for name in (
+            "triples",
+            "patience",
+            "enough",
+            "least",
+            "rounds",
+            "cells",
+            "runner_up",
+            "near_of",
+        ):
             if getattr(self, name) < 1:
                 raise ConfigError(f"hough: {name}={getattr(self, name)} must be at least 1")
         for name in ("tilt_cell_deg", "rho_cell_m", "side_m", "side_sigmas"):
@@ -58,10 +71,11 @@ def propose(
     """The plane of the sample that is most like a floor; None if no cell gathers enough votes."""
     best, best_score = None, 0.0
     rest = sample
-    for _ in range(config.rounds):
+    for number in range(config.rounds):
         if len(rest) < 3 or best_score >= len(rest):  # what is left cannot beat it
             break
-        planes = _candidates(rest, gate, rng, config, scoring)
+        least = config.least if number == 0 else config.runner_up
+        planes = _candidates(rest, gate, rng, config, scoring, least)
         if not planes:
             break
         for plane in planes:
@@ -79,11 +93,13 @@ def _candidates(
     rng: np.random.Generator,
     config: HoughConfig,
     scoring: ScoreConfig,
+    least: int,
 ) -> list[Plane]:
     """Means of the fullest cells, the fullest first, improved by least squares on the sample."""
     first, second = Plane(gate.up, 0.0).tangents
     origin = np.array([sample.x.mean(), sample.y.mean(), sample.z.mean()])
-    size = 1 << (2 * config.triples - 1).bit_length()
+    most = config.patience * config.triples
+    size = 1 << (2 * most - 1).bit_length()
     sums = np.zeros((size, 3))
     votes = np.zeros(size, dtype=np.int64)
     kernels.vote(
@@ -101,6 +117,8 @@ def _candidates(
         config.rho_cell_m,
         config.triples,
         config.enough,
+        least,
+        most,
         config.near_of,
         config.side_m,
         config.side_sigmas / scoring.sigmas,
@@ -110,7 +128,9 @@ def _candidates(
         votes,
         sums,
     )
-    full = np.flatnonzero(votes >= config.least)
+    if votes.max() < least:
+        return []
+    full = np.flatnonzero(votes >= min(config.runner_up, least))
     full = full[np.argsort(-votes[full], kind="stable")][: config.cells]
     planes = []
     for slot in full:

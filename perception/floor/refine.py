@@ -5,8 +5,9 @@ Two passes in inverse depth (see `_search_kernels`). The covariance has three pa
 - what independent noise of the points leaves: the inverse of the normal matrix;
 - times the factor by which the noise of neighbouring pixels hangs together, measured on the residuals:
   gradients summed over image cells of about 5 deg vary that much more than independent ones would;
-- plus what residuals cannot show, because it bends the floor into another plane: an error of depth scale,
-  constant and growing across the image to the right and downwards, each of deviation `scale_share`.
+- plus what residuals cannot show, because it bends the floor into another plane: an error that all points
+  of the view share, constant and growing across the image to the right and downwards. How large it is
+  depends on the sensor (`SharedError`).
 
 Source: seed 003, section 3 (least squares, one repeat); covariance ours, its factor after White 1980.
 """
@@ -25,6 +26,32 @@ from ..primitives.plane import Plane
 from . import _fit_kernels as kernels
 from .sample import ScoreConfig
 
+MANY_CELLS = 30  # so many tell that the noise is less than was said
+LEAST_FACTOR = 0.05
+SENSORS = ("tof", "stereo", "depth")
+
+
+@dataclass(frozen=True)
+class SharedError:
+    """What all points of one view have wrong alike, as deviations.
+
+    Args:
+        scale: The same everywhere, part of depth: focal length or baseline are off.
+        bend: Growing across the image, part of depth per unit of ray slope, to the right and downwards
+            each: stray light, lens distortion left over.
+        sigmas: In each point's own deviations, of all three shapes: a disparity off by part of a pixel.
+    """
+
+    scale: float = 0.0
+    bend: float = 0.0
+    sigmas: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("scale", "bend", "sigmas"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"floor: {name}={value} must not be negative, and finite")
+
 
 @dataclass(frozen=True)
 class RefineConfig:
@@ -36,7 +63,12 @@ class RefineConfig:
     narrow_sigmas: float = 2.5  # ours: feet of walls and boxes lie within tau, but not within this
     foot_m: float = 0.25  # ours: points up to here above the floor make what is below them a foot
     foot_cell_m: float = 0.05  # ours: as far from a wall as its foot reaches through noise
-    scale_share: float = 0.003  # ours: depth scale left by calibration, part of depth
+    scale_share: float = 0.003  # ours: scale and bend where the sensor is not said
+    tof: SharedError = SharedError(
+        0.015, 0.035
+    )  # ours: stray light and wiggling of the SR-4000 model
+    stereo: SharedError = SharedError(sigmas=0.17)  # ours: 0.05 px, rectified without fault
+    depth: SharedError = SharedError(0.01, 0.01)  # ours: Kinects against motion capture, mountings
     least_points: int = 100  # ours: fewer are no floor
 
     def __post_init__(self) -> None:
@@ -56,28 +88,53 @@ class RefineConfig:
         if self.least_points < 3:
             raise ConfigError(f"floor: least_points={self.least_points} must be at least 3")
 
+    def shared(self, sensor: str | None) -> SharedError:
+        """What points of that sensor share; an unknown name is a ConfigError."""
+        if sensor is None:
+            return SharedError(self.scale_share, self.scale_share)
+        if sensor not in SENSORS:
+            raise ConfigError(f"floor: sensor={sensor!r} is unknown; choose {', '.join(SENSORS)}")
+        found: SharedError = getattr(self, sensor)
+        return found
+
 
 @dataclass(frozen=True)
 class Fit:
-    """A plane with covariance; shares of the points on it, and clearly below it."""
+    """A plane fitted to points.
+
+    Args:
+        plane: With all of its covariance.
+        among_points: The same with the covariance that it has relative to its own points, which share
+            the rest: what to measure heights over the floor from.
+        share: Of the points that lie on it.
+        below_share: Of those that lie clearly below.
+    """
 
     plane: Plane
+    among_points: Plane
     share: float
     below_share: float
 
 
-def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineConfig) -> Fit | None:
+def refine(
+    points: Points,
+    start: Plane,
+    scoring: ScoreConfig,
+    config: RefineConfig,
+    sensor: str | None = None,
+) -> Fit | None:
     """Fit the plane to all points near it.
 
     Args:
         points: Camera frame, m.
         start: Within a few centimetres of the answer.
+        sensor: "tof", "stereo" or "depth", which says what the points share; None if nobody says.
 
     Returns:
         The plane, the camera on its positive side; None if too few points are near or they lie on a line.
     """
     normal, rho = start.normal, start.offset_m
-    A, B, C = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    A, B, C, D = np.zeros((4, 3, 3))
     g = np.zeros(3)
     is_open = np.ones(len(points), dtype=np.bool_)
     near = below = cells = 0
@@ -112,6 +169,7 @@ def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineCon
                 g,
                 B,
                 C,
+                D,
             )
         if not _is_regular(A):
             return None
@@ -122,11 +180,15 @@ def refine(points: Points, start: Plane, scoring: ScoreConfig, config: RefineCon
         return None
     inverse = np.linalg.inv(A)
     factor = float(np.trace(inverse @ B)) / 3.0 * cells / max(cells - 3, 1)
-    M = config.scale_share * inverse @ C
-    P = max(factor, 1.0) * inverse + M @ M.T
-    plane = Plane(normal, rho)
-    J = _jacobian(plane)
-    return Fit(Plane(normal, rho, J @ P @ J.T), near / len(points), below / len(points))
+    factor = max(factor, 1.0 if cells < MANY_CELLS else LEAST_FACTOR)
+    shared = config.shared(sensor)
+    M = inverse @ C @ np.diag([shared.bend, shared.bend, shared.scale])
+    N = shared.sigmas * inverse @ D
+    J = _jacobian(Plane(normal, rho))
+    own = J @ (factor * inverse) @ J.T
+    common = J @ (M @ M.T + N @ N.T) @ J.T
+    plane = Plane(normal, rho, own + common)
+    return Fit(plane, Plane(normal, rho, own), near / len(points), below / len(points))
 
 
 def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:

@@ -1,0 +1,151 @@
+"""Views of a floor with boxes on it, for the experiments on floor planes: the scene, the head, the truth.
+
+Every view is another head pose over another textured floor with other boxes. The head's joints are off by
+what the walking study saw, so the prior is a claim that holds. Truth comes from rays through the same
+scene that the pictures show.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.floor.classify import FLOOR
+from perception.floor.prior import kinematic_prior
+from perception.points import Points
+from perception.primitives.camera import Camera
+from perception.primitives.frame import RangeView, StereoView
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose2, Pose3, head_rotation
+from sim.cameras import ImageConfig, stereo_pair
+from sim.scenes import FloorArea, Scene, Thing
+from sim.shapes import Box
+from sim.tof_camera import TofCamera, TofConfig
+from sim.world import World
+
+BASELINE_M = 0.04  # seed 003
+PAIR = ImageConfig(640, 480, 60.0, (0.0, 0.0, 0.0))  # seed 003
+EXTENT = (-0.3, -2.0, 3.6, 2.0)
+WALL_M = 1.0  # low walls: painting takes most of the time
+FLOORINGS = ("planks/oak", "planks/pine", "rug/teal", "rug/rust", "tiles/grey", "rug/navy")
+CARTONS = ("cardboard/kraft", "fabric/mustard", "books/walnut", "wood/pine", "fabric/plum")
+BOX_SHARE = (0.30, 0.40)  # of the image; seed 003, E1: about 35 %
+JOINT_TILT_RAD = math.radians(1.2)  # walking study: head roll .72, pitch .5 deg, joint offsets .3
+JOINT_HEIGHT_M = 0.01
+FLOOR_REACH_M = 3.0  # seed 003: floor reliable to 3 m
+ON_FLOOR_M = 0.002
+
+
+@dataclass(frozen=True)
+class Look:
+    """One head pose over one scene.
+
+    Args:
+        T_world_camera: Where the camera truly is; its shadow on the floor is near the origin.
+        prior: The floor in the camera frame as the joints have it.
+        floor: The floor in the camera frame as it is.
+    """
+
+    T_world_camera: Pose3
+    prior: Plane
+    floor: Plane
+
+
+def head(
+    rng: np.random.Generator, height_m: tuple[float, float], tilt_deg: tuple[float, float]
+) -> Look:
+    """A random head pose, and what its joints say."""
+    height, tilt = rng.uniform(*height_m), math.radians(rng.uniform(*tilt_deg))
+    pan, roll = math.radians(rng.uniform(-30.0, 30.0)), math.radians(rng.normal(0.0, 2.0))
+    c, s = math.cos(roll), math.sin(roll)
+    rotation = head_rotation(pan, tilt) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    T = Pose3.from_rotation(rotation, np.array([0.0, 0.0, height]))
+    true = Plane(np.array([0.0, 0.0, 1.0]), 0.0).moved(T.inverse())
+    said = kinematic_prior(T, JOINT_TILT_RAD, JOINT_HEIGHT_M)
+    a, b = JOINT_TILT_RAD * rng.normal(size=2)
+    normal = said.normal + a * said.tangents[0] + b * said.tangents[1]
+    normal /= np.linalg.norm(normal)
+    offset = said.offset_m + JOINT_HEIGHT_M * float(rng.normal())
+    return Look(T, Plane(normal, offset, said.covariance), true)
+
+
+def boxes_before(look: Look, seed: int, rng: np.random.Generator) -> Scene:
+    """A room with boxes that cover about 35 % of what the camera sees."""
+    camera = Camera.from_view(
+        80, 60, math.radians(60.0), 2 * math.atan(0.75 * math.tan(math.pi / 6))
+    )
+    flooring = str(rng.choice(FLOORINGS))
+    bare = _walls()
+    things: list[Thing] = []
+    ahead = look.T_world_camera.rotation[:, 2]
+    heading = math.atan2(ahead[1], ahead[0])
+    for _ in range(200):
+        size = rng.uniform((0.10, 0.10, 0.06), (0.40, 0.40, 0.45))
+        far, aside = rng.uniform(0.55, 2.6), rng.uniform(-0.55, 0.55)
+        x, y = far * math.cos(heading + aside), far * math.sin(heading + aside)
+        box = Box(
+            (x, y, size[2] / 2), tuple(size), rng.uniform(0.0, math.pi), str(rng.choice(CARTONS))
+        )
+        more = [*things, Thing(f"box {len(things) + 1}", (box,), float(rng.uniform(0.3, 0.8)))]
+        scene = Scene(
+            "views",
+            seed,
+            EXTENT,
+            (FloorArea(flooring, EXTENT),),
+            bare + tuple(more),
+            (),
+            (),
+            Pose2(),
+            (),
+        )
+        with World(scene, "tiny") as world:
+            height = true_height(world, camera, look.T_world_camera, inside=True)
+        share = float(np.mean(height > ON_FLOOR_M))
+        if share <= BOX_SHARE[1]:
+            things = more
+        if len(things) == len(more) and share >= BOX_SHARE[0]:
+            break
+    return Scene(
+        "views",
+        seed,
+        EXTENT,
+        (FloorArea(flooring, EXTENT),),
+        bare + tuple(things),
+        (),
+        (),
+        Pose2(),
+        (),
+    )
+
+
+def true_height(
+    world: World, camera: Camera, T_world_camera: Pose3, inside: bool = False
+) -> Float[np.ndarray, "h w"]:
+    """Height of what each pixel sees; with `inside`, walls count as floor."""
+    rays = (camera.rays / np.linalg.norm(camera.rays, axis=-1, keepdims=True)).reshape(-1, 3)
+    directions = (rays @ T_world_camera.rotation.T).astype(np.float32)
+    hits = world.rays.cast(T_world_camera.position, directions)
+    points = T_world_camera.position + hits.distance_m[:, None] * directions
+    height = points[:, 2].copy()
+    if inside:
+        x0, y0, x1, y1 = EXTENT
+        x, y = points[:, 0], points[:, 1]
+        height[(x < x0 + 0.01) | (y < y0 + 0.01) | (x > x1 - 0.01) | (y > y1 - 0.01)] = 0.0
+    return np.asarray(height.reshape(camera.height, camera.width), dtype=np.float64)
+
+
+def _walls() -> tuple[Thing, ...]:
+    """Three low walls: ahead, left and right."""
+    x0, y0, x1, y1 = EXTENT
+    middle = (x0 + x1) / 2
+    boxes = (
+        Box((x1 + 0.05, 0.0, WALL_M / 2), (0.10, y1 - y0 + 0.2, WALL_M), 0.0, "wall/white"),
+        Box((middle, y1 + 0.05, WALL_M / 2), (x1 - x0, 0.10, WALL_M), 0.0, "wall/sage"),
+        Box((middle, y0 - 0.05, WALL_M / 2), (x1 - x0, 0.10, WALL_M), 0.0, "wall/cream"),
+    )
+    return tuple(Thing("wall", (box,), 0.75, wall=True) for box in boxes)
