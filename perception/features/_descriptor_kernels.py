@@ -1,0 +1,142 @@
+"""Descriptors: 4 x 4 histograms of 8 directions round a keypoint, on a grid turned and sized like it.
+
+The grid has as many samples a bin as the blur of the image allows (0.75 sigma apart), so the shares of a
+sample in the bins around it are the same for every keypoint, and are tables.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ._orientation_kernels import angles
+
+ACROSS = 4  # spatial bins along each side
+TURNS = 8  # bins of direction
+PER_BIN = 4  # samples a bin along each axis
+SIDE = (ACROSS + 1) * PER_BIN  # samples along each side of the grid
+CELL_SIGMAS = 3.0  # side of a spatial bin, in sigmas of the keypoint
+CLIP = 0.2
+
+
+def tables() -> tuple[np.ndarray, np.ndarray]:
+    """First bin (0 is outside, half a bin before the first) and share of the next, for each sample of an axis."""
+    place = (np.arange(SIDE) + 0.5) / PER_BIN
+    first = np.floor(place).astype(np.int64)
+    return first, (place - first).astype(np.float32)
+
+
+FIRST, SHARE = tables()
+_OFF = (np.arange(SIDE) + 0.5) / PER_BIN - (ACROSS + 1) / 2.0
+FALL = np.exp(-(_OFF[:, None] ** 2 + _OFF[None, :] ** 2) / (2.0 * (ACROSS / 2.0) ** 2)).astype(
+    np.float32
+)
+
+
+@njit(cache=True, nogil=True)
+def describe(levels, points, directions, out):
+    """Descriptors by differences of samples on each keypoint's own grid.
+
+    levels: (n, h, w). points: (m, 4) x, y, sigma in px of the octave, integer layer.
+    directions: (m,), rad. out: (m, 128) float32, of length 1, largest entry about 0.2.
+    """
+    grey = np.empty((SIDE + 2, SIDE + 2), np.float32)
+    gx = np.empty(SIDE * SIDE, np.float32)
+    gy = np.empty_like(gx)
+    for i in range(points.shape[0]):
+        step = points[i, 2] * (CELL_SIGMAS / PER_BIN)
+        c, s = math.cos(directions[i]) * step, math.sin(directions[i]) * step
+        _sample(levels[int(points[i, 3])], points[i, 0], points[i, 1], c, s, grey)
+        for a in range(SIDE):
+            for b in range(SIDE):
+                gx[a * SIDE + b] = grey[a + 1, b + 2] - grey[a + 1, b]
+                gy[a * SIDE + b] = grey[a + 2, b + 1] - grey[a, b + 1]
+        pool(gx, gy, out[i])
+
+
+@njit(cache=True, nogil=True)
+def describe_by_moments(fields_x, fields_y, points, directions, out):
+    """The same from gradients of whole levels, such as those by moments: (n, h, w) each."""
+    field_x = np.empty((SIDE + 2, SIDE + 2), np.float32)
+    field_y = np.empty_like(field_x)
+    gx = np.empty(SIDE * SIDE, np.float32)
+    gy = np.empty_like(gx)
+    for i in range(points.shape[0]):
+        step = points[i, 2] * (CELL_SIGMAS / PER_BIN)
+        c, s = math.cos(directions[i]), math.sin(directions[i])
+        layer = int(points[i, 3])
+        x, y = points[i, 0], points[i, 1]
+        _sample(fields_x[layer], x, y, c * step, s * step, field_x)
+        _sample(fields_y[layer], x, y, c * step, s * step, field_y)
+        for a in range(SIDE):
+            for b in range(SIDE):
+                fx, fy = field_x[a + 1, b + 1], field_y[a + 1, b + 1]
+                gx[a * SIDE + b] = c * fx + s * fy
+                gy[a * SIDE + b] = -s * fx + c * fy
+        pool(gx, gy, out[i])
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _sample(image, x, y, c, s, grey):
+    """Values between pixels on a grid of steps (c, s) across and (-s, c) down about (x, y)."""
+    height, width = image.shape
+    middle = np.float32((SIDE + 1) / 2.0)
+    for a in range(SIDE + 2):
+        u0 = x - s * (a - middle) - c * middle
+        v0 = y + c * (a - middle) - s * middle
+        for b in range(SIDE + 2):
+            u = min(max(u0 + c * b, 0.0), width - 1.001)
+            v = min(max(v0 + s * b, 0.0), height - 1.001)
+            left, top = int(u), int(v)
+            du, dv = np.float32(u - left), np.float32(v - top)
+            p, q = image[top, left], image[top, left + 1]
+            t, w = image[top + 1, left], image[top + 1, left + 1]
+            upper, lower = p + du * (q - p), t + du * (w - t)
+            grey[a, b] = upper + dv * (lower - upper)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def pool(gx, gy, out):
+    """Histograms of the gradients of one grid, clipped and of length 1."""
+    angle = np.empty(SIDE * SIDE, np.float32)
+    bins = np.zeros((ACROSS + 2, ACROSS + 2, TURNS + 1), np.float32)
+    angles(gx, gy, SIDE * SIDE, angle)
+    for a in range(SIDE):
+        row, down = FIRST[a], SHARE[a]
+        for b in range(SIDE):
+            column, across = FIRST[b], SHARE[b]
+            i = a * SIDE + b
+            turn = angle[i] * np.float32(TURNS / (2.0 * math.pi))
+            turn = turn + np.float32(TURNS) if turn < 0 else turn
+            first = min(int(turn), TURNS - 1)
+            weight = FALL[a, b] * np.sqrt(gx[i] * gx[i] + gy[i] * gy[i])
+            later = (turn - first) * weight
+            sooner = weight - later
+            upper, lower = np.float32(1.0) - down, down
+            left, right = np.float32(1.0) - across, across
+            bins[row, column, first] += upper * left * sooner
+            bins[row, column, first + 1] += upper * left * later
+            bins[row, column + 1, first] += upper * right * sooner
+            bins[row, column + 1, first + 1] += upper * right * later
+            bins[row + 1, column, first] += lower * left * sooner
+            bins[row + 1, column, first + 1] += lower * left * later
+            bins[row + 1, column + 1, first] += lower * right * sooner
+            bins[row + 1, column + 1, first + 1] += lower * right * later
+    square = np.float32(0.0)
+    for a in range(ACROSS):
+        for b in range(ACROSS):
+            cell = bins[a + 1, b + 1]
+            cell[0] += cell[TURNS]
+            for t in range(TURNS):
+                out[(a * ACROSS + b) * TURNS + t] = cell[t]
+                square += cell[t] * cell[t]
+    limit = np.float32(CLIP) * np.sqrt(square)
+    square = np.float32(0.0)
+    for k in range(out.shape[0]):
+        out[k] = min(out[k], limit)
+        square += out[k] * out[k]
+    scale = np.float32(1.0) / np.sqrt(max(square, np.float32(1e-20)))
+    for k in range(out.shape[0]):
+        out[k] *= scale

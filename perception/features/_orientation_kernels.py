@@ -1,0 +1,194 @@
+"""Directions of keypoints: a histogram of Gaussian-Hermite gradients, or of differences, round each.
+
+The masks run only where a histogram looks: the even one first along the other axis, then the odd ones,
+pixels in pairs about the middle. `moment_gradients` is the one place where moments become a gradient.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+BINS = 36
+PI = math.pi
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _patch(level, row0, col0, rows, columns, patch):
+    """Copy a window, the border repeated outwards."""
+    height, width = level.shape
+    inside = col0 >= 0 and col0 + columns <= width
+    for r in range(rows):
+        source, line = level[min(max(row0 + r, 0), height - 1)], patch[r]
+        if inside:
+            for c in range(columns):
+                line[c] = source[col0 + c]
+        else:
+            for c in range(columns):
+                line[c] = source[min(max(col0 + c, 0), width - 1)]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def moment_gradients(patch, rows, columns, masks, smooth, sums, total, gx, gy):
+    """Signed roots of the sums of squared odd moments along x and y, over the middle of a patch.
+
+    patch: at least (rows + 2 half, columns + 2 half), the window with half a mask around it.
+    masks: (1 + orders, half + 1), the mask of order 0 and the odd ones, from their middle outwards.
+    smooth: at least as large as the patch. sums, total: (columns,). gx, gy: (rows, columns), out.
+    """
+    half, orders = masks.shape[1] - 1, masks.shape[0] - 1
+    wide = columns + 2 * half
+    for r in range(rows):  # order 0 down the columns
+        out, middle, weight = smooth[r], patch[r + half], masks[0, 0]
+        for c in range(wide):
+            out[c] = weight * middle[c]
+        for k in range(1, half + 1):
+            above, below, weight = patch[r + half - k], patch[r + half + k], masks[0, k]
+            for c in range(wide):
+                out[c] += weight * (above[c] + below[c])
+    for r in range(rows):  # then odd orders along the rows
+        line, out = smooth[r], gx[r]
+        for c in range(columns):
+            total[c] = np.float32(0.0)
+        for m in range(orders, 0, -1):
+            for c in range(columns):
+                sums[c] = np.float32(0.0)
+            for k in range(1, half + 1):
+                weight = masks[m, k]
+                left, right = line[half - k :], line[half + k :]
+                for c in range(columns):
+                    sums[c] += weight * (right[c] - left[c])
+            for c in range(columns):
+                total[c] += sums[c] * sums[c]
+        for c in range(columns):  # sums holds order 1 now
+            out[c] = math.copysign(np.sqrt(total[c]), sums[c])
+    for r in range(rows + 2 * half):  # order 0 along the rows
+        line, out, weight = patch[r], smooth[r], masks[0, 0]
+        centre = line[half:]
+        for c in range(columns):
+            out[c] = weight * centre[c]
+        for k in range(1, half + 1):
+            left, right, weight = line[half - k :], line[half + k :], masks[0, k]
+            for c in range(columns):
+                out[c] += weight * (left[c] + right[c])
+    for r in range(rows):  # then odd orders down the columns
+        out = gy[r]
+        for c in range(columns):
+            total[c] = np.float32(0.0)
+        for m in range(orders, 0, -1):
+            for c in range(columns):
+                sums[c] = np.float32(0.0)
+            for k in range(1, half + 1):
+                above, below, weight = smooth[r + half - k], smooth[r + half + k], masks[m, k]
+                for c in range(columns):
+                    sums[c] += weight * (below[c] - above[c])
+            for c in range(columns):
+                total[c] += sums[c] * sums[c]
+        for c in range(columns):
+            out[c] = math.copysign(np.sqrt(total[c]), sums[c])
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def _differences(patch, rows, columns, gx, gy):
+    """Differences of the pixels on both sides; the patch has one pixel around the window."""
+    for r in range(rows):
+        above, line, below = patch[r], patch[r + 1], patch[r + 2]
+        for c in range(columns):
+            gx[r, c] = line[c + 2] - line[c]
+            gy[r, c] = below[c + 1] - above[c + 1]
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def angles(gx, gy, count, out):
+    """atan2(gy, gx) by a polynomial good to 1e-5 rad, one expression without a branch for each."""
+    for i in range(count):
+        x, y = gx[i], gy[i]
+        ax, ay = abs(x), abs(y)
+        ratio = min(ax, ay) / (max(ax, ay) + np.float32(1e-30))
+        s = ratio * ratio
+        a = np.float32(-0.01172120)
+        a = a * s + np.float32(0.05265332)
+        a = a * s + np.float32(-0.11643287)
+        a = a * s + np.float32(0.19354346)
+        a = a * s + np.float32(-0.33262347)
+        a = (a * s + np.float32(0.99997726)) * ratio
+        a = np.float32(PI / 2) - a if ay > ax else a
+        a = np.float32(PI) - a if x < 0 else a
+        out[i] = -a if y < 0 else a
+
+
+@njit(cache=True, nogil=True)
+def directions(levels, points, masks, window, peak_share, owners, found, strengths):
+    """Peaks of each keypoint's histogram of directions.
+
+    levels: (n, h, w). points: (m, 4) x, y, sigma in px of the octave, integer layer.
+    masks: as of `moment_gradients`; with a single row, differences of pixels are used instead.
+    window: deviation of the histogram's weight, in sigmas. peak_share: of the highest, counts as a peak.
+    owners, found: (capacity,), the keypoint and the direction of each peak, rad in [-pi, pi).
+    strengths: (capacity,), how clear each peak is: its share of all votes.
+    """
+    half = masks.shape[1] - 1 if masks.shape[0] > 1 else 1
+    reach_most = 1
+    for i in range(points.shape[0]):
+        reach_most = max(reach_most, int(round(3.0 * window * points[i, 2])))
+    side_most = 2 * reach_most + 1
+    patch = np.empty((side_most + 2 * half, side_most + 2 * half), np.float32)
+    smooth = np.empty_like(patch)
+    sums, total = np.empty(side_most, np.float32), np.empty(side_most, np.float32)
+    gx = np.empty((side_most, side_most), np.float32)
+    gy, angle = np.empty_like(gx), np.empty(side_most, np.float32)
+    votes, smoothed = np.empty(BINS, np.float64), np.empty(BINS, np.float64)
+    falls = np.empty(side_most, np.float32)
+    count = 0
+    for i in range(points.shape[0]):
+        sigma = points[i, 2]
+        reach = int(round(3.0 * window * sigma))
+        side = 2 * reach + 1
+        column, row = int(round(points[i, 0])), int(round(points[i, 1]))
+        level = levels[int(points[i, 3])]
+        extent = side + 2 * half
+        _patch(level, row - reach - half, column - reach - half, extent, extent, patch)
+        if masks.shape[0] > 1:
+            moment_gradients(patch, side, side, masks, smooth, sums, total, gx, gy)
+        else:
+            _differences(patch, side, side, gx, gy)
+        for c in range(side):
+            falls[c] = math.exp(-((c - reach) ** 2) / (2.0 * (window * sigma) ** 2))
+        for b in range(BINS):
+            votes[b] = 0.0
+        for r in range(side):
+            angles(gx[r], gy[r], side, angle)
+            for c in range(side):
+                weight = falls[r] * falls[c] * math.sqrt(gx[r, c] ** 2 + gy[r, c] ** 2)
+                b = int(angle[c] * (BINS / (2.0 * PI)) + (BINS + 0.5))
+                votes[b - BINS if b >= BINS else b] += weight
+        count = _peaks(votes, smoothed, peak_share, i, owners, found, strengths, count)
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _peaks(votes, smoothed, peak_share, owner, owners, found, strengths, count):
+    """Smooth the histogram by (1 4 6 4 1) / 16 and fit a parabola to every high peak."""
+    highest, all_votes = 0.0, 0.0
+    for b in range(BINS):
+        far = votes[b - 2] + votes[(b + 2) % BINS]
+        near = votes[b - 1] + votes[(b + 1) % BINS]
+        smoothed[b] = (far + 4.0 * near + 6.0 * votes[b]) / 16.0
+        highest = max(highest, smoothed[b])
+        all_votes += votes[b]
+    if not highest > 0.0:
+        return count
+    for b in range(BINS):
+        left, middle, right = smoothed[b - 1], smoothed[b], smoothed[(b + 1) % BINS]
+        if middle > left and middle > right and middle >= peak_share * highest:
+            if count == owners.shape[0]:
+                return count
+            place = b + 0.5 * (left - right) / (left - 2.0 * middle + right)
+            direction = place * (2.0 * PI / BINS)
+            owners[count] = owner
+            found[count] = direction - 2.0 * PI if direction >= PI else direction
+            strengths[count] = middle / all_votes
+            count += 1
+    return count

@@ -1,0 +1,124 @@
+"""Extrema of the difference of Gaussians: found, fitted by a paraboloid, kept if distinct and no edge."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def extrema(levels, threshold, contrast, edge_ratio, border, layers, found):
+    """Fitted extrema of one octave.
+
+    levels: (layers + 3, h, w) float32, the blurred images. threshold: least |difference| at the pixel.
+    contrast: least |difference| at the fitted place. edge_ratio: of principal curvatures, largest.
+    found: (capacity, 5) float32, receives x, y, layer (all fitted), response, integer layer.
+    Returns the number found, cut at the capacity.
+    """
+    height, width = levels.shape[1], levels.shape[2]
+    row = np.empty(width, np.float32)
+    fit = np.empty(5, np.float64)
+    count = 0
+    for layer in range(1, layers + 1):
+        upper, lower = levels[layer + 1], levels[layer]
+        for r in range(border, height - border):
+            up, low = upper[r], lower[r]
+            for c in range(width):
+                row[c] = up[c] - low[c]
+            for c in range(border, width - border):
+                value = row[c]
+                if value > threshold:
+                    if not (value >= row[c - 1] and value >= row[c + 1]):
+                        continue
+                    if not _is_largest(levels, layer, r, c, value, np.float32(1.0)):
+                        continue
+                elif value < -threshold:
+                    if not (value <= row[c - 1] and value <= row[c + 1]):
+                        continue
+                    if not _is_largest(levels, layer, r, c, -value, np.float32(-1.0)):
+                        continue
+                else:
+                    continue
+                if count < found.shape[0] and _fit(
+                    levels, layer, r, c, layers, contrast, edge_ratio, border, fit
+                ):
+                    for k in range(5):
+                        found[count, k] = fit[k]
+                    count += 1
+    return count
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _difference(levels, layer, r, c):
+    return levels[layer + 1, r, c] - levels[layer, r, c]
+
+
+@njit(cache=True, nogil=True)
+def _is_largest(levels, layer, r, c, value, sign):
+    for dr in range(-1, 2):
+        for dc in range(-1, 2):
+            if sign * _difference(levels, layer, r + dr, c + dc) > value:
+                return False
+    for step in (-1, 1):
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                if sign * _difference(levels, layer + step, r + dr, c + dc) > value:
+                    return False
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _fit(levels, layer, r, c, layers, contrast, edge_ratio, border, fit):
+    """Newton steps to the paraboloid's peak, at most five; whether it is a good one."""
+    height, width = levels.shape[1], levels.shape[2]
+    for attempt in range(5):
+        middle = float(_difference(levels, layer, r, c))
+        east, west = _difference(levels, layer, r, c + 1), _difference(levels, layer, r, c - 1)
+        south, north = _difference(levels, layer, r + 1, c), _difference(levels, layer, r - 1, c)
+        above, below = _difference(levels, layer + 1, r, c), _difference(levels, layer - 1, r, c)
+        gx, gy, gs = (east - west) / 2.0, (south - north) / 2.0, (above - below) / 2.0
+        xx, yy = east + west - 2.0 * middle, south + north - 2.0 * middle
+        ss = above + below - 2.0 * middle
+        xy = (
+            _difference(levels, layer, r + 1, c + 1)
+            - _difference(levels, layer, r + 1, c - 1)
+            - _difference(levels, layer, r - 1, c + 1)
+            + _difference(levels, layer, r - 1, c - 1)
+        ) / 4.0
+        xs = (
+            _difference(levels, layer + 1, r, c + 1)
+            - _difference(levels, layer + 1, r, c - 1)
+            - _difference(levels, layer - 1, r, c + 1)
+            + _difference(levels, layer - 1, r, c - 1)
+        ) / 4.0
+        ys = (
+            _difference(levels, layer + 1, r + 1, c)
+            - _difference(levels, layer + 1, r - 1, c)
+            - _difference(levels, layer - 1, r + 1, c)
+            + _difference(levels, layer - 1, r - 1, c)
+        ) / 4.0
+        a, b, d = yy * ss - ys * ys, xs * ys - xy * ss, xy * ys - xs * yy
+        determinant = xx * a + xy * b + xs * d
+        if determinant == 0.0:
+            return False
+        e, f, g = xx * ss - xs * xs, xy * xs - xx * ys, xx * yy - xy * xy
+        dx = -(a * gx + b * gy + d * gs) / determinant
+        dy = -(b * gx + e * gy + f * gs) / determinant
+        ds = -(d * gx + f * gy + g * gs) / determinant
+        if abs(dx) < 0.5 and abs(dy) < 0.5 and abs(ds) < 0.5:
+            value = middle + 0.5 * (gx * dx + gy * dy + gs * ds)
+            trace, det2 = xx + yy, xx * yy - xy * xy
+            if abs(value) < contrast or det2 <= 0.0:
+                return False
+            if trace * trace * edge_ratio >= (edge_ratio + 1.0) ** 2 * det2:
+                return False
+            fit[0], fit[1], fit[2], fit[3], fit[4] = c + dx, r + dy, layer + ds, abs(value), layer
+            return True
+        if not (abs(dx) < 1e6 and abs(dy) < 1e6 and abs(ds) < 1e6):
+            return False
+        c, r, layer = c + round(dx), r + round(dy), layer + round(ds)
+        if layer < 1 or layer > layers:
+            return False
+        if c < border or c >= width - border or r < border or r >= height - border:
+            return False
+    return False
