@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -29,6 +29,7 @@ from perception.localisation import landmarks
 from perception.localisation.consistency import Innovation
 from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.obstacles import ObstacleTracker
+from perception.localisation.registration import RegistrationReport
 from perception.localisation.track import Detection
 from perception.points import Points
 from perception.primitives.frame import ColourView, Depth, Frame
@@ -39,7 +40,7 @@ from perception.primitives.pose import Pose2, Pose3
 
 from .config import Config, ReachConfig
 from .recordings.recording import RecordingInfo
-from .whereabouts import Given, Nowhere, Walker, Whereabouts
+from .whereabouts import Given, Nowhere, Standing, Walker, Whereabouts
 
 OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # where no foot may go
 RISING = (classify.OBSTACLE, classify.OVERHANG)  # what things are made of: legs and the body above
@@ -89,6 +90,7 @@ class Estimate:
         landmarks: What the localiser made of the landmarks; None where none were looked for.
         innovations: Of the tracks that were seen.
         timing_ms: Wall time of each stage.
+        registration: What came of laying this frame over those before; None where nobody compares.
     """
 
     stamp_s: float
@@ -99,6 +101,7 @@ class Estimate:
     landmarks: UpdateReport | None
     innovations: tuple[Innovation, ...] = ()
     timing_ms: dict[str, float] = field(default_factory=dict)
+    registration: RegistrationReport | None = None
 
     @property
     def pose2(self) -> Pose2:
@@ -160,6 +163,8 @@ class Pipeline:
                 view = self._understand(sensor, depth)
             if view is not None:
                 views.append(view)
+        with watch.stage("register"):
+            views, registration = self._register(views)
         pose = self.whereabouts.pose
         with watch.stage("obstacles"):
             found = self._cluster(views, pose)
@@ -181,6 +186,7 @@ class Pipeline:
             report,
             tuple(self.tracker.innovations),
             watch.milliseconds,
+            registration,
         )
 
     def footprints(self) -> list[Footprint]:
@@ -230,6 +236,24 @@ class Pipeline:
             placed.T_map_camera,
             upright,
         )
+
+    def _register(self, views: list[View]) -> tuple[list[View], RegistrationReport | None]:
+        """Lay what stands over what was seen before; the views go along with the pose."""
+        before = self.whereabouts.pose
+        movers = self.tracker.obstacles
+        report = self.whereabouts.register([standing(view, movers) for view in views])
+        after = self.whereabouts.pose
+        if report is None or before is None or after is None:
+            return views, report
+        step = (_pose2(after) @ _pose2(before).inverse()).lifted()
+        return [
+            replace(
+                view,
+                T_map_camera=step @ view.T_map_camera,
+                upright=step.apply(view.upright),
+            )
+            for view in views
+        ], report
 
     def _cluster(self, views: Sequence[View], pose: Gaussian | None) -> list[Cluster]:
         """Obstacle points of all views, in the body frame, grouped."""
@@ -318,6 +342,13 @@ def _whereabouts(config: Config, info: RecordingInfo) -> Whereabouts:
     )
     start = Gaussian(info.start.vector, covariance)
     return Walker(PoseFilter(start, info.landmarks, config.localiser), config.prior)
+
+
+def standing(view: View, obstacles: Sequence[Obstacle]) -> Standing:
+    """What rises in a view and does not move."""
+    rising = np.isin(view.classes, RISING)
+    rising[rising] = ~_near_movers(view.upright[rising, :2], obstacles)
+    return Standing(view.upright[rising], view.points.sigma[rising], view.T_map_camera)
 
 
 def _pose2(pose: Gaussian) -> Pose2:

@@ -6,21 +6,34 @@ floor be in this camera, and where does this camera stand in the upright map fra
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Float
 
 from perception.floor.prior import handheld_prior, kinematic_prior
 from perception.levelling import UP, level, rotation_between, shadow
 from perception.localisation.filter import PoseFilter, UpdateReport
+from perception.localisation.registration import (
+    Registration,
+    RegistrationConfig,
+    RegistrationReport,
+)
+from perception.localisation.scan import joined, scan
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Sighting
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
+
+log = logging.getLogger(__name__)
+
+STEP_S = 0.65
+"""One footstep, seed 000."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +50,7 @@ class PriorConfig:
     given_heading_deg: float = 0.5
     start_m: float = 0.02  # ours: a robot is put down on its mark by hand
     start_deg: float = 1.0  # ours
+    longest_step_m: float = 0.15  # ours: the gait makes 0.08; joints that report more are wrong
 
 
 @dataclass(frozen=True)
@@ -45,6 +59,21 @@ class Placed:
 
     T_map_camera: Pose3
     floor: Plane
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What one depth sensor sees rise from the floor and stand still.
+
+    Args:
+        points: Upright map frame as believed when the camera was placed, z above the floor, m.
+        sigma: Deviation of each along its ray, m.
+        T_map_camera: The camera in the same frame.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    sigma: Float[np.ndarray, "n"]
+    T_map_camera: Pose3
 
 
 @runtime_checkable
@@ -60,6 +89,10 @@ class Whereabouts(Protocol):
         """Take in the next frame; what became of its landmarks."""
         ...
 
+    def register(self, seen: Sequence[Standing]) -> RegistrationReport | None:
+        """Correct the pose by what stands about; what became of it, None if nobody compares."""
+        ...
+
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
         """The floor in the camera frame before looking, with covariance."""
         ...
@@ -70,12 +103,19 @@ class Whereabouts(Protocol):
 
 
 class Walker:
-    """A walking body: footsteps, inertial sensor and landmarks, joined by the localiser."""
+    """A walking body: footsteps, inertial sensor, landmarks and what stands about, joined by the localiser."""
 
-    def __init__(self, localiser: PoseFilter, config: PriorConfig) -> None:
+    def __init__(
+        self,
+        localiser: PoseFilter,
+        config: PriorConfig,
+        registration: RegistrationConfig | None = None,
+    ) -> None:
         self._localiser = localiser
         self._config = config
+        self._registration = Registration(registration)
         self._stamp_s: float | None = None
+        self._anchored = False
 
     @property
     def pose(self) -> Gaussian:
@@ -86,8 +126,47 @@ class Walker:
         """Predict by odometry and inertial sensor, correct by landmarks."""
         elapsed = 0.0 if self._stamp_s is None else frame.stamp_s - self._stamp_s
         self._stamp_s = frame.stamp_s
+        frame = self._believable(frame, elapsed)
+        before = self._localiser.state
         self._localiser.predict(frame.odometry, frame.imu, elapsed)
-        return self._localiser.update(list(sightings))
+        expected = self._localiser.state
+        self._registration.moved(self._localiser.config, before, frame.odometry, elapsed, expected)
+        report = self._localiser.update(list(sightings))
+        self._registration.learnt(expected, self._localiser.state)
+        if report.accepted + report.rejected > 0:
+            self._anchored = report.accepted > report.rejected
+        return report
+
+    def register(self, seen: Sequence[Standing]) -> RegistrationReport | None:
+        """Lay what stands about over the map of former views."""
+        config = self._registration.config
+        if not config.enabled or not seen:
+            return None
+        T_body_map = self._localiser.pose2.inverse().lifted()
+        cameras = [T_body_map @ one.T_map_camera for one in seen]
+        fronts = joined(
+            [
+                scan(T_body_map.apply(one.points), one.sigma, camera.position[:2], config.scan)
+                for one, camera in zip(seen, cameras, strict=True)
+            ]
+        )
+        ahead = cameras[0].rotation[:, 2]
+        state, report = self._registration.register(
+            self._localiser.state, fronts, math.atan2(ahead[1], ahead[0]), self._anchored
+        )
+        self._localiser.believe(state)
+        return report
+
+    def _believable(self, frame: Frame, elapsed_s: float) -> Frame:
+        """The frame without step odometry if no legs can have done what it says."""
+        if frame.odometry is None:
+            return frame
+        made = math.hypot(frame.odometry.motion.x, frame.odometry.motion.y)
+        steps = max(1.0, abs(frame.odometry.steps), elapsed_s / STEP_S)
+        if not made > self._config.longest_step_m * steps:
+            return frame
+        log.warning("odometry of %.2f m in %.2f s is not believed", made, elapsed_s)
+        return replace(frame, odometry=None)
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
         """Where the joint angles put it."""
@@ -142,6 +221,10 @@ class Given:
             self._T_map_camera = upright @ self._given
         return None
 
+    def register(self, seen: Sequence[Standing]) -> RegistrationReport | None:
+        """The given poses stand."""
+        return None
+
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
         """Horizontal, at the height of the floors seen so far."""
         if self._T_map_camera is None:
@@ -180,6 +263,10 @@ class Nowhere:
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Nothing is known of the motion."""
+        return None
+
+    def register(self, seen: Sequence[Standing]) -> RegistrationReport | None:
+        """There is no map to compare with."""
         return None
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
