@@ -1,0 +1,387 @@
+"""Compiled inner loops of the square-root sigma-point filter.
+
+A covariance is carried as its lower root L, P = L L^T with a positive diagonal. Every step lays deviations
+side by side in one wide matrix M with P = M M^T and turns M into the next root by reflections (an LQ
+decomposition): nothing is ever subtracted, so nothing can become negative. Only the centre point of a transform with
+a negative weight has to be taken away again; where that is impossible it is left in, on the safe side.
+
+Scratch arrays come from the caller, so that no loop allocates. Nothing is raised: False says refused.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+SHARE = 1e-7
+"""Least diagonal of a root against the length of its row: what a covariance matrix can resolve."""
+
+LEAST = 1e-12
+"""Least deviation of anything, in its own unit."""
+
+
+@njit(cache=True)
+def wrapped(angle: float) -> float:
+    """The same angle in [-pi, pi)."""
+    if -math.pi <= angle < math.pi:
+        return angle
+    turned = (angle + math.pi) % (2.0 * math.pi) - math.pi
+    return turned if turned < math.pi else -math.pi
+
+
+@njit(cache=True)
+def root_of(matrix: np.ndarray, size: int, root: np.ndarray) -> bool:
+    """Lower root of a positive semidefinite matrix; False if it is not one or not finite."""
+    for i in range(size):
+        for j in range(i):
+            root[j, i] = 0.0
+        for j in range(i + 1):
+            total = 0.5 * (matrix[i, j] + matrix[j, i])
+            for k in range(j):
+                total -= root[i, k] * root[j, k]
+            if j < i:
+                root[i, j] = total / root[j, j] if root[j, j] > 0.0 else 0.0
+            else:
+                if not total >= -1e-9 * abs(matrix[i, i]) or not math.isfinite(total):
+                    return False
+                root[i, i] = math.sqrt(total) if total > 0.0 else 0.0
+    return True
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})  # sums in any order; NaN stays NaN
+def lower(wide: np.ndarray, rows: int, columns: int) -> None:
+    """Turn a wide matrix (rows, columns) into a lower one with the same M M^T, in place.
+
+    Householder reflections from the right, row by row. Diagonals are positive, and lifted where a row
+    has next to nothing of its own.
+    """
+    for i in range(rows):
+        norm = 0.0
+        for c in range(i + 1, columns):
+            norm += wide[i, c] * wide[i, c]
+        if norm > 0.0:
+            head = wide[i, i]
+            length = math.sqrt(head * head + norm)
+            pivot = head + length if head >= 0.0 else head - length
+            beta = 2.0 / (pivot * pivot + norm)
+            for r in range(i + 1, rows):
+                dot = wide[r, i] * pivot
+                for c in range(i + 1, columns):
+                    dot += wide[r, c] * wide[i, c]
+                dot *= beta
+                wide[r, i] -= dot * pivot
+                for c in range(i + 1, columns):
+                    wide[r, c] -= dot * wide[i, c]
+            wide[i, i] = -length if head >= 0.0 else length
+            for c in range(i + 1, columns):
+                wide[i, c] = 0.0
+        if wide[i, i] < 0.0:
+            for r in range(i, rows):
+                wide[r, i] = -wide[r, i]
+        before = 0.0
+        for c in range(i):
+            before += wide[i, c] * wide[i, c]
+        least = max(SHARE * math.sqrt(before), LEAST)
+        if not wide[i, i] >= least:
+            wide[i, i] = least
+
+
+@njit(cache=True)
+def take_away(root: np.ndarray, size: int, away: np.ndarray, work: np.ndarray) -> bool:
+    """Root of root root^T - away away^T, in place; False, and nothing changed, if that is not positive.
+
+    Args:
+        root: (size, at least size), lower.
+        away: (size,); overwritten.
+        work: (size, size) at least, scratch.
+    """
+    for i in range(size):
+        for j in range(i + 1):
+            work[i, j] = root[i, j]
+    for k in range(size):
+        diagonal = work[k, k]
+        left = (diagonal - away[k]) * (diagonal + away[k])
+        if not left > (SHARE * diagonal) ** 2:
+            return False
+        r = math.sqrt(left)
+        c, s = r / diagonal, away[k] / diagonal
+        work[k, k] = r
+        for i in range(k + 1, size):
+            work[i, k] = (work[i, k] - s * away[i]) / c
+            away[i] = c * away[i] - s * work[i, k]
+    for i in range(size):
+        for j in range(i + 1):
+            root[i, j] = work[i, j]
+    return True
+
+
+@njit(cache=True)
+def draw(mean: np.ndarray, root: np.ndarray, reach: float, points: np.ndarray) -> None:
+    """Sigma points: the mean, then plus and minus each column of the root, `reach` deviations out."""
+    size = mean.shape[0]
+    for j in range(size):
+        points[0, j] = mean[j]
+    for k in range(size):
+        for j in range(size):
+            step = reach * root[j, k]
+            points[1 + k, j] = mean[j] + step
+            points[1 + size + k, j] = mean[j] - step
+
+
+@njit(cache=True)
+def average(
+    points: np.ndarray, size: int, weights: np.ndarray, angles: np.ndarray, mean: np.ndarray
+) -> None:
+    """Weighted mean of points (k, size), angles on the circle."""
+    count = points.shape[0]
+    for j in range(size):
+        if angles[j]:
+            sine = cosine = 0.0
+            for k in range(count):
+                sine += weights[k] * math.sin(points[k, j])
+                cosine += weights[k] * math.cos(points[k, j])
+            mean[j] = math.atan2(sine, cosine)
+        else:
+            total = 0.0
+            for k in range(count):
+                total += weights[k] * points[k, j]
+            mean[j] = total
+
+
+@njit(cache=True)
+def predicted(
+    points: np.ndarray,
+    weights_mean: np.ndarray,
+    weights: np.ndarray,
+    noise_root: np.ndarray,
+    angles: np.ndarray,
+    mean: np.ndarray,
+    root: np.ndarray,
+    wide: np.ndarray,
+    away: np.ndarray,
+    work: np.ndarray,
+) -> bool:
+    """Mean and root of moved points and noise; False, and nothing changed, if they are not finite.
+
+    Args:
+        points: (2 n + 1, n), after the motion.
+        weights_mean, weights: (2 n + 1,), of the mean and of the covariance; all but the first positive.
+        noise_root: (n, n), lower.
+        angles: (n,), which entries are angles.
+        mean, root: (n,) and (n, n), written.
+        wide, away, work: (n, 3 n + 1), (2, n) and (n, n), scratch.
+    """
+    size, count = points.shape[1], points.shape[0]
+    fresh = away[1]
+    average(points, size, weights_mean, angles, fresh)
+    plus = 1 if weights[0] < 0.0 else 0
+    for k in range(count):
+        share = math.sqrt(abs(weights[k]))
+        for j in range(size):
+            difference = points[k, j] - fresh[j]
+            if angles[j]:
+                difference = wrapped(difference)
+            if k == 0 and plus:
+                away[0, j] = share * difference
+            else:
+                wide[j, k - plus] = share * difference
+    for j in range(size):
+        for k in range(size):
+            wide[j, count - plus + k] = noise_root[j, k]
+    lower(wide, size, count - plus + size)
+    if plus:
+        take_away(wide, size, away[0], work)
+    if not all_finite(fresh, wide, size, size):
+        return False
+    for j in range(size):
+        mean[j] = fresh[j]
+        for k in range(size):
+            root[j, k] = wide[j, k] if k <= j else 0.0
+    return True
+
+
+@njit(cache=True)
+def corrected(
+    points: np.ndarray,
+    seen: np.ndarray,
+    weights_mean: np.ndarray,
+    weights: np.ndarray,
+    measured: np.ndarray,
+    noise_root: np.ndarray,
+    angles: np.ndarray,
+    angles_seen: np.ndarray,
+    gate: float,
+    mean: np.ndarray,
+    root: np.ndarray,
+    innovation: np.ndarray,
+    wide: np.ndarray,
+    away: np.ndarray,
+    work: np.ndarray,
+) -> tuple[int, float]:
+    """Learn from a measurement; returns (status, log density).
+
+    The status is 1 if it was learnt, 0 if its normalised innovation squared is above the gate, -1 if it
+    is not finite. Unless it is 1, mean and root are left as they were.
+
+    Args:
+        points: (2 n + 1, n), drawn from mean and root.
+        seen: (2 n + 1, m), what each would see.
+        weights_mean, weights: (2 n + 1,).
+        measured, noise_root: (m,) and (m, m), lower.
+        angles, angles_seen: (n,) and (m,).
+        gate: Largest normalised innovation squared.
+        mean, root: (n,) and (n, n), changed.
+        innovation: (m,), written: whitened.
+        wide, away, work: (m + n, 2 n + 1 + m), (2, m + n) and (m + n, m + n), scratch.
+    """
+    size, count, width = points.shape[1], points.shape[0], seen.shape[1]
+    expected = away[1]
+    average(seen, width, weights_mean, angles_seen, expected)
+    plus = 1 if weights[0] < 0.0 else 0
+    columns = count - plus + width
+    for k in range(count):
+        share = math.sqrt(abs(weights[k]))
+        for j in range(width):
+            difference = seen[k, j] - expected[j]
+            if angles_seen[j]:
+                difference = wrapped(difference)
+            if k == 0 and plus:
+                away[0, j] = share * difference
+            else:
+                wide[j, k - plus] = share * difference
+        for j in range(size):
+            difference = points[k, j] - mean[j]
+            if k == 0 and plus:
+                away[0, width + j] = share * difference
+            else:
+                wide[width + j, k - plus] = share * difference
+    for k in range(width):
+        for j in range(width):
+            wide[j, count - plus + k] = noise_root[j, k]
+        for j in range(size):
+            wide[width + j, count - plus + k] = 0.0
+    lower(wide, width + size, columns)
+    if plus:
+        take_away(wide, width + size, away[0], work)
+    squared, log_density = 0.0, -0.5 * width * math.log(2.0 * math.pi)
+    for j in range(width):
+        difference = measured[j] - expected[j]
+        if angles_seen[j]:
+            difference = wrapped(difference)
+        for k in range(j):
+            difference -= wide[j, k] * innovation[k]
+        innovation[j] = difference / wide[j, j]
+        squared += innovation[j] * innovation[j]
+        log_density -= math.log(wide[j, j])
+    log_density -= 0.5 * squared
+    if not math.isfinite(squared):
+        return -1, -math.inf
+    if squared > gate:
+        return 0, log_density
+    fresh = away[0]
+    for j in range(size):
+        fresh[j] = mean[j]
+        for k in range(width):
+            fresh[j] += wide[width + j, k] * innovation[k]
+        if angles[j]:
+            fresh[j] = wrapped(fresh[j])
+    for j in range(size):
+        if not math.isfinite(fresh[j]):
+            return -1, -math.inf
+        for k in range(j + 1):
+            if not math.isfinite(wide[width + j, width + k]):
+                return -1, -math.inf
+    for j in range(size):
+        mean[j] = fresh[j]
+        for k in range(j + 1):
+            root[j, k] = wide[width + j, width + k]
+    return 1, log_density
+
+
+@njit(cache=True)
+def all_finite(mean: np.ndarray, root: np.ndarray, size: int, columns: int) -> bool:
+    """Whether the first `size` entries and rows have neither NaN nor infinity."""
+    for j in range(size):
+        if not math.isfinite(mean[j]):
+            return False
+        for k in range(columns):
+            if not math.isfinite(root[j, k]):
+                return False
+    return True
+
+
+@njit(cache=True)
+def step_movers(
+    means: np.ndarray,
+    roots: np.ndarray,
+    dt: float,
+    noise: np.ndarray,
+    measured: np.ndarray,
+    measured_noise: np.ndarray,
+    viewpoint: np.ndarray,
+    polar: bool,
+    weights_mean: np.ndarray,
+    weights: np.ndarray,
+    reach: float,
+) -> np.ndarray:
+    """Constant velocity and one position each, for all movers at once; status of each as `corrected`.
+
+    Args:
+        means, roots: (k, 4) and (k, 4, 4), changed: x, y, vx, vy.
+        dt: Time passed, s.
+        noise: (4, 4), what it adds.
+        measured, measured_noise: (k, 2) and (k, 2, 2); NaN where nothing was seen.
+        viewpoint: (3,), x, y, yaw; used if polar.
+        polar: Whether range and bearing are measured, else x and y.
+        weights_mean, weights, reach: Of the sigma points.
+    """
+    count = means.shape[0]
+    points, seen = np.empty((9, 4)), np.empty((9, 2))
+    wide, away, work = np.empty((6, 13)), np.empty((2, 6)), np.empty((6, 6))
+    noise_root, seen_root, innovation = np.zeros((4, 4)), np.zeros((2, 2)), np.empty(2)
+    straight, round_ = np.zeros(4, np.bool_), np.zeros(2, np.bool_)
+    round_[1] = polar
+    status = np.full(count, -1, np.int8)
+    if not root_of(noise, 4, noise_root):
+        return status
+    for i in range(count):
+        mean, root = means[i], roots[i]
+        draw(mean, root, reach, points)
+        for k in range(9):
+            points[k, 0] += dt * points[k, 2]
+            points[k, 1] += dt * points[k, 3]
+        if not predicted(
+            points, weights_mean, weights, noise_root, straight, mean, root, wide, away, work
+        ):
+            continue
+        if not root_of(measured_noise[i], 2, seen_root):
+            continue
+        draw(mean, root, reach, points)
+        for k in range(9):
+            x, y = points[k, 0], points[k, 1]
+            if polar:
+                x, y = x - viewpoint[0], y - viewpoint[1]
+                seen[k, 0] = math.hypot(x, y)
+                seen[k, 1] = wrapped(math.atan2(y, x) - viewpoint[2])
+            else:
+                seen[k, 0], seen[k, 1] = x, y
+        status[i], _ = corrected(
+            points,
+            seen,
+            weights_mean,
+            weights,
+            measured[i],
+            seen_root,
+            straight,
+            round_,
+            math.inf,
+            mean,
+            root,
+            innovation,
+            wide,
+            away,
+            work,
+        )
+    return status

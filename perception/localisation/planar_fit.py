@@ -1,0 +1,115 @@
+"""Parameters of planar localisation by maximum likelihood: no truth is looked at.
+
+The filter's own innovations say how likely a recording is under given parameters. They are sought one at a
+time, by steps that grow while they help and shrink when they do not (compass search); a gate makes the
+likelihood jump now and then, which such a search forgives and a gradient does not.
+
+Source: Schweppe, "Evaluation of likelihood functions for Gaussian signals" (1965); compass search: Kolda,
+Lewis, Torczon, "Optimization by direct search" (SIAM Review 45, 2003).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ..primitives.errors import ConfigError
+from .planar import Journey, PlanarConfig, PlanarPrior, follow
+
+FITTED = {
+    "along": 0.4,
+    "across": 0.4,
+    "turn_per_path": 0.4,
+    "turn_per_turn": 0.4,
+    "turn_per_time": 0.4,
+    "turn_walk": 0.8,
+    "drift_walk": 0.8,
+    "offset": 0.2,
+    "scale": 0.005,
+    "depth_near": 0.4,
+    "depth_far": 0.3,
+    "bearing_sigma": 0.3,
+    "bearing_turning": 0.6,
+    "depth_shared": 0.4,
+    "depth_memory": 0.6,
+    "bearing_shared": 0.4,
+    "bearing_memory": 0.6,
+    "place": 0.4,
+    "place_memory": 0.6,
+}
+"""What is fitted of a `PlanarConfig`, with the first step of each, in the logarithm."""
+
+
+def search(
+    cost: Callable[[Float[np.ndarray, "n"]], float],
+    start: Float[np.ndarray, "n"],
+    steps: Sequence[float],
+    sweeps: int,
+) -> Float[np.ndarray, "n"]:
+    """Compass search for the least cost.
+
+    Args:
+        cost: What to make small; infinite or NaN is never taken.
+        start: Where to begin.
+        steps: First step of each coordinate, not zero.
+        sweeps: How often each coordinate is tried.
+
+    Returns:
+        The best point found; never worse than the start.
+    """
+    if len(steps) != len(start) or not all(steps):
+        raise ConfigError(f"search: {len(start)} coordinates need as many steps, none of them zero")
+    best, least = np.array(start, float), cost(start)
+    step, smallest = np.array(steps, float), 0.02 * np.abs(steps)
+    for _ in range(sweeps):
+        for i in range(len(best)):
+            for sign in (1.0, -1.0):
+                tried = best.copy()
+                tried[i] += sign * step[i]
+                found = cost(tried)
+                if found < least - 1e-3:  # log likelihood; less says nothing
+                    best, least = tried, found
+                    step[i] *= 1.5 * sign
+                    break
+            else:
+                step[i] = math.copysign(max(abs(step[i]) * 0.5, smallest[i]), step[i])
+    return best
+
+
+def fit(
+    journey_at: Callable[[float], Journey],
+    guess: PlanarConfig | None = None,
+    delay_s: float = 0.1,
+    sweeps: int = 6,
+    prior: PlanarPrior | None = None,
+) -> tuple[PlanarConfig, float]:
+    """The parameters under which a journey is likeliest, and the delay of its odometry.
+
+    Args:
+        journey_at: The journey if the body moves so many seconds after odometry says that it does.
+        guess: Where to begin; a factor of e^3 away from it counts as one deviation.
+        delay_s: First guess of the delay, s.
+        sweeps: How often each parameter is tried.
+        prior: Of the state at the start.
+
+    Returns:
+        Parameters and delay, s.
+    """
+    guess = guess or PlanarConfig()
+    base = dataclasses.asdict(guess)
+
+    def config(point: np.ndarray) -> PlanarConfig:
+        factors = dict(zip(FITTED, np.exp(point[:-1]), strict=True))
+        return PlanarConfig(**{k: v * float(factors.get(k, 1.0)) for k, v in base.items()})
+
+    def cost(point: np.ndarray) -> float:
+        likelihood = follow(journey_at(float(point[-1])), config(point), prior).log_likelihood
+        return -likelihood + float(point[:-1] @ point[:-1]) / (2.0 * 3.0**2)
+
+    start = np.append(np.zeros(len(FITTED)), delay_s)
+    best = search(cost, start, [*FITTED.values(), 0.03], sweeps)
+    return config(best), float(best[-1])
