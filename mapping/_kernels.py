@@ -76,40 +76,6 @@ def lattice_bounds(points: np.ndarray, per_m: float) -> tuple[float, float, floa
 
 
 @njit(cache=True)
-def clear_before_floor(counts: np.ndarray, sensor: np.ndarray, stretch: float) -> None:
-    """Add ray evidence: cells just before a seen floor cell, where the ray runs below any obstacle.
-
-    Args:
-        counts: (3, rows, columns) int32; a cell without any points that such a ray passes gets one floor
-            point.
-        sensor: (2,), the sensor in the window, (x, y) in cells (cell middles at + 0.5).
-        stretch: Lowest obstacle's height over the sensor's height: the share of the ray that is below it.
-    """
-    rows, columns = counts.shape[1], counts.shape[2]
-    sensor_x, sensor_y = sensor[0], sensor[1]
-    reach = max(abs(sensor_x), abs(sensor_x - columns)) + max(abs(sensor_y), abs(sensor_y - rows))
-    shortest = 1.0 / max(stretch, 1e-6)  # rays whose stretch is shorter than a cell clear nothing
-    if reach < shortest:
-        return
-    seen = counts[0] > 0
-    for row in range(rows):
-        for column in range(columns):
-            if not seen[row, column]:
-                continue
-            dx, dy = sensor_x - (column + 0.5), sensor_y - (row + 0.5)
-            length = np.sqrt(dx * dx + dy * dy)
-            if length < shortest:
-                continue
-            for k in range(1, int(length * stretch) + 1):
-                c = int(np.floor(column + 0.5 + k * dx / length))
-                r = int(np.floor(row + 0.5 + k * dy / length))
-                if c < 0 or c >= columns or r < 0 or r >= rows:
-                    break
-                if counts[0, r, c] + counts[1, r, c] + counts[2, r, c] == 0:
-                    counts[0, r, c] = 1
-
-
-@njit(cache=True)
 def fold_evidence(
     counts: np.ndarray,
     log_odds: np.ndarray,

@@ -72,6 +72,13 @@ class ConfidenceLayer:
             raise InputError(f"confidence: mask of shape {visible.shape}, expected ({n}, {n})")
         self._values[self._grid.rolled(visible)] = 1.0
 
+    def restore(self, values: Float32[np.ndarray, "rows columns"]) -> None:
+        """Take the values of a saved map, indexed like the grid's probability."""
+        n = len(self._values)
+        if values.shape != (n, n):
+            raise InputError(f"confidence: values of shape {values.shape}, expected ({n}, {n})")
+        self._values[...] = self._grid.rolled(values)
+
     def decay(self, seconds: float) -> None:
         """Let confidence run down for a time, s; call before `see`, so that what is in view stays at 1."""
         np.maximum(

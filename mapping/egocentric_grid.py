@@ -7,11 +7,14 @@ Free space is what the floor was seen on. A ray that ends further away proves li
 it: this camera looks over low boxes. Only the last stretch before a seen floor point, where the ray is
 lower than any obstacle worth the name, counts as seen floor too (ours).
 
+Beside probability and time, a cell holds the height of what was seen on it, and how sure we are of that.
+
 Source: seed 003, section 3, eq. (1) and (2), Fig. 5 and 6.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import SupportsIndex
 
@@ -19,9 +22,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.plane import Plane
 
-from . import _kernels
+from . import _grid_kernels, _kernels
 from .evidence import EvidenceConfig, age, fold, kinds_of, log_odds, probability_of
+from .heights import HeightConfig, floor_form, pose_form
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,9 @@ class GridConfig:
     side_m: float = 3.55  # seed 003: 3.5; odd number of cells, so that a centre cell exists
     cell_m: float = 0.05  # ours: about a quarter of a foot; fine: 0.02 with side 3.50
     lowest_obstacle_m: float = 0.03  # ours: rays below this height prove the floor under them free
+    literal: bool = False  # shift by eq. (2) as printed, which forgets R; for comparison only
     evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+    heights: HeightConfig = field(default_factory=HeightConfig)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.cell_m < self.side_m:
@@ -80,7 +88,7 @@ def whole_cells(
 
 
 class EgocentricGrid:
-    """Probability and time of the last update for each cell round the robot.
+    """Probability, time of the last update, and height for each cell round the robot.
 
     The cells lie on a lattice that is fixed in the world, with the start in the middle of one of them; the
     grid is the N x N window of it with the robot in the centre. Every layer is a torus: the cell that
@@ -99,12 +107,15 @@ class EgocentricGrid:
         self._log_odds = np.full((n, n), np.inf, np.float32)
         self._updated_s = np.zeros((n, n))
         self._moving = np.zeros((n, n), np.bool_)
+        self._height_m = np.full((n, n), np.nan, np.float32)
+        self._variance_m2 = np.full((n, n), np.nan, np.float32)
+        self._raised = np.zeros((n, n), np.bool_)  # the height is that of an obstacle
+        unseen = {"log_odds": np.inf, "height_m": np.nan, "height_variance_m2": np.nan}
         self._layers: list[tuple[np.ndarray, float]] = [
-            (self._log_odds, np.inf),
-            (self._updated_s, 0.0),
-            (self._moving, 0.0),
+            (layer, unseen.get(name, 0.0)) for name, layer in self._named_layers().items()
         ]
-        self._tally = np.zeros(3 * n * n + 1, np.int32)
+        self._tally = np.zeros(3 * n * n + 1, np.int32)  # of one frame, zero between frames
+        self._sums = np.zeros((3 * n * n + 1, 3))
         self._counts = self._tally[:-1].reshape(3, n, n)
 
     # Where the grid is
@@ -172,6 +183,19 @@ class EgocentricGrid:
         """Whether the obstacle in the cell is part of something that moves."""
         return self._unrolled(self._moving)
 
+    @property
+    def height_m(self) -> Float32[np.ndarray, "rows columns"]:
+        """Mean height over the floor of what was last seen on the cell, m; NaN where not measured.
+
+        That of the floor itself where p < 0.5, that of the obstacle's seen surface elsewhere.
+        """
+        return self._unrolled(self._height_m)
+
+    @property
+    def height_variance_m2(self) -> Float32[np.ndarray, "rows columns"]:
+        """How sure the height is: variance of the mean, m^2; NaN where not measured."""
+        return self._unrolled(self._variance_m2)
+
     def new_layer(self, fill: float) -> Float32[np.ndarray, "rows columns"]:
         """A further layer that scrolls with the grid; entering cells get `fill`.
 
@@ -185,12 +209,46 @@ class EgocentricGrid:
         """A layer of `new_layer` in world order, as a copy."""
         return self._unrolled(layer)
 
-    def rolled(self, view: Bool[np.ndarray, "n n"]) -> Bool[np.ndarray, "n n"]:
-        """A mask in world order, as an index into a layer of `new_layer`."""
+    def rolled(
+        self, view: Bool[np.ndarray, "n n"] | Float32[np.ndarray, "n n"]
+    ) -> Bool[np.ndarray, "n n"] | Float32[np.ndarray, "n n"]:
+        """A mask or values in world order, in the order of a layer of `new_layer`."""
         return np.roll(view, (self._corner[1], self._corner[0]), (0, 1))
 
     def _unrolled(self, layer: np.ndarray) -> np.ndarray:
         return np.roll(layer, (-self._corner[1], -self._corner[0]), (0, 1))
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Everything that `restored` needs, by name, layers in world order; see `grid_file`."""
+        return {
+            "start": self._start.copy(),
+            "first": self._first.copy(),
+            "rest": self._rest.copy(),
+            "latest_s": np.array(self._latest_s),
+            **{name: self._unrolled(layer) for name, layer in self._named_layers().items()},
+        }
+
+    @classmethod
+    def restored(cls, config: GridConfig, content: Mapping[str, np.ndarray]) -> EgocentricGrid:
+        """The grid of a snapshot; it goes on to the same bits."""
+        grid = cls(config, content["start"])
+        grid._first = content["first"].astype(np.int64)
+        grid._corner = (grid._first + config.cells // 2) % config.cells
+        grid._rest = content["rest"].astype(np.float64)
+        grid._latest_s = float(content["latest_s"])
+        for name, layer in grid._named_layers().items():
+            layer[...] = np.roll(content[name], (grid._corner[1], grid._corner[0]), (0, 1))
+        return grid
+
+    def _named_layers(self) -> dict[str, np.ndarray]:
+        return {
+            "log_odds": self._log_odds,
+            "updated_s": self._updated_s,
+            "moving": self._moving,
+            "height_m": self._height_m,
+            "height_variance_m2": self._variance_m2,
+            "raised": self._raised,
+        }
 
     # What changes it
 
@@ -199,11 +257,15 @@ class EgocentricGrid:
 
         Raises:
             InputError: The position is not finite.
+        """
+        self.shift(_finite(position_world) - self.position)
+
+    def shift(self, step_world: Float[np.ndarray, "2"]) -> None:
+        """Follow the robot by a displacement M, (2,), m, world axes: Rot(beta) (dx, dy) of a step.
 
         Source: seed 003, eq. (1) and (2), cases (a) and (b).
         """
-        step = _finite(position_world) - self.position
-        cells, self._rest = whole_cells(self._rest, step, self.cell_m)
+        cells, self._rest = whole_cells(self._rest, step_world, self.cell_m, self.config.literal)
         if not cells.any():
             return  # case (a)
         n = self.config.cells
@@ -212,24 +274,29 @@ class EgocentricGrid:
         columns = _entering(int(cells[0]), int(self._corner[0]), n)
         rows = _entering(int(cells[1]), int(self._corner[1]), n)
         for layer, fill in self._layers:
-            layer[:, columns] = fill
-            layer[rows, :] = fill
+            for part in columns:
+                layer[:, part] = fill
+            for part in rows:
+                layer[part] = fill
 
     def update(
         self,
-        points_xy: Float[np.ndarray, "n 2"],
+        points: Float[np.ndarray, "n 2"] | Float[np.ndarray, "n 3"],
         is_obstacle: Bool[np.ndarray, "n"],
         stamp_s: float,
         sensor_xy: Float[np.ndarray, "2"],
         ray_clearing: bool = True,
         is_moving: Bool[np.ndarray, "n"] | None = None,
         sensor_height_m: float | None = None,
+        sigma_m: Float[np.ndarray, "n"] | None = None,
+        floor: Plane | None = None,
+        pose: Gaussian | None = None,
     ) -> None:
         """Remember what one frame showed; each cell changes at most once.
 
         Args:
-            points_xy: Floor and obstacle points on the floor plane, world frame, m. NaN and points outside
-                the grid are passed over.
+            points: Floor and obstacle points, world frame, m: x, y, and the height over the floor, without
+                which heights stay as they are. NaN and points outside the grid are passed over.
             is_obstacle: Whether each rises above (or falls below) the floor.
             stamp_s: Time of the frame, s.
             sensor_xy: The camera on the floor plane, world frame, m.
@@ -237,44 +304,85 @@ class EgocentricGrid:
                 `lowest_obstacle_m`; needs the sensor's height.
             is_moving: Whether each obstacle point belongs to something that moves; None: none does.
             sensor_height_m: Of the camera above the floor; None: no ray evidence.
+            sigma_m: Deviation of each height by depth noise, m; None: as the points of a cell scatter.
+            floor: The floor in the world frame, for its covariance; None: without error.
+            pose: Over (x, y, yaw) of the body, world frame; None: without error.
 
         Raises:
-            InputError: One flag a point is missing.
+            InputError: Not one flag or sigma a point.
 
-        Source: seed 003, section 3, "Update of p"; rays and movers are ours.
+        Source: seed 003, section 3, "Update of p"; rays, movers and heights are ours.
         """
-        if len(points_xy) != len(is_obstacle):
-            raise InputError(
-                f"grid update: {len(points_xy)} points but {len(is_obstacle)} flags; give one flag a point"
-            )
-        _kernels.count_points(
-            np.ascontiguousarray(points_xy),
-            kinds_of(is_obstacle, is_moving),
-            self._anchor,
-            1.0 / self.cell_m,
-            self._first,
-            self.config.cells,
-            self.config.cells,
-            self._tally,
-        )
+        given = {"flags": is_obstacle, "movers": is_moving, "sigmas": sigma_m}
+        for name, values in given.items():
+            if values is not None and len(values) != len(points):
+                raise InputError(
+                    f"grid update: {len(points)} points but {len(values)} {name}; give one a point"
+                )
+        self._count(points, is_obstacle, is_moving, sigma_m)
+        origin = self.origin
         if ray_clearing and sensor_height_m is not None and sensor_height_m > 0.0:
-            sensor = (sensor_xy - self.origin) / self.cell_m
+            sensor = (sensor_xy - origin) / self.cell_m
             share = min(1.0, self.config.lowest_obstacle_m / sensor_height_m)
-            _kernels.clear_before_floor(self._counts, sensor, share)
-        fold(
+            _grid_kernels.clear_before_floor(self._counts, sensor, share)
+        corner = int(self._corner[1]), int(self._corner[0])
+        layers = self._log_odds, self._updated_s, self._moving
+        fold(self._counts, layers, corner, stamp_s, self.config.evidence)
+        _grid_kernels.fuse_heights(
             self._counts,
-            (self._log_odds, self._updated_s, self._moving),
-            (int(self._corner[1]), int(self._corner[0])),
-            stamp_s,
-            self.config.evidence,
+            self._sums,
+            self._log_odds,
+            self._height_m,
+            self._variance_m2,
+            self._raised,
+            corner,
+            (float(origin[0]), float(origin[1]), self.cell_m),
+            floor_form(floor),
+            pose_form(pose),
+            points.shape[1] == 3,
+            self.config.evidence.obstacle_points,
+            self.config.heights.sigma_m**2,
+            self.config.heights.gate_sigmas**2,
         )
+        self._tally[-1] = 0
         self._latest_s = stamp_s
+
+    def _count(
+        self,
+        points: np.ndarray,
+        is_obstacle: np.ndarray,
+        is_moving: np.ndarray | None,
+        sigma_m: np.ndarray | None,
+    ) -> None:
+        """The points of each kind in each cell, and sums of their heights where they have any."""
+        n, per_m = self.config.cells, 1.0 / self.cell_m
+        if points.shape[1] == 2:
+            kinds = kinds_of(is_obstacle, is_moving)
+            flat = np.ascontiguousarray(points)
+            _kernels.count_points(flat, kinds, self._anchor, per_m, self._first, n, n, self._tally)
+            return
+        _grid_kernels.gather(
+            np.ascontiguousarray(points, np.float64).reshape(-1),
+            np.ascontiguousarray(is_obstacle).view(np.uint8),
+            np.zeros(0, np.uint8)
+            if is_moving is None
+            else np.ascontiguousarray(is_moving).view(np.uint8),
+            np.zeros(0) if sigma_m is None else np.ascontiguousarray(sigma_m, np.float64),
+            self._anchor,
+            per_m,
+            self._first,
+            n,
+            self._tally,
+            self._sums,
+        )
 
     def age(self, seconds: float) -> None:
         """Let what moves fade where the latest frame did not see it; seconds since the last call."""
         away = self._updated_s < self._latest_s
         age(self._log_odds, self._moving, away, seconds, self.config.evidence)
-        self._updated_s[np.isinf(self._log_odds)] = 0.0
+        forgotten = np.isinf(self._log_odds)
+        self._updated_s[forgotten] = 0.0
+        self._forget_heights(forgotten)
 
     def clear_disc(self, centre: Float[np.ndarray, "2"], radius_m: float) -> None:
         """Free the cells whose middle is in a disc, world frame, m: where the robot stands, nothing else does.
@@ -285,6 +393,7 @@ class EgocentricGrid:
         free = np.float32(log_odds(self.config.evidence.first_floor))
         self._log_odds[disc] = np.minimum(self._log_odds[disc], free)
         self._moving[disc] = False
+        self._forget_heights(disc & self._raised)
         self._stamp(disc)
 
     def mark_discs(
@@ -297,21 +406,27 @@ class EgocentricGrid:
             disc &= ~(self._log_odds > limit) | np.isinf(self._log_odds)  # walls stay walls
             self._log_odds[disc] = limit
             self._moving[disc] = True
+            self._forget_heights(disc)
             self._stamp(disc)
 
     def _within(self, centre: Float[np.ndarray, "2"], radius_m: float) -> np.ndarray:
         return np.asarray(np.sum((self.centres() - centre) ** 2, axis=-1) <= radius_m**2)
+
+    def _forget_heights(self, cells: np.ndarray) -> None:
+        self._height_m[cells] = np.nan
+        self._variance_m2[cells] = np.nan
+        self._raised[cells] = False
 
     def _stamp(self, cells: np.ndarray) -> None:
         if np.isfinite(self._latest_s):
             self._updated_s[cells] = self._latest_s
 
 
-def _entering(shift: int, corner: int, n: int) -> Int[np.ndarray, "k"]:
+def _entering(shift: int, corner: int, n: int) -> list[slice]:
     """Layer indices of the lines that enter when the window, now at `corner`, has moved by `shift`."""
     count = min(abs(shift), n)
-    first = n - count if shift > 0 else 0
-    return (corner + first + np.arange(count)) % n
+    first = (corner + (n - count if shift > 0 else 0)) % n
+    return [slice(first, min(first + count, n)), slice(0, max(first + count - n, 0))]
 
 
 def _finite(position: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:

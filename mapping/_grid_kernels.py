@@ -1,0 +1,213 @@
+"""Compiled inner loops of the terrain map: points with heights into cells, rays, and heights fused.
+
+Arrays and scalars only; what they mean is told in `egocentric_grid` and `heights`, and their NumPy twins
+are in the tests.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+BLOCK = 512  # points indexed at a time: they stay in the first-level cache for the second loop
+RAY = -1  # floor count of a cell that only rays have freed: evidence, but no point
+FLOOR, STILL, MOVING = 0, 1, 2  # kinds of points, in the order of `counts`
+
+
+@njit(cache=True)
+def gather(
+    flat: np.ndarray,
+    obstacle: np.ndarray,
+    moving: np.ndarray,
+    sigma: np.ndarray,
+    anchor: np.ndarray,
+    per_m: float,
+    first: np.ndarray,
+    side: int,
+    counts: np.ndarray,
+    sums: np.ndarray,
+) -> None:
+    """Count the points of each kind in each cell of a window, and sum up their heights.
+
+    The window is that of `_kernels.count_points`. Points outside, and NaN, go to a place of their own. The
+    indices come first, in loops that vectorise, the scattered additions second, in one without branches.
+
+    Args:
+        flat: (3 n,) float64: x, y, height of each point, m.
+        obstacle: (n,) uint8, 1 for an obstacle.
+        moving: (n,) uint8, 1 for what moves, or of no length.
+        sigma: (n,) float64, deviation of each height, m, or of no length.
+        anchor: (2,), m.
+        per_m: Cells in a metre.
+        first: (2,), lattice cell (x, y) of the window's corner.
+        side: Rows and columns of the window.
+        counts: (3 side^2 + 1,) int32, all zero: kinds, rows, columns, then those outside.
+        sums: (3 side^2 + 1, 3) float64, all zero: of heights, of their squares, of squared sigmas.
+    """
+    ax, ay, fx, fy = anchor[0], anchor[1], first[0], first[1]
+    cells = np.int32(side * side)
+    outside = np.int32(3 * cells)
+    block = np.empty(BLOCK, np.int32)
+    n = flat.shape[0] // 3
+    for start in range(0, n, BLOCK):
+        size = min(BLOCK, n - start)
+        part = flat[3 * start : 3 * (start + size)]
+        rising = obstacle[start : start + size]
+        for i in range(size):
+            x = np.floor((part[3 * i] - ax) * per_m) - fx
+            y = np.floor((part[3 * i + 1] - ay) * per_m) - fy
+            z = part[3 * i + 2]
+            inside = (x >= 0.0) & (x < side) & (y >= 0.0) & (y < side) & (z - z == 0.0)
+            cell = np.int32(y) * np.int32(side) + np.int32(x)
+            block[i] = cell if inside else outside
+        for i in range(size):
+            block[i] = min(outside, block[i] + cells * np.int32(rising[i]))
+        if moving.shape[0] > 0:
+            walking = moving[start : start + size]
+            for i in range(size):
+                block[i] = min(outside, block[i] + cells * np.int32(rising[i] & walking[i]))
+        for i in range(size):
+            cell, z = block[i], part[3 * i + 2]
+            counts[cell] += 1
+            sums[cell, 0] += z
+            sums[cell, 1] += z * z
+        if sigma.shape[0] > 0:
+            noise = sigma[start : start + size]
+            for i in range(size):
+                sums[block[i], 2] += noise[i] * noise[i]
+
+
+@njit(cache=True)
+def clear_before_floor(counts: np.ndarray, sensor: np.ndarray, stretch: float) -> None:
+    """Add ray evidence: cells just before a seen floor cell, where the ray runs below any obstacle.
+
+    Args:
+        counts: (3, rows, columns) int32; the floor count of a cell without any points that such a ray
+            passes becomes `RAY`.
+        sensor: (2,), the sensor in the window, (x, y) in cells (cell middles at + 0.5).
+        stretch: Lowest obstacle's height over the sensor's height: the share of the ray that is below it.
+    """
+    rows, columns = counts.shape[1], counts.shape[2]
+    sensor_x, sensor_y = sensor[0], sensor[1]
+    reach = max(abs(sensor_x), abs(sensor_x - columns)) + max(abs(sensor_y), abs(sensor_y - rows))
+    shortest = 1.0 / max(stretch, 1e-6)  # rays whose stretch is shorter than a cell clear nothing
+    if reach < shortest:
+        return
+    for row in range(rows):
+        for column in range(columns):
+            if counts[0, row, column] <= 0:
+                continue
+            dx, dy = sensor_x - (column + 0.5), sensor_y - (row + 0.5)
+            length = np.sqrt(dx * dx + dy * dy)
+            if length < shortest:
+                continue
+            for k in range(1, int(length * stretch) + 1):
+                c = int(np.floor(column + 0.5 + k * dx / length))
+                r = int(np.floor(row + 0.5 + k * dy / length))
+                if c < 0 or c >= columns or r < 0 or r >= rows:
+                    break
+                if counts[0, r, c] == 0 and counts[1, r, c] == 0 and counts[2, r, c] == 0:
+                    counts[0, r, c] = RAY
+
+
+@njit(cache=True)
+def form(matrix: np.ndarray, x: float, y: float) -> float:
+    """(x, y, 1) M (x, y, 1) for a symmetric (3, 3) M."""
+    return (
+        x * (matrix[0, 0] * x + 2.0 * (matrix[0, 1] * y + matrix[0, 2]))
+        + y * (matrix[1, 1] * y + 2.0 * matrix[1, 2])
+        + matrix[2, 2]
+    )
+
+
+@njit(cache=True)
+def measure(
+    count: int, total: float, squares: float, noise: float, base: float
+) -> tuple[float, float, float]:
+    """Mean height of the points of a cell, their spread (a variance), and the mean's own variance."""
+    mean = total / count
+    spread = max(0.0, squares / count - mean * mean)
+    each = max(spread * count / max(1, count - 1), noise / count)
+    return mean, spread, each / count + base
+
+
+@njit(cache=True)
+def fuse_heights(
+    counts: np.ndarray,
+    sums: np.ndarray,
+    log_odds: np.ndarray,
+    heights: np.ndarray,
+    variances: np.ndarray,
+    raised: np.ndarray,
+    corner: tuple[int, int],
+    place: tuple[float, float, float],
+    floor_form: np.ndarray,
+    pose_form: np.ndarray,
+    measured: bool,
+    obstacle_points: int,
+    base: float,
+    gate: float,
+) -> None:
+    """Fuse what a frame measured into the heights of the cells, after the evidence was folded in.
+
+    Clears the counts and sums for the next frame.
+
+    Args:
+        counts: (3, side, side) int32.
+        sums: (3 side^2 + 1, 3) float64, of `gather`.
+        log_odds: The map (a torus, as for `_kernels.fold_evidence`), (side, side) float32.
+        heights, variances: Same shape, float32, m and m^2; NaN: not measured; changed.
+        raised: Same shape, bool: the height is that of an obstacle; changed.
+        corner: Map cell [row, column] of the window's cell [0, 0].
+        place: x and y of the window's lower left corner, world frame, m, and the side of a cell, m.
+        floor_form: (3, 3), variance of the floor's height at (x, y, 1), m^2.
+        pose_form: (3, 3), variance of a place along one axis at (x, y, 1), m^2.
+        measured: The points had heights.
+        obstacle_points: Fewer are stray.
+        base: Variance of a frame's heights that nobody knows the reason of, m^2.
+        gate: Squared deviations beyond which the surface is a new one.
+    """
+    side = counts.shape[1]
+    cells = side * side
+    for row in range(side):
+        r = (corner[0] + row) % side
+        for column in range(side):
+            flat = row * side + column
+            floor, still, mover = (
+                counts[0, row, column],
+                counts[1, row, column],
+                counts[2, row, column],
+            )
+            if floor == 0 and still == 0 and mover == 0:
+                continue
+            c = (corner[1] + column) % side
+            believed = log_odds[r, c] > 0.0
+            if raised[r, c] != believed:  # what was measured here is no more
+                heights[r, c] = np.nan
+                variances[r, c] = np.nan
+                raised[r, c] = believed
+            rising = still + mover >= obstacle_points
+            first, count = (cells, still + mover) if rising else (0, floor)
+            if measured and rising == believed and count > 0:
+                total, squares, noise = 0.0, 0.0, 0.0
+                for kind in range(2 if rising else 1):
+                    total += sums[first + kind * cells + flat, 0]
+                    squares += sums[first + kind * cells + flat, 1]
+                    noise += sums[first + kind * cells + flat, 2]
+                mean, spread, own = measure(count, total, squares, noise, base)
+                x, y = place[0] + (column + 0.5) * place[2], place[1] + (row + 0.5) * place[2]
+                slope2 = 12.0 * spread / (place[2] * place[2])  # of an even slope of that spread
+                shared = form(floor_form, x, y) + slope2 * form(pose_form, x, y)
+                old, old_variance = heights[r, c], variances[r, c]
+                new = own + shared
+                apart = (mean - old) ** 2
+                if mover > 0 or not apart <= gate * (old_variance + new):  # also where NaN
+                    heights[r, c], variances[r, c] = mean, new
+                else:
+                    gain = old_variance / (old_variance + new)
+                    heights[r, c] = old + gain * (mean - old)
+                    variances[r, c] = max((1.0 - gain) * old_variance, min(shared, old_variance))
+            for kind in range(3):
+                counts[kind, row, column] = 0
+                sums[kind * cells + flat, :] = 0.0
+    sums[3 * cells, :] = 0.0
