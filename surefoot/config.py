@@ -17,6 +17,7 @@ from mapping.egocentric_grid import GridConfig
 from mapping.footprints import FootprintConfig
 from mapping.world_map import WorldMapConfig
 from perception.clusters import ClusterConfig
+from perception.coloured import ColouredConfig
 from perception.floor.choose import FloorConfig
 from perception.floor.classify import ClassConfig
 from perception.localisation.filter import LocaliserConfig
@@ -104,6 +105,7 @@ class Config:
     floor: FloorConfig = field(default_factory=FloorConfig)
     classes: ClassConfig = field(default_factory=ClassConfig)
     clusters: ClusterConfig = field(default_factory=ClusterConfig)
+    coloured: ColouredConfig = field(default_factory=ColouredConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
     landmarks: LandmarkConfig = field(default_factory=LandmarkConfig)
     localiser: LocaliserConfig = field(default_factory=LocaliserConfig)

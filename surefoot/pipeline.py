@@ -22,7 +22,7 @@ from mapping.confidence import ConfidenceLayer
 from mapping.egocentric_grid import EgocentricGrid
 from mapping.footprints import Footprint
 from mapping.world_map import WorldMap
-from perception import clusters, points, stereo, structured_light, time_of_flight
+from perception import clusters, coloured, points, stereo, structured_light, time_of_flight
 from perception.clusters import Cluster
 from perception.floor import choose, classify
 from perception.localisation import landmarks
@@ -171,7 +171,7 @@ class Pipeline:
             if pose is not None:
                 self.tracker.update(
                     frame.stamp_s,
-                    [_detection(c) for c in found if c.whole],
+                    self._detections(found, frame),
                     pose,
                     _visibility(views),
                 )
@@ -278,6 +278,21 @@ class Pipeline:
             obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
         )
 
+    def _detections(self, found: Sequence[Cluster], frame: Frame) -> list[Detection]:
+        """What the tracks learn from: whole things in depth, and by colour what depth does not show whole."""
+        whole = [_detection(cluster) for cluster in found if cluster.whole]
+        if frame.colour is None:
+            return whole
+        by_colour = coloured.detect(frame.colour, self.config.coloured)
+        return whole + [
+            seen
+            for seen in by_colour
+            if all(
+                np.hypot(*(seen.position - other.position)) > seen.radius_m + other.radius_m
+                for other in whole
+            )
+        ]
+
     def _remember(self, frame: Frame, views: Sequence[View], pose: Gaussian | None) -> None:
         """Put floor and obstacles into the maps and the cloud."""
         if not views:
@@ -294,14 +309,14 @@ class Pipeline:
         self.grid.move(here)
         self.confidence.decay(elapsed)
         for view in views:
-            self._remember_view(frame, view)
+            self._remember_view(frame, view, pose)
             self.confidence.see(
                 _looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
             )
         self.grid.age(elapsed)
         self.world.age(elapsed)
 
-    def _remember_view(self, frame: Frame, view: View) -> None:
+    def _remember_view(self, frame: Frame, view: View, pose: Gaussian | None) -> None:
         """One depth image into grid, world map and clouds."""
         assert self.grid is not None
         used = np.isin(view.classes, (*OBSTACLES, classify.FLOOR))
@@ -309,13 +324,17 @@ class Pipeline:
         is_obstacle = np.isin(classes, OBSTACLES)
         is_moving = is_obstacle & _near_movers(upright[:, :2], self.tracker.obstacles)
         camera = view.T_map_camera.position
+        drop = np.abs(upright[:, 2] - view.floor.offset_m) / view.points.xyz[used, 2]
         self.grid.update(
-            upright[:, :2],
+            upright,
             is_obstacle,
             frame.stamp_s,
             camera[:2],
             is_moving=is_moving,
             sensor_height_m=view.floor.offset_m,
+            sigma_m=view.points.sigma[used] * drop,
+            floor=view.floor.moved(view.T_map_camera),
+            pose=pose,
         )
         self.world.update(
             upright[:, :2],
