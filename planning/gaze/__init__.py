@@ -1,7 +1,8 @@
 """Where to look while walking.
 
-`sweep` is the first policy: look where the next steps go, glance left and right in between, and do not
-lose sight of what moves.
+In reading order: `evaluations` (how much each reason to look weighs: psi_lm, psi_sf, psi_ob, psi_way),
+`selection` (what each direction of the head is worth, and the one to take), `sweep` (the plain policy: look
+where the next steps go, glance left and right in between, and do not lose sight of what moves).
 
-Source: seed 003, section 5 (head command); the order of glances is ours.
+Sources: seed 001, section 3, eq. (1) to (6); seed 003, section 5 (head command); the order of glances is ours.
 """

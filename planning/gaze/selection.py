@@ -1,0 +1,202 @@
+"""The gaze map: what each direction of the head is worth, and the one to take.
+
+Each evaluation gives its value to every direction that would show what it is about: the way point, an
+obstacle, stale ground. The weighted sum over pan and tilt is the integration map GM; the head turns to the
+middle of its highest plateau. A look that is under way is kept unless another is worth clearly more, so that
+the head does not flutter.
+
+Source: seed 001, section 3, eq. (5) and (6), Fig. 7; the true field of view in place of the seed's rectangle
+of pan and tilt (kept as `literal`), and keeping a look, are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+from scipy import ndimage
+
+from perception.primitives.errors import ConfigError
+
+from ..commands import GazeCommand
+from . import _gaze_kernels
+from .evaluations import EvaluationConfig
+
+
+@dataclass(frozen=True)
+class GazeMapConfig:
+    """Directions, field of view, weights."""
+
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    pan_deg: float = 90.0  # own (specification): reach to each side
+    tilt_deg: tuple[float, float] = (0.0, 60.0)  # own (specification), down positive
+    step_deg: float = 2.0  # own (specification)
+    across_deg: float = 44.0  # seed 004: of the narrowest depth camera; seed 001's has 60
+    down_deg: float = 35.0  # seed 004; seed 001's has 45
+    map_weight: float = 0.25  # own (specification): w_lm
+    way_weight: float = 0.25  # own (specification): w_way
+    self_weight: float = 0.25  # own (specification): w_sf
+    obstacle_weight: float = 0.25  # own (specification): w_ob
+    keep: float = 0.10  # ours: another look must be worth so much more, share of the present one
+    literal: bool = False  # a rectangle of pan and tilt, and the mean of all stale ground
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.step_deg <= 10.0:
+            raise ConfigError(f"gaze: step_deg={self.step_deg} must lie in (0, 10]")
+        if not self.tilt_deg[0] < self.tilt_deg[1] <= 85.0:
+            raise ConfigError(f"gaze: tilt_deg={self.tilt_deg} must be (highest, lowest), below 85")
+        for name in ("pan_deg", "across_deg", "down_deg"):
+            value = getattr(self, name)
+            if not 0.0 < value < 180.0:
+                raise ConfigError(f"gaze: {name}={value} must lie in (0, 180)")
+        for name in ("map_weight", "way_weight", "self_weight", "obstacle_weight", "keep"):
+            if not getattr(self, name) >= 0.0:
+                raise ConfigError(f"gaze: {name}={getattr(self, name)} must not be negative")
+
+    @property
+    def pans(self) -> Float[np.ndarray, "rows"]:
+        """Of the map's rows, rad, left positive."""
+        steps = round(self.pan_deg / self.step_deg)
+        return np.radians(np.arange(-steps, steps + 1) * self.step_deg)
+
+    @property
+    def tilts(self) -> Float[np.ndarray, "columns"]:
+        """Of the map's columns, rad, down positive."""
+        steps = round((self.tilt_deg[1] - self.tilt_deg[0]) / self.step_deg)
+        return np.radians(self.tilt_deg[0] + np.arange(steps + 1) * self.step_deg)
+
+
+def shown(
+    places: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"], config: GazeMapConfig
+) -> Float[np.ndarray, "rows columns"]:
+    """Weight of the places that each gaze would show, [pan, tilt].
+
+    Args:
+        places: From the camera, body axes (x ahead, y left, z up), m.
+        weights: One a place.
+        config: Directions and field of view.
+    """
+    result = np.zeros((len(config.pans), len(config.tilts)))
+    half_across, half_down = (math.radians(a) / 2 for a in (config.across_deg, config.down_deg))
+    if config.literal:
+        bearing = np.arctan2(places[:, 1], places[:, 0])
+        below = np.arctan2(-places[:, 2], np.hypot(places[:, 0], places[:, 1]))
+        across = np.abs(config.pans[:, None] - bearing) <= half_across
+        down = np.abs(config.tilts[:, None] - below) <= half_down
+        return np.asarray((across * weights) @ down.T.astype(float))
+    _gaze_kernels.count(
+        np.ascontiguousarray(places, np.float64),
+        np.ascontiguousarray(weights, np.float64),
+        config.pans,
+        config.tilts,
+        half_across,
+        half_down,
+        result,
+    )
+    return result
+
+
+def gaze_map(
+    psi_map: float,
+    stale: Float[np.ndarray, "n 3"],
+    psi_way: float,
+    way: Float[np.ndarray, "3"],
+    psi_self: float,
+    psi_obstacles: Float[np.ndarray, "m"],
+    obstacles: Float[np.ndarray, "m 3"],
+    config: GazeMapConfig,
+    landmarks: Float[np.ndarray, "k 3"] | None = None,
+) -> Float[np.ndarray, "rows columns"]:
+    """GM over pan and tilt.
+
+    Args:
+        psi_map, psi_way, psi_self, psi_obstacles: The evaluations.
+        stale: Stale ground out of view, from the camera, body axes, m.
+        way: The way point on the floor, likewise.
+        obstacles: Where each stands on the floor, likewise.
+        config: Directions, field of view, weights.
+        landmarks: Known ones that would help the robot to find itself; None, or none: the obstacles serve, as
+            in the seed.
+
+    Source: seed 001, eq. (5) and (6).
+    """
+    total = config.way_weight * shown(way[None], np.array([psi_way]), config)
+    if len(stale):
+        total += config.map_weight * psi_map * _stale_share(stale, config)
+    count = len(obstacles)
+    if count:
+        total += config.obstacle_weight / count * shown(obstacles, psi_obstacles, config)
+    helpful = obstacles if landmarks is None or len(landmarks) == 0 else landmarks
+    if len(helpful):
+        each = np.full(len(helpful), psi_self / len(helpful))
+        total += config.self_weight * shown(helpful, each, config)
+    return total
+
+
+def _stale_share(
+    stale: Float[np.ndarray, "n 3"], config: GazeMapConfig
+) -> Float[np.ndarray, "rows columns"]:
+    """R_lm without its psi: how much of the stale ground each gaze shows, the best 1.
+
+    As printed one direction stands for all of it, its mean: stale ground on both sides averages to the fresh
+    middle.
+    """
+    if config.literal:
+        return shown(stale.mean(axis=0)[None], np.ones(1), config)
+    seen = shown(stale, np.ones(len(stale)), config)
+    most = float(seen.max())
+    return seen / most if most > 0.0 else seen
+
+
+def highest_plateau(
+    total: Float[np.ndarray, "rows columns"], present: GazeCommand, config: GazeMapConfig
+) -> GazeCommand:
+    """theta*: the middle of the connected region where GM is greatest; of several the one nearest to here.
+
+    Args:
+        total: GM, [pan, tilt].
+        present: Where the head looks now.
+        config: Directions.
+    """
+    top = total >= float(total.max()) * (1.0 - 1e-9) - 1e-12
+    labels, count = ndimage.label(top, np.ones((3, 3)))
+    middles = ndimage.center_of_mass(top, labels, range(1, count + 1))
+    step, (pan_0, tilt_0) = math.radians(config.step_deg), (config.pans[0], config.tilts[0])
+    found = [(pan_0 + row * step, tilt_0 + column * step) for row, column in middles]
+    pan, tilt = min(
+        found, key=lambda at: math.hypot(at[0] - present.pan_rad, at[1] - present.tilt_rad)
+    )
+    return GazeCommand(float(pan), float(tilt))
+
+
+def worth(
+    total: Float[np.ndarray, "rows columns"], gaze: GazeCommand, config: GazeMapConfig
+) -> float:
+    """GM at a direction, of the nearest cell."""
+    row = int(np.argmin(np.abs(config.pans - gaze.pan_rad)))
+    column = int(np.argmin(np.abs(config.tilts - gaze.tilt_rad)))
+    return float(total[row, column])
+
+
+def select(
+    total: Float[np.ndarray, "rows columns"],
+    present: GazeCommand,
+    aimed: GazeCommand | None,
+    config: GazeMapConfig,
+) -> GazeCommand:
+    """Where to look next.
+
+    Args:
+        total: GM, [pan, tilt].
+        present: Where the head looks now.
+        aimed: The look under way; None: none is.
+        config: Directions, and how loyal to that look.
+    """
+    best = highest_plateau(total, present, config)
+    if aimed is not None and worth(total, aimed, config) * (1.0 + config.keep) >= float(
+        total.max()
+    ):
+        return aimed
+    return best
