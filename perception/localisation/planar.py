@@ -87,7 +87,7 @@ class PlanarPrior:
     pace_sigma: float = 0.05  # ours: travel per travel told, around 1
     turn_sigma: float = 0.05  # ours: turn per turn told, around 1
     drift_sigma: float = 0.005  # ours: rad/s
-    lens_sigma: float = 0.01  # ours: rad at half a radian off the axis
+    lens_sigma: float = 0.02  # ours: rad at half a radian off the axis, about 1 deg
     slots: int = 4  # ours: landmarks in view at a time; more cost cubically and told little
 
     def __post_init__(self) -> None:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int8
@@ -45,6 +46,11 @@ class SigmaPoints:
     reach: float
     mean: Float[np.ndarray, "k"]
     covariance: Float[np.ndarray, "k"]
+
+    @cached_property
+    def packed(self) -> Float[np.ndarray, "p"]:
+        """Reach, weights of the mean, weights of the covariance: one array, which costs a call less."""
+        return np.concatenate([[self.reach], self.mean, self.covariance])
 
     @classmethod
     def scaled(
@@ -249,9 +255,7 @@ def step_movers(
         measured_noise,
         _ORIGIN if viewpoint is None else viewpoint,
         viewpoint is not None,
-        points.mean,
-        points.covariance,
-        points.reach,
+        points.packed,
     )
     return means, roots, status
 
