@@ -36,8 +36,10 @@ from .scan import Scan, ScanConfig
 log = logging.getLogger(__name__)
 
 APPARENT = np.zeros((POSE, WALKER_SIZE))
-"""The pose that a scan seems to be taken from, by the walker's state: the head's offset turns it."""
-APPARENT[0, X] = APPARENT[1, Y] = APPARENT[2, YAW] = APPARENT[2, PAN] = 1.0
+"""The pose that a scan seems to be taken from, by the walker's state: a head that makes all bearings too
+large by PAN seems to stand on a body turned back by as much."""
+APPARENT[0, X] = APPARENT[1, Y] = APPARENT[2, YAW] = 1.0
+APPARENT[2, PAN] = -1.0
 
 ARM_M = 1.5
 """To a typical place, by which an error of heading displaces it."""
@@ -49,10 +51,10 @@ class RegistrationConfig:
 
     enabled: bool = True  # False: landmarks and dead reckoning alone
     scan: ScanConfig = field(default_factory=ScanConfig)
-    ahead_sigma_m: float = 0.006  # walking trials: trunk pitch of .5 deg, 0.38 m up; range bias
-    aside_sigma_m: float = 0.006  # walking trials: trunk roll of .72 deg, likewise
+    ahead_sigma_m: float = 0.0045  # walking trials: trunk pitch of .5 deg, 0.38 m up; 3 mm of range
+    aside_sigma_m: float = 0.005  # walking trials: trunk roll of .72 deg, likewise
     turn_sigma_rad: float = math.radians(0.4)  # walking trials: play of the neck
-    alike: float = 3.0  # ours: neighbouring places err alike; so many count as one
+    alike: float = 2.0  # ours: neighbouring places err alike; so many count as one
     gate_m: float = 0.08  # ours: partners lie no further apart once the pose is known
     widest_gate_m: float = 0.40  # ours: however unsure the pose is
     facing_deg: float = 35.0  # ours: partners' normals differ by no more
@@ -63,7 +65,7 @@ class RegistrationConfig:
     least_share: float = 0.3  # ours: of places with partners; fewer is another place
     rough_m: float = 0.02  # ours: weighted residual of a fit that holds, at most
     gate_probability: float = 0.9995  # ours: true registrations kept
-    new_share: float = 0.75  # ours: a keyframe is taken where fewer places have partners
+    new_share: float = 0.6  # ours: a keyframe is taken where fewer places have partners
     most_keyframes: int = 80  # ours: 10 m through a home take 30
     doubt_after: int = 6  # ours: rejected in a row
     doubt_m: float = 0.25  # ours: deviation added then
