@@ -1,0 +1,340 @@
+"""What a smoother is told: every measurement with its covariance, in our own words.
+
+Poses have numbers, in the order in which they were lived through. A factor says something of one pose or of
+two: how far the body went, where a landmark was seen, where registration puts it, that it has been here
+before, which floor it stands on. The same factors serve the planar smoother (`Pose2`, Gaussians over x, y,
+yaw) and the one in space (`Pose3`, `Placement`).
+
+Some errors are no noise: steps that always slip alike, a gyro with a bias, a head that sits askew. Such an
+error is a `Systematic` with a name; factors that suffer from it carry an `Effect`, and the smoother finds it
+together with the poses.
+
+Covariances of a motion are in the axes of the pose before it, covariances of a pose in those of the world:
+(x, y, yaw) on the floor, (x, y, z, rotation vector) in space.
+
+Source: seed 001, sections 2 and 3 (what is measured); Dellaert and Kaess, "Factor Graphs for Robot Perception"
+(2017).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ..primitives.errors import ConfigError, InputError
+from ..primitives.gaussian import Gaussian
+from ..primitives.plane import Plane
+from ..primitives.pose import Pose2, Pose3
+
+LOSSES = ("none", "huber", "cauchy")
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What an error costs beyond its square: "none" its square, "huber" its size, "cauchy" its logarithm.
+
+    Args:
+        kind: One of `LOSSES`.
+        width: From where on, in deviations; 0 takes the customary one.
+    """
+
+    kind: str = "none"
+    width: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in LOSSES:
+            raise ConfigError(f"loss kind={self.kind!r} is unknown; choose one of {LOSSES}")
+        if not (math.isfinite(self.width) and self.width >= 0.0):
+            raise ConfigError(f"loss width={self.width} must be positive, or 0 for the default")
+
+
+@dataclass(frozen=True)
+class Systematic:
+    """An error that stays, or changes slowly: a small motion that every unit of something adds.
+
+    Args:
+        name: By which effects refer to it.
+        mean: (3,), (ahead, left, turn) expected beforehand, m, m, rad, per unit of the effects' scale.
+        sigma: (3,), how far it may lie from that; 0 where there is no such error.
+        walk: (3,), deviation of its change per square root of the effects' elapsed.
+    """
+
+    name: str
+    mean: Float[np.ndarray, "3"]
+    sigma: Float[np.ndarray, "3"]
+    walk: Float[np.ndarray, "3"]
+
+    def __post_init__(self) -> None:
+        _check(f"systematic error {self.name!r}", self.mean, self.sigma, self.walk)
+        if np.any(self.sigma < 0.0) or np.any(self.walk < 0.0):
+            raise ConfigError(
+                f"systematic error {self.name!r}: sigma={self.sigma} and walk={self.walk} must not be negative"
+            )
+
+
+@dataclass(frozen=True)
+class Effect:
+    """How much of a systematic error is in one measurement.
+
+    Args:
+        name: Of the error.
+        scale: Positive; the measurement lacks the motion `scale * error` at its end.
+        elapsed: By how much the error had time to change since its effect before, in the unit of its walk.
+    """
+
+    name: str
+    scale: float
+    elapsed: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.scale > 0.0 and self.elapsed >= 0.0 and math.isfinite(self.scale)):
+            raise ConfigError(
+                f"effect of {self.name!r}: scale={self.scale} must be positive and "
+                f"elapsed={self.elapsed} not negative; leave effects of nothing out"
+            )
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A pose in space and how sure it is.
+
+    Args:
+        pose: T_world_body.
+        covariance: (6, 6) of (x, y, z, rotation vector), world axes, m and rad.
+    """
+
+    pose: Pose3
+    covariance: Float[np.ndarray, "6 6"]
+
+    def __post_init__(self) -> None:
+        _check("placement", self.covariance, self.pose.position)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The body went from one pose to a later one, by odometry.
+
+    Args:
+        before, after: Numbers of the two poses.
+        motion: T_before_after.
+        covariance: (3, 3) of (x, y, yaw) or (6, 6) of (x, y, z, rotation vector), axes of the pose before.
+        effects: Systematic errors in it; only on the floor.
+        loss: Against slips and falls.
+    """
+
+    before: int
+    after: int
+    motion: Pose2 | Pose3
+    covariance: Float[np.ndarray, "d d"]
+    effects: tuple[Effect, ...] = ()
+    loss: Loss = field(default_factory=Loss)
+
+    def __post_init__(self) -> None:
+        _check_between("motion", self.before, self.after, self.motion, self.covariance)
+        if self.effects and isinstance(self.motion, Pose3):
+            raise InputError(
+                f"motion {self.before} to {self.after}: systematic errors are known on the floor only; "
+                "leave the effects of a motion in space away"
+            )
+
+
+@dataclass(frozen=True)
+class LoopClosure:
+    """The body is where it has been before: a panorama or a cloud is recognised.
+
+    Args:
+        before, after: Numbers of the two poses.
+        motion: T_before_after.
+        covariance: As of `Motion`.
+        loss: Recognition errs grossly at times; Cauchy's forgives that.
+    """
+
+    before: int
+    after: int
+    motion: Pose2 | Pose3
+    covariance: Float[np.ndarray, "d d"]
+    loss: Loss = field(default_factory=lambda: Loss("cauchy"))
+
+    def __post_init__(self) -> None:
+        _check_between("loop closure", self.before, self.after, self.motion, self.covariance)
+
+
+@dataclass(frozen=True)
+class PoseSeen:
+    """Where the body is, by registration with a map or given from outside.
+
+    Args:
+        pose: Number of the pose.
+        place: Gaussian over (x, y, yaw), or a placement in space; world frame.
+        loss: Against false registration.
+    """
+
+    pose: int
+    place: Gaussian | Placement
+    loss: Loss = field(default_factory=Loss)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.place, Gaussian):
+            _check(f"pose seen at {self.pose}", self.place.mean)
+            if self.place.mean.shape != (3,):
+                raise InputError(
+                    f"pose seen at {self.pose}: mean {self.place.mean} must be (x, y, yaw)"
+                )
+            check_covariance(f"pose seen at {self.pose}", self.place.covariance, 3)
+        else:
+            check_covariance(f"pose seen at {self.pose}", self.place.covariance, 6)
+
+
+@dataclass(frozen=True)
+class LandmarkSeen:
+    """One landmark in one glance, body axes.
+
+    Args:
+        landmark: Its place (x, y) in the world, m, if known, else the number by which it is known again.
+        measured: (range on the floor in m, bearing in rad, left positive).
+        covariance: (2, 2) of the two, without what the whole glance has in common.
+        effects: Systematic errors of this one sighting, in axes along and across the ray.
+        loss: Against mistaken identity.
+    """
+
+    landmark: tuple[float, float] | int
+    measured: Float[np.ndarray, "2"]
+    covariance: Float[np.ndarray, "2 2"]
+    effects: tuple[Effect, ...] = ()
+    loss: Loss = field(default_factory=Loss)
+
+    def __post_init__(self) -> None:
+        name = f"landmark {self.landmark} seen"
+        _check(name, self.measured)
+        check_covariance(name, self.covariance, 2)
+        if not self.measured[0] > 0.0:
+            raise InputError(f"{name}: range {self.measured[0]} m must be positive; leave it out")
+
+
+@dataclass(frozen=True)
+class Glance:
+    """Landmarks seen from one pose at one instant, by one head.
+
+    Args:
+        pose: Number of the pose.
+        seen: The landmarks.
+        play_rad: Deviation of a bearing error that all of them share and that is new at every glance.
+        effects: Systematic errors of the head, all landmarks alike.
+    """
+
+    pose: int
+    seen: tuple[LandmarkSeen, ...]
+    play_rad: float = 0.0
+    effects: tuple[Effect, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.play_rad) and self.play_rad >= 0.0):
+            raise InputError(
+                f"glance at {self.pose}: play_rad={self.play_rad} must not be negative"
+            )
+
+
+@dataclass(frozen=True)
+class FloorSeen:
+    """The floor under a pose in space: it tells height, roll and pitch.
+
+    Args:
+        pose: Number of the pose.
+        plane: In the axes of the pose, normal up, with its covariance; the world's floor is z = 0.
+        loss: Against a table taken for the floor.
+    """
+
+    pose: int
+    plane: Plane
+    loss: Loss = field(default_factory=lambda: Loss("huber"))
+
+    def __post_init__(self) -> None:
+        check_covariance(f"floor seen at {self.pose}", self.plane.covariance, 3)
+
+
+Factor = Motion | LoopClosure | PoseSeen | Glance | FloorSeen
+
+
+def poses_of(factor: Factor) -> tuple[int, ...]:
+    """Numbers of the poses that a factor speaks of."""
+    if isinstance(factor, (Motion, LoopClosure)):
+        return (factor.before, factor.after)
+    return (factor.pose,)
+
+
+def turned_covariance(
+    covariance: Float[np.ndarray, "d d"], rotation: Float[np.ndarray, "k k"]
+) -> Float[np.ndarray, "d d"]:
+    """The covariance of a pose in other axes.
+
+    Args:
+        covariance: (3, 3) of (x, y, yaw) or (6, 6) of (x, y, z, rotation vector).
+        rotation: (2, 2) or (3, 3), from the old axes to the new.
+    """
+    turn = np.eye(len(covariance))
+    k = len(rotation)
+    turn[:k, :k] = rotation
+    if k == 3:
+        turn[3:, 3:] = rotation
+    return np.asarray(turn @ covariance @ turn.T)
+
+
+def integrated(
+    motions: Sequence[Motion],
+) -> tuple[Pose2, Float[np.ndarray, "3 3"]]:
+    """Consecutive motions on the floor as one, covariances in the axes of the first pose.
+
+    For a graph with poses only where something was seen. Effects are not joined; what comes of them
+    must be in the covariances.
+
+    Source: first-order propagation, Smith, Self and Cheeseman (1990), eq. (14).
+    """
+    whole, covariance = Pose2(), np.zeros((3, 3))
+    for one in motions:
+        if not isinstance(one.motion, Pose2):
+            raise InputError("integrated: motions in space cannot be joined here; give Pose2")
+        after = whole @ one.motion
+        carried = np.eye(3)
+        carried[0, 2], carried[1, 2] = -(after.y - whole.y), after.x - whole.x
+        covariance = carried @ covariance @ carried.T
+        covariance = covariance + turned_covariance(one.covariance, whole.rotation)
+        whole = after
+    return whole, covariance
+
+
+def check_covariance(name: str, covariance: Float[np.ndarray, "d d"], size: int) -> None:
+    """Refuse what is no covariance of this size: not finite, not symmetric, not positive definite."""
+    if covariance.shape != (size, size):
+        raise InputError(f"{name}: covariance of {covariance.shape}, expected ({size}, {size})")
+    good = bool(np.all(np.isfinite(covariance)))
+    good = good and bool(np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-15))
+    if good:
+        try:
+            np.linalg.cholesky(covariance)
+        except np.linalg.LinAlgError:
+            good = False
+    if not good:
+        raise InputError(
+            f"{name}: covariance {covariance.tolist()} must be finite, symmetric and positive definite; "
+            "give every direction a deviation"
+        )
+
+
+def _check_between(
+    name: str, before: int, after: int, motion: Pose2 | Pose3, covariance: Float[np.ndarray, "d d"]
+) -> None:
+    name = f"{name} {before} to {after}"
+    if before == after:
+        raise InputError(f"{name}: the two poses must be different ones")
+    _check(name, motion.vector if isinstance(motion, Pose2) else motion.position)
+    check_covariance(name, covariance, 3 if isinstance(motion, Pose2) else 6)
+
+
+def _check(name: str, *arrays: np.ndarray) -> None:
+    for array in arrays:
+        if not np.all(np.isfinite(array)):
+            raise InputError(f"{name}: {array} must be finite; leave the measurement out")

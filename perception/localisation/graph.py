@@ -1,0 +1,357 @@
+"""Our factors as GTSAM's: the only place where a measurement becomes a native factor.
+
+Every factor here is one that GTSAM has compiled; one written in Python would cost five times the time. What
+GTSAM has no factor for is said with more poses. A head that looks askew is a pose of its own, turned away
+from the body's by its play; and a systematic error is a velocity in the sense of GTSAM's factor of
+white noise on acceleration, which says that a pose followed from another by a velocity times a time,
+and that the velocity hardly changed meanwhile. The pose that odometry tells is left at the velocity "slip"
+for as long as the steps are many, and that is the pose after them.
+
+GTSAM holds small motions of a pose in the pose's own axes, on the floor as (x, y, yaw), in space with the
+rotation first; here covariances are turned into those axes, and back.
+
+Source: Dellaert and Kaess, "Factor Graphs for Robot Perception" (2017); velocity factor: Barfoot, Tong,
+Särkkä, "Batch continuous-time trajectory estimation as exactly sparse Gaussian process regression" (2014);
+systematic errors by it are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gtsam
+import numpy as np
+from jaxtyping import Float
+
+from ..primitives.errors import InputError
+from ..primitives.gaussian import Gaussian
+from ..primitives.pose import Pose2, Pose3
+from .factors import (
+    Effect,
+    Factor,
+    FloorSeen,
+    Glance,
+    LandmarkSeen,
+    LoopClosure,
+    Loss,
+    Motion,
+    Placement,
+    PoseSeen,
+    Systematic,
+    poses_of,
+    turned_covariance,
+)
+
+TIGHT = 1e-5  # m and rad: ten micrometres, nothing to a walker and easy on the arithmetic
+SETTLED = 1e-3  # least change of a systematic error between two effects, in its own sigma, likewise
+ABSENT = 1e-4  # sigma of a systematic error that is not there: m and rad per unit
+CUSTOMARY = {"huber": 1.345, "cauchy": 2.385}  # 95 % as efficient as squares if nothing is wrong
+# Frame in which no two entries of an upward normal are alike: GTSAM's tangents depend on which is least.
+TILTED = Pose3((0.0, 0.0, 0.0), (0.36, -0.27, 0.11, 0.885))
+
+
+class Graph:
+    """New native factors with first guesses of their variables; `take` hands them over.
+
+    Variables get GTSAM keys by letter: x poses, l landmarks, m poses in between, s systematic errors, f floor.
+    """
+
+    def __init__(self, systematics: Sequence[Systematic] = ()) -> None:
+        self._systematics = {one.name: one for one in systematics}
+        self._chain: dict[str, tuple[int, Any]] = {}  # latest variable of each error, and its guess
+        self._landmarks: dict[int, Any] = {}
+        self._count = 0
+        self._floor = False
+        self._begin()
+
+    def _begin(self) -> None:
+        self.factors = gtsam.NonlinearFactorGraph()
+        self.values = gtsam.Values()
+        self.passing: list[int] = []  # variables of this instant, which may be forgotten later
+        self.doubted: list[int] = []  # indices of factors with a loss
+        self._guesses: dict[int, Any] = {}
+
+    def take(self) -> tuple[Any, Any, list[int]]:
+        """New factors, guesses, and the variables that belong to this instant; and begin anew."""
+        taken = self.factors, self.values, self.passing
+        self._begin()
+        return taken
+
+    @property
+    def systematic_keys(self) -> dict[str, int]:
+        """Latest variable of each systematic error that was met."""
+        return {name: key for name, (key, _) in self._chain.items()}
+
+    @property
+    def landmark_keys(self) -> dict[int, int]:
+        """Variable of each landmark that is estimated."""
+        return {number: gtsam.symbol("l", number) for number in self._landmarks}
+
+    def add_pose(self, number: int, guess: Pose2 | Pose3) -> None:
+        """A new pose."""
+        key = pose_key(number)
+        native = to_native(guess)
+        self.values.insert(key, native)
+        self._guesses[key] = native
+        self.passing.append(key)
+
+    def recall_pose(self, number: int, guess: Pose2 | Pose3) -> None:
+        """A pose that was added before, and what is now believed of it."""
+        self._guesses[pose_key(number)] = to_native(guess)
+
+    def add(self, factor: Factor) -> None:
+        """One measurement; its poses have been added before."""
+        if isinstance(factor, Motion):
+            self._motion(factor)
+        elif isinstance(factor, LoopClosure):
+            noise = self._noise(local_covariance(factor.covariance, factor.motion), factor.loss)
+            self._between(
+                pose_key(factor.before), pose_key(factor.after), to_native(factor.motion), noise
+            )
+        elif isinstance(factor, PoseSeen):
+            self._pose_seen(factor)
+        elif isinstance(factor, Glance):
+            self._glance(factor)
+        else:
+            self._floor_seen(factor)
+
+    def _motion(self, factor: Motion) -> None:
+        after = pose_key(factor.after)
+        motion = to_native(factor.motion)
+        noise = self._noise(local_covariance(factor.covariance, factor.motion), factor.loss)
+        here = pose_key(factor.before)
+        if factor.effects:
+            told = self._new_pose(self._guesses[here].compose(motion))
+            self._between(here, told, motion, noise)
+            for effect in factor.effects[:-1]:
+                told = self._affected(told, effect)
+            self._affected(told, factor.effects[-1], after)
+        else:
+            self._between(here, after, motion, noise)
+
+    def _pose_seen(self, factor: PoseSeen) -> None:
+        if isinstance(factor.place, Gaussian):
+            x, y, yaw = (float(v) for v in factor.place.mean)
+            pose: Pose2 | Pose3 = Pose2(x, y, yaw)
+        else:
+            pose = factor.place.pose
+        noise = self._noise(local_covariance(factor.place.covariance, pose), factor.loss)
+        kind = gtsam.PriorFactorPose2 if isinstance(pose, Pose2) else gtsam.PriorFactorPose3
+        self.factors.add(kind(pose_key(factor.pose), to_native(pose), noise))
+
+    def _glance(self, factor: Glance) -> None:
+        head = pose_key(factor.pose)
+        if factor.play_rad > 0.0:
+            head = self._turned(head, 0.0, factor.play_rad)
+        for effect in factor.effects:
+            head = self._affected(head, effect)
+        for one in factor.seen:
+            self._landmark(head, one)
+
+    def _landmark(self, head: int, one: LandmarkSeen) -> None:
+        distance, bearing = (float(v) for v in one.measured)
+        eye = head
+        if one.effects:  # an error along the ray needs a pose that looks along it
+            eye = self._turned(head, bearing, TIGHT)
+            for effect in one.effects:
+                eye = self._affected(eye, effect)
+            bearing = 0.0
+        if isinstance(one.landmark, tuple):
+            c, s = math.cos(bearing), math.sin(bearing)
+            out = np.array([[c, -distance * s], [s, distance * c]])
+            noise = self._noise(out @ one.covariance @ out.T, one.loss)
+            measured = np.array([distance * c, distance * s])
+            place = np.array(one.landmark)
+            self.factors.add(gtsam.KnownLandmarkFactorPose2(eye, place, measured, noise))
+            return
+        key = gtsam.symbol("l", one.landmark)
+        if one.landmark not in self._landmarks:
+            ray = distance * np.array([math.cos(bearing), math.sin(bearing)])
+            self._landmarks[one.landmark] = guess = self._guesses[eye].transformFrom(ray)
+            self.values.insert(key, guess)
+        noise = self._noise(one.covariance[::-1, ::-1].copy(), one.loss)  # GTSAM: bearing first
+        self.factors.add(gtsam.BearingRangeFactor2D(eye, key, gtsam.Rot2(bearing), distance, noise))
+
+    def _floor_seen(self, factor: FloorSeen) -> None:
+        floor = gtsam.symbol("f", 0)
+        if not self._floor:
+            self._floor = True
+            anchor = gtsam.symbol("f", 1)
+            firm = gtsam.noiseModel.Isotropic.Sigma(6, TIGHT)
+            level = gtsam.noiseModel.Isotropic.Sigma(3, TIGHT)
+            self.values.insert(anchor, gtsam.Pose3())
+            self.values.insert(floor, gtsam.OrientedPlane3(0.0, 0.0, 1.0, 0.0))
+            self.factors.add(gtsam.PriorFactorPose3(anchor, gtsam.Pose3(), firm))
+            upright = np.array([0.0, 0.0, 1.0, 0.0])
+            self.factors.add(gtsam.OrientedPlane3Factor(upright, level, anchor, floor))
+        here = pose_key(factor.pose)
+        tilted = to_native(TILTED)
+        eye = self._new_pose(self._guesses[here].compose(tilted))
+        self._between(here, eye, tilted, gtsam.noiseModel.Isotropic.Sigma(6, TIGHT))
+        plane = factor.plane.moved(TILTED.inverse())
+        tangents = gtsam.Unit3(plane.normal).basis()
+        turn = np.eye(3)
+        turn[:2, :2] = tangents.T @ plane.tangents.T
+        noise = self._noise(turn @ plane.covariance @ turn.T, factor.loss)
+        measured = np.append(plane.normal, plane.offset_m)
+        self.factors.add(gtsam.OrientedPlane3Factor(measured, noise, eye, floor))
+
+    def _turned(self, here: int, turn_rad: float, sigma_rad: float) -> int:
+        """A pose at the same place, turned."""
+        turn = gtsam.Pose2(0.0, 0.0, turn_rad)
+        there = self._new_pose(self._guesses[here].compose(turn))
+        sigmas = np.array([TIGHT, TIGHT, max(sigma_rad, TIGHT)])
+        self._between(here, there, turn, gtsam.noiseModel.Diagonal.Sigmas(sigmas))
+        return there
+
+    def _affected(self, here: int, effect: Effect, there: int | None = None) -> int:
+        """The pose that a systematic error makes of another."""
+        if effect.name not in self._systematics:
+            raise InputError(
+                f"effect of {effect.name!r}: no such systematic error was given; "
+                f"known are {sorted(self._systematics) or 'none'}"
+            )
+        error = self._systematics[effect.name]
+        sigma = np.where(error.sigma > 0.0, error.sigma, ABSENT)
+        if effect.name not in self._chain:
+            key = self._new_error(error.mean)
+            prior = gtsam.noiseModel.Diagonal.Sigmas(sigma)
+            self.factors.add(gtsam.PriorFactorPoint3(key, error.mean, prior))
+            self._chain[effect.name] = (key, error.mean)
+        latest, guess = self._chain[effect.name]
+        if there is None:
+            there = self._new_pose(self._guesses[here].compose(_exponential(guess * effect.scale)))
+        following = self._new_error(guess)
+        least = np.where(error.sigma > 0.0, SETTLED, 0.1) * sigma
+        change = np.maximum(error.walk**2 * effect.elapsed, least**2)
+        states = (
+            gtsam.StateData(here, latest, 0.0),
+            gtsam.StateData(there, following, effect.scale),
+        )
+        self.factors.add(gtsam.WnoaMotionFactorPose2(*states, change / effect.scale))
+        self.passing.append(latest)
+        self._chain[effect.name] = (following, guess)
+        return there
+
+    def _new_pose(self, guess: Any) -> int:
+        self._count += 1
+        key = int(gtsam.symbol("m", self._count))
+        self.values.insert(key, guess)
+        self._guesses[key] = guess
+        self.passing.append(key)
+        return key
+
+    def _new_error(self, guess: Float[np.ndarray, "3"]) -> int:
+        self._count += 1
+        key = int(gtsam.symbol("s", self._count))
+        self.values.insertPoint3(key, guess)
+        return key
+
+    def _between(self, here: int, there: int, motion: Any, noise: Any) -> None:
+        planar = isinstance(motion, gtsam.Pose2)
+        kind = gtsam.BetweenFactorPose2 if planar else gtsam.BetweenFactorPose3
+        self.factors.add(kind(here, there, motion, noise))
+
+    def _noise(self, covariance: Float[np.ndarray, "d d"], loss: Loss) -> Any:
+        """Noise of the next factor that is added."""
+        noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
+        if loss.kind == "none":
+            return noise
+        self.doubted.append(self.factors.size())
+        estimators = gtsam.noiseModel.mEstimator
+        kind: Any = {"huber": estimators.Huber, "cauchy": estimators.Cauchy}[loss.kind]
+        width = loss.width or CUSTOMARY[loss.kind]
+        return gtsam.noiseModel.Robust.Create(kind.Create(width), noise)
+
+
+def pose_key(number: int) -> int:
+    """GTSAM's key of a pose."""
+    return int(gtsam.symbol("x", number))
+
+
+def to_native(pose: Pose2 | Pose3) -> Any:
+    """As GTSAM holds it."""
+    if isinstance(pose, Pose2):
+        return gtsam.Pose2(pose.x, pose.y, pose.yaw)
+    return gtsam.Pose3(pose.matrix)
+
+
+def from_native(native: Any) -> Pose2 | Pose3:
+    """As we hold it."""
+    if isinstance(native, gtsam.Pose2):
+        return Pose2(native.x(), native.y(), native.theta())
+    return Pose3.from_matrix(native.matrix())
+
+
+def local_covariance(
+    covariance: Float[np.ndarray, "d d"], pose: Pose2 | Pose3
+) -> Float[np.ndarray, "d d"]:
+    """From the axes in which the pose is given to its own, in GTSAM's order."""
+    local = turned_covariance(covariance, pose.rotation.T)
+    return local if isinstance(pose, Pose2) else _swapped(local)
+
+
+def belief(native: Any, covariance: Float[np.ndarray, "d d"]) -> Gaussian | Placement:
+    """From GTSAM's pose and marginal covariance: both in the axes of the world, in our order."""
+    pose = from_native(native)
+    if isinstance(pose, Pose2):
+        turned = turned_covariance(covariance, pose.rotation)
+        return Gaussian(pose.vector, (turned + turned.T) / 2.0)
+    turned = turned_covariance(_swapped(covariance), pose.rotation)
+    return Placement(pose, (turned + turned.T) / 2.0)
+
+
+def first_guesses(
+    factors: Sequence[Factor], known: Mapping[int, Pose2 | Pose3]
+) -> dict[int, Pose2 | Pose3]:
+    """A guess of every pose that the factors speak of, along motions from the known ones.
+
+    Raises:
+        InputError: A pose is reached from nowhere.
+    """
+    guesses = dict(known)
+    for factor in factors:
+        if isinstance(factor, PoseSeen) and factor.pose not in guesses:
+            place = factor.place
+            guesses[factor.pose] = (
+                Pose2(*(float(v) for v in place.mean))
+                if isinstance(place, Gaussian)
+                else place.pose
+            )
+    # Motions first: a closure may be wrong. Places seen from outside may be wrong too, but anchor islands.
+    for kind in (Motion, (Motion, LoopClosure)):
+        rest: list[Motion | LoopClosure] = [f for f in factors if isinstance(f, kind)]
+        while rest:
+            left = [one for one in rest if not _reach(one, guesses)]
+            if len(left) == len(rest):
+                break
+            rest = left
+    for number in (number for factor in factors for number in poses_of(factor)):
+        if number not in guesses:
+            raise InputError(
+                f"pose {number} is connected with no pose that is known; give the motion that leads to it, "
+                "or where it was seen from outside"
+            )
+    return guesses
+
+
+def _reach(one: Motion | LoopClosure, guesses: dict[int, Any]) -> bool:
+    """Whether both ends are known, after adding the one that follows from the other."""
+    if one.before in guesses and one.after not in guesses:
+        guesses[one.after] = guesses[one.before] @ one.motion
+    elif one.after in guesses and one.before not in guesses:
+        guesses[one.before] = guesses[one.after] @ one.motion.inverse()
+    return one.before in guesses
+
+
+def _exponential(motion: Float[np.ndarray, "3"]) -> Any:
+    """The pose that a velocity of (ahead, left, turn) per second leads to in one."""
+    return gtsam.Pose2.Expmap(motion)
+
+
+def _swapped(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
+    """Rotation first instead of translation first, or the other way round."""
+    order = [3, 4, 5, 0, 1, 2]
+    return np.asarray(covariance[np.ix_(order, order)])
