@@ -18,9 +18,10 @@ from perception.primitives.obstacle import Obstacle
 from . import config_file
 from .config import Config
 from .navigator import Decision, Navigator
-from .pipeline import Estimate, Pipeline, View
+from .pipeline import Estimate, Pipeline
 from .recordings.recording import RecordingInfo
 from .run_folder import RunFolder
+from .view import View
 
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
 FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", *UPPER, "share", "state")

@@ -8,13 +8,11 @@ cycle runs live and over a recording; deciding where to step is `navigator`'s pa
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
 
 from mapping import footprints
 from mapping.clouds import CloudBuilder
@@ -31,49 +29,25 @@ from perception.localisation.filter import PoseFilter, UpdateReport
 from perception.localisation.obstacles import ObstacleTracker
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.track import Detection
-from perception.points import Points
-from perception.primitives.frame import ColourView, Depth, Frame
+from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
-from perception.primitives.plane import Plane
-from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.pose import Pose2
 
 from .config import Config, ReachConfig
 from .recordings.recording import RecordingInfo
-from .whereabouts import Given, Nowhere, Standing, Walker, Whereabouts
-
-OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # where no foot may go
-RISING = (classify.OBSTACLE, classify.OVERHANG)  # what things are made of: legs and the body above
-KNEE_M = 0.15  # height at which a track is looked for: every obstacle worth a track reaches it
-BEYOND_M = 0.15  # what is measured this far behind a place shows that nothing stands there
-BORDER_SHARE = 0.02  # of the image's width
-HIDING_SHARE = 0.02  # of the image's width: how near in the image what hides a thing must be
-CUT_M = 0.10  # nearer by this hides; this close to the end of reach a thing may go on
-MOVER_MARGIN_M = 0.06  # position error of a track and noise of the points
-
-
-@dataclass(frozen=True)
-class View:
-    """One depth image, understood.
-
-    Args:
-        sensor: "tof", "stereo" or "depth".
-        points: In the camera frame, m.
-        classes: One of `classify`'s constants for each point.
-        floor: The floor in the camera frame; the kinematic one where none was seen.
-        seen: Share of the points on the floor; None where no floor was seen.
-        T_map_camera: The camera in the upright map frame.
-        upright: (n, 3) points in the map frame, z their height over the floor, m.
-    """
-
-    sensor: str
-    depth: Depth
-    points: Points
-    classes: Int[np.ndarray, "n"]
-    floor: Plane
-    seen: float | None
-    T_map_camera: Pose3
-    upright: Float[np.ndarray, "n 3"]
+from .view import (
+    OBSTACLES,
+    RISING,
+    View,
+    colours_of,
+    cut_off,
+    looked_at,
+    near_movers,
+    standing,
+    visibility,
+)
+from .whereabouts import Given, Nowhere, Walker, Whereabouts
 
 
 @dataclass(frozen=True)
@@ -173,7 +147,7 @@ class Pipeline:
                     frame.stamp_s,
                     self._detections(found, frame),
                     pose,
-                    _visibility(views),
+                    visibility(views),
                 )
         with watch.stage("map"):
             self._remember(frame, views, pose)
@@ -273,7 +247,7 @@ class Pipeline:
         for view, mask in zip(views, rising, strict=True):
             camera = view.depth.camera
             reach: ReachConfig = getattr(self.config.reach, view.sensor)
-            cut.append(_cut_off(view, reach, camera.width / camera.fx > 0.99 * widest)[mask])
+            cut.append(cut_off(view, reach, camera.width / camera.fx > 0.99 * widest)[mask])
         return clusters.cluster(
             obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
         )
@@ -311,7 +285,7 @@ class Pipeline:
         for view in views:
             self._remember_view(frame, view, pose)
             self.confidence.see(
-                _looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
+                looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
             )
         self.grid.age(elapsed)
         self.world.age(elapsed)
@@ -322,7 +296,7 @@ class Pipeline:
         used = np.isin(view.classes, (*OBSTACLES, classify.FLOOR))
         upright, classes = view.upright[used], view.classes[used]
         is_obstacle = np.isin(classes, OBSTACLES)
-        is_moving = is_obstacle & _near_movers(upright[:, :2], self.tracker.obstacles)
+        is_moving = is_obstacle & near_movers(upright[:, :2], self.tracker.obstacles)
         camera = view.T_map_camera.position
         drop = np.abs(upright[:, 2] - view.floor.offset_m) / view.points.xyz[used, 2]
         self.grid.update(
@@ -343,7 +317,7 @@ class Pipeline:
             heights_m=upright[:, 2],
             is_moving=is_moving,
         )
-        colours = _colours(view, frame.colour)
+        colours = colours_of(view, frame.colour)
         self.cloud.add(view.upright, colours)
         self.obstacle_cloud.add(upright[is_obstacle & ~is_moving], None)
 
@@ -363,13 +337,6 @@ def _whereabouts(config: Config, info: RecordingInfo) -> Whereabouts:
     return Walker(PoseFilter(start, info.landmarks, config.localiser), config.prior)
 
 
-def standing(view: View, obstacles: Sequence[Obstacle]) -> Standing:
-    """What rises in a view and does not move."""
-    rising = np.isin(view.classes, RISING)
-    rising[rising] = ~_near_movers(view.upright[rising, :2], obstacles)
-    return Standing(view.upright[rising], view.points.sigma[rising], view.T_map_camera)
-
-
 def _pose2(pose: Gaussian) -> Pose2:
     x, y, yaw = (float(v) for v in pose.mean)
     return Pose2(x, y, yaw)
@@ -377,80 +344,3 @@ def _pose2(pose: Gaussian) -> Pose2:
 
 def _detection(cluster: Cluster) -> Detection:
     return Detection(cluster.centre, cluster.covariance, cluster.radius_m, cluster.height_m)
-
-
-def _cut_off(view: View, reach: ReachConfig, widest: bool) -> Bool[np.ndarray, "n"]:
-    """Points at which a thing may go on unseen: border of the image, end of reach, edge of what hides it.
-
-    The border counts for the widest view of the frame only; a wider one sees on.
-    """
-    camera = view.depth.camera
-    u = view.points.pixels % camera.width
-    margin = BORDER_SHARE * camera.width
-    cut = view.points.xyz[:, 2] > reach.farthest_m - CUT_M
-    if widest:
-        cut |= (u < margin) | (u > camera.width - 1 - margin)
-    z = np.where(np.isfinite(view.depth.z), view.depth.z, np.float32(np.inf))
-    width = 2 * max(1, round(HIDING_SHARE * camera.width)) + 1
-    nearest = cv2.erode(z, np.ones((1, width), np.uint8))
-    hidden = z.ravel()[view.points.pixels] - nearest.ravel()[view.points.pixels] > CUT_M
-    return np.asarray(cut | hidden)
-
-
-def _visibility(views: Sequence[View]) -> Callable[[np.ndarray], np.ndarray]:
-    """Whether something on the floor at places (n, 2) of the map would have been seen in this frame."""
-
-    def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
-        seen = np.zeros(len(xy), dtype=bool)
-        knee = np.column_stack([xy, np.full(len(xy), KNEE_M)])
-        for view in views:
-            camera_points = view.T_map_camera.inverse().apply(knee)
-            pixels = view.depth.camera.project(camera_points)
-            inside = view.depth.camera.contains(pixels)
-            u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
-            u = np.clip(u, 0, view.depth.camera.width - 1)
-            v = np.clip(v, 0, view.depth.camera.height - 1)
-            behind = view.depth.z[v, u]  # what is measured there must lie beyond the place
-            seen |= inside & (behind > camera_points[:, 2] + BEYOND_M)
-        return seen
-
-    return visible
-
-
-def _near_movers(
-    xy: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
-) -> Bool[np.ndarray, "n"]:
-    """Points that belong to something that probably moves."""
-    near = np.zeros(len(xy), dtype=bool)
-    for obstacle in obstacles:
-        if obstacle.moving > 0.5:
-            distance = np.linalg.norm(xy - obstacle.position, axis=1)
-            near |= distance < obstacle.radius_m + MOVER_MARGIN_M
-    return near
-
-
-def _looked_at(view: View, grid: EgocentricGrid, farthest_m: float) -> Bool[np.ndarray, "n n"]:
-    """R_g of seed 001: cells whose middle, on the floor, is inside the view."""
-    centres = grid.centres()
-    floor_points = np.concatenate([centres, np.zeros((*centres.shape[:2], 1))], axis=-1)
-    camera_points = view.T_map_camera.inverse().apply(floor_points)
-    inside = view.depth.camera.contains(view.depth.camera.project(camera_points))
-    return inside & (camera_points[..., 2] < farthest_m)
-
-
-def _colours(view: View, colour: ColourView | None) -> UInt8[np.ndarray, "n 3"] | None:
-    """The colour of each point by the colour camera; grey where it does not look; None without one."""
-    if colour is None:
-        return None
-    xyz = view.points.xyz
-    if view.depth.T_body_camera is not None and colour.T_body_camera is not None:
-        T_colour_depth = colour.T_body_camera.inverse() @ view.depth.T_body_camera
-        xyz = T_colour_depth.apply(xyz)
-    pixels = colour.camera.project(xyz)
-    inside = colour.camera.contains(pixels)
-    u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
-    colours = colour.rgb[
-        np.clip(v, 0, colour.camera.height - 1), np.clip(u, 0, colour.camera.width - 1)
-    ].copy()
-    colours[~inside] = 128
-    return colours

@@ -1,0 +1,142 @@
+"""A view: one depth image understood, and what the pipeline asks of it.
+
+Which of its points may be part of a thing that goes on unseen, which belong to something that moves, what it
+would have shown, what it looked at, and which colours its points have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from mapping.egocentric_grid import EgocentricGrid
+from perception.floor import classify
+from perception.points import Points
+from perception.primitives.frame import ColourView, Depth
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3
+
+from .config import ReachConfig
+from .whereabouts import Standing
+
+OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # where no foot may go
+RISING = (classify.OBSTACLE, classify.OVERHANG)  # what things are made of: legs and the body above
+KNEE_M = 0.15  # height at which a track is looked for: every obstacle worth a track reaches it
+BEYOND_M = 0.15  # what is measured this far behind a place shows that nothing stands there
+BORDER_SHARE = 0.02  # of the image's width
+HIDING_SHARE = 0.02  # of the image's width: how near in the image what hides a thing must be
+CUT_M = 0.10  # nearer by this hides; this close to the end of reach a thing may go on
+MOVER_MARGIN_M = 0.06  # position error of a track and noise of the points
+
+
+@dataclass(frozen=True)
+class View:
+    """One depth image, understood.
+
+    Args:
+        sensor: "tof", "stereo" or "depth".
+        points: In the camera frame, m.
+        classes: One of `classify`'s constants for each point.
+        floor: The floor in the camera frame; the kinematic one where none was seen.
+        seen: Share of the points on the floor; None where no floor was seen.
+        T_map_camera: The camera in the upright map frame.
+        upright: (n, 3) points in the map frame, z their height over the floor, m.
+    """
+
+    sensor: str
+    depth: Depth
+    points: Points
+    classes: Int[np.ndarray, "n"]
+    floor: Plane
+    seen: float | None
+    T_map_camera: Pose3
+    upright: Float[np.ndarray, "n 3"]
+
+
+def standing(view: View, obstacles: Sequence[Obstacle]) -> Standing:
+    """What rises in a view and does not move."""
+    rising = np.isin(view.classes, RISING)
+    rising[rising] = ~near_movers(view.upright[rising, :2], obstacles)
+    return Standing(view.upright[rising], view.points.sigma[rising], view.T_map_camera)
+
+
+def cut_off(view: View, reach: ReachConfig, widest: bool) -> Bool[np.ndarray, "n"]:
+    """Points at which a thing may go on unseen: border of the image, end of reach, edge of what hides it.
+
+    The border counts for the widest view of the frame only; a wider one sees on.
+    """
+    camera = view.depth.camera
+    u = view.points.pixels % camera.width
+    margin = BORDER_SHARE * camera.width
+    cut = view.points.xyz[:, 2] > reach.farthest_m - CUT_M
+    if widest:
+        cut |= (u < margin) | (u > camera.width - 1 - margin)
+    z = np.where(np.isfinite(view.depth.z), view.depth.z, np.float32(np.inf))
+    width = 2 * max(1, round(HIDING_SHARE * camera.width)) + 1
+    nearest = cv2.erode(z, np.ones((1, width), np.uint8))
+    hidden = z.ravel()[view.points.pixels] - nearest.ravel()[view.points.pixels] > CUT_M
+    return np.asarray(cut | hidden)
+
+
+def visibility(views: Sequence[View]) -> Callable[[np.ndarray], np.ndarray]:
+    """Whether something on the floor at places (n, 2) of the map would have been seen in this frame."""
+
+    def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+        seen = np.zeros(len(xy), dtype=bool)
+        knee = np.column_stack([xy, np.full(len(xy), KNEE_M)])
+        for view in views:
+            camera_points = view.T_map_camera.inverse().apply(knee)
+            pixels = view.depth.camera.project(camera_points)
+            inside = view.depth.camera.contains(pixels)
+            u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
+            u = np.clip(u, 0, view.depth.camera.width - 1)
+            v = np.clip(v, 0, view.depth.camera.height - 1)
+            behind = view.depth.z[v, u]  # what is measured there must lie beyond the place
+            seen |= inside & (behind > camera_points[:, 2] + BEYOND_M)
+        return seen
+
+    return visible
+
+
+def near_movers(
+    xy: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
+) -> Bool[np.ndarray, "n"]:
+    """Points that belong to something that probably moves."""
+    near = np.zeros(len(xy), dtype=bool)
+    for obstacle in obstacles:
+        if obstacle.moving > 0.5:
+            distance = np.linalg.norm(xy - obstacle.position, axis=1)
+            near |= distance < obstacle.radius_m + MOVER_MARGIN_M
+    return near
+
+
+def looked_at(view: View, grid: EgocentricGrid, farthest_m: float) -> Bool[np.ndarray, "n n"]:
+    """R_g of seed 001: cells whose middle, on the floor, is inside the view."""
+    centres = grid.centres()
+    floor_points = np.concatenate([centres, np.zeros((*centres.shape[:2], 1))], axis=-1)
+    camera_points = view.T_map_camera.inverse().apply(floor_points)
+    inside = view.depth.camera.contains(view.depth.camera.project(camera_points))
+    return inside & (camera_points[..., 2] < farthest_m)
+
+
+def colours_of(view: View, colour: ColourView | None) -> UInt8[np.ndarray, "n 3"] | None:
+    """The colour of each point by the colour camera; grey where it does not look; None without one."""
+    if colour is None:
+        return None
+    xyz = view.points.xyz
+    if view.depth.T_body_camera is not None and colour.T_body_camera is not None:
+        T_colour_depth = colour.T_body_camera.inverse() @ view.depth.T_body_camera
+        xyz = T_colour_depth.apply(xyz)
+    pixels = colour.camera.project(xyz)
+    inside = colour.camera.contains(pixels)
+    u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
+    colours = colour.rgb[
+        np.clip(v, 0, colour.camera.height - 1), np.clip(u, 0, colour.camera.width - 1)
+    ].copy()
+    colours[~inside] = 128
+    return colours
