@@ -73,10 +73,10 @@ def push(
         entry = account[USED]
         account[USED] += 1
     else:
-        account[SPARE] = after[entry]
-    items[entry] = node
-    after[entry] = heads[bucket]
-    heads[bucket] = entry
+        account[SPARE] = after[np.uintp(entry)]
+    items[np.uintp(entry)] = node
+    after[np.uintp(entry)] = heads[np.uintp(bucket)]
+    heads[np.uintp(bucket)] = entry
     account[WAITING] += 1
 
 
@@ -85,12 +85,12 @@ def pop(
     bucket: int, heads: np.ndarray, items: np.ndarray, after: np.ndarray, account: np.ndarray
 ) -> int:
     """Take the first node out of a bucket that has one."""
-    entry = heads[bucket]
-    heads[bucket] = after[entry]
-    after[entry] = account[SPARE]
+    entry = heads[np.uintp(bucket)]
+    heads[np.uintp(bucket)] = after[np.uintp(entry)]
+    after[np.uintp(entry)] = account[SPARE]
     account[SPARE] = entry
     account[WAITING] -= 1
-    return items[entry]
+    return items[np.uintp(entry)]
 
 
 @njit(cache=True)
@@ -138,11 +138,11 @@ def search(
     base = estimate(start // wide - goal[0], start % wide - goal[1], least, on_lattice)
     found, bound = (start, base) if state[start] & EXIT else (-1, np.inf)
     push(start, 0, heads, items, after, account)
-    turn = 0  # number of the bucket whose turn it is, from the start's on
+    turn, bucket = 0, 0  # of all buckets since the start's, and in the circle
     while account[WAITING] > 0 and base + turn * width <= bound:
-        bucket = turn % heads.shape[0]
-        if heads[bucket] == NOTHING:
+        if heads[np.uintp(bucket)] == NOTHING:
             turn += 1
+            bucket = bucket + 1 if bucket + 1 < heads.shape[0] else 0
             continue
         node = pop(bucket, heads, items, after, account)
         if state[node] & EXPANDED:
@@ -154,7 +154,7 @@ def search(
             items = np.concatenate((items, np.empty_like(items)))
             after = np.concatenate((after, np.empty_like(after)))
         for k in range(8):
-            other = node + shifts[k]
+            other = np.uintp(node + shifts[k])
             reached = here + (price + ground[other]) * halves[k]
             if reached >= walked[other]:  # also where no body can be: infinite, both
                 continue
@@ -162,11 +162,13 @@ def search(
             if total >= bound:
                 continue
             walked[other] = reached
-            state[other] = (state[other] & EXIT) | k
-            if state[other] & EXIT:
-                found, bound = other, total
-            later = max(turn, int((total - base) * per))
-            push(other, later % heads.shape[0], heads, items, after, account)
+            leaf = state[other] & EXIT
+            state[other] = leaf | k
+            if leaf:
+                found, bound = node + shifts[k], total
+            later = bucket + max(0, int((total - base) * per) - turn)
+            later = later if later < heads.shape[0] else later - heads.shape[0]
+            push(node + shifts[k], later, heads, items, after, account)
     return found, walked[found] if found >= 0 else np.inf, state
 
 

@@ -10,6 +10,21 @@ import math
 import numpy as np
 from numba import njit
 
+BORDER = 1e-6  # cells: points this close to a border may be on either side of it, by rounding
+
+
+@njit(cache=True)
+def inside_blocked(blocked: np.ndarray, x: float, y: float) -> bool:
+    """Whether a point is in a blocked cell or outside the map; on the border of a free one it is not."""
+    rows, columns = blocked.shape
+    left, right = math.floor(x + 0.5 - BORDER), math.floor(x + 0.5 + BORDER)
+    low, high = math.floor(y + 0.5 - BORDER), math.floor(y + 0.5 + BORDER)
+    if left < 0 or right >= columns or low < 0 or high >= rows:
+        return True
+    return (
+        blocked[low, left] and blocked[low, right] and blocked[high, left] and blocked[high, right]
+    )
+
 
 @njit(cache=True)
 def segment_cost(
@@ -28,8 +43,7 @@ def segment_cost(
     for i in range(pieces + 1):
         x = begin[0] + i / pieces * right
         y = begin[1] + i / pieces * down
-        column, row = math.floor(x + 0.5), math.floor(y + 0.5)
-        if not (0 <= row < rows and 0 <= column < columns) or blocked[row, column]:
+        if inside_blocked(blocked, x, y):
             return np.inf
         c = min(max(int(x), 0), columns - 2)
         r = min(max(int(y), 0), rows - 2)

@@ -24,7 +24,7 @@ from . import _lattice_kernels as kernels
 from .potential import SearchConfig, terrain
 from .shortcuts import polyline_cost, rounded, segment_cost, shortcut
 
-BUCKET = 0.125
+BUCKET = 0.25
 """Width of a bucket of the queue, in cells: narrow enough that nodes seldom reopen."""
 
 

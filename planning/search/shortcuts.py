@@ -43,7 +43,7 @@ def shortcut(
     Returns:
         A subsequence of the path with the same ends.
     """
-    return path[kernels.shortcut(path, price, blocked, SLACK)]
+    return path[kernels.shortcut(np.ascontiguousarray(path), price, blocked, SLACK)]
 
 
 def segment_cost(

@@ -1,0 +1,147 @@
+"""Update of the terrain map from one depth image, against octomap's insertion of the same points.
+
+Octomap is three-dimensional and frees space along rays; ours is 2.5-dimensional: probability, stamp, mean
+height and its variance on the floor plane, free where floor was seen. Both get the same points and are
+asked the same: which columns hold an obstacle. `discretize=True` is octomap's fast way for dense points.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+from contextlib import suppress
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mapping.egocentric_grid import EgocentricGrid, GridConfig
+from perception.primitives.camera import Camera
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3, head_rotation
+
+from .benchmark import Benchmark, Comparison, race
+
+GRIDS = ((0.05, 3.55), (0.02, 3.50))  # cell, side, m
+SIZES = ((176, 144), (640, 480))  # 25k and 307k pixels
+HEIGHT_M, TILT_RAD = 0.4, math.radians(32.0)
+CEILING_M = 0.56  # seed 003: the robot's height and 0.1 m
+OBSTACLE_M = 0.03  # points above this are an obstacle's
+
+
+class Sight(NamedTuple):
+    """What one frame hands to the map: points, flags and sigmas as the pipeline has them."""
+
+    xyz: np.ndarray
+    is_obstacle: np.ndarray
+    is_moving: np.ndarray
+    sigma_m: np.ndarray
+
+
+def sight(width: int, height: int, rng: np.random.Generator) -> Sight:
+    """A floor with five boxes and a wall, seen from a small robot's head, with depth noise."""
+    camera = Camera.from_view(width, height, math.radians(60.0), math.radians(47.0))
+    rays = camera.rays @ head_rotation(0.0, TILT_RAD).T
+    with np.errstate(divide="ignore"):
+        z = np.where(rays[..., 2] < -1e-3, -HEIGHT_M / rays[..., 2], np.inf)
+        z = np.minimum(z, 2.4 / rays[..., 0])  # a wall 2.4 m ahead
+    for _ in range(5):
+        u, v = rng.integers(0, width * 5 // 6), rng.integers(height // 5, height * 3 // 5)
+        box = np.s_[v : v + height // 5, u : u + width // 6]
+        z[box] = np.minimum(z[box], rng.uniform(0.6, 1.5))
+    sigma = 0.0012 + 0.0019 * (z - 0.4) ** 2
+    noisy = (z + sigma * rng.standard_normal(z.shape))[..., None]
+    T_map_camera = Pose3.from_rotation(head_rotation(0.0, TILT_RAD), np.array([0.0, 0.0, HEIGHT_M]))
+    xyz = T_map_camera.apply((camera.rays * noisy).reshape(-1, 3))
+    used = np.isfinite(xyz).all(axis=1) & (xyz[:, 2] < CEILING_M)
+    xyz = np.ascontiguousarray(xyz[used])
+    drop = np.abs(xyz[:, 2] - HEIGHT_M) / noisy.ravel()[used]
+    flags = xyz[:, 2] > OBSTACLE_M
+    return Sight(xyz, flags, np.zeros(len(xyz), np.bool_), sigma.ravel()[used] * drop)
+
+
+def updater(grid: EgocentricGrid, seen: Sight) -> partial[None]:
+    """The grid's update as the pipeline calls it."""
+    return partial(
+        grid.update,
+        seen.xyz,
+        seen.is_obstacle,
+        1.0,
+        np.zeros(2),
+        is_moving=seen.is_moving,
+        sensor_height_m=HEIGHT_M,
+        sigma_m=seen.sigma_m,
+        floor=Plane(np.array([0.0, 0.0, 1.0]), 0.0, np.diag([1e-6, 1e-6, 1e-6])),
+        pose=Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4])),
+    )
+
+
+def run() -> Comparison:
+    """Two sizes of image on two sizes of cell; the ratio is the geometric mean of the four."""
+    octomap: Any = None
+    with suppress(ImportError):
+        octomap = importlib.import_module("octomap")
+    times: dict[str, float] = {}
+    ratios = []
+    accuracy: dict[str, float] = {}
+    for cell_m, side_m in GRIDS:
+        for width, height in SIZES:
+            seen = sight(width, height, np.random.default_rng(0))
+            grid = EgocentricGrid(GridConfig(side_m=side_m, cell_m=cell_m), np.zeros(2))
+            contestants: dict[str, Any] = {"ours": updater(grid, seen)}
+            if octomap is not None:
+                tree = octomap.OcTree(cell_m)
+                camera = np.array([0.0, 0.0, HEIGHT_M])
+                contestants["octomap"] = partial(
+                    tree.insertPointCloud, seen.xyz, camera, discretize=True
+                )
+            name = f"{width}x{height}_{round(1e3 * cell_m)}mm"
+            taken = race(contestants, rounds=11)
+            times.update({f"{who}_{name}_ms": value for who, value in taken.items()})
+            if octomap is None:
+                continue
+            ratios.append(taken["octomap"] / taken["ours"])
+            accuracy[f"ratio_{name}"] = ratios[-1]
+            if cell_m == GRIDS[0][0]:
+                ours, theirs = _right(grid, tree, seen)
+                accuracy[f"ours_right_{name}"], accuracy[f"octomap_right_{name}"] = ours, theirs
+    mean = {"ratio_octomap": float(np.exp(np.mean(np.log(ratios))))} if ratios else {}
+    return Comparison(times, mean, accuracy, [] if ratios else ["octomap-python"])
+
+
+def _right(grid: EgocentricGrid, tree: Any, seen: Sight) -> tuple[float, float]:
+    """Share of the seen columns that each tells rightly to hold an obstacle, or none."""
+    n = grid.config.cells
+    cells = grid.cell_of(seen.xyz[:, :2])
+    inside = ((cells >= 0) & (cells < n)).all(axis=1)
+    rising = seen.is_obstacle & (
+        seen.xyz[:, 2] > 2 * grid.cell_m
+    )  # clear of the floor's own voxels
+    tally = np.zeros((2, n, n), int)
+    np.add.at(tally, (rising[inside].astype(int), *cells[inside].T), 1)
+    judged = np.argwhere(tally.sum(axis=0) >= 5)
+    true = tally[1][tuple(judged.T)] >= 3
+    ours = (grid.known & (grid.probability > 0.5))[tuple(judged.T)]
+    levels = np.arange(2 * grid.cell_m + 0.5 * grid.cell_m, CEILING_M, grid.cell_m)
+    theirs = []
+    for row, column in judged:
+        x, y = grid.centre_of(row, column)
+        nodes = [tree.search(np.array([x, y, z])) for z in levels]
+        theirs.append(any(_occupied(tree, node) for node in nodes))
+    return float(np.mean(ours == true)), float(np.mean(np.array(theirs) == true))
+
+
+def _occupied(tree: Any, node: Any) -> bool:
+    try:
+        return bool(tree.isNodeOccupied(node))
+    except Exception:  # the binding's own error for a voxel that is not there
+        return False
+
+
+BENCHMARK = Benchmark(
+    "grid",
+    "Terrain map (2.5-D) updated from 25k and 307k points, against octomap (3-D)",
+    run,
+    {"ratio_octomap": 30.0},
+)
