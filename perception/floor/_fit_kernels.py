@@ -276,7 +276,7 @@ def feet(
 
     Args:
         tau: (n,), half the band of the floor at each point.
-        foot_m: Fronts are looked for up to so much above tau.
+        foot_m: Fronts are looked for from 2 tau, which noise does not reach, to so much above.
         least: Points that make a front.
         labels: (n,) int8 as `classes` has them; some 0 become 1.
     """
@@ -286,7 +286,8 @@ def feet(
         if labels[i] != 1:
             continue
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
-        if n[0] * x + n[1] * y + n[2] * z + rho > tau[i] + foot_m:
+        d = n[0] * x + n[1] * y + n[2] * z + rho
+        if d < 2.0 * tau[i] or d > 2.0 * tau[i] + foot_m:
             continue
         s = first[0] * x + first[1] * y + first[2] * z
         t = second[0] * x + second[1] * y + second[2] * z

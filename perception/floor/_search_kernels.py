@@ -61,12 +61,13 @@ def score(
     rho: float,
     base: float,
     penalty: float,
+    sharp2: float,
     least: float,
 ) -> float:
     """How much a plane is the floor: points on it count for it, points below it against it.
 
-    A point at signed distance d counts 1 - (d / tau)^2 within tau = base + slack rho, and -penalty below
-    -2 tau. Returns -inf as soon as `least` cannot be reached.
+    With tau = base + slack rho, a point at signed distance d counts 1 - sharp2 (d / tau)^2 as far as that
+    is positive, and -penalty below -2 tau. Returns -inf as soon as `least` cannot be reached.
     """
     count = x.shape[0]
     total = 0.0
@@ -76,7 +77,7 @@ def score(
         for i in range(start, stop):
             tau = base + slack[i] * rho
             t = (a * x[i] + b * y[i] + c * z[i] + rho) / tau
-            part += max(1.0 - t * t, 0.0) - (penalty if t < -2.0 else 0.0)
+            part += max(1.0 - sharp2 * t * t, 0.0) - (penalty if t < -2.0 else 0.0)
         total += part
         if total + (count - stop) < least:
             return -np.inf
@@ -210,6 +211,7 @@ def msac(
     highest_rho: float,
     base: float,
     penalty: float,
+    sharp: float,
     tries: int,
     miss: float,
     near_of: int,
@@ -232,17 +234,23 @@ def msac(
             continue
         if a * up[0] + b * up[1] + c * up[2] < least_cosine:
             continue
-        value = score(x, y, z, slack, a, b, c, rho, base, penalty, best)
+        value = score(x, y, z, slack, a, b, c, rho, base, penalty, sharp * sharp, best)
         if value <= best:
             continue
-        for wide in (3.0, 2.0, 1.0, 1.0):  # local optimisation; the first triples are rough
+        for wide in (
+            3.0,
+            1.5,
+            1.0,
+            1.0 / sharp,
+            1.0 / sharp,
+        ):  # local optimisation; the first triples are rough
             n[0], n[1], n[2] = a, b, c
             fa, fb, fc, frho, good = fit(x, y, z, slack * wide, n, rho, base * wide)
             if not good or frho < lowest_rho or frho > highest_rho:
-                break
+                continue
             if fa * up[0] + fb * up[1] + fc * up[2] < least_cosine:
-                break
-            better = score(x, y, z, slack, fa, fb, fc, frho, base, penalty, 0.0)
+                continue
+            better = score(x, y, z, slack, fa, fb, fc, frho, base, penalty, sharp * sharp, 0.0)
             if better > value:
                 a, b, c, rho, value = fa, fb, fc, frho, better
         best_a, best_b, best_c, best_rho, best = a, b, c, rho, value

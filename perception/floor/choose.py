@@ -47,6 +47,8 @@ class FloorConfig:
         0.02  # ours: points below, per point on it; kitchen floors 0.001, tables 0.03
     )
     known_height_m: float = 0.15  # ours: a prior this sure of height may have holes below it
+    planes: int = 4  # ours: so many are tried, one after the other: ramp, landing, table, floor
+    known_tilt_deg: float = 2.0  # ours: one this sure of tilt too lets a ramp be left aside
     confidence: float = 0.999  # ours: of the test against the prior
 
     def __post_init__(self) -> None:
@@ -56,7 +58,7 @@ class FloorConfig:
             )
         if self.most_points < 1000:
             raise ConfigError(f"floor: most_points={self.most_points} must be at least 1000")
-        for name in ("gate_sigmas", "least_height_m", "known_height_m"):
+        for name in ("gate_sigmas", "least_height_m", "known_height_m", "known_tilt_deg"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"floor: {name}={value} must be positive and finite")
@@ -64,6 +66,8 @@ class FloorConfig:
             raise ConfigError(
                 f"floor: most_tilt_deg={self.most_tilt_deg} must lie between 0 and 90"
             )
+        if self.planes < 1:
+            raise ConfigError(f"floor: planes={self.planes} must be at least 1")
         for name in ("least_share", "least_known_share", "most_below"):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ConfigError(f"floor: {name}={getattr(self, name)} must lie in [0, 1]")
@@ -119,16 +123,30 @@ def find(
         prior, config.gate_sigmas, math.radians(config.most_tilt_deg), config.least_height_m
     )
     sample = draw(points, prior, thought_of, rng, config.sample)
-    if len(sample) < 3:
-        return None
-    if config.method == "hough":
-        start = hough.propose(sample, thought_of, rng, config.hough, config.sample)
-    else:
-        start = ransac.propose(sample, thought_of, rng, config.ransac, config.sample)
-    if start is None:
-        return None
-    fit = refine(points, start, config.sample, config.refine, sensor)
-    if fit is None or not _is_believed(fit, prior, config):
+    for _ in range(config.planes):
+        if len(sample) < 3:
+            return None
+        if config.method == "hough":
+            start = hough.propose(sample, thought_of, rng, config.hough, config.sample)
+        else:
+            start = ransac.propose(sample, thought_of, rng, config.ransac, config.sample)
+        if start is None:
+            return None
+        found = _believed(points, start, prior, config, sensor)
+        if found is not None:
+            return found
+        sample = sample.without(start, config.sample)
+    return None
+
+
+def _believed(
+    points: Points, start: Plane, prior: Plane, config: FloorConfig, sensor: str | None
+) -> Floor | None:
+    """The plane fitted to all points, if it is a floor and agrees with the prior."""
+    sure_rad = math.sqrt(float(np.linalg.eigvalsh(prior.covariance[:2, :2])[-1]))
+    settle = _is_height_known(prior, config) and sure_rad <= math.radians(config.known_tilt_deg)
+    fit = refine(points, start, config.sample, config.refine, sensor, settle)
+    if fit is None or not _is_floor(fit, prior, config):
         return None
     plane, distance = fuse(fit.plane, prior)
     if distance > 2.0 * float(gammaincinv(1.5, config.confidence)):  # chi-square, 3
@@ -148,9 +166,14 @@ def _thinned(points: Points, most: int) -> Points:
     )
 
 
-def _is_believed(fit: Fit, prior: Plane, config: FloorConfig) -> bool:
+def _is_height_known(prior: Plane, config: FloorConfig) -> bool:
+    """Whether joints or an earlier frame say how high the camera is."""
+    return bool(prior.covariance[2, 2] <= config.known_height_m**2)
+
+
+def _is_floor(fit: Fit, prior: Plane, config: FloorConfig) -> bool:
     """Enough points on it, not too steep, and nothing below it where that is the only sign."""
-    height_known = prior.covariance[2, 2] <= config.known_height_m**2
+    height_known = _is_height_known(prior, config)
     if fit.share < (config.least_known_share if height_known else config.least_share):
         return False
     if float(fit.plane.normal @ prior.normal) < math.cos(math.radians(config.most_tilt_deg)):

@@ -33,7 +33,7 @@ class ClassConfig:
     sigmas: float = 3.0  # seed 003
     robot_height_m: float = 0.46  # DARwIn-OP, standing
     headroom_m: float = 0.10  # seed 003: ignored from robot height + 0.1 m up
-    foot_m: float = 0.15  # ours: fronts are looked for so far above the band; 0: feet stay floor
+    foot_m: float = 0.10  # ours: fronts are looked for so far above the band; 0: feet stay floor
     front_points: int = 3  # ours: points that make a front, half a degree wide
 
     def __post_init__(self) -> None:

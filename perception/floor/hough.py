@@ -28,11 +28,12 @@ class HoughConfig:
     """Grain of the table and when a cell is full."""
 
     triples: int = 3000  # seed 003: K_max
-    patience: int = (
-        6  # ours: so many times K_max while no cell has T_min; 1 gives up as the seed does
-    )
+    patience: int = 6  # ours: times K_max while no cell has T_min; 1 gives up, as the seed does
     enough: int = 60  # seed 003: T_v
-    least: int = 15  # seed 003: T_min
+    least: int = 15  # seed 003: T_min, of the first table
+    joints_tilt_deg: float = (
+        25.0  # seed 003: so near is up by the joints; T_min holds no farther off
+    )
     tilt_cell_deg: float = 2.0  # seed 003
     rho_cell_m: float = 0.02  # seed 003
     rounds: int = 5  # ours: table, bed, seats, floor
@@ -55,7 +56,7 @@ class HoughConfig:
         ):
             if getattr(self, name) < 1:
                 raise ConfigError(f"hough: {name}={getattr(self, name)} must be at least 1")
-        for name in ("tilt_cell_deg", "rho_cell_m", "side_m", "side_sigmas"):
+        for name in ("joints_tilt_deg", "tilt_cell_deg", "rho_cell_m", "side_m", "side_sigmas"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"hough: {name}={value} must be positive and finite")
@@ -74,7 +75,8 @@ def propose(
     for number in range(config.rounds):
         if len(rest) < 3 or best_score >= len(rest):  # what is left cannot beat it
             break
-        least = config.least if number == 0 else config.runner_up
+        strict = number == 0 and gate.tilt_rad <= math.radians(config.joints_tilt_deg)
+        least = config.least if strict else config.runner_up
         planes = _candidates(rest, gate, rng, config, scoring, least)
         if not planes:
             break
@@ -142,12 +144,23 @@ def _candidates(
 
 
 def _improved(sample: Sample, normal: np.ndarray, rho: float, scoring: ScoreConfig) -> Plane:
-    """Least squares on the points near a plane, then on those nearer: a cell is good to a degree."""
-    for wide in (3.0, 1.5, 1.0):
+    """Least squares on the points near a plane, then on those nearer, as long as the score rises."""
+    best = Plane(normal, float(rho))
+    best_score = score(sample, best, scoring)
+    for wide in (3.0, 1.5, 1.0, 1.0 / scoring.sharp, 1.0 / scoring.sharp):
         a, b, c, offset, good = kernels.fit(
-            sample.x, sample.y, sample.z, wide * sample.slack, normal, rho, wide * scoring.base_m
+            sample.x,
+            sample.y,
+            sample.z,
+            wide * sample.slack,
+            best.normal,
+            best.offset_m,
+            wide * scoring.base_m,
         )
         if not good:
-            break
-        normal, rho = np.array([a, b, c]), offset
-    return Plane(normal, float(rho))
+            continue
+        plane = Plane(np.array([a, b, c]), float(offset))
+        value = score(sample, plane, scoring)
+        if value > best_score:
+            best, best_score = plane, value
+    return best

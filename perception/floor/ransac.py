@@ -59,6 +59,7 @@ def propose(
         gate.highest_m,
         scoring.base_m,
         scoring.penalty,
+        scoring.sharp,
         config.tries,
         config.miss,
         config.near_of,

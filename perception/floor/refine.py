@@ -1,6 +1,6 @@
 """The last word on a plane: weighted least squares on all points, and how sure it is.
 
-Two passes in inverse depth (see `_search_kernels`). The covariance has three parts:
+A few passes in inverse depth (see `_search_kernels`). The covariance has three parts:
 
 - what independent noise of the points leaves: the inverse of the normal matrix;
 - times the factor by which the noise of neighbouring pixels hangs together, measured on the residuals:
@@ -61,6 +61,8 @@ class RefineConfig:
     rough_m: float = 0.003  # ours: carpet, joints of tiles
     wide_sigmas: float = 5.0  # ours: band of the first pass, deviations of noise and roughness
     narrow_sigmas: float = 2.5  # ours: feet of walls and boxes lie within tau, but not within this
+    tight_wide_sigmas: float = 3.0  # ours: the same where joints say where the floor is, and a
+    tight_sigmas: float = 1.5  # ramp or a step that begins nearby must be left aside
     foot_m: float = 0.25  # ours: points up to here above the floor make what is below them a foot
     foot_cell_m: float = 0.05  # ours: as far from a wall as its foot reaches through noise
     scale_share: float = 0.003  # ours: scale and bend where the sensor is not said
@@ -78,6 +80,11 @@ class RefineConfig:
             raise ConfigError(
                 f"floor: narrow_sigmas={self.narrow_sigmas} must be positive and below "
                 f"wide_sigmas={self.wide_sigmas}"
+            )
+        if not 0.0 < self.tight_sigmas <= self.tight_wide_sigmas:
+            raise ConfigError(
+                f"floor: tight_sigmas={self.tight_sigmas} must be positive and not above "
+                f"tight_wide_sigmas={self.tight_wide_sigmas}"
             )
         for name in ("rough_m", "scale_share", "foot_m"):
             value = getattr(self, name)
@@ -122,6 +129,7 @@ def refine(
     scoring: ScoreConfig,
     config: RefineConfig,
     sensor: str | None = None,
+    settle: bool = False,
 ) -> Fit | None:
     """Fit the plane to all points near it.
 
@@ -129,6 +137,8 @@ def refine(
         points: Camera frame, m.
         start: Within a few centimetres of the answer.
         sensor: "tof", "stereo" or "depth", which says what the points share; None if nobody says.
+        settle: Narrow the band farther and widen it once at the end: what lies at a small angle to the
+            floor has no say, but a start far off is not forgiven.
 
     Returns:
         The plane, the camera on its positive side; None if too few points are near or they lie on a line.
@@ -138,7 +148,10 @@ def refine(
     g = np.zeros(3)
     is_open = np.ones(len(points), dtype=np.bool_)
     near = below = cells = 0
-    bands = np.linspace(config.wide_sigmas, config.narrow_sigmas, config.passes)
+    bands = list(np.linspace(config.wide_sigmas, config.narrow_sigmas, config.passes))
+    if settle:
+        tight = np.linspace(config.tight_wide_sigmas, config.tight_sigmas, config.passes + 1)
+        bands = [*tight, config.narrow_sigmas]
     for number, wide in enumerate(bands):
         if number == 1:
             first, second = Plane(normal, rho).tangents
@@ -156,7 +169,7 @@ def refine(
                 is_open,
             )
         common = (points.xyz, points.sigma, is_open, normal, rho)
-        if wide > config.narrow_sigmas:
+        if number < len(bands) - 1:
             kernels.moments(*common, wide, config.rough_m, A, g)
         else:
             near, below, cells = kernels.statistics(

@@ -30,6 +30,7 @@ class ScoreConfig:
     )
     base_m: float = 0.01  # seed 003: tau = 0.01 + 3 sigma_Z h / Z
     sigmas: float = 3.0  # seed 003
+    sharp: float = 3.0  # ours: a point counts within tau / sharp; more, and floor and ramp are one
     penalty: float = (
         6.0  # ours: points a point below outweighs; a table shows its legs and the floor
     )
@@ -37,7 +38,7 @@ class ScoreConfig:
     def __post_init__(self) -> None:
         if self.size < 50:
             raise ConfigError(f"floor: size={self.size} of the sample must be at least 50")
-        for name in ("base_m", "sigmas"):
+        for name in ("base_m", "sigmas", "sharp"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"floor: {name}={value} must be positive and finite")
@@ -94,6 +95,7 @@ def score(sample: Sample, plane: Plane, config: ScoreConfig, penalty: float | No
             plane.offset_m,
             config.base_m,
             config.penalty if penalty is None else penalty,
+            config.sharp**2,
             -math.inf,
         )
     )

@@ -8,15 +8,13 @@ scene that the pictures show.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from perception.floor.classify import FLOOR
-from perception.floor.prior import kinematic_prior
+from perception.floor.choose import Floor
+from perception.floor.classify import FLOOR, classify
 from perception.points import Points
 from perception.primitives.camera import Camera
 from perception.primitives.frame import RangeView, StereoView
@@ -57,21 +55,30 @@ class Look:
 
 
 def head(
-    rng: np.random.Generator, height_m: tuple[float, float], tilt_deg: tuple[float, float]
+    rng: np.random.Generator,
+    height_m: tuple[float, float],
+    tilt_deg: tuple[float, float],
+    pan_deg: float = 30.0,
 ) -> Look:
-    """A random head pose, and what its joints say."""
+    """A random head pose, and what its joints say.
+
+    Args:
+        height_m: Least and greatest height of the camera.
+        tilt_deg: Least and greatest tilt downwards.
+        pan_deg: Greatest turn to either side.
+    """
     height, tilt = rng.uniform(*height_m), math.radians(rng.uniform(*tilt_deg))
-    pan, roll = math.radians(rng.uniform(-30.0, 30.0)), math.radians(rng.normal(0.0, 2.0))
+    pan, roll = math.radians(rng.uniform(-pan_deg, pan_deg)), math.radians(rng.normal(0.0, 2.0))
     c, s = math.cos(roll), math.sin(roll)
     rotation = head_rotation(pan, tilt) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     T = Pose3.from_rotation(rotation, np.array([0.0, 0.0, height]))
     true = Plane(np.array([0.0, 0.0, 1.0]), 0.0).moved(T.inverse())
-    said = kinematic_prior(T, JOINT_TILT_RAD, JOINT_HEIGHT_M)
     a, b = JOINT_TILT_RAD * rng.normal(size=2)
-    normal = said.normal + a * said.tangents[0] + b * said.tangents[1]
+    normal = true.normal + a * true.tangents[0] + b * true.tangents[1]
     normal /= np.linalg.norm(normal)
-    offset = said.offset_m + JOINT_HEIGHT_M * float(rng.normal())
-    return Look(T, Plane(normal, offset, said.covariance), true)
+    sure = np.diag([JOINT_TILT_RAD**2, JOINT_TILT_RAD**2, JOINT_HEIGHT_M**2])
+    lift = JOINT_HEIGHT_M * float(np.clip(rng.normal(), -2.5, 2.5))
+    return Look(T, Plane(normal, true.offset_m + lift, sure), true)
 
 
 def boxes_before(look: Look, seed: int, rng: np.random.Generator) -> Scene:
@@ -137,6 +144,100 @@ def true_height(
         x, y = points[:, 0], points[:, 1]
         height[(x < x0 + 0.01) | (y < y0 + 0.01) | (x > x1 - 0.01) | (y > y1 - 0.01)] = 0.0
     return np.asarray(height.reshape(camera.height, camera.width), dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the sensors saw of one look, and the true height of what each pixel saw, m."""
+
+    look: Look
+    pair: StereoView
+    range: RangeView
+    pair_height: Float[np.ndarray, "h w"]
+    range_height: Float[np.ndarray, "i j"]
+
+
+def see(number: int, height_m: tuple[float, float] = (0.30, 0.60)) -> Seen:
+    """View number so and so: another head, floor and boxes each; the same bits each time.
+
+    Args:
+        number: Seed of everything in it.
+        height_m: Least and greatest height of the camera.
+    """
+    rng = np.random.default_rng([number, 31])
+    look = head(rng, height_m, (15.0, 40.0))
+    scene = boxes_before(look, number, rng)
+    with World(scene) as world:
+        left, right = stereo_pair(world, PAIR, BASELINE_M, look.T_world_camera, rng)
+        tof = TofCamera(TofConfig(), rng)
+        measured, amplitude = tof.measure(world.rays, look.T_world_camera)
+        return Seen(
+            look,
+            StereoView(left, right, BASELINE_M, PAIR.camera),
+            RangeView(measured, amplitude, tof.camera),
+            true_height(world, PAIR.camera, look.T_world_camera),
+            true_height(world, tof.camera, look.T_world_camera),
+        )
+
+
+@dataclass(frozen=True)
+class Score:
+    """How one floor compares with the truth; `nees` of 3 degrees of freedom, divided by 3."""
+
+    deg: float
+    mm: float
+    nees: float
+    claimed: int
+    claimed_rightly: int
+    floor: int
+    milliseconds: float
+
+
+def judged(
+    cloud: Points,
+    found: Floor | None,
+    look: Look,
+    height: Float[np.ndarray, "h w"],
+    milliseconds: float,
+) -> Score | None:
+    """Plane, covariance and classes of a floor against the truth; None where none was found."""
+    if found is None:
+        return None
+    error = found.plane.error_to(look.floor)
+    nees = float(error @ np.linalg.solve(found.plane.covariance, error)) / 3.0
+    is_floor = np.abs(height.reshape(-1)[cloud.pixels]) < ON_FLOOR_M
+    claimed = classify(cloud, found.among_points) == FLOOR
+    return Score(
+        math.degrees(found.plane.angle_to(look.floor)),
+        1e3 * abs(float(error[2])),
+        nees,
+        int(claimed.sum()),
+        int((claimed & is_floor).sum()),
+        int(is_floor.sum()),
+        milliseconds,
+    )
+
+
+def summary(name: str, scores: list[Score | None]) -> dict[str, float]:
+    """Figures of one method over many views; precision and recall over all points of all views."""
+    found = [score for score in scores if score is not None]
+    if not found:
+        return {f"{name}_floors_found_share": 0.0}
+    deg, mm = np.array([s.deg for s in found]), np.array([s.mm for s in found])
+    anees = float(np.mean([s.nees for s in found]))
+    rightly = sum(s.claimed_rightly for s in found)
+    return {
+        f"{name}_plane_deg_median": float(np.median(deg)),
+        f"{name}_plane_deg_max": float(deg.max()),
+        f"{name}_plane_mm_median": float(np.median(mm)),
+        f"{name}_plane_mm_max": float(mm.max()),
+        f"{name}_floor_precision": rightly / max(sum(s.claimed for s in found), 1),
+        f"{name}_floor_recall": rightly / max(sum(s.floor for s in found), 1),
+        f"{name}_plane_anees": anees,
+        f"{name}_plane_anees_inverse": 1.0 / max(anees, 1e-9),
+        f"{name}_floors_found_share": len(found) / len(scores),
+        f"{name}_ms": float(np.median([s.milliseconds for s in found])),
+    }
 
 
 def _walls() -> tuple[Thing, ...]:

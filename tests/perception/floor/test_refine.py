@@ -126,7 +126,7 @@ def test_the_compiled_score_is_what_numpy_says():
     config = ScoreConfig()
     d = np.column_stack([sample.x, sample.y, sample.z]) @ plane.normal + plane.offset_m
     t = d / (config.base_m + sample.slack * plane.offset_m)
-    expected = np.maximum(1.0 - t**2, 0.0).sum() - config.penalty * np.sum(t < -2.0)
+    expected = np.maximum(1.0 - (config.sharp * t) ** 2, 0.0).sum() - config.penalty * np.sum(t < -2.0)
     assert score(sample, plane, config) == pytest.approx(expected, rel=1e-9)
 
 
