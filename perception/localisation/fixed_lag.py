@@ -51,6 +51,7 @@ class FixedLagSmoother:
         self._planar = isinstance(start, Gaussian)
         self._start: Gaussian | Placement | None = start
         self._stamps: dict[int, float] = {}
+        self._asked: dict[int, Any] = {}  # poses that were asked for since the last update
         self._broken = False
         parameters = incremental(self.config, bool(systematics) or not self._planar)
         self._endless = math.isinf(self.config.lag_s)
@@ -141,18 +142,25 @@ class FixedLagSmoother:
             raise InputError(
                 f"pose {number} is not in the window of the last {self.config.lag_s} s"
             )
-        if self._planar:
-            return self._engine.calculateEstimatePose2(pose_key(number))
-        return self._engine.calculateEstimatePose3(pose_key(number))
+        if number not in self._asked:
+            key, engine = pose_key(number), self._engine
+            self._asked[number] = (
+                engine.calculateEstimatePose2(key)
+                if self._planar
+                else engine.calculateEstimatePose3(key)
+            )
+        return self._asked[number]
 
     def _advance(self, stamp_s: float) -> None:
         """Hand what is new to the engine."""
         factors, values, passing = self._graph.take()
+        self._asked.clear()
         try:
             if self._endless:
                 self._engine.update(factors, values)
             else:
-                self._engine.update(factors, values, dict.fromkeys(passing, stamp_s))
+                stamped = dict.fromkeys([*passing, *self._graph.lasting], stamp_s)
+                self._engine.update(factors, values, stamped)
         except RuntimeError as error:
             self._broken = True
             raise undetermined(error) from error

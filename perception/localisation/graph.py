@@ -87,7 +87,13 @@ class Graph:
     @property
     def landmark_keys(self) -> dict[int, int]:
         """Variable of each landmark that is estimated."""
-        return {number: gtsam.symbol("l", number) for number in self._landmarks}
+        return {number: int(gtsam.symbol("l", number)) for number in self._landmarks}
+
+    @property
+    def lasting(self) -> list[int]:
+        """Variables that belong to no instant: errors as they are now, landmarks, the floor."""
+        floor = [int(gtsam.symbol("f", i)) for i in range(2 if self._floor else 0)]
+        return [*self.systematic_keys.values(), *self.landmark_keys.values(), *floor]
 
     def add_pose(self, number: int, guess: Pose2 | Pose3) -> None:
         """A new pose."""

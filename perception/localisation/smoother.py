@@ -12,7 +12,7 @@ non-convexity (2020); all as in GTSAM.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -139,7 +139,10 @@ def solve(
             built, values, rejected = _without_outliers(built, values, draft.doubted, config, stiff)
         optimiser = gtsam.LevenbergMarquardtOptimizer(built, values, _parameters(config, stiff))
         values = optimiser.optimize()
-        marginals = gtsam.Marginals(built, values)
+        marginals = gtsam.ISAM2(
+            incremental(config, stiff)
+        )  # gtsam.Marginals cannot be told to use QR
+        marginals.update(built, values)
         poses = {}
         for number in numbers:
             covariance = marginals.marginalCovariance(native.pose_key(number))
@@ -210,7 +213,8 @@ def _draft_by_stages(
     from . import graph as native
 
     draft = _Draft(native.Graph(systematics))
-    engine = gtsam.ISAM2(incremental(config, stiff))
+    rough = replace(config, relinearise=0.1)  # the optimiser does the rest
+    engine = gtsam.ISAM2(incremental(rough, stiff))
     poses: dict[int, Pose2 | Pose3] = {}
     *stages, closures = stages
     for factors in stages:
