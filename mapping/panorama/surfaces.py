@@ -29,7 +29,9 @@ class SurfaceConfig:
     gates_m: tuple[float, ...] = (0.15, 0.10, 0.07, 0.05)  # ours: three rounds each
     rounds: int = 4
     least_cosine: float = 0.7  # ours: between the normals
-    least_share: float = 0.10  # ours: of the points that must find a partner, else there is no result
+    least_share: float = (
+        0.10  # ours: of the points that must find a partner, else there is no result
+    )
     alike: float = 30.0  # ours: neighbouring residuals are alike, so that many count as one
 
     def __post_init__(self) -> None:
@@ -56,7 +58,8 @@ def surface(depth: Depth, config: SurfaceConfig) -> Surface:
     stride = max(1, round(depth.camera.width / config.columns))
     z = np.nan_to_num(depth.z, nan=0.0)
     z = cv2.medianBlur(z, 5)
-    z = np.where(z > 0.0, z, np.nan)[::stride, ::stride].astype(np.float64)
+    measured = (z > 0.0) & np.isfinite(depth.z) & np.isfinite(depth.sigma)
+    z = np.where(measured, z, np.nan)[::stride, ::stride].astype(np.float64)
     rays = depth.camera.rays[::stride, ::stride]
     points = rays * z[..., None]
     across, down = np.full_like(points, np.nan), np.full_like(points, np.nan)

@@ -132,7 +132,7 @@ def directions(levels, points, masks, window, peak_share, owners, found, strengt
     half = masks.shape[1] - 1 if masks.shape[0] > 1 else 1
     reach_most = 1
     for i in range(points.shape[0]):
-        reach_most = max(reach_most, int(round(3.0 * window * points[i, 2])))
+        reach_most = max(reach_most, round(3.0 * window * points[i, 2]))
     side_most = 2 * reach_most + 1
     patch = np.empty((side_most + 2 * half, side_most + 2 * half), np.float32)
     smooth = np.empty_like(patch)
@@ -144,9 +144,9 @@ def directions(levels, points, masks, window, peak_share, owners, found, strengt
     count = 0
     for i in range(points.shape[0]):
         sigma = points[i, 2]
-        reach = int(round(3.0 * window * sigma))
+        reach = round(3.0 * window * sigma)
         side = 2 * reach + 1
-        column, row = int(round(points[i, 0])), int(round(points[i, 1]))
+        column, row = round(points[i, 0]), round(points[i, 1])
         level = levels[int(points[i, 3])]
         extent = side + 2 * half
         _patch(level, row - reach - half, column - reach - half, extent, extent, patch)

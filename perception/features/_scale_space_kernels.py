@@ -71,7 +71,7 @@ def _is_largest(levels, layer, r, c, value, sign):
 def _fit(levels, layer, r, c, layers, contrast, edge_ratio, border, fit):
     """Newton steps to the paraboloid's peak, at most five; whether it is a good one."""
     height, width = levels.shape[1], levels.shape[2]
-    for attempt in range(5):
+    for _ in range(5):
         middle = float(_difference(levels, layer, r, c))
         east, west = _difference(levels, layer, r, c + 1), _difference(levels, layer, r, c - 1)
         south, north = _difference(levels, layer, r + 1, c), _difference(levels, layer, r - 1, c)

@@ -38,7 +38,9 @@ class SiftConfig:
 
     method: str = "mdghm"  # direction by moments; "difference": of pixels; "opencv": cv2.SIFT
     moments_in_descriptor: bool = False  # seed 004 names the direction only
-    sigma_px: float = 1.6  # of the moments; least for which the masks are orthonormal (spec: 004, 3)
+    sigma_px: float = (
+        1.6  # of the moments; least for which the masks are orthonormal (spec: 004, 3)
+    )
     orders: tuple[int, ...] = ODD_ORDERS  # seed 004, eq. (8); (1,) has no bias
     upsample: bool = True  # Lowe 2004: four times the keypoints; False is over twice as fast
     layers: int = 3  # Lowe 2004

@@ -1,0 +1,207 @@
+"""Loops over the pixels of a panorama: drawing views, correlating windows, labelling level sets."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def draw(rays, z, sigma, rotation, centre, intrinsics, base, number, out_range, out_sigma, owner):
+    """Draw one view on the sphere, seen from the base's centre.
+
+    rays: (h, w, 3) unit directions, base frame. z, sigma: (a, b) of the view. rotation: base to camera.
+    centre: the camera in the base. intrinsics: fx, fy, cx, cy. base: the sphere's centre.
+    out_range, out_sigma, owner: (h, w), out: what this view says of each pixel; NaN and untouched else.
+    A place off the sphere's centre moves by parallax: the range is found by three rounds of looking up.
+    """
+    height, width = z.shape
+    fx, fy, cx, cy = intrinsics
+    sx, sy, sz = centre[0] - base[0], centre[1] - base[1], centre[2] - base[2]
+    moved = abs(sx) + abs(sy) + abs(sz) > 1e-9
+    for r in range(rays.shape[0]):
+        for c in range(rays.shape[1]):
+            dx, dy, dz = rays[r, c, 0], rays[r, c, 1], rays[r, c, 2]
+            px = rotation[0, 0] * dx + rotation[0, 1] * dy + rotation[0, 2] * dz
+            py = rotation[1, 0] * dx + rotation[1, 1] * dy + rotation[1, 2] * dz
+            pz = rotation[2, 0] * dx + rotation[2, 1] * dy + rotation[2, 2] * dz
+            if pz <= 1e-3:
+                continue
+            qx = rotation[0, 0] * sx + rotation[0, 1] * sy + rotation[0, 2] * sz
+            qy = rotation[1, 0] * sx + rotation[1, 1] * sy + rotation[1, 2] * sz
+            qz = rotation[2, 0] * sx + rotation[2, 1] * sy + rotation[2, 2] * sz
+            distance, known, off, deviation = 1e6, False, 0.0, np.float32(0.0)
+            for _ in range(4 if moved else 1):
+                x, y, depth = px * distance - qx, py * distance - qy, pz * distance - qz
+                if depth <= 1e-3:
+                    known = False
+                    break
+                u = int(np.floor(fx * x / depth + cx + 0.5))
+                v = int(np.floor(fy * y / depth + cy + 0.5))
+                if u < 0 or v < 0 or u >= width or v >= height or not z[v, u] > 0.0:
+                    known = False
+                    break
+                found = (z[v, u] + qz) / pz
+                off = abs(found - distance)
+                distance, known, deviation = found, True, sigma[v, u]
+            if known and distance > 0.0 and (not moved or off < 0.02 * distance + 0.02):
+                out_range[r, c] = distance
+                out_sigma[r, c] = deviation / pz
+                owner[r, c] = number
+
+
+@njit(cache=True, nogil=True)
+def fuse(ranges, sigmas, within, out_range, out_sigma, newest):
+    """Of several drawings of one panorama the nearest range and, averaged, what lies close behind it.
+
+    ranges, sigmas: (n, h, w), NaN where a view says nothing. within: m behind the nearest.
+    out_range, out_sigma: (h, w). newest: (h, w), the last view that took part, -1 where none did.
+    """
+    count, height, width = ranges.shape
+    for r in range(height):
+        for c in range(width):
+            nearest = np.inf
+            for k in range(count):
+                value = ranges[k, r, c]
+                if value > 0.0 and value < nearest:
+                    nearest = value
+            if not nearest < np.inf:
+                out_range[r, c], out_sigma[r, c], newest[r, c] = np.nan, np.nan, -1
+                continue
+            total, weights = 0.0, 0.0
+            for k in range(count):
+                value = ranges[k, r, c]
+                if value > 0.0 and value <= nearest + within:
+                    weight = 1.0 / (sigmas[k, r, c] * sigmas[k, r, c])
+                    total += weight * value
+                    weights += weight
+                    newest[r, c] = k
+            out_range[r, c] = total / weights
+            out_sigma[r, c] = 1.0 / np.sqrt(weights)
+
+
+@njit(cache=True, nogil=True, fastmath=True)
+def correlate(panorama, known, template, shown, top, left, row_step, least, out):
+    """Normalised correlation of a template with a window of places, over pixels that both know.
+
+    panorama, known: (H, W) float32, values (0 where unknown) and 1 where known. template, shown: (h, w)
+    likewise. (top, left): first place of the template's corner. row_step: every how many rows are compared.
+    out: (rows, columns) float32, -2 where fewer than `least` pixels are shared.
+    """
+    height, width = template.shape
+    for dr in range(out.shape[0]):
+        for dc in range(out.shape[1]):
+            n, sf, st = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            sff, stt, sft = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+            first = max(0, -(left + dc))
+            count = min(width, panorama.shape[1] - left - dc) - first
+            for r in range(0, height, row_step):
+                y = top + dr + r
+                if y < 0 or y >= panorama.shape[0] or count <= 0:
+                    continue
+                f, k = panorama[y, left + dc + first :], known[y, left + dc + first :]
+                t, s = template[r, first:], shown[r, first:]
+                for c in range(count):
+                    n += k[c] * s[c]
+                    sf += f[c] * s[c]
+                    st += t[c] * k[c]
+                    sff += f[c] * f[c] * s[c]
+                    stt += t[c] * t[c] * k[c]
+                    sft += f[c] * t[c]
+            out[dr, dc] = np.float32(-2.0)
+            if n >= least:
+                vf, vt = sff - sf * sf / n, stt - st * st / n
+                if vf > 1e-6 * n and vt > 1e-6 * n:
+                    out[dr, dc] = (sft - sf * st / n) / np.sqrt(vf * vt)
+
+
+@njit(cache=True, nogil=True)
+def label(levels, labels, parent):
+    """Label 8-connected pixels of equal level in one pass, then number the labels from 1.
+
+    levels: (h, w) int, 0 is nothing. labels: (h, w) int32, out. parent: (h w / 2 + 2,) int32, scratch.
+    Returns how many there are.
+    """
+    height, width = levels.shape
+    used = 0
+    for r in range(height):
+        row, mine = levels[r], labels[r]
+        above, theirs = levels[r - 1 if r else 0], labels[r - 1 if r else 0]
+        for c in range(width):
+            level = row[c]
+            if level == 0:
+                mine[c] = 0
+                continue
+            left = c > 0 and row[c - 1] == level
+            if r > 0 and above[c] == level:
+                # left and above already meet at the corner between them, if it is theirs too
+                if left and above[c - 1] != level:
+                    mine[c] = _join(parent, mine[c - 1], theirs[c])
+                else:
+                    mine[c] = theirs[c]
+                continue
+            found = 0
+            if left:
+                found = mine[c - 1]
+            elif r > 0 and c > 0 and above[c - 1] == level:
+                found = theirs[c - 1]
+            if r > 0 and c + 1 < width and above[c + 1] == level:
+                found = theirs[c + 1] if found == 0 else _join(parent, found, theirs[c + 1])
+            if found == 0:
+                used += 1
+                parent[used] = used
+                found = used
+            mine[c] = found
+    count = 0
+    for k in range(1, used + 1):
+        if parent[k] == k:
+            count += 1
+            parent[k] = -count  # a root holds its final number, negative
+        else:
+            root = parent[k]
+            parent[k] = parent[root]  # roots come before their members
+    for r in range(height):
+        row = labels[r]
+        for c in range(width):
+            if row[c] > 0:
+                row[c] = -parent[row[c]]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def measure(levels, labels, table):
+    """Box, size and level of every part. table: (n, 6) left, top, right, bottom, area, level, out."""
+    height, width = levels.shape
+    for k in range(table.shape[0]):
+        table[k, 0], table[k, 1], table[k, 2], table[k, 3] = width, height, -1, -1
+        table[k, 4], table[k, 5] = 0, 0
+    for r in range(height):
+        c = 0
+        row = labels[r]
+        while c < width:
+            part = row[c]
+            first = c
+            while c < width and row[c] == part:
+                c += 1
+            if part == 0:
+                continue
+            line = table[part - 1]
+            line[0], line[2] = min(line[0], first), max(line[2], c - 1)
+            line[1], line[3] = min(line[1], r), r
+            line[4] += c - first
+            line[5] = levels[r, first]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _join(parent, one, other):
+    while parent[one] != one:
+        parent[one] = parent[parent[one]]
+        one = parent[one]
+    while parent[other] != other:
+        parent[other] = parent[parent[other]]
+        other = parent[other]
+    if one < other:
+        parent[other] = one
+        return one
+    parent[one] = other
+    return other

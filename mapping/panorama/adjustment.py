@@ -1,0 +1,156 @@
+"""All views at once: the poses that agree best with every pair and with every prior, by GTSAM.
+
+Pairs enter as factors between two poses, with a kernel that stops listening to those that contradict the
+rest; priors as they are. What comes back has marginal covariances. GTSAM stays in this file.
+
+Source: seed 004, section 4 (v), as reconstructed; Dellaert and Kaess 2017.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
+
+from .pairs import Link
+
+ANCHOR_SIGMA = 1e-4  # rad, m: a first view without prior stays where it is
+CAUCHY = 2.0  # ours: in deviations; a pair further off than that is believed less
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Where a view was by joints and localiser; covariance rotation first, axes of the camera."""
+
+    pose: Pose3
+    covariance: Float[np.ndarray, "6 6"]
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Where a view is.
+
+    Args:
+        T_base_camera: Its pose.
+        covariance: Rotation (rad^2), then translation (m^2), axes of the camera.
+        by: What carries it: "features", "surfaces" or, where no pair was found, "encoders".
+        links: How many pairs hold it.
+    """
+
+    T_base_camera: Pose3
+    covariance: Float[np.ndarray, "6 6"]
+    by: str
+    links: int
+
+
+def adjust(
+    priors: Sequence[Prior | None], links: Sequence[Link], rotations_only: bool
+) -> list[Placed | None]:
+    """Poses of all views.
+
+    Args:
+        priors: One a view; None where nothing is known beforehand.
+        links: Pairs.
+        rotations_only: Adjust rotations and leave the places to the priors (or at the origin).
+
+    Returns:
+        One a view; None for a view that has neither a prior nor a chain of pairs to one that has. If no
+        view has a prior, the first one looks along the base's x axis from its origin, by definition.
+    """
+    given = list(priors)
+    if given and all(prior is None for prior in given):
+        straight = Pose3.from_rotation(CAMERA_IN_BODY_AXES, np.zeros(3))
+        given[0] = Prior(straight, ANCHOR_SIGMA**2 * np.eye(6))
+    start = _spread(given, links)
+    reached = [number for number, pose in enumerate(start) if pose is not None]
+    if not reached:
+        return [None] * len(given)
+    poses, covariances = _solve(start, given, links, rotations_only)
+    placed: list[Placed | None] = []
+    for number, pose in enumerate(poses):
+        mine = [link for link in links if number in (link.first, link.second)]
+        if pose is None:
+            placed.append(None)
+            continue
+        by = "features" if any(link.by == "features" for link in mine) else "encoders"
+        if by == "encoders" and mine:
+            by = "surfaces"
+        placed.append(Placed(pose, covariances[number], by, len(mine)))
+    return placed
+
+
+def _spread(priors: Sequence[Prior | None], links: Sequence[Link]) -> list[Pose3 | None]:
+    """First guesses: the priors, and from them along the strongest pairs."""
+    poses: list[Pose3 | None] = [None if prior is None else prior.pose for prior in priors]
+    ordered = sorted(links, key=lambda link: (-link.inliers, link.first, link.second))
+    grown = True
+    while grown:
+        grown = False
+        for link in ordered:
+            one, other = poses[link.first], poses[link.second]
+            if one is not None and other is None:
+                poses[link.second] = one @ link.T_first_second
+            elif other is not None and one is None:
+                poses[link.first] = other @ link.T_first_second.inverse()
+            else:
+                continue
+            grown = True
+            break
+    return poses
+
+
+def _solve(
+    start: Sequence[Pose3 | None],
+    priors: Sequence[Prior | None],
+    links: Sequence[Link],
+    rotations_only: bool,
+) -> tuple[list[Pose3 | None], dict[int, Float[np.ndarray, "6 6"]]]:
+    import gtsam
+
+    size = 3 if rotations_only else 6
+
+    def value(pose: Pose3) -> Any:
+        rotation = gtsam.Rot3(pose.rotation)
+        return rotation if rotations_only else gtsam.Pose3(rotation, pose.position)
+
+    factor_between = gtsam.BetweenFactorRot3 if rotations_only else gtsam.BetweenFactorPose3
+    factor_prior = gtsam.PriorFactorRot3 if rotations_only else gtsam.PriorFactorPose3
+    kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for number, pose in enumerate(start):
+        if pose is not None:
+            values.insert(number, value(pose))
+        prior = priors[number]
+        if prior is not None:
+            noise = gtsam.noiseModel.Gaussian.Covariance(prior.covariance[:size, :size])
+            graph.add(factor_prior(number, value(prior.pose), noise))
+    for link in links:
+        if start[link.first] is None or start[link.second] is None:
+            continue
+        noise = gtsam.noiseModel.Gaussian.Covariance(link.covariance[:size, :size])
+        robust = gtsam.noiseModel.Robust.Create(kernel, noise)
+        graph.add(factor_between(link.first, link.second, value(link.T_first_second), robust))
+    best = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    marginals = gtsam.Marginals(graph, best)
+    poses: list[Pose3 | None] = []
+    covariances = {}
+    for number, pose in enumerate(start):
+        if pose is None:
+            poses.append(None)
+            continue
+        prior = priors[number]
+        covariance = np.zeros((6, 6)) if prior is None else prior.covariance.copy()
+        covariance[:size, :size] = marginals.marginalCovariance(number)
+        if rotations_only:
+            covariance[:3, 3:], covariance[3:, :3] = 0.0, 0.0
+            poses.append(Pose3.from_rotation(best.atRot3(number).matrix(), pose.position))
+        else:
+            found = best.atPose3(number)
+            poses.append(Pose3.from_rotation(found.rotation().matrix(), found.translation()))
+        covariances[number] = covariance
+    return poses, covariances

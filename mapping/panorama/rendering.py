@@ -1,0 +1,150 @@
+"""Drawing the placed views: range, its sigma and its age at every pixel of the sphere.
+
+The sphere's centre is one place, the cameras are near it: each view is drawn as seen from the centre, by
+looking up where a ray meets its depth. Where views disagree the nearest range wins, as it hides the rest;
+what lies within 3 cm behind it is the same surface and is averaged by its variance.
+
+Source: seed 004, section 4 (vi), as reconstructed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from perception.primitives.errors import ConfigError
+
+from . import _kernels
+from .adjustment import Placed
+from .sphere import Sphere, direction, window_of_view
+from .views import View
+
+
+@dataclass(frozen=True)
+class RenderConfig:
+    """Grain of the panorama, and what counts as one surface."""
+
+    px_per_deg: float = 4.0  # seed 004: 176 px over 44 deg
+    same_m: float = 0.03  # spec of 004: within 3 cm it is one surface
+
+    def __post_init__(self) -> None:
+        if not (self.px_per_deg > 0.0 and self.same_m > 0.0):
+            raise ConfigError(
+                f"render: px_per_deg={self.px_per_deg} and same_m={self.same_m} must be positive"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A panorama as images over a sphere.
+
+    Args:
+        sphere: Angles of the pixels.
+        centre: Of the sphere, base frame, m.
+        range_m: From the centre, NaN where no view looks or none has depth.
+        sigma_m: Deviation of it: noise of the views.
+        stamp_s: When each pixel was last seen, s; NaN where it was not.
+    """
+
+    sphere: Sphere
+    centre: Float[np.ndarray, "3"]
+    range_m: Float32[np.ndarray, "h w"]
+    sigma_m: Float32[np.ndarray, "h w"]
+    stamp_s: Float[np.ndarray, "h w"]
+
+    def points(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+        """The panorama as a cloud: points in the base frame, m, and the deviation along their rays."""
+        row, column = np.nonzero(np.isfinite(self.range_m))
+        rays = direction(*self.sphere.angles(column.astype(float), row.astype(float)))
+        xyz = self.centre + rays * self.range_m[row, column, None]
+        return xyz, self.sigma_m[row, column].astype(np.float64)
+
+
+def render(
+    views: Sequence[View], placed: Sequence[Placed | None], config: RenderConfig | None = None
+) -> Drawing | None:
+    """Draw all views that are placed; None if there is none.
+
+    A view's drawing is where its own directions fall; lens distortion must have been removed.
+    """
+    config = config or RenderConfig()
+    known = [(view, place) for view, place in zip(views, placed, strict=True) if place is not None]
+    if not known:
+        return None
+    px_per_rad = float(np.degrees(config.px_per_deg))
+    centre = np.mean([place.T_base_camera.position for _, place in known], axis=0)
+    sphere = _around([window(view, place, px_per_rad) for view, place in known], px_per_rad)
+    shape = (len(known), sphere.height, sphere.width)
+    ranges, sigmas = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
+    for number, (view, place) in enumerate(known):
+        _draw(
+            view,
+            place,
+            sphere,
+            window(view, place, px_per_rad),
+            centre,
+            ranges[number],
+            sigmas[number],
+        )
+    range_m, sigma_m = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
+    newest = np.empty(shape[1:], np.int64)
+    order = np.argsort([view.stamp_s for view, _ in known], kind="stable")
+    _kernels.fuse(ranges[order], sigmas[order], config.same_m, range_m, sigma_m, newest)
+    stamps = np.array([known[i][0].stamp_s for i in order])
+    stamp = np.where(newest >= 0, stamps[newest], np.nan)
+    return Drawing(sphere, centre, range_m, sigma_m, stamp)
+
+
+def window(view: View, place: Placed, px_per_rad: float) -> Sphere:
+    """The part of the sphere that a placed view covers."""
+    return window_of_view(view.depth.camera, place.T_base_camera.rotation, px_per_rad)
+
+
+def _around(windows: Sequence[Sphere], px_per_rad: float) -> Sphere:
+    """The window round all windows of one grid."""
+    left = min(w.left_rad for w in windows)
+    top = max(w.top_rad for w in windows)
+    right = max(w.left_rad + (w.width - 1) / px_per_rad for w in windows)
+    bottom = min(w.top_rad - (w.height - 1) / px_per_rad for w in windows)
+    return Sphere(
+        round((right - left) * px_per_rad) + 1,
+        round((top - bottom) * px_per_rad) + 1,
+        px_per_rad,
+        left,
+        top,
+    )
+
+
+def _draw(
+    view: View,
+    place: Placed,
+    sphere: Sphere,
+    part: Sphere,
+    centre: Float[np.ndarray, "3"],
+    range_m: Float32[np.ndarray, "h w"],
+    sigma_m: Float32[np.ndarray, "h w"],
+) -> None:
+    """One view into its own images of the whole sphere; only its window is looked at."""
+    camera = view.depth.camera
+    left = max(0, round((part.left_rad - sphere.left_rad) * sphere.px_per_rad) - 2)
+    top = max(0, round((sphere.top_rad - part.top_rad) * sphere.px_per_rad) - 2)
+    rows = slice(top, top + part.height + 4)
+    columns = slice(left, left + part.width + 4)
+    y, x = np.mgrid[0 : sphere.height, 0 : sphere.width][:, rows, columns].astype(np.float64)
+    owner = np.empty(x.shape, np.int64)
+    _kernels.draw(
+        direction(*sphere.angles(x, y)),
+        view.depth.z,
+        view.depth.sigma,
+        np.ascontiguousarray(place.T_base_camera.rotation.T),
+        place.T_base_camera.position,
+        np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+        centre,
+        0,
+        range_m[rows, columns],
+        sigma_m[rows, columns],
+        owner,
+    )

@@ -1,0 +1,139 @@
+"""Parts of the panorama against OpenCV: labelling level sets, finding views in it; drawing views for a figure.
+
+Labels come with box and size of every part on both sides, as obstacles are made of these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+from mapping.panorama import level_sets
+from mapping.panorama.adjustment import Placed
+from mapping.panorama.key_angles import KeyAngleConfig, locate, prepared
+from mapping.panorama.rendering import render
+from mapping.panorama.sphere import Sphere
+from mapping.panorama.views import View
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
+from perception.primitives.pose import Pose3, head_rotation
+
+from .benchmark import Benchmark, Comparison, race
+
+PX_PER_DEG = 4.0
+DIRECTIONS_DEG = [(yaw, 0) for yaw in (-60, -30, 0, 30, 60)] + [
+    (yaw, pitch) for pitch in (-17, 17) for yaw in (-30, 30)
+]
+REACH_PX = (3, 3)  # 0.75 deg: three deviations of what registration leaves
+
+
+def room(sphere: Sphere, rng: np.random.Generator) -> Float32[np.ndarray, "h w"]:
+    """Range of a room with boxes, with noise, from 0.5 m above its floor."""
+    rays = sphere.rays
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = np.where(rays[..., 2] < 0.0, -0.5 / rays[..., 2], 9.0)
+        distance = np.minimum(distance, 2.4 / np.maximum(rays[..., 0], 1e-6))
+        for side in (-1.0, 1.0):
+            distance = np.minimum(distance, 1.5 / np.maximum(side * rays[..., 1], 1e-6))
+    for _ in range(12):
+        x, y = int(rng.integers(sphere.width)), int(rng.integers(sphere.height))
+        w, h = (int(s) for s in rng.integers(15, 70, 2))
+        box = distance[y : y + h, x : x + w]
+        np.minimum(box, rng.uniform(0.7, 2.0), out=box)
+    return (distance + rng.normal(0.0, 0.004, distance.shape)).astype(np.float32)
+
+
+def run() -> Comparison:
+    """A panorama of nine views of 176x144 px at 4 px/deg."""
+    rng = np.random.default_rng(0)
+    reach = (math.radians(82.0), math.radians(34.5))
+    sphere = Sphere.window(-reach[0], reach[0], -reach[1], reach[1], math.degrees(PX_PER_DEG))
+    range_m = room(sphere, rng)
+    slices = level_sets.levels(level_sets.forward_distance(range_m, sphere))
+
+    def per_level() -> int:
+        found = 0
+        for level in range(1, 51):
+            mask = (slices == level).astype(np.uint8)
+            found += cv2.connectedComponentsWithStats(mask, connectivity=8)[0] - 1
+        return found
+
+    ours, theirs = len(level_sets.label(slices)), per_level()
+    times = race({"ccl": lambda: level_sets.label(slices), "ccl_cv2": per_level}, rounds=9)
+    matching, errors = _finding(range_m, rng)
+    times.update(matching)
+    times.update(race({"warps": _warps(rng)}, rounds=5))
+    return Comparison(
+        {f"{name}_ms": ms for name, ms in times.items()},
+        {
+            "ratio_ccl": times["ccl_cv2"] / times["ccl"],
+            "ratio_fncc": times["fncc_cv2"] / times["fncc"],
+        },
+        {"parts": float(ours), "parts_cv2": float(theirs), **errors},
+    )
+
+
+def _finding(
+    range_m: Float32[np.ndarray, "h w"], rng: np.random.Generator
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Nine cuts with fresh noise, up to 2 px from where they are expected."""
+    config = KeyAngleConfig()
+    cuts = []
+    for yaw, pitch in DIRECTIONS_DEG:
+        x = round((yaw + 82 - 22) * PX_PER_DEG) + int(rng.integers(-2, 3))
+        y = round((34.5 - pitch - 17.5) * PX_PER_DEG) + int(rng.integers(-2, 3))
+        x, y = max(0, min(x, range_m.shape[1] - 176)), max(0, min(y, range_m.shape[0] - 140))
+        cut = range_m[y : y + 140, x : x + 176]
+        noisy = cut + rng.normal(0.0, 0.004, cut.shape).astype(np.float32)
+        expected = (x + int(rng.integers(-2, 3)), y + int(rng.integers(-2, 3)))
+        cuts.append((noisy, (x, y), expected))
+
+    def ours() -> list[tuple[float, float]]:
+        panorama = prepared(range_m)
+        places = []
+        for cut, _, expected in cuts:
+            found = locate(panorama, prepared(cut), expected, REACH_PX, config)
+            assert found is not None, "all of the panorama is known"
+            places.append((found.x, found.y))
+        return places
+
+    def theirs() -> list[tuple[float, float]]:
+        places = []
+        for cut, _, _ in cuts:
+            likeness = cv2.matchTemplate(range_m, cut, cv2.TM_CCOEFF_NORMED)
+            x, y = cv2.minMaxLoc(likeness)[3]
+            places.append((float(x), float(y)))
+        return places
+
+    true = np.array([place for _, place, _ in cuts], dtype=float)
+    errors = {
+        f"{name}_error_px": float(np.max(np.abs(np.array(places) - true)))
+        for name, places in (("fncc", ours()), ("fncc_cv2", theirs()))
+    }
+    return race({"fncc": ours, "fncc_cv2": theirs}, rounds=9), errors
+
+
+def _warps(rng: np.random.Generator) -> Callable[[], object]:
+    """Drawing nine views of flat walls onto the sphere, for a figure."""
+    camera = Camera.from_view(176, 144, math.radians(44.0), math.radians(35.0))
+    views, placed = [], []
+    for yaw, pitch in DIRECTIONS_DEG:
+        z = (1.5 + rng.normal(0.0, 0.004, (144, 176))).astype(np.float32)
+        pose = Pose3.from_rotation(
+            head_rotation(-math.radians(yaw), -math.radians(pitch)), np.zeros(3)
+        )
+        views.append(View(Depth(z, np.full_like(z, 0.004), camera), ()))
+        placed.append(Placed(pose, np.eye(6) * 1e-6, "encoders", 0))
+    return lambda: render(views, placed)
+
+
+BENCHMARK = Benchmark(
+    "panorama",
+    "Labelling 50 level sets, finding nine views, against OpenCV",
+    run,
+    {"ratio_ccl": 25.0, "ratio_fncc": 4.0},
+)
