@@ -100,11 +100,13 @@ def fit(
         Parameters and delay, s.
     """
     guess = guess or PlanarConfig()
-    base = dataclasses.asdict(guess)
+    base = {name: getattr(guess, name) for name in FITTED}
 
     def config(point: np.ndarray) -> PlanarConfig:
-        factors = dict(zip(FITTED, np.exp(point[:-1]), strict=True))
-        return PlanarConfig(**{k: v * float(factors.get(k, 1.0)) for k, v in base.items()})
+        factors = np.exp(point[:-1]).tolist()
+        return dataclasses.replace(
+            guess, **{n: base[n] * factor for n, factor in zip(FITTED, factors, strict=True)}
+        )
 
     def cost(point: np.ndarray) -> float:
         likelihood = follow(journey_at(float(point[-1])), config(point), prior).log_likelihood

@@ -89,6 +89,7 @@ def summary(runs: dict[str, Trial], following: Following) -> Figures:
         "heading_rmse_no_landmarks_deg": rms(bare.heading_deg),
         "in_view_share": float(np.mean(full.in_view)),
         "anees_obstacle": mean(following.nees),
+        "anees_obstacle_all": mean(following.nees_all),
         "mover_position_rmse_m": rms(following.position_m),
         "velocity_rmse_mps": rms(following.velocity_mps),
         "ospa_m": mean([ospa(*pair, CUTOFF_M, ORDER) for pair in following.places if _any(pair)]),

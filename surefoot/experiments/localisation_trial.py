@@ -130,6 +130,9 @@ class Following:
     def __init__(self, config: Config) -> None:
         self._tracker = ObstacleTracker(config.tracker)
         self.nees: list[float] = []
+        """Of tracks on movers that are believed to move, per degree of freedom."""
+        self.nees_all: list[float] = []
+        """Of all tracks on movers, those taken for furniture among them."""
         self.velocity_mps: list[float] = []
         self.position_m: list[float] = []
         self.places: list[tuple[np.ndarray, np.ndarray]] = []
@@ -156,7 +159,10 @@ class Following:
             if track is None:
                 continue
             error = track.state.mean - np.array(mover[1:5])
-            self.nees.append(float(nees(error, track.state.covariance)) / 4.0)
+            normalised = float(nees(error, track.state.covariance)) / 4.0
+            self.nees_all.append(normalised)
+            if track.moving > BELIEVED:
+                self.nees.append(normalised)
             if track.seen_s == stamp and track.moving > BELIEVED:
                 self.position_m.append(float(np.linalg.norm(error[:2])))
                 self.velocity_mps.append(float(np.linalg.norm(error[2:])))

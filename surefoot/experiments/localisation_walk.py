@@ -62,10 +62,11 @@ WAIT_M = 0.55  # a mover ahead and nearer than this is let pass
 
 @dataclass(frozen=True)
 class TagNoise:
-    """What a rendered picture does to the corners of a tag."""
+    """What a picture does to the corners of a tag, as measured on 160 rendered tags of two homes."""
 
-    corner_px: float = 0.15
-    shrink_px: float = 0.10  # every corner towards the middle
+    corner_px: float = 0.06  # every corner for itself
+    grow_px: float = 0.09  # every corner away from the middle: black bleeds
+    lower_px: float = 0.13  # all corners down: the renderer's pixel centres
     most_aslant_deg: float = 70.0  # further, its cells are not read
 
 
@@ -132,9 +133,9 @@ class TagSensor:
                 or not _reached(rays, T_world_camera.position, four)
             ):
                 continue
-            to_middle = pixels.mean(axis=0) - pixels
-            to_middle /= np.linalg.norm(to_middle, axis=1, keepdims=True)
-            pixels = pixels + self._noise.shrink_px * to_middle
+            outward = pixels - pixels.mean(axis=0)
+            outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+            pixels = pixels + self._noise.grow_px * outward + np.array([0.0, self._noise.lower_px])
             pixels = pixels + self._noise.corner_px * self._rng.standard_normal((4, 2))
             centre = tag_centre(pixels, mark.side_m, image.camera, self._config)
             if centre is None:
