@@ -15,8 +15,7 @@ state that is told is a mixture of that and of a random telegraph signal, and wh
 the likelier of the two is carried on. What stands is believed to stand where it was seen last. Whether it moves
 is not learnt from not seeing it, but from where it is when it is seen again.
 
-Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours;
-telegraph signal: Papoulis, "Probability, Random Variables and Stochastic Processes" (1965), section 9-2.
+Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from .consistency import Innovation
 from .models import positive, spread, square_root
+from .turning import Turning, turning
 
 SIZE = 7
 """x, y, vx, vy of the thing, then the error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
@@ -323,44 +323,6 @@ _ANYWHERE = 1.0
 
 _LAG = 0.7
 """What is kept from frame to frame of the sum of innovations that shows a turn."""
-
-
-@dataclass(frozen=True)
-class Turning:
-    """A speed whose sign flips at random, after some time: a random telegraph signal.
-
-    Args:
-        straight: Probability that it has not flipped.
-        seconds: That time, s.
-        move_s: If it has: mean place, in units of the first velocity, s.
-        keep: If it has: mean velocity in the same units.
-        noise: If it has: covariance of (place, velocity) for a velocity whose mean square is 1.
-    """
-
-    straight: float
-    seconds: float
-    move_s: float
-    keep: float
-    noise: Float[np.ndarray, "2 2"]
-
-
-def turning(seconds: float, every_s: float) -> Turning:
-    """Moments of a telegraph signal that flips on average every so many seconds.
-
-    With a = 2 / every_s, e = exp(-a t) and m = (1 - e) / a, all flips counted, the velocity has mean e and
-    mean square 1, the place has mean m and mean square 2 (t - m) / a, and their product has mean m. The
-    share exp(-t / every_s) that never flipped, gone straight to t, is taken out of these.
-    """
-    t = max(seconds, 1e-3)  # the limit for no time is smooth, its quotients are not
-    a = 2.0 / every_s
-    e, m, straight = math.exp(-a * t), -math.expm1(-a * t) / a, math.exp(-t / every_s)
-    share = -math.expm1(-t / every_s)
-    keep, move = (e - straight) / share, (m - straight * t) / share
-    square, product = (2.0 * (t - m) / a - straight * t * t) / share, (m - straight * t) / share
-    noise = np.array(
-        [[square - move**2, product - move * keep], [product - move * keep, 1.0 - keep**2]]
-    )
-    return Turning(straight, seconds, move, keep, noise)
 
 
 def _turned(straight: Gaussian, since: Turning) -> Gaussian:

@@ -16,7 +16,8 @@ from hypothesis.extra.numpy import arrays
 from perception.localisation.consistency import band
 from perception.localisation.models import spread
 from perception.localisation.obstacles import ObstacleTracker, TrackerConfig, match
-from perception.localisation.track import Detection, Track, TrackConfig, relative_position, turning
+from perception.localisation.track import Detection, Track, TrackConfig, relative_position
+from perception.localisation.turning import turning
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
