@@ -15,6 +15,23 @@ FLOOR, STILL, MOVING = 0, 1, 2  # kinds of points, in the order of `counts`
 
 
 @njit(cache=True)
+def add_run(
+    counts: np.ndarray,
+    sums: np.ndarray,
+    cell: int,
+    run: int,
+    total: float,
+    squares: float,
+    variance: float,
+) -> None:
+    """Add what points in a row, all in one cell, came to."""
+    counts[cell] += run
+    sums[cell, 0] += total
+    sums[cell, 1] += squares
+    sums[cell, 2] += variance
+
+
+@njit(cache=True)
 def gather(
     flat: np.ndarray,
     obstacle: np.ndarray,
@@ -30,7 +47,8 @@ def gather(
     """Count the points of each kind in each cell of a window, and sum up their heights.
 
     The window is that of `_kernels.count_points`. Points outside, and NaN, go to a place of their own. The
-    indices come first, in loops that vectorise, the scattered additions second, in one without branches.
+    indices come first, in loops that vectorise. Neighbours in an image mostly fall into one cell: the
+    second loop adds them up in registers and goes to memory once for each run.
 
     Args:
         flat: (3 n,) float64: x, y, height of each point, m.
@@ -49,6 +67,7 @@ def gather(
     outside = np.int32(3 * cells)
     block = np.empty(BLOCK, np.int32)
     n = flat.shape[0] // 3
+    last, run, total, squares, variance = outside, 0, 0.0, 0.0, 0.0
     for start in range(0, n, BLOCK):
         size = min(BLOCK, n - start)
         part = flat[3 * start : 3 * (start + size)]
@@ -66,15 +85,18 @@ def gather(
             walking = moving[start : start + size]
             for i in range(size):
                 block[i] = min(outside, block[i] + cells * np.int32(rising[i] & walking[i]))
+        noise = sigma[start : start + size]
         for i in range(size):
             cell, z = block[i], part[3 * i + 2]
-            counts[cell] += 1
-            sums[cell, 0] += z
-            sums[cell, 1] += z * z
-        if sigma.shape[0] > 0:
-            noise = sigma[start : start + size]
-            for i in range(size):
-                sums[block[i], 2] += noise[i] * noise[i]
+            if cell != last:
+                add_run(counts, sums, last, run, total, squares, variance)
+                last, run, total, squares, variance = cell, 0, 0.0, 0.0, 0.0
+            run += 1
+            total += z
+            squares += z * z
+            if noise.shape[0] > 0:
+                variance += noise[i] * noise[i]
+    add_run(counts, sums, last, run, total, squares, variance)
 
 
 @njit(cache=True)
@@ -108,6 +130,40 @@ def clear_before_floor(counts: np.ndarray, sensor: np.ndarray, stretch: float) -
                     break
                 if counts[0, r, c] == 0 and counts[1, r, c] == 0 and counts[2, r, c] == 0:
                     counts[0, r, c] = RAY
+
+
+@njit(cache=True)
+def floor_form(tangents: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Variance of n.p + rho at (x, y, 1) for a level plane with the covariance of `Plane`; (3, 3)."""
+    lever = np.zeros((3, 3))
+    lever[:2, :2] = tangents[:, :2]
+    lever[2, 2] = 1.0
+    result = np.zeros((3, 3))
+    add_form(result, lever, covariance, 1.0)
+    return result
+
+
+@njit(cache=True)
+def pose_form(x: float, y: float, covariance: np.ndarray) -> np.ndarray:
+    """Mean over both axes of the variance of a place (x, y, 1), by that of a pose at (x, y, any); (3, 3)."""
+    result = np.zeros((3, 3))
+    along = np.zeros((3, 3))  # what an error of the pose moves a place by, along x
+    along[0, 2], along[2, 1], along[2, 2] = 1.0, -1.0, y
+    add_form(result, along, covariance, 0.5)
+    along[:] = 0.0  # along y
+    along[1, 2], along[2, 0], along[2, 2] = 1.0, 1.0, -x
+    add_form(result, along, covariance, 0.5)
+    return result
+
+
+@njit(cache=True)
+def add_form(result: np.ndarray, lever: np.ndarray, covariance: np.ndarray, weight: float) -> None:
+    """Add weight times L^T P L, all (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for m in range(3):
+                    result[i, j] += weight * lever[k, i] * covariance[k, m] * lever[m, j]
 
 
 @njit(cache=True)

@@ -100,6 +100,7 @@ class EgocentricGrid:
         n = config.cells
         self.config = config
         self._start = _finite(position_world)
+        self._anchor = self._start - 0.5 * config.cell_m  # lower left corner of lattice cell (0, 0)
         self._first = np.array([-(n // 2), -(n // 2)])  # lattice cell (x, y) of the window's [0, 0]
         self._corner = np.array([0, 0])  # where that cell is in the layers, (x, y)
         self._rest = np.zeros(2)  # R
@@ -155,11 +156,6 @@ class EgocentricGrid:
         columns, rows = np.meshgrid(along, along)
         lattice = self._first + np.stack([columns, rows], axis=-1)
         return np.asarray(self._start + lattice * self.cell_m)
-
-    @property
-    def _anchor(self) -> Float[np.ndarray, "2"]:
-        """Lower left corner of lattice cell (0, 0), world frame, m."""
-        return self._start - 0.5 * self.cell_m
 
     # What it holds
 

@@ -21,6 +21,8 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
+from . import _grid_kernels
+
 
 @dataclass(frozen=True)
 class HeightConfig:
@@ -45,10 +47,7 @@ def floor_form(floor: Plane | None) -> Float[np.ndarray, "3 3"]:
     """
     if floor is None:
         return np.zeros((3, 3))
-    lever = np.zeros((3, 3))
-    lever[:2, :2] = floor.tangents[:, :2]
-    lever[2, 2] = 1.0
-    return np.asarray(lever.T @ floor.covariance @ lever)
+    return np.asarray(_grid_kernels.floor_form(floor.tangents, floor.covariance))
 
 
 def pose_form(pose: Gaussian | None) -> Float[np.ndarray, "3 3"]:
@@ -60,8 +59,5 @@ def pose_form(pose: Gaussian | None) -> Float[np.ndarray, "3 3"]:
     """
     if pose is None:
         return np.zeros((3, 3))
-    x, y = (float(v) for v in pose.mean[:2])
-    along_x = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [0.0, -1.0, y]])
-    along_y = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, -x]])
-    P = pose.covariance
-    return np.asarray((along_x.T @ P @ along_x + along_y.T @ P @ along_y) / 2)
+    x, y = float(pose.mean[0]), float(pose.mean[1])
+    return np.asarray(_grid_kernels.pose_form(x, y, pose.covariance))
