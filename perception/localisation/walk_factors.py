@@ -14,17 +14,36 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..primitives.frame import Imu, StepOdometry
 from ..primitives.landmark import Sighting
 from ..primitives.pose import Pose2, wrap_angle
-from .factors import Effect, Glance, LandmarkSeen, Loss, Motion, Systematic
+from .factors import Effect, Factor, Glance, LandmarkSeen, Loss, Motion, Systematic
 from .filter import LocaliserConfig, process_noise
 from .models import YAW, positive
 
 log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Instant:
+    """What a walker's sensors say in one frame, as far as it tells where it is.
+
+    Args:
+        stamp_s: Of the frame.
+        odometry: Motion since the frame before; None: the robot may have walked anywhere.
+        imu: Means over that time; None without one.
+        sightings: Of landmarks.
+    """
+
+    stamp_s: float
+    odometry: StepOdometry | None = None
+    imu: Imu | None = None
+    sightings: Sequence[Sighting] = ()
+
 
 SLIP, DRIFT, GYRO, PAN, RANGE = "slip", "drift", "gyro", "pan", "range"
 TAG_LOSS = Loss("huber", 3.0)  # ours: squares for what noise does, less for a tag taken for another
@@ -51,6 +70,38 @@ def walk_systematics(config: LocaliserConfig) -> tuple[Systematic, ...]:
         Systematic(PAN, none, turn(config.pan_offset_sigma_rad), none),
         Systematic(RANGE, none, ahead(config.range_offset_sigma), ahead(config.range_walk)),
     )
+
+
+def walk_factors(
+    instants: Sequence[Instant],
+    places: Mapping[int, tuple[float, float]],
+    config: LocaliserConfig | None = None,
+) -> list[tuple[float, list[Factor]]]:
+    """A whole walk as factors: pose k is that of frame k; frame 0 has no motion.
+
+    Args:
+        instants: In order of time.
+        places: Where landmarks are, world frame, m, by identity.
+        config: Noise figures; the defaults if None.
+
+    Returns:
+        (stamp, factors) of every frame, for `smooth_fixed_lag`; all factors together for `smooth`.
+    """
+    config = config or LocaliserConfig()
+    frames: list[tuple[float, list[Factor]]] = []
+    looked = None
+    for number, instant in enumerate(instants):
+        factors: list[Factor] = []
+        if number > 0:
+            dt = instant.stamp_s - instants[number - 1].stamp_s
+            factors.append(step(config, number, instant.odometry, instant.imu, dt))
+        elapsed = 0.0 if looked is None else instant.stamp_s - looked
+        seen = glance(config, number, instant.sightings, places, elapsed)
+        if seen is not None:
+            factors.append(seen)
+            looked = instant.stamp_s
+        frames.append((instant.stamp_s, factors))
+    return frames
 
 
 def step(
@@ -114,16 +165,18 @@ def glance(
         elapsed_s: Since the glance before.
         loss: Of each landmark.
     """
-    told = []
+    told: list[tuple[int, np.ndarray, np.ndarray]] = []
     for one in sightings:
         numbers = np.append(one.measured, one.covariance.ravel())
-        if one.identity in places and np.all(np.isfinite(numbers)) and one.measured[0] > 0.0:
+        if one.identity is None or one.identity not in places:
+            continue
+        if np.all(np.isfinite(numbers)) and one.measured[0] > 0.0:
             told.append((one.identity, one.measured, positive(one.covariance)))
     if not told:
         return None
     own = min(P[1, 1] - P[0, 1] ** 2 / P[0, 0] for _, _, P in told)
     shared = min(config.shared_bearing_sigma_rad**2, 0.99 * own)  # each must keep some of its own
-    seen = []
+    seen: list[LandmarkSeen] = []
     for identity, measured, P in told:
         P = P - np.diag([0.0, shared])
         common = Effect(RANGE, math.sqrt(P[0, 0]), 0.0 if seen else elapsed_s)
