@@ -47,7 +47,8 @@ def floor_form(floor: Plane | None) -> Float[np.ndarray, "3 3"]:
     """
     if floor is None:
         return np.zeros((3, 3))
-    return np.asarray(_grid_kernels.floor_form(floor.tangents, floor.covariance))
+    covariance = np.ascontiguousarray(floor.covariance, np.float64)
+    return np.asarray(_grid_kernels.floor_form(np.ascontiguousarray(floor.tangents), covariance))
 
 
 def pose_form(pose: Gaussian | None) -> Float[np.ndarray, "3 3"]:
@@ -60,4 +61,5 @@ def pose_form(pose: Gaussian | None) -> Float[np.ndarray, "3 3"]:
     if pose is None:
         return np.zeros((3, 3))
     x, y = float(pose.mean[0]), float(pose.mean[1])
-    return np.asarray(_grid_kernels.pose_form(x, y, pose.covariance))
+    covariance = np.ascontiguousarray(pose.covariance, np.float64)
+    return np.asarray(_grid_kernels.pose_form(x, y, covariance))

@@ -32,7 +32,7 @@ def pave(price: np.ndarray, blocked: np.ndarray) -> tuple[np.ndarray, float, flo
             value = np.inf if shut[column] else prices[column]
             line[column] = value
             least = min(least, value)
-            dearest = max(dearest, 0.0 if shut[column] else prices[column])
+            dearest = max(dearest, value if value < np.inf else 0.0)
     return ground, least, dearest
 
 

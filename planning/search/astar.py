@@ -27,6 +27,9 @@ from .shortcuts import polyline_cost, rounded, segment_cost, shortcut
 BUCKET = 0.25
 """Width of a bucket of the queue, in cells: narrow enough that nodes seldom reopen."""
 
+MOST_PRICES = 1e6
+"""Greatest price over width of a bucket: where prices leap, buckets widen, lest there be too many."""
+
 
 @dataclass(frozen=True)
 class Path:
@@ -251,8 +254,9 @@ def _run(
     if literal:
         found, _, state = kernels.search_literal(ground, wide, first, aim, leaves)
     else:
+        width = max(BUCKET, dearest / MOST_PRICES)
         found, _, state = kernels.search(
-            ground, wide, (least, dearest), first, aim, leaves, on_lattice, BUCKET
+            ground, wide, (least, dearest), first, aim, leaves, on_lattice, width
         )
     return None if found < 0 else np.asarray(kernels.trace(state, wide, first, found))
 

@@ -53,7 +53,8 @@ def segment_cost(
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> float:
     """Line integral of the price along a segment (x, y) in cells; infinite where it enters a blocked cell."""
-    return float(kernels.segment_cost(price, blocked, begin, end))
+    ends = np.ascontiguousarray(np.stack([begin, end]))
+    return float(kernels.polyline_cost(price, blocked, ends))
 
 
 def polyline_cost(
