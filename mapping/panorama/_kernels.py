@@ -7,7 +7,19 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def draw(rays, z, sigma, rotation, centre, intrinsics, base, number, out_range, out_sigma, owner):
+def draw(
+    rays: np.ndarray,
+    z: np.ndarray,
+    sigma: np.ndarray,
+    rotation: np.ndarray,
+    centre: np.ndarray,
+    intrinsics: np.ndarray,
+    base: np.ndarray,
+    number: int,
+    out_range: np.ndarray,
+    out_sigma: np.ndarray,
+    owner: np.ndarray,
+) -> None:
     """Draw one view on the sphere, seen from the base's centre.
 
     rays: (h, w, 3) unit directions, base frame. z, sigma: (a, b) of the view. rotation: base to camera.
@@ -51,7 +63,14 @@ def draw(rays, z, sigma, rotation, centre, intrinsics, base, number, out_range, 
 
 
 @njit(cache=True, nogil=True)
-def fuse(ranges, sigmas, within, out_range, out_sigma, newest):
+def fuse(
+    ranges: np.ndarray,
+    sigmas: np.ndarray,
+    within: float,
+    out_range: np.ndarray,
+    out_sigma: np.ndarray,
+    newest: np.ndarray,
+) -> None:
     """Of several drawings of one panorama the nearest range and, averaged, what lies close behind it.
 
     ranges, sigmas: (n, h, w), NaN where a view says nothing. within: m behind the nearest.
@@ -81,7 +100,17 @@ def fuse(ranges, sigmas, within, out_range, out_sigma, newest):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def correlate(panorama, known, template, shown, top, left, row_step, least, out):
+def correlate(
+    panorama: np.ndarray,
+    known: np.ndarray,
+    template: np.ndarray,
+    shown: np.ndarray,
+    top: int,
+    left: int,
+    row_step: int,
+    least: float,
+    out: np.ndarray,
+) -> None:
     """Normalised correlation of a template with a window of places, over pixels that both know.
 
     panorama, known: (H, W) float32, values (0 where unknown) and 1 where known. template, shown: (h, w)
@@ -116,7 +145,7 @@ def correlate(panorama, known, template, shown, top, left, row_step, least, out)
 
 
 @njit(cache=True, nogil=True)
-def label(levels, labels, parent):
+def label(levels: np.ndarray, labels: np.ndarray, parent: np.ndarray) -> int:
     """Label 8-connected pixels of equal level in one pass, then number the labels from 1.
 
     levels: (h, w) int, 0 is nothing. labels: (h, w) int32, out. parent: (h w / 2 + 2,) int32, scratch.
@@ -169,7 +198,7 @@ def label(levels, labels, parent):
 
 
 @njit(cache=True, nogil=True)
-def measure(levels, labels, table):
+def measure(levels: np.ndarray, labels: np.ndarray, table: np.ndarray) -> None:
     """Box, size and level of every part. table: (n, 6) left, top, right, bottom, area, level, out."""
     height, width = levels.shape
     for k in range(table.shape[0]):
@@ -193,7 +222,7 @@ def measure(levels, labels, table):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _join(parent, one, other):
+def _join(parent: np.ndarray, one: int, other: int) -> int:
     while parent[one] != one:
         parent[one] = parent[parent[one]]
         one = parent[one]

@@ -36,7 +36,9 @@ FALL = np.exp(-(_OFF[:, None] ** 2 + _OFF[None, :] ** 2) / (2.0 * (ACROSS / 2.0)
 
 
 @njit(cache=True, nogil=True)
-def describe(levels, points, directions, out):
+def describe(
+    levels: np.ndarray, points: np.ndarray, directions: np.ndarray, out: np.ndarray
+) -> None:
     """Descriptors by differences of samples on each keypoint's own grid.
 
     levels: (n, h, w). points: (m, 4) x, y, sigma in px of the octave, integer layer.
@@ -57,7 +59,13 @@ def describe(levels, points, directions, out):
 
 
 @njit(cache=True, nogil=True)
-def describe_by_moments(fields_x, fields_y, points, directions, out):
+def describe_by_moments(
+    fields_x: np.ndarray,
+    fields_y: np.ndarray,
+    points: np.ndarray,
+    directions: np.ndarray,
+    out: np.ndarray,
+) -> None:
     """The same from gradients of whole levels, such as those by moments: (n, h, w) each."""
     field_x = np.empty((SIDE + 2, SIDE + 2), np.float32)
     field_y = np.empty_like(field_x)
@@ -79,7 +87,7 @@ def describe_by_moments(fields_x, fields_y, points, directions, out):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _sample(image, x, y, c, s, grey):
+def _sample(image: np.ndarray, x: float, y: float, c: float, s: float, grey: np.ndarray) -> None:
     """Values between pixels on a grid of steps (c, s) across and (-s, c) down about (x, y)."""
     height, width = image.shape
     middle = np.float32((SIDE + 1) / 2.0)
@@ -98,7 +106,7 @@ def _sample(image, x, y, c, s, grey):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def pool(gx, gy, out):
+def pool(gx: np.ndarray, gy: np.ndarray, out: np.ndarray) -> None:
     """Histograms of the gradients of one grid, clipped and of length 1."""
     angle = np.empty(SIDE * SIDE, np.float32)
     bins = np.zeros((ACROSS + 2, ACROSS + 2, TURNS + 1), np.float32)

@@ -16,7 +16,9 @@ PI = math.pi
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _patch(level, row0, col0, rows, columns, patch):
+def _patch(
+    level: np.ndarray, row0: int, col0: int, rows: int, columns: int, patch: np.ndarray
+) -> None:
     """Copy a window, the border repeated outwards."""
     height, width = level.shape
     inside = col0 >= 0 and col0 + columns <= width
@@ -31,12 +33,25 @@ def _patch(level, row0, col0, rows, columns, patch):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def moment_gradients(patch, rows, columns, masks, smooth, sums, total, gx, gy):
+def moment_gradients(
+    patch: np.ndarray,
+    rows: int,
+    columns: int,
+    masks: np.ndarray,
+    smooth: np.ndarray,
+    sums: np.ndarray,
+    total: np.ndarray,
+    gx: np.ndarray,
+    gy: np.ndarray,
+    square: np.ndarray,
+    straight: bool,
+) -> None:
     """Signed roots of the sums of squared odd moments along x and y, over the middle of a patch.
 
     patch: at least (rows + 2 half, columns + 2 half), the window with half a mask around it.
     masks: (1 + orders, half + 1), the mask of order 0 and the odd ones, from their middle outwards.
     smooth: at least as large as the patch. sums, total: (columns,). gx, gy: (rows, columns), out.
+    square: (rows, columns), scratch. straight: the direction is that of order 1 alone, without bias.
     """
     half, orders = masks.shape[1] - 1, masks.shape[0] - 1
     wide = columns + 2 * half
@@ -62,8 +77,13 @@ def moment_gradients(patch, rows, columns, masks, smooth, sums, total, gx, gy):
                     sums[c] += weight * (right[c] - left[c])
             for c in range(columns):
                 total[c] += sums[c] * sums[c]
-        for c in range(columns):  # sums holds order 1 now
-            out[c] = math.copysign(np.sqrt(total[c]), sums[c])
+        whole = square[r]
+        if straight:  # sums holds order 1 now
+            for c in range(columns):
+                out[c], whole[c] = sums[c], total[c]
+        else:
+            for c in range(columns):
+                out[c] = math.copysign(np.sqrt(total[c]), sums[c])
     for r in range(rows + 2 * half):  # order 0 along the rows
         line, out, weight = patch[r], smooth[r], masks[0, 0]
         centre = line[half:]
@@ -86,12 +106,22 @@ def moment_gradients(patch, rows, columns, masks, smooth, sums, total, gx, gy):
                     sums[c] += weight * (below[c] - above[c])
             for c in range(columns):
                 total[c] += sums[c] * sums[c]
-        for c in range(columns):
-            out[c] = math.copysign(np.sqrt(total[c]), sums[c])
+        if straight:
+            other, whole = gx[r], square[r]
+            for c in range(columns):
+                first = other[c] * other[c] + sums[c] * sums[c] + np.float32(1e-30)
+                scale = np.sqrt((whole[c] + total[c]) / first)
+                out[c] = sums[c] * scale
+                other[c] *= scale
+        else:
+            for c in range(columns):
+                out[c] = math.copysign(np.sqrt(total[c]), sums[c])
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def _differences(patch, rows, columns, gx, gy):
+def _differences(
+    patch: np.ndarray, rows: int, columns: int, gx: np.ndarray, gy: np.ndarray
+) -> None:
     """Differences of the pixels on both sides; the patch has one pixel around the window."""
     for r in range(rows):
         above, line, below = patch[r], patch[r + 1], patch[r + 2]
@@ -101,7 +131,7 @@ def _differences(patch, rows, columns, gx, gy):
 
 
 @njit(cache=True, nogil=True, fastmath=True)
-def angles(gx, gy, count, out):
+def angles(gx: np.ndarray, gy: np.ndarray, count: int, out: np.ndarray) -> None:
     """atan2(gy, gx) by a polynomial good to 1e-5 rad, one expression without a branch for each."""
     for i in range(count):
         x, y = gx[i], gy[i]
@@ -120,11 +150,22 @@ def angles(gx, gy, count, out):
 
 
 @njit(cache=True, nogil=True)
-def directions(levels, points, masks, window, peak_share, owners, found, strengths):
+def directions(
+    levels: np.ndarray,
+    points: np.ndarray,
+    masks: np.ndarray,
+    straight: bool,
+    window: float,
+    peak_share: float,
+    owners: np.ndarray,
+    found: np.ndarray,
+    strengths: np.ndarray,
+) -> int:
     """Peaks of each keypoint's histogram of directions.
 
     levels: (n, h, w). points: (m, 4) x, y, sigma in px of the octave, integer layer.
     masks: as of `moment_gradients`; with a single row, differences of pixels are used instead.
+    straight: as of `moment_gradients`.
     window: deviation of the histogram's weight, in sigmas. peak_share: of the highest, counts as a peak.
     owners, found: (capacity,), the keypoint and the direction of each peak, rad in [-pi, pi).
     strengths: (capacity,), how clear each peak is: its share of all votes.
@@ -138,7 +179,8 @@ def directions(levels, points, masks, window, peak_share, owners, found, strengt
     smooth = np.empty_like(patch)
     sums, total = np.empty(side_most, np.float32), np.empty(side_most, np.float32)
     gx = np.empty((side_most, side_most), np.float32)
-    gy, angle = np.empty_like(gx), np.empty(side_most, np.float32)
+    gy, square = np.empty_like(gx), np.empty_like(gx)
+    angle = np.empty(side_most, np.float32)
     votes, smoothed = np.empty(BINS, np.float64), np.empty(BINS, np.float64)
     falls = np.empty(side_most, np.float32)
     count = 0
@@ -151,7 +193,9 @@ def directions(levels, points, masks, window, peak_share, owners, found, strengt
         extent = side + 2 * half
         _patch(level, row - reach - half, column - reach - half, extent, extent, patch)
         if masks.shape[0] > 1:
-            moment_gradients(patch, side, side, masks, smooth, sums, total, gx, gy)
+            moment_gradients(
+                patch, side, side, masks, smooth, sums, total, gx, gy, square, straight
+            )
         else:
             _differences(patch, side, side, gx, gy)
         for c in range(side):
@@ -169,7 +213,16 @@ def directions(levels, points, masks, window, peak_share, owners, found, strengt
 
 
 @njit(cache=True, nogil=True)
-def _peaks(votes, smoothed, peak_share, owner, owners, found, strengths, count):
+def _peaks(
+    votes: np.ndarray,
+    smoothed: np.ndarray,
+    peak_share: float,
+    owner: int,
+    owners: np.ndarray,
+    found: np.ndarray,
+    strengths: np.ndarray,
+    count: int,
+) -> int:
     """Smooth the histogram by (1 4 6 4 1) / 16 and fit a parabola to every high peak."""
     highest, all_votes = 0.0, 0.0
     for b in range(BINS):

@@ -7,7 +7,15 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def extrema(levels, threshold, contrast, edge_ratio, border, layers, found):
+def extrema(
+    levels: np.ndarray,
+    threshold: float,
+    contrast: float,
+    edge_ratio: float,
+    border: int,
+    layers: int,
+    found: np.ndarray,
+) -> int:
     """Fitted extrema of one octave.
 
     levels: (layers + 3, h, w) float32, the blurred images. threshold: least |difference| at the pixel.
@@ -49,12 +57,14 @@ def extrema(levels, threshold, contrast, edge_ratio, border, layers, found):
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _difference(levels, layer, r, c):
+def _difference(levels: np.ndarray, layer: int, r: int, c: int) -> float:
     return levels[layer + 1, r, c] - levels[layer, r, c]
 
 
 @njit(cache=True, nogil=True)
-def _is_largest(levels, layer, r, c, value, sign):
+def _is_largest(
+    levels: np.ndarray, layer: int, r: int, c: int, value: np.float32, sign: np.float32
+) -> bool:
     for dr in range(-1, 2):
         for dc in range(-1, 2):
             if sign * _difference(levels, layer, r + dr, c + dc) > value:
@@ -68,7 +78,17 @@ def _is_largest(levels, layer, r, c, value, sign):
 
 
 @njit(cache=True, nogil=True)
-def _fit(levels, layer, r, c, layers, contrast, edge_ratio, border, fit):
+def _fit(
+    levels: np.ndarray,
+    layer: int,
+    r: int,
+    c: int,
+    layers: int,
+    contrast: float,
+    edge_ratio: float,
+    border: int,
+    fit: np.ndarray,
+) -> bool:
     """Newton steps to the paraboloid's peak, at most five; whether it is a good one."""
     height, width = levels.shape[1], levels.shape[2]
     for _ in range(5):

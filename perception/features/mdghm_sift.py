@@ -42,6 +42,9 @@ class SiftConfig:
         1.6  # of the moments; least for which the masks are orthonormal (spec: 004, 3)
     )
     orders: tuple[int, ...] = ODD_ORDERS  # seed 004, eq. (8); (1,) has no bias
+    straight: bool = (
+        True  # spec of 004, eq. (9): direction by order 1 alone, magnitude (8); no bias
+    )
     upsample: bool = True  # Lowe 2004: four times the keypoints; False is over twice as fast
     layers: int = 3  # Lowe 2004
     blur_px: float = 1.6  # Lowe 2004: sigma of the first level
@@ -216,7 +219,15 @@ def _of_octave(
     owners = np.empty(4 * count + 1, np.int64)
     angle, clearness = np.empty((2, 4 * count + 1), np.float32)
     peaks = orientation_kernels.directions(
-        levels, points, masks, config.window_sigmas, config.peak_share, owners, angle, clearness
+        levels,
+        points,
+        masks,
+        config.straight,
+        config.window_sigmas,
+        config.peak_share,
+        owners,
+        angle,
+        clearness,
     )
     if peaks == 0:
         return None
@@ -224,7 +235,7 @@ def _of_octave(
     points = np.ascontiguousarray(points[owners])
     out = np.empty((peaks, 128), np.float32)
     if config.moments_in_descriptor:
-        gradients = [_field(level, masks) for level in levels[: config.layers + 1]]
+        gradients = [_field(level, masks, config.straight) for level in levels[: config.layers + 1]]
         x, y = (np.stack([g[axis] for g in gradients]) for axis in (0, 1))
         descriptor_kernels.describe_by_moments(x, y, points, angle, out)
     else:
@@ -233,16 +244,16 @@ def _of_octave(
 
 
 def _field(
-    level: Float32[np.ndarray, "h w"], masks: Float32[np.ndarray, "k half"]
+    level: Float32[np.ndarray, "h w"], masks: Float32[np.ndarray, "k half"], straight: bool
 ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
     """Signed roots of the sums of squared moments along x and y, of a whole level."""
     height, width = level.shape
     half = masks.shape[1] - 1
     patch = np.pad(level, half, mode="edge")
-    gx, gy = np.empty((2, height, width), np.float32)
+    gx, gy, square = np.empty((3, height, width), np.float32)
     sums, total = np.empty((2, width), np.float32)
     orientation_kernels.moment_gradients(
-        patch, height, width, masks, np.empty_like(patch), sums, total, gx, gy
+        patch, height, width, masks, np.empty_like(patch), sums, total, gx, gy, square, straight
     )
     return gx, gy
 
@@ -275,7 +286,7 @@ def _moment_masks(sigma_px: float, orders: tuple[int, ...]) -> Float32[np.ndarra
 
 def _by_opencv(image: UInt8[np.ndarray, "h w"], config: SiftConfig) -> Features:
     """OpenCV's own SIFT with the same settings; it always upsamples."""
-    sift = cv2.SIFT_create(
+    sift = cv2.SIFT.create(
         nOctaveLayers=config.layers,
         contrastThreshold=config.contrast,
         edgeThreshold=config.edge_ratio,

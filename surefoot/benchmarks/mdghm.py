@@ -45,7 +45,7 @@ def right_share(first: Features, second: Features, affine: np.ndarray) -> float:
 def run() -> Comparison:
     """Both sizes; ratios are geometric means. Accuracy: right matches after a turn of 40 deg."""
     rng = np.random.default_rng(0)
-    peer = cv2.SIFT_create()
+    peer = cv2.SIFT.create()
     times: dict[str, float] = {}
     with_all, without = [], []
     accuracy: dict[str, float] = {}

@@ -111,7 +111,7 @@ def _finding(
 
     true = np.array([place for _, place, _ in cuts], dtype=float)
     errors = {
-        f"{name}_error_px": float(np.max(np.abs(np.array(places) - true)))
+        f"{name}_error_px": float(np.max(np.abs(np.rint(places) - true)))
         for name, places in (("fncc", ours()), ("fncc_cv2", theirs()))
     }
     return race({"fncc": ours, "fncc_cv2": theirs}, rounds=9), errors
