@@ -1,7 +1,8 @@
 """Mapping: what do we remember.
 
 Read in this order: `evidence` (how a sighting changes the probability of a cell), `heights` (how high its
-surface is, and how sure that is), `egocentric_grid` (the terrain map that walks with the robot),
+surface is, and how sure that is), `scrolling` (a window that an offset moves over an endless lattice),
+`egocentric_grid` (the terrain map that walks with the robot),
 `confidence` (how fresh each of its cells is), `grid_file` (all of that as one file), `world_map` (the same
 evidence on a map that stays and grows), `nav2` (that map as files which ROS opens), `clouds` (coloured
 points of a run, voxel by voxel), `footprints` (the ground plan of what stands on the floor), and

@@ -18,7 +18,7 @@ FLOOR, STILL, MOVING = 0, 1, 2  # kinds of points, in the order of `counts`
 def add_run(
     counts: np.ndarray,
     sums: np.ndarray,
-    cell: int,
+    cell: np.int32,
     run: int,
     total: float,
     squares: float,

@@ -16,10 +16,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import SupportsIndex
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Bool, Float, Float32
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.gaussian import Gaussian
@@ -28,6 +27,7 @@ from perception.primitives.plane import Plane
 from . import _grid_kernels, _kernels
 from .evidence import EvidenceConfig, age, fold, kinds_of, log_odds, probability_of
 from .heights import HeightConfig, floor_form, pose_form
+from .scrolling import Window
 
 
 @dataclass(frozen=True)
@@ -63,47 +63,14 @@ class GridConfig:
         return 2 * round((self.side_m / self.cell_m - 1) / 2) + 1
 
 
-def whole_cells(
-    offset: Float[np.ndarray, "2"],
-    step: Float[np.ndarray, "2"],
-    cell_m: float,
-    literal: bool = False,
-) -> tuple[Int[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Split a step into whole cells to shift by and a rest inside the centre cell.
-
-    Args:
-        offset: R, the robot in its centre cell, each in [-S_c/2, S_c/2), world axes, m.
-        step: M, displacement of the robot, world axes, m.
-        cell_m: S_c, side of a cell.
-        literal: Forget the old R, as eq. (2) is printed; drifts, for comparison only.
-
-    Returns:
-        A, the cells crossed along each axis, and the new R, m.
-
-    Source: seed 003, eq. (1) and (2).
-    """
-    cells = np.floor((offset + step) / cell_m + 0.5).astype(np.int64)  # eq. (1)
-    moved = step if literal else offset + step
-    return cells, moved - cells * cell_m  # eq. (2)
-
-
-class EgocentricGrid:
-    """Probability, time of the last update, and height for each cell round the robot.
-
-    The cells lie on a lattice that is fixed in the world, with the start in the middle of one of them; the
-    grid is the N x N window of it with the robot in the centre. Every layer is a torus: the cell that
-    leaves on one side is the memory of the one that enters on the other.
-    """
+class EgocentricGrid(Window):
+    """Probability, time of the last update, and height for each cell round the robot."""
 
     def __init__(self, config: GridConfig, position_world: Float[np.ndarray, "2"]) -> None:
         """Nothing seen yet (p = 1, t = 0), the robot at the position (2,), m, in the middle of its cell."""
+        super().__init__(config.cells, config.cell_m, position_world, config.literal)
         n = config.cells
         self.config = config
-        self._start = _finite(position_world)
-        self._anchor = self._start - 0.5 * config.cell_m  # lower left corner of lattice cell (0, 0)
-        self._first = np.array([-(n // 2), -(n // 2)])  # lattice cell (x, y) of the window's [0, 0]
-        self._corner = np.array([0, 0])  # where that cell is in the layers, (x, y)
-        self._rest = np.zeros(2)  # R
         self._latest_s = -np.inf
         self._log_odds = np.full((n, n), np.inf, np.float32)
         self._updated_s = np.zeros((n, n))
@@ -112,50 +79,11 @@ class EgocentricGrid:
         self._variance_m2 = np.full((n, n), np.nan, np.float32)
         self._raised = np.zeros((n, n), np.bool_)  # the height is that of an obstacle
         unseen = {"log_odds": np.inf, "height_m": np.nan, "height_variance_m2": np.nan}
-        self._layers: list[tuple[np.ndarray, float]] = [
-            (layer, unseen.get(name, 0.0)) for name, layer in self._named_layers().items()
-        ]
+        for name, layer in self._named_layers().items():
+            self._add_layer(layer, unseen.get(name, 0.0))
         self._tally = np.zeros(3 * n * n + 1, np.int32)  # of one frame, zero between frames
         self._sums = np.zeros((3 * n * n + 1, 3))
         self._counts = self._tally[:-1].reshape(3, n, n)
-
-    # Where the grid is
-
-    @property
-    def cell_m(self) -> float:
-        """S_c, side of a cell, m."""
-        return self.config.cell_m
-
-    @property
-    def position(self) -> Float[np.ndarray, "2"]:
-        """Of the robot, world frame, m: middle of the centre cell plus R."""
-        return self._start + (self._first + self.config.cells // 2) * self.cell_m + self._rest
-
-    @property
-    def offset(self) -> Float[np.ndarray, "2"]:
-        """R, the robot from the middle of the centre cell, m, each in [-S_c/2, S_c/2)."""
-        return self._rest.copy()
-
-    @property
-    def origin(self) -> Float[np.ndarray, "2"]:
-        """Lower left corner of cell [0, 0], world frame, m."""
-        return self._start + (self._first - 0.5) * self.cell_m
-
-    def cell_of(self, xy: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
-        """Cells [row, column] of places in the world, m; outside the grid where not in [0, N)."""
-        lattice = np.floor((xy - self._anchor) * (1.0 / self.cell_m)).astype(np.int64)
-        return (lattice - self._first)[..., ::-1]
-
-    def centre_of(self, row: SupportsIndex, column: SupportsIndex) -> Float[np.ndarray, "2"]:
-        """Middle of a cell, world frame, m."""
-        return self._start + (self._first + np.array([int(column), int(row)])) * self.cell_m
-
-    def centres(self) -> Float[np.ndarray, "rows columns 2"]:
-        """Middles of all cells, world frame, m."""
-        along = np.arange(self.config.cells)
-        columns, rows = np.meshgrid(along, along)
-        lattice = self._first + np.stack([columns, rows], axis=-1)
-        return np.asarray(self._start + lattice * self.cell_m)
 
     # What it holds
 
@@ -192,34 +120,10 @@ class EgocentricGrid:
         """How sure the height is: variance of the mean, m^2; NaN where not measured."""
         return self._unrolled(self._variance_m2)
 
-    def new_layer(self, fill: float) -> Float32[np.ndarray, "rows columns"]:
-        """A further layer that scrolls with the grid; entering cells get `fill`.
-
-        The array is the torus itself: read it through `unrolled`, write it through `rolled`.
-        """
-        layer = np.full((self.config.cells, self.config.cells), fill, np.float32)
-        self._layers.append((layer, fill))
-        return layer
-
-    def unrolled(self, layer: Float32[np.ndarray, "n n"]) -> Float32[np.ndarray, "n n"]:
-        """A layer of `new_layer` in world order, as a copy."""
-        return self._unrolled(layer)
-
-    def rolled(
-        self, view: Bool[np.ndarray, "n n"] | Float32[np.ndarray, "n n"]
-    ) -> Bool[np.ndarray, "n n"] | Float32[np.ndarray, "n n"]:
-        """A mask or values in world order, in the order of a layer of `new_layer`."""
-        return np.roll(view, (self._corner[1], self._corner[0]), (0, 1))
-
-    def _unrolled(self, layer: np.ndarray) -> np.ndarray:
-        return np.roll(layer, (-self._corner[1], -self._corner[0]), (0, 1))
-
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything that `restored` needs, by name, layers in world order; see `grid_file`."""
         return {
-            "start": self._start.copy(),
-            "first": self._first.copy(),
-            "rest": self._rest.copy(),
+            **self._whereabouts(),
             "latest_s": np.array(self._latest_s),
             **{name: self._unrolled(layer) for name, layer in self._named_layers().items()},
         }
@@ -228,9 +132,7 @@ class EgocentricGrid:
     def restored(cls, config: GridConfig, content: Mapping[str, np.ndarray]) -> EgocentricGrid:
         """The grid of a snapshot; it goes on to the same bits."""
         grid = cls(config, content["start"])
-        grid._first = content["first"].astype(np.int64)
-        grid._corner = (grid._first + config.cells // 2) % config.cells
-        grid._rest = content["rest"].astype(np.float64)
+        grid._place(content["first"], content["rest"])
         grid._latest_s = float(content["latest_s"])
         for name, layer in grid._named_layers().items():
             layer[...] = np.roll(content[name], (grid._corner[1], grid._corner[0]), (0, 1))
@@ -247,33 +149,6 @@ class EgocentricGrid:
         }
 
     # What changes it
-
-    def move(self, position_world: Float[np.ndarray, "2"]) -> None:
-        """Follow the robot to a place, (2,), m; rows and columns that enter are unseen (p = 1, t = 0).
-
-        Raises:
-            InputError: The position is not finite.
-        """
-        self.shift(_finite(position_world) - self.position)
-
-    def shift(self, step_world: Float[np.ndarray, "2"]) -> None:
-        """Follow the robot by a displacement M, (2,), m, world axes: Rot(beta) (dx, dy) of a step.
-
-        Source: seed 003, eq. (1) and (2), cases (a) and (b).
-        """
-        cells, self._rest = whole_cells(self._rest, step_world, self.cell_m, self.config.literal)
-        if not cells.any():
-            return  # case (a)
-        n = self.config.cells
-        self._first += cells
-        self._corner = (self._corner + cells) % n  # case (b): the offset moves, the data does not
-        columns = _entering(int(cells[0]), int(self._corner[0]), n)
-        rows = _entering(int(cells[1]), int(self._corner[1]), n)
-        for layer, fill in self._layers:
-            for part in columns:
-                layer[:, part] = fill
-            for part in rows:
-                layer[part] = fill
 
     def update(
         self,
@@ -416,18 +291,3 @@ class EgocentricGrid:
     def _stamp(self, cells: np.ndarray) -> None:
         if np.isfinite(self._latest_s):
             self._updated_s[cells] = self._latest_s
-
-
-def _entering(shift: int, corner: int, n: int) -> list[slice]:
-    """Layer indices of the lines that enter when the window, now at `corner`, has moved by `shift`."""
-    count = min(abs(shift), n)
-    first = (corner + (n - count if shift > 0 else 0)) % n
-    return [slice(first, min(first + count, n)), slice(0, max(first + count - n, 0))]
-
-
-def _finite(position: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-    if not np.isfinite(position).all():
-        raise InputError(
-            f"grid: position {position} is not finite; keep the last pose until the localiser has one"
-        )
-    return position.astype(np.float64)

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.egocentric_grid import EgocentricGrid, GridConfig, whole_cells
+from mapping.egocentric_grid import EgocentricGrid, GridConfig
 from mapping.evidence import EvidenceConfig, log_odds
+from mapping.scrolling import whole_cells
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2
 

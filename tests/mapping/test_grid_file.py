@@ -118,6 +118,7 @@ def with_settings(path: Path, **changed: object) -> Path:
         ({"start": np.array([np.inf, 0.0])}, "start, rest hold values"),
         ({"latest_s": np.array(np.nan)}, "latest_s hold values"),
         ({"updated_s": np.full((15, 15), np.inf)}, "updated_s hold values"),
+        ({"moving": np.ones((15, 15), bool)}, "moving hold values"),
         ({"height_variance_m2": np.full((15, 15), -1.0, np.float32)}, "height_variance_m2 hold"),
         ({"confidence": np.full((15, 15), 1.5, np.float32)}, r"confidence outside \[0, 1\]"),
         ({"confidence": np.zeros((2, 2), np.float32)}, "'confidence' is float32"),
