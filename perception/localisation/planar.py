@@ -159,6 +159,7 @@ class Followed:
         status: Of each sighting: 1 used, 0 outside the gate, -1 not finite.
         whitened: Innovation of each sighting; zero where not finite.
         log_likelihood: Of all sightings, by their innovations; outliers count as such.
+        final: Mean of the whole state at the end, entries as in the kernels.
     """
 
     means: Float[np.ndarray, "n 3"]
@@ -166,6 +167,7 @@ class Followed:
     status: Int8[np.ndarray, "r"]
     whitened: Float[np.ndarray, "r 2"]
     log_likelihood: float
+    final: Float[np.ndarray, "s"]
 
 
 def weights(size: int) -> tuple[float, np.ndarray, np.ndarray]:
@@ -192,7 +194,7 @@ def follow(
         config.vector,
         weights(len(state.mean)),
     )
-    return Followed(means, covariances, status, whitened, float(likelihood))
+    return Followed(means, covariances, status, whitened, float(likelihood), state.mean)
 
 
 class PlanarFilter:

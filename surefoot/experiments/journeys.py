@@ -68,6 +68,19 @@ class Course:
         inside = stamps[(stamps >= self.start_s) & (stamps <= self.end_s)]
         return np.unique(np.append(inside, np.arange(self.start_s, self.end_s, GRID_S)))
 
+    def seconds(self) -> Float[np.ndarray, "n"]:
+        """Stamps of all sightings of landmarks, and one a second."""
+        every = np.arange(self.start_s, self.end_s, 1.0)
+        return np.unique(np.append(self.instants(judged=False), every))
+
+    def rmse_between(
+        self, instants: Float[np.ndarray, "n"], means: Float[np.ndarray, "n 3"]
+    ) -> float:
+        """Root mean square error of the position, m, on the judges' grid, straight between the instants."""
+        grid = np.arange(self.start_s, self.end_s, GRID_S)
+        there = np.stack([np.interp(grid, instants, means[:, c]) for c in (0, 1)], axis=-1)
+        return rms(there - self.true_pose(grid)[:, :2])
+
     def steps(self, instants: Float[np.ndarray, "n"], delay_s: float) -> Float[np.ndarray, "n 3"]:
         """Time, path and turn before each instant, if the robot follows its odometry so much later."""
         stamps, speed, rate = self.log.odometry.T
