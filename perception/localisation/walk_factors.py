@@ -46,7 +46,7 @@ class Instant:
 
 
 SLIP, DRIFT, GYRO, PAN, RANGE = "slip", "drift", "gyro", "pan", "range"
-TAG_LOSS = Loss("huber", 3.0)  # ours: squares for what noise does, less for a tag taken for another
+TAG_LOSS = Loss("cauchy")  # ours: a tag taken for another comes several times alike
 
 
 def walk_systematics(config: LocaliserConfig) -> tuple[Systematic, ...]:
