@@ -1,12 +1,15 @@
 """Stereo: disparity with a reliability for every pixel, and depth with its sigma.
 
-OpenCV's matchers find the disparity. They do not show their costs, so the reliability is measured again
-round the disparity they found: the right image is brought into the left one at d - 1, d and d + 1, and the
-differences of horizontal gradients, summed over a block, are a cost with a valley. A sharp valley is
-texture, a flat one is not; a valley whose bottom stays high belongs to a pixel that the other camera does
-not see. A second valley as deep as the first is the matcher's own uniqueness test.
+Our own block matcher, or one of OpenCV's, finds the disparity; all of them are judged alike, by our own
+block costs and by the neighbourhood. A disparity is believed if the valley of its cost is sharp (texture),
+if no other valley is nearly as deep (ambiguity), if the matched pixel of the right image has no better
+partner (hidden surfaces), and if the pixels about it have the same disparity: where costs are chance,
+disparities scatter. The last is by far the strongest sign.
 
-Source: seed 003, section 3 (reliability; sigma_Z = Z^2 sigma_d / (f B)); Hirschmueller 2008 (SGBM).
+The deviation of a disparity is the cost that is left at the bottom in parts of the slope of the valley.
+
+Source: seed 003, section 3 (reliability; sigma_Z = Z^2 sigma_d / (f B)); support by neighbours after the
+confidence study of Park and Yoon, CVPR 2015; Hirschmueller 2008 (SGBM).
 """
 
 from __future__ import annotations
@@ -18,54 +21,65 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
+from . import _stereo_trust_kernels as kernels
+from .block_matching import GRADIENT_LIMIT, SIDES, match
 from .primitives.errors import ConfigError, InputError
 from .primitives.frame import Depth, StereoView
 
-METHODS = ("sgbm", "bm")
-GREY_NOISE = np.float32(0.5)  # gradient cost that image noise alone leaves
-GRADIENT_LIMIT = (
-    31  # x-Sobel is cut off here, as OpenCV's block matcher does: lighting does not matter
-)
+METHODS = ("block", "sgbm", "bm")
+VOTERS = 48  # neighbours that are asked
 
 
 @dataclass(frozen=True)
 class StereoConfig:
     """The matcher, and what is believed of it."""
 
-    method: str = "sgbm"  # "sgbm" (three directions) or "bm" (blocks alone: faster, with holes)
-    block_px: int = 7  # ours: side of the block for SGBM; BM takes `bm_block_px`
-    bm_block_px: int = 15  # ours
+    method: str = "block"  # ours; "sgbm" (three directions, four times slower) or "bm": OpenCV's
+    block_px: int = 9  # ours: side of the block that is matched, and judges; 9, 15 or 21
+    sgbm_block_px: int = 5  # OpenCV's advice: 3 to 11
+    bm_block_px: int = 15  # OpenCV's advice for 640 x 480
     nearest_m: float = 0.20  # seed 003: distance reliable from 0.2 m on
     most_disparity_px: int = 128  # seed 003: search 4..128 px
     least_disparity_px: float = 2.0  # ours: beyond, a quarter of a pixel is an eighth of the depth
-    uniqueness_pct: int = 10  # OpenCV: the best cost must win by so much
-    left_right_px: int = 1  # ours: both directions agree to a pixel
-    speckle_px: int = 100  # ours: smaller islands of disparity are noise
-    speckle_range_px: int = 2  # ours
+    same_px: float = 1.0  # ours: neighbours this close have the same disparity
+    few_support: float = 0.30  # ours: share of the neighbours below which nothing is believed
+    full_support: float = 0.80  # ours: and from which all is
     sharpness: float = (
-        0.3  # ours: valley of a block, grey levels per px; noise of 2 levels makes 0.1
+        0.5  # ours: s_0, grey levels of gradient; noise of 2 grey levels alone makes about 1
     )
-    fit: float = 0.5  # ours: valley of a block in parts of the cost left at its bottom
-    step_px: float = 1.0  # ours: spread of disparity in a block, from where reliability falls
+    uniqueness: float = 0.15  # seed 003: u_0, distance of the second best cost in parts of the best
+    rival_share: float = (
+        0.30  # ours: reliability that is left beside an equal rival: support decides
+    )
+    grey_noise: float = 1.0  # ours: cost per pixel that keeps a ratio of small costs quiet
     least_reliability: float = 0.3  # seed 003
-    sigma_px: float = 0.25  # seed 003: sigma_d of a reliable pixel
+    sigma_px: float = 0.12  # ours: sigma_d of a block of 9 at best; seed 003 takes 0.25 for all
+    sigma_per_blur: float = 0.035  # ours: and what is left of the cost in parts of the slope adds
+    most_sigma_px: float = 1.0  # ours
+    sgbm_sigmas: float = 1.3  # ours: SGBM's path costs make its sub-pixel part coarser
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ConfigError(
-                f"stereo: method={self.method!r} is unknown; choose {' or '.join(METHODS)}"
+                f"stereo: method={self.method!r} is unknown; choose {', '.join(METHODS)}"
             )
-        for name in ("block_px", "bm_block_px"):
+        if self.block_px not in SIDES:
+            raise ConfigError(f"stereo: block_px={self.block_px} must be one of {SIDES}")
+        for name in ("sgbm_block_px", "bm_block_px"):
             value = getattr(self, name)
             if value < 5 or value % 2 == 0:
                 raise ConfigError(f"stereo: {name}={value} must be odd and at least 5")
         for name in (
             "nearest_m",
-            "sharpness",
-            "fit",
-            "step_px",
-            "sigma_px",
             "least_disparity_px",
+            "same_px",
+            "sharpness",
+            "uniqueness",
+            "grey_noise",
+            "sigma_px",
+            "sigma_per_blur",
+            "most_sigma_px",
+            "sgbm_sigmas",
         ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -74,13 +88,14 @@ class StereoConfig:
             raise ConfigError(
                 f"stereo: most_disparity_px={self.most_disparity_px} must be at least 16"
             )
-        for name in ("uniqueness_pct", "left_right_px", "speckle_px", "speckle_range_px"):
-            if getattr(self, name) < 0:
-                raise ConfigError(f"stereo: {name}={getattr(self, name)} must not be negative")
-        if not 0.0 <= self.least_reliability <= 1.0:
+        if not 0.0 <= self.few_support < self.full_support <= 1.0:
             raise ConfigError(
-                f"stereo: least_reliability={self.least_reliability} must lie in [0, 1]"
+                f"stereo: few_support={self.few_support} must lie below "
+                f"full_support={self.full_support}, both in [0, 1]"
             )
+        for name in ("rival_share", "least_reliability"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ConfigError(f"stereo: {name}={getattr(self, name)} must lie in [0, 1]")
 
 
 @dataclass(frozen=True)
@@ -90,10 +105,12 @@ class Disparity:
     Args:
         disparity_px: Column in the left image minus column in the right one; NaN where none was found.
         reliability: In [0, 1]; 0 where none was found.
+        sigma_px: Deviation of a disparity that is right at all; NaN where none was found.
     """
 
     disparity_px: Float32[np.ndarray, "h w"]
     reliability: Float32[np.ndarray, "h w"]
+    sigma_px: Float32[np.ndarray, "h w"]
 
 
 def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity:
@@ -104,7 +121,7 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
         config: Matcher and thresholds.
 
     Returns:
-        Disparity and reliability; nothing is cut off by reliability here.
+        Disparity, reliability and deviation; nothing is cut off by reliability here.
 
     Raises:
         InputError: The images differ in size or do not fit the camera, or the baseline is not positive.
@@ -113,20 +130,37 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
     """
     config = config or StereoConfig()
     _check(view)
-    width = view.left.shape[1]
     reach = min(config.most_disparity_px, view.camera.fx * view.baseline_m / config.nearest_m)
     steps = max(16, 16 * math.ceil(reach / 16.0))
-    # Columns at the left border would be skipped by the whole search range: give them a margin.
-    left, right = (
-        cv2.copyMakeBorder(image, 0, 0, steps, 0, cv2.BORDER_REPLICATE)
-        for image in (view.left, view.right)
+    given = None if config.method == "block" else _opencv(view, config, steps)
+    matches = match(view.left, view.right, steps, config.block_px, given)
+    found, least = matches.disparity_px, np.float32(config.least_disparity_px)
+    votes = kernels.support(found, least, np.float32(config.same_px))
+    reliability, sigma = np.empty_like(found), np.empty_like(found)
+    # Noise is averaged over the block: its deviation falls with the side.
+    spread = SIDES[0] / config.block_px * (config.sgbm_sigmas if config.method == "sgbm" else 1.0)
+    shape = (
+        VOTERS * config.few_support,
+        VOTERS * config.full_support,
+        config.sharpness,
+        config.uniqueness,
+        config.rival_share,
+        config.grey_noise,
+        config.sigma_px * spread,
+        config.sigma_per_blur * spread,
+        config.most_sigma_px,
     )
-    raw = _matcher(config, steps).compute(left, right)[:, steps:]
-    found = raw.astype(np.float32) / np.float32(16.0)
-    columns = np.arange(width, dtype=np.float32)
-    valid = (raw > 0) & (found >= config.least_disparity_px) & (found <= columns)
-    found = np.where(valid, found, np.float32(np.nan))
-    return Disparity(found, _reliability(view, found, config))
+    kernels.trust(
+        found,
+        matches.costs,
+        votes,
+        config.block_px**2,
+        least,
+        np.array(shape, np.float32),
+        reliability,
+        sigma,
+    )
+    return Disparity(found, reliability, sigma)
 
 
 def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:
@@ -137,8 +171,8 @@ def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:
         config: Matcher and thresholds.
 
     Returns:
-        Z = f B / d with sigma_Z = Z^2 sigma_d / (f B); sigma_d grows as reliability falls. NaN where
-        nothing was found or reliability is below the least.
+        Z = f B / d with sigma_Z = Z^2 sigma_d / (f B). NaN where nothing was found or reliability is
+        below the least.
 
     Raises:
         InputError: As `disparity`.
@@ -149,74 +183,40 @@ def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:
     matched = disparity(view, config)
     fB = np.float32(view.camera.fx * view.baseline_m)
     with np.errstate(invalid="ignore", divide="ignore"):
-        believed = matched.reliability >= np.float32(config.least_reliability)
+        believed = matched.reliability >= np.float32(max(config.least_reliability, 1e-6))
         z = np.where(believed, fB / matched.disparity_px, np.float32(np.nan))
-        sigma_px = np.float32(config.sigma_px) / np.sqrt(matched.reliability)
-        sigma = np.where(np.isfinite(z), z * z * sigma_px / fB, np.float32(np.nan))
+        sigma = z * z * matched.sigma_px / fB
     return Depth(z, sigma, view.camera, view.T_body_camera)
+
+
+def _opencv(view: StereoView, config: StereoConfig, steps: int) -> Float32[np.ndarray, "h w"]:
+    """Disparities of OpenCV's matcher, its own filters off; NaN where it gives none."""
+    # Columns at the left border would be skipped by the whole search range: give them a margin.
+    left, right = (
+        cv2.copyMakeBorder(image, 0, 0, steps, 0, cv2.BORDER_REPLICATE)
+        for image in (view.left, view.right)
+    )
+    raw = _matcher(config, steps).compute(left, right)[:, steps:]
+    return np.where(raw >= 0, raw.astype(np.float32) / np.float32(16.0), np.float32(np.nan))
 
 
 def _matcher(config: StereoConfig, steps: int) -> cv2.StereoMatcher:
     """OpenCV's matcher for so many disparities."""
     if config.method == "bm":
         blocks = cv2.StereoBM.create(steps, config.bm_block_px)
-        blocks.setUniquenessRatio(config.uniqueness_pct)
-        blocks.setDisp12MaxDiff(config.left_right_px)
-        blocks.setSpeckleWindowSize(config.speckle_px)
-        blocks.setSpeckleRange(config.speckle_range_px)
+        blocks.setUniquenessRatio(0)
+        blocks.setTextureThreshold(0)
         return blocks
-    area = config.block_px**2
+    area = config.sgbm_block_px**2
     return cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=steps,
-        blockSize=config.block_px,
+        blockSize=config.sgbm_block_px,
         P1=8 * area,
         P2=32 * area,
-        disp12MaxDiff=config.left_right_px,
         preFilterCap=GRADIENT_LIMIT,
-        uniquenessRatio=config.uniqueness_pct,
-        speckleWindowSize=config.speckle_px,
-        speckleRange=config.speckle_range_px,
         mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
-
-
-def _reliability(
-    view: StereoView, found: Float32[np.ndarray, "h w"], config: StereoConfig
-) -> Float32[np.ndarray, "h w"]:
-    """Texture times fit times smoothness, each in [0, 1].
-
-    Texture: how much worse the better neighbour of the disparity found is. Fit: the same in parts of the
-    cost that is left, which is large where the pixel is hidden in the other image. Smoothness: a block
-    that spans a step of depth has no disparity of its own.
-    """
-    height, width = found.shape
-    left, right = (_gradient(image) for image in (view.left, view.right))
-    is_found = np.isfinite(found)
-    filled = np.where(is_found, found, np.float32(0.0))
-    columns = np.arange(width, dtype=np.float32) - filled
-    rows = np.repeat(np.arange(height, dtype=np.float32)[:, None], width, axis=1)
-    side = (config.block_px, config.block_px)
-    lower, here, higher = (
-        cv2.blur(
-            cv2.absdiff(left, cv2.remap(right, columns - offset, rows, cv2.INTER_LINEAR)), side
-        )
-        for offset in (np.float32(-1.0), np.float32(0.0), np.float32(1.0))
-    )
-    valley = np.minimum(lower, higher) - here
-    share = np.maximum(cv2.blur(is_found.astype(np.float32), side), np.float32(1e-6))
-    mean = cv2.blur(filled, side) / share
-    spread = np.sqrt(np.maximum(cv2.blur(filled * filled, side) / share - mean * mean, 0.0))
-    texture = np.clip(valley / np.float32(config.sharpness), 0.0, 1.0)
-    fit = np.clip(valley / (here + GREY_NOISE) / np.float32(config.fit), 0.0, 1.0)
-    smooth = np.clip(np.float32(2.0) - spread / np.float32(config.step_px), 0.0, 1.0)
-    return np.where(is_found, texture * fit * smooth, np.float32(0.0)).astype(np.float32)
-
-
-def _gradient(image: np.ndarray) -> Float32[np.ndarray, "h w"]:
-    """Horizontal gradient, grey levels per pixel, cut off."""
-    sobel = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3) / np.float32(8.0)
-    return np.clip(sobel, -GRADIENT_LIMIT, GRADIENT_LIMIT).astype(np.float32)
 
 
 def _check(view: StereoView) -> None:

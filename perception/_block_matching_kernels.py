@@ -1,0 +1,200 @@
+"""Compiled loops of block matching: prefilter, box costs by running sums, winners, measures.
+
+Everything that is done for each pixel and each disparity is a loop over one row of 16 bit numbers with one
+array that is written: LLVM makes vector instructions of those, and of no others. Signed 16 bits hold every
+block cost: a difference of at most 62 on up to 21 x 21 pixels makes 27342.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+NEVER = np.int16(32767)  # cost of a disparity that leads out of the image
+
+
+@njit(cache=True)
+def prefilter(image: np.ndarray, limit: int, radius: int) -> np.ndarray:
+    """x-Sobel, cut off at +-limit and raised by it; the border is repeated outward by radius.
+
+    Args:
+        image: (h, w) uint8.
+
+    Returns:
+        (h + 2 radius, w + 2 radius) uint8 in [0, 2 limit].
+    """
+    height, width = image.shape
+    out = np.empty((height + 2 * radius, width + 2 * radius), np.uint8)
+    column = np.empty(width, np.int16)
+    for y in range(height):
+        above, here, below = image[max(y - 1, 0)], image[y], image[min(y + 1, height - 1)]
+        for x in range(width):
+            column[x] = above[x] + 2 * here[x] + below[x]
+        row = out[y + radius]
+        inner = row[radius + 1 : radius + width - 1]
+        before, after = column[:-2], column[2:]
+        for x in range(width - 2):
+            inner[x] = min(max(np.int16(after[x]) - np.int16(before[x]), -limit), limit) + limit
+        row[: radius + 1] = row[radius + 1]
+        row[radius + width - 1 :] = row[radius + width - 2]
+    for y in range(radius):
+        out[y] = out[radius]
+        out[height + radius + y] = out[height + radius - 1]
+    return out
+
+
+@njit(cache=True)
+def match(
+    left: np.ndarray,
+    right: np.ndarray,
+    disparities: int,
+    radius: int,
+    given: bool,
+    found: np.ndarray,
+    costs: np.ndarray,
+) -> None:
+    """Best disparity of every pixel by block costs, and what the cost volume says about it.
+
+    Args:
+        left, right: (h + 2 r, w + 2 r) uint8 from `prefilter`.
+        disparities: How many are searched, from 0 on; a multiple of 8, at most w.
+        radius: r, 4, 7 or 10: the block is 2 r + 1 on a side.
+        given: Whether `found` comes with disparities in [0, disparities) that are only to be judged.
+        found: (h, w) int16, receives the disparity of the least cost otherwise.
+        costs: (h, 5, w) int16, receives the costs at d - 1, d and d + 1, the least cost two or more away
+            from d, and the least cost at which the pixel of the right image finds any of the left one.
+            NEVER where there is none.
+    """
+    height, width = found.shape
+    padded = width + 2 * radius
+    side = 2 * radius + 1
+    sums = np.zeros((disparities, padded), np.int16)  # of each column of the block
+    row = np.full((disparities, width + disparities), NEVER, np.int16)  # costs of one image row
+    threes, back = np.empty(padded, np.int16), np.empty(width, np.int16)
+    for d in range(disparities):
+        for k in range(side):
+            _add(sums[d, d:], left[k, d:], right[k])
+    for y in range(height):
+        new, old = y + side - 1, y - 1
+        for d in range(disparities):
+            column = sums[d, d:]
+            if y > 0:
+                _roll(column, left[new, d:], right[new], left[old, d:], right[old])
+            _box(column, side, threes, row[d, d:width])
+        if not given:
+            _least(row, costs[y, 1])
+            _least_place(row, costs[y, 1], found[y])
+        _rival(row, found[y], costs[y, 3])
+        _least_back(row, back)
+        _gather(row, found[y], back, costs[y])
+
+
+@njit(cache=True)
+def _add(column: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
+    for i in range(column.size):
+        a, b = left[i], right[i]
+        column[i] += a - b if a > b else b - a
+
+
+@njit(cache=True)
+def _roll(
+    column: np.ndarray, left: np.ndarray, right: np.ndarray, left0: np.ndarray, right0: np.ndarray
+) -> None:
+    """A new row of pixels comes into the block, an old one leaves it."""
+    for i in range(column.size):
+        a, b, a0, b0 = left[i], right[i], left0[i], right0[i]
+        comes = a - b if a > b else b - a
+        leaves = a0 - b0 if a0 > b0 else b0 - a0
+        column[i] = column[i] + comes - leaves
+
+
+@njit(cache=True)
+def _box(column: np.ndarray, side: int, threes: np.ndarray, out: np.ndarray) -> None:
+    """Sums of 9, 15 or 21 neighbours, built from sums of three."""
+    n = out.size
+    second, third = column[1:], column[2:]
+    for i in range(n + side - 3):
+        threes[i] = column[i] + second[i] + third[i]
+    a, b, c, d, e = threes[3:], threes[6:], threes[9:], threes[12:], threes[15:]
+    if side == 9:
+        for i in range(n):
+            out[i] = threes[i] + a[i] + b[i]
+    elif side == 15:
+        for i in range(n):
+            out[i] = threes[i] + a[i] + b[i] + c[i] + d[i]
+    else:
+        f = threes[18:]
+        for i in range(n):
+            out[i] = threes[i] + a[i] + b[i] + c[i] + d[i] + e[i] + f[i]
+
+
+@njit(cache=True)
+def _least(row: np.ndarray, best: np.ndarray) -> None:
+    n = best.size
+    best[:] = NEVER
+    for d in range(0, row.shape[0], 8):
+        c0, c1, c2, c3 = row[d], row[d + 1], row[d + 2], row[d + 3]
+        c4, c5, c6, c7 = row[d + 4], row[d + 5], row[d + 6], row[d + 7]
+        for x in range(n):
+            a = min(min(c0[x], c1[x]), min(c2[x], c3[x]))
+            b = min(min(c4[x], c5[x]), min(c6[x], c7[x]))
+            best[x] = min(best[x], min(a, b))
+
+
+@njit(cache=True)
+def _least_place(row: np.ndarray, best: np.ndarray, place: np.ndarray) -> None:
+    """The first disparity at which the least cost stands."""
+    n = best.size
+    place[:] = 0
+    for d in range(row.shape[0] - 4, -1, -4):
+        c0, c1, c2, c3 = row[d], row[d + 1], row[d + 2], row[d + 3]
+        for x in range(n):
+            at = place[x]
+            at = d + 3 if c3[x] == best[x] else at
+            at = d + 2 if c2[x] == best[x] else at
+            at = d + 1 if c1[x] == best[x] else at
+            at = d if c0[x] == best[x] else at
+            place[x] = at
+
+
+@njit(cache=True)
+def _rival(row: np.ndarray, place: np.ndarray, away: np.ndarray) -> None:
+    """The least cost at two or more from the best place."""
+    n = place.size
+    away[:] = NEVER
+    for d in range(0, row.shape[0], 4):
+        c0, c1, c2, c3 = row[d], row[d + 1], row[d + 2], row[d + 3]
+        for x in range(n):
+            gap = np.int16(place[x] - np.int16(d))
+            a = c0[x] if (gap < -1 or gap > 1) else NEVER
+            b = c1[x] if (gap < 0 or gap > 2) else NEVER
+            c = c2[x] if (gap < 1 or gap > 3) else NEVER
+            e = c3[x] if (gap < 2 or gap > 4) else NEVER
+            away[x] = min(away[x], min(min(a, b), min(c, e)))
+
+
+@njit(cache=True)
+def _least_back(row: np.ndarray, back: np.ndarray) -> None:
+    """The least cost of each pixel of the right image: along the diagonals of the row's costs."""
+    n = back.size
+    back[:] = NEVER
+    for d in range(0, row.shape[0], 8):
+        c0, c1, c2, c3 = row[d, d:], row[d + 1, d + 1 :], row[d + 2, d + 2 :], row[d + 3, d + 3 :]
+        c4, c5, c6 = row[d + 4, d + 4 :], row[d + 5, d + 5 :], row[d + 6, d + 6 :]
+        c7 = row[d + 7, d + 7 :]
+        for x in range(n):
+            a = min(min(c0[x], c1[x]), min(c2[x], c3[x]))
+            b = min(min(c4[x], c5[x]), min(c6[x], c7[x]))
+            back[x] = min(back[x], min(a, b))
+
+
+@njit(cache=True)
+def _gather(row: np.ndarray, place: np.ndarray, back: np.ndarray, costs: np.ndarray) -> None:
+    last = row.shape[0] - 1
+    lower, here, higher, mutual = costs[0], costs[1], costs[2], costs[4]
+    for x in range(place.size):
+        d = place[x]
+        lower[x] = row[d - 1, x] if d > 0 else NEVER
+        here[x] = row[d, x]
+        higher[x] = row[d + 1, x] if d < last else NEVER
+        mutual[x] = back[x - d] if d <= x else NEVER

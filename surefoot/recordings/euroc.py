@@ -1,0 +1,245 @@
+"""EuRoC folders: raw grey pairs `cam0/data/T.png` and `cam1/data/T.png`, calibrations, IMU, poses.
+
+T is the stamp in nanoseconds. The images may also lie in `cam0/` itself, as thinned sets have them, and
+calibrations, IMU and poses beside the camera folders or one folder up: `cam0/sensor.yaml` or `cam0.yaml`;
+`imu0/data.csv`, `imu0.csv` or `imu0.csv.gz`; `state_groundtruth_estimate0/data.csv` or
+`NAME_groundtruth.csv` for the folder NAME.
+
+Pairs are rectified here, and every pose is that of the rectified left camera. The inertial sensor is told
+in that camera's axes as a body has them: x where it looks, y to the left, z up in the image.
+
+Source: Burri et al., IJRR 2016 (file formats).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError, RecordingError
+from perception.primitives.frame import Frame, Imu
+from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
+from perception.rectification import Rectification, rectification
+
+from .description import Description, complete
+from .folder import pictures
+from .images import read_colour
+from .poses import ASSOCIATION_S, pose_of_row
+from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
+from .stereo_calibration import RawCamera, read_euroc_camera, read_extrinsics
+
+REST_S = 0.05  # ours: the first frame has none before it, it takes the samples of so long round it
+LONGEST_S = 1.0  # ours: over a longer gap, as thinned sets have, a mean says nothing of now
+_NS = 1e-9
+
+
+def is_euroc(path: Path) -> bool:
+    """Whether the folder has the layout."""
+    return all(_pictures(path, name) and _beside(path, _calibrations(name)) for name in _CAMERAS)
+
+
+def open_euroc(path: Path, description: Description | None = None) -> EurocRecording:
+    """Open one sequence (its `mav0` folder, where there is one).
+
+    Raises:
+        RecordingError: for a calibration, an IMU file or poses that cannot be read.
+    """
+    raw = [read_euroc_camera(_expected(path, _calibrations(name))) for name in _CAMERAS]
+    left, right = raw
+    try:
+        rig = rectification(
+            left.camera, right.camera, left.T_body_camera.inverse() @ right.T_body_camera
+        )
+    except InputError as error:
+        raise RecordingError(f"{path}: {error}") from error
+    files = _pairs(path)
+    remarks = []
+    poses = _table(_beside(path, _POSES(path)), 8)
+    samples = _table(_beside(path, _INERTIAL), 7)
+    if samples is None:
+        remarks.append("no imu0 file: frames come without an inertial sensor")
+    info = RecordingInfo(
+        name=path.resolve().name,
+        kind="euroc",
+        poses_given=poses is not None,
+        frames=len(files),
+        gravity_up_world=(0.0, 0.0, 1.0) if poses is not None else None,
+    )
+    if description is not None and description.camera is not None:
+        raise RecordingError(
+            f"{description.path}: [camera] is settled by cam0.yaml and cam1.yaml; leave it out"
+        )
+    lonely = len(_pictures(path, "cam0")) - len(files)
+    if lonely:
+        remarks.append(f"{lonely} left images have no right one of the same stamp")
+    imu_yaml = _beside(path, ("imu0/sensor.yaml", "imu0.yaml"))
+    T_body_imu = Pose3() if imu_yaml is None else read_extrinsics(imu_yaml)
+    return EurocRecording(path, complete(info, description), files, left, rig, remarks).with_tables(
+        poses, samples, T_body_imu
+    )
+
+
+class EurocRecording:
+    """Rectified pairs with the inertial sensor and poses, where given.
+
+    Args:
+        path: For messages.
+        info: What is known beforehand.
+        files: Stamp, s, left and right image of every pair, in the order of time.
+        left: The raw left camera.
+        rig: How pairs are rectified.
+        remarks: What the user should know.
+
+    Raises:
+        RecordingError: when there is no pair at all.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        info: RecordingInfo,
+        files: list[tuple[int, Path, Path]],
+        left: RawCamera,
+        rig: Rectification,
+        remarks: list[str],
+    ) -> None:
+        if not files:
+            raise RecordingError(
+                f"{path}: no image of cam0 has a partner in cam1; equal stamps were expected"
+            )
+        self.info, self.remarks, self.rig = info, remarks, rig
+        self.T_body_rectified = left.T_body_camera @ rig.T_left_rectified
+        self._path, self._files, self._raw = path, files, left.camera
+        self._poses: np.ndarray | None = None
+        self._samples: np.ndarray | None = None
+        self._turn_imu = np.eye(3)
+        self._journal = Journal()
+
+    def with_tables(
+        self,
+        poses: Float[np.ndarray, "n k"] | None,
+        samples: Float[np.ndarray, "m j"] | None,
+        T_body_imu: Pose3,
+    ) -> EurocRecording:
+        """Add poses of the body (ns, m, q = w x y z) and IMU samples (ns, rad/s, m/s^2)."""
+        self._poses, self._samples = poses, samples
+        T_camera_imu = self.T_body_rectified.inverse() @ T_body_imu
+        self._turn_imu = CAMERA_IN_BODY_AXES @ T_camera_imu.rotation
+        return self
+
+    @property
+    def skipped(self) -> list[SkippedFrame]:
+        """Frames skipped so far by the latest `frames()`."""
+        return self._journal.skipped
+
+    def frames(self) -> Iterator[Frame]:
+        """The readable pairs, rectified, one in memory at a time.
+
+        Raises:
+            RecordingError: when none can be read.
+        """
+        journal = self._journal = Journal()
+        before: int | None = None
+        first = self._files[0][0]
+        for stamp, left, right in self._files:
+            try:
+                pair = [_grey(file, self._raw) for file in (left, right)]
+                pose = self._pose(stamp)
+            except FrameError as error:
+                journal.skip(left.name, str(error))
+                continue
+            journal.note(_NS * (stamp - first))
+            view = self.rig.apply(pair[0], pair[1])
+            imu = self._inertial(before, stamp)
+            before = stamp
+            yield Frame(_NS * (stamp - first), stereo=view, imu=imu, T_world_camera=pose)
+        if journal.given == 0:
+            raise RecordingError(f"{self._path}: no frame can be used{journal.why()}")
+
+    def _pose(self, stamp: int) -> Pose3 | None:
+        """The rectified left camera in the world, if the body's pose is given within 20 ms."""
+        if self._poses is None:
+            return None
+        row = self._poses[int(np.argmin(np.abs(self._poses[:, 0] - stamp)))]
+        if abs(row[0] - stamp) * _NS > ASSOCIATION_S:
+            return None
+        x, y, z, qw, qx, qy, qz = (float(v) for v in row[1:8])
+        return pose_of_row((x, y, z, qx, qy, qz, qw)) @ self.T_body_rectified
+
+    def _inertial(self, before: int | None, stamp: int) -> Imu | None:
+        """Mean over the time since the frame before."""
+        if self._samples is None:
+            return None
+        times = self._samples[:, 0]
+        if before is None:
+            wanted = np.abs(times - stamp) * _NS <= REST_S
+        else:
+            wanted = (times > max(before, stamp - LONGEST_S / _NS)) & (times <= stamp)
+        if not wanted.any():
+            return None
+        mean = self._samples[wanted, 1:7].mean(axis=0)
+        return Imu(self._turn_imu @ mean[:3], self._turn_imu @ mean[3:])
+
+
+_CAMERAS = ("cam0", "cam1")
+_INERTIAL = ("imu0/data.csv", "imu0.csv", "imu0.csv.gz", "imu0/data.csv.gz")
+
+
+def _calibrations(camera: str) -> tuple[str, ...]:
+    return (f"{camera}/sensor.yaml", f"{camera}.yaml")
+
+
+def _POSES(path: Path) -> tuple[str, ...]:
+    return ("state_groundtruth_estimate0/data.csv", f"{path.resolve().name}_groundtruth.csv")
+
+
+def _beside(path: Path, names: tuple[str, ...]) -> Path | None:
+    """The first of these files that lies in the folder or one folder up."""
+    places = [place / name for place in (path, path.resolve().parent) for name in names]
+    return next((place for place in places if place.is_file()), None)
+
+
+def _expected(path: Path, names: tuple[str, ...]) -> Path:
+    found = _beside(path, names)
+    if found is None:
+        raise RecordingError(f"{path}: no {' or '.join(names)} here or one folder up")
+    return found
+
+
+def _pictures(path: Path, camera: str) -> list[Path]:
+    return pictures(path / camera / "data") or pictures(path / camera)
+
+
+def _pairs(path: Path) -> list[tuple[int, Path, Path]]:
+    """Stamp in ns and both images, where both have it; a name that is no stamp is left out."""
+    left, right = (
+        {int(p.stem): p for p in _pictures(path, name) if p.stem.isdigit()} for name in _CAMERAS
+    )
+    return [(stamp, left[stamp], right[stamp]) for stamp in sorted(left) if stamp in right]
+
+
+def _grey(path: Path, camera: Camera) -> np.ndarray:
+    return np.asarray(cv2.cvtColor(read_colour(path, camera), cv2.COLOR_RGB2GRAY), np.uint8)
+
+
+def _table(path: Path | None, columns: int) -> Float[np.ndarray, "n k"] | None:
+    """Numbers of a comma-separated file, at least so many columns, the first a stamp in ns."""
+    if path is None:
+        return None
+    try:
+        table = np.loadtxt(path, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        raise RecordingError(
+            f"{path}: cannot be read ({error}); {columns} numbers a line, separated by commas, were "
+            "expected"
+        ) from error
+    if table.shape[1] < columns:
+        raise RecordingError(
+            f"{path}: {table.shape[1]} numbers a line; at least {columns} were expected"
+        )
+    return np.asarray(table[np.isfinite(table[:, :columns]).all(axis=1)])

@@ -1,0 +1,139 @@
+"""Calibration files of stereo rigs: EuRoC's (raw cameras on a body), ROS's (a rectified pair).
+
+Both are YAML of the plainest kind: a key, and a list of numbers behind it or behind `data:` below it. That
+is all that is read here, with or without OpenCV's `%YAML:1.0` line.
+
+Source: Burri et al., IJRR 2016; ROS camera_info (P of the right camera holds -f times the baseline).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import RecordingError
+from perception.primitives.pose import Pose3
+
+from .folder import camera_of
+
+_DISTORTIONS = ("radial-tangential", "radtan", "plumb_bob")
+_ORTHOGONAL = 1e-3  # ours: printed with ten digits, a rotation is one to 1e-9
+
+
+@dataclass(frozen=True)
+class RawCamera:
+    """A camera with its lens, and where it sits.
+
+    Args:
+        camera: Raw intrinsics with distortion.
+        T_body_camera: On the body of the rig (EuRoC: T_BS, the body is the IMU).
+    """
+
+    camera: Camera
+    T_body_camera: Pose3
+
+
+def read_euroc_camera(path: Path) -> RawCamera:
+    """A `cam0.yaml` or `sensor.yaml` of a EuRoC camera.
+
+    Raises:
+        RecordingError: A key is missing or not what it should be; another camera model or distortion.
+    """
+    text = _read(path)
+    for key, known in (("camera_model", ("pinhole",)), ("distortion_model", _DISTORTIONS)):
+        value = _word(text, key)
+        if value is not None and value not in known:
+            raise RecordingError(
+                f"{path}: {key} is {value!r}; only {' or '.join(known)} can be rectified here"
+            )
+    width, height = (int(v) for v in _numbers(path, text, "resolution", (2,)))
+    fx, fy, cx, cy = _numbers(path, text, "intrinsics", (4,))
+    lens = [float(v) for v in _numbers(path, text, "distortion_coefficients", (4, 5))]
+    k1, k2, p1, p2, k3 = lens + [0.0] * (5 - len(lens))
+    camera = camera_of(path, width, height, fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    return RawCamera(camera, read_extrinsics(path))
+
+
+def read_extrinsics(path: Path) -> Pose3:
+    """The sensor on the body: T_BS of any EuRoC sensor file.
+
+    Raises:
+        RecordingError: T_BS is missing or no rigid motion.
+    """
+    T = _numbers(path, _read(path), "T_BS", (16,)).reshape(4, 4)
+    if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=_ORTHOGONAL):
+        raise RecordingError(f"{path}: T_BS does not hold a rotation; a rigid motion was expected")
+    return Pose3.from_matrix(T)
+
+
+def read_rectified_pair(left: Path, right: Path) -> tuple[Camera, float]:
+    """Camera and baseline, m, of a pair that is rectified already (rtabmap's `*_left.yaml`).
+
+    Raises:
+        RecordingError: A key is missing, the two do not belong together, or the baseline is not positive.
+    """
+    text = _read(left)
+    P, Q = (
+        _numbers(path, _read(path), "projection_matrix", (12,)).reshape(3, 4)
+        for path in (left, right)
+    )
+    width, height = (_whole(left, text, key) for key in ("image_width", "image_height"))
+    if not np.allclose(P[:, :3], Q[:, :3], rtol=1e-6):
+        raise RecordingError(
+            f"{right}: its projection_matrix has not the intrinsics of {left.name}; a rectified pair "
+            "has the same in both"
+        )
+    baseline = float(-Q[0, 3] / Q[0, 0])
+    if not baseline > 0.0:
+        raise RecordingError(
+            f"{right}: projection_matrix gives a baseline of {baseline} m; -f times a positive "
+            "baseline was expected in its fourth number, are left and right exchanged?"
+        )
+    return camera_of(left, width, height, P[0, 0], P[1, 1], P[0, 2], P[1, 2]), baseline
+
+
+def _read(path: Path) -> str:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            f"{path}: cannot be read ({error}); a YAML calibration file was expected"
+        ) from error
+    return "\n".join(line.split("#")[0] for line in text.splitlines()) + "\n"
+
+
+def _numbers(path: Path, text: str, key: str, counts: tuple[int, ...]) -> Float[np.ndarray, "n"]:
+    """The list behind a key, or behind the `data:` indented below it."""
+    found = re.search(
+        rf"^{key}:\s*(?:\n(?:[ \t]+\w+:.*\n)*?[ \t]+data:\s*)?\[([^\]]*)\]", text, re.M
+    )
+    expected = " or ".join(str(count) for count in counts)
+    if found is None:
+        raise RecordingError(f"{path}: has no list {key}; {expected} numbers were expected")
+    words = found[1].replace(",", " ").split()
+    try:
+        values = np.array([float(word) for word in words])
+    except ValueError as error:
+        raise RecordingError(f"{path}: {key} holds a word that is no number ({error})") from error
+    if len(values) not in counts or not np.isfinite(values).all():
+        raise RecordingError(
+            f"{path}: {key} has {len(values)} numbers; {expected} finite ones were expected"
+        )
+    return values
+
+
+def _whole(path: Path, text: str, key: str) -> int:
+    value = _word(text, key)
+    if value is None or not value.isdigit():
+        raise RecordingError(f"{path}: {key} is {value}; a number of pixels was expected")
+    return int(value)
+
+
+def _word(text: str, key: str) -> str | None:
+    found = re.search(rf"^{key}:[ \t]*(\S+)", text, re.M)
+    return None if found is None else found[1].strip("\"'")
