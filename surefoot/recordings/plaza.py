@@ -42,13 +42,14 @@ def read_plaza(path: Path) -> RangeLog:
         RecordingError: It is not there, or lacks a table.
     """
     from scipy.io import loadmat  # slow to load
+    from scipy.io.matlab import MatReadError
 
     try:
         tables = loadmat(path)
         odometry, ranges, beacons, truth = (
             np.asarray(tables[name], float) for name in ("DR", "TD", "TL", "GT")
         )
-    except (OSError, ValueError, KeyError, NotImplementedError) as error:
+    except (OSError, ValueError, KeyError, MatReadError) as error:
         raise RecordingError(
             f"{path}: {error}; expected a MATLAB file with tables DR, TD, TL and GT"
         ) from error

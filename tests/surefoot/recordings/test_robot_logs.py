@@ -1,0 +1,90 @@
+"""MRCLAM and Plaza files: what is in them, and what is said of damaged ones."""
+
+from __future__ import annotations
+
+import gzip
+import shutil
+
+import numpy as np
+import pytest
+
+from perception.primitives.errors import RecordingError
+from surefoot.recordings import mrclam
+from surefoot.recordings.plaza import read_plaza
+
+LINES = {
+    "Barcodes.dat": "# subject, barcode\n 1 5\n 6 63\n",
+    "Landmark_Groundtruth.dat": " 6 0.5 -4.0 0.0 0.0\n",
+    "Robot1_Measurement.dat": " 10.0 63 2.0 0.1\n 11.0 99 3.0 0.2\n",
+    "Robot1_Odometry.dat": " 9.0 0.1 0.0\n 10.0 0.1 0.2\n",
+    "Robot1_Groundtruth.dat": " 9.0 0.0 0.0 3.1\n 10.0 0.1 0.0 -3.1\n",
+}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name, text in LINES.items():
+        (tmp_path / name).write_text(text)
+    return tmp_path
+
+
+def test_barcodes_become_subjects_and_unknown_ones_nothing(folder):
+    log = mrclam.read_robot(folder, 1)
+    assert log.subjects.tolist() == [6, 0]
+    np.testing.assert_array_equal(log.seen, [[2.0, 0.1], [3.0, 0.2]])
+    assert mrclam.read_landmarks(folder) == {6: (0.5, -4.0)}
+
+
+def test_the_truth_s_heading_does_not_jump(folder):
+    assert abs(np.diff(mrclam.read_truth(folder, 1)[:, 3])[0]) < 0.1
+
+
+def test_a_packed_file_is_the_same(folder):
+    plain = mrclam.read_robot(folder, 1)
+    path = folder / "Robot1_Odometry.dat"
+    with path.open("rb") as source, gzip.open(f"{path}.gz", "wb") as target:
+        shutil.copyfileobj(source, target)
+    path.unlink()
+    np.testing.assert_array_equal(mrclam.read_robot(folder, 1).odometry, plain.odometry)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "match"),
+    [
+        ("Robot1_Odometry.dat", " 9.0 0.1\n", "3 finite numbers a line"),
+        ("Robot1_Odometry.dat", " 9.0 nan 0.0\n", "finite"),
+        ("Robot1_Odometry.dat", " 9.0 x 0.0\n", "expected 3 numbers"),
+        ("Robot1_Odometry.dat", " 9.0 0 0\n 8.0 0 0\n", "run back in time at row 1"),
+        ("Robot1_Measurement.dat", None, "no such file"),
+    ],
+)
+def test_what_cannot_be_read_is_said(folder, name, text, match):
+    if text is None:
+        (folder / name).unlink()
+    else:
+        (folder / name).write_text(text)
+    with pytest.raises(RecordingError, match=match):
+        mrclam.read_robot(folder, 1)
+
+
+def test_the_real_robots_saw_landmarks_and_each_other(recordings):
+    folder = recordings / "mrclam6"
+    log = mrclam.read_robot(folder, 3)
+    assert np.sum(log.subjects > 5) == 4348  # counted by the set's own description
+    assert np.sum((log.subjects >= 1) & (log.subjects <= 5)) == 1277
+    assert set(mrclam.read_landmarks(folder)) == set(range(6, 21))
+
+
+def test_the_mower_s_ranges_are_long_by_seven_per_cent(recordings):
+    log = read_plaza(recordings / "plaza1_range" / "Plaza1_.mat")
+    there = np.stack([np.interp(log.stamps_s, log.truth[:, 0], log.truth[:, c]) for c in (1, 2)], 1)
+    true = np.linalg.norm(there - log.places[log.beacons], axis=1)
+    assert np.median(log.ranges_m / true) == pytest.approx(1.07, abs=0.02)
+    assert np.all(np.diff(log.stamps_s) >= 0.0)
+
+
+def test_a_file_that_is_no_plaza_recording_is_refused(tmp_path):
+    (tmp_path / "x.mat").write_text("nothing")
+    for name in ("x.mat", "absent.mat"):
+        with pytest.raises(RecordingError, match="expected a MATLAB file"):
+            read_plaza(tmp_path / name)
