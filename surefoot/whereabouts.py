@@ -50,6 +50,7 @@ class PriorConfig:
     given_heading_deg: float = 0.5
     start_m: float = 0.02  # ours: a robot is put down on its mark by hand
     start_deg: float = 1.0  # ours
+    clock_sigma_s: float = 0.015  # ours: images against joints; about half a frame of a camera
     longest_step_m: float = 0.15  # ours: the gait makes 0.08; joints that report more are wrong
 
 
@@ -116,6 +117,7 @@ class Walker:
         self._registration = Registration(registration)
         self._stamp_s: float | None = None
         self._anchored = False
+        self._shift = np.zeros(3)  # how far clocks let images be off, along the motion
 
     @property
     def pose(self) -> Gaussian:
@@ -131,7 +133,10 @@ class Walker:
         self._localiser.predict(frame.odometry, frame.imu, elapsed)
         expected = self._localiser.state
         self._registration.moved(self._localiser.config, before, frame.odometry, elapsed, expected)
-        report = self._localiser.update(list(sightings))
+        self._shift = np.zeros(3)
+        if frame.odometry is not None and elapsed > 0.0:
+            self._shift = frame.odometry.motion.vector * (self._config.clock_sigma_s / elapsed)
+        report = self._localiser.update([shifted(one, self._shift) for one in sightings])
         self._registration.learnt(expected, self._localiser.state)
         if report.accepted + report.rejected > 0:
             self._anchored = report.accepted > report.rejected
@@ -152,7 +157,11 @@ class Walker:
         )
         ahead = cameras[0].rotation[:, 2]
         state, report = self._registration.register(
-            self._localiser.state, fronts, math.atan2(ahead[1], ahead[0]), self._anchored
+            self._localiser.state,
+            fronts,
+            math.atan2(ahead[1], ahead[0]),
+            self._anchored,
+            self._shift,
         )
         self._localiser.believe(state)
         return report
@@ -185,6 +194,22 @@ class Walker:
         floor = floor or self.expected_floor(T_body_camera)
         x, y, yaw = (float(v) for v in self.pose.mean)
         return Placed(Pose2(x, y, yaw).lifted() @ level(T_body_camera, floor), floor)
+
+
+def shifted(sighting: Sighting, shift: Float[np.ndarray, "3"]) -> Sighting:
+    """The sighting, less sure by a body that may be off by (x, y, yaw), m and rad, body frame."""
+    distance, bearing = (float(v) for v in sighting.measured)
+    if not math.isfinite(bearing):
+        return sighting
+    c, s = math.cos(bearing), math.sin(bearing)
+    reach = max(distance, 0.1)
+    off = np.array(
+        [
+            c * shift[0] + s * shift[1],
+            shift[2] + (c * shift[1] - s * shift[0]) / reach,
+        ]
+    )
+    return replace(sighting, covariance=sighting.covariance + np.outer(off, off))
 
 
 class Given:

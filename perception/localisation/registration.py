@@ -54,7 +54,7 @@ class RegistrationConfig:
     ahead_sigma_m: float = 0.0045  # walking trials: trunk pitch of .5 deg, 0.38 m up; 3 mm of range
     aside_sigma_m: float = 0.005  # walking trials: trunk roll of .72 deg, likewise
     turn_sigma_rad: float = math.radians(0.4)  # walking trials: play of the neck
-    alike: float = 2.0  # ours: neighbouring places err alike; so many count as one
+    alike: float = 1.5  # ours: neighbouring places err alike; so many count as one
     gate_m: float = 0.08  # ours: partners lie no further apart once the pose is known
     widest_gate_m: float = 0.40  # ours: however unsure the pose is
     facing_deg: float = 35.0  # ours: partners' normals differ by no more
@@ -63,6 +63,8 @@ class RegistrationConfig:
     together: int = 4  # ours: keyframes used at once, those with most partners
     least_places: int = 12  # ours: with partners; fewer tell nothing
     least_share: float = 0.3  # ours: of places with partners; fewer is another place
+    known_share: float = 0.6  # ours: so many with one within the widest gate is no new place
+    fitting_share: float = 0.5  # ours: of those that must then fit
     rough_m: float = 0.02  # ours: weighted residual of a fit that holds, at most
     gate_probability: float = 0.9995  # ours: true registrations kept
     new_share: float = 0.6  # ours: a keyframe is taken where fewer places have partners
@@ -152,7 +154,12 @@ class Registration:
         self.viewpoints.learnt(before, after)
 
     def register(
-        self, state: Gaussian, scan: Scan, heading_rad: float = 0.0, anchored: bool = False
+        self,
+        state: Gaussian,
+        scan: Scan,
+        heading_rad: float = 0.0,
+        anchored: bool = False,
+        shift: Float[np.ndarray, "3"] | None = None,
     ) -> tuple[Gaussian, RegistrationReport]:
         """Lay a scan over the map, learn from it, and perhaps remember it.
 
@@ -161,6 +168,8 @@ class Registration:
             scan: Body frame.
             heading_rad: Of the sensor in the body frame: ahead and aside are told of it.
             anchored: Whether landmarks agree with the state: if the map contradicts it, the map is wrong.
+            shift: How far, one deviation, the scan may be off along the motion (x, y, yaw) of the body,
+                body frame, because clocks differ; None: not at all.
 
         Returns:
             The state after it (the same if nothing was learnt), and what became of the scan.
@@ -168,7 +177,7 @@ class Registration:
         self._count += 1
         if len(scan) < self.config.least_places:
             return state, self._report("poor")
-        self.viewpoints.add(state, APPARENT, self._noise(state, heading_rad))
+        self.viewpoints.add(state, APPARENT, self._noise(state, heading_rad, shift))
         state, report, covered = self._compare(state, scan)
         fresh = report.outcome == "new" or (
             report.outcome == "used" and covered < self.config.new_share
@@ -187,7 +196,9 @@ class Registration:
             self.viewpoints.drop(-1)
         return state, self._report(report.outcome, report)
 
-    def _noise(self, state: Gaussian, heading_rad: float) -> Float[np.ndarray, "3 3"]:
+    def _noise(
+        self, state: Gaussian, heading_rad: float, shift: Float[np.ndarray, "3"] | None
+    ) -> Float[np.ndarray, "3 3"]:
         """Of a viewpoint: how far a whole scan stands beside its pose."""
         c, s = math.cos(state.mean[YAW] + heading_rad), math.sin(state.mean[YAW] + heading_rad)
         R = np.array([[c, -s], [s, c]])
@@ -195,6 +206,10 @@ class Registration:
         noise = np.zeros((POSE, POSE))
         noise[:2, :2] = R @ np.diag(own) @ R.T
         noise[2, 2] = self.config.turn_sigma_rad**2
+        if shift is not None:
+            x, y = Pose2(yaw=float(state.mean[YAW])).rotation @ shift[:2]
+            moved = np.array([x, y, shift[2]])
+            noise += np.outer(moved, moved)
         return noise
 
     def _compare(self, state: Gaussian, scan: Scan) -> tuple[Gaussian, RegistrationReport, float]:
@@ -202,14 +217,16 @@ class Registration:
         config = self.config
         if not self._scans:
             return state, RegistrationReport("new"), 0.0
-        chosen, gate = self._overlapping(state, scan)
+        chosen, gate, known = self._overlapping(state, scan)
         if not chosen:
             return state, RegistrationReport("new" if self._rejected == 0 else "gate"), 0.0
         fit = self._fit(state, scan, chosen, gate)
         share = fit.partners / len(scan)
+        if known >= config.known_share and share < config.fitting_share * known:
+            return state, RegistrationReport("rough", fit.partners), share  # it stands, but not so
         if fit.partners < config.least_places or share < config.least_share:
-            known = "new" if self._rejected == 0 else "poor"
-            return state, RegistrationReport(known, fit.partners), share
+            outcome = "new" if self._rejected == 0 else "poor"
+            return state, RegistrationReport(outcome, fit.partners), share
         if fit.roughness > config.rough_m**2:
             return state, RegistrationReport("rough", fit.partners), share
         indices = [len(self.viewpoints) - 1, *chosen]
@@ -223,19 +240,20 @@ class Registration:
         state = self.viewpoints.learn(state, indices, fit.H, fit.innovation)
         return state, RegistrationReport("used", fit.partners, nis, degrees), share
 
-    def _overlapping(self, state: Gaussian, scan: Scan) -> tuple[list[int], float]:
-        """Keyframes with most partners, best first, and how far a partner may be, m."""
+    def _overlapping(self, state: Gaussian, scan: Scan) -> tuple[list[int], float, float]:
+        """Keyframes with most partners, best first; how far a partner may be, m; share of places known."""
         config, last = self.config, len(self.viewpoints) - 1
         level = scan.at(_pose2(self.viewpoints.pose(last)))
         near = self._within_reach(level)
         if not near:
-            return [], config.gate_m
+            return [], config.gate_m, 0.0
         gate = min(config.gate_m + 3.0 * self._relative_sigma(state, near), config.widest_gate_m)
         map_scan, first, _ = self._map(near)
-        found = self._partners(level, map_scan, first, gate)
+        found = self._partners(level, map_scan, first, config.widest_gate_m)
         counts = np.sum(found >= 0, axis=0)
         order = np.argsort(-counts, kind="stable")[: config.together]
-        return [near[j] for j in order if 2 * counts[j] >= config.least_places], gate
+        chosen = [near[j] for j in order if 2 * counts[j] >= config.least_places]
+        return chosen, gate, float(np.mean(np.any(found >= 0, axis=1)))
 
     def _within_reach(self, level: Scan) -> list[int]:
         """Keyframes that can have seen what is seen now, by circles about both."""

@@ -1,0 +1,247 @@
+"""Registration in rooms made of lines: what can be told is told, and no more."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from perception.localisation import models
+from perception.localisation.filter import LocaliserConfig, PoseFilter, process_noise
+from perception.localisation.registration import Registration, RegistrationConfig, motion
+from perception.localisation.scan import Scan
+from perception.primitives.errors import ConfigError
+from perception.primitives.frame import Imu, StepOdometry
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.pose import Pose2, wrap_angle
+
+DEG = math.pi / 180
+START = np.diag([0.001, 0.001, 0.05 * DEG]) ** 2
+ROOM = [((0, 0), (4, 0)), ((4, 0), (4, 3)), ((4, 3), (0, 3)), ((0, 3), (0, 0)), ((2, 3), (2, 2.2))]
+WALL = [((-3, 1), (9, 1))]
+NOISE_M = 0.003
+HALF_VIEW = 0.7
+REACH_M = 4.5
+
+
+def seen(
+    walls: list[tuple[tuple[float, float], tuple[float, float]]],
+    apparent: Pose2,
+    pan: float,
+    rng: np.random.Generator,
+) -> Scan:
+    """Fronts of walls within reach and the view of a sensor turned by pan, exactly as rays meet them."""
+    bearings = pan + np.linspace(-HALF_VIEW, HALF_VIEW, 80)
+    rays = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    to_walls = apparent.inverse()
+    best, faces = np.full(len(rays), REACH_M), np.zeros((len(rays), 2))
+    for a, b in walls:
+        p, q = to_walls.apply(np.array([a, b], dtype=float))
+        along = q - p
+        normal = np.array([along[1], -along[0]]) / np.linalg.norm(along)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            reach = (normal @ p) / (rays @ normal)
+            share = ((rays * reach[:, None] - p) @ along) / (along @ along)
+        met = (reach > 0.1) & (reach < best) & (share >= 0) & (share <= 1)
+        best[met] = reach[met]
+        faces[met] = normal if normal @ p < 0 else -normal
+    hit = best < REACH_M
+    noise = NOISE_M * rng.standard_normal(hit.sum())
+    places = rays[hit] * best[hit, None] + faces[hit] * noise[:, None]
+    return Scan(places, faces[hit], np.full(hit.sum(), NOISE_M))
+
+
+class Body:
+    """Walks in circles: truth, and what legs, gyro and a trembling eye say."""
+
+    def __init__(self, seed: int, start: Pose2, turn_rad: float) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.true = start
+        self.turn_rad = turn_rad
+        self.drift = self.rng.uniform(-0.2, 0.2) * DEG
+        self.bias = 0.005 * self.rng.standard_normal()
+        self.askew = 0.3 * DEG * self.rng.standard_normal()
+
+    def step(self, still: bool) -> tuple[StepOdometry, Imu]:
+        """Half a footstep; standing at first."""
+        if still:
+            made, slip, steps = Pose2(), Pose2(), 0.0
+        else:
+            made, steps = Pose2(0.022, 0.0, self.turn_rad), 0.5
+            forward, left, turn = self.rng.standard_normal(3) * [0.0015, 0.0006, 0.6 * DEG]
+            root = math.sqrt(0.5)
+            slip = Pose2(-0.0006 + root * forward, root * left, 0.5 * self.drift + root * turn)
+        before = self.true
+        self.true = self.true @ made @ slip
+        rate = wrap_angle(self.true.yaw - before.yaw) / 0.325 + self.bias
+        rate += 0.002 * self.rng.standard_normal()
+        return StepOdometry(made, steps), Imu(
+            np.array([0.0, 0.0, rate]), np.array([0.0, 0.0, 9.81])
+        )
+
+    def apparent(self) -> Pose2:
+        """Where its scan seems to be taken from."""
+        ahead, aside, turn = self.rng.standard_normal(3) * [0.0033, 0.0048, 0.4 * DEG]
+        return self.true @ Pose2(float(ahead), float(aside), float(turn) + self.askew)
+
+
+def walk(
+    seed: int, frames: int = 160, on: bool = True, config: RegistrationConfig | None = None
+) -> tuple[np.ndarray, np.ndarray, Registration]:
+    """Errors (n, 3), covariances, and the map, of a walk in the room."""
+    localiser = LocaliserConfig()
+    body = Body(seed, Pose2(1.0, 0.9, 0.1), 2.4 * DEG)
+    filter = PoseFilter(Gaussian(body.true.vector, START), [], localiser)
+    map = Registration(config)
+    errors, covariances = [], []
+    for k in range(frames):
+        odometry, imu = body.step(still=k < 8)
+        before = filter.state
+        filter.predict(odometry, imu, 0.325)
+        map.moved(localiser, before, odometry, 0.325, filter.state)
+        if on:
+            pan = (0.0, 0.7, 0.0, -0.7)[k % 4]
+            state, _ = map.register(filter.state, seen(ROOM, body.apparent(), pan, body.rng), pan)
+            filter.believe(state)
+        error = filter.pose.mean - body.true.vector
+        error[2] = wrap_angle(float(error[2]))
+        errors.append(error)
+        covariances.append(filter.pose.covariance)
+    return np.array(errors), np.array(covariances), map
+
+
+def test_a_room_without_any_marker_keeps_the_walker_from_getting_lost() -> None:
+    errors = np.concatenate([walk(seed)[0][80:] for seed in range(3)])
+    lost = np.concatenate([walk(seed, on=False)[0][80:] for seed in range(3)])
+    position, heading = (
+        np.sqrt(np.mean(errors[:, :2] ** 2) * 2),
+        np.sqrt(np.mean(errors[:, 2] ** 2)),
+    )
+    assert position < 0.02
+    assert heading < 0.4 * DEG
+    assert position < 0.5 * np.sqrt(np.mean(lost[:, :2] ** 2) * 2)
+
+
+def test_it_claims_neither_too_much_nor_far_too_little() -> None:
+    """Maps made of one's own poses tempt to count twice; over eight walks the mean NEES must not show it."""
+    means = []
+    for seed in range(8):
+        errors, covariances, _ = walk(seed, 100)
+        means.append(
+            np.mean([e @ np.linalg.solve(P, e) for e, P in zip(errors, covariances, strict=True)])
+        )
+    assert 0.9 < float(np.mean(means)) < 4.9  # 3 if consistent; 95 % of eight samples: 1.6 to 4.9
+
+
+def test_a_single_wall_tells_distance_and_heading_but_not_the_way_along() -> None:
+    rng = np.random.default_rng(0)
+    filter = PoseFilter(Gaussian(np.array([0.0, 0.0, math.pi / 2]), START), [])
+    map = Registration()
+    map.register(filter.state, seen(WALL, Pose2(0.0, 0.0, math.pi / 2), 0.0, rng))
+    state = filter.state
+    wide = state.covariance.copy()
+    wide[:3, :3] += np.diag([0.05, 0.05, 3 * DEG]) ** 2
+    map.viewpoints.part(state)
+    after, report = map.register(
+        Gaussian(state.mean, wide), seen(WALL, Pose2(0.0, 0.0, math.pi / 2), 0.0, rng)
+    )
+    assert report.outcome == "used"
+    along, across, turn = np.sqrt(np.diag(after.covariance)[:3])
+    assert along == pytest.approx(0.05, rel=0.02)
+    assert across < 0.012
+    assert turn < 1.0 * DEG
+
+
+def test_half_the_places_on_something_new_do_not_draw_it_aside() -> None:
+    rng = np.random.default_rng(1)
+    here = Pose2(1.0, 0.9, 0.1)
+    filter = PoseFilter(Gaussian(here.vector, START), [])
+    map = Registration()
+    for pan in (0.0, 0.7, -0.7):
+        map.register(filter.state, seen(ROOM, here, pan, rng), pan)
+    chair = [((1.9, 0.4), (1.9, 0.9)), ((1.9, 0.9), (2.3, 0.9))]
+    after, report = map.register(filter.state, seen(ROOM + chair, here, 0.0, rng))
+    assert report.outcome == "used"
+    assert np.linalg.norm(after.mean[:2] - here.vector[:2]) < 0.006
+
+
+def test_a_scan_of_another_place_is_not_believed() -> None:
+    """A foot beside, the walker sure of itself: gated, counted, nothing learnt, nothing remembered."""
+    rng = np.random.default_rng(2)
+    here = Pose2(1.0, 0.9, 0.1)
+    filter = PoseFilter(Gaussian(here.vector, START), [])
+    map = Registration()
+    map.register(filter.state, seen(ROOM, here, 0.0, rng))
+    after, report = map.register(filter.state, seen(ROOM, here @ Pose2(-0.3, 0.0, 0.0), 0.0, rng))
+    assert report.outcome in ("gate", "rough")
+    assert np.array_equal(after.mean, filter.state.mean)
+
+
+def test_carried_a_little_it_doubts_itself_and_finds_its_place() -> None:
+    rng = np.random.default_rng(3)
+    here = Pose2(1.0, 0.9, 0.1)
+    filter = PoseFilter(Gaussian(here.vector, START), [])
+    map = Registration()
+    for pan in (0.0, 0.7, -0.7):
+        map.register(filter.state, seen(ROOM, here, pan, rng), pan)
+    there = here @ Pose2(0.12, 0.08, 4 * DEG)
+    for k in range(30):
+        before = filter.state
+        filter.predict(StepOdometry(Pose2(), 0.0), None, 0.3)
+        map.moved(filter.config, before, StepOdometry(Pose2(), 0.0), 0.3, filter.state)
+        pan = (0.0, 0.7, -0.7)[k % 3]
+        state, _ = map.register(filter.state, seen(ROOM, there, pan, rng), pan)
+        filter.believe(state)
+    error = filter.pose.mean - there.vector
+    assert np.linalg.norm(error[:2]) < 0.02
+    assert abs(error[2]) < 1.0 * DEG
+
+
+def test_a_map_against_the_landmarks_is_given_up() -> None:
+    rng = np.random.default_rng(4)
+    here = Pose2(1.0, 0.9, 0.1)
+    filter = PoseFilter(Gaussian(here.vector, START), [])
+    map = Registration()
+    map.register(filter.state, seen(ROOM, here @ Pose2(0.05, 0.04, 3 * DEG), 0.0, rng))
+    for _ in range(map.config.doubt_after + 1):
+        state, report = map.register(filter.state, seen(ROOM, here, 0.0, rng), anchored=True)
+        assert np.allclose(state.covariance, filter.state.covariance, rtol=0.5)
+    assert report.outcome in ("new", "used")  # a map begun anew
+
+
+def test_the_same_walk_gives_the_same_bits() -> None:
+    assert np.array_equal(walk(5, 40)[0], walk(5, 40)[0])
+
+
+def test_memory_is_bounded() -> None:
+    _, _, map = walk(6, 120, config=RegistrationConfig(most_keyframes=3, new_share=1.0))
+    assert len(map.viewpoints) == 3
+
+
+def test_motion_is_that_of_the_models_to_first_order() -> None:
+    """The Jacobian against differences of the model itself."""
+    rng = np.random.default_rng(7)
+    x = rng.standard_normal(models.WALKER_SIZE) * 0.01
+    x[models.YAW] = 0.7
+    odometry = StepOdometry(Pose2(0.03, 0.01, 0.1), 0.6)
+    P = np.eye(models.WALKER_SIZE) * 1e-4
+    F, predicted = motion(LocaliserConfig(), Gaussian(x, P), odometry, 0.3)
+    for k in range(models.WALKER_SIZE):
+        up, down = x.copy(), x.copy()
+        up[k] += 1e-5
+        down[k] -= 1e-5
+        column = (
+            models.walk(up, 0.3, odometry.motion, 0.6)
+            - models.walk(down, 0.3, odometry.motion, 0.6)
+        ) / 2e-5
+        assert np.allclose(F[:, k], column, atol=1e-8)
+    Q = process_noise(LocaliserConfig(), 0.7, 0.6, 0.3, blind=False)
+    assert np.allclose(predicted.covariance, F @ P @ F.T + Q, atol=1e-12)
+
+
+def test_impossible_figures_are_refused() -> None:
+    with pytest.raises(ConfigError, match="gate_m"):
+        RegistrationConfig(gate_m=-1.0)
+    with pytest.raises(ConfigError, match="gate_probability"):
+        RegistrationConfig(gate_probability=1.0)
