@@ -95,6 +95,8 @@ def boxes_before(look: Look, seed: int, rng: np.random.Generator) -> Scene:
         size = rng.uniform((0.10, 0.10, 0.06), (0.40, 0.40, 0.45))
         far, aside = rng.uniform(0.55, 2.6), rng.uniform(-0.55, 0.55)
         x, y = far * math.cos(heading + aside), far * math.sin(heading + aside)
+        if not (EXTENT[0] < x < EXTENT[2] and EXTENT[1] < y < EXTENT[3]):
+            continue
         box = Box(
             (x, y, size[2] / 2), tuple(size), rng.uniform(0.0, math.pi), str(rng.choice(CARTONS))
         )

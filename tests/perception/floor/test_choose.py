@@ -184,3 +184,80 @@ def test_too_few_points_are_no_floor(look):
 def test_an_impossible_configuration_is_refused_in_words(values, said):
     with pytest.raises(ConfigError, match=said):
         FloorConfig(**values)
+
+
+def test_at_a_step_up_the_floor_is_chosen_and_not_the_larger_landing(look, config):
+    landing = (0.75, 6.0, -5.0, 5.0, 0.0, 0.14)
+    for seed in range(3):
+        room = look(seed, height_m=0.6, pitch_deg=35.0, boxes=(landing,))
+        assert np.mean(room.height > 0.1) > np.mean(room.height < 0.01)
+        prior = kinematic_prior(room.T_body_camera, np.radians(1.2), 0.01)
+        found = find(room.points, prior, np.random.default_rng(seed), config)
+        angle, height = off(found.plane, room.floor)
+        assert angle < 0.5
+        assert height < 5.0
+
+
+@pytest.mark.parametrize("camera_m", [0.07, 0.2, 0.6, 1.8])
+def test_cameras_from_ankle_to_crown_see_their_floor(look, config, camera_m):
+    near = 4.0 * camera_m
+    box = (near, near + 0.3, -0.2, 0.2, 0.0, 0.3)
+    room = look(1, height_m=camera_m, pitch_deg=20.0, boxes=(box,), reach_m=4.0)
+    for prior in (handheld_prior(None), kinematic_prior(room.T_body_camera, 0.02, 0.01)):
+        found = find(room.points, prior, np.random.default_rng(0), config)
+        angle, height = off(found.plane, room.floor)
+        assert angle < 0.3
+        assert height < 2.0
+
+
+def test_of_two_tries_the_second_is_believed_if_the_first_is_no_floor(look):
+    ramp_like = (0.7, 6.0, -5.0, 5.0, 0.0, 0.3)
+    room = look(0, height_m=0.6, pitch_deg=40.0, boxes=(ramp_like,))
+    prior = kinematic_prior(
+        room.T_body_camera, np.radians(8.0), 0.12
+    )  # the landing is within reach
+    found = find(room.points, prior, np.random.default_rng(0))
+    assert abs(found.plane.offset_m - 0.6) < 0.01
+
+
+@pytest.mark.parametrize("sensor", ["tof", "stereo", "depth"])
+def test_each_sensors_covariance_is_consistent_with_the_errors_it_claims(look, sensor):
+    shared = FloorConfig().refine.shared(sensor)
+    squares = []
+    for seed in range(60):
+        rng = np.random.default_rng([seed, 3])
+        room = look(
+            seed,
+            height_m=rng.uniform(0.35, 1.2),
+            pitch_deg=rng.uniform(15.0, 45.0),
+            boxes=CRATES[:1],
+            scale=tuple(rng.normal(size=3) * [shared.scale, shared.bend, shared.bend]),
+            reach_m=4.0,
+            size=(100, 75),
+        )
+        xyz, z = room.points.xyz, room.points.xyz[:, 2]
+        rays = xyz / z[:, None]
+        own = rays[:, [2, 0, 1]] @ (shared.sigmas * rng.normal(size=3))  # in deviations
+        moved = Points(
+            rays * (z + own * room.points.sigma)[:, None], room.points.sigma, room.points.pixels
+        )
+        found = find(moved, handheld_prior(None), rng, sensor=sensor)
+        e = found.plane.error_to(room.floor)
+        squares.append(float(e @ np.linalg.solve(found.plane.covariance, e)))
+    low, high = stats.chi2.ppf((0.0005, 0.9995), 3 * len(squares)) / (3 * len(squares))
+    assert low < np.mean(squares) / 3.0 < high
+
+
+def test_an_unknown_sensor_is_refused_by_name(look):
+    room = look(0)
+    with pytest.raises(ConfigError, match="sensor='sonar'"):
+        find(room.points, handheld_prior(None), np.random.default_rng(0), sensor="sonar")
+
+
+def test_an_error_that_all_points_share_lifts_none_of_them_off_the_floor(look):
+    room = look(0, height_m=0.8)
+    found = find(room.points, handheld_prior(None), np.random.default_rng(0), sensor="depth")
+    among, all_told = found.among_points.covariance, found.plane.covariance
+    assert np.trace(among) < 0.1 * np.trace(all_told)
+    rest = found.among_points.distance(room.points.xyz)[room.height < 1e-9]
+    assert abs(np.median(rest)) < 1e-3

@@ -76,3 +76,56 @@ def test_impossible_borders_are_refused_in_words():
         ClassConfig(base_m=-0.01)
     with pytest.raises(ConfigError, match="must reach above"):
         ClassConfig(robot_height_m=0.0, headroom_m=0.0)
+
+
+def front(distance, height, rng, count=4000):
+    """Points of an upright front so far ahead and so high, seen from 0.4 m, with the noise of stereo."""
+    y = 0.4 - rng.uniform(0.0, height, count)
+    x = rng.uniform(-0.2, 0.2, count)
+    z = np.full(count, distance)
+    sigma = 0.004 * z**2
+    factor = 1.0 + sigma * rng.normal(size=count) / z
+    return np.column_stack([x, y, z]) * factor[:, None], sigma
+
+
+def ground(nearest, farthest, rng, count=20000):
+    """Points of the floor of `LEVEL` between two distances, seen alike."""
+    z = rng.uniform(nearest, farthest, count)
+    sigma = 0.004 * z**2
+    factor = 1.0 + sigma * rng.normal(size=count) / z
+    xyz = np.column_stack([rng.uniform(-0.2, 0.2, count) * z, np.full(count, 0.4), z])
+    return xyz * factor[:, None], sigma
+
+
+@pytest.mark.parametrize("distance", [0.8, 1.5, 2.5])
+def test_the_foot_of_a_thing_is_no_floor_and_the_floor_before_it_is(distance):
+    rng = np.random.default_rng(0)
+    (thing, thing_sigma), (floor, floor_sigma) = (
+        front(distance, 0.3, rng),
+        ground(0.5, distance - 0.02, rng),
+    )
+    points = Points(
+        np.vstack([thing, floor]),
+        np.concatenate([thing_sigma, floor_sigma]),
+        np.arange(len(thing) + len(floor)),
+    )
+    plain = classify(points, LEVEL, ClassConfig(foot_m=0.0))
+    labels = classify(points, LEVEL)
+    is_thing = np.arange(len(labels)) < len(thing)
+    feet_left = np.count_nonzero(is_thing & (labels == FLOOR))
+    assert feet_left < 0.5 * np.count_nonzero(is_thing & (plain == FLOOR))
+    assert np.mean(labels[~is_thing] == FLOOR) > 0.97
+    np.testing.assert_array_equal(labels[plain != FLOOR], plain[plain != FLOOR])
+
+
+def test_under_a_table_the_floor_stays_floor():
+    rng = np.random.default_rng(1)
+    floor, sigma = ground(0.5, 2.5, rng)
+    x, z = rng.uniform(-0.4, 0.4, 4000), rng.uniform(0.9, 1.6, 4000)
+    top = np.column_stack([x, np.full(4000, 0.4 - 0.45), z])  # no leg reaches down
+    points = Points(
+        np.vstack([floor, top]), np.concatenate([sigma, np.full(4000, 0.003)]), np.arange(24000)
+    )
+    labels = classify(points, LEVEL)
+    assert np.mean(labels[:20000] == FLOOR) > 0.99
+    assert np.all(labels[20000:] == OBSTACLE)

@@ -17,6 +17,7 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
 
 EXACT = RefineConfig(scale_share=0.0, rough_m=0.0)
+WIDE = dataclasses.replace(EXACT, wide_sigmas=60.0, narrow_sigmas=50.0, foot_m=0.0)
 
 
 def patch(rng, normal, height, count=3000):
@@ -126,7 +127,9 @@ def test_the_compiled_score_is_what_numpy_says():
     config = ScoreConfig()
     d = np.column_stack([sample.x, sample.y, sample.z]) @ plane.normal + plane.offset_m
     t = d / (config.base_m + sample.slack * plane.offset_m)
-    expected = np.maximum(1.0 - (config.sharp * t) ** 2, 0.0).sum() - config.penalty * np.sum(t < -2.0)
+    expected = np.maximum(1.0 - (config.sharp * t) ** 2, 0.0).sum() - config.penalty * np.sum(
+        t < -2.0
+    )
     assert score(sample, plane, config) == pytest.approx(expected, rel=1e-9)
 
 
@@ -160,3 +163,32 @@ def test_the_compiled_sums_are_what_numpy_says():
 def test_impossible_settings_are_refused_in_words(values, said):
     with pytest.raises(ConfigError, match=said):
         RefineConfig(**values)
+
+
+def test_a_stereo_floor_is_fitted_where_its_noise_is_even():
+    """Twin: plain least squares of d = a u + b v + c on the same pixels; in space it is far worse."""
+    f, baseline, u0, v0, height = 554.3, 0.04, 319.5, 239.5, 0.45
+    normal = np.array([0.03, -0.88, -0.47])
+    normal /= np.linalg.norm(normal)
+    v, u = (axis.ravel().astype(float) for axis in np.mgrid[60:480:4, 0:640:4])
+    rays = np.column_stack([(u - u0) / f, (v - v0) / f, np.ones_like(u)])
+    true = -f * baseline * (rays @ normal) / height  # d = f B / z
+    mine, space = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        d = true + 0.25 * rng.normal(size=true.shape)
+        keep = d > 5.5
+        z = f * baseline / d[keep]
+        points = Points(rays[keep] * z[:, None], 0.25 * z**2 / (f * baseline), np.arange(len(z)))
+        plane = refine(points, Plane(normal, height), ScoreConfig(), WIDE).plane
+        A = np.column_stack([u[keep], v[keep], np.ones(len(z))])
+        a, b, c = np.linalg.lstsq(A, d[keep], rcond=None)[0]
+        slope = np.array([a * f, b * f, a * u0 + b * v0 + c]) / (f * baseline)
+        twin = -slope / np.linalg.norm(slope)
+        np.testing.assert_allclose(plane.normal, twin, atol=1e-7)
+        assert plane.offset_m == pytest.approx(1.0 / np.linalg.norm(slope), abs=1e-7)
+        middle = points.xyz.mean(axis=0)
+        flat = np.linalg.eigh(np.cov((points.xyz - middle).T))[1][:, 0]
+        mine.append(np.arccos(min(1.0, abs(float(plane.normal @ normal)))))
+        space.append(np.arccos(min(1.0, abs(float(flat @ normal)))))
+    assert np.median(space) > 2.0 * np.median(mine)
