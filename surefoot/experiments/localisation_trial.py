@@ -14,8 +14,10 @@ from jaxtyping import Float
 
 from perception.localisation.consistency import nees
 from perception.localisation.filter import PoseFilter
+from perception.localisation.fixed_lag import smooth_fixed_lag
 from perception.localisation.obstacles import ObstacleTracker
 from perception.localisation.registration import RegistrationConfig
+from perception.localisation.walk_factors import Instant, walk_factors, walk_systematics
 from perception.primitives.frame import StepOdometry
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting
@@ -64,6 +66,11 @@ class Trial:
     errors: list[np.ndarray] = field(default_factory=list)
     covariances: list[np.ndarray] = field(default_factory=list)
     in_view: list[bool] = field(default_factory=list)
+    told: list[Instant] = field(default_factory=list)
+    poses: list[Pose2] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.start = self.walker.pose
 
     def step(self, moment: Moment, movers: list[Obstacle]) -> None:
         """Take in one instant, and write down the error."""
@@ -78,6 +85,9 @@ class Trial:
         self.errors.append(error)
         self.covariances.append(pose.covariance)
         self.in_view.append(bool(told.sightings))
+        frame, sightings = told.frame, told.sightings if self.landmarks else []
+        self.told.append(Instant(frame.stamp_s, frame.odometry, frame.imu, sightings))
+        self.poses.append(told.pose)
 
     @property
     def nees(self) -> Float[np.ndarray, "n"]:
@@ -115,6 +125,17 @@ def begin(
     )
     trial = Trial(walker, landmarks, registration)
     return trial if fault is None else replace(trial, fault=fault)
+
+
+def looked_back(
+    trial: Trial, marks: tuple[Landmark, ...], config: Config
+) -> Float[np.ndarray, "n"]:
+    """Position error, m, of every instant as a fixed-lag smoother settles it, told the same but the scans."""
+    places = {mark.identity: mark.position[:2] for mark in marks}
+    frames = walk_factors(trial.told, places, config.localiser)
+    found = smooth_fixed_lag(frames, trial.start, walk_systematics(config.localiser))
+    means = np.array([one.mean[:2] for one in found])
+    return np.linalg.norm(means - np.array([pose.vector[:2] for pose in trial.poses]), axis=1)
 
 
 def carried(view: View, pose: Gaussian) -> View:
