@@ -15,16 +15,14 @@ def draw(
     centre: np.ndarray,
     intrinsics: np.ndarray,
     base: np.ndarray,
-    number: int,
     out_range: np.ndarray,
     out_sigma: np.ndarray,
-    owner: np.ndarray,
 ) -> None:
     """Draw one view on the sphere, seen from the base's centre.
 
     rays: (h, w, 3) unit directions, base frame. z, sigma: (a, b) of the view. rotation: base to camera.
     centre: the camera in the base. intrinsics: fx, fy, cx, cy. base: the sphere's centre.
-    out_range, out_sigma, owner: (h, w), out: what this view says of each pixel; NaN and untouched else.
+    out_range, out_sigma: (h, w), out: what this view says of each pixel; untouched elsewhere.
     A place off the sphere's centre moves by parallax: the range is found by three rounds of looking up.
     """
     height, width = z.shape
@@ -59,7 +57,6 @@ def draw(
             if known and distance > 0.0 and (not moved or off < 0.02 * distance + 0.02):
                 out_range[r, c] = distance
                 out_sigma[r, c] = deviation / pz
-                owner[r, c] = number
 
 
 @njit(cache=True, nogil=True)

@@ -20,8 +20,11 @@ from jaxtyping import Float, Float32
 from perception.primitives.errors import ConfigError, InputError
 
 from . import _kernels
-from .rendering import Drawing
+from .rendering import Drawing, corner, draw_view
 from .sphere import angles_of
+from .views import View
+
+SAME_KEY_RAD = math.radians(1.0)  # views whose yaws differ by less share a key angle
 
 
 @dataclass(frozen=True)
@@ -151,50 +154,47 @@ class AngleLaw:
 
 
 def laws(
-    drawing: Drawing,
-    templates: Sequence[tuple[Float32[np.ndarray, "h w"], tuple[int, int]]],
-    nominal_rad: Sequence[tuple[float, float]],
-    config: KeyAngleConfig | None = None,
+    drawing: Drawing, views: Sequence[View], config: KeyAngleConfig | None = None
 ) -> tuple[AngleLaw, AngleLaw]:
     """The laws of theta over columns and phi over rows, by finding the views in the panorama.
 
     Args:
         drawing: The panorama.
-        templates: Of each view its range drawn at its nominal direction, and the (x, y) of that drawing's
-            corner in the panorama.
-        nominal_rad: (theta, phi) of each view by the head, right and up positive.
+        views: Those it was made of; the priors are the head's own directions.
         config: What is believed.
 
     Returns:
         theta over x and phi over y. A view that is not found where the head says counts as lying there.
 
+    Raises:
+        InputError: Fewer than two different yaws or pitches among the views with a prior.
+
     Source: seed 004, section 2.2.2 (A over x, B over y).
     """
     config = config or KeyAngleConfig()
-    panorama = prepared(drawing.range_m)
-    scale = drawing.sphere.px_per_rad
+    panorama, sphere = prepared(drawing.range_m), drawing.sphere
+    scale = sphere.px_per_rad
     reach = math.ceil(math.radians(config.window_deg) * scale)
-    across: dict[float, list[float]] = {}
-    down: dict[float, list[float]] = {}
-    for (template, corner), (theta, phi) in zip(templates, nominal_rad, strict=True):
-        x = (theta - drawing.sphere.left_rad) * scale
-        y = (drawing.sphere.top_rad - phi) * scale
-        found = locate(panorama, prepared(template), corner, (reach, reach), config)
+    across: dict[int, list[tuple[float, float]]] = {}
+    down: dict[int, list[tuple[float, float]]] = {}
+    for view in views:
+        if view.prior is None:
+            continue
+        theta, phi = (float(angle) for angle in angles_of(view.prior.rotation[:, 2]))
+        x = (theta - sphere.left_rad) * scale
+        y = (sphere.top_rad - phi) * scale
+        template, _, part = draw_view(view, view.prior, scale, drawing.centre)
+        place = corner(part, sphere)
+        found = locate(panorama, prepared(template), place, (reach, reach), config)
         if found is not None and found.likeness >= config.least_likeness:
-            off = (found.x - corner[0], found.y - corner[1])
+            off = (found.x - place[0], found.y - place[1])
             if max(abs(off[0]), abs(off[1])) < reach:
                 x, y = x + off[0], y + off[1]
-        across.setdefault(round(theta, 9), []).append(x)
-        down.setdefault(round(phi, 9), []).append(y)
+        across.setdefault(round(theta / SAME_KEY_RAD), []).append((theta, x))
+        down.setdefault(round(phi / SAME_KEY_RAD), []).append((phi, y))
     return _law(across), _law(down)
 
 
-def _law(found: dict[float, list[float]]) -> AngleLaw:
-    keys = np.array(sorted(found))
-    return AngleLaw(keys, np.array([np.mean(found[key]) for key in keys]))
-
-
-def nominal_angles(T_base_camera_rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float]:
-    """(theta, phi) of a camera's axis, rad, right and up positive."""
-    theta, phi = angles_of(T_base_camera_rotation[:, 2])
-    return float(theta), float(phi)
+def _law(found: dict[int, list[tuple[float, float]]]) -> AngleLaw:
+    means = np.array([np.mean(found[key], axis=0) for key in sorted(found)]).reshape(-1, 2)
+    return AngleLaw(means[:, 0], means[:, 1])

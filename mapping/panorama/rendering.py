@@ -16,11 +16,14 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose3
 
 from . import _kernels
 from .adjustment import Placed
 from .sphere import Sphere, direction, window_of_view
 from .views import View
+
+RIM_PX = 4
 
 
 @dataclass(frozen=True)
@@ -76,19 +79,15 @@ def render(
         return None
     px_per_rad = float(np.degrees(config.px_per_deg))
     centre = np.mean([place.T_base_camera.position for _, place in known], axis=0)
-    sphere = _around([window(view, place, px_per_rad) for view, place in known], px_per_rad)
+    drawn = [draw_view(view, place.T_base_camera, px_per_rad, centre) for view, place in known]
+    sphere = _around([part for _, _, part in drawn], px_per_rad)
     shape = (len(known), sphere.height, sphere.width)
     ranges, sigmas = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
-    for number, (view, place) in enumerate(known):
-        _draw(
-            view,
-            place,
-            sphere,
-            window(view, place, px_per_rad),
-            centre,
-            ranges[number],
-            sigmas[number],
-        )
+    for number, (view_range, view_sigma, part) in enumerate(drawn):
+        left, top = corner(part, sphere)
+        rows, columns = slice(top, top + part.height), slice(left, left + part.width)
+        ranges[number, rows, columns] = view_range
+        sigmas[number, rows, columns] = view_sigma
     range_m, sigma_m = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
     newest = np.empty(shape[1:], np.int64)
     order = np.argsort([view.stamp_s for view, _ in known], kind="stable")
@@ -96,11 +95,6 @@ def render(
     stamps = np.array([known[i][0].stamp_s for i in order])
     stamp = np.where(newest >= 0, stamps[newest], np.nan)
     return Drawing(sphere, centre, range_m, sigma_m, stamp)
-
-
-def window(view: View, place: Placed, px_per_rad: float) -> Sphere:
-    """The part of the sphere that a placed view covers."""
-    return window_of_view(view.depth.camera, place.T_base_camera.rotation, px_per_rad)
 
 
 def _around(windows: Sequence[Sphere], px_per_rad: float) -> Sphere:
@@ -118,33 +112,41 @@ def _around(windows: Sequence[Sphere], px_per_rad: float) -> Sphere:
     )
 
 
-def _draw(
+def draw_view(
     view: View,
-    place: Placed,
-    sphere: Sphere,
-    part: Sphere,
+    T_base_camera: Pose3,
+    px_per_rad: float,
     centre: Float[np.ndarray, "3"],
-    range_m: Float32[np.ndarray, "h w"],
-    sigma_m: Float32[np.ndarray, "h w"],
-) -> None:
-    """One view into its own images of the whole sphere; only its window is looked at."""
+) -> tuple[Float32[np.ndarray, "a b"], Float32[np.ndarray, "a b"], Sphere]:
+    """Range from the centre and its deviation, m, over the part of the sphere that one view covers."""
     camera = view.depth.camera
-    left = max(0, round((part.left_rad - sphere.left_rad) * sphere.px_per_rad) - 2)
-    top = max(0, round((sphere.top_rad - part.top_rad) * sphere.px_per_rad) - 2)
-    rows = slice(top, top + part.height + 4)
-    columns = slice(left, left + part.width + 4)
-    y, x = np.mgrid[0 : sphere.height, 0 : sphere.width][:, rows, columns].astype(np.float64)
-    owner = np.empty(x.shape, np.int64)
+    part = window_of_view(camera, T_base_camera.rotation, px_per_rad)
+    part = Sphere(  # a rim, as seen from the centre a view may reach a little further
+        part.width + 2 * RIM_PX,
+        part.height + 2 * RIM_PX,
+        px_per_rad,
+        part.left_rad - RIM_PX / px_per_rad,
+        part.top_rad + RIM_PX / px_per_rad,
+    )
+    range_m = np.full((part.height, part.width), np.nan, np.float32)
+    sigma_m = np.full_like(range_m, np.nan)
     _kernels.draw(
-        direction(*sphere.angles(x, y)),
+        part.rays,
         view.depth.z,
         view.depth.sigma,
-        np.ascontiguousarray(place.T_base_camera.rotation.T),
-        place.T_base_camera.position,
+        np.ascontiguousarray(T_base_camera.rotation.T),
+        T_base_camera.position,
         np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
         centre,
-        0,
-        range_m[rows, columns],
-        sigma_m[rows, columns],
-        owner,
+        range_m,
+        sigma_m,
+    )
+    return range_m, sigma_m, part
+
+
+def corner(part: Sphere, sphere: Sphere) -> tuple[int, int]:
+    """(x, y) of a part's first pixel in a sphere of the same grid."""
+    return (
+        round((part.left_rad - sphere.left_rad) * sphere.px_per_rad),
+        round((sphere.top_rad - part.top_rad) * sphere.px_per_rad),
     )

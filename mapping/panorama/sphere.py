@@ -89,7 +89,7 @@ def angles_of(
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
     """(theta, phi) of vectors in the base frame, rad."""
     x, y, z = np.moveaxis(directions, -1, 0)
-    return np.arctan2(-y, x), np.arctan2(z, np.hypot(x, y))
+    return np.asarray(np.arctan2(-y, x)), np.asarray(np.arctan2(z, np.hypot(x, y)))
 
 
 def window_of_view(

@@ -1,0 +1,54 @@
+"""Views of simulated rooms by a turning head, with the poses they were truly taken from."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mapping.panorama.views import view_of_depth
+from perception import time_of_flight
+from perception.features.pictures import amplitude_picture
+from perception.primitives.frame import RangeView
+from perception.primitives.pose import Pose3, head_rotation
+from sim import scenes
+from sim.rays import RayCaster
+from sim.tof_camera import TofCamera, TofConfig
+
+NINE_DEG = [(yaw, 0) for yaw in (-60, -30, 0, 30, 60)] + [
+    (yaw, pitch) for pitch in (-17, 17) for yaw in (-30, 30)
+]
+LEVER = np.array([0.0, -0.035, 0.035])  # of the camera about the neck, camera axes, m
+
+
+def head_pose(yaw_rad, pitch_rad):
+    """Seed 004's angles: yaw to the right, pitch up."""
+    rotation = head_rotation(-yaw_rad, -pitch_rad)
+    return Pose3.from_rotation(rotation, np.array([0.0, 0.0, 0.55]) + rotation @ LEVER)
+
+
+@pytest.fixture(scope="session")
+def look_round():
+    """Function of scene, seed and encoder error in deg to nine views and their true poses."""
+
+    def look(scene_name, seed, error_deg, walk_m=0.0):
+        scene = scenes.load(scene_name, seed)
+        caster = RayCaster(scene)
+        caster.place([mover.start for mover in scene.movers])
+        rng = np.random.default_rng([seed, 99])
+        camera = TofCamera(TofConfig(), rng)
+        views, true = [], []
+        for number, (yaw, pitch) in enumerate(NINE_DEG):
+            error = math.radians(error_deg) * rng.standard_normal(2)
+            walked = Pose3((walk_m * number, 0.0, 0.0))
+            pose = walked @ head_pose(math.radians(yaw) + error[0], math.radians(pitch) + error[1])
+            prior = walked @ head_pose(math.radians(yaw), math.radians(pitch))
+            range_m, amplitude = camera.measure(caster, scene.start.lifted() @ pose)
+            depth = time_of_flight.depth(RangeView(range_m, amplitude, camera.camera, prior))
+            picture = amplitude_picture(amplitude)
+            views.append(view_of_depth(depth, 5.0, picture, prior, float(number)))
+            true.append(pose)
+        return views, true
+
+    return look

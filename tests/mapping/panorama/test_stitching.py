@@ -1,0 +1,162 @@
+"""The panorama against the truth of simulated rooms and of a real kitchen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from mapping.panorama.key_angles import laws
+from mapping.panorama.pairs import PairConfig
+from mapping.panorama.sphere import direction
+from mapping.panorama.stitching import StitchConfig, place, stitch
+from mapping.panorama.views import View
+from perception.features.mdghm_sift import SiftConfig
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
+
+
+def rms_deg(rotations, true):
+    between = Rotation.from_matrix(
+        np.array([a @ b.T for a, b in zip(rotations, true, strict=True)])
+    )
+    return np.degrees(np.sqrt(np.mean((between.mean().inv() * between).magnitude() ** 2)))
+
+
+def rotations(placed):
+    return [p.T_base_camera.rotation for p in placed]
+
+
+@pytest.mark.parametrize(("scene", "seed"), [("boxes", 0), ("home", 0), ("corridor", 1)])
+def test_encoders_half_a_degree_off_are_put_right(look_round, scene, seed):
+    views, true = look_round(scene, seed, 0.5)
+    placed, _ = place(views, np.random.default_rng(0), StitchConfig())
+    truth = [pose.rotation for pose in true]
+    assert rms_deg([v.prior.rotation for v in views], truth) > 0.45
+    assert rms_deg(rotations(placed), truth) <= 0.3
+
+
+def test_the_covariances_of_the_rotations_are_what_the_errors_are(look_round):
+    squares, count = 0.0, 0
+    for seed in range(3):
+        views, true = look_round("boxes", seed, 0.5)
+        placed, _ = place(views, np.random.default_rng(0), StitchConfig())
+        for p, t in zip(placed, true, strict=True):
+            error = Rotation.from_matrix(p.T_base_camera.rotation.T @ t.rotation).as_rotvec()
+            squares += float(error @ np.linalg.solve(p.covariance[:3, :3], error))
+            count += 1
+    # the nine errors of a panorama hang together, so that three panoramas are like some nine numbers
+    low, high = stats.chi2.ppf([0.005, 0.995], 9) / 3
+    assert low < squares / count < high
+
+
+def test_walking_between_views_is_taken_into_account(look_round):
+    views, true = look_round("boxes", 1, 0.5, walk_m=0.03)
+    placed, _ = place(views, np.random.default_rng(0), StitchConfig())
+    assert rms_deg(rotations(placed), [pose.rotation for pose in true]) <= 0.3
+
+
+def test_nothing_to_match_leaves_the_encoders_and_says_so(look_round):
+    views, _ = look_round("boxes", 0, 0.5)
+    empty = [
+        View(
+            Depth(np.full_like(v.depth.z, np.nan), v.depth.sigma, v.depth.camera),
+            tuple(np.full_like(p, 90) for p in v.pictures),
+            v.prior,
+        )
+        for v in views
+    ]
+    placed, links = place(empty, np.random.default_rng(0), StitchConfig())
+    assert links == []
+    for p, v in zip(placed, views, strict=True):
+        assert p.by == "encoders"
+        assert p.links == 0
+        np.testing.assert_allclose(p.T_base_camera.rotation, v.prior.rotation, atol=1e-9)
+
+
+def test_features_alone_never_make_the_encoders_much_worse(look_round):
+    views, true = look_round("home", 1, 0.5)
+    placed, _ = place(views, np.random.default_rng(0), StitchConfig(surfaces=False))
+    truth = [pose.rotation for pose in true]
+    assert rms_deg(rotations(placed), truth) <= 1.1 * rms_deg(
+        [v.prior.rotation for v in views], truth
+    )
+    assert {p.by for p in placed} <= {"features", "encoders"}
+
+
+def test_a_view_without_prior_and_without_partner_is_left_out(look_round):
+    views, _ = look_round("boxes", 0, 0.0)
+    blind = views[3].depth
+    alone = View(
+        Depth(np.full_like(blind.z, np.nan), blind.sigma, blind.camera),
+        (np.full_like(views[3].pictures[0], 90),),
+    )
+    placed, _ = place([views[0], alone], np.random.default_rng(0), StitchConfig())
+    assert placed[0] is not None
+    assert placed[1] is None
+
+
+def test_the_panorama_shows_the_room_where_it_is(look_round):
+    views, true = look_round("boxes", 2, 0.5)
+    panorama = stitch(views, np.random.default_rng(0))
+    drawing = panorama.drawing
+    assert np.degrees(drawing.sphere.width / drawing.sphere.px_per_rad) == pytest.approx(164, abs=6)
+    assert np.degrees(drawing.sphere.height / drawing.sphere.px_per_rad) == pytest.approx(70, abs=6)
+    xyz, sigma = drawing.points()
+    off = []
+    for pose, view in zip(
+        true, views, strict=True
+    ):  # what each view truly saw, middle of its image
+        z = view.depth.z[60:84, 70:106]
+        seen = pose.apply(view.depth.camera.rays[60:84, 70:106] * z[..., None]).reshape(-1, 3)
+        seen = seen[np.isfinite(seen).all(axis=1)][::60]
+        off += [np.linalg.norm(xyz - point, axis=1).min() for point in seen]
+    assert np.median(off) < 0.015
+    assert np.all(sigma > 0.0)
+    assert np.nanmax(drawing.stamp_s) == 8.0
+
+
+def test_key_angles_are_linear_to_half_a_degree(look_round):
+    views, _ = look_round("boxes", 0, 0.5)
+    panorama = stitch(views, np.random.default_rng(0))
+    theta, phi = laws(panorama.drawing, views)
+    np.testing.assert_allclose(np.degrees(theta.keys_rad), [-60, -30, 0, 30, 60], atol=1e-6)
+    np.testing.assert_allclose(np.degrees(phi.keys_rad), [-17, 0, 17], atol=1e-6)
+    sphere = panorama.drawing.sphere
+    x, y = np.arange(sphere.width) * 1.0, np.arange(sphere.height) * 1.0
+    exact = sphere.angles(x, np.zeros_like(x))[0]
+    assert np.degrees(np.sqrt(np.mean((theta.angle(x) - exact) ** 2))) <= 1.0
+    exact = sphere.angles(np.zeros_like(y), y)[1]
+    assert np.degrees(np.sqrt(np.mean((phi.angle(y) - exact) ** 2))) <= 1.0
+    assert direction(theta.angle(x[:1]), phi.angle(y[:1])).shape == (1, 3)
+
+
+def test_the_same_chance_gives_the_same_panorama(look_round):
+    views, _ = look_round("corridor", 0, 0.5)
+    one, other = (place(views, np.random.default_rng(7), StitchConfig())[0] for _ in range(2))
+    for a, b in zip(one, other, strict=True):
+        assert a.T_base_camera == b.T_base_camera
+
+
+def test_a_kitchen_turned_past_without_encoders(recordings):
+    folder = recordings / "sevenscenes_redkitchen" / "pan"
+    camera = Camera(640, 480, 585.0, 585.0, 320.0, 240.0)
+    views, true = [], []
+    for name in sorted(folder.glob("*.depth.png"))[::6]:
+        raw = cv2.imread(str(name), cv2.IMREAD_UNCHANGED).astype(np.float32)
+        z = np.where((raw > 0) & (raw < 65535), raw / np.float32(1000), np.float32(np.nan))
+        sigma = (0.0012 + 0.0019 * (z - 0.4) ** 2).astype(np.float32)
+        grey = cv2.imread(str(name).replace("depth.png", "color.jpg"), 0)
+        views.append(View(Depth(z, sigma, camera), (grey,)))
+        true.append(np.loadtxt(str(name).replace("depth.png", "pose.txt"))[:3, :3])
+    pairs = PairConfig(sift=SiftConfig(upsample=False), travel_m=0.05)
+    still = StitchConfig(pairs=pairs)
+    placed, links = place(views, np.random.default_rng(0), still)
+    assert rms_deg(rotations(placed), true) <= 1.8  # seven of the forty views
+    assert all(link.inliers > 8.0 + 0.3 * link.matches for link in links)
+    placed, _ = place(views, np.random.default_rng(0), replace(still, moving=True))
+    assert rms_deg(rotations(placed), true) <= 0.9
