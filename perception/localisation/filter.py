@@ -5,7 +5,7 @@ that is new at every step; so does the head err. The first is estimated (see `mo
 taken as a measurement of the turn made since the frame before. Landmarks seen in one frame are used
 together, because they share the error of the one head that saw them.
 
-The engine is filterpy's unscented filter; here are the models, the gate, and what keeps it alive.
+The sigma points are those of `engines`; here are the noise, the gate, and what keeps it alive.
 
 Source: seed 001, section 3, eq. (2) (sigma-point filter); noise figures from walking trials.
 """
@@ -16,7 +16,6 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -28,6 +27,7 @@ from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
 from . import models
 from .consistency import Innovation, chi_square_quantile
+from .engines import ENGINES, engine
 from .models import DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .relocation import pose_from_sightings
 
@@ -65,6 +65,7 @@ class LocaliserConfig:
     rejected_frames: int = 4  # ours: frames in a row, mostly rejected, before doubting oneself
     doubt_m: float = 0.15  # ours: deviation added to the position then
     doubt_rad: float = math.radians(8.0)  # ours: and to the heading
+    engine: str = "compiled"  # or "filterpy": the same numbers, slower, to be read
 
     def __post_init__(self) -> None:
         for name in (
@@ -88,6 +89,10 @@ class LocaliserConfig:
         if not 0.0 < self.gate_probability < 1.0:
             raise ConfigError(
                 f"localiser: gate_probability={self.gate_probability} must lie between 0 and 1"
+            )
+        if self.engine not in ENGINES:
+            raise ConfigError(
+                f"localiser: engine={self.engine!r} is unknown; choose one of {ENGINES}"
             )
         if self.rejected_frames < 1:
             raise ConfigError(
@@ -134,29 +139,28 @@ class PoseFilter:
         self._places = {mark.identity: np.array(mark.position[:2]) for mark in landmarks}
         self._gate = chi_square_quantile(self.config.gate_probability, 2)
         self._frames_rejected = 0
-        self._filter = _sigma_point_filter(start, self.config)
+        self._engine = engine(self.config.engine, _first_belief(start, self.config))
 
     @property
     def pose(self) -> Gaussian:
         """Over (x, y, yaw), m and rad, world frame; the yaw in [-pi, pi)."""
-        return Gaussian(self._filter.x[:3].copy(), self._filter.P[:3, :3].copy())
+        belief = self._engine.belief
+        return Gaussian(belief.mean[:3], belief.covariance[:3, :3].copy())
 
     @property
     def pose2(self) -> Pose2:
         """The mean."""
-        x, y, yaw = (float(v) for v in self._filter.x[:3])
+        x, y, yaw = (float(v) for v in self._engine.belief.mean[:3])
         return Pose2(x, y, yaw)
 
     @property
     def state(self) -> Gaussian:
         """The whole state, entries as in `models`."""
-        return Gaussian(self._filter.x.copy(), self._filter.P.copy())
+        return self._engine.belief
 
     def believe(self, state: Gaussian) -> None:
         """Take over a whole state that was conditioned outside (`registration`), entries as in `models`."""
-        self._filter.x = np.array(state.mean)
-        self._filter.P = np.array(state.covariance)
-        self._settle()
+        self._engine.reset(state)
 
     def predict(self, odometry: StepOdometry | None, imu: Imu | None, dt: float) -> None:
         """Advance to the next frame.
@@ -172,20 +176,12 @@ class PoseFilter:
         dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
         motion = odometry.motion if odometry else Pose2()
         steps = abs(odometry.steps) if odometry else 0.0
-        self._filter.Q = process_noise(
-            self.config, float(self._filter.x[YAW]), steps, dt, blind=odometry is None
-        )
-        self._filter.predict(dt, motion=motion, steps=steps)
-        self._settle()
+        yaw = float(self._engine.belief.mean[YAW])
+        noise = process_noise(self.config, yaw, steps, dt, blind=odometry is None)
+        self._engine.walk(motion, steps, noise)
         if imu is not None and dt > 0.0 and _finite(imu.angular_velocity, 0.0):
-            self._filter.update(
-                imu.angular_velocity[2:] * dt,
-                R=np.array([[(self.config.gyro_sigma_radps * dt) ** 2]]),
-                UT=_linear_transform,
-                hx=models.gyro_turn,
-                dt=dt,
-            )
-            self._settle()
+            turn = float(imu.angular_velocity[2]) * dt
+            self._engine.turned(turn, self.config.gyro_sigma_radps * dt, dt)
 
     def update(self, sightings: Sequence[Sighting]) -> UpdateReport:
         """Learn from the landmarks of one frame, all at once.
@@ -229,13 +225,11 @@ class PoseFilter:
 
     def _innovation(self, sighting: Sighting, place: np.ndarray) -> Innovation:
         """Of one sighting, if it were of the landmark at this place."""
-        points, sigma = self._filter.sigmas_f, range_sigmas([sighting])
-        seen = np.array([models.sighted(point, place[None], sigma) for point in points])
-        mean = models.sighting_mean(seen, self._filter.Wm)
-        spread = np.array([models.sighting_difference(row, mean) for row in seen])
-        S = spread.T @ (self._filter.Wc[:, None] * spread) + sighting.covariance
-        difference = models.sighting_difference(sighting.measured, mean)
-        return Innovation.of(sighting.identity, difference, models.positive(S))
+        (sigma_m,) = range_sigmas([sighting]).tolist()
+        expected = self._engine.expected(place, sigma_m)
+        difference = models.sighting_difference(sighting.measured, expected.mean)
+        covariance = models.positive(expected.covariance + sighting.covariance)
+        return Innovation.of(sighting.identity, difference, covariance)
 
     def _learn(self, accepted: list[tuple[Sighting, np.ndarray]]) -> None:
         measured = np.concatenate([sighting.measured for sighting, _ in accepted])
@@ -244,8 +238,7 @@ class PoseFilter:
             [sighting.covariance for sighting, _ in accepted], self.config.shared_bearing_sigma_rad
         )
         sigmas = range_sigmas([sighting for sighting, _ in accepted])
-        self._filter.update(measured, R=noise, places=places, sigmas=sigmas)
-        self._settle()
+        self._engine.learn(measured, noise, places, sigmas)
 
     def _doubt(self, sightings: Sequence[Sighting]) -> None:
         self._frames_rejected += 1
@@ -259,22 +252,19 @@ class PoseFilter:
                 np.array([self._places[s.identity] for s in told if s.identity is not None]),
                 joint_noise([s.covariance for s in told], self.config.shared_bearing_sigma_rad),
             )
+        belief = self._engine.belief
+        mean, P = belief.mean, belief.covariance
         if elsewhere is not None:
             log.info("carried elsewhere: pose taken from %d landmarks of one frame", len(told))
             self._frames_rejected = 0
-            self._filter.x[:3] = elsewhere.mean
-            self._filter.P[:3, :] = self._filter.P[:, :3] = 0.0
-            self._filter.P[:3, :3] = elsewhere.covariance
+            mean[:3] = elsewhere.mean
+            P[:3, :] = P[:, :3] = 0.0
+            P[:3, :3] = elsewhere.covariance
         else:
             log.info("%d frames mostly rejected: covariance widened", self._frames_rejected)
-            self._filter.P[[X, Y], [X, Y]] += self.config.doubt_m**2
-            self._filter.P[YAW, YAW] += self.config.doubt_rad**2
-        self._settle()
-
-    def _settle(self) -> None:
-        """Keep the covariance symmetric and positive, and draw the points that an update starts from."""
-        self._filter.P = models.positive(self._filter.P)
-        self._filter.sigmas_f = self._filter.points_fn.sigma_points(self._filter.x, self._filter.P)
+            P[[X, Y], [X, Y]] += self.config.doubt_m**2
+            P[YAW, YAW] += self.config.doubt_rad**2
+        self._engine.reset(Gaussian(mean, P))
 
 
 def process_noise(
@@ -341,35 +331,12 @@ def range_sigmas(sightings: Sequence[Sighting]) -> Float[np.ndarray, "k"]:
     return np.sqrt(np.maximum([sighting.covariance[0, 0] for sighting in sightings], 0.0))
 
 
-def _sigma_point_filter(start: Gaussian, config: LocaliserConfig) -> Any:
-    """filterpy's filter with our models; the only place of this file that knows that library."""
-    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
-
-    points = MerweScaledSigmaPoints(
-        WALKER_SIZE,
-        models.spread(WALKER_SIZE),
-        2.0,
-        0.0,
-        sqrt_method=models.square_root,
-        subtract=np.subtract,
-    )
-    engine = UnscentedKalmanFilter(
-        dim_x=WALKER_SIZE,
-        dim_z=2,
-        dt=0.325,
-        hx=models.sighted,
-        fx=models.walk,
-        points=points,
-        x_mean_fn=models.walker_mean,
-        z_mean_fn=models.sighting_mean,
-        residual_x=models.walker_difference,
-        residual_z=models.sighting_difference,
-        state_add=models.walker_sum,
-    )
-    engine.x = np.zeros(WALKER_SIZE)
-    engine.x[:3] = start.mean
-    engine.x[SLIP] = config.slip_m
-    engine.P = np.diag(
+def _first_belief(start: Gaussian, config: LocaliserConfig) -> Gaussian:
+    """The whole state at the start, from a pose."""
+    mean = np.zeros(WALKER_SIZE)
+    mean[:3] = start.mean
+    mean[SLIP] = config.slip_m
+    covariance = np.diag(
         [
             0.0,
             0.0,
@@ -382,23 +349,8 @@ def _sigma_point_filter(start: Gaussian, config: LocaliserConfig) -> Any:
             1e-12,
         ]
     )
-    engine.P[:3, :3] = start.covariance
-    engine.P = models.positive(engine.P)
-    engine.sigmas_f = points.sigma_points(engine.x, engine.P)
-    return engine
-
-
-def _linear_transform(
-    points: np.ndarray,
-    mean_weights: np.ndarray,
-    weights: np.ndarray,
-    noise: np.ndarray,
-    *_: object,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Unscented transform of plain numbers: nothing here is an angle on the circle."""
-    mean = mean_weights @ points
-    spread = points - mean
-    return mean, spread.T @ (weights[:, None] * spread) + noise
+    covariance[:3, :3] = start.covariance
+    return Gaussian(mean, models.positive(covariance))
 
 
 def _finite(array: np.ndarray, number: float) -> bool:
