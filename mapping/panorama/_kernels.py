@@ -70,7 +70,7 @@ def fuse(
 ) -> None:
     """Of several drawings of one panorama the nearest range and, averaged, what lies close behind it.
 
-    ranges, sigmas: (n, h, w), NaN where a view says nothing. within: m behind the nearest.
+    ranges, sigmas: (n, h, w), NaN where a view says nothing. within: m behind the nearest, or four deviations.
     out_range, out_sigma: (h, w). newest: (h, w), the last view that took part, -1 where none did.
     """
     count, height, width = ranges.shape
@@ -87,7 +87,7 @@ def fuse(
             total, weights = 0.0, 0.0
             for k in range(count):
                 value = ranges[k, r, c]
-                if value > 0.0 and value <= nearest + within:
+                if value > 0.0 and value <= nearest + max(within, 4.0 * sigmas[k, r, c]):
                     weight = 1.0 / (sigmas[k, r, c] * sigmas[k, r, c])
                     total += weight * value
                     weights += weight

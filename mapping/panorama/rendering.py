@@ -2,7 +2,8 @@
 
 The sphere's centre is one place, the cameras are near it: each view is drawn as seen from the centre, by
 looking up where a ray meets its depth. Where views disagree the nearest range wins, as it hides the rest;
-what lies within 3 cm behind it is the same surface and is averaged by its variance.
+what lies within 3 cm behind it (or four of its deviations, far away) is the same surface and is averaged by
+its variance.
 
 Source: seed 004, section 4 (vi), as reconstructed.
 """

@@ -44,6 +44,32 @@ class View:
                 )
 
 
+YAWS_DEG = (-60.0, -30.0, 0.0, 30.0, 60.0)
+PITCHES_DEG = (-17.0, 0.0, 17.0)
+PLANS = ("nine", "fifteen", "three_by_three")
+
+
+def head_directions(plan: str = "nine") -> list[tuple[float, float]]:
+    """(pan, tilt) of the head for each view, rad, left and down positive as `head_rotation` has them.
+
+    Args:
+        plan: "nine": all yaws level, and two up and two down between them; "fifteen": all yaws at all
+            pitches; "three_by_three": yaws of -30, 0, 30 deg at all pitches.
+
+    Source: seed 004, section 4 (key yaw -60 to 60 by 30 deg, key pitch -17, 0, 17 deg; nine views).
+    """
+    if plan == "nine":
+        wanted = [(yaw, 0.0) for yaw in YAWS_DEG]
+        wanted += [(yaw, pitch) for pitch in (-17.0, 17.0) for yaw in (-30.0, 30.0)]
+    elif plan == "fifteen":
+        wanted = [(yaw, pitch) for pitch in PITCHES_DEG for yaw in YAWS_DEG]
+    elif plan == "three_by_three":
+        wanted = [(yaw, pitch) for pitch in PITCHES_DEG for yaw in YAWS_DEG[1:4]]
+    else:
+        raise ConfigError(f"panorama: plan={plan!r} is unknown; use one of {', '.join(PLANS)}")
+    return [(-math.radians(yaw), -math.radians(pitch)) for yaw, pitch in wanted]
+
+
 @dataclass(frozen=True)
 class PriorConfig:
     """How far the prior may be trusted; deviations, rad and m."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mapping.panorama.views import view_of_depth
+from mapping.panorama.views import head_directions, view_of_depth
 from perception import time_of_flight
 from perception.features.pictures import amplitude_picture
 from perception.primitives.frame import RangeView
@@ -16,15 +16,12 @@ from sim import scenes
 from sim.rays import RayCaster
 from sim.tof_camera import TofCamera, TofConfig
 
-NINE_DEG = [(yaw, 0) for yaw in (-60, -30, 0, 30, 60)] + [
-    (yaw, pitch) for pitch in (-17, 17) for yaw in (-30, 30)
-]
 LEVER = np.array([0.0, -0.035, 0.035])  # of the camera about the neck, camera axes, m
 
 
-def head_pose(yaw_rad, pitch_rad):
-    """Seed 004's angles: yaw to the right, pitch up."""
-    rotation = head_rotation(-yaw_rad, -pitch_rad)
+def head_pose(pan_rad, tilt_rad):
+    """Where the camera is on a head so turned, half a metre above the floor."""
+    rotation = head_rotation(pan_rad, tilt_rad)
     return Pose3.from_rotation(rotation, np.array([0.0, 0.0, 0.55]) + rotation @ LEVER)
 
 
@@ -39,11 +36,11 @@ def look_round():
         rng = np.random.default_rng([seed, 99])
         camera = TofCamera(TofConfig(), rng)
         views, true = [], []
-        for number, (yaw, pitch) in enumerate(NINE_DEG):
+        for number, (pan, tilt) in enumerate(head_directions()):
             error = math.radians(error_deg) * rng.standard_normal(2)
             walked = Pose3((walk_m * number, 0.0, 0.0))
-            pose = walked @ head_pose(math.radians(yaw) + error[0], math.radians(pitch) + error[1])
-            prior = walked @ head_pose(math.radians(yaw), math.radians(pitch))
+            pose = walked @ head_pose(pan + error[0], tilt + error[1])
+            prior = walked @ head_pose(pan, tilt)
             range_m, amplitude = camera.measure(caster, scene.start.lifted() @ pose)
             depth = time_of_flight.depth(RangeView(range_m, amplitude, camera.camera, prior))
             picture = amplitude_picture(amplitude)

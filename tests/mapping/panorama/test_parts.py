@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy import ndimage
@@ -20,7 +20,7 @@ from mapping.panorama.pairs import Link, PairConfig, Seen, motion_link, rotation
 from mapping.panorama.rendering import render
 from mapping.panorama.sphere import Sphere, angles_of, direction, look_up, window_of_view
 from mapping.panorama.surfaces import SurfaceConfig, align, surface
-from mapping.panorama.views import PriorConfig, View, prior_covariance
+from mapping.panorama.views import PriorConfig, View, head_directions, prior_covariance
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import Depth
@@ -34,6 +34,7 @@ def rotation_of(vector):
     return Rotation.from_rotvec(vector).as_matrix()
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.floats(-3.1, 3.1), ANGLES)
 def test_angles_and_directions_are_inverse(theta, phi):
     back = angles_of(direction(np.array([theta]), np.array([phi])))
@@ -250,6 +251,7 @@ def test_a_template_off_the_panorama_is_not_found():
     assert locate(prepared(image), prepared(image[:20, :20]), (200, 10), (2, 2), KeyAngleConfig()) is None  # fmt: skip
 
 
+@settings(deadline=None)  # the first call compiles
 @given(st.floats(-100, 800))
 def test_angles_are_linear_between_keys_and_go_on_beyond(x):
     law = AngleLaw(np.radians([-60.0, 0.0, 60.0]), np.array([100.0, 340.0, 580.0]))
@@ -265,6 +267,7 @@ def test_a_law_needs_two_keys_in_order():
         AngleLaw(np.array([0.0, 1.0, 2.0]), np.array([0.0, 5.0, 4.0]))
 
 
+@settings(deadline=None)  # the first call compiles
 @given(hnp.arrays(np.uint8, st.tuples(st.integers(1, 12), st.integers(1, 12)), elements=st.integers(0, 3)))  # fmt: skip
 def test_one_pass_labels_what_level_by_level_labelling_does(slices):
     parts = level_sets.label(slices)
@@ -298,7 +301,21 @@ def test_the_first_slice_ends_at_five_centimetres_and_the_last_at_the_farthest()
     np.testing.assert_array_equal(level_sets.levels(distance)[0], [1, 1, 2, 50, 0, 0, 0])
 
 
+@pytest.mark.parametrize(("plan", "views", "widest_deg"), [("nine", 9, 60), ("fifteen", 15, 60), ("three_by_three", 9, 30)])  # fmt: skip
+def test_a_plan_of_views_looks_at_every_key_angle_it_names(plan, views, widest_deg):
+    directions = np.degrees(head_directions(plan))
+    assert len(directions) == views
+    theta, phi = angles_of(
+        np.array([head_rotation(*np.radians(d).tolist())[:, 2] for d in directions])
+    )
+    expected = np.arange(-widest_deg, widest_deg + 1, 30)
+    np.testing.assert_allclose(np.unique(np.degrees(theta).round(6)), expected)
+    np.testing.assert_allclose(np.unique(np.degrees(phi).round(6)), [-17, 0, 17])
+
+
 def test_impossible_settings_are_refused():
+    with pytest.raises(ConfigError, match="plan='ten' is unknown"):
+        head_directions("ten")
     with pytest.raises(ConfigError, match="pan_deg=0"):
         PriorConfig(pan_deg=0.0)
     with pytest.raises(ConfigError, match="count=300"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.features.gaussian_hermite import (
@@ -81,6 +81,7 @@ def test_a_mask_with_an_interval_keeps_its_scale():
     )
 
 
+@settings(deadline=None)
 @given(st.floats(-np.pi, np.pi))
 def test_odd_orders_agree_in_sign_across_an_edge(angle):
     image = edge(angle)
@@ -93,6 +94,7 @@ def test_odd_orders_agree_in_sign_across_an_edge(angle):
     assert np.hypot(*first) > 0.0
 
 
+@settings(deadline=None)
 @given(st.floats(-np.pi, np.pi))
 def test_by_order_one_the_direction_has_no_bias(angle):
     _, direction = gradient(edge(angle), straight=True)
