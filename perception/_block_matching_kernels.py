@@ -34,7 +34,8 @@ def prefilter(image: np.ndarray, limit: int, radius: int) -> np.ndarray:
         inner = row[radius + 1 : radius + width - 1]
         before, after = column[:-2], column[2:]
         for x in range(width - 2):
-            inner[x] = min(max(np.int16(after[x]) - np.int16(before[x]), -limit), limit) + limit
+            slope: int = int(after[x]) - int(before[x])
+            inner[x] = min(max(slope, -limit), limit) + limit
         row[: radius + 1] = row[radius + 1]
         row[radius + width - 1 :] = row[radius + width - 2]
     for y in range(radius):
@@ -76,16 +77,21 @@ def match(
             _add(sums[d, d:], left[k, d:], right[k])
     for y in range(height):
         new, old = y + side - 1, y - 1
-        for d in range(disparities):
-            column = sums[d, d:]
-            if y > 0:
-                _roll(column, left[new, d:], right[new], left[old, d:], right[old])
-            _box(column, side, threes, row[d, d:width])
+        best = costs[y, 1]
+        best[:] = NEVER
+        back[:] = NEVER
+        for first in range(0, disparities, 8):  # what a bundle leaves in the cache is used at once
+            for d in range(first, first + 8):
+                column = sums[d, d:]
+                if y > 0:
+                    _roll(column, left[new, d:], right[new], left[old, d:], right[old])
+                _box(column, side, threes, row[d, d:width])
+            if not given:
+                _least(row, first, best)
+            _least_back(row, first, back)
         if not given:
-            _least(row, costs[y, 1])
-            _least_place(row, costs[y, 1], found[y])
+            _least_place(row, best, found[y])
         _rival(row, found[y], costs[y, 3])
-        _least_back(row, back)
         _gather(row, found[y], back, costs[y])
 
 
@@ -129,16 +135,29 @@ def _box(column: np.ndarray, side: int, threes: np.ndarray, out: np.ndarray) -> 
 
 
 @njit(cache=True)
-def _least(row: np.ndarray, best: np.ndarray) -> None:
+def _least(row: np.ndarray, d: int, best: np.ndarray) -> None:
+    """Take eight disparities from d on into the least cost of each pixel of the left image."""
     n = best.size
-    best[:] = NEVER
-    for d in range(0, row.shape[0], 8):
-        c0, c1, c2, c3 = row[d], row[d + 1], row[d + 2], row[d + 3]
-        c4, c5, c6, c7 = row[d + 4], row[d + 5], row[d + 6], row[d + 7]
-        for x in range(n):
-            a = min(min(c0[x], c1[x]), min(c2[x], c3[x]))
-            b = min(min(c4[x], c5[x]), min(c6[x], c7[x]))
-            best[x] = min(best[x], min(a, b))
+    c0, c1, c2, c3 = row[d, d:n], row[d + 1, d:n], row[d + 2, d:n], row[d + 3, d:n]
+    c4, c5, c6, c7 = row[d + 4, d:n], row[d + 5, d:n], row[d + 6, d:n], row[d + 7, d:n]
+    least = best[d:]
+    for x in range(n - d):
+        a = min(min(c0[x], c1[x]), min(c2[x], c3[x]))
+        b = min(min(c4[x], c5[x]), min(c6[x], c7[x]))
+        least[x] = min(least[x], min(a, b))
+
+
+@njit(cache=True)
+def _least_back(row: np.ndarray, d: int, back: np.ndarray) -> None:
+    """The same for each pixel of the right image: along the diagonals of the row's costs."""
+    n = back.size
+    c0, c1, c2, c3 = row[d, d:], row[d + 1, d + 1 :], row[d + 2, d + 2 :], row[d + 3, d + 3 :]
+    c4, c5, c6 = row[d + 4, d + 4 :], row[d + 5, d + 5 :], row[d + 6, d + 6 :]
+    c7 = row[d + 7, d + 7 :]
+    for x in range(n - d):
+        a = min(min(c0[x], c1[x]), min(c2[x], c3[x]))
+        b = min(min(c4[x], c5[x]), min(c6[x], c7[x]))
+        back[x] = min(back[x], min(a, b))
 
 
 @njit(cache=True)
@@ -147,14 +166,15 @@ def _least_place(row: np.ndarray, best: np.ndarray, place: np.ndarray) -> None:
     n = best.size
     place[:] = 0
     for d in range(row.shape[0] - 4, -1, -4):
-        c0, c1, c2, c3 = row[d], row[d + 1], row[d + 2], row[d + 3]
-        for x in range(n):
-            at = place[x]
-            at = d + 3 if c3[x] == best[x] else at
-            at = d + 2 if c2[x] == best[x] else at
-            at = d + 1 if c1[x] == best[x] else at
-            at = d if c0[x] == best[x] else at
-            place[x] = at
+        c0, c1, c2, c3 = row[d, d:n], row[d + 1, d:n], row[d + 2, d:n], row[d + 3, d:n]
+        d0, d1, d2, d3 = np.int16(d), np.int16(d + 1), np.int16(d + 2), np.int16(d + 3)
+        least, at = best[d:], place[d:]
+        for x in range(n - d):
+            low = least[x]
+            late = d3 if c3[x] == low else at[x]
+            late = d2 if c2[x] == low else late
+            late = d1 if c1[x] == low else late
+            at[x] = d0 if c0[x] == low else late
 
 
 @njit(cache=True)
@@ -163,38 +183,26 @@ def _rival(row: np.ndarray, place: np.ndarray, away: np.ndarray) -> None:
     n = place.size
     away[:] = NEVER
     for d in range(0, row.shape[0], 4):
-        c0, c1, c2, c3 = row[d], row[d + 1], row[d + 2], row[d + 3]
-        for x in range(n):
-            gap = np.int16(place[x] - np.int16(d))
+        c0, c1, c2, c3 = row[d, d:n], row[d + 1, d:n], row[d + 2, d:n], row[d + 3, d:n]
+        at, least = place[d:], away[d:]
+        for x in range(n - d):
+            gap = np.int16(at[x] - np.int16(d))
             a = c0[x] if (gap < -1 or gap > 1) else NEVER
             b = c1[x] if (gap < 0 or gap > 2) else NEVER
             c = c2[x] if (gap < 1 or gap > 3) else NEVER
             e = c3[x] if (gap < 2 or gap > 4) else NEVER
-            away[x] = min(away[x], min(min(a, b), min(c, e)))
-
-
-@njit(cache=True)
-def _least_back(row: np.ndarray, back: np.ndarray) -> None:
-    """The least cost of each pixel of the right image: along the diagonals of the row's costs."""
-    n = back.size
-    back[:] = NEVER
-    for d in range(0, row.shape[0], 8):
-        c0, c1, c2, c3 = row[d, d:], row[d + 1, d + 1 :], row[d + 2, d + 2 :], row[d + 3, d + 3 :]
-        c4, c5, c6 = row[d + 4, d + 4 :], row[d + 5, d + 5 :], row[d + 6, d + 6 :]
-        c7 = row[d + 7, d + 7 :]
-        for x in range(n):
-            a = min(min(c0[x], c1[x]), min(c2[x], c3[x]))
-            b = min(min(c4[x], c5[x]), min(c6[x], c7[x]))
-            back[x] = min(back[x], min(a, b))
+            least[x] = min(least[x], min(min(a, b), min(c, e)))
 
 
 @njit(cache=True)
 def _gather(row: np.ndarray, place: np.ndarray, back: np.ndarray, costs: np.ndarray) -> None:
-    last = row.shape[0] - 1
+    stride = row.shape[1]
+    last, flat = (row.shape[0] - 1) * stride, row.ravel()
     lower, here, higher, mutual = costs[0], costs[1], costs[2], costs[4]
     for x in range(place.size):
-        d = place[x]
-        lower[x] = row[d - 1, x] if d > 0 else NEVER
-        here[x] = row[d, x]
-        higher[x] = row[d + 1, x] if d < last else NEVER
+        d = np.int64(place[x])
+        start = d * stride
+        lower[x] = flat[start - stride + x] if start > 0 else NEVER
+        here[x] = flat[start + x]
+        higher[x] = flat[start + stride + x] if start < last else NEVER
         mutual[x] = back[x - d] if d <= x else NEVER

@@ -27,7 +27,7 @@ from .primitives.errors import ConfigError, InputError
 from .primitives.frame import Depth, StereoView
 
 METHODS = ("block", "sgbm", "bm")
-VOTERS = 48  # neighbours that are asked
+VOTES = 96  # of all neighbours together
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,10 @@ class StereoConfig:
     most_disparity_px: int = 128  # seed 003: search 4..128 px
     least_disparity_px: float = 2.0  # ours: beyond, a quarter of a pixel is an eighth of the depth
     same_px: float = 1.0  # ours: neighbours this close have the same disparity
-    few_support: float = 0.30  # ours: share of the neighbours below which nothing is believed
-    full_support: float = 0.80  # ours: and from which all is
+    few_support: float = (
+        0.30  # ours: share of the neighbours' votes below which nothing is believed
+    )
+    full_support: float = 1.0  # ours: and from which all is
     sharpness: float = (
         0.5  # ours: s_0, grey levels of gradient; noise of 2 grey levels alone makes about 1
     )
@@ -140,8 +142,8 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
     # Noise is averaged over the block: its deviation falls with the side.
     spread = SIDES[0] / config.block_px * (config.sgbm_sigmas if config.method == "sgbm" else 1.0)
     shape = (
-        VOTERS * config.few_support,
-        VOTERS * config.full_support,
+        VOTES * config.few_support,
+        VOTES * config.full_support,
         config.sharpness,
         config.uniqueness,
         config.rival_share,
