@@ -6,5 +6,10 @@ picture to range and bearing), `filter` (the robot's pose), `relocation` (the sa
 (one obstacle), `obstacles` (all of them, from frame to frame), and `consistency` (whether these
 covariances can be believed).
 
+Beneath them, `square_root` is the sigma-point filter itself, compiled, that cannot lose its positivity, and
+`engines` lets the walker's filter run on it or on filterpy. For wheels and other planar bodies read
+`planar` (odometry and landmarks, with what spoils both as states), `planar_fit` (its parameters by
+likelihood, without truth) and `association` (landmarks that do not tell who they are).
+
 Source: seed 001, sections 2, 3 and 14.
 """

@@ -7,6 +7,9 @@ organised cloud; they share `folder` (the lazy loop that skips and counts what i
 recordings are MCAP: `codec` says what a recording can hold of a frame, `mcap_messages` how it is spelled
 in Foxglove's schemas, `mcap_format` writes and reads the file, also one that a kill cut short.
 
+Two readers are for self-localisation alone, logs without depth: `mrclam` (robots among landmarks) and `plaza`
+(a mower among radio beacons).
+
 Two rules hold everywhere. Depth scale and marks for "no depth" come from the format or from the recording,
 never from a silent default. What is wrong with the recording as a whole is a `RecordingError`; what is
 wrong with one frame skips that frame, with its reason kept.
