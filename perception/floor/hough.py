@@ -22,6 +22,8 @@ from . import _search_kernels as kernels
 from .prior import Gate
 from .sample import Sample, ScoreConfig, score
 
+SIDE_SHARE = 0.7  # of the spread of all points: sides that a camera at the ankle can still find
+
 
 @dataclass(frozen=True)
 class HoughConfig:
@@ -100,6 +102,8 @@ def _candidates(
     """Means of the fullest cells, the fullest first, improved by least squares on the sample."""
     first, second = Plane(gate.up, 0.0).tangents
     origin = np.array([sample.x.mean(), sample.y.mean(), sample.z.mean()])
+    widest = SIDE_SHARE * math.sqrt(sample.x.var() + sample.y.var() + sample.z.var())
+    noise = float(np.median(sample.slack * sample.z)) / scoring.sigmas
     most = config.patience * config.triples
     size = 1 << (2 * most - 1).bit_length()
     sums = np.zeros((size, 3))
@@ -122,8 +126,8 @@ def _candidates(
         least,
         most,
         config.near_of,
-        config.side_m,
-        config.side_sigmas / scoring.sigmas,
+        min(config.side_m, widest),
+        min(config.side_sigmas, widest / noise) / scoring.sigmas,
         origin,
         rng.integers(0, 2**63, dtype=np.uint64),
         np.full(size, -1, dtype=np.int64),
