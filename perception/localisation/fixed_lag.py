@@ -49,7 +49,8 @@ class FixedLagSmoother:
         self.config = config or SmootherConfig()
         self._graph: Graph = Graph(systematics)
         self._planar = isinstance(start, Gaussian)
-        self._start: Gaussian | Placement | None = start
+        self._first = start
+        self._begun = False
         self._stamps: dict[int, float] = {}
         self._asked: dict[int, Any] = {}  # poses that were asked for since the last update
         self._broken = False
@@ -86,13 +87,13 @@ class FixedLagSmoother:
             raise InputError(
                 f"smoother: stamp_s={stamp_s} lies before {newest}; give them in order"
             )
-        if self._start is not None:
-            factors = [PoseSeen(0, self._start), *factors]
+        if not self._begun:
+            factors = [PoseSeen(0, self._first), *factors]
+        one_kind([PoseSeen(0, self._first), *factors])
         told = {number for factor in factors for number in poses_of(factor)}
         known = {number: self.mean(number) for number in told if number in self._stamps}
         guesses = first_guesses(factors, known)
-        one_kind([*guesses.values(), Pose2() if self._planar else Pose3()])
-        self._start = None
+        self._begun = True
         for number, pose in known.items():
             self._graph.recall_pose(number, pose)
         for number in sorted(told - set(known)):

