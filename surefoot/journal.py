@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from mapping import clouds, nav2
+from mapping import clouds, grid_file, nav2
 from perception.localisation.consistency import Innovation
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
@@ -133,6 +133,8 @@ class Journal:
         self._write_rows()
         world = pipeline.world
         nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
+        if pipeline.grid is not None:
+            grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
         points, colours = pipeline.cloud.cloud()
         if len(points):
             clouds.save_ply(folder.path("cloud.ply"), points, colours)

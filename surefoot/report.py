@@ -27,6 +27,7 @@ FILES = {
     "trajectory.txt": "where the body believed to be, TUM text (evo reads it)",
     "trajectory_covariance.csv": "the same as x, y, yaw with covariance",
     "map.yaml": "the grid, with map.pgm, for Nav2 / map_server",
+    "terrain.npz": "the terrain map round the robot at the end: probability, height with variance, stamps (NumPy)",
     "cloud.ply": "points of the run (MeshLab, CloudCompare, Open3D)",
     "obstacles.json": "tracks over time with covariances, and footprints of what stands",
     "floor.csv": "the floor plane of every frame and camera",
