@@ -69,7 +69,7 @@ class RefineConfig:
     tof: SharedError = SharedError(
         0.015, 0.035
     )  # ours: stray light and wiggling of the SR-4000 model
-    stereo: SharedError = SharedError(sigmas=0.105)  # ours: NEES of 003-E1 with the own matcher
+    stereo: SharedError = SharedError(sigmas=0.11)  # ours: NEES of 003-E1 with the own matcher
     depth: SharedError = SharedError(0.01, 0.01)  # ours: Kinects against motion capture, mountings
     least_points: int = 100  # ours: fewer are no floor
 
