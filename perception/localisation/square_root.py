@@ -25,6 +25,7 @@ from jaxtyping import Float, Int8
 
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
+from . import _mover_kernels
 from . import _square_root_kernels as kernels
 from .consistency import Innovation
 from .models import positive, spread
@@ -246,7 +247,7 @@ def step_movers(
         Means, roots, and of each mover 1 if it has learnt, -1 if there was nothing finite to learn from.
     """
     means, roots = means.copy(), roots.copy()
-    status = kernels.step_movers(
+    status = _mover_kernels.step_movers(
         means,
         roots,
         dt,

@@ -1,0 +1,102 @@
+"""Compiled step of many constant-velocity movers, each a square-root sigma-point filter."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from ._square_root_kernels import all_finite, corrected, draw, lower, root_of, wrapped
+
+
+@njit(cache=True)
+def coast(
+    mean: np.ndarray, root: np.ndarray, dt: float, noise_root: np.ndarray, wide: np.ndarray
+) -> bool:
+    """Constant velocity of (x, y, vx, vy): a linear motion, of which the root itself is moved.
+
+    Sigma points would give the same numbers in three times the time.
+    """
+    for k in range(4):
+        wide[0, k] = root[0, k] + dt * root[2, k]
+        wide[1, k] = root[1, k] + dt * root[3, k]
+        wide[2, k], wide[3, k] = root[2, k], root[3, k]
+        for j in range(4):
+            wide[j, 4 + k] = noise_root[j, k]
+    lower(wide, 4, 8)
+    x, y = mean[0] + dt * mean[2], mean[1] + dt * mean[3]
+    if not (math.isfinite(x) and math.isfinite(y) and all_finite(mean, wide, 4, 4)):
+        return False
+    mean[0], mean[1] = x, y
+    for j in range(4):
+        for k in range(j + 1):
+            root[j, k] = wide[j, k]
+    return True
+
+
+@njit(cache=True)
+def step_movers(
+    means: np.ndarray,
+    roots: np.ndarray,
+    dt: float,
+    noise: np.ndarray,
+    measured: np.ndarray,
+    measured_noise: np.ndarray,
+    viewpoint: np.ndarray,
+    polar: bool,
+    points_packed: np.ndarray,
+) -> np.ndarray:
+    """Constant velocity and one position each, for all movers at once; status of each as `corrected`.
+
+    Args:
+        means, roots: (k, 4) and (k, 4, 4), changed: x, y, vx, vy.
+        dt: Time passed, s.
+        noise: (4, 4), what it adds.
+        measured, measured_noise: (k, 2) and (k, 2, 2); NaN where nothing was seen.
+        viewpoint: (3,), x, y, yaw; used if polar.
+        polar: Whether range and bearing are measured, else x and y.
+        points_packed: (19,) of the sigma points: reach, weights of the mean, of the covariance.
+    """
+    count = means.shape[0]
+    status = np.full(count, -1, np.int8)
+    points, seen, wide = np.empty((9, 4)), np.empty((9, 2)), np.empty((6, 13))
+    away, work, noise_root = np.empty((2, 6)), np.empty((6, 6)), np.empty((4, 4))
+    seen_root, innovation, angles = np.zeros((2, 2)), np.empty(2), np.zeros(6, np.bool_)
+    angles[5] = polar
+    reach, weights_mean, weights = points_packed[0], points_packed[1:10], points_packed[10:]
+    if not root_of(noise, 4, noise_root):
+        return status
+    for i in range(count):
+        mean, root = means[i], roots[i]
+        if not coast(mean, root, dt, noise_root, wide):
+            continue
+        if not root_of(measured_noise[i], 2, seen_root):
+            continue
+        draw(mean, root, reach, points)
+        for k in range(9):
+            x, y = points[k, 0], points[k, 1]
+            if polar:
+                x, y = x - viewpoint[0], y - viewpoint[1]
+                seen[k, 0] = math.hypot(x, y)
+                seen[k, 1] = wrapped(math.atan2(y, x) - viewpoint[2])
+            else:
+                seen[k, 0], seen[k, 1] = x, y
+        status[i], _ = corrected(
+            points,
+            seen,
+            weights_mean,
+            weights,
+            measured[i],
+            seen_root,
+            angles[:4],
+            angles[4:],
+            math.inf,
+            mean,
+            root,
+            innovation,
+            wide,
+            away,
+            work,
+        )
+    return status
