@@ -44,24 +44,23 @@ def gather(
 
 
 @njit(cache=True)
-def spread(z: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
-    """(h, w, 3) float32 points of every pixel; NaN depth gives NaN."""
+def spread(z: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray, xyz: np.ndarray) -> None:
+    """Fill (h, 3 w) float32 with the points of every pixel; NaN depth gives NaN."""
     height, width = z.shape
-    xyz = np.empty((height, width, 3), np.float32)
     rows_x, columns_y = slope_x.shape[0], slope_y.shape[1]
     for v in range(height):
-        x = slope_x[v if rows_x > 1 else 0]
+        x, row, out = slope_x[v if rows_x > 1 else 0], z[v], xyz[v]
         if columns_y > 1:
+            aside = slope_y[v]
             for u in range(width):
-                depth = z[v, u]
-                xyz[v, u, 0] = x[u] * depth
-                xyz[v, u, 1] = slope_y[v, u] * depth
-                xyz[v, u, 2] = depth
+                depth = row[u]
+                out[3 * u] = x[u] * depth
+                out[3 * u + 1] = aside[u] * depth
+                out[3 * u + 2] = depth
         else:
             y = slope_y[v, 0]
             for u in range(width):
-                depth = z[v, u]
-                xyz[v, u, 0] = x[u] * depth
-                xyz[v, u, 1] = y * depth
-                xyz[v, u, 2] = depth
-    return xyz
+                depth = row[u]
+                out[3 * u] = x[u] * depth
+                out[3 * u + 1] = y * depth
+                out[3 * u + 2] = depth

@@ -75,15 +75,29 @@ def from_depth(depth: Depth, nearest_m: float, farthest_m: float, stride: int = 
     return Points(xyz, sigma, pixels)
 
 
-def organised(depth: Depth) -> Float32[np.ndarray, "h w 3"]:
+def organised(
+    depth: Depth, out: Float32[np.ndarray, "a b 3"] | None = None
+) -> Float32[np.ndarray, "h w 3"]:
     """Points of the whole image in its own order, camera frame, m; NaN where there is no depth.
 
+    Args:
+        depth: Image.
+        out: Filled and returned instead of new memory, if given: a cycle that keeps it saves half the time.
+
     Raises:
-        InputError: The image does not fit its camera.
+        InputError: The image does not fit its camera, or `out` does not fit the image.
     """
     _check(depth)
+    height, width = depth.z.shape
+    if out is None:
+        out = np.empty((height, width, 3), np.float32)
+    elif out.shape != (height, width, 3) or not out.flags.c_contiguous:
+        raise InputError(
+            f"points: out is {out.shape}; a contiguous array of {(height, width, 3)} was expected"
+        )
     x, y = _tables(depth.camera)
-    return np.asarray(kernels.spread(depth.z, x, y))
+    kernels.spread(depth.z, x, y, out.reshape(height, 3 * width))
+    return out
 
 
 def unorganised(

@@ -44,7 +44,7 @@ class Rectification:
     def apply(
         self,
         left: UInt8[np.ndarray, "h w"],
-        right: UInt8[np.ndarray, "h w"],
+        right: UInt8[np.ndarray, "h2 w2"],
         T_body_left: Pose3 | None = None,
     ) -> StereoView:
         """Rectify one pair.

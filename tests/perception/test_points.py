@@ -41,6 +41,9 @@ def test_the_organised_cloud_holds_the_same_points(camera):
     points = from_depth(depth, 0.0, 10.0)
     np.testing.assert_allclose(cloud.reshape(-1, 3)[points.pixels], points.xyz, atol=1e-5)
     assert np.array_equal(np.isnan(cloud[..., 0]), np.isnan(depth.z))
+    kept = np.empty_like(cloud)
+    assert organised(depth, kept) is kept
+    np.testing.assert_array_equal(kept, cloud)
 
 
 def test_ray_slopes_broadcast_to_the_cameras_rays():
@@ -89,3 +92,5 @@ def test_what_does_not_fit_is_refused_in_words():
         from_depth(wrong, 0.1, 1.0)
     with pytest.raises(InputError, match="check the intrinsics"):
         organised(wrong)
+    with pytest.raises(InputError, match=r"out is \(23, 30, 3\)"):
+        organised(depth, np.empty((23, 30, 3), np.float32))
