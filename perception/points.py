@@ -82,7 +82,7 @@ def organised(
 
     Args:
         depth: Image.
-        out: Filled and returned instead of new memory, if given: a cycle that keeps it saves half the time.
+        out: Filled and returned instead of new memory, if given.
 
     Raises:
         InputError: The image does not fit its camera, or `out` does not fit the image.

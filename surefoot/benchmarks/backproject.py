@@ -1,7 +1,4 @@
-"""Back-projection of whole depth images, against Open3D's tensor cloud and OpenCV's depthTo3d.
-
-OpenCV and ours write into memory that is kept from call to call, as a running cycle would.
-"""
+"""Back-projection of whole depth images, against Open3D's tensor cloud and OpenCV's depthTo3d."""
 
 from __future__ import annotations
 
@@ -35,11 +32,9 @@ def run() -> Comparison:
         image = o3d.t.geometry.Image(np.ascontiguousarray(z[..., None]))
         taken = race(
             {
-                "ours": partial(points.organised, depth, np.empty((height, width, 3), np.float32)),
+                "ours": partial(points.organised, depth),
                 "open3d": partial(_open3d_points, image, camera),
-                "depthto3d": partial(
-                    cv2.depthTo3d, z, camera.matrix, np.empty((height, width, 3), np.float32)
-                ),
+                "depthto3d": partial(cv2.depthTo3d, z, camera.matrix),
             }
         )
         peer = _open3d_points(image, camera).point.positions.numpy().astype(np.float64)
