@@ -28,7 +28,7 @@ from perception.structured_light import depth as structured_light
 from .experiment import Experiment, Outcome, Say, Target
 from .floor_views import FLOOR_REACH_M, Look, Score, Seen, judged, see, summary
 
-VIEWS_A_SEED = 2
+VIEWS_A_SEED = 4
 METHODS = ("ransac", "hough")
 SENSORS = ("stereo", "tof", "depth")
 
@@ -71,7 +71,7 @@ def errors(planes: list[tuple[Plane | None, Plane]], name: str) -> dict[str, flo
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Two views a seed."""
+    """Four views a seed."""
     scores: dict[str, list[Score | None]] = {f"{s}_{m}": [] for s in SENSORS for m in METHODS}
     printed: list[tuple[Plane | None, Plane]] = []
     spatial: list[tuple[Plane | None, Plane]] = []
