@@ -49,7 +49,7 @@ class FixedLagSmoother:
         self.config = config or SmootherConfig()
         self._graph: Graph = Graph(systematics)
         self._planar = isinstance(start, Gaussian)
-        self._first = start
+        self._anchor = PoseSeen(0, start)
         self._begun = False
         self._stamps: dict[int, float] = {}
         self._asked: dict[int, Any] = {}  # poses that were asked for since the last update
@@ -88,8 +88,8 @@ class FixedLagSmoother:
                 f"smoother: stamp_s={stamp_s} lies before {newest}; give them in order"
             )
         if not self._begun:
-            factors = [PoseSeen(0, self._first), *factors]
-        one_kind([PoseSeen(0, self._first), *factors])
+            factors = [self._anchor, *factors]
+        one_kind([self._anchor, *factors])
         told = {number for factor in factors for number in poses_of(factor)}
         known = {number: self.mean(number) for number in told if number in self._stamps}
         guesses = first_guesses(factors, known)

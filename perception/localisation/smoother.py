@@ -44,7 +44,9 @@ class SmootherConfig:
     """How the smoothing is done; what is smoothed is said by the factors."""
 
     lag_s: float = 10.0  # spec of the benchmark: 10 s at 10 Hz; longer hardly helps a walker
-    relinearise: float = 0.01  # ours: m and rad, linearisation errors of a walker stay below 0.1 mm
+    relinearise: float = (
+        0.001  # ours: m and rad; then means lie within 1 % of a deviation of the batch
+    )
     iterations: int = 100  # ours: batch; ten do for a walk, bad closures take more
     outliers: str = "gate"  # "losses": each factor's own; "gate": then in or out
     gate_probability: float = 0.999  # as the filter's: true measurements kept
