@@ -11,5 +11,9 @@ Beneath them, `square_root` is the sigma-point filter itself, compiled, that can
 `planar` (odometry and landmarks, with what spoils both as states), `planar_fit` (its parameters by
 likelihood, without truth) and `association` (landmarks that do not tell who they are).
 
+Looking back, later measurements correct earlier poses: `factors` (what was measured, in our words), `smoother`
+(a whole run at once), `fixed_lag` (the last seconds, as the run goes on), `walk_factors` (a walker's sensors
+as factors), and `graph`, the one place where GTSAM's factors are made.
+
 Source: seed 001, sections 2, 3 and 14.
 """
