@@ -194,7 +194,7 @@ class Pipeline:
         reach: ReachConfig = getattr(self.config.reach, sensor)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.whereabouts.expected_floor(depth.T_body_camera)
-        floor = choose.find(cloud, expected, self.rng, self.config.floor)
+        floor = choose.find(cloud, expected, self.rng, self.config.floor, sensor)
         placed = self.whereabouts.place(depth.T_body_camera, None if floor is None else floor.plane)
         if placed is None:
             return None
@@ -204,7 +204,11 @@ class Pipeline:
             sensor,
             depth,
             cloud,
-            classify.classify(cloud, placed.floor, self.config.classes),
+            classify.classify(
+                cloud,
+                placed.floor if floor is None else floor.among_points,
+                self.config.classes,
+            ),
             placed.floor,
             None if floor is None else floor.share,
             placed.T_map_camera,
