@@ -1,8 +1,10 @@
 """Perception: what is there, and how sure are we.
 
-Read in this order: `primitives` (the words everybody uses), `time_of_flight` and `stereo` (sensors to
-depth with a sigma per pixel), `floor` (the plane the robot stands on, and what rises above it),
-`clusters` (points to obstacles), `localisation` (the robot's pose, landmarks, moving obstacles).
+Read in this order: `primitives` (the words everybody uses), `time_of_flight`, `structured_light` and `stereo`
+with `block_matching` and `rectification` (sensors to depth with a sigma per pixel), `floor` (the plane the
+robot stands on, and what rises above it), `clusters` (points to obstacles), `coloured` (obstacles of known
+colours in a picture), `localisation` (the robot's pose, landmarks, moving obstacles), `features` (points of a
+picture that are found again).
 
 Conventions, stated once for the whole project:
 
@@ -14,5 +16,5 @@ Conventions, stated once for the whole project:
 - `T_to_from` maps coordinates: `p_to = T_to_from.apply(p_from)`.
 - Missing depth is NaN, never 0.
 
-Sources: seed 003 (stereo, floor, grid), seed 004 (time of flight), seed 001 (localisation, obstacles).
+Sources: seed 003 (stereo, floor, grid), seed 004 (time of flight, features), seed 001 (localisation, obstacles).
 """

@@ -15,12 +15,13 @@ from .plain import needs_description, open_plain
 from .recording import Recording
 from .redwood import is_redwood, open_redwood
 from .replica import is_replica, open_replica
+from .euroc import is_euroc, open_euroc
 from .seven_scenes import is_seven_scenes, open_seven_scenes
 from .tum import is_tum, open_tum
 
 MCAP_NAME = "recording.mcap"
 KINDS = (
-    "a run folder or .mcap file of `surefoot simulate --record`, a TUM RGB-D, 7-Scenes, Redwood/Open3D or "
+    "a run folder or .mcap file of `surefoot simulate --record`, a TUM RGB-D, 7-Scenes, EuRoC, Redwood/Open3D or "
     "Replica folder, an organised .pcd file, or a folder of depth images with a recording.toml"
 )
 
@@ -66,6 +67,8 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
         return open_plain(path, description)
     if (path / MCAP_NAME).is_file() and description is None:
         return McapRecording(path / MCAP_NAME)
+    if is_euroc(path):
+        return open_euroc(path, description)
     if is_seven_scenes(path):
         return open_seven_scenes(path, description)
     if is_replica(path):
@@ -108,7 +111,7 @@ def _nothing_known(path: Path) -> RecordingError:
 def _holds_recording(child: Path) -> bool:
     if child.is_file():
         return child.suffix in (".mcap", ".pcd")
-    known = (is_seven_scenes, is_replica, is_redwood, is_tum)
+    known = (is_euroc, is_seven_scenes, is_replica, is_redwood, is_tum)
     return (child / MCAP_NAME).is_file() or any(test(child) for test in known)
 
 
