@@ -235,6 +235,31 @@ def evaluate(run: Path, truth: Path | None, as_json: bool) -> None:
 
 
 @main.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--lag",
+    "lag_s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="How far each pose may look ahead; default to the end of the run.",
+)
+def smooth(run: Path, lag_s: float | None) -> None:
+    """Smooth the poses of RUN by all that came after them; writes smoothed.txt with its covariances.
+
+    \b
+    Examples:
+      surefoot smooth runs/three             every pose by the whole run
+      surefoot smooth runs/three --lag 10    as a robot could ten seconds later
+    """
+    from .run_folder import RunFolder
+    from .smoothing import smooth_run
+
+    folder = RunFolder.open(run)
+    poses = smooth_run(folder, lag_s)
+    click.echo(f"{len(poses)} poses: {folder.path('smoothed.txt')}")
+
+
+@main.command()
 @click.argument("identity", metavar="ID", required=False)
 @click.option("--seeds", type=click.IntRange(min=1), help="How many random worlds.")
 @json_option

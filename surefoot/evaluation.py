@@ -86,6 +86,7 @@ def evaluate(run: RunFolder, truth: Path | None = None) -> dict[str, Any]:
         metrics |= trajectory_metrics(estimate, true)
         claims = pose_nees(run, true)
         metrics |= {} if claims is None else consistency_metrics(claims[1], 3, "pose")
+        metrics |= _smoothed(run, true)
     if true is not None and truth is None:
         metrics |= _goals(true, summary)
     metrics |= _against_tables(run)
@@ -96,11 +97,23 @@ def evaluate(run: RunFolder, truth: Path | None = None) -> dict[str, Any]:
     return metrics
 
 
+def _smoothed(run: RunFolder, true: Trajectory) -> dict[str, float | bool]:
+    """The same figures of the smoothed poses, with the prefix smoothed_; none where nobody smoothed."""
+    if not run.has("smoothed.txt"):
+        return {}
+    figures = trajectory_metrics(read_tum(run.path("smoothed.txt")), true)
+    told: dict[str, float | bool] = {
+        f"smoothed_{name}": figures[name] for name in _OWN_AXES if name in figures
+    }
+    claims = pose_nees(run, true, "smoothed_covariance.csv")
+    return told if claims is None else told | consistency_metrics(claims[1], 3, "smoothed")
+
+
 def pose_nees(
-    run: RunFolder, true: Trajectory
+    run: RunFolder, true: Trajectory, name: str = "trajectory_covariance.csv"
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]] | None:
     """Stamps and NEES (x, y, yaw) of the poses; None if the run has no covariances or nothing matches."""
-    table = run.read_csv("trajectory_covariance.csv")
+    table = run.read_csv(name)
     if table is None:
         return None
     stamps, poses, covariances = pose_claims(table)
@@ -196,6 +209,7 @@ def _told(metrics: dict[str, Any]) -> list[tuple[str, str]]:
         ("duration", "duration_s", "{:.1f} s"),
         ("grid cells right within one cell", "grid_correct_share_one_cell", "{:.4f}"),
         ("position after alignment, RMS (ATE)", "ate_floor_aligned_m", "{:.4f} m"),
+        ("position error after smoothing, RMS", "smoothed_position_rmse_m", "{:.4f} m"),
         ("mover position error, RMS", "mover_position_rmse_m", "{:.3f} m"),
         ("mover velocity error, RMS", "mover_velocity_rmse_mps", "{:.3f} m/s"),
         ("movers: OSPA (cut at 0.5 m)", "ospa_m", "{:.3f} m"),

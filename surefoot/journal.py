@@ -21,6 +21,14 @@ from .navigator import Decision, Navigator
 from .pipeline import Estimate, Pipeline
 from .recordings.recording import RecordingInfo
 from .run_folder import RunFolder
+from .smoothing import (
+    ODOMETRY,
+    ODOMETRY_HEADER,
+    SIGHTINGS,
+    SIGHTINGS_HEADER,
+    odometry_row,
+    sighting_rows,
+)
 from .view import View
 
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
@@ -56,6 +64,8 @@ class Journal:
         self._views: list[dict[str, Any]] = []
         self._sightings = {"accepted": 0, "rejected": 0}
         self._innovations: list[tuple[object, ...]] = []
+        self._odometry: list[tuple[object, ...]] = []
+        self._seen: list[tuple[object, ...]] = []
         folder.write_text("config.toml", config_file.dumps(config))
 
     @property
@@ -73,6 +83,8 @@ class Journal:
         stamp = estimate.stamp_s
         self._stamps.append(stamp)
         self._timings.append((stamp, estimate.timing_ms))
+        self._odometry.append(odometry_row(frame))
+        self._seen += sighting_rows(stamp, estimate.sightings)
         if estimate.pose is not None:
             self._poses.append((stamp, estimate.pose))
         for view in estimate.views:
@@ -147,6 +159,9 @@ class Journal:
                 "name": self._info.name,
                 "kind": self._info.kind,
                 "start": None if self._info.start is None else self._info.start.vector.tolist(),
+                "start_covariance": None
+                if self._info.start_covariance is None
+                else self._info.start_covariance.tolist(),
                 "goal_positions": [list(goal) for goal in self._goals],
                 "landmarks": [
                     [mark.identity, *mark.position, mark.side_m] for mark in self._info.landmarks
@@ -184,6 +199,8 @@ class Journal:
                 for stamp, timing in self._timings
             ],
         )
+        folder.write_csv(ODOMETRY, ODOMETRY_HEADER, self._odometry)
+        folder.write_csv(SIGHTINGS, SIGHTINGS_HEADER, self._seen)
         folder.write_csv("innovations.csv", INNOVATION_HEADER, self._innovations)
         if self._commands:
             folder.write_csv(

@@ -31,6 +31,7 @@ from perception.localisation.registration import RegistrationReport
 from perception.localisation.track import Detection
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Sighting
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 
@@ -63,6 +64,7 @@ class Estimate:
         obstacles: Tracks, map frame.
         landmarks: What the localiser made of the landmarks; None where none were looked for.
         innovations: Of the tracks that were seen.
+        sightings: Landmarks seen in this frame, body frame.
         timing_ms: Wall time of each stage.
         registration: What came of laying this frame over those before; None where nobody compares.
     """
@@ -74,6 +76,7 @@ class Estimate:
     obstacles: tuple[Obstacle, ...]
     landmarks: UpdateReport | None
     innovations: tuple[Innovation, ...] = ()
+    sightings: tuple[Sighting, ...] = ()
     timing_ms: dict[str, float] = field(default_factory=dict)
     registration: RegistrationReport | None = None
 
@@ -159,6 +162,7 @@ class Pipeline:
             tuple(self.tracker.obstacles) if pose is not None else (),
             report,
             tuple(self.tracker.innovations),
+            tuple(sightings),
             watch.milliseconds,
             registration,
         )

@@ -38,7 +38,8 @@ _PART = ".part-"  # begins the name of everything unfinished
 _OURS = (  # what a repeated run takes away before it starts
     "summary.json", "metrics.json", "report.html", "config.toml", "trajectory.txt",
     "trajectory_covariance.csv", "map.yaml", "map.pgm", "cloud.ply", "obstacles.json", "floor.csv",
-    "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "views.json", "figures", "views", "truth",
+    "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "odometry.csv", "sightings.csv",
+    "smoothed.txt", "smoothed_covariance.csv", "views.json", "figures", "views", "truth",
 )  # fmt: skip
 
 
