@@ -69,7 +69,7 @@ class RegistrationConfig:
     gate_probability: float = 0.9995  # ours: true registrations kept
     new_share: float = 0.6  # ours: a keyframe is taken where fewer places have partners
     most_keyframes: int = 80  # ours: 10 m through a home take 30
-    doubt_after: int = 6  # ours: rejected in a row
+    doubt_after: int = 25  # ours: rejected in a row; 8 s of looking at what has been rearranged
     doubt_m: float = 0.25  # ours: deviation added then
     doubt_rad: float = math.radians(8.0)  # ours
 

@@ -186,7 +186,7 @@ def test_carried_a_little_it_doubts_itself_and_finds_its_place() -> None:
     for pan in (0.0, 0.7, -0.7):
         map.register(filter.state, seen(ROOM, here, pan, rng), pan)
     there = here @ Pose2(0.12, 0.08, 4 * DEG)
-    for k in range(30):
+    for k in range(50):
         before = filter.state
         filter.predict(StepOdometry(Pose2(), 0.0), None, 0.3)
         map.moved(filter.config, before, StepOdometry(Pose2(), 0.0), 0.3, filter.state)
