@@ -9,7 +9,15 @@ from numba import njit
 
 
 @njit(cache=True)
-def edges(xy, sigma, origin, bins, thickness, least, deepest_share):
+def edges(
+    xy: np.ndarray,
+    sigma: np.ndarray,
+    origin: np.ndarray,
+    bins: int,
+    thickness: float,
+    least: int,
+    deepest_share: float,
+) -> tuple[np.ndarray, np.ndarray]:
     """Front of what rises from the floor, one place a bearing.
 
     Of the points in one direction those count that lie in the densest layer of some thickness; an upright
@@ -71,7 +79,14 @@ def edges(xy, sigma, origin, bins, thickness, least, deepest_share):
 
 
 @njit(cache=True)
-def normals(places, origin, radius, spacing, flatness, least):
+def normals(
+    places: np.ndarray,
+    origin: np.ndarray,
+    radius: float,
+    spacing: float,
+    flatness: float,
+    least: int,
+) -> tuple[np.ndarray, np.ndarray]:
     """Normal of each place from its neighbours in order of bearing; dense stretches are thinned.
 
     Returns:
@@ -119,14 +134,23 @@ def normals(places, origin, radius, spacing, flatness, least):
 
 
 @njit(cache=True)
-def _near(places, j, neighbour, i, radius):
+def _near(places: np.ndarray, j: int, neighbour: int, i: int, radius: float) -> bool:
     step = math.hypot(places[j, 0] - places[neighbour, 0], places[j, 1] - places[neighbour, 1])
     away = math.hypot(places[j, 0] - places[i, 0], places[j, 1] - places[i, 1])
     return step < 0.6 * radius and away < radius
 
 
 @njit(cache=True)
-def partners(places, directions, map_places, map_directions, first, gate, cosine, found):
+def partners(
+    places: np.ndarray,
+    directions: np.ndarray,
+    map_places: np.ndarray,
+    map_directions: np.ndarray,
+    first: np.ndarray,
+    gate: float,
+    cosine: float,
+    found: np.ndarray,
+) -> None:
     """For every place and every keyframe the nearest place of that keyframe that faces alike.
 
     Args:
@@ -152,8 +176,19 @@ def partners(places, directions, map_places, map_directions, first, gate, cosine
 
 @njit(cache=True)
 def accumulate(
-    places, sigmas, now, map_places, map_directions, map_sigmas, first, poses, found, cut, A, b
-):
+    places: np.ndarray,
+    sigmas: np.ndarray,
+    now: np.ndarray,
+    map_places: np.ndarray,
+    map_directions: np.ndarray,
+    map_sigmas: np.ndarray,
+    first: np.ndarray,
+    poses: np.ndarray,
+    found: np.ndarray,
+    cut: float,
+    A: np.ndarray,
+    b: np.ndarray,
+) -> tuple[int, float]:
     """Normal equations of the distances along the partners' normals.
 
     Unknown are the pose of now and those of the k keyframes, (x, y, yaw) each, in this order.

@@ -8,6 +8,7 @@ from pathlib import Path
 from perception.primitives.errors import RecordingError
 
 from .description import FILE_NAME, Description, read_description
+from .euroc import is_euroc, open_euroc
 from .folder import pictures
 from .mcap_format import McapRecording
 from .pcd import PcdRecording
@@ -15,7 +16,6 @@ from .plain import needs_description, open_plain
 from .recording import Recording
 from .redwood import is_redwood, open_redwood
 from .replica import is_replica, open_replica
-from .euroc import is_euroc, open_euroc
 from .seven_scenes import is_seven_scenes, open_seven_scenes
 from .tum import is_tum, open_tum
 
