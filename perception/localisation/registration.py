@@ -64,7 +64,7 @@ class RegistrationConfig:
     least_places: int = 12  # ours: with partners; fewer tell nothing
     least_share: float = 0.3  # ours: of places with partners; fewer is another place
     known_share: float = 0.6  # ours: so many with one within the widest gate is no new place
-    fitting_share: float = 0.5  # ours: of those that must then fit
+    fitting_share: float = 0.15  # ours: of those that must then fit; furniture may have been moved
     rough_m: float = 0.02  # ours: weighted residual of a fit that holds, at most
     gate_probability: float = 0.9995  # ours: true registrations kept
     new_share: float = 0.6  # ours: a keyframe is taken where fewer places have partners

@@ -173,8 +173,9 @@ def test_a_scan_of_another_place_is_not_believed() -> None:
     filter = PoseFilter(Gaussian(here.vector, START), [])
     map = Registration()
     map.register(filter.state, seen(ROOM, here, 0.0, rng))
-    after, report = map.register(filter.state, seen(ROOM, here @ Pose2(-0.3, 0.0, 0.0), 0.0, rng))
+    after, report = map.register(filter.state, seen(ROOM, here @ Pose2(-0.3, 0.25, 0.0), 0.0, rng))
     assert report.outcome in ("gate", "rough")
+    assert report.keyframes == 1
     assert np.array_equal(after.mean, filter.state.mean)
 
 
