@@ -23,6 +23,7 @@ from perception.floor.classify import ClassConfig
 from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.obstacles import TrackerConfig
+from perception.localisation.registration import RegistrationConfig
 from perception.primitives.errors import ConfigError
 from perception.stereo import StereoConfig
 from perception.structured_light import StructuredLightConfig
@@ -109,6 +110,7 @@ class Config:
     prior: PriorConfig = field(default_factory=PriorConfig)
     landmarks: LandmarkConfig = field(default_factory=LandmarkConfig)
     localiser: LocaliserConfig = field(default_factory=LocaliserConfig)
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     grid: GridConfig = field(default_factory=GridConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)

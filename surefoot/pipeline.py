@@ -342,7 +342,8 @@ def _whereabouts(config: Config, info: RecordingInfo) -> Whereabouts:
         else info.start_covariance
     )
     start = Gaussian(info.start.vector, covariance)
-    return Walker(PoseFilter(start, info.landmarks, config.localiser), config.prior)
+    localiser = PoseFilter(start, info.landmarks, config.localiser)
+    return Walker(localiser, config.prior, config.registration)
 
 
 def _pose2(pose: Gaussian) -> Pose2:

@@ -2,9 +2,9 @@
 
 Read `models` (what the walker's filter believes of the world), `tag_edges` and `landmarks` (tags in the
 picture to range and bearing), `filter` (the robot's pose), `relocation` (the same from nothing), `scan`,
-`keyframes` and `registration` (the same in a home without any marker, in this order), `track`
-(one obstacle), `turning` (what it may do out of sight), `obstacles` (all of them, from frame to frame), and `consistency` (whether these
-covariances can be believed).
+`keyframes` and `registration` (the same in a home without any marker, in this order), `track` (one
+obstacle), `turning` (what it may do out of sight), `obstacles` (all of them, from frame to frame), and
+`consistency` (whether these covariances can be believed).
 
 Beneath them, `square_root` is the sigma-point filter itself, compiled, that cannot lose its positivity, and
 `engines` lets the walker's filter run on it or on filterpy. For wheels and other planar bodies read

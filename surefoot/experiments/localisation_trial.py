@@ -16,7 +16,6 @@ from perception.localisation.consistency import nees
 from perception.localisation.filter import PoseFilter
 from perception.localisation.fixed_lag import smooth_fixed_lag
 from perception.localisation.obstacles import ObstacleTracker
-from perception.localisation.registration import RegistrationConfig
 from perception.localisation.walk_factors import Instant, walk_factors, walk_systematics
 from perception.primitives.frame import StepOdometry
 from perception.primitives.gaussian import Gaussian
@@ -121,7 +120,7 @@ def begin(
     walker = Walker(
         PoseFilter(Gaussian(mean, covariance), known, config.localiser),
         config.prior,
-        RegistrationConfig(enabled=registration),
+        replace(config.registration, enabled=registration),
     )
     trial = Trial(walker, landmarks, registration)
     return trial if fault is None else replace(trial, fault=fault)
