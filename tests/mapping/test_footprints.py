@@ -78,7 +78,7 @@ def test_a_box_has_its_own_size_wherever_it_stands(seed, yaw, whole):
     assert footprint.length_m == pytest.approx(0.8, abs=0.025)
     assert footprint.width_m == pytest.approx(0.45, abs=0.025)
     assert footprint.height_m == pytest.approx(0.5, abs=0.02)
-    assert turn_between(footprint.yaw_rad, yaw) < math.radians(1.5)
+    assert turn_between(footprint.yaw_rad, yaw) < math.radians(2.0)  # a voxel over 0.45 m is 2.5
     np.testing.assert_allclose(footprint.centre, [1.3, -0.7], atol=0.015)
 
 

@@ -186,6 +186,11 @@ def _the_rest(
     }
     rows = [(t, *(v * rng.gamma(40.0) / 40.0 for v in stages.values())) for t in stamps]
     run.write_csv("timing.csv", ("stamp_s", *stages), rows)
+    run.write_csv(
+        "innovations.csv",
+        ("stamp_s", "source", "identity", "whitened_0", "whitened_1"),
+        [(t, "landmark", i % 3, *rng.normal(size=2).tolist()) for i, t in enumerate(stamps)],
+    )
     turns = np.diff(yaw[::2], append=yaw[-1])
     run.write_csv(
         "commands.csv",
