@@ -385,7 +385,7 @@ def test_a_recording_without_truth_has_a_page_too(run, tmp_path):
         bare.path(name).unlink()
     page = Page(write_report(bare).read_text())
     shown = [name for name in page.identities if name in ALL_PICTURES]
-    assert shown == ["map", "floor", "timing"]
+    assert shown == ["map", "calibration", "whiteness", "floor", "timing"]
     assert "no truth to judge it by" in bare.path("report.html").read_text()
     assert "position_rmse_m" not in bare.read_json("metrics.json")
 
