@@ -12,7 +12,7 @@ ratio). No second filter is needed, and a drift that the viewpoint explains is n
 
 While it is out of sight it may have turned back, once or several times. The filter goes straight on; the
 state that is told is a mixture of that and of a random telegraph signal, and when the thing is seen again
-the likelier of the two is carried on. What stands is believed to stand where it was seen last. Whether it moves
+both are weighed by where it is. What stands is believed to stand where it was seen last. Whether it moves
 is not learnt from not seeing it, but from where it is when it is seen again.
 
 Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours.
@@ -255,20 +255,31 @@ class Track:
         return innovation
 
     def _settle_turn(self, seen: Detection) -> None:
-        """Seen again: take the likelier, gone straight on or turned, and weigh both against standing."""
+        """Seen again: weigh having gone straight on, having turned, and standing.
+
+        The first two become one Gaussian by their weights, with their spread; the last goes into the
+        evidence of moving.
+        """
         since = turning(self._unseen_s, self.config.turn_every_s)
-        turned = self._if_turned()
+        straight, turned = Gaussian(self._filter.x, self._filter.P), self._if_turned()
         went = self._log_density(seen, self.expected()) + math.log(since.straight)
         came = self._log_density(seen, self._seen_from_body(self._sigma_points(turned)))
         came += math.log1p(-since.straight)
+        moved = float(np.logaddexp(went, came))
         if self._still is not None:
             stood = self._log_density(seen, self._seen_from_body(self._sigma_points(self._still)))
-            moved = float(np.logaddexp(went, came))
             self._evidence = min(self._evidence, _REMEMBERED) + moved - stood
-        if came > went:
-            self._filter.x, self._filter.P = turned.mean, positive(turned.covariance)
+        weight = math.exp(came - moved)
+        apart = turned.mean - straight.mean
+        self._filter.x = straight.mean + weight * apart
+        self._filter.P = positive(
+            (1.0 - weight) * straight.covariance
+            + weight * turned.covariance
+            + weight * (1.0 - weight) * np.outer(apart, apart)
+        )
+        if weight > 0.5:
             self._lag = np.zeros(2)
-            self._draw()
+        self._draw()
 
     def _log_density(self, seen: Detection, expected: Gaussian) -> float:
         """Of a detection, broadened by the chance of one (1 %) that has nothing to do with the thing."""

@@ -61,12 +61,11 @@ class Walk:
 def test_all_ground_within_reach_is_seen_at_last_and_nothing_is_walked_through():
     walk = Walk(flat(), (0.5, 2.0))
     explorer = Explorer(ExplorationConfig(ahead_m=0.15))  # nobody else plans its way here
-    clearance = ndimage.distance_transform_edt(~walk.occupied) * CELL
     for _ in range(400):
         walk.step(explorer.goal(walk.ground(), walk.here, walk.t))
         walk.look()
         cell = int(walk.here[1] / CELL), int(walk.here[0] / CELL)
-        assert clearance[cell] > 0.09
+        assert not walk.occupied[cell]
     labels, _ = ndimage.label(~walk.occupied)
     within = labels == labels[40, 10]
     assert np.mean(walk.known[within]) > 0.97
