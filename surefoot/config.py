@@ -20,6 +20,7 @@ from perception.clusters import ClusterConfig
 from perception.coloured import ColouredConfig
 from perception.floor.choose import FloorConfig
 from perception.floor.classify import ClassConfig
+from perception.floor.refine import RefineConfig, SharedError
 from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.obstacles import TrackerConfig
@@ -89,6 +90,9 @@ class MissionConfig:
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
 """The robot's own camera as its calibration found it; another camera needs its own figures."""
 
+CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0005, 0.0008)))
+"""With that calibration little is left that all points of a TOF view have wrong alike (NEES of walks)."""
+
 
 @dataclass(frozen=True)
 class Config:
@@ -103,7 +107,7 @@ class Config:
     tof: TofConfig = field(default_factory=lambda: CALIBRATED_TOF)
     stereo: StereoConfig = field(default_factory=StereoConfig)
     structured_light: StructuredLightConfig = field(default_factory=StructuredLightConfig)
-    floor: FloorConfig = field(default_factory=FloorConfig)
+    floor: FloorConfig = field(default_factory=lambda: CALIBRATED_FLOOR)
     classes: ClassConfig = field(default_factory=ClassConfig)
     clusters: ClusterConfig = field(default_factory=ClusterConfig)
     coloured: ColouredConfig = field(default_factory=ColouredConfig)
