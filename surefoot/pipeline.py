@@ -343,7 +343,10 @@ def _whereabouts(config: Config, info: RecordingInfo) -> Whereabouts:
     )
     start = Gaussian(info.start.vector, covariance)
     localiser = PoseFilter(start, info.landmarks, config.localiser)
-    return Walker(localiser, config.prior, config.registration)
+    wanted = config.registration.enabled and (
+        not info.landmarks or config.registration.beside_landmarks
+    )
+    return Walker(localiser, config.prior, replace(config.registration, enabled=wanted))
 
 
 def _pose2(pose: Gaussian) -> Pose2:

@@ -50,6 +50,9 @@ class RegistrationConfig:
     """Errors of a scan as a whole; what is a partner; when the result is believed."""
 
     enabled: bool = True  # False: landmarks and dead reckoning alone
+    beside_landmarks: bool = (
+        False  # ours: where tags are known they are surer alone (NEES 2.3, not 6)
+    )
     scan: ScanConfig = field(default_factory=ScanConfig)
     ahead_sigma_m: float = 0.0045  # walking trials: trunk pitch of .5 deg, 0.38 m up; 3 mm of range
     aside_sigma_m: float = 0.005  # walking trials: trunk roll of .72 deg, likewise
