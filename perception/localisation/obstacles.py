@@ -36,7 +36,9 @@ class TrackerConfig:
     misses_to_die: int = 5  # ours: frames in view, unseen
     misses_of_newborn: int = 2  # ours: the same, before it is believed
     largest_sigma_m: float = 0.5  # ours: vaguer than this it says nothing
-    oldest_s: float = 30.0  # ours: not seen for so long
+    oldest_s: float = (
+        12.0  # ours: not seen for so long; by then a mover may be anywhere on its line
+    )
     max_radius_m: float = 0.35  # ours: larger is furniture, and the map's business
     same_share: float = 0.5  # ours: closer than this share of their radii, two tracks are one thing
     track: TrackConfig = field(default_factory=TrackConfig)

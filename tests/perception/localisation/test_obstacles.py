@@ -247,7 +247,7 @@ def test_out_of_sight_a_mover_may_have_turned_and_its_covariance_says_so():
     place_nees = []
     for _ in range(150):
         tracker = ObstacleTracker(
-            TrackerConfig(largest_sigma_m=5.0, track=TrackConfig(shape_share=0.0))
+            TrackerConfig(largest_sigma_m=5.0, oldest_s=30.0, track=TrackConfig(shape_share=0.0))
         )
         heading = rng.uniform(0, 2 * math.pi)
         velocity = rng.uniform(0.03, 0.1) * np.array([math.cos(heading), math.sin(heading)])
@@ -272,7 +272,7 @@ def test_out_of_sight_a_mover_may_have_turned_and_its_covariance_says_so():
 
 def test_what_stands_is_still_where_it_was_seen_last():
     rng = np.random.default_rng(3)
-    tracker = ObstacleTracker()
+    tracker = ObstacleTracker(TrackerConfig(oldest_s=30.0))
     for k in range(40):
         tracker.update(
             0.3 * k, [seen_at(*(np.array([1.0, 0.2]) + rng.normal(size=2) * 0.01))], SURE
