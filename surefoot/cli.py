@@ -129,6 +129,11 @@ config_option = click.option(
 @main.command()
 @click.argument("scene", required=False)
 @click.option("--seed", type=click.IntRange(min=0), help="Of scene, noise and choices.")
+@click.option(
+    "--planner",
+    metavar="NAME",
+    help="Who decides the steps: search (the joint stack), field, swarm or avoidance.",
+)
 @click.option("--record", is_flag=True, help="Keep the sensors in recording.mcap.")
 @click.option("--view", "watch", is_flag=True, help="Live page on loopback (needs the extra viz).")
 @click.option(
@@ -144,6 +149,7 @@ config_option = click.option(
 def simulate(
     scene: str | None,
     seed: int | None,
+    planner: str | None,
     record: bool,
     watch: bool,
     wander: float | None,
@@ -164,6 +170,8 @@ def simulate(
     from .config import load
     from .runs import simulate as run
 
+    if planner is not None:
+        overrides = (*overrides, f"mission.planner={planner}")
     if wander is not None:
         overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
     config = load(config_path, overrides, scene=scene, seed=seed)

@@ -70,16 +70,25 @@ class ReachesConfig:
     depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect kind: steps of centimetres beyond 4 m
 
 
+PLANNERS = {"search": "navigator:Navigator"}
+"""Who may decide the next footstep: name to module and class of this package."""
+
+
 @dataclass(frozen=True)
 class MissionConfig:
     """What a live run is to do."""
 
+    planner: str = "search"  # the joint stack; see `planners`
     goals: int = 1  # how many of the scene's goals, in order
     wander: bool = False  # explore instead, until the time is up (seed 003, experiment E6)
     tolerance_m: float = 0.10  # seed 000: goal tolerance
     time_limit_s: float = 300.0  # ours: a walk of 6 m takes 90 s, detours included 150 s
 
     def __post_init__(self) -> None:
+        if self.planner not in PLANNERS:
+            raise ConfigError(
+                f"mission: planner={self.planner!r} is unknown; choose {', '.join(PLANNERS)}"
+            )
         if self.goals < 1:
             raise ConfigError(f"mission: goals={self.goals} must be at least 1")
         for name in ("tolerance_m", "time_limit_s"):

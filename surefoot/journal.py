@@ -17,8 +17,8 @@ from perception.primitives.obstacle import Obstacle
 
 from . import config_file
 from .config import Config
-from .navigator import Decision, Navigator
 from .pipeline import Estimate, Pipeline
+from .planners import Decision, Planner
 from .recordings.recording import RecordingInfo
 from .run_folder import RunFolder
 from .smoothing import (
@@ -112,17 +112,17 @@ class Journal:
             )
         self._keep_views(frame, estimate)
 
-    def progress(self, estimate: Estimate, navigator: Navigator | None) -> str:
+    def progress(self, estimate: Estimate, planner: Planner | None) -> str:
         """One line for the terminal."""
         text = f"frame {self.frames}"
         if self._info.frames:
             text += f" of {self._info.frames}"
         text += f", t {estimate.stamp_s:.1f} s"
-        if navigator is not None:
+        if planner is not None:
             if self._goals:
-                text += f", {navigator.distance_to_goal(estimate):.2f} m to the goal"
+                text += f", {planner.distance_to_goal(estimate):.2f} m to the goal"
             else:
-                text += f", {navigator.reached} places visited"
+                text += f", {planner.reached} places visited"
             text += f", {len(estimate.obstacles)} tracks"
         return text
 

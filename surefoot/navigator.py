@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 from scipy import ndimage
 
 from mapping.egocentric_grid import EgocentricGrid
+from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps, guard
@@ -26,23 +26,9 @@ from planning.route import Route
 from planning.univector import fields
 
 from .config import Config
+from .goals import Goals
 from .pipeline import Estimate, Pipeline
-
-
-@dataclass(frozen=True)
-class Decision:
-    """What the body is asked to do, and why in a word.
-
-    Args:
-        walk: The next footstep.
-        gaze: Where to look meanwhile.
-        why: "survey", "walk", "guard" or "blocked".
-    """
-
-    walk: WalkCommand
-    gaze: GazeCommand
-    why: str
-
+from .planners import Decision
 
 MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
 CELL_M = 0.05  # half a cell's diagonal and the position error of a track
@@ -63,31 +49,30 @@ class Navigator:
             goals: Where to walk, one after the other, map frame, m.
         """
         self._config = config
-        self._goals = [np.array(goal) for goal in goals]
+        self._goals = Goals(goals, config.mission)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route)
         self._gaze = Sweep(config.gaze)
-        self.reached = 0
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far; places visited by who wanders."""
+        return self._goals.reached if self._explorer is None else self._explorer.visited
 
     def distance_to_goal(self, estimate: Estimate) -> float:
         """From the estimated pose to the present goal, m; 0 when all are reached."""
-        if self._explorer or self.reached >= len(self._goals) or estimate.pose is None:
-            return 0.0
-        return float(np.linalg.norm(self._goals[self.reached] - estimate.pose.mean[:2]))
+        return 0.0 if self._explorer else self._goals.distance(estimate)
 
     def finished(self, estimate: Estimate) -> bool:
         """Whether all goals are reached or the time is up; who wanders has no other end."""
         if self._explorer is not None:
             return estimate.stamp_s >= self._config.mission.time_limit_s
-        close = self.distance_to_goal(estimate) <= self._config.mission.tolerance_m
-        if self.reached < len(self._goals) and close:
-            self.reached += 1
-        return (
-            self.reached >= len(self._goals)
-            or estimate.stamp_s >= self._config.mission.time_limit_s
-        )
+        return self._goals.finished(estimate)
 
-    def decide(self, estimate: Estimate, pipeline: Pipeline) -> Decision:
+    def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
+        """Nothing to be done between footsteps: the pipeline remembers."""
+
+    def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
         """The next footstep and gaze; to be asked once per footstep."""
         goal = self._goal(estimate, pipeline)
         if estimate.pose is None or pipeline.grid is None or goal is None:
@@ -104,16 +89,16 @@ class Navigator:
     def _goal(self, estimate: Estimate, pipeline: Pipeline) -> Float[np.ndarray, "2"] | None:
         """The place to walk to at present; None if there is none."""
         if self._explorer is None:
-            return self._goals[self.reached] if self.reached < len(self._goals) else None
+            return self._goals.present
         if estimate.pose is None or not pipeline.world.known.any():
             return None
         world = pipeline.world
         known = world.known
         occupied = known & (world.probability >= OCCUPIED)
         ground = Ground(occupied, known, world.updated_s, world.origin, world.cell_m)
+        visited = self._explorer.visited
         goal = self._explorer.goal(ground, estimate.pose.mean[:2], estimate.stamp_s)
-        if self._explorer.visited > self.reached:
-            self.reached = self._explorer.visited
+        if self._explorer.visited > visited:
             self._gaze.survey()
         return goal
 

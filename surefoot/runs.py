@@ -15,8 +15,8 @@ from perception.primitives.errors import RecordingError
 from .bodies import Body, LiveBody, Playback
 from .config import Config
 from .journal import Journal
-from .navigator import Decision, Navigator
 from .pipeline import Pipeline
+from .planners import Decision, Planner, make
 from .recordings.mcap_format import RecordingWriter
 from .recordings.open import open_recording
 from .recordings.recording import Recording, RecordingInfo
@@ -114,17 +114,17 @@ def simulate(
         )
         body = LiveBody(robot, begin(info))
         pipeline = Pipeline(config, info)
-        navigator = Navigator(config, goals)
+        planner = make(config, goals)
         truth = TruthLog(robot, scene)
         journal = Journal(folder, config.resolved(renderer=world.renderer), info, goals)
         page = _page(watch, say)
-        _cycle(body, pipeline, navigator, journal, say, truth.note, page)
+        _cycle(body, pipeline, planner, journal, say, truth.note, page)
         truth.write(folder)
     summary = Summary(
         folder.root,
         journal.frames,
         journal.seconds,
-        reached=(navigator.reached, len(goals)) if goals else None,
+        reached=(planner.reached, len(goals)) if goals else None,
     )
     journal.finish(pipeline, summary.as_dict())
     return summary
@@ -171,7 +171,7 @@ def process(
 def _cycle(
     body: Body,
     pipeline: Pipeline,
-    navigator: Navigator | None,
+    planner: Planner | None,
     journal: Journal,
     say: Say,
     after: Callable[[float], None] = lambda stamp_s: None,
@@ -182,15 +182,17 @@ def _cycle(
         after(frame.stamp_s)
         estimate = pipeline.cycle(frame)
         decision = None
-        if navigator is not None and frame.footstep_due:
-            decision = navigator.decide(estimate, pipeline)
+        if planner is not None:
+            planner.notice(frame, estimate, pipeline)
+        if planner is not None and frame.footstep_due:
+            decision = planner.decide(frame, estimate, pipeline)
             body.walk(decision.walk)
             body.look(decision.gaze)
         journal.note(frame, estimate, decision)
         if page is not None:
             page(pipeline, estimate, decision)
-        say(journal.progress(estimate, navigator))
-        if navigator is not None and navigator.finished(estimate):
+        say(journal.progress(estimate, planner))
+        if planner is not None and planner.finished(estimate):
             break
 
 

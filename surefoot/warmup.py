@@ -55,8 +55,8 @@ def warm(say: Callable[[str], None]) -> None:
     pipeline = Pipeline(config, info)
     navigator = Navigator(config, [(2.0, 0.0)])
     for number in range(20):
-        estimate = pipeline.cycle(frame(0.325 * number, rng))
-        navigator.decide(estimate, pipeline)
+        seen = frame(0.325 * number, rng)
+        navigator.decide(seen, pipeline.cycle(seen), pipeline)
     say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
     began = time.perf_counter()
     from perception.floor import choose

@@ -1,0 +1,73 @@
+"""Who decides the next footstep: four planners behind one interface, chosen by `mission.planner`.
+
+"search" is the joint stack of seeds 003 and 001 (`navigator`), "field" the univector field of seed 001
+straight to the goal, "swarm" the map-free walker of seed 000, "avoidance" the one of seed 004 that stops
+before what blocks it, looks about and chooses a motion.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, cast, runtime_checkable
+
+from perception.primitives.frame import Frame
+from planning.commands import GazeCommand, WalkCommand
+
+from .config import PLANNERS, Config
+from .pipeline import Estimate, Pipeline
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the body is asked to do, and why in a word.
+
+    Args:
+        walk: The next footstep.
+        gaze: Where to look meanwhile.
+        why: "survey", "walk", "guard", "blocked", or a planner's own word.
+    """
+
+    walk: WalkCommand
+    gaze: GazeCommand
+    why: str
+
+
+@runtime_checkable
+class Planner(Protocol):
+    """From what is known to the next footstep."""
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far; for a planner that wanders, places visited."""
+        ...
+
+    def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
+        """Take in one cycle; called for every frame, before any decision about it."""
+        ...
+
+    def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
+        """The next footstep and gaze; called once per footstep."""
+        ...
+
+    def distance_to_goal(self, estimate: Estimate) -> float:
+        """From the estimated pose to the present goal, m; 0 when there is none."""
+        ...
+
+    def finished(self, estimate: Estimate) -> bool:
+        """Whether the mission is over; called once per frame."""
+        ...
+
+
+def make(config: Config, goals: Sequence[tuple[float, float]]) -> Planner:
+    """The planner that the mission asks for.
+
+    Args:
+        config: Of everything.
+        goals: Where to walk, one after the other, map frame, m.
+    """
+    module, name = PLANNERS[config.mission.planner].split(":")
+    return cast(
+        Planner, getattr(importlib.import_module(f".{module}", __package__), name)(config, goals)
+    )
