@@ -45,11 +45,12 @@ def gather(
 
 @njit(cache=True)
 def spread(z: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray, xyz: np.ndarray) -> None:
-    """Fill (h, 3 w) float32 with the points of every pixel; NaN depth gives NaN."""
+    """Fill (h, w, 3) float32 with the points of every pixel; NaN depth gives NaN."""
     height, width = z.shape
     rows_x, columns_y = slope_x.shape[0], slope_y.shape[1]
+    flat = xyz.reshape(height, 3 * width)
     for v in range(height):
-        x, row, out = slope_x[v if rows_x > 1 else 0], z[v], xyz[v]
+        x, row, out = slope_x[v if rows_x > 1 else 0], z[v], flat[v]
         if columns_y > 1:
             aside = slope_y[v]
             for u in range(width):

@@ -10,7 +10,6 @@ Source: seed 003, section 3 (disparity to range).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
@@ -40,15 +39,6 @@ class Points:
         return len(self.xyz)
 
 
-def slopes(camera: Camera) -> tuple[Float[np.ndarray, "a w"], Float[np.ndarray, "h b"]]:
-    """Ray slopes x/z and y/z of every pixel, in the smallest shapes that broadcast to (h, w)."""
-    if camera.is_distorted:
-        return camera.rays[..., 0], camera.rays[..., 1]
-    x = (np.arange(camera.width) - camera.cx) / camera.fx
-    y = (np.arange(camera.height) - camera.cy) / camera.fy
-    return x[None, :], y[:, None]
-
-
 def from_depth(depth: Depth, nearest_m: float, farthest_m: float, stride: int = 1) -> Points:
     """Points of all pixels whose depth lies in a range, in row order.
 
@@ -68,7 +58,7 @@ def from_depth(depth: Depth, nearest_m: float, farthest_m: float, stride: int = 
         )
     if stride < 1:
         raise InputError(f"points: stride={stride} must be at least 1")
-    x, y = slopes(depth.camera)
+    x, y = depth.camera.slopes
     xyz, sigma, pixels = kernels.gather(
         depth.z, depth.sigma, x, y, max(nearest_m, 1e-6), farthest_m, stride
     )
@@ -87,16 +77,18 @@ def organised(
     Raises:
         InputError: The image does not fit its camera, or `out` does not fit the image.
     """
-    _check(depth)
-    height, width = depth.z.shape
+    z, camera = depth.z, depth.camera
+    height, width = z.shape
+    if camera.height != height or camera.width != width:
+        _check(depth)
     if out is None:
         out = np.empty((height, width, 3), np.float32)
     elif out.shape != (height, width, 3) or not out.flags.c_contiguous:
         raise InputError(
             f"points: out is {out.shape}; a contiguous array of {(height, width, 3)} was expected"
         )
-    x, y = _tables(depth.camera)
-    kernels.spread(depth.z, x, y, out.reshape(height, 3 * width))
+    x, y = camera.single_slopes
+    kernels.spread(z, x, y, out)
     return out
 
 
@@ -112,13 +104,6 @@ def unorganised(
     if sigma is None:
         return Points(kept, 0.0012 + 0.0019 * (kept[:, 2] - 0.4) ** 2, keep)
     return Points(kept, np.ascontiguousarray(sigma[keep], dtype=np.float64), keep)
-
-
-@lru_cache(maxsize=8)
-def _tables(camera: Camera) -> tuple[Float32[np.ndarray, "a w"], Float32[np.ndarray, "h b"]]:
-    """Ray slopes in single precision, made once per camera."""
-    x, y = slopes(camera)
-    return np.ascontiguousarray(x, dtype=np.float32), np.ascontiguousarray(y, dtype=np.float32)
 
 
 def _check(depth: Depth) -> None:

@@ -97,7 +97,7 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
         measured = measured - np.float32(config.wiggle_m) * np.sin(4.0 * phase)
     if config.stray_share > 0.0 and view.amplitude is not None:
         measured = without_stray_light(measured, view.amplitude, config)
-    x, y = points.slopes(view.camera)
+    x, y = view.camera.slopes
     along = (1.0 / np.sqrt(1.0 + x * x + y * y)).astype(np.float32)  # z of a ray of length 1
     z = measured * along
     return Depth(z, np.where(np.isfinite(z), sigma * along, z), view.camera, view.T_body_camera)

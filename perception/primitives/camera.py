@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from .errors import ConfigError
 
@@ -73,6 +73,23 @@ class Camera:
         rays = np.stack([x, y, np.ones_like(x)], axis=-1)
         rays.setflags(write=False)
         return rays
+
+    @cached_property
+    def slopes(self) -> tuple[Float[np.ndarray, "a width"], Float[np.ndarray, "height b"]]:
+        """Ray slopes x/z and y/z of every pixel, in the smallest shapes that broadcast to the image."""
+        if self.is_distorted:
+            return self.rays[..., 0], self.rays[..., 1]
+        x = (np.arange(self.width) - self.cx) / self.fx
+        y = (np.arange(self.height) - self.cy) / self.fy
+        return x[None, :], y[:, None]
+
+    @cached_property
+    def single_slopes(
+        self,
+    ) -> tuple[Float32[np.ndarray, "a width"], Float32[np.ndarray, "height b"]]:
+        """The slopes in single precision and contiguous, for compiled loops."""
+        x, y = self.slopes
+        return np.ascontiguousarray(x, np.float32), np.ascontiguousarray(y, np.float32)
 
     def back_project(
         self, pixels: Float[np.ndarray, "*n 2"], depth: Float[np.ndarray, "*n"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.points import from_depth, organised, slopes, unorganised
+from perception.points import from_depth, organised, unorganised
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth
@@ -48,7 +48,7 @@ def test_the_organised_cloud_holds_the_same_points(camera):
 
 def test_ray_slopes_broadcast_to_the_cameras_rays():
     for camera in (PINHOLE, BENT):
-        x, y = slopes(camera)
+        x, y = camera.slopes
         shape = (camera.height, camera.width)
         np.testing.assert_allclose(np.broadcast_to(x, shape), camera.rays[..., 0], atol=1e-12)
         np.testing.assert_allclose(np.broadcast_to(y, shape), camera.rays[..., 1], atol=1e-12)
