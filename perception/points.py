@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from . import _points_kernels as kernels
-from .primitives.camera import Camera
 from .primitives.errors import InputError
 from .primitives.frame import Depth
 

@@ -16,7 +16,6 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from . import points
 from .primitives.camera import Camera
 from .primitives.errors import ConfigError, InputError
 from .primitives.frame import Depth, RangeView
