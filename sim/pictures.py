@@ -72,7 +72,7 @@ class Pictures:
         self.renderer = choose_renderer(renderer)
         self._folder = tempfile.TemporaryDirectory(prefix="surefoot-")
         still, movers = paint_scene(scene)
-        with _quiet():
+        with quiet():
             import pybullet
 
             self._bullet: Any = pybullet
@@ -107,7 +107,7 @@ class Pictures:
     def close(self) -> None:
         """Give the client and the folder back; a second time does nothing."""
         if self._client >= 0:
-            with _quiet():
+            with quiet():
                 if self._plugin >= 0:
                     self._bullet.unloadPlugin(self._plugin, physicsClientId=self._client)
                 self._bullet.disconnect(physicsClientId=self._client)
@@ -117,7 +117,7 @@ class Pictures:
     def _render(self, camera: Camera, T_world_camera: Pose3) -> tuple[np.ndarray, np.ndarray]:
         bullet, size = self._bullet, (camera.height, camera.width)
         egl = self.renderer == "egl"
-        with _quiet():
+        with quiet():
             _, _, rgba, depth, _ = bullet.getCameraImage(
                 camera.width,
                 camera.height,
@@ -213,7 +213,7 @@ def _egl_works() -> bool:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keeps C++ from writing to standard output and error meanwhile."""
     sys.stdout.flush()
     sys.stderr.flush()
