@@ -156,11 +156,13 @@ def load(name: str, seed: int) -> Scene:
 
 
 def _registry() -> dict[str, Callable[[int], Scene]]:
-    from . import home, rooms  # they build the values defined here
+    from . import home, rooms, seed_rooms  # they build the values defined here
 
     return {
         "home": home.furnished,
         "corridor": rooms.corridor,
         "empty_room": rooms.empty_room,
         "boxes": rooms.boxes,
+        "robots_room": seed_rooms.robots_room,
+        "narrow_course": seed_rooms.narrow_course,
     }
