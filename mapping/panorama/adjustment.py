@@ -40,12 +40,16 @@ class Placed:
         covariance: Rotation (rad^2), then translation (m^2), axes of the camera.
         by: What carries it: "features", "surfaces" or, where no pair was found, "encoders".
         links: How many pairs hold it.
+        yaws: Covariance of its turn about the base's vertical with that of every view, rad^2; 0 for a view
+            that is not placed. Two views that share an error of the encoders agree better than this
+            view's own deviation tells: their difference has `a.yaws[a] + b.yaws[b] - 2 a.yaws[b]`.
     """
 
     T_base_camera: Pose3
     covariance: Float[np.ndarray, "6 6"]
     by: str
     links: int
+    yaws: Float[np.ndarray, "n"] | None = None
 
 
 def adjust(
@@ -70,7 +74,7 @@ def adjust(
     reached = [number for number, pose in enumerate(start) if pose is not None]
     if not reached:
         return [None] * len(given)
-    poses, covariances = _solve(start, given, links, rotations_only)
+    poses, covariances, yaws = _solve(start, given, links, rotations_only)
     placed: list[Placed | None] = []
     for number, pose in enumerate(poses):
         mine = [link for link in links if number in (link.first, link.second)]
@@ -80,7 +84,7 @@ def adjust(
         by = "features" if any(link.by == "features" for link in mine) else "encoders"
         if by == "encoders" and mine:
             by = "surfaces"
-        placed.append(Placed(pose, covariances[number], by, len(mine)))
+        placed.append(Placed(pose, covariances[number], by, len(mine), yaws[number]))
     return placed
 
 
@@ -109,7 +113,7 @@ def _solve(
     priors: Sequence[Prior | None],
     links: Sequence[Link],
     rotations_only: bool,
-) -> tuple[list[Pose3 | None], dict[int, Float[np.ndarray, "6 6"]]]:
+) -> tuple[list[Pose3 | None], dict[int, Float[np.ndarray, "6 6"]], Float[np.ndarray, "n n"]]:
     import gtsam
 
     size = 3 if rotations_only else 6
@@ -153,4 +157,16 @@ def _solve(
             found = best.atPose3(number)
             poses.append(Pose3.from_rotation(found.rotation().matrix(), found.translation()))
         covariances[number] = covariance
-    return poses, covariances
+    return poses, covariances, _yaws(marginals, poses)
+
+
+def _yaws(marginals: Any, poses: Sequence[Pose3 | None]) -> Float[np.ndarray, "n n"]:
+    """Joint covariance of all views' turns about the base's vertical, rad^2."""
+    known = [(number, pose) for number, pose in enumerate(poses) if pose is not None]
+    joint = marginals.jointMarginalCovariance([number for number, _ in known])
+    found = np.zeros((len(poses), len(poses)))
+    for i, one in known:
+        for j, other in known:
+            block = np.asarray(joint.at(i, j))[:3, :3]
+            found[i, j] = one.rotation[2] @ block @ other.rotation[2]
+    return found

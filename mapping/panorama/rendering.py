@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float, Float32, Int
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
@@ -51,6 +51,7 @@ class Drawing:
         range_m: From the centre, NaN where no view looks or none has depth.
         sigma_m: Deviation of it: noise of the views.
         stamp_s: When each pixel was last seen, s; NaN where it was not.
+        view: Which view saw it last, as they were given; -1 where none did.
     """
 
     sphere: Sphere
@@ -58,6 +59,7 @@ class Drawing:
     range_m: Float32[np.ndarray, "h w"]
     sigma_m: Float32[np.ndarray, "h w"]
     stamp_s: Float[np.ndarray, "h w"]
+    view: Int[np.ndarray, "h w"]
 
     def points(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
         """The panorama as a cloud: points in the base frame, m, and the deviation along their rays."""
@@ -78,6 +80,7 @@ def render(
     known = [(view, place) for view, place in zip(views, placed, strict=True) if place is not None]
     if not known:
         return None
+    numbers = np.array([k for k, place in enumerate(placed) if place is not None])
     px_per_rad = float(np.degrees(config.px_per_deg))
     centre = np.mean([place.T_base_camera.position for _, place in known], axis=0)
     drawn = [draw_view(view, place.T_base_camera, px_per_rad, centre) for view, place in known]
@@ -95,7 +98,8 @@ def render(
     _kernels.fuse(ranges[order], sigmas[order], config.same_m, range_m, sigma_m, newest)
     stamps = np.array([known[i][0].stamp_s for i in order])
     stamp = np.where(newest >= 0, stamps[newest], np.nan)
-    return Drawing(sphere, centre, range_m, sigma_m, stamp)
+    shown = np.where(newest >= 0, numbers[order][newest], -1)
+    return Drawing(sphere, centre, range_m, sigma_m, stamp, shown)
 
 
 def _around(windows: Sequence[Sphere], px_per_rad: float) -> Sphere:

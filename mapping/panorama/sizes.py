@@ -1,0 +1,236 @@
+"""How far, how wide and how high the things in a panorama are, each with its deviation.
+
+The floor and what is above the robot are taken away; what remains is cut into level sets by forward
+distance, labelled and put together to things. Each thing's outline gives its distance and where it ends;
+the rotations of the views give how sure that is: an error that both edges share moves a thing and leaves
+its width, so widths are surer than azimuths.
+
+Source: seed 004, section 2.3, eq. (13) to (20); angles in place of pixel counts, edges finer than a pixel
+and all deviations are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, Int32
+from scipy.ndimage import median_filter
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.plane import Plane
+
+from .adjustment import Placed
+from .contours import ContourConfig, fronts
+from .level_sets import LevelConfig, forward_distance, label, levels, merged
+from .obstacles import PanoramaObstacle, Surroundings, gaps_between
+from .rendering import Drawing
+from .silhouettes import Seeing, SilhouetteConfig, agreed, crossings, recognise
+from .stitching import Panorama
+from .views import View
+
+LEVEL_FLOOR = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+
+
+@dataclass(frozen=True)
+class SizeConfig:
+    """What counts as a thing, and what all of its pixels are wrong by."""
+
+    levels: LevelConfig = field(default_factory=LevelConfig)
+    contour: ContourConfig = field(default_factory=ContourConfig)
+    silhouettes: SilhouetteConfig = field(default_factory=SilhouetteConfig)
+    floor_m: float = 0.03  # spec of 004: lower is floor
+    floor_sigmas: float = (
+        3.0  # ours: or lower than this many deviations, where the views' tilt is unsure
+    )
+    top_m: float = 0.7  # spec of 004: higher is nothing to walk into
+    least_px: int = 60  # spec of 004: things of fewer pixels are noise
+    reach_px: int = 2  # spec of 004: parts within 2 px hang together
+    smooth_columns: int = 5  # ours: 1.25 deg: a nearest part is no narrower
+    nearest_m: float = 0.006  # ours: columns so near to the nearest one are its face
+    range_sigma_m: float = 0.003  # ours: what all pixels of a range camera share, calibrated
+    rim_columns: int = 4  # ours: drawing moves edges by up to so many columns of the outline
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.floor_m < self.top_m:
+            raise ConfigError(
+                f"sizes: floor_m={self.floor_m} must lie between 0 and top_m={self.top_m}"
+            )
+        if self.least_px < 1 or self.reach_px < 1 or self.smooth_columns < 1:
+            raise ConfigError("sizes: least_px, reach_px and smooth_columns must be at least 1")
+
+
+def surroundings(
+    panorama: Panorama,
+    views: Sequence[View],
+    floor: Plane = LEVEL_FLOOR,
+    config: SizeConfig | None = None,
+) -> Surroundings:
+    """Obstacles and gaps of a panorama, from left to right.
+
+    Args:
+        panorama: Finished; one without a drawing shows nothing.
+        views: Those it was made of.
+        floor: In the base frame; the default is what the feet stand on.
+        config: What counts.
+    """
+    config = config or SizeConfig()
+    drawing, placed = panorama.drawing, panorama.placed
+    if drawing is None:
+        return Surroundings((), ())
+    forward = forward_distance(drawing.range_m, drawing.sphere) + np.float32(drawing.centre[0])
+    labels = things(drawing, forward, placed, floor, config)
+    heights = config.floor_m, config.top_m
+    seen = [
+        recognise(view, place.T_base_camera, k, drawing, labels, floor, heights, config.silhouettes)
+        for k, (view, place) in enumerate(zip(views, placed, strict=True))
+        if place is not None
+    ]
+    scene = _Scene(drawing, forward, labels, placed, seen, floor)
+    count = int(labels.max(initial=0))
+    found = [_measured(scene, number, config) for number in range(1, count + 1)]
+    obstacles = tuple(sorted((o for o in found if o is not None), key=lambda o: -o.bearing_rad))
+    sphere = drawing.sphere
+    ends = -sphere.left_rad, -(sphere.left_rad + (sphere.width - 1) / sphere.px_per_rad)
+    return Surroundings(obstacles, gaps_between(obstacles, ends, config.levels.farthest_m))
+
+
+def things(
+    drawing: Drawing,
+    forward_m: Float32[np.ndarray, "h w"],
+    placed: Sequence[Placed | None],
+    floor: Plane,
+    config: SizeConfig,
+) -> Int32[np.ndarray, "h w"]:
+    """Which thing every pixel belongs to, from 1; 0 for floor, air, what is too far or too high.
+
+    Args:
+        drawing: The panorama.
+        forward_m: Forward distance of each pixel from the base's origin.
+        placed: The views' poses; where their tilt is unsure more counts as floor.
+        floor: In the base frame.
+        config: What counts.
+
+    Source: seed 004, eq. (13) and (14).
+    """
+    height = floor.distance(
+        drawing.centre + drawing.sphere.rays * drawing.range_m[..., None].astype(np.float64)
+    )
+    tilt = np.array([_tilt_sigma(place) for place in placed] + [0.0])[drawing.view]
+    band = np.maximum(config.floor_m, config.floor_sigmas * tilt * drawing.range_m)
+    with np.errstate(invalid="ignore"):
+        standing = (height >= band) & (height <= config.top_m) & (forward_m > 0.0)
+    slices = levels(np.where(standing, forward_m, np.float32(np.nan)), config.levels)
+    step = config.levels.farthest_m / config.levels.count
+    return merged(label(slices), forward_m, config.reach_px, step, config.least_px)
+
+
+def _tilt_sigma(place: Placed | None) -> float:
+    """Deviation of a view's tilt about its own horizontal axis, rad."""
+    return 0.0 if place is None else math.sqrt(max(float(place.covariance[0, 0]), 0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """All that is known: the drawing with its things, and the views with theirs."""
+
+    drawing: Drawing
+    forward_m: Float32[np.ndarray, "h w"]
+    labels: Int32[np.ndarray, "h w"]
+    placed: Sequence[Placed | None]
+    seen: Sequence[Seeing]
+    floor: Plane
+
+
+def _measured(scene: _Scene, number: int, config: SizeConfig) -> PanoramaObstacle | None:
+    """One thing; None if no column has a front or no view an edge of it."""
+    mask = scene.labels == number
+    front, front_sigma = fronts(scene.forward_m, mask, config.contour)
+    known = np.flatnonzero(np.isfinite(front))
+    left, right, top = (
+        agreed(
+            [
+                c
+                for c in (
+                    crossings(s, number, side, scene.floor, config.silhouettes) for s in scene.seen
+                )
+                if c is not None
+            ],
+            config.silhouettes,
+        )
+        for side in ("left", "right", "top")
+    )
+    if known.size == 0 or left is None or right is None or top is None:
+        return None
+    smooth = median_filter(front[known], config.smooth_columns, mode="nearest")
+    face = smooth <= smooth.min() + config.nearest_m
+    distance = float(front[known][face].mean())
+    own = float(np.mean(front_sigma[known][face])) / math.sqrt(int(face.sum()))
+    sigma_distance = math.hypot(config.range_sigma_m, own)
+    y_left, y_right = left.point[1], right.point[1]
+    inside = _corners(scene, known, smooth, config.rim_columns)
+    if inside is not None:
+        y_left, y_right = max(y_left, inside[0]), min(y_right, inside[1])
+    width = max(y_left - y_right, 0.0)
+    turn = _between(scene.placed, left.view, right.view)
+    variance = (turn * distance) ** 2 + (width / distance * sigma_distance) ** 2
+    for end in (left, right):
+        variance += (end.sigma * (end.point[0] ** 2 + end.point[1] ** 2) / end.point[0]) ** 2
+    reach = math.hypot(*top.point[:2])
+    height_sigma = math.hypot(
+        top.sigma, reach * _tilt_sigma(scene.placed[top.view]), config.range_sigma_m
+    )
+    slices = levels(np.where(mask, scene.forward_m, np.float32(np.nan)), config.levels)[mask]
+    return PanoramaObstacle(
+        left_rad=max(left.value, -right.value),
+        right_rad=min(left.value, -right.value),
+        distance_m=distance,
+        width_m=width,
+        height_m=top.value,
+        sigma_left_rad=math.hypot(left.sigma, _yaw_sigma(scene.placed, left.view)),
+        sigma_right_rad=math.hypot(right.sigma, _yaw_sigma(scene.placed, right.view)),
+        sigma_distance_m=sigma_distance,
+        sigma_width_m=math.sqrt(variance),
+        sigma_height_m=height_sigma,
+        left_edge_m=(left.point[0], y_left),
+        right_edge_m=(right.point[0], y_right),
+        label=number,
+        levels=(int(slices[slices > 0].min()), int(slices.max())),
+        pixels=int(mask.sum()),
+        cut_left=not left.own,
+        cut_right=not right.own,
+        cut_top=not top.own or top.value > config.top_m - 0.02,
+    )
+
+
+def _corners(
+    scene: _Scene,
+    known: Int[np.ndarray, "n"],
+    smooth: Float[np.ndarray, "n"],
+    rim: int,
+) -> tuple[float, float] | None:
+    """Greatest and least y of the outline between its edges: a corner may stand out further."""
+    if known.size <= 2 * rim:
+        return None
+    sphere, centre = scene.drawing.sphere, scene.drawing.centre
+    theta = sphere.left_rad + known / sphere.px_per_rad
+    aside = (centre[1] - (smooth - centre[0]) * np.tan(theta))[rim:-rim]
+    return float(aside.max()), float(aside.min())
+
+
+def _yaw_sigma(placed: Sequence[Placed | None], view: int) -> float:
+    """Deviation of a view's turn about the vertical, rad."""
+    place = placed[view]
+    if place is None or place.yaws is None:
+        return 0.0
+    return math.sqrt(max(float(place.yaws[view]), 0.0))
+
+
+def _between(placed: Sequence[Placed | None], one: int, other: int) -> float:
+    """Deviation of the turn between two views, rad."""
+    a, b = placed[one], placed[other]
+    if one == other or a is None or b is None or a.yaws is None or b.yaws is None:
+        return 0.0
+    return math.sqrt(max(float(a.yaws[one] + b.yaws[other] - 2.0 * a.yaws[other]), 0.0))
