@@ -55,6 +55,21 @@ class Head:
         self._pan = 0.0
         self._tilt = math.radians(min(max(0.0, config.tilt_deg[0]), config.tilt_deg[1]))
         self._aim = (self._pan, self._tilt)
+        self._play = (0.0, 0.0)
+
+    @property
+    def zeros(self) -> tuple[float, float]:
+        """How far askew pan and tilt joint sit, rad; a body with dynamics builds them so."""
+        return self._offset[0], self._offset[1]
+
+    @property
+    def aims(self) -> tuple[float, float]:
+        """Pan and tilt that the servos hold now, rad."""
+        return self._pan, self._tilt
+
+    def deflected(self, pan_rad: float, tilt_rad: float) -> None:
+        """A body with dynamics tells how far the joints are from where the servos hold them."""
+        self._play = (pan_rad, tilt_rad)
 
     def look(self, gaze: GazeCommand) -> None:
         """Clipped to the reach of the joints."""
@@ -78,7 +93,8 @@ class Head:
 
     def camera_truly(self, mount: tuple[float, float, float]) -> Pose3:
         """Where it is on a pelvis that does not tremble."""
-        return self._chain(self._pan + self._offset[0], self._tilt + self._offset[1], mount)
+        pan, tilt = self._pan + self._offset[0], self._tilt + self._offset[1]
+        return self._chain(pan + self._play[0], tilt + self._play[1], mount)
 
     def _chain(self, pan: float, tilt: float, mount: tuple[float, float, float]) -> Pose3:
         config = self.config

@@ -1,8 +1,10 @@
 """The simulated robot: a body that walks in a world, a head that looks, and sensors that say what they see.
 
 Frames come twice a step, 0.2 s before the end of single support and at its end, when the gait asks for
-its next command; the cameras that take pictures look at its end only, unless pairs are wanted. Everything in a `Frame` is what sensors give: `T_body_camera` is what the encoders say,
-the odometry what the joints say.
+its next command; the cameras that take pictures look at its end only, unless pairs are wanted. Everything
+in a `Frame` is what sensors give: `T_body_camera` is what the encoders say, the odometry what the joints
+say. The body is kinematic (footsteps exact, slip and tremble drawn) or dynamic (`sim.dynamic`: servos and
+soles in a physical world); nothing that is driven by frames can tell which.
 
 Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (cameras).
 """
@@ -17,6 +19,7 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.frame import (
     ColourView,
     Frame,
+    Imu,
     RangeView,
     StepOdometry,
     StereoView,
@@ -26,11 +29,15 @@ from planning.commands import GazeCommand, WalkCommand
 
 from .body import Advance, KinematicBody, SlipConfig, TrembleConfig
 from .cameras import ImageConfig, colour_picture, stereo_pair
+from .dynamic.anatomy import gait_for, head_for
+from .dynamic.walker import DynamicBody, DynamicConfig
 from .gait import GaitConfig
 from .head import Head, HeadConfig
 from .inertial import ImuConfig, InertialSensor, TrunkState
 from .tof_camera import TofCamera, TofConfig
 from .world import World
+
+BODIES = ("kinematic", "dynamic")
 
 BEFORE_END_S = 0.20  # dT of seed 000: the first of the two images, before the end of single support
 
@@ -40,8 +47,12 @@ class RobotConfig:
     """Which sensors the robot has, and how good they and the body are.
 
     A camera that is switched off is not rendered; its part of the frame is None.
+
+    Args:
+        body: "kinematic" or "dynamic"; slip and tremble are the first one's, dynamic the second's.
     """
 
+    body: str = "kinematic"
     tof: bool = True
     stereo: bool = True
     colour: bool = True
@@ -53,6 +64,7 @@ class RobotConfig:
     gait: GaitConfig = field(default_factory=GaitConfig)
     slip: SlipConfig = field(default_factory=SlipConfig)
     tremble: TrembleConfig = field(default_factory=TrembleConfig)
+    dynamic: DynamicConfig = field(default_factory=DynamicConfig)
     head: HeadConfig = field(default_factory=HeadConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     tof_camera: TofConfig = field(default_factory=TofConfig)
@@ -64,6 +76,8 @@ class RobotConfig:
     )  # left one; ours: f = 554 px
 
     def __post_init__(self) -> None:
+        if self.body not in BODIES:
+            raise ConfigError(f"robot: body={self.body!r} is unknown; choose {', '.join(BODIES)}")
         if not self.baseline_m > 0.0:
             raise ConfigError(f"robot: baseline_m={self.baseline_m} must be positive")
 
@@ -75,13 +89,32 @@ class SimulatedRobot:
         self.world, self.config = world, config
         streams = np.random.SeedSequence([seed, 30]).spawn(6)
         body, head, imu, tof, colour, stereo = (np.random.default_rng(s) for s in streams)
-        self.body = KinematicBody(world.scene.start, config.gait, config.slip, config.tremble, body)
-        self._head = Head(config.head, head)
+        self.body: KinematicBody | DynamicBody
+        if config.body == "dynamic":
+            measures = config.dynamic.body
+            self._head = Head(head_for(measures, config.head), head)
+            gait = gait_for(measures, config.gait)
+            self.body = DynamicBody(world, gait, config.dynamic, config.imu, self._head, body)
+        else:
+            self._head = Head(config.head, head)
+            self.body = KinematicBody(
+                world.scene.start, config.gait, config.slip, config.tremble, body
+            )
         self._inertial = InertialSensor(config.imu, imu)
         self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
         self._colour_rng, self._stereo_rng = colour, stereo
         self._began_s = world.stamp_s
         self._state = self._trunk_state()
+
+    @property
+    def fallen(self) -> bool:
+        """Whether the robot lies on the floor, by its own inertial sensor: nothing goes on from there."""
+        return isinstance(self.body, DynamicBody) and self.body.fallen
+
+    def close(self) -> None:
+        """Give the physics back, where there is one; a second time does nothing."""
+        if isinstance(self.body, DynamicBody):
+            self.body.close()
 
     def read(self) -> Frame:
         """Let the world go on to the next instant of the sensors, and look."""
@@ -89,8 +122,7 @@ class SimulatedRobot:
         first = round(BEFORE_END_S / self.config.gait.tick_s)
         left = self.body.ticks_left
         advance = self._pass(left - first if left > first else left)
-        before, self._state = self._state, self._trunk_state()
-        imu = self._inertial.measure(before, self._state, advance.seconds)
+        imu = self._feel(advance.seconds)
         ends = self.body.ticks_left == 0
         looks = ends or self.config.image_pairs
         return Frame(
@@ -136,12 +168,24 @@ class SimulatedRobot:
     def _pass(self, ticks: int) -> Advance:
         """Body, head and world go on together."""
         advance = self.body.advance(ticks)
-        self._head.advance(advance.seconds)
+        if isinstance(self.body, KinematicBody):
+            self._head.advance(advance.seconds)
         self.world.advance_to(self._began_s + round(self.body.ticks * self.config.gait.tick_s, 9))
         return advance
 
-    def _trunk_state(self) -> TrunkState:
+    def _feel(self, seconds: float) -> Imu:
+        """The inertial sensor since the frame before."""
+        if isinstance(self.body, DynamicBody):
+            return self.body.feel()
+        before, self._state = self._state, self._trunk_state()
+        assert before is not None
+        assert self._state is not None
+        return self._inertial.measure(before, self._state, seconds)
+
+    def _trunk_state(self) -> TrunkState | None:
         body = self.body
+        if isinstance(body, DynamicBody):
+            return None
         return TrunkState(body.true_pose.yaw, body.velocity_body, body.tremble)
 
     def _range_view(self) -> RangeView | None:

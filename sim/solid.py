@@ -10,6 +10,7 @@ import numpy as np
 from perception.primitives.pose import Pose2
 
 from .body import KinematicBody
+from .dynamic.walker import DynamicBody
 from .shapes import Box, Cylinder, Shape, convex_gap, distance, outline
 
 TRUNK_SIZE_M = (0.110, 0.164, 0.355)  # seed 000: depth, width; from 0.10 m up to 0.455 m
@@ -26,11 +27,11 @@ class Nearest:
     thing: str
 
 
-def robot_solid(body: KinematicBody) -> tuple[Box, ...]:
+def robot_solid(body: KinematicBody | DynamicBody) -> tuple[Box, ...]:
     """Trunk and feet where they truly are, world frame."""
-    boxes = [
-        _upright(body.true_pose @ body.pelvis_joints, TRUNK_SIZE_M, TRUNK_BOTTOM_M),
-    ]
+    x, y, _ = body.true_trunk().position
+    trunk = body.true_pose @ Pose2(float(x), float(y))
+    boxes = [_upright(trunk, TRUNK_SIZE_M, TRUNK_BOTTOM_M)]
     for side, (foot, lift) in zip((1, -1), body.feet_body, strict=True):
         sole = body.true_pose @ foot @ Pose2(0.0, side * FOOT_OUTWARD_M)
         boxes.append(_upright(sole, FOOT_SIZE_M, lift))

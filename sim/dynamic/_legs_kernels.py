@@ -1,0 +1,185 @@
+"""Compiled inner loops of the legs: kinematics there and back, weight, attitude, servo play.
+
+A leg is described by `size`: (hip half width with its side's sign, thigh, shank). Angles run from hip
+yaw, hip roll, hip pitch, knee, ankle pitch to ankle roll. A foot is the frame of its ankle.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def solve_leg(pelvis: np.ndarray, foot: np.ndarray, size: np.ndarray, angles: np.ndarray) -> None:
+    """Angles (6,) that put the ankle at foot (x, y, z, yaw) with a level sole under a level pelvis (same)."""
+    c, s = math.cos(pelvis[3]), math.sin(pelvis[3])
+    # hip seen from the ankle, in world axes, then in the foot's
+    dx = pelvis[0] - s * size[0] - foot[0]
+    dy = pelvis[1] + c * size[0] - foot[1]
+    rz = pelvis[2] - foot[2]
+    cf, sf = math.cos(foot[3]), math.sin(foot[3])
+    rx, ry = cf * dx + sf * dy, cf * dy - sf * dx
+    a, b = size[1], size[2]
+    reach = math.sqrt(rx * rx + ry * ry + rz * rz)
+    bend = (reach * reach - a * a - b * b) / (2.0 * a * b)
+    knee = math.acos(min(max(bend, -1.0), 1.0))
+    above = math.asin(min(max(a / reach * math.sin(knee), -1.0), 1.0))
+    if reach * reach < a * a - b * b:  # a long thigh folded past the right angle
+        above = math.pi - above
+    roll = math.atan2(ry, rz)
+    pitch = -math.atan2(rx, math.sqrt(ry * ry + rz * rz)) - above
+    # what is left for the hip: R = Rz(foot - pelvis) Rx(-roll) Ry(-pitch - knee)
+    turn = foot[3] - pelvis[3]
+    ct, st = math.cos(turn), math.sin(turn)
+    cr, sr = math.cos(-roll), math.sin(-roll)
+    cp, sp = math.cos(-pitch - knee), math.sin(-pitch - knee)
+    r01, r11, r21 = -st * cr, ct * cr, sr
+    r20, r22 = -cr * sp, cr * cp
+    yaw = math.atan2(-r01, r11)
+    angles[0] = yaw
+    angles[1] = math.atan2(r21, -r01 * math.sin(yaw) + r11 * math.cos(yaw))
+    angles[2] = math.atan2(-r20, r22)
+    angles[3] = knee
+    angles[4] = pitch
+    angles[5] = roll
+
+
+@njit(cache=True)
+def _place(rotation: np.ndarray, joints: np.ndarray) -> None:
+    """Thigh rotation of a leg: Rz(yaw) Rx(roll) Ry(pitch)."""
+    cy, sy = math.cos(joints[0]), math.sin(joints[0])
+    cr, sr = math.cos(joints[1]), math.sin(joints[1])
+    cp, sp = math.cos(joints[2]), math.sin(joints[2])
+    rotation[0, 0] = cy * cp - sy * sr * sp
+    rotation[0, 1] = -sy * cr
+    rotation[0, 2] = cy * sp + sy * sr * cp
+    rotation[1, 0] = sy * cp + cy * sr * sp
+    rotation[1, 1] = cy * cr
+    rotation[1, 2] = sy * sp - cy * sr * cp
+    rotation[2, 0] = -cr * sp
+    rotation[2, 1] = sr
+    rotation[2, 2] = cr * cp
+
+
+@njit(cache=True)
+def find_leg(
+    angles: np.ndarray, size: np.ndarray, rotation: np.ndarray, points: np.ndarray
+) -> None:
+    """Hip, knee and ankle (points, (3, 3)) and the foot's rotation, pelvis frame."""
+    _place(rotation, angles)
+    for k in range(3):
+        points[0, k] = 0.0
+        points[1, k] = -size[1] * rotation[k, 2]
+    points[0, 1] = size[0]
+    points[1, 1] += size[0]
+    c, s = math.cos(angles[3]), math.sin(angles[3])
+    for k in range(3):
+        x, z = rotation[k, 0], rotation[k, 2]
+        points[2, k] = points[1, k] - size[2] * (c * z + s * x)
+    c, s = math.cos(angles[3] + angles[4]), math.sin(angles[3] + angles[4])
+    cr, sr = math.cos(angles[5]), math.sin(angles[5])
+    for k in range(3):
+        x, y, z = rotation[k, 0], rotation[k, 1], rotation[k, 2]
+        ahead, up = c * x - s * z, c * z + s * x
+        rotation[k, 0] = ahead
+        rotation[k, 1] = cr * y + sr * up
+        rotation[k, 2] = cr * up - sr * y
+
+
+@njit(cache=True)
+def weigh(
+    angles: np.ndarray,
+    size: np.ndarray,
+    masses: np.ndarray,
+    sole: np.ndarray,
+    upper: np.ndarray,
+    com: np.ndarray,
+) -> None:
+    """Centre of mass (com, (3,)) in the pelvis frame.
+
+    Args: angles (12,) left then right; size (3,) of the left leg; masses (6,) of a leg's links; sole (3,)
+    the left foot's own in the foot; upper (4,) mass and centre of all that is not leg.
+    """
+    rotation, points, leg = np.empty((3, 3)), np.empty((3, 3)), size.copy()
+    total = upper[0]
+    for k in range(3):
+        com[k] = upper[0] * upper[1 + k]
+    for side in range(2):
+        sign = 1.0 - 2.0 * side
+        leg[0] = sign * size[0]
+        find_leg(angles[6 * side : 6 * side + 6], leg, rotation, points)
+        for k in range(3):
+            com[k] += (masses[0] + masses[1]) * points[0, k]
+            com[k] += masses[2] * (points[0, k] + points[1, k]) / 2.0
+            com[k] += masses[3] * (points[1, k] + points[2, k]) / 2.0
+            com[k] += masses[4] * points[2, k]
+            foot = rotation[k, 0] * sole[0] + rotation[k, 1] * sign * sole[1]
+            com[k] += masses[5] * (points[2, k] + foot + rotation[k, 2] * sole[2])
+        for mass in masses:
+            total += mass
+    for k in range(3):
+        com[k] /= total
+
+
+@njit(cache=True)
+def carry(
+    com: np.ndarray,
+    left: np.ndarray,
+    right: np.ndarray,
+    yaw: np.ndarray,
+    hip: float,
+    angles: np.ndarray,
+    size: np.ndarray,
+    masses: np.ndarray,
+    sole: np.ndarray,
+    upper: np.ndarray,
+    pelvis: np.ndarray,
+) -> None:
+    """Pelvis (n, 4) above ticks of a step such that the weight is at com (n, 2), feet (n, 4).
+
+    The weight in the pelvis is that of the tick before; two rounds a tick bring it home. Angles (12,) hold
+    the solution before the first tick and that of the last one after.
+    """
+    offset, leg = np.empty(3), size.copy()
+    for k in range(len(com)):
+        for _ in range(2):
+            weigh(angles, size, masses, sole, upper, offset)
+            c, s = math.cos(yaw[k]), math.sin(yaw[k])
+            pelvis[k, 0] = com[k, 0] - c * offset[0] + s * offset[1]
+            pelvis[k, 1] = com[k, 1] - s * offset[0] - c * offset[1]
+            pelvis[k, 2] = hip
+            pelvis[k, 3] = yaw[k]
+            leg[0] = size[0]
+            solve_leg(pelvis[k], left[k], leg, angles[:6])
+            leg[0] = -size[0]
+            solve_leg(pelvis[k], right[k], leg, angles[6:])
+
+
+@njit(cache=True)
+def attend(
+    up: np.ndarray, rate: np.ndarray, force: np.ndarray, gravity: float, tick: float, share: float
+) -> None:
+    """Turn the vertical in the trunk (up, (3,)) on by the gyro, and a little towards the accelerometer."""
+    x = up[0] + tick * (up[1] * rate[2] - up[2] * rate[1])
+    y = up[1] + tick * (up[2] * rate[0] - up[0] * rate[2])
+    z = up[2] + tick * (up[0] * rate[1] - up[1] * rate[0])
+    x += share * (force[0] / gravity - x)
+    y += share * (force[1] / gravity - y)
+    z += share * (force[2] / gravity - z)
+    length = math.sqrt(x * x + y * y + z * z)
+    up[0], up[1], up[2] = x / length, y / length, z / length
+
+
+@njit(cache=True)
+def engage(wanted: np.ndarray, found: np.ndarray, play: np.ndarray, setpoint: np.ndarray) -> None:
+    """Through gears with play (n,), the motor moves a joint only once its flank is reached."""
+    for k in range(len(wanted)):
+        error = wanted[k] - found[k]
+        half = play[k]
+        if error > half:
+            setpoint[k] = wanted[k] - half
+        elif error < -half:
+            setpoint[k] = wanted[k] + half
+        else:
+            setpoint[k] = found[k]

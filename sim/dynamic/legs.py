@@ -1,0 +1,131 @@
+"""Legs: from where the feet shall be to joint angles, in closed form, and back.
+
+Hip axes meet in a point, ankle axes too, so the knee follows from the distance of the two, the ankle from
+the direction of the hip, and the hip from what is left. Pelvis and soles stay level; what tilts them is
+added later by the balance.
+
+Source: Kajita et al., Introduction to Humanoid Robotics, section 2.5.2 (analytical inverse kinematics).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.pose import Pose2, Pose3
+
+from ..gait import Step
+from ._legs_kernels import carry, find_leg, solve_leg, weigh
+from .anatomy import LEG_JOINTS, Anatomy, links
+
+_LEGS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in LEG_JOINTS)
+
+
+class Legs:
+    """The legs of one body; angles are (12,), left then right, from the hip's yaw to the ankle's roll."""
+
+    joints = _LEGS
+
+    def __init__(self, body: Anatomy) -> None:
+        self.body = body
+        self.size = np.array([body.hip_half_m, body.thigh_m, body.shank_m])
+        self._masses = np.array(body.leg_kg)
+        self._sole = np.array([0.0, body.foot_outward_m, body.foot_m[2] / 2 - body.ankle_m])
+        self._upper = _upper(body)
+        self._other = self.size * np.array([-1.0, 1.0, 1.0])
+
+    def solve(
+        self,
+        pelvis: Float[np.ndarray, "4"],
+        left: Float[np.ndarray, "4"],
+        right: Float[np.ndarray, "4"],
+    ) -> Float[np.ndarray, "12"]:
+        """Angles for level soles under a level pelvis.
+
+        Args:
+            pelvis, left, right: (x, y, z, yaw), m and rad; a foot is its ankle. Out of reach the leg is
+                stretched towards it.
+        """
+        angles = np.empty(12)
+        solve_leg(pelvis, left, self.size, angles[:6])
+        solve_leg(pelvis, right, self._other, angles[6:])
+        return angles
+
+    def feet(self, angles: Float[np.ndarray, "12"]) -> tuple[Pose3, Pose3]:
+        """Left and right ankle with its foot's rotation, pelvis frame."""
+        found = []
+        for own, size in ((angles[:6], self.size), (angles[6:], self._other)):
+            rotation, points = np.empty((3, 3)), np.empty((3, 3))
+            find_leg(own, size, rotation, points)
+            found.append(Pose3.from_rotation(rotation, points[2].copy()))
+        return found[0], found[1]
+
+    def footprints(self, angles: Float[np.ndarray, "12"]) -> tuple[Pose2, Pose2]:
+        """Left and right foot below a level pelvis, as seen from above."""
+        prints = []
+        for own, size in ((angles[:6], self.size), (angles[6:], self._other)):
+            rotation, points = np.empty((3, 3)), np.empty((3, 3))
+            find_leg(own, size, rotation, points)
+            yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+            prints.append(Pose2(float(points[2, 0]), float(points[2, 1]), yaw))
+        return prints[0], prints[1]
+
+    def centre_of_mass(self, angles: Float[np.ndarray, "12"]) -> Float[np.ndarray, "3"]:
+        """Of the whole body, head and arms at rest, pelvis frame, m."""
+        com = np.empty(3)
+        weigh(angles, self.size, self._masses, self._sole, self._upper, com)
+        return com
+
+    def carry(self, step: Step, angles: Float[np.ndarray, "12"]) -> Float[np.ndarray, "n 4"]:
+        """The pelvis (x, y, z, yaw) over a step, such that the weight goes where the pendulum has it.
+
+        Args:
+            step: Feet and weight, tick by tick.
+            angles: The solution of the tick before the step, to begin with.
+        """
+        pelvis = np.empty((step.ticks, 4))
+        left, right = self.ankles(step)
+        yaw = np.unwrap(step.body[:, 2])
+        self._carry(step.com, left, right, yaw, angles.copy(), pelvis)
+        return pelvis
+
+    def stand(self, com: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "12"]:
+        """Angles of a body that stands square, its weight over a place between its feet, m."""
+        angles, pelvis = np.zeros(12), np.empty((8, 4))
+        left, right = (
+            np.tile([0.0, side * apart_m / 2, self.body.ankle_m, 0.0], (8, 1)) for side in (1, -1)
+        )
+        self._carry(np.tile(com, (8, 1)), left, right, np.zeros(8), angles, pelvis)
+        return angles
+
+    def ankles(self, step: Step) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
+        """Left and right ankle (x, y, z, yaw) over a step."""
+        found = []
+        for feet, side in ((step.left, 1), (step.right, -1)):
+            lift = step.lift * float(step.swing == side) + self.body.ankle_m
+            found.append(np.column_stack([feet[:, :2], lift, feet[:, 2]]))
+        return found[0], found[1]
+
+    def _carry(
+        self,
+        com: np.ndarray,
+        left: np.ndarray,
+        right: np.ndarray,
+        yaw: np.ndarray,
+        angles: np.ndarray,
+        pelvis: np.ndarray,
+    ) -> None:
+        args = (self.size, self._masses, self._sole, self._upper)
+        carry(com, left, right, yaw, self.body.hip_m, angles, *args, pelvis)
+
+
+def _upper(body: Anatomy) -> Float[np.ndarray, "4"]:
+    """Mass and centre of mass of all that is not leg, every joint at zero, pelvis frame."""
+    places: dict[str, np.ndarray] = {"": np.zeros(3)}
+    mass, moment = 0.0, np.zeros(3)
+    for link in links(body):
+        place = places[link.name] = places[link.parent] + np.array(link.origin)
+        if link.name not in _LEGS:
+            mass += link.mass
+            moment += link.mass * (place + link.centre_of_mass)
+    return np.array([mass, *(moment / mass)])

@@ -1,0 +1,340 @@
+"""A body that really walks: the same gait as the kinematic one, made by servos in a physical world.
+
+Every tick the plan becomes joint angles, the balance adds what the inertial sensor asks for, the servos do
+what play and askew zeros let them, and the physics decides. What the joints report comes from encoders;
+what is true is asked of the physics.
+
+Source: seed 000, section 2.1 (command); seed 001, section V-A (period 5 ms); gains: walking trials.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.frame import Imu
+from perception.primitives.pose import Pose2, Pose3
+from planning.commands import WalkCommand
+
+from ..body import Advance
+from ..gait import Gait, GaitConfig, Step
+from ..head import Head
+from ..inertial import ImuConfig
+from ..world import World
+from ._legs_kernels import engage
+from .anatomy import ANATOMIES, DARWIN, Anatomy
+from .balance import Ankles, Attitude, BalanceConfig, Landing
+from .legs import Legs
+from .odometry import FootToFoot, midway
+from .physics import Physics
+from .urdf import bumps
+
+SETTLE_S = 1.0
+NECK = ("pan", "tilt")
+TOP_M = 1.0  # nothing higher can be touched
+FALLEN = math.cos(math.radians(50.0))
+
+
+@dataclass(frozen=True)
+class DynamicConfig:
+    """What the walking body is, and how imperfect it and its floor are.
+
+    Args:
+        anatomy: "darwin" or "tall" (seed 004).
+        scale: All lengths of it times this.
+        play_deg: Of the gears, from flank to flank.
+        offset_deg: Deviation of each joint's zero, one value a run.
+        bump_m: Highest bump of the floor.
+        slope_rad: How the floor rises along x and y of the world.
+        balance: Gains.
+    """
+
+    anatomy: str = "darwin"
+    scale: float = 1.0
+    play_deg: float = 0.5  # hobby servos; without it the walk is unrealistically smooth
+    offset_deg: float = 0.3  # ours: zeros set by eye
+    bump_m: float = 0.002  # ours: floorboards, seams of carpets
+    slope_rad: tuple[float, float] = (0.0, 0.0)
+    balance: BalanceConfig = field(default_factory=BalanceConfig)
+
+    def __post_init__(self) -> None:
+        if self.anatomy not in ANATOMIES:
+            raise ConfigError(
+                f"dynamic: anatomy={self.anatomy!r} is unknown; choose {', '.join(ANATOMIES)}"
+            )
+        for name in ("play_deg", "offset_deg", "bump_m"):
+            if getattr(self, name) < 0.0:
+                raise ConfigError(f"dynamic: {name}={getattr(self, name)} must not be negative")
+        if not all(abs(value) < 0.3 for value in self.slope_rad):
+            raise ConfigError(f"dynamic: slope_rad={self.slope_rad} must be below 0.3 rad")
+
+    @property
+    def body(self) -> Anatomy:
+        """The measures meant."""
+        return ANATOMIES[self.anatomy].scaled(self.scale)
+
+
+class DynamicBody:
+    """Walks by footsteps from a start pose; advanced in whole ticks of the gait.
+
+    Answers what `KinematicBody` answers.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        gait: GaitConfig,
+        config: DynamicConfig,
+        imu: ImuConfig,
+        head: Head,
+        rng: np.random.Generator,
+    ) -> None:
+        """Put the robot down, and let it settle.
+
+        Args:
+            world: Whose scene it stands in; its things are solid.
+            gait: For this body, see `anatomy.gait_for`.
+            config: Body and floor.
+            imu: Noise of the means over a fifth of a second.
+            head: Turned along, tick by tick.
+            rng: Of zeros, bumps and noise.
+        """
+        self.config, self._gait_config, self._head = config, gait, head
+        body = config.body
+        self._scale = body.hip_m / DARWIN.hip_m
+        self._rng = rng
+        self._legs = Legs(body)
+        self._gait = Gait(gait)
+        tick_s = self._tick_s = gait.tick_s
+        count = len(Legs.joints)
+        offset = math.radians(config.offset_deg)
+        self._offset = np.append(offset * rng.standard_normal(count), np.array(head.zeros))
+        self._half_play = np.full(count + 2, math.radians(config.play_deg) / 2)
+        self._angles = self._legs.stand(np.zeros(2), gait.stance_width_m)
+        self._planned = self._angles.copy()
+        self._steered = (*Legs.joints, *NECK)
+        stance = dict(zip(Legs.joints, self._angles.tolist(), strict=True))
+        pelvis = self._legs.footprints(self._angles)
+        ahead = Pose2(-(pelvis[0].x + pelvis[1].x) / 2, 0.0)
+        self.physics = Physics(
+            body,
+            world.scene.start @ ahead,
+            stance,
+            body.hip_m + config.bump_m,
+            tick_s,
+            config.slope_rad,
+        )
+        rough = bumps(world.scene.extent, config.bump_m, rng) if config.bump_m > 0.0 else []
+        self._world = world
+        low = [
+            part for thing in world.scene.things for part in thing.parts if part.bottom_m < TOP_M
+        ]
+        self.physics.furnish(rough + low, [mover.parts for mover in world.scene.movers])
+        self._imu = imu
+        self._gyro_bias = imu.gyro_bias_radps * rng.standard_normal(3)
+        self._force_bias = imu.force_bias_mps2 * rng.standard_normal(3)
+        self._attitude = Attitude(config.balance, tick_s)
+        self._ankles = Ankles(config.balance, tick_s)
+        self._landing = Landing(config.balance, tick_s, self._scale)
+        self._encoders = self._angles.copy()
+        self._command: WalkCommand | None = None
+        self._push: tuple[np.ndarray, int] = (np.zeros(3), 0)
+        self._sums: tuple[np.ndarray, np.ndarray, int] = (np.zeros(3), np.zeros(3), 0)
+        self.fallen = False
+        self._ticks = -round(SETTLE_S / tick_s)
+        self._last = np.append(self._angles, [0.0, 0.0])
+        self._odometry = FootToFoot(self._legs, self._encoders)
+        self._begin_step()
+        while self._ticks < 0:
+            self._settle()
+        self._odometry = FootToFoot(self._legs, self._encoders)
+        self._begin_step()
+
+    def walk(self, command: WalkCommand) -> None:
+        """Taken up at the start of the coming double support; the last one counts."""
+        self._command = command
+
+    def push(self, force: Float[np.ndarray, "3"], seconds: float) -> None:
+        """Somebody pushes at the pelvis from now on, world axes, N."""
+        self._push = (force, round(seconds / self._tick_s))
+
+    def take_up(self) -> None:
+        """Begin the next step with the command given, if this one is over."""
+        if self._tick == self._step.ticks:
+            self._begin_step()
+
+    @property
+    def ticks_left(self) -> int:
+        """To the end of the step, which is the end of its single support."""
+        return self._step.ticks - self._tick
+
+    @property
+    def ticks(self) -> int:
+        """Since the beginning."""
+        return self._ticks
+
+    def advance(self, ticks: int) -> Advance:
+        """Move on.
+
+        Args:
+            ticks: At least 1; may reach into the following steps.
+        """
+        before, steps, asked = self._odometry.body(self._encoders), 0.0, ticks
+        movers = self._world.movers()
+        for k in range(1, ticks + 1):
+            self.take_up()
+            late = k * self._tick_s
+            self.physics.place([(x + vx * late, y + vy * late) for x, y, vx, vy in movers])
+            done = float(self._step.progress[self._tick - 1]) if self._tick > 0 else 0.0
+            self._advance_tick()
+            steps += float(self._step.progress[self._tick - 1]) - done
+        motion = before.inverse() @ self._odometry.body(self._encoders)
+        return Advance(motion, steps, asked * self._tick_s)
+
+    @property
+    def pelvis_joints(self) -> Pose2:
+        """The pelvis in the body frame by the joints."""
+        return self._odometry.pelvis(self._encoders)
+
+    @property
+    def stepping(self) -> bool:
+        """Whether a foot swings in this step."""
+        return self._step.stepping
+
+    @property
+    def swinging(self) -> int:
+        """The side that is in the air by plan, +1 left, -1 right, 0 none."""
+        aloft = self._step.stepping and self._tick > self._step.double_support_ticks
+        return self._step.swing if aloft else 0
+
+    @property
+    def true_pose(self) -> Pose2:
+        """Midway between the true feet, heading with the true pelvis."""
+        left, right = (
+            _below(self.physics.link(f"{side}_ankle_roll")) for side in ("left", "right")
+        )
+        return midway(left, right, _below(self.physics.pelvis()).yaw)
+
+    def true_trunk(self) -> Pose3:
+        """The pelvis in the true body frame, lowered by the height it has while walking."""
+        pelvis = self.true_pose.inverse().lifted() @ self.physics.pelvis()
+        return pelvis @ Pose3((0.0, 0.0, -self.config.body.hip_m))
+
+    @property
+    def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
+        """Left and right foot in the true body frame, each with its height above the floor, m."""
+        inverse = self.true_pose.inverse()
+        ankle = self.config.body.ankle_m
+        left, right = (self.physics.link(f"{side}_ankle_roll") for side in ("left", "right"))
+        return (
+            (inverse @ _below(left), max(left.translation[2] - ankle, 0.0)),
+            (inverse @ _below(right), max(right.translation[2] - ankle, 0.0)),
+        )
+
+    def feel(self) -> Imu:
+        """Means of the inertial sensor since it was last asked, levelled by its own vertical."""
+        rate, force, count = self._sums
+        self._sums = (np.zeros(3), np.zeros(3), 0)
+        return Imu(rate / max(count, 1), force / max(count, 1))
+
+    def close(self) -> None:
+        """Give the physics back."""
+        self.physics.close()
+
+    def _begin_step(self) -> None:
+        self._step: Step = self._gait.step(self._command or WalkCommand())
+        self._command = None
+        self._tick = 0
+        self._pelvis = self._legs.carry(self._step, self._planned)
+        self._left, self._right = self._legs.ankles(self._step)
+        noise = self._rng.standard_normal((self._step.ticks, 6))
+        scale = math.sqrt(0.2 / self._tick_s)  # the config's noise is that of means over 0.2 s
+        noise[:, :3] *= scale * self._imu.gyro_sigma_radps
+        noise[:, 3:] *= scale * self._imu.force_sigma_mps2
+        self._noise = noise
+
+    def _settle(self) -> None:
+        """One tick of standing before time begins."""
+        self.take_up()
+        self._advance_tick()
+
+    def _advance_tick(self) -> None:
+        """Plan, balance, servos, physics, sensors."""
+        step, tick = self._step, self._tick
+        physics = self.physics
+        asked = self._landing.asks(step, tick)
+        load = 0.0
+        if asked:
+            load = physics.load_on(f"{'left' if asked > 0 else 'right'}_ankle_roll")
+        self._landing.advance(step, tick, load)
+        left, right = self._left[tick].copy(), self._right[tick].copy()
+        left[2] += self._landing.heights[0]
+        right[2] += self._landing.heights[1]
+        angles = self._legs.solve(self._pelvis[tick], left, right)
+        self._planned[:] = angles
+        self._tick += 1
+        self._ticks += 1
+        rate, force = self._sense(tick)
+        self._attitude.feel(rate, force)
+        self._ankles.correct(angles, self._attitude.tilt, rate, self.swinging)
+        self._head.advance(self._tick_s)
+        self._drive(np.append(angles, self._head.aims))
+        strength, left_over = self._push
+        if left_over > 0:
+            physics.push(strength)
+            self._push = (strength, left_over - 1)
+        physics.go_on()
+        self._follow(tick)
+
+    def _drive(self, wanted: Float[np.ndarray, "14"]) -> None:
+        """Servos: askew zeros, and play that the motor has to take up first."""
+        rates = (wanted - self._last) / self._tick_s
+        self._last = wanted
+        askew = wanted + self._offset
+        found = self.physics.angles(self._steered)
+        setpoint = np.empty_like(askew)
+        engage(askew, found, self._half_play, setpoint)
+        self._wanted = askew
+        self.physics.steer(self._steered, setpoint, rates)
+
+    def _follow(self, tick: int) -> None:
+        """After a tick: encoders on the motors' side of the gears, the foot that stands, the fall."""
+        found = self.physics.angles(self._steered)
+        motor = np.clip(self._wanted, found - self._half_play, found + self._half_play)
+        self._encoders = (motor - self._offset)[:12]
+        self._head.deflected(
+            float(found[12] - self._wanted[12]), float(found[13] - self._wanted[13])
+        )
+        step = self._step
+        if step.stepping and 2 * tick >= step.double_support_ticks:
+            self._odometry.read(self._encoders, -step.swing)
+        if self._attitude.up[2] < FALLEN:
+            self.fallen = True
+
+    def _sense(self, tick: int) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """The inertial sensor in the trunk after the last tick, with bias and noise, trunk axes."""
+        rate, force = self.physics.felt()
+        rate = rate + self._gyro_bias + self._noise[tick, :3]
+        force = force + self._force_bias + self._noise[tick, 3:]
+        roll, pitch = self._attitude.tilt
+        sums = self._sums
+        level = _levelled(roll, pitch)
+        self._sums = (sums[0] + level @ rate, sums[1] + level @ force, sums[2] + 1)
+        return rate, force
+
+
+def _below(pose: Pose3) -> Pose2:
+    """Seen from above."""
+    x, y, _ = pose.translation
+    ahead = pose.rotation[:, 0]
+    return Pose2(x, y, math.atan2(ahead[1], ahead[0]))
+
+
+def _levelled(roll: float, pitch: float) -> Float[np.ndarray, "3 3"]:
+    """Rotation from a trunk with this tilt to upright axes of the same heading."""
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
