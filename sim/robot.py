@@ -12,6 +12,7 @@ Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (camera
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from types import TracebackType
 
 import numpy as np
 
@@ -115,6 +116,17 @@ class SimulatedRobot:
         """Give the physics back, where there is one; a second time does nothing."""
         if isinstance(self.body, DynamicBody):
             self.body.close()
+
+    def __enter__(self) -> SimulatedRobot:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
 
     def read(self) -> Frame:
         """Let the world go on to the next instant of the sensors, and look."""

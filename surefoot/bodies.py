@@ -44,9 +44,13 @@ class LiveBody:
     def __init__(self, robot: SimulatedRobot, writer: RecordingWriter | None = None) -> None:
         self._robot = robot
         self._writer = writer
+        self.fell_at_s: float | None = None
 
     def read(self) -> Frame | None:
-        """The next instant of the sensors, as a recording holds it."""
+        """The next instant of the sensors, as a recording holds it; None once the robot has fallen."""
+        if self._robot.fallen:
+            self.fell_at_s = self._robot.world.stamp_s
+            return None
         encoded = encode(self._robot.read())
         if self._writer is not None:
             self._writer.write(encoded)

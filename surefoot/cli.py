@@ -134,6 +134,11 @@ config_option = click.option(
     metavar="NAME",
     help="Who decides the steps: search (the joint stack), field, swarm or avoidance.",
 )
+@click.option(
+    "--body",
+    type=click.Choice(["kinematic", "dynamic"]),
+    help="Exact footsteps with drawn noise, or servos and soles in a physical world.",
+)
 @click.option("--record", is_flag=True, help="Keep the sensors in recording.mcap.")
 @click.option("--view", "watch", is_flag=True, help="Live page on loopback (needs the extra viz).")
 @click.option(
@@ -150,6 +155,7 @@ def simulate(
     scene: str | None,
     seed: int | None,
     planner: str | None,
+    body: str | None,
     record: bool,
     watch: bool,
     wander: float | None,
@@ -172,6 +178,8 @@ def simulate(
 
     if planner is not None:
         overrides = (*overrides, f"mission.planner={planner}")
+    if body is not None:
+        overrides = (*overrides, f"robot.body={body}")
     if wander is not None:
         overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
     config = load(config_path, overrides, scene=scene, seed=seed)

@@ -37,6 +37,7 @@ class Summary:
         skipped: Frames that could not be used, by reason.
         reached: Goals reached, and of how many; None for a recording.
         seconds: Length in the recording's clock.
+        fell_at_s: When the robot fell, which ends a run; None if it stood to the end.
         notes: Anything else the user should know.
     """
 
@@ -46,11 +47,13 @@ class Summary:
     skipped: dict[str, int] = field(default_factory=dict)
     reached: tuple[int, int] | None = None
     notes: tuple[str, ...] = ()
+    fell_at_s: float | None = None
 
     @property
     def succeeded(self) -> bool:
-        """Every goal reached, if there were any."""
-        return self.reached is None or self.reached[0] == self.reached[1]
+        """Every goal reached, if there were any, and never fallen."""
+        arrived = self.reached is None or self.reached[0] == self.reached[1]
+        return arrived and self.fell_at_s is None
 
     def as_dict(self) -> dict[str, Any]:
         """For machines."""
@@ -62,6 +65,7 @@ class Summary:
             "goals_reached": None if self.reached is None else self.reached[0],
             "goals": None if self.reached is None else self.reached[1],
             "notes": list(self.notes),
+            "fell_at_s": self.fell_at_s,
         }
 
     def lines(self) -> list[str]:
@@ -100,8 +104,10 @@ def simulate(
     scene = scenes.load(config.scene, config.seed)
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{config.scene}-{config.seed}")
-    with World(scene, config.renderer, config.seed) as world, _recorder(folder, record) as begin:
-        robot = SimulatedRobot(world, config.robot, config.seed)
+    with contextlib.ExitStack() as stack:
+        world = stack.enter_context(World(scene, config.renderer, config.seed))
+        begin = stack.enter_context(_recorder(folder, record))
+        robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
         info = RecordingInfo(
             name=f"{config.scene}-{config.seed}",
             kind="simulation",
@@ -120,11 +126,14 @@ def simulate(
         page = _page(watch, say)
         _cycle(body, pipeline, planner, journal, say, truth.note, page)
         truth.write(folder)
+    fell = body.fell_at_s
     summary = Summary(
         folder.root,
         journal.frames,
         journal.seconds,
         reached=(planner.reached, len(goals)) if goals else None,
+        notes=() if fell is None else (f"the robot fell after {fell:.1f} s",),
+        fell_at_s=fell,
     )
     journal.finish(pipeline, summary.as_dict())
     return summary
