@@ -50,7 +50,7 @@ class PriorConfig:
     given_heading_deg: float = 0.5
     start_m: float = 0.02  # ours: a robot is put down on its mark by hand
     start_deg: float = 1.0  # ours
-    clock_sigma_s: float = 0.015  # ours: images against joints; about half a frame of a camera
+    clock_sigma_s: float = 0.013  # ours: images against joints; about half a frame of a camera
     longest_step_m: float = 0.15  # ours: the gait makes 0.08; joints that report more are wrong
 
 

@@ -1,7 +1,8 @@
 """Where are they: obstacles followed from frame to frame.
 
-Detections are given to tracks so that the sum of their distances is least (global nearest neighbour); a
-second round asks whether what is left over has just turned. A track is shown when it was seen often
+Detections are given to tracks so that all together they are likeliest (global nearest neighbour on the
+logarithm of the density, not on Mahalanobis' distance alone, which favours the vague); what is likelier
+something new begins a track. A track is shown when it was seen often
 enough, and dies when it is not seen where it should be, or has become too vague to be of use.
 
 Source: seed 001, sections 2 and 14; association and life of a track ours.
@@ -20,7 +21,7 @@ from scipy.optimize import linear_sum_assignment
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import Obstacle
-from .consistency import Innovation, chi_square_quantile
+from .consistency import Innovation
 from .track import Detection, Track, TrackConfig
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
@@ -31,7 +32,7 @@ Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 class TrackerConfig:
     """Gate, birth and death of tracks."""
 
-    gate_probability: float = 0.998  # ours: true detections kept by a track that is right
+    new_per_m2: float = 0.02  # ours: density of things never seen before, per frame in view
     hits_to_show: int = 3  # ours: sightings before a track is believed
     misses_to_die: int = 5  # ours: frames in view, unseen
     misses_of_newborn: int = 2  # ours: the same, before it is believed
@@ -39,19 +40,22 @@ class TrackerConfig:
     oldest_s: float = (
         12.0  # ours: not seen for so long; by then a mover may be anywhere on its line
     )
+    oldest_newborn_s: float = 3.0  # ours: the same, before it is believed
     max_radius_m: float = 0.35  # ours: larger is furniture, and the map's business
     same_share: float = 0.5  # ours: closer than this share of their radii, two tracks are one thing
     track: TrackConfig = field(default_factory=TrackConfig)
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.gate_probability < 1.0:
-            raise ConfigError(
-                f"tracker: gate_probability={self.gate_probability} must lie between 0 and 1"
-            )
         for name in ("hits_to_show", "misses_to_die", "misses_of_newborn"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"tracker: {name}={getattr(self, name)} must be at least 1")
-        for name in ("largest_sigma_m", "oldest_s", "max_radius_m"):
+        for name in (
+            "new_per_m2",
+            "largest_sigma_m",
+            "oldest_s",
+            "oldest_newborn_s",
+            "max_radius_m",
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"tracker: {name}={value} must be positive and finite")
@@ -77,7 +81,6 @@ class ObstacleTracker:
         self._lives: list[_Life] = []
         self._born = 0
         self._stamp_s: float | None = None
-        self._gate = chi_square_quantile(self.config.gate_probability, 2)
         self.innovations: list[Innovation] = []
         """Of this frame's sightings, numbered by track; given out for judging consistency."""
 
@@ -142,18 +145,15 @@ class ObstacleTracker:
 
     def _associate(self, detections: Sequence[Detection]) -> dict[int, int]:
         """Track index to detection index, one to one; those who may have turned come second."""
-        given: dict[int, int] = {}
-        for turned in (False, True):
-            rows = [i for i in range(len(self._lives)) if i not in given]
-            taken = set(given.values())
-            columns = [j for j in range(len(detections)) if j not in taken]
-            if not rows or not columns:
-                break
-            expected = [self._lives[i].track.expected(turned) for i in rows]
-            cost = distances(expected, [detections[j] for j in columns])
-            for row, column in match(cost, self._gate):
-                given[rows[row]] = columns[column]
-        return dict(sorted(given.items()))
+        if not self._lives or not detections:
+            return {}
+        positions = np.array([seen.position for seen in detections])
+        covariances = np.array([seen.covariance for seen in detections])
+        density = np.array([life.track.density(positions, covariances) for life in self._lives])
+        cost = -2.0 * np.log(np.maximum(density, 1e-300))
+        gate = -2.0 * math.log(self.config.new_per_m2)
+        least = min(float(cost.min()), gate)
+        return dict(sorted(match(cost - least, gate - least)))
 
     def _miss(self, seen: set[int], visible: Visible | None) -> None:
         unseen = [i for i in range(len(self._lives)) if i not in seen]
@@ -166,7 +166,8 @@ class ObstacleTracker:
     def _lives_on(self, life: _Life, stamp_s: float) -> bool:
         shown = life.hits >= self.config.hits_to_show
         limit = self.config.misses_to_die if shown else self.config.misses_of_newborn
-        if life.misses >= limit or stamp_s - life.seen_s > self.config.oldest_s:
+        oldest = self.config.oldest_s if shown else self.config.oldest_newborn_s
+        if life.misses >= limit or stamp_s - life.seen_s > oldest:
             return False
         P = life.track.state.covariance[:2, :2]
         return float(np.linalg.eigvalsh(P)[-1]) < self.config.largest_sigma_m**2
@@ -186,20 +187,6 @@ class ObstacleTracker:
                 kept.append(life)
                 places.append(place)
         self._lives = kept
-
-
-def distances(
-    expected: Sequence[Gaussian], detections: Sequence[Detection]
-) -> Float[np.ndarray, "n m"]:
-    """Squared Mahalanobis distance of every detection from every expectation."""
-    means = np.array([e.mean for e in expected])
-    seen = np.array([d.position for d in detections])
-    S = (
-        np.array([e.covariance for e in expected])[:, None]
-        + np.array([d.covariance for d in detections])[None]
-    )
-    offset = seen[None] - means[:, None]
-    return np.asarray(np.sum(offset * np.linalg.solve(S, offset[..., None])[..., 0], axis=-1))
 
 
 def match(cost: Float[np.ndarray, "n m"], gate: float) -> list[tuple[int, int]]:

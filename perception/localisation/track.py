@@ -12,7 +12,8 @@ ratio). No second filter is needed, and a drift that the viewpoint explains is n
 
 While it is out of sight it may have turned back, once or several times. The filter goes straight on; the
 state that is told is a mixture of that and of a random telegraph signal, and when the thing is seen again
-both are weighed by where it is. What stands is believed to stand where it was seen last. Whether it moves
+both are weighed by where it is. The same hypotheses, each by its weight, say how likely a detection is of
+this thing: what is known to stand takes no mover that passes by for itself. What stands is believed to stand where it was seen last. Whether it moves
 is not learnt from not seeing it, but from where it is when it is seen again.
 
 Source: seed 001, sections 2, 3 and 14 (one sigma-point filter per obstacle); viewpoint and evidence ours.
@@ -44,17 +45,16 @@ class TrackConfig:
     """How obstacles move, and how we see them."""
 
     speed_sigma_mps: float = 0.06  # seed 001: movers of 0.03 to 0.15 m/s; deviation per axis
-    acceleration_mps2: float = (
-        0.015  # ours: random acceleration per frame while nothing unusual happens
-    )
+    acceleration_mps2: float = 0.008  # ours: random acceleration per frame, nothing unusual
     view_memory_s: float = 5.0  # ours: the robot's error at this distance is a new one (1/e)
-    shape_share: float = 0.2  # ours: wander of a half-seen thing's centre, in radii
+    shape_share: float = 0.07  # ours: wander of a half-seen thing's centre, in radii
     moving_prior: float = 0.25  # seed 001: 4 of 16 obstacles move
     memory_s: float = 20.0  # ours: once seen moving, believed able to, for about this long
     start_probability: float = 0.001  # ours: per frame, that something standing starts
     turn_probability: float = 0.02  # navigation trials: movers turn every 15 to 25 s, 50 frames
     turn_every_s: float = 20.0  # navigation trials: the same, for what is out of sight
     notice_s: float = 1.0  # ours: how long ago a turn may have been when it is noticed
+    unnoticed_s: float = 0.3  # ours: the same, when it need not have been noticed yet
     travel_share: float = 0.7  # ours: nothing moves that has not left its place by so many radii
 
     def __post_init__(self) -> None:
@@ -64,6 +64,7 @@ class TrackConfig:
             "view_memory_s",
             "memory_s",
             "notice_s",
+            "unnoticed_s",
             "turn_every_s",
         ):
             value = getattr(self, name)
@@ -109,6 +110,7 @@ class Track:
         self._still: Gaussian | None = None  # if it stands: as it was seen last
         self._state: Gaussian | None = None
         self._expected: Gaussian | None = None
+        self._expected_all: list[tuple[float, Gaussian]] | None = None
         self._lag = np.zeros(2)
         x, y, yaw = robot.mean
         c, s = math.cos(yaw), math.sin(yaw)
@@ -159,11 +161,12 @@ class Track:
         A turn in view is noticed late, so that the last moments count as unseen.
         """
         straight = Gaussian(self._filter.x, self._filter.P)
-        since = turning(self._unseen_s + self.config.notice_s, self.config.turn_every_s)
+        since = turning(self._unseen_s + self.config.unnoticed_s, self.config.turn_every_s)
+        moves = self._may_move()
         parts = (
-            (1.0 - self.moving, self._still or _stopped(straight)),
-            (self.moving * since.straight, straight),
-            (self.moving * (1.0 - since.straight), _turned(straight, since)),
+            (1.0 - moves, self._still or _stopped(straight)),
+            (moves * since.straight, straight),
+            (moves * (1.0 - since.straight), _turned(straight, since)),
         )
         mean = np.sum([weight * part.mean[:4] for weight, part in parts], axis=0)
         covariance = np.zeros((4, 4))
@@ -200,19 +203,52 @@ class Track:
         self._unseen_s += dt
         self._draw()
 
-    def expected(self, turned: bool = False) -> Gaussian:
-        """Where it should be seen: Gaussian over the position in the body frame, m, before sensor noise.
+    def expected(self) -> Gaussian:
+        """Where it should be seen if it went straight on: over the position in the body frame, m, noiseless."""
+        if self._expected is None:
+            self._expected = self._seen_from_body(self._filter.sigmas_f)
+        return self._expected
+
+    def density(
+        self, positions: Float[np.ndarray, "n 2"], covariances: Float[np.ndarray, "n 2 2"]
+    ) -> Float[np.ndarray, "n"]:
+        """How likely each detection is of this thing, per square metre: standing, going straight, turned.
 
         Args:
-            turned: If it did not go straight on since it was seen, and has just taken up any velocity.
+            positions: Of the detections, body frame, m.
+            covariances: Of those by the sensor alone, m^2.
         """
-        if not turned:
-            if self._expected is None:
-                self._expected = self._seen_from_body(self._filter.sigmas_f)
-            return self._expected
-        found = self._seen_from_body(self._sigma_points(self._if_turned()))
-        fresh = 2.0 * (self.config.speed_sigma_mps * min(self._unseen_s, self.config.notice_s)) ** 2
-        return Gaussian(found.mean, found.covariance + fresh * np.eye(2))
+        found = np.zeros(len(positions))
+        for weight, expected in self._expectations():
+            S = covariances + expected.covariance
+            away = positions - expected.mean
+            square = np.einsum("ni,ni->n", away, np.linalg.solve(S, away[..., None])[..., 0])
+            found += weight * np.exp(-0.5 * square) / (2.0 * np.pi * np.sqrt(np.linalg.det(S)))
+        return found
+
+    def _expectations(self) -> list[tuple[float, Gaussian]]:
+        """Every hypothesis with its weight: where it should be seen."""
+        if self._expected_all is None:
+            since = turning(self._unseen_s, self.config.turn_every_s)
+            moves = self._may_move()
+            turned = self._seen_from_body(self._sigma_points(self._if_turned()))
+            fresh = (
+                2.0 * (self.config.speed_sigma_mps * min(self._unseen_s, self.config.notice_s)) ** 2
+            )
+            turned = Gaussian(turned.mean, turned.covariance + fresh * np.eye(2))
+            self._expected_all = [
+                (moves * since.straight, self.expected()),
+                (moves * (1.0 - since.straight), turned),
+            ]
+            if self._still is not None:
+                still = self._seen_from_body(self._sigma_points(self._still))
+                self._expected_all.append((1.0 - moves, still))
+        return self._expected_all
+
+    def _may_move(self) -> float:
+        """Probability that it moves as far as its velocity tells, in (0, 1): before it has left its place."""
+        odds = _log_odds(self.config.moving_prior) + max(self._evidence, self._weigh())
+        return 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, odds))))
 
     def _seen_from_body(self, points: np.ndarray) -> Gaussian:
         places = np.stack(relative_position(points.T, self._robot.mean), axis=-1)
@@ -317,7 +353,7 @@ class Track:
 
     def _draw(self) -> None:
         """Sigma points for the next use of the filter; what was derived from older ones is void."""
-        self._state = self._expected = None
+        self._state = self._expected = self._expected_all = None
         self._filter.sigmas_f = self._sigma_points(Gaussian(self._filter.x, self._filter.P))
 
     def _sigma_points(self, state: Gaussian) -> np.ndarray:
