@@ -159,6 +159,11 @@ class KinematicBody:
         away = body.rotation.T @ (com - np.array([body.x, body.y]))
         return Pose2(float(away[0]), float(away[1]), 0.0)
 
+    def trunk_by_joints(self) -> Pose3:
+        """The pelvis, on the floor below it, in the body frame as the joints have it."""
+        pelvis = self.pelvis_joints
+        return Pose3((pelvis.x, pelvis.y, 0.0))
+
     @property
     def velocity_body(self) -> Float[np.ndarray, "2"]:
         """Of the centre of mass, in body axes, m/s."""

@@ -174,8 +174,7 @@ class SimulatedRobot:
         return trunk @ self._head.camera_truly(mount)
 
     def _camera_by_joints(self, mount: tuple[float, float, float]) -> Pose3:
-        pelvis = self.body.pelvis_joints
-        return Pose3((pelvis.x, pelvis.y, 0.0)) @ self._head.camera_by_encoders(mount)
+        return self.body.trunk_by_joints() @ self._head.camera_by_encoders(mount)
 
     def _pass(self, ticks: int) -> Advance:
         """Body, head and world go on together."""

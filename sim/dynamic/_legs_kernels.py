@@ -158,15 +158,27 @@ def carry(
 
 @njit(cache=True)
 def attend(
-    up: np.ndarray, rate: np.ndarray, force: np.ndarray, gravity: float, tick: float, share: float
+    up: np.ndarray,
+    bias: np.ndarray,
+    rate: np.ndarray,
+    force: np.ndarray,
+    tick: float,
+    share: float,
+    learn: float,
 ) -> None:
-    """Turn the vertical in the trunk (up, (3,)) on by the gyro, and a little towards the accelerometer."""
-    x = up[0] + tick * (up[1] * rate[2] - up[2] * rate[1])
-    y = up[1] + tick * (up[2] * rate[0] - up[0] * rate[2])
-    z = up[2] + tick * (up[0] * rate[1] - up[1] * rate[0])
-    x += share * (force[0] / gravity - x)
-    y += share * (force[1] / gravity - y)
-    z += share * (force[2] / gravity - z)
+    """Turn the vertical in the trunk (up, (3,)) on by the gyro, and a little towards the accelerometer.
+
+    What the accelerometer keeps asking for is learnt as the gyro's bias, (3,). Force (3,) is at rest.
+    """
+    length = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
+    fx, fy, fz = force[0] / length, force[1] / length, force[2] / length
+    wx, wy, wz = rate[0] - bias[0], rate[1] - bias[1], rate[2] - bias[2]
+    bias[0] -= learn * (fy * up[2] - fz * up[1])
+    bias[1] -= learn * (fz * up[0] - fx * up[2])
+    bias[2] -= learn * (fx * up[1] - fy * up[0])
+    x = up[0] + tick * (up[1] * wz - up[2] * wy) + share * (fx - up[0])
+    y = up[1] + tick * (up[2] * wx - up[0] * wz) + share * (fy - up[1])
+    z = up[2] + tick * (up[0] * wy - up[1] * wx) + share * (fz - up[2])
     length = math.sqrt(x * x + y * y + z * z)
     up[0], up[1], up[2] = x / length, y / length, z / length
 

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 
-from ..gait import GRAVITY_MPS2, Step
+from ..gait import Step
 from ._legs_kernels import attend
 
 
@@ -30,7 +30,7 @@ class BalanceConfig:
     gyro_gain_s: float = 0.02  # walking trials
     tilt_memory: float = 0.5  # walking trials: share of the last tilt kept each tick
     blend_s: float = 0.03  # ours: an ankle takes part, and ceases to, over so long
-    attitude_s: float = 1.0  # ours: the accelerometer corrects the gyro's vertical this slowly
+    attitude_s: float = 2.0  # ours: the accelerometer corrects the gyro's vertical this slowly
     due_share: float = 0.55  # walking trials: of the swing, before which no landing is believed
     touch_n: float = 2.0  # walking trials
     hold_most_m: float = 0.008  # walking trials
@@ -48,22 +48,53 @@ class BalanceConfig:
 
 
 class Attitude:
-    """The vertical in the trunk, from gyro and accelerometer alone."""
+    """The vertical in the trunk, from gyro and accelerometer alone.
+
+    The acceleration that the walk itself plans is taken off the accelerometer first: the sway of a step
+    would otherwise lean the vertical by degrees.
+
+    Source: Mahony et al. 2008 (complementary filter that learns the gyro's bias).
+    """
 
     def __init__(self, config: BalanceConfig, tick_s: float) -> None:
         self.up = np.array([0.0, 0.0, 1.0])
+        self._bias = np.zeros(3)
         self._tick_s = tick_s
         self._share = tick_s / config.attitude_s
+        self._learn = tick_s / (4.0 * config.attitude_s**2)  # as slow as does not ring
 
-    def feel(self, rate: Float[np.ndarray, "3"], force: Float[np.ndarray, "3"]) -> None:
-        """One tick of the sensor, trunk axes, rad/s and m/s^2."""
-        attend(self.up, rate, force, GRAVITY_MPS2, self._tick_s, self._share)
+    def feel(
+        self,
+        rate: Float[np.ndarray, "3"],
+        force: Float[np.ndarray, "3"],
+        planned: Float[np.ndarray, "2"],
+    ) -> None:
+        """One tick of the sensor.
+
+        Args:
+            rate, force: Trunk axes, rad/s and m/s^2.
+            planned: Acceleration of the weight along and across the body, m/s^2.
+        """
+        rest = force.copy()
+        rest[:2] -= planned
+        attend(self.up, self._bias, rate, rest, self._tick_s, self._share, self._learn)
 
     @property
     def tilt(self) -> tuple[float, float]:
         """Roll and pitch, rad."""
         x, y, z = (float(v) for v in self.up)
         return math.atan2(y, z), math.atan2(-x, math.hypot(y, z))
+
+    def turning(self, rate: Float[np.ndarray, "3"]) -> float:
+        """How fast the heading changes, rad/s, at a rate in trunk axes."""
+        roll, pitch = self.tilt
+        return float((math.sin(roll) * rate[1] + math.cos(roll) * rate[2]) / math.cos(pitch))
+
+    def level(self) -> Float[np.ndarray, "3 3"]:
+        """Rotation from the trunk to upright axes of the same heading."""
+        roll, pitch = self.tilt
+        cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+        return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 class Ankles:

@@ -29,7 +29,7 @@ from ._legs_kernels import engage
 from .anatomy import ANATOMIES, DARWIN, Anatomy
 from .balance import Ankles, Attitude, BalanceConfig, Landing
 from .legs import Legs
-from .odometry import FootToFoot, midway
+from .odometry import FootToFoot, body_over
 from .physics import Physics
 from .urdf import bumps
 
@@ -144,6 +144,8 @@ class DynamicBody:
         self._command: WalkCommand | None = None
         self._push: tuple[np.ndarray, int] = (np.zeros(3), 0)
         self._sums: tuple[np.ndarray, np.ndarray, int] = (np.zeros(3), np.zeros(3), 0)
+        self._rate = np.zeros(3)
+        self._velocity = np.zeros(2)
         self.fallen = False
         self._ticks = -round(SETTLE_S / tick_s)
         self._last = np.append(self._angles, [0.0, 0.0])
@@ -195,10 +197,18 @@ class DynamicBody:
         motion = before.inverse() @ self._odometry.body(self._encoders)
         return Advance(motion, steps, asked * self._tick_s)
 
-    @property
-    def pelvis_joints(self) -> Pose2:
-        """The pelvis in the body frame by the joints."""
-        return self._odometry.pelvis(self._encoders)
+    def trunk_by_joints(self) -> Pose3:
+        """The pelvis in the body frame as the robot has it, lowered by the height it has while walking.
+
+        Encoders know legs without play on a level sole. What the inertial sensor finds tilted is taken
+        to lean about the foot that stands.
+        """
+        pelvis, sole = self._odometry.pelvis(self._encoders), self._odometry.sole(self._encoders)
+        hip = np.array([0.0, 0.0, self.config.body.hip_m])
+        level = self._attitude.level()
+        foot = np.array([sole.x, sole.y, 0.0])  # below the pelvis, pelvis axes
+        place = pelvis.lifted().translation + foot + level @ (hip - foot) - level @ hip
+        return Pose3.from_rotation(level, place)
 
     @property
     def stepping(self) -> bool:
@@ -217,7 +227,7 @@ class DynamicBody:
         left, right = (
             _below(self.physics.link(f"{side}_ankle_roll")) for side in ("left", "right")
         )
-        return midway(left, right, _below(self.physics.pelvis()).yaw)
+        return body_over(left, right, _below(self.physics.pelvis()).yaw)
 
     def true_trunk(self) -> Pose3:
         """The pelvis in the true body frame, lowered by the height it has while walking."""
@@ -251,6 +261,14 @@ class DynamicBody:
         self._tick = 0
         self._pelvis = self._legs.carry(self._step, self._planned)
         self._left, self._right = self._legs.ankles(self._step)
+        # what the walk itself will make the accelerometer feel, along and across the body
+        velocity = np.vstack([self._velocity, self._step.com_velocity])
+        self._velocity = velocity[-1]
+        push = np.diff(velocity, axis=0) / self._tick_s
+        c, s = np.cos(self._step.body[:, 2]), np.sin(self._step.body[:, 2])
+        self._planned_push = np.column_stack(
+            [c * push[:, 0] + s * push[:, 1], c * push[:, 1] - s * push[:, 0]]
+        )
         noise = self._rng.standard_normal((self._step.ticks, 6))
         scale = math.sqrt(0.2 / self._tick_s)  # the config's noise is that of means over 0.2 s
         noise[:, :3] *= scale * self._imu.gyro_sigma_radps
@@ -278,9 +296,7 @@ class DynamicBody:
         self._planned[:] = angles
         self._tick += 1
         self._ticks += 1
-        rate, force = self._sense(tick)
-        self._attitude.feel(rate, force)
-        self._ankles.correct(angles, self._attitude.tilt, rate, self.swinging)
+        self._ankles.correct(angles, self._attitude.tilt, self._rate, self.swinging)
         self._head.advance(self._tick_s)
         self._drive(np.append(angles, self._head.aims))
         strength, left_over = self._push
@@ -312,19 +328,23 @@ class DynamicBody:
         step = self._step
         if step.stepping and 2 * tick >= step.double_support_ticks:
             self._odometry.read(self._encoders, -step.swing)
+        self._sense(tick)
         if self._attitude.up[2] < FALLEN:
             self.fallen = True
 
-    def _sense(self, tick: int) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """The inertial sensor in the trunk after the last tick, with bias and noise, trunk axes."""
+    def _sense(self, tick: int) -> None:
+        """The inertial sensor in the trunk, with bias and noise."""
         rate, force = self.physics.felt()
         rate = rate + self._gyro_bias + self._noise[tick, :3]
         force = force + self._force_bias + self._noise[tick, 3:]
-        roll, pitch = self._attitude.tilt
-        sums = self._sums
-        level = _levelled(roll, pitch)
-        self._sums = (sums[0] + level @ rate, sums[1] + level @ force, sums[2] + 1)
-        return rate, force
+        self._rate = rate
+        attitude = self._attitude
+        attitude.feel(rate, force, self._planned_push[tick])
+        level = attitude.level()
+        upright = level @ rate
+        upright[2] = attitude.turning(rate)
+        turned, pushed, count = self._sums
+        self._sums = (turned + upright, pushed + level @ force, count + 1)
 
 
 def _below(pose: Pose3) -> Pose2:
@@ -332,9 +352,3 @@ def _below(pose: Pose3) -> Pose2:
     x, y, _ = pose.translation
     ahead = pose.rotation[:, 0]
     return Pose2(x, y, math.atan2(ahead[1], ahead[0]))
-
-
-def _levelled(roll: float, pitch: float) -> Float[np.ndarray, "3 3"]:
-    """Rotation from a trunk with this tilt to upright axes of the same heading."""
-    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
