@@ -37,28 +37,40 @@ class ContourConfig:
 
 
 def fronts(
-    forward_m: Float32[np.ndarray, "h w"], mask: Bool[np.ndarray, "h w"], config: ContourConfig
+    forward_m: Float32[np.ndarray, "h w"],
+    sigma_m: Float32[np.ndarray, "h w"],
+    mask: Bool[np.ndarray, "h w"],
+    config: ContourConfig,
 ) -> tuple[Float[np.ndarray, "w"], Float[np.ndarray, "w"]]:
     """Forward distance of the nearest face in every column, and its deviation, m; NaN where none is.
 
-    From the nearest pixels on, the mean of those within a window is taken until it rests: noise pulls a
-    minimum forwards, and the top of a thing, which goes on behind its front, would pull a mean back.
+    From the nearest pixels on, the mean of those within a window, weighted by their variance, is taken
+    until it rests: noise pulls a minimum forwards, and the top of a thing, which goes on behind its front,
+    would pull a mean back. Dark spots, whose range is poor, hardly count.
+
+    Args:
+        forward_m: Forward distance of each pixel.
+        sigma_m: Deviation of its range.
+        mask: Pixels of the thing.
+        config: What belongs to a front.
     """
-    held = np.where(mask, forward_m, np.nan).astype(np.float64)
+    found, sigma = np.full((2, mask.shape[1]), np.nan)
     count = mask.sum(axis=0)
     known = count >= config.least_rows
-    found = np.full(mask.shape[1], np.nan)
-    sigma = np.full(mask.shape[1], np.nan)
     if not known.any():
         return found, sigma
-    ordered = np.sort(held[:, known], axis=0)  # NaN last
-    pick = np.floor(config.near_share * (count[known] - 1)).astype(int)
-    middle = ordered[pick, np.arange(pick.size)]
+    held = np.where(mask, forward_m, np.float32(np.nan))[:, known].astype(np.float64)
+    order = np.argsort(held, axis=0)  # NaN last
+    held = np.take_along_axis(held, order, axis=0)
+    variance = np.take_along_axis(sigma_m[:, known].astype(np.float64), order, axis=0) ** 2
+    weight = np.where(np.isfinite(held) & (variance > 0.0), 1.0 / np.maximum(variance, 1e-12), 0.0)
+    held = np.nan_to_num(held, nan=1e9)
+    total = np.cumsum(weight, axis=0)
+    pick = np.argmax(total >= config.near_share * total[-1], axis=0)
+    middle = held[pick, np.arange(pick.size)]
+    close = np.zeros_like(weight)
     for _ in range(6):
-        close = np.abs(ordered - middle) <= config.window_m
-        middle = np.sum(ordered, axis=0, where=close) / close.sum(axis=0)
-    close = np.abs(ordered - middle) <= config.window_m
-    number = close.sum(axis=0)
-    spread = np.sqrt(np.sum((ordered - middle) ** 2, axis=0, where=close) / number)
-    found[known], sigma[known] = middle, spread / np.sqrt(number)
+        close = np.where(np.abs(held - middle) <= config.window_m, weight, 0.0)
+        middle = (close * held).sum(axis=0) / close.sum(axis=0)
+    found[known], sigma[known] = middle, 1.0 / np.sqrt(close.sum(axis=0))
     return found, sigma

@@ -51,6 +51,9 @@ class SizeConfig:
     smooth_columns: int = 5  # ours: 1.25 deg: a nearest part is no narrower
     nearest_m: float = 0.006  # ours: columns so near to the nearest one are its face
     range_sigma_m: float = 0.003  # ours: what all pixels of a range camera share, calibrated
+    turn_sigma_deg: float = (
+        0.08  # ours: what two views laid upon each other are turned by in common
+    )
     rim_columns: int = 4  # ours: drawing moves edges by up to so many columns of the outline
 
     def __post_init__(self) -> None:
@@ -147,7 +150,7 @@ class _Scene:
 def _measured(scene: _Scene, number: int, config: SizeConfig) -> PanoramaObstacle | None:
     """One thing; None if no column has a front or no view an edge of it."""
     mask = scene.labels == number
-    front, front_sigma = fronts(scene.forward_m, mask, config.contour)
+    front, front_sigma = fronts(scene.forward_m, scene.drawing.sigma_m, mask, config.contour)
     known = np.flatnonzero(np.isfinite(front))
     left, right, top = (
         agreed(
@@ -164,17 +167,17 @@ def _measured(scene: _Scene, number: int, config: SizeConfig) -> PanoramaObstacl
     )
     if known.size == 0 or left is None or right is None or top is None:
         return None
-    smooth = median_filter(front[known], config.smooth_columns, mode="nearest")
+    smooth = median_filter(front[known], config.smooth_columns, mode="mirror")
     face = smooth <= smooth.min() + config.nearest_m
-    distance = float(front[known][face].mean())
-    own = float(np.mean(front_sigma[known][face])) / math.sqrt(int(face.sum()))
-    sigma_distance = math.hypot(config.range_sigma_m, own)
+    weight = front_sigma[known][face] ** -2.0
+    distance = float(weight @ smooth[face] / weight.sum())
+    sigma_distance = math.hypot(config.range_sigma_m, 1.0 / math.sqrt(float(weight.sum())))
     y_left, y_right = left.point[1], right.point[1]
     inside = _corners(scene, known, smooth, config.rim_columns)
     if inside is not None:
         y_left, y_right = max(y_left, inside[0]), min(y_right, inside[1])
     width = max(y_left - y_right, 0.0)
-    turn = _between(scene.placed, left.view, right.view)
+    turn = _between(scene.placed, left.view, right.view, math.radians(config.turn_sigma_deg))
     variance = (turn * distance) ** 2 + (width / distance * sigma_distance) ** 2
     for end in (left, right):
         variance += (end.sigma * (end.point[0] ** 2 + end.point[1] ** 2) / end.point[0]) ** 2
@@ -228,9 +231,10 @@ def _yaw_sigma(placed: Sequence[Placed | None], view: int) -> float:
     return math.sqrt(max(float(place.yaws[view]), 0.0))
 
 
-def _between(placed: Sequence[Placed | None], one: int, other: int) -> float:
+def _between(placed: Sequence[Placed | None], one: int, other: int, least_rad: float) -> float:
     """Deviation of the turn between two views, rad."""
     a, b = placed[one], placed[other]
     if one == other or a is None or b is None or a.yaws is None or b.yaws is None:
         return 0.0
-    return math.sqrt(max(float(a.yaws[one] + b.yaws[other] - 2.0 * a.yaws[other]), 0.0))
+    variance = float(a.yaws[one] + b.yaws[other] - 2.0 * a.yaws[other])
+    return math.sqrt(max(variance, 0.0) + least_rad**2)

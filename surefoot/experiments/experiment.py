@@ -33,6 +33,7 @@ FILES = {
     "real-floor": "real_floor",
     "real-stereo": "real_stereo",
     "real-planes": "real_planes",
+    "004-E1": "obstacle_sizes",
     "004-E5": "panorama_angles",
     "004-features": "feature_study",
     "real-panorama": "real_panorama",
