@@ -30,7 +30,7 @@ from perception.stereo import StereoConfig
 from perception.structured_light import StructuredLightConfig
 from perception.time_of_flight import TofConfig
 from planning.exploration import ExplorationConfig
-from planning.gaze.sweep import SweepConfig
+from planning.gaze.policy import GazeConfig
 from planning.guard import GuardConfig
 from planning.route import RouteConfig
 from planning.search.potential import SearchConfig
@@ -136,7 +136,7 @@ class Config:
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = field(default_factory=FieldConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
-    gaze: SweepConfig = field(default_factory=SweepConfig)
+    gaze: GazeConfig = field(default_factory=GazeConfig)
 
     def resolved(self, renderer: str) -> Config:
         """The same, with the renderer that was really used."""

@@ -21,7 +21,8 @@ from perception.primitives.pose import Pose2
 from planning import footsteps, guard
 from planning.commands import GazeCommand, WalkCommand
 from planning.exploration import Explorer, Ground
-from planning.gaze.sweep import Sweep
+from planning.gaze.attention import Known
+from planning.gaze.policy import GazePolicy
 from planning.route import Route
 from planning.univector import fields
 
@@ -52,7 +53,7 @@ class Navigator:
         self._goals = Goals(goals, config.mission)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route)
-        self._gaze = Sweep(config.gaze)
+        self._gaze = GazePolicy(config.gaze)
 
     @property
     def reached(self) -> int:
@@ -81,7 +82,10 @@ class Navigator:
         obstacles = _supposed(estimate.obstacles)
         probability, unknown, occupied = _as_ground(grid)
         via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
-        gaze = self._gaze.next(estimate.stamp_s, robot, via, obstacles)
+        known = Known(
+            estimate.pose, grid, pipeline.confidence, pipeline.landmarks, estimate.sightings
+        )
+        gaze = self._gaze.next(estimate.stamp_s, robot, via, obstacles, known)
         standing = _not_movers(grid.centres()[occupied], obstacles)
         walk, why = self._step(estimate, via, obstacles, standing)
         return Decision(walk, gaze, why)

@@ -15,10 +15,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy import ndimage
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.pose import head_rotation
 
 from ..commands import GazeCommand
 from . import _gaze_kernels
@@ -96,6 +97,23 @@ def shown(
         result,
     )
     return result
+
+
+def in_view(
+    places: Float[np.ndarray, "n 3"], gaze: GazeCommand, config: GazeMapConfig
+) -> Bool[np.ndarray, "n"]:
+    """Which places one gaze shows; the same frustum as `shown`, for any direction.
+
+    Args:
+        places: From the camera, body axes, m.
+        gaze: The head's direction.
+        config: Field of view.
+    """
+    axes = head_rotation(gaze.pan_rad, gaze.tilt_rad)  # columns: right, down, ahead
+    right, down, ahead = (places @ axes).T
+    across, along = (math.tan(math.radians(a) / 2) for a in (config.across_deg, config.down_deg))
+    inside = (np.abs(right) <= across * ahead) & (np.abs(down) <= along * ahead)
+    return np.asarray(inside & (ahead > 0.0))
 
 
 def gaze_map(

@@ -1,0 +1,331 @@
+"""What is worth a look now: the four evaluations from live covariances, laid over pan and tilt.
+
+To the seed's evaluations two reasons are added, both ours. A mover that was not seen for a while is worth the
+more the longer and the nearer, at both places where it may be by now: of all contacts in our walks most are
+with something unseen for two seconds. And the way ahead grows urgent while nobody looks there, so that it is
+never left for long. What a look has just shown is worth little at once: the stale ground, by its confidence,
+the way, by the time since, landmarks, by how much less vague they would make the robot's place.
+
+Source: seed 001, section 3; seeking, urgency and the landmarks' gain are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from mapping.confidence import ConfidenceLayer
+from mapping.egocentric_grid import EgocentricGrid
+from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Landmark, Sighting
+from perception.primitives.obstacle import Obstacle
+
+from ..commands import GazeCommand
+from . import evaluations
+from .selection import GazeMapConfig, in_view, shown
+
+BODY_M = 0.15  # S_r, seed 001
+WAY_M = 1.0  # so far ahead the floor of the next steps lies
+
+
+@dataclass(frozen=True)
+class AttentionConfig:
+    """Directions and weights, and how urgency grows."""
+
+    map: GazeMapConfig = field(default_factory=lambda: GazeMapConfig(step_deg=3.0))
+    # ours: 3 deg, a fifteenth of the view, takes half the time of 2 deg
+    eye_m: float = 0.38  # ours: height of the tilted camera, DARwIn-OP
+    unwatched_s: float = 2.0  # ours: the way not looked at for so long has its whole worth
+    urgency_max: float = 4.0  # ours: and up to so many times that later
+    way_floor: float = 0.3  # ours: psi_way counts at least this, or who is crowded walks blind
+    seek_s: float = 1.0  # ours: a mover unseen for so long is worth a look ...
+    near_m: float = 1.2  # ours: ... wholly if it is this near ...
+    far_m: float = 2.2  # ours: ... and not at all beyond this
+    receding: float = 0.5  # ours: share of that for a mover that goes away
+    moving_share: float = 0.3  # ours, as the guard: less probable movers need no look of their own
+    turned_back_s: float = 3.0  # ours: unseen for longer, it may as well have turned back
+    edge_deg: float = 12.0  # ours: kept off the sides of the view, where things are cut in two
+    tag_across_deg: float = 90.0  # seed 000: the colour camera, which sees the landmarks
+    tag_reach_m: float = 3.0  # ours: beyond it a tag is too small
+    tag_range_share: float = 0.03  # ours: deviation of a range to a tag, share of it
+    tag_bearing_deg: float = 0.8  # ours: head play, roll of the stride
+    tag_doubt: float = 0.4  # ours: what a look in vain leaves of the trust that a tag can be seen
+    tag_forget_s: float = 10.0  # ours: how soon that is forgotten: from elsewhere it may be seen
+
+    def __post_init__(self) -> None:
+        for name in ("eye_m", "unwatched_s", "seek_s", "tag_reach_m", "tag_forget_s"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"gaze: {name}={value} must be positive and finite")
+        if not 0.0 < self.near_m < self.far_m:
+            raise ConfigError(
+                f"gaze: near_m={self.near_m} must be positive and below far_m={self.far_m}"
+            )
+        if not 0.0 <= self.edge_deg < self.map.across_deg:
+            raise ConfigError(
+                f"gaze: edge_deg={self.edge_deg} must lie in [0, across_deg={self.map.across_deg})"
+            )
+
+
+@dataclass(frozen=True)
+class Known:
+    """What the cycle knows that a look can better.
+
+    Args:
+        pose: Over (x, y, yaw), world frame, m and rad.
+        grid: The terrain map; None before the first view.
+        confidence: Its freshness.
+        landmarks: Known beforehand, world frame.
+        sightings: Of this frame.
+    """
+
+    pose: Gaussian
+    grid: EgocentricGrid | None = None
+    confidence: ConfidenceLayer | None = None
+    landmarks: Sequence[Landmark] = ()
+    sightings: Sequence[Sighting] = ()
+
+
+@dataclass(frozen=True)
+class Attention:
+    """The evaluations of this moment, and the gaze map they make.
+
+    Args:
+        total: GM, [pan, tilt].
+        psi_map, psi_self, psi_way: In [0, 1]; psi_way before its urgency.
+        psi_obstacles: Track to the greater of psi_ob and seeking, in [0, 1].
+    """
+
+    total: Float[np.ndarray, "rows columns"]
+    psi_map: float
+    psi_self: float
+    psi_way: float
+    psi_obstacles: dict[int, float]
+
+
+class Attentive:
+    """Lays the map anew for every look; remembers what looks showed, and which were in vain."""
+
+    def __init__(self, config: AttentionConfig) -> None:
+        self.config = config
+        gaze = config.map
+        self._narrow = replace(gaze, across_deg=gaze.across_deg - config.edge_deg)
+        self._wide = replace(
+            gaze, across_deg=config.tag_across_deg, down_deg=config.tag_across_deg, literal=False
+        )
+        self._way_s = -math.inf  # when the way was last looked at
+        self._sought_s: dict[int, float] = {}  # by track: when a look went to where it may be
+        self._trust: dict[int, float] = {}  # by landmark: that a look there shows it
+        self._stamp_s = 0.0
+
+    def weigh(
+        self,
+        stamp_s: float,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        known: Known,
+        present: GazeCommand,
+    ) -> Attention:
+        """The gaze map of now.
+
+        Args:
+            stamp_s: Now, in the clock of `Obstacle.seen_s`.
+            via: The point walked to, world frame, m.
+            obstacles: Tracks, world frame.
+            known: Pose, map, landmarks.
+            present: Where the head has looked until now.
+        """
+        gaze, pose = self.config.map, known.pose
+        self._learn_tags(stamp_s, known, present)
+        psi_way = self._psi_way(pose, obstacles)
+        value = max(psi_way, self.config.way_floor) * self._urgency(stamp_s)
+        total = gaze.way_weight * shown(self._way(pose, via)[None], np.array([value]), self._narrow)
+        stale, staleness = self._stale(known)
+        psi_map = float(staleness.mean()) if len(stale) else 0.0
+        if psi_map > 0.0:
+            total += gaze.map_weight * psi_map * _best_is_one(shown(stale, staleness, gaze))
+        psi_self = evaluations.of_self(pose.covariance, gaze.evaluation)
+        tags, gains = self._tags(known)
+        if len(tags):
+            total += gaze.self_weight * psi_self * _best_is_one(shown(tags, gains, self._wide))
+        psi_movers = {}
+        for mover in self._movers(obstacles):
+            psi = self._psi_mover(stamp_s, mover, pose)
+            places = self._may_be(stamp_s, mover, pose)
+            each = np.full(len(places), psi / len(places))
+            total += gaze.obstacle_weight * shown(places, each, self._narrow)
+            psi_movers[mover.track] = psi
+        return Attention(total, psi_map, psi_self, psi_way, psi_movers)
+
+    def decided(
+        self,
+        stamp_s: float,
+        gaze: GazeCommand,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        pose: Gaussian,
+    ) -> None:
+        """Take down what the look that was decided on is going to show."""
+        if in_view(self._way(pose, via)[None], gaze, self._narrow)[0]:
+            self._way_s = stamp_s
+        for mover in self._movers(obstacles):
+            if in_view(self._may_be(stamp_s, mover, pose), gaze, self._narrow).any():
+                self._sought_s[mover.track] = stamp_s
+
+    def _movers(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+        return [o for o in obstacles if o.moving >= self.config.moving_share]
+
+    def _from_camera(
+        self, pose: Gaussian, places: Float[np.ndarray, "n 2"], height_m: float = 0.0
+    ) -> Float[np.ndarray, "n 3"]:
+        """World places at a height, from the camera, body axes."""
+        return np.column_stack(
+            [_in_body(pose, places), np.full(len(places), height_m - self.config.eye_m)]
+        )
+
+    def _way(self, pose: Gaussian, via: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3"]:
+        """A point on the floor where the next steps go: towards the via point, within a metre."""
+        way = self._from_camera(pose, via[None])[0]
+        way[:2] *= min(1.0, WAY_M / max(float(np.hypot(way[0], way[1])), 1e-9))
+        return way
+
+    def _urgency(self, stamp_s: float) -> float:
+        """Of the way: square of the time since it was looked at, by `unwatched_s`."""
+        alone = min((stamp_s - self._way_s) / self.config.unwatched_s, 1e3)
+        return min(alone**2, self.config.urgency_max)
+
+    def _psi_way(self, pose: Gaussian, obstacles: Sequence[Obstacle]) -> float:
+        places = _in_body(pose, np.array([o.position for o in obstacles]).reshape(-1, 2))
+        radii = np.array([o.radius_m for o in obstacles]) + BODY_M
+        ahead = places[:, 0] > 0.0
+        return evaluations.of_way(places[ahead], radii[ahead], self.config.map.evaluation)
+
+    def _stale(self, known: Known) -> tuple[np.ndarray, np.ndarray]:
+        """Sample points out of view, from the camera, and how stale each is, in [0, 1]."""
+        if known.grid is None or known.confidence is None:
+            return np.zeros((0, 3)), np.zeros(0)
+        points, confidence = sample_region(
+            known.grid, known.confidence, known.pose, self.config.map
+        )
+        unseen = confidence < 1.0
+        lost = (1.0 - confidence[unseen]) / max(1.0 - known.confidence.config.stale_below, 1e-6)
+        return self._from_camera(known.pose, points[unseen]), np.minimum(lost, 1.0) ** 2
+
+    def _psi_mover(self, stamp_s: float, mover: Obstacle, pose: Gaussian) -> float:
+        """The greater of psi_ob and of how much a look for it is due."""
+        config = self.config
+        offset = mover.position - pose.mean[:2]
+        away = float(np.hypot(*offset))
+        psi_ob = float(
+            evaluations.of_obstacles(
+                offset[None],
+                mover.velocity[None],
+                mover.state.covariance[None, :2, :2],
+                config.map.evaluation,
+            )[0]
+        )
+        alone = min(stamp_s - mover.seen_s, stamp_s - self._sought_s.get(mover.track, -math.inf))
+        nearness = min(max((config.far_m - away) / (config.far_m - config.near_m), 0.0), 1.0)
+        comes = float(offset @ mover.velocity) < 0.0
+        seek = min(alone / config.seek_s, 1.0) ** 2 * nearness * (1.0 if comes else config.receding)
+        return max(psi_ob, seek)
+
+    def _may_be(self, stamp_s: float, mover: Obstacle, pose: Gaussian) -> Float[np.ndarray, "n 3"]:
+        """Where on the floor it may be by now: gone straight on, or turned back when last seen."""
+        unseen = stamp_s - mover.seen_s
+        places = [mover.position]
+        if unseen >= self.config.turned_back_s:
+            places.append(mover.position - 2.0 * mover.velocity * unseen)
+        return self._from_camera(pose, np.array(places))
+
+    def _tags(self, known: Known) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+        """Landmarks within reach, from the camera, and what a sighting of each would gain."""
+        config, pose = self.config, known.pose
+        places = np.array([mark.position for mark in known.landmarks]).reshape(-1, 3)
+        trust = np.array([self._trust.get(mark.identity, 1.0) for mark in known.landmarks])
+        body = np.column_stack([_in_body(pose, places[:, :2]), places[:, 2] - config.eye_m])
+        near = np.hypot(body[:, 0], body[:, 1]) <= config.tag_reach_m
+        gains = [gain(place - pose.mean[:2], pose.covariance, config) for place in places[near, :2]]
+        return body[near], trust[near] * np.array(gains)
+
+    def _learn_tags(self, stamp_s: float, known: Known, present: GazeCommand) -> None:
+        """A landmark in view that was not sighted is hidden or aslant from here: trust it less for a while."""
+        config = self.config
+        keep = math.exp(-(stamp_s - self._stamp_s) / config.tag_forget_s)
+        self._stamp_s = stamp_s
+        self._trust = {tag: 1.0 - (1.0 - trust) * keep for tag, trust in self._trust.items()}
+        if not known.landmarks:
+            return
+        seen = {sighting.identity for sighting in known.sightings}
+        places = np.array([mark.position for mark in known.landmarks])
+        body = np.column_stack([_in_body(known.pose, places[:, :2]), places[:, 2] - config.eye_m])
+        expected = in_view(body, present, self._wide)
+        expected &= np.hypot(body[:, 0], body[:, 1]) <= config.tag_reach_m
+        for mark, looked in zip(known.landmarks, expected, strict=True):
+            if mark.identity in seen:
+                self._trust[mark.identity] = 1.0
+            elif looked:
+                self._trust[mark.identity] = config.tag_doubt * self._trust.get(mark.identity, 1.0)
+
+
+def sample_region(
+    grid: EgocentricGrid, confidence: ConfidenceLayer, pose: Gaussian, config: GazeMapConfig
+) -> tuple[Float[np.ndarray, "n 2"], Float32[np.ndarray, "n"]]:
+    """R_s: middles of the cells between d_nm and d_fm that the neck can turn to, and their confidence.
+
+    Args:
+        grid: The terrain map; its window should reach d_fm round the robot.
+        confidence: Of its cells.
+        pose: Over (x, y, yaw), world frame.
+        config: d_nm, d_fm and the reach of the neck.
+
+    Returns:
+        World frame, m; and C in [0, 1].
+
+    Source: seed 001, section 3, eq. (1).
+    """
+    limits = config.evaluation
+    centres = grid.centres().reshape(-1, 2)
+    x, y = _in_body(pose, centres).T
+    away = np.hypot(x, y)
+    inside = (away >= limits.nearest_m) & (away <= limits.farthest_m)
+    inside &= np.abs(np.arctan2(y, x)) <= math.radians(config.pan_deg)
+    return centres[inside], confidence.values.ravel()[inside]
+
+
+def gain(
+    offset: Float[np.ndarray, "2"], covariance: Float[np.ndarray, "3 3"], config: AttentionConfig
+) -> float:
+    """Share of the deviation of the robot's place that a sighting of one landmark would take away.
+
+    Args:
+        offset: From the robot's mean place to the landmark, world axes, m.
+        covariance: Of (x, y, yaw).
+        config: Deviations of a sighting.
+
+    Returns:
+        In [0, 1], by the linearised update with range and bearing.
+    """
+    away = max(float(np.hypot(*offset)), 0.1)
+    c, s = offset / away
+    H = np.array([[-c, -s, 0.0], [s / away, -c / away, -1.0]])
+    noise = [(config.tag_range_share * away) ** 2, math.radians(config.tag_bearing_deg) ** 2]
+    S = H @ covariance @ H.T + np.diag(noise)
+    after = covariance - covariance @ H.T @ np.linalg.solve(S, H @ covariance)
+    before = evaluations.deviation(covariance[:2, :2])
+    return max(1.0 - evaluations.deviation(after[:2, :2]) / before, 0.0) if before > 0.0 else 0.0
+
+
+def _in_body(pose: Gaussian, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
+    return (places - pose.mean[:2]) @ np.array([[c, -s], [s, c]])
+
+
+def _best_is_one(seen: np.ndarray) -> np.ndarray:
+    most = float(seen.max())
+    return seen / most if most > 0.0 else seen
