@@ -1,0 +1,203 @@
+"""How the camera moves from image to image, and when nobody can tell.
+
+Each image is laid over the latest reference image as long as enough of it is in view; then it becomes the
+reference itself, so errors add up per reference and not per image. A step that fits badly is tried again
+from many starts. What fits badly even then is a loss: it is said, and the camera is looked for among the
+references it has left behind.
+
+Source: keyframes after Kerl et al., DVO (2013); judgement by overlap off the floor is ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ..primitives.errors import ConfigError
+from ..primitives.pose import Pose3
+from .alignment import AlignConfig, Aligned, align
+from .hypotheses import HypothesesConfig, large_steps
+from .pyramid import Pyramid
+
+FIRST, TRACKED, RELOCALISED, LOST = "first", "tracked", "relocalised", "lost"
+
+Align = Callable[[Pyramid, Pyramid, list[Pose3], AlignConfig], Aligned | None]
+
+
+@dataclass(frozen=True)
+class OdometryConfig:
+    """When an alignment is believed, and when the reference changes."""
+
+    align: AlignConfig = field(default_factory=AlignConfig)
+    hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
+    sure_fitting: float = 0.93  # ours: less of the points fits: other starts are tried
+    sure_contradicting: float = 0.02  # ours: more of them contradict: likewise
+    sure_visible: float = 0.80  # ours: less in view was a large step: likewise
+    least_fitting: float = 0.70  # ours: less, and the camera is lost
+    most_contradicting: float = 0.10  # ours: more, and it is lost
+    most_sigma_m: float = 0.05  # ours: less sure than that of a step is no step
+    keep_visible: float = 0.80  # ours: the reference serves while so much is in view of it
+    keep_m: float = 0.30  # ours: and no farther: planes look different from elsewhere
+    remembered: int = 200  # ours: references kept to find a lost camera; the memory stays bounded
+
+    def __post_init__(self) -> None:
+        for name in (
+            "sure_fitting", "sure_contradicting", "sure_visible", "least_fitting",
+            "most_contradicting", "keep_visible",
+        ):  # fmt: skip
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ConfigError(f"odometry: {name}={getattr(self, name)} must lie in [0, 1]")
+        if self.remembered < 1:
+            raise ConfigError(f"odometry: remembered={self.remembered} must be at least 1")
+        if not self.most_sigma_m > 0.0 or not self.keep_m > 0.0:
+            raise ConfigError(
+                f"odometry: most_sigma_m={self.most_sigma_m} and keep_m={self.keep_m} must be positive"
+            )
+
+
+@dataclass(frozen=True)
+class Step:
+    """One image, placed.
+
+    Args:
+        state: "first", "tracked", "relocalised", or "lost": then the pose is only the last one.
+        T_start_camera: The camera in the axes of the first image.
+        motion: T_reference_camera.
+        covariance: (6, 6) of `motion`, axes of the reference, m and rad.
+        reference: Number of the image that it was laid over.
+        aligned: What speaks for it; None for the first image and a lost one.
+    """
+
+    state: str
+    T_start_camera: Pose3
+    motion: Pose3
+    covariance: Float[np.ndarray, "6 6"]
+    reference: int
+    aligned: Aligned | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """An image that others are laid over."""
+
+    number: int
+    pyramid: Pyramid
+    T_start_camera: Pose3
+
+
+class Odometry:
+    """The camera's way, image by image."""
+
+    def __init__(self, config: OdometryConfig | None = None) -> None:
+        self.config = config or OdometryConfig()
+        self.references: list[Reference] = []
+        self.losses = 0
+        self.relocalisations = 0
+        self._count = 0
+        self._pose = Pose3()
+        self._velocity = Pose3()
+        self._before: Reference | None = None  # the image before this one, if it was placed
+
+    def track(self, image: Pyramid) -> Step:
+        """Place the next image."""
+        number = self._count
+        self._count += 1
+        if not self.references:
+            return self._begin(number, image)
+        reference = self.references[-1]
+        aligned = self._follow(reference, image)
+        if not self._believed(aligned) and self._before is not None:
+            reference = self._refer(self._before)
+            aligned = self._follow(reference, image)
+        state = TRACKED
+        if not self._believed(aligned):
+            found = self._search(image)
+            if found is None:
+                return self._lose(number)
+            reference, aligned = found
+            state = RELOCALISED
+            self.relocalisations += 1
+        assert aligned is not None
+        return self._place(number, image, reference, aligned, state)
+
+    def _begin(self, number: int, image: Pyramid) -> Step:
+        self._refer(Reference(number, image, self._pose))
+        return Step(FIRST, self._pose, Pose3(), np.zeros((6, 6)), number)
+
+    def _place(
+        self, number: int, image: Pyramid, reference: Reference, aligned: Aligned, state: str
+    ) -> Step:
+        """Believe it, and make it the reference if too little of the old one is in view."""
+        pose = reference.T_start_camera @ aligned.motion
+        tracked = state == TRACKED and self._before is not None
+        self._velocity = self._pose.inverse() @ pose if tracked else Pose3()
+        self._pose = pose
+        self._before = here = Reference(number, image, pose)
+        far = float(np.linalg.norm(aligned.motion.position)) > self.config.keep_m
+        if far or aligned.visible < self.config.keep_visible or state == RELOCALISED:
+            self._refer(here)
+        return Step(state, pose, aligned.motion, aligned.covariance, reference.number, aligned)
+
+    def _lose(self, number: int) -> Step:
+        """Say so; the pose stays where it was last known."""
+        self.losses += 1
+        self._velocity, self._before = Pose3(), None
+        unknown = np.eye(6)
+        reference = self.references[-1]
+        motion = reference.T_start_camera.inverse() @ self._pose
+        return Step(LOST, self._pose, motion, unknown, reference.number)
+
+    def _refer(self, reference: Reference) -> Reference:
+        """Lay what comes over this image from now on."""
+        self.references.append(reference)
+        if len(self.references) > self.config.remembered:  # thin out the old half, keep its ends
+            half = len(self.references) // 2
+            self.references = self.references[:half:2] + self.references[half:]
+        return reference
+
+    def _follow(self, reference: Reference, image: Pyramid) -> Aligned | None:
+        """By constant velocity or rest; from many starts if that fits badly."""
+        last = reference.T_start_camera.inverse() @ self._pose
+        moving = last @ self._velocity
+        starts = [moving, last]
+        aligned = align(reference.pyramid, image, starts, self.config.align)
+        if self._sure(aligned):
+            return aligned
+        for around in (last, moving):
+            starts += large_steps(reference.pyramid, around, self.config.hypotheses)
+        other = align(reference.pyramid, image, starts, self.config.align)
+        if other is None or (aligned is not None and aligned.overlap >= other.overlap):
+            return aligned
+        return other
+
+    def _search(self, image: Pyramid) -> tuple[Reference, Aligned] | None:
+        """Among the references, the latest first, the first one that is believed."""
+        for reference in reversed(self.references):
+            starts = [Pose3(), *large_steps(reference.pyramid, Pose3(), self.config.hypotheses)]
+            aligned = align(reference.pyramid, image, starts, self.config.align)
+            if self._sure(aligned):
+                assert aligned is not None
+                return reference, aligned
+        return None
+
+    def _sure(self, aligned: Aligned | None) -> bool:
+        c = self.config
+        return (
+            self._believed(aligned)
+            and aligned is not None
+            and aligned.fitting >= c.sure_fitting
+            and aligned.contradicting <= c.sure_contradicting
+            and aligned.visible >= c.sure_visible
+        )
+
+    def _believed(self, aligned: Aligned | None) -> bool:
+        c = self.config
+        return (
+            aligned is not None
+            and aligned.fitting >= c.least_fitting
+            and aligned.contradicting <= c.most_contradicting
+            and float(np.linalg.eigvalsh(aligned.covariance[:3, :3])[-1]) <= c.most_sigma_m**2
+        )
