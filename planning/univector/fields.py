@@ -22,7 +22,18 @@ from . import _kernels
 
 @dataclass(frozen=True)
 class FieldConfig:
-    """Shape of the field and weights of its parts."""
+    """Shape of the field, weights of its parts, and what is added where obstacles move.
+
+    Each addition has a switch of its own; with all four off it is the published field of eq. (7) to (10) with
+    radii that grow with the speed alone. `motion.advise` reads them.
+
+    Args:
+        gaze_coupling: psi_sf + psi_ob enlarge S_oe (eq. 7) and the virtual obstacle (eq. 11).
+        virtual_obstacles: A virtual obstacle on the path of a mover that no change of speed avoids (case c).
+        velocity_change: Accelerate to pass before a mover, decelerate to pass behind, escape from its band.
+        uncertainty: Deviations of place and velocity, the robot's own among them, enlarge S_oe and the band
+            of colliding speeds.
+    """
 
     w_goal: float = 0.25  # w_muf, own: seed 001 prints 0.75, which penetrates obstacles
     w_avoid: float = 0.75  # w_auf, own: seed 001 prints 0.25
@@ -39,16 +50,43 @@ class FieldConfig:
     body_radius_m: float = 0.15  # S_r, own (specification)
     eta_v_s: float = 0.5  # w_soe eta_vo, own (specification): growth with the obstacle's speed
     eta_psi_m: float = 0.05  # w_soe eta_imp, own (specification): growth with the evaluations psi
+    gaze_coupling: bool = True
+    virtual_obstacles: bool = True
+    velocity_change: bool = True
+    uncertainty: bool = True
+    convexity: float = 0.7  # xi, own (specification)
+    virtual_v_s: float = 6.0  # w_dist eta_vo; ours by a study of 200 courses (specification: 12)
+    virtual_psi_m: float = 0.3  # w_dist eta_imp, own (specification)
+    cruise_mps: float = 0.0615  # own (specification): 0.04 m a step, seed 000
+    top_speed_mps: float = 0.10  # own (specification)
+    acceleration_mps2: float = 0.05  # own (specification)
+    sigmas: float = 1.0  # ours: deviations that uncertainty adds
+    max_sigma_m: float = 0.15  # ours, as the guard: more doubt than this would freeze the robot
+    horizon_s: float = 8.0  # ours: collisions later than this are left to later steps
 
     def __post_init__(self) -> None:
-        for name in ("d_con_m", "d_e_m", "body_radius_m"):
+        for name in (
+            *("d_con_m", "d_e_m", "body_radius_m", "virtual_v_s", "cruise_mps"),
+            *("top_speed_mps", "acceleration_mps2", "horizon_s"),
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"field: {name}={value} must be a positive length in m")
-        for name in ("w_goal", "w_avoid", "d_b_m", "k_r_m", "eta_v_s", "eta_psi_m"):
+                raise ConfigError(f"field: {name}={value} must be positive and finite")
+        for name in (
+            *("w_goal", "w_avoid", "d_b_m", "k_r_m", "eta_v_s", "eta_psi_m"),
+            *("virtual_psi_m", "sigmas", "max_sigma_m"),
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"field: {name}={value} must be finite and not negative")
+        if not 0.0 < self.convexity < 1.0:
+            raise ConfigError(
+                f"field: convexity={self.convexity} must lie in (0, 1); 0.5 is straight"
+            )
+        if self.cruise_mps > self.top_speed_mps:
+            raise ConfigError(
+                f"field: cruise_mps={self.cruise_mps} is above top_speed_mps={self.top_speed_mps}"
+            )
 
 
 PUBLISHED = FieldConfig(w_goal=0.75, w_avoid=0.25)
