@@ -156,7 +156,7 @@ def load(name: str, seed: int) -> Scene:
 
 
 def _registry() -> dict[str, Callable[[int], Scene]]:
-    from . import home, rooms, seed_rooms  # they build the values defined here
+    from . import course, home, rooms, seed_rooms  # they build the values defined here
 
     return {
         "home": home.furnished,
@@ -165,4 +165,7 @@ def _registry() -> dict[str, Callable[[int], Scene]]:
         "boxes": rooms.boxes,
         "robots_room": seed_rooms.robots_room,
         "narrow_course": seed_rooms.narrow_course,
+        "course": course.course,
+        "fast_course": course.fast_course,
+        "hard_course": course.hard_course,
     }
