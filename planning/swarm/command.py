@@ -1,0 +1,53 @@
+"""The best pixel as a footstep: as far round as one step allows, and ahead; or turning where nothing is free.
+
+Source: seed 000, section 5, eq. (10), C_w,penalty; slower while the turn is not done is ours (`footsteps`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.pose import Pose2, wrap_angle
+
+from ..commands import WalkCommand
+from ..footsteps import GaitConfig, footstep
+
+PRINTED_STEP_M = 0.04  # S_F, seed 000
+
+
+def angle_to(place: Float[np.ndarray, "2"], robot: Pose2) -> float:
+    """theta_p: direction of a place as seen from the robot's heading, left positive, in [-pi, pi) rad.
+
+    Source: seed 000, eq. (7) with the missing subscript and the robot's heading put in.
+    """
+    return wrap_angle(math.atan2(place[1] - robot.y, place[0] - robot.x) - robot.yaw)
+
+
+def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> WalkCommand:
+    """C_w: a step at cruising speed to the place, turned by at most theta_safety.
+
+    Args:
+        place: P_best on the floor, world frame, m.
+        robot: Where it stands.
+        gait: Cruising speed and limits.
+
+    Source: seed 000, eq. (10).
+    """
+    return footstep(robot.yaw + angle_to(place, robot), gait.cruise_mps, robot, gait)
+
+
+def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> WalkCommand:
+    """The same with the printed step: always 0.04 m, however far the turn."""
+    turn = min(max(angle_to(place, robot), -gait.max_turn_rad), gait.max_turn_rad)
+    return gait.command(PRINTED_STEP_M / gait.step_s, 0.0, turn)
+
+
+def turning(goal: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> WalkCommand:
+    """C_w,penalty: on the spot towards the goal; printed: always the same way.
+
+    Source: seed 000, section 5; the sign is ours.
+    """
+    return gait.command(0.0, 0.0, math.copysign(gait.max_turn_rad, angle_to(goal, robot)))
