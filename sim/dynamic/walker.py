@@ -234,6 +234,16 @@ class DynamicBody:
         pelvis = self.true_pose.inverse().lifted() @ self.physics.pelvis()
         return pelvis @ Pose3((0.0, 0.0, -self.config.body.hip_m))
 
+    def head_pose(self) -> Pose3:
+        """The true head in the world, at the tilt joint."""
+        return self.physics.link("tilt")
+
+    @property
+    def planned_pose(self) -> Pose2:
+        """The body where the gait's own dead reckoning has it: what was commanded."""
+        x, y, yaw = (float(v) for v in self._step.body[max(self._tick - 1, 0)])
+        return Pose2(x, y, yaw)
+
     @property
     def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
         """Left and right foot in the true body frame, each with its height above the floor, m."""

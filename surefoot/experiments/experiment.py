@@ -28,6 +28,8 @@ FILES = {
     "003-walls": "walls",
     "INT-3": "floor_methods",
     "home": "home",
+    "walking": "walking",
+    "INT-1": "people_home",
     "localisation": "localisation",
     "mrclam": "mrclam",
     "real-floor": "real_floor",
