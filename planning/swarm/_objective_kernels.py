@@ -110,13 +110,19 @@ def value(
     penalty: float,
     u: int,
     v: int,
+    bound: float,
 ) -> float:
-    """O of one pixel: metres to the goal, and a penalty for each of the four that is violated."""
+    """O of one pixel: metres to the goal, and a penalty for each of the four that is violated.
+
+    What reaches the bound is of no interest: the result is then some number not below it.
+    """
     ahead = rows[v, 0]
     if not (v >= shape[21] and ahead > 0.0):
         return 5.0 * penalty + 1e-3 * penalty * (rows.shape[0] - v)
     left = shape[2] - (u - shape[1]) * rows[v, 1]
     cost = math.hypot(ahead - shape[16], left - shape[17])
+    if cost >= bound:
+        return cost
     count = 0
     if footprint_blocked(integral, boxes, u, v):
         count += 1
@@ -128,6 +134,8 @@ def value(
     inside = shape[8] <= angle <= shape[9] and math.hypot(ahead, left) <= shape[20]
     if not inside:
         count += 1
+    if cost + penalty * count >= bound:
+        return cost + penalty * count
     if count == 0 or shape[22] > 0.0:
         if way_blocked(blocked, shape, u, v, ahead, left):
             count += 1
@@ -152,4 +160,4 @@ def values(
     for i in range(pixels.shape[0]):
         u = min(max(math.floor(pixels[i, 0] + 0.5), 0), width - 1)
         v = min(max(math.floor(pixels[i, 1] + 0.5), 0), height - 1)
-        out[i] = value(blocked, integral, rows, boxes, shape, penalty, u, v)
+        out[i] = value(blocked, integral, rows, boxes, shape, penalty, u, v, np.inf)

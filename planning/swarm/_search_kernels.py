@@ -46,7 +46,7 @@ def fly(
     best = 0
     for i in range(n):
         own[i] = position[i]
-        own_value[i] = at(blocked, integral, rows, boxes, shape, penalty, position[i])
+        own_value[i] = at(blocked, integral, rows, boxes, shape, penalty, position[i], np.inf)
         if own_value[i] < own_value[best]:
             best = i
     for epoch in range(chance.shape[0]):
@@ -69,7 +69,9 @@ def fly(
                 )
                 position[i, d] = min(max(position[i, d] + velocity[i, d], low[d]), high[d])
         for i in range(n):
-            found = at(blocked, integral, rows, boxes, shape, penalty, position[i])
+            found = at(
+                blocked, integral, rows, boxes, shape, penalty, position[i], own_value[i]
+            )
             if found < own_value[i]:
                 own_value[i] = found
                 own[i] = position[i]
@@ -86,10 +88,11 @@ def at(
     shape: np.ndarray,
     penalty: float,
     pixel: np.ndarray,
+    bound: float,
 ) -> float:
-    """O of one pixel given in fractions."""
+    """O of one pixel given in fractions; of interest below the bound only."""
     u, v = math.floor(pixel[0] + 0.5), math.floor(pixel[1] + 0.5)
-    return value(blocked, integral, rows, boxes, shape, penalty, u, v)
+    return value(blocked, integral, rows, boxes, shape, penalty, u, v, bound)
 
 
 @njit(cache=True)
@@ -176,7 +179,7 @@ def first_feasible(
             continue
         if (
             not footprint_blocked(integral, boxes, u, v)
-            and value(blocked, integral, rows, boxes, shape, penalty, u, v) < penalty
+            and value(blocked, integral, rows, boxes, shape, penalty, u, v, penalty) < penalty
         ):
             return u
         u += towards * stride
@@ -251,7 +254,9 @@ def search(
                     stride,
                 )
                 if u >= 0:
-                    found = value(blocked, integral, rows, boxes, shape, penalty, u, v)
+                    found = value(
+                        blocked, integral, rows, boxes, shape, penalty, u, v, penalty
+                    )
                     if found < best:
                         best_u, best_v, best = u, v, found
     return best_u, best_v, best
@@ -270,7 +275,7 @@ def search_all(
     best_u, best_v, best = -1, -1, np.inf
     for v in range(blocked.shape[0]):
         for u in range(blocked.shape[1]):
-            found = value(blocked, integral, rows, boxes, shape, penalty, u, v)
+            found = value(blocked, integral, rows, boxes, shape, penalty, u, v, np.inf)
             if found < best:
                 best_u, best_v, best = u, v, found
     return best_u, best_v, best

@@ -24,6 +24,9 @@ FILES = {
     "mdghm": "mdghm",
     "panorama": "panorama",
     "smoother": "smoother",
+    "gaze": "gaze",
+    "univector": "univector",
+    "swarm": "swarm",
 }
 """Where each benchmark lives: name to file of this folder."""
 
