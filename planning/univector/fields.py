@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
 
@@ -134,8 +134,8 @@ def move_to_goal(
 
     Source: seed 001, eq. (8).
     """
-    none = np.empty((0, 2)), np.empty(0)
-    return _field(places, headings, goal, goal_heading, *none, config, (1.0, 0.0), literal)
+    none = np.empty((0, 2)), np.empty(0), None
+    return _field(places, headings, goal, goal_heading, none, config, (1.0, 0.0), literal)
 
 
 def avoid(
@@ -161,7 +161,8 @@ def avoid(
 
     Source: seed 001, eq. (9) and the normalisation in eq. (10).
     """
-    return _field(places, None, goal, None, centres, extended_m, config, (0.0, 1.0), literal)
+    obstacles = centres, extended_m, None
+    return _field(places, None, goal, None, obstacles, config, (0.0, 1.0), literal)
 
 
 def total(
@@ -173,12 +174,15 @@ def total(
     config: FieldConfig,
     headings: Float[np.ndarray, "n"] | None = None,
     literal: bool = False,
+    virtual: Bool[np.ndarray, "m"] | None = None,
 ) -> Float[np.ndarray, "n 2"]:
     """u_T = w_muf u_muf + w_auf N(sum u_auf), at one place or a whole picture.
 
     Where no obstacle matters the goal's part counts alone, with weight 1 (with w_muf in `literal`).
 
-    Args: as for `move_to_goal` and `avoid`.
+    Args: as for `move_to_goal` and `avoid`, and
+        virtual: Which obstacles are virtual; they lie beside the robot by their nature, so that it makes no
+            difference to them whether they lie ahead or beyond the goal. None: none is.
 
     Returns:
         Vectors; only their direction is meant.
@@ -186,9 +190,8 @@ def total(
     Source: seed 001, eq. (10).
     """
     weights = config.w_goal, config.w_avoid
-    return _field(
-        places, headings, goal, goal_heading, centres, extended_m, config, weights, literal
-    )
+    obstacles = centres, extended_m, virtual
+    return _field(places, headings, goal, goal_heading, obstacles, config, weights, literal)
 
 
 def _field(
@@ -196,12 +199,12 @@ def _field(
     headings: np.ndarray | None,
     goal: np.ndarray,
     goal_heading: float | None,
-    centres: np.ndarray,
-    radii: np.ndarray,
+    obstacles: tuple[np.ndarray, np.ndarray, np.ndarray | None],
     config: FieldConfig,
     weights: tuple[float, float],
     literal: bool,
 ) -> np.ndarray:
+    centres, radii, virtual = obstacles
     out = np.empty((len(places), 2))
     _kernels.field(
         np.ascontiguousarray(places, np.float64),
@@ -212,6 +215,7 @@ def _field(
         goal_heading is not None,
         np.ascontiguousarray(centres, np.float64),
         np.ascontiguousarray(radii, np.float64),
+        np.zeros(len(radii), np.bool_) if virtual is None else np.ascontiguousarray(virtual),
         1.0 if literal else config.k_rho,
         config.k_alpha,
         config.k_beta,

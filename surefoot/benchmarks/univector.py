@@ -1,0 +1,113 @@
+"""The univector field of a whole picture, against the same formulas in NumPy.
+
+A picture of 200 x 200 places with 16 obstacles, eq. (8) to (10) as in the specification: NumPy takes the
+places all at once, one obstacle after the other, with angles. Beside it the field at one pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from planning.univector import fields
+
+from .benchmark import Benchmark, Comparison, race
+
+SIDE = 200
+OBSTACLES = 16
+EXTENT_M = 6.0
+ROUNDS = 15
+OFTEN = 20  # one pose is too short to be timed alone
+
+
+def in_numpy(
+    places: np.ndarray,
+    goal: np.ndarray,
+    goal_heading: float,
+    centres: np.ndarray,
+    radii: np.ndarray,
+    config: fields.FieldConfig,
+) -> np.ndarray:
+    """u_T with angles and whole arrays; what one writes first."""
+    to_goal = goal - places
+    rho_rg = np.hypot(to_goal[:, 0], to_goal[:, 1])
+    th_rd = np.arctan2(to_goal[:, 1], to_goal[:, 0])
+    phi = np.where(rho_rg > config.d_con_m, th_rd, th_rd + config.k_beta * (goal_heading - th_rd))
+    towards = np.column_stack([np.cos(phi), np.sin(phi)])
+    total = np.zeros_like(places)
+    for centre, radius in zip(centres, radii, strict=True):
+        p_or, p_od = places - centre, goal - centre
+        rho = np.hypot(p_or[:, 0], p_or[:, 1])
+        th_or = np.arctan2(p_or[:, 1], p_or[:, 0])
+        share = np.where(
+            rho < radius + config.d_e_m,
+            (rho - radius) / config.d_e_m,
+            2.0 - (radius + config.d_e_m + config.k_r_m) / (rho + config.k_r_m),
+        )
+        sign = np.where(p_od[0] * p_or[:, 1] - p_od[1] * p_or[:, 0] < 0.0, 1.0, -1.0)
+        inside = rho < radius
+        angle = th_or + np.where(inside, 0.0, sign * 0.5 * np.pi * share)
+        counts = (rho <= radius + config.d_e_m + config.d_b_m) & (
+            inside
+            | ((rho_rg + radius >= np.hypot(*p_od)) & (np.sum(-p_or * to_goal, axis=1) > 0.0))
+        )
+        total += np.where(counts[:, None], np.column_stack([np.cos(angle), np.sin(angle)]), 0.0)
+    size = np.hypot(total[:, 0], total[:, 1])
+    matters = size >= 1e-9
+    unit = total / np.where(matters, size, 1.0)[:, None]
+    mixed = config.w_goal * towards + config.w_avoid * unit
+    return np.where(matters[:, None], mixed, towards)
+
+
+def run() -> Comparison:
+    """Three worlds; the ratios are geometric means."""
+    config = fields.FieldConfig()
+    axis = np.linspace(0.0, EXTENT_M, SIDE)
+    places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    times: dict[str, list[float]] = {}
+    ratios: list[float] = []
+    one: list[float] = []
+    apart = 0.0
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 60])
+        goal, heading = rng.uniform(1.0, 5.0, 2), float(rng.uniform(-np.pi, np.pi))
+        centres, radii = rng.uniform(0.0, EXTENT_M, (OBSTACLES, 2)), rng.uniform(0.2, 0.35, 16)
+        rest = goal, heading, centres, radii, config
+        pose = places[[20_000]]
+        contestants: dict[str, Callable[[], np.ndarray]] = {
+            "ours_ms": partial(fields.total, places, *rest),
+            "numpy_ms": partial(in_numpy, places, *rest),
+            "ours_one_pose_ms": partial(_often, fields.total, pose, rest),
+            "numpy_one_pose_ms": partial(_often, in_numpy, pose, rest),
+        }
+        found = race(contestants, ROUNDS)
+        for name, value in found.items():
+            times.setdefault(name, []).append(value / OFTEN if "pose" in name else value)
+        ratios.append(found["numpy_ms"] / found["ours_ms"])
+        one.append(found["numpy_one_pose_ms"] / found["ours_one_pose_ms"])
+        ours, theirs = contestants["ours_ms"](), contestants["numpy_ms"]()
+        apart = max(apart, float(np.quantile(np.abs(ours - theirs), 0.9999)))
+    return Comparison(
+        {name: float(np.median(values)) for name, values in times.items()},
+        {
+            "ratio_numpy": float(np.exp(np.mean(np.log(ratios)))),
+            "ratio_numpy_one_pose": float(np.exp(np.mean(np.log(one)))),
+        },
+        {"apart_of_unit": apart},
+    )
+
+
+def _often(contestant: Callable[..., np.ndarray], place: np.ndarray, rest: tuple[Any, ...]) -> None:
+    for _ in range(OFTEN):
+        contestant(place, *rest)
+
+
+BENCHMARK = Benchmark(
+    "univector",
+    "Univector field of 200 x 200 places among 16 obstacles",
+    run,
+    {"ratio_numpy": 15.0},
+)
