@@ -38,6 +38,9 @@ class BalanceConfig:
     light_n: float = 0.5  # walking trials
     lower_mps: float = 0.03  # walking trials
     lower_most_m: float = 0.006  # walking trials
+    wait_s: float = (
+        0.25  # ours: longest wait for a sole that has not met the floor; then on regardless
+    )
 
     def __post_init__(self) -> None:
         for name in ("blend_s", "attitude_s", "forget_s"):
@@ -142,6 +145,7 @@ class Landing:
         self._scale = scale
         self.heights = np.zeros(2)  # left, right
         self._held = [-1.0, -1.0]
+        self._waited = 0
 
     def asks(self, step: Step, tick: int) -> int:
         """The side whose sole is to be felt at this tick, +1 left, -1 right, 0 none."""
@@ -174,6 +178,20 @@ class Landing:
             elif load_n < config.light_n:
                 lower = self.heights[k] - config.lower_mps * self._tick_s * self._scale
                 self.heights[k] = max(lower, -config.lower_most_m * self._scale)
+
+    def waits(self, step: Step, tick: int, load_n: float) -> bool:
+        """Whether time stands still at the begin of a double support: the new foot bears nothing yet.
+
+        A body that leans outward over its standing foot comes back by itself, if the weight is not shifted
+        onto a foot in the air meanwhile.
+        """
+        late = step.stepping and tick == 0 and load_n < self._config.touch_n
+        if late and self._waited < self._config.wait_s / self._tick_s:
+            self._waited += 1
+            return True
+        if tick > 0:
+            self._waited = 0
+        return False
 
     def _hold(self, k: int, lift: float, load_n: float) -> None:
         """Once felt, the sole stays at that height, whatever was planned."""

@@ -149,6 +149,7 @@ class DynamicBody:
         self.fallen = False
         self._ticks = -round(SETTLE_S / tick_s)
         self._last = np.append(self._angles, [0.0, 0.0])
+        self._tick = 0
         self._odometry = FootToFoot(self._legs, self._encoders)
         self._begin_step()
         while self._ticks < 0:
@@ -180,22 +181,23 @@ class DynamicBody:
         return self._ticks
 
     def advance(self, ticks: int) -> Advance:
-        """Move on.
+        """Move on; waiting for a foot to land takes longer than planned.
 
         Args:
-            ticks: At least 1; may reach into the following steps.
+            ticks: Of the plan, at least 1; may reach into the following steps.
         """
-        before, steps, asked = self._odometry.body(self._encoders), 0.0, ticks
+        before, steps, began = self._odometry.body(self._encoders), 0.0, self._ticks
         movers = self._world.movers()
-        for k in range(1, ticks + 1):
+        while ticks > 0:
             self.take_up()
-            late = k * self._tick_s
+            late = (self._ticks + 1 - began) * self._tick_s
             self.physics.place([(x + vx * late, y + vy * late) for x, y, vx, vy in movers])
-            done = float(self._step.progress[self._tick - 1]) if self._tick > 0 else 0.0
+            tick, done = self._tick, self._done
             self._advance_tick()
-            steps += float(self._step.progress[self._tick - 1]) - done
+            ticks -= self._tick - tick
+            steps += self._done - done
         motion = before.inverse() @ self._odometry.body(self._encoders)
-        return Advance(motion, steps, asked * self._tick_s)
+        return Advance(motion, steps, (self._ticks - began) * self._tick_s)
 
     def trunk_by_joints(self) -> Pose3:
         """The pelvis in the body frame as the robot has it, lowered by the height it has while walking.
@@ -265,7 +267,13 @@ class DynamicBody:
         """Give the physics back."""
         self.physics.close()
 
+    @property
+    def _done(self) -> float:
+        """Share of the step's motion that is planned to be done by now."""
+        return float(self._step.progress[self._tick - 1]) if self._tick > 0 else 0.0
+
     def _begin_step(self) -> None:
+        self._walking = self._tick > 0 and self._step.stepping
         self._step: Step = self._gait.step(self._command or WalkCommand())
         self._command = None
         self._tick = 0
@@ -299,12 +307,13 @@ class DynamicBody:
         if asked:
             load = physics.load_on(f"{'left' if asked > 0 else 'right'}_ankle_roll")
         self._landing.advance(step, tick, load)
+        waits = self._walking and self._landing.waits(step, tick, load)
         left, right = self._left[tick].copy(), self._right[tick].copy()
         left[2] += self._landing.heights[0]
         right[2] += self._landing.heights[1]
         angles = self._legs.solve(self._pelvis[tick], left, right)
         self._planned[:] = angles
-        self._tick += 1
+        self._tick += 0 if waits else 1
         self._ticks += 1
         self._ankles.correct(angles, self._attitude.tilt, self._rate, self.swinging)
         self._head.advance(self._tick_s)
