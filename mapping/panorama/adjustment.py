@@ -125,21 +125,28 @@ def _solve(
     factor_between = gtsam.BetweenFactorRot3 if rotations_only else gtsam.BetweenFactorPose3
     factor_prior = gtsam.PriorFactorRot3 if rotations_only else gtsam.PriorFactorPose3
     kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    graph, trusting = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
+    values = gtsam.Values()
     for number, pose in enumerate(start):
         if pose is not None:
             values.insert(number, value(pose))
         prior = priors[number]
         if prior is not None:
             noise = gtsam.noiseModel.Gaussian.Covariance(prior.covariance[:size, :size])
-            graph.add(factor_prior(number, value(prior.pose), noise))
+            for one in (graph, trusting):
+                one.add(factor_prior(number, value(prior.pose), noise))
     for link in links:
         if start[link.first] is None or start[link.second] is None:
             continue
         noise = gtsam.noiseModel.Gaussian.Covariance(link.covariance[:size, :size])
         robust = gtsam.noiseModel.Robust.Create(kernel, noise)
-        graph.add(factor_between(link.first, link.second, value(link.T_first_second), robust))
-    best = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+        ends = (link.first, link.second, value(link.T_first_second))
+        graph.add(factor_between(*ends, robust))
+        trusting.add(factor_between(*ends, noise))
+    # from the priors alone a good pair far off from them would be taken for a false one
+    trusted = gtsam.LevenbergMarquardtOptimizer(trusting, values).optimize()
+    ways = [gtsam.LevenbergMarquardtOptimizer(graph, v).optimize() for v in (values, trusted)]
+    best = min(ways, key=graph.error)
     marginals = gtsam.Marginals(graph, best)
     poses: list[Pose3 | None] = []
     covariances = {}

@@ -33,6 +33,7 @@ class StitchConfig:
     moving: bool = False  # adjust places too; else the camera turns about a known (or no) place
     surfaces: bool = True  # where places are adjusted or known: lay depth images upon each other
     partners: int = 6  # Brown and Lowe 2007: partners of each view; 0 takes all
+    neck_m: float = 0.002  # ours: play of the neck from one view to the next, while standing
     overlap_deg: float = 6.0  # ours: views whose priors say they share less are not compared
     pairs: PairConfig = field(default_factory=PairConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
@@ -42,6 +43,8 @@ class StitchConfig:
     def __post_init__(self) -> None:
         if self.partners < 0:
             raise ConfigError(f"stitch: partners={self.partners} must not be negative")
+        if not self.neck_m > 0.0:
+            raise ConfigError(f"stitch: neck_m={self.neck_m} must be positive")
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +167,8 @@ def _laid(views: Sequence[View], links: list[Link], config: StitchConfig) -> lis
             by_prior = one.inverse() @ other
             rotation = start.rotation if link.by == "features" else by_prior.rotation
             start = Pose3.from_rotation(rotation, by_prior.position)
-        found = align(thin[i], thin[j], start, config.surface)
+        still = math.inf if config.moving else config.neck_m
+        found = align(thin[i], thin[j], start, config.surface, still)
         if found is not None:
             laid.append(replace(link, T_first_second=found.T_to_from, covariance=found.covariance))
         elif link.by == "features":

@@ -8,6 +8,7 @@ Source: Chen and Medioni 1991 (point to plane), Blais and Levine 1995 (look up b
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -96,7 +97,11 @@ class Alignment:
 
 
 def align(
-    target: Surface, source: Surface, start: Pose3, config: SurfaceConfig | None = None
+    target: Surface,
+    source: Surface,
+    start: Pose3,
+    config: SurfaceConfig | None = None,
+    still_m: float = math.inf,
 ) -> Alignment | None:
     """Lay the source upon the target.
 
@@ -105,6 +110,8 @@ def align(
         source: The one that moves.
         start: T_target_source, good to a few degrees and half the first gate.
         config: Gates and rounds.
+        still_m: Deviation of the start's position. Where a camera only turned, a wall that fills the
+            overlap would else let it slide along. The covariance tells of the surfaces alone.
 
     Returns:
         None if too few points meet, or what meets leaves a direction open.
@@ -129,10 +136,14 @@ def align(
             hessian = jacobian.T @ (weight[:, None] * jacobian)
             if np.linalg.cond(hessian) > 1e9:
                 return None
-            step = -np.linalg.solve(hessian, jacobian.T @ (weight * off))
+            square = float(np.sum(weight * off**2) / np.sum(weight))
+            gradient = jacobian.T @ (weight * off)
+            hold = np.zeros(6)
+            hold[3:] = config.alike * square * float(np.mean(weight)) / still_m**2
+            gradient[3:] += hold[3:] * (rotation.T @ (translation - start.position))
+            step = -np.linalg.solve(hessian + np.diag(hold), gradient)
             translation = translation + rotation @ step[3:]
             rotation = rotation @ Rotation.from_rotvec(step[:3]).as_matrix()
-            square = float(np.sum(weight * off**2) / np.sum(weight))
             hessian *= len(index) / np.sum(weight)
     covariance = config.alike * square * np.linalg.inv(hessian)
     return Alignment(
