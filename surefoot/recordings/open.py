@@ -10,19 +10,22 @@ from perception.primitives.errors import RecordingError
 from .description import FILE_NAME, Description, read_description
 from .euroc import is_euroc, open_euroc
 from .folder import pictures
+from .icl_nuim import is_icl_nuim, open_icl_nuim
 from .mcap_format import McapRecording
 from .pcd import PcdRecording
 from .plain import needs_description, open_plain
 from .recording import Recording
 from .redwood import is_redwood, open_redwood
 from .replica import is_replica, open_replica
+from .rosbag import RosbagRecording, is_rosbag
 from .seven_scenes import is_seven_scenes, open_seven_scenes
 from .tum import is_tum, open_tum
 
 MCAP_NAME = "recording.mcap"
 KINDS = (
-    "a run folder or .mcap file of `surefoot simulate --record`, a TUM RGB-D, 7-Scenes, EuRoC, Redwood/Open3D or "
-    "Replica folder, an organised .pcd file, or a folder of depth images with a recording.toml"
+    "a run folder or .mcap file of `surefoot simulate --record`, a ROS 1 .bag, a ROS 2 bag (folder, .mcap or "
+    ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D or Replica folder, an organised .pcd file, "
+    "or a folder of depth images with a recording.toml"
 )
 
 
@@ -48,6 +51,8 @@ def open_recording(path: Path, description: Path | None = None) -> Recording:
 def _open_file(path: Path, description: Path | None) -> Recording:
     if path.name == FILE_NAME:
         return _open_folder(path.parent, read_description(path))
+    if is_rosbag(path):
+        return RosbagRecording(path, None if description is None else read_description(description))
     if description is not None:
         raise RecordingError(
             f"{path}: a single file needs no description, but {description} was given; leave it out"
@@ -67,8 +72,12 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
         return open_plain(path, description)
     if (path / MCAP_NAME).is_file() and description is None:
         return McapRecording(path / MCAP_NAME)
+    if is_rosbag(path):
+        return RosbagRecording(path, description)
     if is_euroc(path):
         return open_euroc(path, description)
+    if is_icl_nuim(path):
+        return open_icl_nuim(path, description)
     if is_seven_scenes(path):
         return open_seven_scenes(path, description)
     if is_replica(path):
@@ -110,8 +119,8 @@ def _nothing_known(path: Path) -> RecordingError:
 
 def _holds_recording(child: Path) -> bool:
     if child.is_file():
-        return child.suffix in (".mcap", ".pcd")
-    known = (is_euroc, is_seven_scenes, is_replica, is_redwood, is_tum)
+        return child.suffix in (".mcap", ".pcd", ".bag", ".db3")
+    known = (is_rosbag, is_euroc, is_icl_nuim, is_seven_scenes, is_replica, is_redwood, is_tum)
     return (child / MCAP_NAME).is_file() or any(test(child) for test in known)
 
 

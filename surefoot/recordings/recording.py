@@ -21,7 +21,8 @@ class RecordingInfo:
 
     Args:
         name: For titles and tables.
-        kind: Which reader gave it: "mcap", "tum", "seven_scenes", "redwood", "replica", "euroc", "plain", "pcd"; a live run says "simulation".
+        kind: Which reader gave it: "mcap", "rosbag", "tum", "icl_nuim", "seven_scenes", "redwood", "replica",
+            "euroc", "plain", "pcd"; a live run says "simulation".
         poses_given: Whether frames come with `T_world_camera`.
         frames: How many frames it holds, readable or not; None if that is not known beforehand.
         landmarks: Known beforehand, world frame.

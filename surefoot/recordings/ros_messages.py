@@ -1,0 +1,155 @@
+"""What single ROS messages say: camera, depth image, colour image.
+
+Sources: sensor_msgs (Image, CompressedImage, CameraInfo); REP 118; compressed_depth_image_transport (a
+header of 12 bytes before the PNG, and for metres depth = A / (value - B)).
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from perception.primitives.camera import Camera
+
+from .recording import FrameError
+
+_DEPTHS: dict[str, np.dtype[Any]] = {
+    "16UC1": np.dtype(np.uint16),
+    "mono16": np.dtype(np.uint16),
+    "32FC1": np.dtype(np.float32),
+}
+_COLOURS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1, "8UC3": 3}
+_RVL = "compressedDepth rvl"
+
+
+def is_depth_encoding(encoding: str) -> bool:
+    """Whether images of that encoding are depth (REP 118)."""
+    return encoding in _DEPTHS
+
+
+def camera_of_info(message: Any) -> Camera:
+    """The camera of a CameraInfo; K and D.
+
+    Raises:
+        ConfigError: for intrinsics that cannot be.
+    """
+    K = np.asarray(getattr(message, "k", None) if hasattr(message, "k") else message.K).reshape(
+        3, 3
+    )
+    D = np.asarray(message.d if hasattr(message, "d") else message.D, dtype=np.float64)
+    five = np.zeros(5)
+    if message.distortion_model in ("plumb_bob", "rational_polynomial", ""):
+        five[: min(5, len(D))] = D[:5]
+    k1, k2, p1, p2, k3 = (float(v) for v in five)
+    return Camera(
+        int(message.width),
+        int(message.height),
+        float(K[0, 0]),
+        float(K[1, 1]),
+        float(K[0, 2]),
+        float(K[1, 2]),
+        (k1, k2, p1, p2, k3),
+    )
+
+
+def depth_image(message: Any, camera: Camera, compressed: bool) -> Float32[np.ndarray, "h w"]:
+    """Depth, m, NaN where there is none.
+
+    Raises:
+        FrameError: for another encoding or size, too few bytes, or an image without any depth.
+    """
+    depth = _compressed_depth(message) if compressed else _raw_depth(message)
+    _check_size("depth", depth, camera)
+    if not np.isfinite(depth).any():
+        raise FrameError("depth image has no valid pixel")
+    return depth
+
+
+def colour_image(message: Any, camera: Camera, compressed: bool) -> UInt8[np.ndarray, "h w 3"]:
+    """Colour, red first.
+
+    Raises:
+        FrameError: for another encoding or size, or too few bytes.
+    """
+    if compressed:
+        data = np.frombuffer(bytes(message.data), np.uint8)
+        rgb = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if len(data) else None
+        if rgb is None:
+            raise FrameError("colour image is not readable as a picture")
+    else:
+        channels = _COLOURS.get(message.encoding)
+        if channels is None:
+            raise FrameError(
+                f"colour image is encoded as {message.encoding!r}; expected one of {', '.join(_COLOURS)}"
+            )
+        image = _rows("colour", message, np.dtype(np.uint8), channels)
+        rgb = np.repeat(image, 3, axis=2) if channels == 1 else image[..., :3]
+        if message.encoding.startswith("bgr") or message.encoding == "8UC3":
+            rgb = rgb[..., ::-1]
+    _check_size("colour", rgb, camera)
+    return np.ascontiguousarray(rgb, dtype=np.uint8)
+
+
+def _raw_depth(message: Any) -> np.ndarray:
+    kind = _DEPTHS.get(message.encoding)
+    if kind is None:
+        raise FrameError(
+            f"depth image is encoded as {message.encoding!r}; expected one of {', '.join(_DEPTHS)}"
+        )
+    return _metres(_rows("depth", message, kind, 1)[..., 0])
+
+
+def _rows(what: str, message: Any, kind: np.dtype[Any], channels: int) -> np.ndarray:
+    """The pixels (h, w, channels) of an Image, row padding taken off."""
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    needed = width * channels * kind.itemsize
+    if step < needed or len(data) < height * step:
+        raise FrameError(
+            f"{what} image has {len(data)} bytes; {height} rows of {max(step, needed)} were expected"
+        )
+    rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :needed])
+    other = kind.newbyteorder(">") if message.is_bigendian else kind.newbyteorder("<")
+    return rows.view(other).reshape(height, width, channels)
+
+
+def _compressed_depth(message: Any) -> np.ndarray:
+    data = bytes(message.data)
+    if _RVL in message.format:
+        raise FrameError("depth image is compressed by RVL, which is not read; expected PNG")
+    start = data.find(b"\x89PNG")
+    image = None
+    if start >= 0:
+        image = cv2.imdecode(np.frombuffer(data[start:], np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.ndim != 2 or image.dtype != np.uint16:
+        raise FrameError("compressed depth image holds no PNG of one channel of uint16")
+    if "32FC1" not in message.format:
+        return _metres(image)
+    if start < 12:
+        raise FrameError("compressed depth image lacks the header of 12 bytes that says its scale")
+    _, a, b = struct.unpack("<iff", data[start - 12 : start])
+    with np.errstate(divide="ignore"):
+        metres = a / (image.astype(np.float32) - np.float32(b))
+    return np.where(image > 0, metres, np.nan).astype(np.float32)
+
+
+def _metres(image: np.ndarray) -> np.ndarray:
+    """Millimetres and 0 for none, or metres with anything not positive and finite for none."""
+    if image.dtype.kind == "u":
+        return np.where(image > 0, image * np.float32(1e-3), np.nan).astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        good = np.isfinite(image) & (image > 0.0)
+    return np.where(good, image, np.nan).astype(np.float32)
+
+
+def _check_size(what: str, image: np.ndarray, camera: Camera) -> None:
+    height, width = image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise FrameError(
+            f"{what} image is {width}x{height} px; {camera.width}x{camera.height} px was expected "
+            "from camera_info"
+        )

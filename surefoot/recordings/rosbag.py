@@ -1,0 +1,335 @@
+"""ROS bags: ROS 1 `.bag`, ROS 2 folders (sqlite3 or MCAP) and single ROS 2 `.mcap` files.
+
+Read are one depth stream (raw or `compressedDepth`), its `camera_info`, the colour stream of the same
+camera, raw or compressed, and the transforms: where `tf` leads from a fixed frame to the depth camera, the
+frames come with poses; where it leads from the depth to the colour camera, the colours are laid onto the
+depth image. Messages are streamed; a depth image waits only until a later colour image has come by.
+
+Sources: rosbags (reading and decoding of messages); REP 103 (axes), REP 105 (names of fixed frames), REP
+118 (depth images: 16UC1 in millimetres, 32FC1 in metres); image_transport_plugins (`compressedDepth`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from perception.depth_to_colour import colours_of_depth
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError, RecordingError
+from perception.primitives.frame import ColourView, DepthView, Frame
+
+from .description import Description, complete
+from .poses import ASSOCIATION_S
+from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
+from .ros_messages import camera_of_info, colour_image, depth_image, is_depth_encoding
+from .ros_transforms import Transforms
+
+FIXED = ("world", "map", "odom", "vicon", "mocap")
+"""Frames that do not move, the most global first (REP 105, and what motion capture calls itself)."""
+
+_IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+_INFO = "sensor_msgs/msg/CameraInfo"
+_TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+_PROFILE_BYTES = 64  # magic, then the header, whose first text is the profile
+_LATEST_S = 0.5  # how long a depth image waits for its partner in colour
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Which topics make up the recording.
+
+    Args:
+        depth, depth_info: Depth image and its camera.
+        colour, colour_info: The same of colour; None where there is none.
+        compressed_depth, compressed_colour: Whether these are compressed.
+    """
+
+    depth: str
+    depth_info: str
+    colour: str | None
+    colour_info: str | None
+    compressed_depth: bool
+    compressed_colour: bool
+
+
+class RosbagRecording:
+    """A bag, streamed."""
+
+    def __init__(self, path: Path, description: Description | None = None) -> None:
+        """Look for the topics, read cameras and transforms that do not change.
+
+        Args:
+            path: Bag file or folder.
+            description: May give name, scene and the world's up.
+
+        Raises:
+            RecordingError: It is no bag, is damaged as a whole, or holds no depth with a camera.
+        """
+        self._path = path
+        self._journal = Journal()
+        with self._reader() as reader:
+            self._topics = find_topics(path, reader)
+            self._camera = self._first_camera(reader, self._topics.depth_info)
+            colour_info = self._topics.colour_info
+            self._colour_camera = (
+                None if colour_info is None else self._first_camera(reader, colour_info)
+            )
+            self._transforms = self._read_transforms(reader)
+            frames = sum(c.msgcount for c in reader.connections if c.topic == self._topics.depth)
+            self._depth_frame = self._first_frame_id(reader, self._topics.depth)
+        fixed = self._transforms.first_leading_to(FIXED, self._depth_frame)
+        self._fixed = fixed
+        self.remarks = [f"depth of {self._topics.depth}, colour of {self._topics.colour or 'none'}"]
+        if fixed is not None:
+            self.remarks.append(f"poses are the transforms from {fixed} to {self._depth_frame}")
+        self.info = complete(
+            RecordingInfo(
+                name=path.resolve().stem,
+                kind="rosbag",
+                poses_given=fixed is not None,
+                frames=frames,
+                gravity_up_world=(0.0, 0.0, 1.0) if fixed in ("world", "map", "odom") else None,
+            ),
+            description,
+        )
+
+    @property
+    def skipped(self) -> list[SkippedFrame]:
+        """Frames skipped so far by the latest `frames()`."""
+        return self._journal.skipped
+
+    def frames(self) -> Iterator[Frame]:
+        """The readable frames in the order of the bag, one in memory at a time.
+
+        Raises:
+            RecordingError: when not one can be read, or the bag ends in the middle of the first.
+        """
+        journal = self._journal = Journal()
+        waiting: list[tuple[float, Any]] = []
+        colours: list[tuple[float, Any]] = []
+        with self._reader() as reader:
+            wanted = (self._topics.depth, self._topics.colour)
+            chosen = [c for c in reader.connections if c.topic in wanted]
+            for connection, message in self._messages(reader, chosen, journal):
+                stamp = _seconds(message.header.stamp)
+                if connection.topic == self._topics.depth:
+                    waiting.append((stamp, message))
+                else:
+                    colours.append((stamp, message))
+                while waiting and _settled(waiting[0][0], stamp, colours, self._topics.colour):
+                    yield from self._made(journal, *waiting.pop(0), colours)
+            for stamp, message in waiting:
+                yield from self._made(journal, stamp, message, colours)
+        if journal.given == 0:
+            raise RecordingError(f"{self._path}: no frame can be used{journal.why()}")
+
+    def _made(
+        self, journal: Journal, stamp: float, message: Any, colours: list[tuple[float, Any]]
+    ) -> Iterator[Frame]:
+        """The frame of one depth image, if it can be used; older colour images are let go."""
+        while colours and colours[0][0] < stamp - ASSOCIATION_S:
+            colours.pop(0)
+        try:
+            journal.check_stamp(stamp)
+            depth = depth_image(message, self._camera, self._topics.compressed_depth)
+            colour = self._colour(stamp, depth, colours)
+        except FrameError as error:
+            journal.skip(f"{self._topics.depth} at {stamp:.6f}", str(error))
+            return
+        pose = None
+        if self._fixed is not None:
+            pose = self._transforms.between(self._fixed, self._depth_frame, stamp)
+        journal.note(stamp)
+        yield Frame(stamp, depth=DepthView(depth, self._camera), colour=colour, T_world_camera=pose)
+
+    def _colour(
+        self, stamp: float, depth: np.ndarray, colours: Sequence[tuple[float, Any]]
+    ) -> ColourView | None:
+        """The nearest colour image, laid onto the depth image where it comes from another place."""
+        if self._colour_camera is None:
+            return None
+        near = min(colours, key=lambda one: abs(one[0] - stamp), default=None)
+        if near is None or abs(near[0] - stamp) > ASSOCIATION_S:
+            return None
+        rgb = colour_image(near[1], self._colour_camera, self._topics.compressed_colour)
+        frame = near[1].header.frame_id
+        if frame == self._depth_frame:
+            return ColourView(rgb, self._colour_camera)
+        T_colour_depth = self._transforms.between(frame, self._depth_frame, stamp)
+        if T_colour_depth is None:
+            return None
+        laid = colours_of_depth(depth, self._camera, rgb, self._colour_camera, T_colour_depth)
+        return ColourView(laid, self._camera)
+
+    def _messages(
+        self, reader: Any, connections: list[Any], journal: Journal
+    ) -> Iterator[tuple[Any, Any]]:
+        """Decoded messages of some topics; undecodable ones are skipped, a damaged end ends it."""
+        if not connections:
+            return
+        stream = reader.messages(connections=connections)
+        while True:
+            try:
+                connection, _, raw = next(stream)
+            except StopIteration:
+                return
+            except Exception as error:  # whatever the package meets in a damaged file
+                journal.skip("the rest of the bag", f"cannot be read: {_words(error)}")
+                return
+            try:
+                yield connection, reader.deserialize(raw, connection.msgtype)
+            except (ValueError, KeyError, IndexError, AssertionError, MemoryError) as error:
+                journal.skip(f"a message of {connection.topic}", f"is damaged: {_words(error)}")
+
+    def _first(self, reader: Any, topic: str) -> Any:
+        chosen = [c for c in reader.connections if c.topic == topic]
+        for _, message in self._messages(reader, chosen, Journal()):
+            return message
+        raise RecordingError(f"{self._path}: topic {topic} holds no message that can be read")
+
+    def _first_camera(self, reader: Any, topic: str) -> Camera:
+        message = self._first(reader, topic)
+        try:
+            return camera_of_info(message)
+        except ConfigError as error:
+            raise RecordingError(f"{self._path}, topic {topic}: {error}") from error
+
+    def _first_frame_id(self, reader: Any, topic: str) -> str:
+        return str(self._first(reader, topic).header.frame_id).lstrip("/")
+
+    def _read_transforms(self, reader: Any) -> Transforms:
+        found = Transforms()
+        chosen = [c for c in reader.connections if c.msgtype in _TF]
+        for connection, message in self._messages(reader, chosen, Journal()):
+            static = connection.topic.endswith("tf_static")
+            for one in message.transforms:
+                found.add(
+                    one.header.frame_id,
+                    one.child_frame_id,
+                    None if static else _seconds(one.header.stamp),
+                    one.transform,
+                )
+        return found
+
+    @contextlib.contextmanager
+    def _reader(self) -> Iterator[Any]:
+        """The bag, open; an old bag without message definitions is read by those of ROS 2 Humble."""
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
+        with contextlib.ExitStack() as stack:
+            try:
+                store = get_typestore(Stores.ROS2_HUMBLE)
+                reader = stack.enter_context(AnyReader([self._path], default_typestore=store))
+            except Exception as error:
+                raise RecordingError(
+                    f"{self._path}: cannot be read as a ROS bag: {_words(error)}; expected a ROS 1 .bag, "
+                    "a ROS 2 folder with metadata.yaml, or a ROS 2 .mcap"
+                ) from error
+            yield reader
+
+
+def is_rosbag(path: Path) -> bool:
+    """Whether this is a bag: by its name, by its metadata, or, of an MCAP file, by its profile."""
+    if path.is_dir():
+        return (path / "metadata.yaml").is_file()
+    if path.suffix in (".bag", ".db3"):
+        return True
+    if path.suffix != ".mcap":
+        return False
+    with path.open("rb") as file:
+        return b"ros2" in file.read(_PROFILE_BYTES)
+
+
+def find_topics(path: Path, reader: Any) -> Topics:
+    """The depth stream of most messages that has a camera, and the colour that goes best with it.
+
+    Raises:
+        RecordingError: There is no depth, or none with a camera; the message lists what there is.
+    """
+    infos = {c.topic for c in reader.connections if c.msgtype == _INFO and c.msgcount}
+    depths, colours = [], []
+    for connection in reader.connections:
+        if connection.msgtype not in (_IMAGE, _COMPRESSED) or not connection.msgcount:
+            continue
+        info = _info_of(connection.topic, infos)
+        kind = _kind(reader, connection)
+        entry = (info is not None, connection.msgcount, connection.topic, info, connection.msgtype)
+        if kind == "depth":
+            depths.append(entry)
+        elif kind == "colour":
+            colours.append(entry)
+    usable = sorted((d for d in depths if d[0]), key=lambda d: (-d[1], d[4] == _COMPRESSED, d[2]))
+    if not usable:
+        listed = ", ".join(sorted(f"{c.topic} ({c.msgtype})" for c in reader.connections)) or "none"
+        lacks = "no camera_info beside its depth images" if depths else "no depth image"
+        raise RecordingError(f"{path}: {lacks}; its topics are: {listed}")
+    _, _, depth, depth_info, depth_type = usable[0]
+    ranked = sorted(
+        (c for c in colours if c[0]),
+        key=lambda c: (-_shared(depth, c[2]), c[4] == _COMPRESSED, c[2]),
+    )
+    colour = ranked[0] if ranked else None
+    return Topics(
+        depth,
+        str(depth_info),
+        None if colour is None else colour[2],
+        None if colour is None else colour[3],
+        depth_type == _COMPRESSED,
+        colour is not None and colour[4] == _COMPRESSED,
+    )
+
+
+def _kind(reader: Any, connection: Any) -> str | None:
+    """What a stream of images holds, by its first message."""
+    for _, _, raw in reader.messages(connections=[connection]):
+        try:
+            message = reader.deserialize(raw, connection.msgtype)
+        except (ValueError, KeyError, IndexError, AssertionError, MemoryError):
+            continue
+        if connection.msgtype == _COMPRESSED:
+            return "depth" if "compressedDepth" in message.format else "colour"
+        if is_depth_encoding(message.encoding):
+            return "depth"
+        return "colour" if message.encoding.startswith(("rgb", "bgr", "mono8")) else None
+    return None
+
+
+def _info_of(topic: str, infos: set[str]) -> str | None:
+    """The `camera_info` in the nearest namespace: /a/depth/image_raw goes with /a/depth/camera_info."""
+    space = topic
+    while "/" in space:
+        space = space.rsplit("/", 1)[0]
+        if f"{space}/camera_info" in infos:
+            return f"{space}/camera_info"
+    return None
+
+
+def _shared(a: str, b: str) -> int:
+    """How many leading parts two names share."""
+    return next(
+        (n for n, (x, y) in enumerate(zip(a.split("/"), b.split("/"), strict=False)) if x != y), 99
+    )
+
+
+def _settled(
+    stamp: float, now: float, colours: Sequence[tuple[float, Any]], topic: str | None
+) -> bool:
+    """Whether no better colour image can come for a depth image any more."""
+    if topic is None or now > stamp + _LATEST_S:
+        return True
+    return any(other >= stamp for other, _ in colours)
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+
+
+def _words(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

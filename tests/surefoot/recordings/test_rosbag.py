@@ -1,0 +1,137 @@
+"""ROS bags: what the rosbags package writes, the reader gives back."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from perception.primitives.errors import RecordingError
+from surefoot.recordings.open import open_recording
+
+
+def _beside(name: str) -> Any:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+bags = _beside("bags")
+Bag, write_bag, depth_mm, colour = bags.Bag, bags.write_bag, bags.depth_mm, bags.colour
+
+
+def metres(frame: int) -> np.ndarray:
+    mm = depth_mm(frame).astype(np.float64)
+    return np.where(mm > 0, mm / 1000.0, np.nan)
+
+
+@pytest.mark.parametrize("kind", bags.KINDS)
+def test_depth_colour_and_poses_come_back(tmp_path, kind):
+    recording = open_recording(write_bag(tmp_path / "walk", kind))
+    frames = list(recording.frames())
+    assert recording.info.kind == "rosbag"
+    assert recording.info.poses_given
+    assert recording.info.frames == len(frames) == 5
+    assert recording.skipped == []
+    for i, frame in enumerate(frames):
+        assert frame.stamp_s == pytest.approx(10.0 + 0.1 * i, abs=1e-6)
+        np.testing.assert_allclose(frame.depth.depth, metres(i), atol=1e-6)
+        np.testing.assert_array_equal(frame.colour.rgb, colour(i))
+        assert frame.depth.camera.fx == 30.0
+        np.testing.assert_allclose(frame.T_world_camera.position, [0.1 * i, 0.0, 0.5], atol=1e-6)
+
+
+def test_a_single_file_of_a_ros_2_bag_is_read_too(tmp_path):
+    folder = write_bag(tmp_path / "walk", "mcap")
+    (single,) = folder.glob("*.mcap")
+    assert len(list(open_recording(single).frames())) == 5
+
+
+def test_colours_of_a_camera_beside_it_are_laid_onto_the_depth(tmp_path):
+    recording = open_recording(write_bag(tmp_path / "walk", "ros2", colour_frame="colour_camera"))
+    frame = next(iter(recording.frames()))
+    v, u = 12, 20
+    z = metres(0)[v, u]
+    x = (u - 15.5) / 30.0 * z - bags.BASELINE_M
+    seen_at = round(30.0 * x / z + 15.5)
+    np.testing.assert_array_equal(frame.colour.rgb[v, u], colour(0)[v, seen_at])
+    assert (frame.colour.rgb[0, 0] == 0).all()
+
+
+@pytest.mark.parametrize("words", ["16UC1; compressedDepth png", "32FC1; compressedDepth png"])
+def test_compressed_depth_is_read_in_both_scales(tmp_path, words):
+    bag = Bag(tmp_path / "walk", "ros2")
+    truth = metres(0)
+    data = (
+        bags.compressed_metres(np.nan_to_num(truth))
+        if words.startswith("32")
+        else bags.compressed_depth(depth_mm(0))
+    )
+    bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
+    bag.write("/cam/depth/compressedDepth", bag.compressed(1.0, "camera", data, words), 1.0)
+    (frame,) = open_recording(bag.close()).frames()
+    step = 1.6**2 / 100.0 if words.startswith("32") else 1e-6  # of A / depth in whole units
+    np.testing.assert_allclose(frame.depth.depth, truth, atol=step)
+    assert not open_recording(tmp_path / "walk").info.poses_given
+
+
+def test_depth_in_metres_keeps_every_bit(tmp_path):
+    bag = Bag(tmp_path / "walk", "ros1")
+    truth = np.random.default_rng(0).uniform(0.5, 3.0, (bags.HEIGHT, bags.WIDTH)).astype(np.float32)
+    truth[3, 4], truth[5, 6] = np.nan, -1.0
+    bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
+    bag.write("/cam/depth", bag.image(1.0, "camera", truth, "32FC1"), 1.0)
+    (frame,) = open_recording(bag.close()).frames()
+    truth[5, 6] = np.nan
+    np.testing.assert_array_equal(frame.depth.depth, truth)
+
+
+def test_a_damaged_image_is_skipped_and_counted(tmp_path):
+    bag = Bag(tmp_path / "walk", "ros2")
+    bag.write("/cam/camera_info", bag.info(1.0, "camera"), 1.0)
+    for i in range(3):
+        message = bag.image(1.0 + i, "camera", depth_mm(i), "16UC1")
+        if i == 1:
+            message.data = message.data[:100]
+        bag.write("/cam/depth", message, 1.0 + i)
+    recording = open_recording(bag.close())
+    assert [frame.stamp_s for frame in recording.frames()] == [1.0, 3.0]
+    assert "100 bytes" in recording.skipped[0].reason
+
+
+@pytest.mark.parametrize("kind", bags.KINDS)
+def test_a_bag_cut_short_gives_what_was_whole_or_says_that_it_is_broken(tmp_path, kind):
+    bag = write_bag(tmp_path / "walk", kind, frames=40)
+    (file,) = [bag] if bag.is_file() else [f for f in bag.iterdir() if f.name != "metadata.yaml"]
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    given = []
+    with pytest.raises(RecordingError) if kind != "ros2" else contextlib.suppress(RecordingError):
+        given = list(open_recording(bag).frames())
+    assert len(given) < 40
+
+
+def test_a_bag_without_depth_says_what_it_has(tmp_path):
+    bag = Bag(tmp_path / "walk", "ros2")
+    bag.write("/cam/rgb/image", bag.image(1.0, "camera", colour(0), "rgb8"), 1.0)
+    with pytest.raises(RecordingError, match=r"no depth image.*/cam/rgb/image"):
+        open_recording(bag.close())
+
+
+def test_depth_without_its_camera_is_refused(tmp_path):
+    bag = Bag(tmp_path / "walk", "ros2")
+    bag.write("/cam/depth", bag.image(1.0, "camera", depth_mm(0), "16UC1"), 1.0)
+    with pytest.raises(RecordingError, match="no camera_info"):
+        open_recording(bag.close())
+
+
+@pytest.mark.parametrize("name", ["walk.bag", "walk.mcap"])
+def test_what_is_no_bag_is_refused_with_what_was_expected(tmp_path, name):
+    path: Path = tmp_path / name
+    path.write_bytes(b"\x89MCAP0\r\n\x01ros2 but not really a bag" * 4)
+    with pytest.raises(RecordingError, match="expected a ROS 1"):
+        open_recording(path)
