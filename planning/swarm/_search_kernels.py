@@ -69,9 +69,7 @@ def fly(
                 )
                 position[i, d] = min(max(position[i, d] + velocity[i, d], low[d]), high[d])
         for i in range(n):
-            found = at(
-                blocked, integral, rows, boxes, shape, penalty, position[i], own_value[i]
-            )
+            found = at(blocked, integral, rows, boxes, shape, penalty, position[i], own_value[i])
             if found < own_value[i]:
                 own_value[i] = found
                 own[i] = position[i]
@@ -254,9 +252,7 @@ def search(
                     stride,
                 )
                 if u >= 0:
-                    found = value(
-                        blocked, integral, rows, boxes, shape, penalty, u, v, penalty
-                    )
+                    found = value(blocked, integral, rows, boxes, shape, penalty, u, v, penalty)
                     if found < best:
                         best_u, best_v, best = u, v, found
     return best_u, best_v, best

@@ -18,6 +18,7 @@ COMPARE: dict[str, Callable[[float, float], bool]] = {
 }
 
 FILES = {
+    "000-E2": "swarm_table",
     "003-E1": "floor_range",
     "003-E2": "stereo_range",
     "003-E3": "grid_shift",
