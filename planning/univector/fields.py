@@ -55,7 +55,7 @@ class FieldConfig:
     velocity_change: bool = True
     uncertainty: bool = True
     convexity: float = 0.7  # xi, own (specification)
-    virtual_v_s: float = 6.0  # w_dist eta_vo; ours by a study of 200 courses (specification: 12)
+    virtual_v_s: float = 12.0  # w_dist eta_vo, own (specification)
     virtual_psi_m: float = 0.3  # w_dist eta_imp, own (specification)
     cruise_mps: float = 0.0615  # own (specification): 0.04 m a step, seed 000
     top_speed_mps: float = 0.10  # own (specification)

@@ -1,0 +1,240 @@
+"""One decision of the field among moving obstacles: a heading and a speed.
+
+In the paper's order: the evaluations, the extended radii, for each mover whether and how a change of speed
+avoids it, virtual obstacles for those that none does, and the field over all of them. Each addition has its
+switch in `FieldConfig`.
+
+Source: seed 001, section 6; what is done when two movers want different speeds is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+
+from ..gaze import evaluations
+from ..gaze.evaluations import EvaluationConfig
+from . import fields
+from .collision import NO_DOUBT, doubtful_band, miss_deviation
+from .fields import FieldConfig
+from .speed import CLEAR, VIRTUAL, Change, change, least_distance
+from .virtual_obstacle import virtual_obstacle
+
+MOVES = 0.3  # ours, as the guard: less probable movers are taken to stand
+SLOWEST_MPS = 0.005  # ours: what is slower is no mover
+
+
+@dataclass(frozen=True)
+class Advice:
+    """What the field says.
+
+    Args:
+        heading_rad: Direction to walk, world frame.
+        speed_mps: Speed at the end of the next step.
+        changes: What is done about each obstacle, in the order given.
+        psi: psi_sf + psi_ob of each, in [0, 2]; zeros without gaze coupling.
+        centres, extended_m, virtual: The discs of the field, world frame, m: the obstacles, then the virtual ones.
+    """
+
+    heading_rad: float
+    speed_mps: float
+    changes: tuple[Change, ...]
+    psi: Float[np.ndarray, "n"]
+    centres: Float[np.ndarray, "m 2"]
+    extended_m: Float[np.ndarray, "m"]
+    virtual: Bool[np.ndarray, "m"]
+
+
+@dataclass(frozen=True)
+class _Mover:
+    """An obstacle in O_R."""
+
+    place: np.ndarray
+    velocity: np.ndarray
+    covariance: np.ndarray
+    radius_m: float
+    psi: float
+    number: int
+
+
+def advise(
+    robot: Gaussian,
+    speed_mps: float,
+    obstacles: Sequence[Obstacle],
+    goal: Float[np.ndarray, "2"],
+    goal_heading: float | None,
+    config: FieldConfig,
+    step_s: float = 0.65,
+    evaluation: EvaluationConfig | None = None,
+) -> Advice:
+    """Heading and speed of the next step.
+
+    Args:
+        robot: Gaussian over (x, y, yaw), world frame, m and rad.
+        speed_mps: Of the robot at present, ahead.
+        obstacles: Tracks, world frame; those that probably stand count with velocity 0.
+        goal: p_d, world frame, m.
+        goal_heading: th_tg, rad; None for any.
+        config: The field, its additions and their switches.
+        step_s: For how long the speed changes.
+        evaluation: Thresholds of psi; None: the defaults.
+
+    Source: seed 001, section 4 and 6.
+    """
+    here, yaw = robot.mean[:2], float(robot.mean[2])
+    R = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    moves = np.array([_moves(o) for o in obstacles], np.bool_)
+    velocities = np.array([o.velocity for o in obstacles]).reshape(-1, 2) * moves[:, None]
+    centres = np.array([o.position for o in obstacles]).reshape(-1, 2)
+    psi = _psi(robot, obstacles, velocities, evaluation or EvaluationConfig())
+    psi = psi if config.gaze_coupling else np.zeros(len(psi))
+    radii = np.array([o.radius_m for o in obstacles]).reshape(-1)
+    extended = fields.extended_radius(radii, np.hypot(*velocities.T), psi, config)
+    movers = [
+        _Mover(
+            R.T @ (centres[k] - here),
+            R.T @ velocities[k],
+            relative_covariance(robot, obstacles[k]) if config.uncertainty else NO_DOUBT,
+            float(extended[k]),
+            float(psi[k]),
+            k,
+        )
+        for k in range(len(obstacles))
+        if moves[k]
+    ]
+    changes, acceleration, bound = _speed(movers, speed_mps, config)
+    all_changes = [CLEAR] * len(obstacles)
+    discs, sizes = list(centres), list(extended + _place_doubt(robot, obstacles, config))
+    for mover, one in zip(movers, changes, strict=True):
+        all_changes[mover.number] = one
+        if one.case != VIRTUAL.case or not config.virtual_obstacles:
+            continue
+        extra = virtual_obstacle(
+            mover.place, mover.velocity, speed_mps, mover.radius_m, mover.psi, config
+        )
+        if extra is not None:
+            discs.append(here + R @ extra.place)
+            sizes.append(extra.radius_m)
+    virtual = np.arange(len(discs)) >= len(obstacles)
+    places = np.array(discs).reshape(-1, 2)
+    u = fields.total(
+        here[None].astype(np.float64),
+        goal,
+        goal_heading,
+        places,
+        np.array(sizes),
+        config,
+        np.array([yaw]),
+        virtual=virtual,
+    )[0]
+    step = acceleration * step_s
+    low, high = (bound, speed_mps) if bound < speed_mps else (speed_mps, bound)
+    speed = min(max(speed_mps + step, low), high)
+    heading = math.atan2(float(u[1]), float(u[0])) if np.hypot(*u) > 0.0 else yaw
+    return Advice(heading, speed, tuple(all_changes), psi, places, np.array(sizes), virtual)
+
+
+def relative_covariance(robot: Gaussian, obstacle: Obstacle) -> Float[np.ndarray, "4 4"]:
+    """Of an obstacle's (x, y, vx, vy) in O_R: its own, the robot's place, and the robot's heading.
+
+    Args:
+        robot: Gaussian over (x, y, yaw), world frame.
+        obstacle: World frame.
+
+    Source: ours; first order, robot and obstacle independent.
+    """
+    c, s = math.cos(robot.mean[2]), math.sin(robot.mean[2])
+    R = np.array([[c, s], [-s, c]])
+    both = np.kron(np.eye(2), R)
+    P = both @ obstacle.state.covariance @ both.T
+    P[:2, :2] += R @ robot.covariance[:2, :2] @ R.T
+    x, y = R @ (obstacle.position - robot.mean[:2])
+    vx, vy = R @ obstacle.velocity
+    turned = np.array([y, -x, vy, -vx])
+    return np.asarray(P + robot.covariance[2, 2] * np.outer(turned, turned))
+
+
+def _moves(obstacle: Obstacle) -> bool:
+    return obstacle.moving >= MOVES and float(np.hypot(*obstacle.velocity)) >= SLOWEST_MPS
+
+
+def _psi(
+    robot: Gaussian,
+    obstacles: Sequence[Obstacle],
+    velocities: np.ndarray,
+    evaluation: EvaluationConfig,
+) -> np.ndarray:
+    """psi_sf + psi_ob of each obstacle, the same figures that turn the head."""
+    offsets = np.array([o.position - robot.mean[:2] for o in obstacles]).reshape(-1, 2)
+    covariances = np.array([o.state.covariance[:2, :2] for o in obstacles]).reshape(-1, 2, 2)
+    psi_ob = evaluations.of_obstacles(offsets, velocities, covariances, evaluation)
+    return evaluations.of_self(robot.covariance, evaluation) + psi_ob
+
+
+def _place_doubt(robot: Gaussian, obstacles: Sequence[Obstacle], config: FieldConfig) -> np.ndarray:
+    """What the deviation of the relative place adds to S_oe, m."""
+    if not config.uncertainty:
+        return np.zeros(len(obstacles))
+    sigma = [
+        evaluations.deviation(o.state.covariance[:2, :2] + robot.covariance[:2, :2])
+        for o in obstacles
+    ]
+    return config.sigmas * np.minimum(np.array(sigma).reshape(-1), config.max_sigma_m)
+
+
+def _speed(
+    movers: Sequence[_Mover], speed_mps: float, config: FieldConfig
+) -> tuple[list[Change], float, float]:
+    """What is done about each mover; the acceleration, and the speed at which it ends."""
+    cruise = math.copysign(config.acceleration_mps2, config.cruise_mps - speed_mps)
+    bands = [
+        doubtful_band(
+            *(mover.place, mover.velocity, mover.radius_m, mover.covariance),
+            *(config.sigmas, config.max_sigma_m, config.horizon_s),
+        )
+        for mover in movers
+    ]
+    radii = [mover.radius_m + _miss_doubt(mover, speed_mps, config) for mover in movers]
+    changes = [
+        change(mover.place, mover.velocity, radius, band, speed_mps, config)
+        for mover, radius, band in zip(movers, radii, bands, strict=True)
+    ]
+
+    def clear(acceleration: float, bound: float | None = None) -> bool:
+        return all(
+            least_distance(m.place, m.velocity, speed_mps, acceleration, config, bound) >= r - 1e-6
+            for m, r, one in zip(movers, radii, changes, strict=True)
+            if one.case != VIRTUAL.case
+        )
+
+    if not config.velocity_change:
+        return [_virtual_or_clear(c) for c in changes], cruise, config.cruise_mps
+    if clear(cruise, config.cruise_mps):
+        return [_virtual_or_clear(c) for c in changes], cruise, config.cruise_mps
+    asked = sorted({0.0, *(c.acceleration_mps2 for c in changes)}, key=abs)
+    for acceleration in asked:
+        if clear(acceleration, speed_mps if acceleration == 0.0 else None):
+            bound = config.top_speed_mps if acceleration > 0.0 else 0.0
+            return changes, acceleration, speed_mps if acceleration == 0.0 else bound
+    turned = [c if c.case == CLEAR.case else VIRTUAL for c in changes]
+    return turned, -config.acceleration_mps2, 0.0  # none suits all: slow down, and turn aside
+
+
+def _virtual_or_clear(one: Change) -> Change:
+    """What is left to do if the speed stays as it is."""
+    return one if one.case == VIRTUAL.case else CLEAR
+
+
+def _miss_doubt(mover: _Mover, speed_mps: float, config: FieldConfig) -> float:
+    """Deviation of the miss at the present speed, as much of it as counts, m."""
+    sigma = miss_deviation(
+        mover.place, mover.velocity, mover.covariance, speed_mps, config.horizon_s
+    )
+    return config.sigmas * min(sigma, config.max_sigma_m)

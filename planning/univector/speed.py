@@ -1,0 +1,202 @@
+"""Passing before a moving obstacle, behind it, or out of its way: one change of speed along the heading.
+
+(a) The robot is outside the band that the obstacle sweeps: it accelerates to pass before it, or decelerates to
+let it pass. (b) It is in the band: it goes on until it is out of it in time. (c) Nothing of that is within reach, or
+the obstacle comes straight along the robot's own path: `virtual_obstacle` turns it aside.
+
+The printed law meets the point of contact at the time of contact with an even acceleration. Under way the
+robot is then nearer than along the even speed the point was made for; the acceleration is raised until the
+whole way is clear. `literal` keeps the law.
+
+Source: seed 001, section 4, velocity modification, cases (a) to (c); raising it is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from .collision import Band, contact
+from .fields import FieldConfig
+
+SAMPLES = 161  # over the horizon: 5 cm/s of relative motion between two is 2.5 mm
+HALVINGS = 12
+
+
+@dataclass(frozen=True)
+class Change:
+    """What to do about one mover.
+
+    Args:
+        case: "clear", "accelerate", "decelerate", "escape", or "virtual" where no speed helps.
+        acceleration_mps2: From now on, until top speed or standstill.
+    """
+
+    case: str
+    acceleration_mps2: float = 0.0
+
+
+CLEAR = Change("clear")
+VIRTUAL = Change("virtual")
+
+
+def travelled(
+    speed_mps: float, acceleration_mps2: float, bound_mps: float, times: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
+    """Distance along the heading, m: even acceleration until a speed is reached, which is then kept."""
+    if acceleration_mps2 == 0.0 or speed_mps == bound_mps:
+        return speed_mps * times
+    changing = max((bound_mps - speed_mps) / acceleration_mps2, 0.0)
+    early = np.minimum(times, changing)
+    rest = np.maximum(times - changing, 0.0)
+    return np.asarray(speed_mps * early + 0.5 * acceleration_mps2 * early**2 + bound_mps * rest)
+
+
+def least_distance(
+    place: Float[np.ndarray, "2"],
+    velocity: Float[np.ndarray, "2"],
+    speed_mps: float,
+    acceleration_mps2: float,
+    config: FieldConfig,
+    bound_mps: float | None = None,
+) -> float:
+    """How near the robot comes to the middle of an obstacle within the horizon, m, if it does this.
+
+    Args:
+        place, velocity: Of the obstacle in O_R, m and m/s.
+        speed_mps, acceleration_mps2: Of the robot along x.
+        config: Horizon and top speed.
+        bound_mps: The speed at which it ends; None: top speed, or standing.
+    """
+    times = np.linspace(0.0, config.horizon_s, SAMPLES)
+    bound = bound_mps
+    if bound is None:
+        bound = config.top_speed_mps if acceleration_mps2 > 0.0 else 0.0
+    x = travelled(speed_mps, acceleration_mps2, bound, times)
+    gaps = np.hypot(place[0] + velocity[0] * times - x, place[1] + velocity[1] * times)
+    return float(gaps.min())
+
+
+def lawful(
+    place: Float[np.ndarray, "2"],
+    velocity: Float[np.ndarray, "2"],
+    speed_mps: float,
+    contact_speed_mps: float,
+) -> float:
+    """a_i of the printed law: to be at the point of contact at the time of contact, m/s^2.
+
+    Args:
+        place, velocity: Of the obstacle in O_R.
+        speed_mps: Present.
+        contact_speed_mps: v_ci, a root of the band.
+    """
+    t = contact(place, velocity, contact_speed_mps)
+    if t <= 0.0 or not math.isfinite(contact_speed_mps):
+        return math.inf
+    return 2.0 * (contact_speed_mps * t - speed_mps * t) / t**2
+
+
+def escape(
+    place: Float[np.ndarray, "2"],
+    velocity: Float[np.ndarray, "2"],
+    radius_m: float,
+    speed_mps: float,
+) -> float:
+    """a of case (b): to be at the edge of the swept band, ahead, when the obstacle gets there, m/s^2.
+
+    Args:
+        place, velocity: Of the obstacle in O_R; radius_m: S_oe; speed_mps: Present.
+
+    Returns:
+        Infinite if the band has no edge ahead, or the obstacle is already beyond it.
+    """
+    size = float(np.hypot(*velocity))
+    n = np.array([-velocity[1], velocity[0]]) / max(size, 1e-12)
+    if abs(n[0]) < 1e-9:
+        return math.inf
+    edge = max((float(n @ place) + sign * radius_m) / n[0] for sign in (1.0, -1.0))
+    t = float(velocity @ (np.array([edge, 0.0]) - place)) / max(size, 1e-12) ** 2
+    return math.inf if edge <= 0.0 or t <= 0.0 else 2.0 * (edge - speed_mps * t) / t**2
+
+
+def change(
+    place: Float[np.ndarray, "2"],
+    velocity: Float[np.ndarray, "2"],
+    radius_m: float,
+    band: Band | None,
+    speed_mps: float,
+    config: FieldConfig,
+    literal: bool = False,
+) -> Change:
+    """What to do about one mover.
+
+    Args:
+        place, velocity: Of the obstacle in O_R, m and m/s.
+        radius_m: S_oe, the deviation of the miss included where it counts.
+        band: Colliding speeds, or None.
+        speed_mps: Of the robot along x.
+        config: Limits.
+        literal: The printed law as it is.
+
+    Source: seed 001, section 4, velocity modification.
+    """
+    if band is None or not band.contains(speed_mps):
+        return CLEAR
+    size = float(np.hypot(*velocity))
+    across = abs(float(velocity[0] * place[1] - velocity[1] * place[0])) / max(size, 1e-12)
+    inside = across <= radius_m
+    if not literal and least_distance(place, velocity, speed_mps, 0.0, config) >= radius_m:
+        return VIRTUAL if inside else CLEAR  # it collides beyond the horizon
+    if inside:
+        wanted = [("escape", escape(place, velocity, radius_m, speed_mps))]
+    else:
+        wanted = [
+            ("accelerate", _bounded(place, velocity, speed_mps, band.high, config.top_speed_mps)),
+            ("decelerate", lawful(place, velocity, speed_mps, max(band.low, 0.0))),
+        ]
+    limit = config.acceleration_mps2
+    for case, first in wanted:
+        if not abs(first) <= limit:
+            continue
+        if literal:
+            return Change(case, first)
+        sign = -1.0 if case == "decelerate" else 1.0
+        found = _until_clear(place, velocity, radius_m, speed_mps, first, sign, config)
+        if found is not None:
+            return Change(case, found)
+    return VIRTUAL
+
+
+def _bounded(
+    place: np.ndarray, velocity: np.ndarray, speed_mps: float, root: float, top: float
+) -> float:
+    """a_1, infinite if v_c1 is beyond reach."""
+    return lawful(place, velocity, speed_mps, root) if root <= top else math.inf
+
+
+def _until_clear(
+    place: np.ndarray,
+    velocity: np.ndarray,
+    radius_m: float,
+    speed_mps: float,
+    first: float,
+    sign: float,
+    config: FieldConfig,
+) -> float | None:
+    """The least acceleration of this sign, from the law's on, that keeps clear; None if none within limits does."""
+
+    def clear(a: float) -> bool:
+        return least_distance(place, velocity, speed_mps, a, config) >= radius_m - 1e-9
+
+    low, high = sign * max(sign * first, 0.0), sign * config.acceleration_mps2
+    if clear(low):
+        return low
+    if not clear(high):
+        return None
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if clear(middle) else (middle, high)
+    return high
