@@ -186,7 +186,7 @@ def crossings(
     lines = np.flatnonzero(mask.sum(axis=1) >= 2)
     if lines.size == 0:
         return None
-    end, own, hidden, outside = _ends(mask[lines], z[lines], config)
+    end, own, hidden, outside = row_ends(mask[lines], z[lines], config)
     if side == "right":
         end = z.shape[1] - 1 - end
     u, v = (lines.astype(float), end) if side == "top" else (end, lines.astype(float))
@@ -202,7 +202,7 @@ def crossings(
     return Crossings(points, values, unit, hidden, outside, seeing.number)
 
 
-def _ends(
+def row_ends(
     mask: Bool[np.ndarray, "h w"], z: Float32[np.ndarray, "h w"], config: SilhouetteConfig
 ) -> tuple[
     Float[np.ndarray, "h"], Float[np.ndarray, "h"], Bool[np.ndarray, "h"], Bool[np.ndarray, "h"]

@@ -50,6 +50,7 @@ class SizeConfig:
     reach_px: int = 2  # spec of 004: parts within 2 px hang together
     smooth_columns: int = 5  # ours: 1.25 deg: a nearest part is no narrower
     nearest_m: float = 0.006  # ours: columns so near to the nearest one are its face
+    face_sigmas: float = 2.0  # ours: a face turned by so many deviations of the yaw is one across
     range_sigma_m: float = 0.003  # ours: what all pixels of a range camera share, calibrated
     turn_sigma_deg: float = (
         0.08  # ours: what two views laid upon each other are turned by in common
@@ -168,10 +169,7 @@ def _measured(scene: _Scene, number: int, config: SizeConfig) -> PanoramaObstacl
     if known.size == 0 or left is None or right is None or top is None:
         return None
     smooth = median_filter(front[known], config.smooth_columns, mode="mirror")
-    face = smooth <= smooth.min() + config.nearest_m
-    weight = front_sigma[known][face] ** -2.0
-    distance = float(weight @ smooth[face] / weight.sum())
-    sigma_distance = math.hypot(config.range_sigma_m, 1.0 / math.sqrt(float(weight.sum())))
+    distance, sigma_distance = _nearest(scene, known, smooth, front_sigma[known], left.view, config)
     y_left, y_right = left.point[1], right.point[1]
     inside = _corners(scene, known, smooth, config.rim_columns)
     if inside is not None:
@@ -208,6 +206,41 @@ def _measured(scene: _Scene, number: int, config: SizeConfig) -> PanoramaObstacl
     )
 
 
+def _nearest(
+    scene: _Scene,
+    known: Int[np.ndarray, "n"],
+    smooth: Float[np.ndarray, "n"],
+    sigma: Float[np.ndarray, "n"],
+    view: int,
+    config: SizeConfig,
+) -> tuple[float, float]:
+    """Forward distance of the nearest face and its deviation, m.
+
+    A wide face across the way, seen under a yaw that is a little wrong, seems to come nearer at one end: what
+    the yaw's deviation explains is the same face, and all of it is averaged.
+    """
+    aside = _aside(scene, known, smooth)
+    yaw = _yaw_sigma(scene.placed, view)
+    first = int(np.argmin(smooth))
+    turned = config.face_sigmas * yaw * np.abs(aside - aside[first])
+    face = smooth <= smooth[first] + config.nearest_m + turned
+    weight = sigma[face] ** -2.0
+    spread = yaw * float(np.std(aside[face]))
+    own = 1.0 / math.sqrt(float(weight.sum()))
+    return float(weight @ smooth[face] / weight.sum()), math.hypot(
+        config.range_sigma_m, own, spread
+    )
+
+
+def _aside(
+    scene: _Scene, known: Int[np.ndarray, "n"], smooth: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
+    """y of the front in each column, base frame, m."""
+    sphere, centre = scene.drawing.sphere, scene.drawing.centre
+    theta = sphere.left_rad + known / sphere.px_per_rad
+    return np.asarray(centre[1] - (smooth - centre[0]) * np.tan(theta))
+
+
 def _corners(
     scene: _Scene,
     known: Int[np.ndarray, "n"],
@@ -217,9 +250,7 @@ def _corners(
     """Greatest and least y of the outline between its edges: a corner may stand out further."""
     if known.size <= 2 * rim:
         return None
-    sphere, centre = scene.drawing.sphere, scene.drawing.centre
-    theta = sphere.left_rad + known / sphere.px_per_rad
-    aside = (centre[1] - (smooth - centre[0]) * np.tan(theta))[rim:-rim]
+    aside = _aside(scene, known, smooth)[rim:-rim]
     return float(aside.max()), float(aside.min())
 
 
