@@ -93,6 +93,10 @@ class Tsdf:
         self._count = 0
         self._images = 0
         self._coloured = False
+        self._places = np.zeros((0, 3), np.int32)
+        self._stamps = np.zeros(0, np.int64)
+        self._voxels = np.zeros((0, kernels.CELLS, 2), np.float32)
+        self._colours = np.zeros((0, kernels.CELLS, 3), np.uint16)
         self._allocate(1024)
 
     @property
@@ -185,11 +189,10 @@ class Tsdf:
         voxels = np.zeros((capacity, kernels.CELLS, 2), np.float32)
         colours = np.zeros((capacity if self._coloured else 0, kernels.CELLS, 3), np.uint16)
         n = self._count
-        if n:
-            places[:n], stamps[:n] = self._places[:n], self._stamps[:n]
-            voxels[:n] = self._voxels[:n]
-            if self._coloured:
-                colours[:n] = self._colours[:n]
+        places[:n], stamps[:n] = self._places[:n], self._stamps[:n]
+        voxels[:n] = self._voxels[:n]
+        if len(self._colours):
+            colours[:n] = self._colours[:n]
         self._places, self._stamps, self._voxels, self._colours = places, stamps, voxels, colours
         self._keys = np.full(4 * capacity, kernels.EMPTY, np.int64)
         self._values = np.full(4 * capacity, -1, np.int32)

@@ -25,8 +25,9 @@ class Open3dMap:
 
         self.config = config or TsdfConfig()
         self._o3d: Any = open3d
-        core = open3d.core
-        self._grid: Any = open3d.t.geometry.VoxelBlockGrid(
+        core: Any = open3d.core
+        grid: Any = open3d.t.geometry.VoxelBlockGrid
+        self._grid = grid(
             ("tsdf", "weight", "color"),
             (core.float32, core.float32, core.float32),
             ((1), (1), (3)),

@@ -33,125 +33,172 @@ def equations(
     """Fill the totals for T_target_source.
 
     `light` is (deviation, mean) of grey differences, deviation 0 for none. `counts` marks the pixels that
-    overlap is judged by.
+    overlap is judged by. Row by row: all pixels are projected in one vector loop, then looked up one by
+    one; what they say is written to `rows` and multiplied out in vector loops again.
     """
     totals[:] = 0.0
-    fx, fy, cx, cy = intrinsics
-    height, width = target.shape[:2]
-    use_grey = light[0] > 0.0 and grey.shape[0] > 1
-    J = np.empty(6)
-    r00, r01, r02, t0 = T[0]
-    r10, r11, r12, t1 = T[1]
-    r20, r21, r22, t2 = T[2]
+    width = z.shape[1]
+    near = np.empty((5, width), np.float32)  # qx, qy, qz, u, v
+    rows = np.empty((7, 2 * width), np.float32)  # sqrt(weight) * (six of J, residual)
+    camera = intrinsics.astype(np.float32)
+    motion = T.astype(np.float32)
+    gate = np.float32(gate_m)
     for row in range(0, z.shape[0], stride):
-        for column in range(0, z.shape[1], stride):
-            depth = z[row, column]
-            if not depth > 0.0:
-                continue
-            judged = counts[row, column]
-            totals[VALID] += judged
-            px, py = x[column] * depth, y[row] * depth
-            qx = r00 * px + r01 * py + r02 * depth + t0
-            qy = r10 * px + r11 * py + r12 * depth + t1
-            qz = r20 * px + r21 * py + r22 * depth + t2
-            if qz < 0.05:
-                continue
-            u, v = fx * qx / qz + cx, fy * qy / qz + cy
-            if u < -0.5 or v < -0.5 or u >= width - 0.5 or v >= height - 0.5:
-                continue
-            iu, iv = int(u + 0.5), int(v + 0.5)
-            cell = target[iv, iu]
-            seen = cell[4]
-            if not seen > 0.0:
-                continue
-            totals[VISIBLE] += judged
-            nx, ny, nz = cell[0], cell[1], cell[2]
-            residual = nx * qx + ny * qy + nz * qz - cell[3]
-            noise = sigma[row, column]
-            along = seen - qz
-            if along > gate_m + 6.0 * noise + 0.02 * seen:
-                totals[CONTRADICTING] += judged
-            if abs(residual) > gate_m + 3.0 * noise or abs(along) > 3.0 * gate_m + 6.0 * noise:
-                continue
-            slope = cell[3] / seen
-            if slope < STEEPEST:
-                continue
-            scale = 1.0 / noise
-            e = residual * scale
-            if abs(e) < 3.0:
-                totals[FITTING] += judged
-            weight = 1.0 if abs(e) <= HUBER else HUBER / abs(e)
-            totals[GEOMETRIC] += weight * e * e
-            totals[GEOMETRIC_COUNT] += 1.0
-            add(totals, J, nx, ny, nz, qx, qy, qz, e, scale, weight)
-            if not use_grey:
-                continue
-            gu, gv = cell[6], cell[7]
-            difference = cell[5] + gu * (u - iu) + gv * (v - iv) - grey[row, column]
-            e = (difference - light[1]) / light[0]
-            totals[PHOTOMETRIC] += min(abs(e), 3.0)
-            totals[PHOTOMETRIC_MEAN] += min(max(e, -3.0), 3.0)
-            totals[PHOTOMETRIC_COUNT] += 1.0
-            if gu * gu + gv * gv < 1.0 or abs(e) > 6.0:
-                continue
-            weight = 1.0 if abs(e) <= HUBER else HUBER / abs(e)
-            a, b = gu * fx / qz, gv * fy / qz
-            c = -(a * qx + b * qy) / qz
-            add(totals, J, a, b, c, qx, qy, qz, e, 1.0 / light[0], weight)
+        project(z[row], x, y[row], motion, camera, near[0], near[1], near[2], near[3], near[4])
+        count = look_up(
+            z[row], sigma[row], grey[min(row, grey.shape[0] - 1)], counts[row], near, target, camera,
+            gate, light, grey.shape[0] > 1, rows, totals,
+        )  # fmt: skip
+        multiply_out(rows, count, totals)
 
 
-@njit(cache=True, inline="always")
-def add(
-    totals: np.ndarray,
-    J: np.ndarray,
-    a: float,
-    b: float,
-    c: float,
-    qx: float,
-    qy: float,
-    qz: float,
-    e: float,
-    scale: float,
-    weight: float,
+@njit(cache=True, fastmath={"contract"})
+def project(
+    z: np.ndarray,
+    x: np.ndarray,
+    y: float,
+    T: np.ndarray,
+    camera: np.ndarray,
+    qx: np.ndarray,
+    qy: np.ndarray,
+    qz: np.ndarray,
+    u: np.ndarray,
+    v: np.ndarray,
 ) -> None:
-    """One residual whose gradient in space is (a, b, c) * scale, at the point q."""
-    j0, j1, j2 = a * scale, b * scale, c * scale
-    j3, j4, j5 = qy * j2 - qz * j1, qz * j0 - qx * j2, qx * j1 - qy * j0
-    w0, w1, w2, w3, w4, w5 = (
-        weight * j0,
-        weight * j1,
-        weight * j2,
-        weight * j3,
-        weight * j4,
-        weight * j5,
-    )
-    totals[0] += w0 * j0
-    totals[1] += w0 * j1
-    totals[2] += w0 * j2
-    totals[3] += w0 * j3
-    totals[4] += w0 * j4
-    totals[5] += w0 * j5
-    totals[6] += w1 * j1
-    totals[7] += w1 * j2
-    totals[8] += w1 * j3
-    totals[9] += w1 * j4
-    totals[10] += w1 * j5
-    totals[11] += w2 * j2
-    totals[12] += w2 * j3
-    totals[13] += w2 * j4
-    totals[14] += w2 * j5
-    totals[15] += w3 * j3
-    totals[16] += w3 * j4
-    totals[17] += w3 * j5
-    totals[18] += w4 * j4
-    totals[19] += w4 * j5
-    totals[20] += w5 * j5
-    totals[21] += w0 * e
-    totals[22] += w1 * e
-    totals[23] += w2 * e
-    totals[24] += w3 * e
-    totals[25] += w4 * e
-    totals[26] += w5 * e
+    """One row of the source in the target's axes, m, and in its pixels."""
+    fx, fy, cx, cy = camera
+    a0, a1, a2 = T[0, 0], T[1, 0], T[2, 0]
+    b0 = T[0, 1] * y + T[0, 2]
+    b1 = T[1, 1] * y + T[1, 2]
+    b2 = T[2, 1] * y + T[2, 2]
+    t0, t1, t2 = T[0, 3], T[1, 3], T[2, 3]
+    one = np.float32(1.0)
+    for n in range(len(z)):
+        depth, slope = z[n], x[n]
+        px = (a0 * slope + b0) * depth + t0
+        py = (a1 * slope + b1) * depth + t1
+        pz = (a2 * slope + b2) * depth + t2
+        inverse = one / pz
+        qx[n], qy[n], qz[n] = px, py, pz
+        u[n], v[n] = fx * px * inverse + cx, fy * py * inverse + cy
+
+
+@njit(cache=True)
+def look_up(
+    z: np.ndarray,
+    sigma: np.ndarray,
+    grey: np.ndarray,
+    counts: np.ndarray,
+    near: np.ndarray,
+    target: np.ndarray,
+    camera: np.ndarray,
+    gate: float,
+    light: np.ndarray,
+    has_grey: bool,
+    rows: np.ndarray,
+    totals: np.ndarray,
+) -> int:
+    """What the pixels of one row find in the target; how many equations they give."""
+    height, width = target.shape[:2]
+    half, huber = np.float32(0.5), np.float32(HUBER)
+    right, bottom = np.float32(width) - half, np.float32(height) - half
+    use_grey = has_grey and light[0] > 0.0
+    deviation = np.float32(light[0] if use_grey else 1.0)
+    per_grey, mean = np.float32(1.0) / deviation, np.float32(light[1])
+    fx, fy = camera[0], camera[1]
+    one, three, six = np.float32(1.0), np.float32(3.0), np.float32(6.0)
+    count, valid, visible, fitting, contradicting = 0, 0, 0, 0, 0
+    geometric, geometric_count = np.float32(0.0), 0
+    photometric, photometric_mean, photometric_count = np.float32(0.0), np.float32(0.0), 0
+    for n in range(len(z)):
+        if not z[n] > np.float32(0.0):
+            continue
+        judged = counts[n]
+        valid += judged
+        qx, qy, qz, u, v = near[0, n], near[1, n], near[2, n], near[3, n], near[4, n]
+        if qz < np.float32(0.05) or u < -half or v < -half or u >= right or v >= bottom:
+            continue
+        iu, iv = np.int32(u + half), np.int32(v + half)
+        cell = target[iv, iu]
+        seen = cell[4]
+        if not seen > np.float32(0.0):
+            continue
+        visible += judged
+        nx, ny, nz, offset = cell[0], cell[1], cell[2], cell[3]
+        noise = sigma[n]
+        along = seen - qz
+        if along > gate + six * noise + np.float32(0.02) * seen:
+            contradicting += judged
+        residual = nx * qx + ny * qy + nz * qz - offset
+        if abs(residual) > gate + three * noise or abs(along) > three * gate + six * noise:
+            continue
+        if offset < np.float32(STEEPEST) * seen:
+            continue
+        scale = one / noise
+        e = residual * scale
+        size = abs(e)
+        if size < three:
+            fitting += judged
+        root = one
+        if size > huber:
+            root = np.sqrt(huber / size)
+        geometric += root * root * e * e
+        geometric_count += 1
+        root_scale = root * scale
+        a, b, c = nx * root_scale, ny * root_scale, nz * root_scale
+        rows[0, count], rows[1, count], rows[2, count] = a, b, c
+        rows[3, count], rows[4, count] = qy * c - qz * b, qz * a - qx * c
+        rows[5, count], rows[6, count] = qx * b - qy * a, root * e
+        count += 1
+        if not use_grey:
+            continue
+        gu, gv = cell[6], cell[7]
+        e = (cell[5] + gu * (u - iu) + gv * (v - iv) - grey[n] - mean) * per_grey
+        size = abs(e)
+        photometric += min(size, three)
+        photometric_mean += min(max(e, -three), three)
+        photometric_count += 1
+        if gu * gu + gv * gv < one or size > six:
+            continue
+        root = one
+        if size > huber:
+            root = np.sqrt(huber / size)
+        root_scale = root * per_grey / qz
+        a, b = gu * fx * root_scale, gv * fy * root_scale
+        c = -(a * qx + b * qy) / qz
+        rows[0, count], rows[1, count], rows[2, count] = a, b, c
+        rows[3, count], rows[4, count] = qy * c - qz * b, qz * a - qx * c
+        rows[5, count], rows[6, count] = qx * b - qy * a, root * e
+        count += 1
+    totals[VALID] += valid
+    totals[VISIBLE] += visible
+    totals[FITTING] += fitting
+    totals[CONTRADICTING] += contradicting
+    totals[GEOMETRIC] += geometric
+    totals[GEOMETRIC_COUNT] += geometric_count
+    totals[PHOTOMETRIC] += photometric
+    totals[PHOTOMETRIC_MEAN] += photometric_mean
+    totals[PHOTOMETRIC_COUNT] += photometric_count
+    return count
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def multiply_out(rows: np.ndarray, count: int, totals: np.ndarray) -> None:
+    """Add J'J and J'e of some equations; sums may be taken in any order, always the same."""
+    k = 0
+    for i in range(7):
+        for j in range(i, 7):
+            if i == 6:
+                continue
+            first, second = rows[i], rows[j]
+            total = np.float32(0.0)
+            for n in range(count):
+                total += first[n] * second[n]
+            if j == 6:
+                totals[21 + i] += total
+            else:
+                totals[k] += total
+                k += 1
 
 
 @njit(cache=True)

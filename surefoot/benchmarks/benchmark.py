@@ -24,6 +24,7 @@ FILES = {
     "mdghm": "mdghm",
     "panorama": "panorama",
     "smoother": "smoother",
+    "process": "process",
     "gaze": "gaze",
     "univector": "univector",
     "swarm": "swarm",
