@@ -1,0 +1,114 @@
+"""Compiled loops of the monocular cycle: the colour test, edge pixels, their groups, and whose corner it is."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, nogil=True)
+def mark_range(rgb, limits, low, high, out):  # pragma: no cover
+    """Set out to 255 where a pixel lies in the range; hue by two half planes, no division.
+
+    `limits`: value low, high; saturation low, high (0-255); chroma below which a pixel has no hue.
+    `low`, `high`: integer normals (r, g, b) of the half planes.
+    """
+    height, width = out.shape
+    v0, v1, s0, s1, least = limits[0], limits[1], limits[2], limits[3], limits[4]
+    a0, a1, a2 = low[0], low[1], low[2]
+    b0, b1, b2 = high[0], high[1], high[2]
+    for y in range(height):
+        row, line = rgb[y], out[y]
+        for x in range(width):
+            r = np.int32(row[x, 0])
+            g = np.int32(row[x, 1])
+            b = np.int32(row[x, 2])
+            value = max(r, max(g, b))
+            chroma = value - min(r, min(g, b))
+            scaled = 255 * chroma
+            inside = (value >= v0) & (value <= v1) & (scaled >= s0 * value) & (scaled <= s1 * value)
+            coloured = (a0 * r + a1 * g + a2 * b >= 0) & (b0 * r + b1 * g + b2 * b >= 0)
+            if inside & (coloured | (chroma < least)):
+                line[x] = 255
+
+
+@njit(cache=True, nogil=True)
+def mark_edges(ground, edges, columns, rows):  # pragma: no cover
+    """Pixels that are no ground with ground below them: marked in edges, listed row by row; their count."""
+    height, width = ground.shape
+    count = 0
+    for y in range(height - 1):
+        above, below, line = ground[y], ground[y + 1], edges[y]
+        for x in range(width):
+            line[x] = below[x] & ~above[x]
+    for y in range(height - 1):
+        line = edges[y]
+        for x in range(width):
+            if line[x] != 0:
+                if count < len(rows):
+                    columns[count] = x
+                    rows[count] = y
+                count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _root(parent, i):  # pragma: no cover
+    while parent[i] != i:
+        parent[i] = parent[parent[i]]
+        i = parent[i]
+    return i
+
+
+@njit(cache=True, nogil=True)
+def group_edges(columns, rows, width, reach, parent, start, order):  # pragma: no cover
+    """Join edge pixels no farther apart than `reach` in both directions; parent becomes each one's root.
+
+    `columns`, `rows` come row by row. `start` (width + 1) and `order` (n) become the pixels sorted by
+    column, rows rising.
+    """
+    n = len(columns)
+    start[:] = 0
+    for i in range(n):
+        start[columns[i] + 1] += 1
+    for x in range(width):
+        start[x + 1] += start[x]
+    fill = start[:-1].copy()
+    for i in range(n):
+        parent[i] = i
+        order[fill[columns[i]]] = i
+        fill[columns[i]] += 1
+    for x in range(width):
+        for other in range(x, min(x + reach + 1, width)):
+            j = start[other]
+            for k in range(start[x], start[x + 1]):
+                i = order[k]
+                while j < start[other + 1] and rows[order[j]] < rows[i] - reach:
+                    j += 1
+                m = j
+                while m < start[other + 1] and rows[order[m]] <= rows[i] + reach:
+                    a, b = _root(parent, i), _root(parent, order[m])
+                    if a < b:
+                        parent[b] = a
+                    elif b < a:
+                        parent[a] = b
+                    m += 1
+    for i in range(n):
+        parent[i] = _root(parent, i)
+
+
+@njit(cache=True, nogil=True)
+def owners(u, v, start, order, rows, labels, above, out):  # pragma: no cover
+    """Label of the nearest edge at or below each corner in its own column, no more than `above` px off."""
+    width = len(start) - 1
+    for i in range(len(u)):
+        out[i] = -1
+        x = int(np.floor(u[i] + 0.5))
+        if x < 0 or x >= width:
+            continue
+        for k in range(start[x], start[x + 1]):
+            gap = rows[order[k]] - v[i]
+            if gap >= -1.0:
+                if gap <= above:
+                    out[i] = labels[order[k]]
+                break

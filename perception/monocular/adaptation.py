@@ -1,0 +1,153 @@
+"""How the floor's colours are learnt from the patch ahead of the feet, and follow the light.
+
+The lowest part of the picture is cut into tiles. From one at the bottom the patch grows to neighbours of
+nearly the same colour: over a gradient of light it goes on, at the foot of an obstacle it stops, so that an
+obstacle in the patch teaches nothing. What the patch says moves the remembered range a little; where nothing
+in the patch is known floor, the memory stays, and only what the robot then walks over is learnt anew.
+
+Source: seed 000, section 3.1 (a patch in front of the feet); growth, memory and gate are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float32, UInt8
+
+from ..primitives.errors import ConfigError
+from .colour_range import ColourRange, RangeConfig, mark, range_of
+
+
+@dataclass(frozen=True)
+class AdaptationConfig:
+    """The patch, and how fast the memory follows it."""
+
+    patch_share: float = 0.30  # ours: lowest rows; 0.16 to 0.35 m ahead of the seed's camera
+    tiles_across: int = 30  # ours: 2 cm of floor each
+    value_step: float = 0.15  # ours: neighbours of one floor differ less in brightness, as a share
+    chroma_step: float = 0.06  # ours: the same of r, g, b over the brightest of them
+    rate: float = (
+        0.2  # ours: share of the way to the patch per cycle; half a minute of light in 5 cycles
+    )
+    known_share: float = (
+        0.5  # ours: of a tile that must be known floor for the patch to begin there
+    )
+    walked_m: float = 0.30  # ours: over an unknown patch for this long, and the robot stands on it
+    ranges: RangeConfig = field(default_factory=RangeConfig)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.patch_share <= 1.0:
+            raise ConfigError(f"adaptation: patch_share={self.patch_share} must lie in (0, 1]")
+        if not 0.0 <= self.rate <= 1.0:
+            raise ConfigError(f"adaptation: rate={self.rate} must lie in [0, 1]")
+        if self.tiles_across < 4:
+            raise ConfigError(f"adaptation: tiles_across={self.tiles_across} must be at least 4")
+
+
+def grown(
+    tiles: Float32[np.ndarray, "rows columns 3"],
+    begin: int,
+    value_step: float,
+    chroma_step: float,
+) -> Bool[np.ndarray, "rows columns"]:
+    """The tiles that are reached from the one in the lowest row at column `begin` by small steps of colour."""
+    value = tiles.max(axis=2) + 1.0
+    chroma, bright = tiles / value[..., None], np.log(value)
+    across = (np.abs(np.diff(bright, axis=1)) < value_step) & (
+        np.abs(np.diff(chroma, axis=1)).max(axis=2) < chroma_step
+    )
+    down = (np.abs(np.diff(bright, axis=0)) < value_step) & (
+        np.abs(np.diff(chroma, axis=0)).max(axis=2) < chroma_step
+    )
+    joined = np.zeros(tiles.shape[:2], bool)
+    joined[-1, begin] = True
+    count = 0
+    while np.count_nonzero(joined) != count:
+        count = int(np.count_nonzero(joined))
+        joined[:, 1:] |= joined[:, :-1] & across
+        joined[:, :-1] |= joined[:, 1:] & across
+        joined[1:] |= joined[:-1] & down
+        joined[:-1] |= joined[1:] & down
+    return joined
+
+
+class FloorColours:
+    """The remembered range; `learn` once per current picture."""
+
+    def __init__(self, config: AdaptationConfig) -> None:
+        self.config = config
+        self.range: ColourRange | None = None
+        self._unknown_since: np.ndarray | None = None
+
+    def learn(
+        self, rgb: UInt8[np.ndarray, "h w 3"], place: np.ndarray | None = None
+    ) -> ColourRange:
+        """The range after this picture.
+
+        Args:
+            rgb: Picture whose lowest part shows the floor ahead of the feet, if anything does.
+            place: (x, y) of the camera, m; None if nobody knows how far it went.
+        """
+        config = self.config
+        patch, side = _patch(rgb, config)
+        tiles = _means(patch, side)
+        begin = self._begin(patch, tiles, side)
+        if begin is None:
+            if place is None:
+                assert self.range is not None
+                return self.range
+            if self._unknown_since is None:
+                self._unknown_since = place.copy()
+            if np.hypot(*(place - self._unknown_since)) < config.walked_m:
+                assert self.range is not None
+                return self.range
+            self.range = None  # it walks on what it does not know
+            begin = _commonest(tiles)
+        self._unknown_since = None
+        joined = grown(tiles, begin, config.value_step, config.chroma_step)
+        step = max(1, side // 5)
+        owner = cv2.resize(
+            joined.astype(np.uint8),
+            (patch.shape[1], patch.shape[0]),
+            interpolation=cv2.INTER_NEAREST,
+        )
+        colours = patch[::step, ::step][owner[::step, ::step] > 0]
+        seen = range_of(colours, config.ranges)
+        self.range = seen if self.range is None else self.range.toward(seen, config.rate)
+        return self.range
+
+    def _begin(self, patch: np.ndarray, tiles: np.ndarray, side: int) -> int | None:
+        """Column of the lowest tile to grow from; None if no tile there is known floor."""
+        if self.range is None:
+            return _commonest(tiles)
+        lowest = np.ascontiguousarray(patch[-side:])
+        known = np.zeros(lowest.shape[:2], np.uint8)
+        mark(lowest, self.range, known)
+        share = known.reshape(side, -1, side).mean(axis=(0, 2)) / 255
+        middle = len(share) // 2
+        order = np.argsort(np.abs(np.arange(len(share)) - middle), kind="stable")
+        good = order[share[order] >= self.config.known_share]
+        return int(good[0]) if len(good) else None
+
+
+def _patch(rgb: np.ndarray, config: AdaptationConfig) -> tuple[np.ndarray, int]:
+    height, width = rgb.shape[:2]
+    side = max(2, width // config.tiles_across)
+    rows = max(1, int(height * config.patch_share) // side) * side
+    left = (width % side) // 2
+    return rgb[height - rows :, left : left + width // side * side], side
+
+
+def _means(patch: np.ndarray, side: int) -> Float32[np.ndarray, "rows columns 3"]:
+    size = (patch.shape[1] // side, patch.shape[0] // side)
+    return np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _commonest(tiles: np.ndarray) -> int:
+    """Of the middle half of the lowest row, the tile nearest to its median colour."""
+    columns = tiles.shape[1]
+    first, last = columns // 4, columns - columns // 4
+    row = tiles[-1, first:last]
+    return first + int(np.argmin(np.abs(row - np.median(row, axis=0)).sum(axis=1)))
