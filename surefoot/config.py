@@ -34,6 +34,7 @@ from planning.gaze.policy import GazeConfig
 from planning.guard import GuardConfig
 from planning.route import RouteConfig
 from planning.search.potential import SearchConfig
+from planning.swarm.settings import SwarmWalkerConfig
 from planning.univector.fields import FieldConfig
 from sim.robot import RobotConfig
 
@@ -70,7 +71,7 @@ class ReachesConfig:
     depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect kind: steps of centimetres beyond 4 m
 
 
-PLANNERS = {"search": "navigator:Navigator"}
+PLANNERS = {"search": "navigator:Navigator", "field": "field_planner:FieldPlanner"}
 """Who may decide the next footstep: name to module and class of this package."""
 
 
@@ -136,6 +137,7 @@ class Config:
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = field(default_factory=FieldConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
+    swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
     gaze: GazeConfig = field(default_factory=GazeConfig)
 
     def resolved(self, renderer: str) -> Config:
