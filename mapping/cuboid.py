@@ -52,6 +52,8 @@ class CuboidConfig:
     )  # ours: points this near a side
     least_points: int = 12  # ours: that say where a side is
     most_points: int = 600  # ours: of faces; more say the same again
+    thin_m: float = 0.03  # ours: sides so near to each other may be one, seen from in front
+    least_share: float = 0.05  # ours: of the outline must lie on a side without a face
     alike: float = 25.0  # ours: neighbouring points err alike, so that many count as one
     range_share: float = 0.004  # ours: what all depths of a view are wrong by
 
@@ -287,7 +289,8 @@ def _sides(ends: Points3, faces: Points3, config: CuboidConfig) -> _Sides:
             face = near & is_face & inner
             by_face[side] = int(face.sum()) >= 3 * config.least_points
             used = face if by_face[side] else near & ~is_face
-            known[side] = int(used.sum()) >= config.least_points
+            least = config.least_points if by_face[side] else config.least_share * len(ends)
+            known[side] = int(used.sum()) >= max(config.least_points, least)
             hessian_count[side] = used.sum()
             if not known[side]:
                 continue
@@ -325,7 +328,7 @@ def _cuboid(
     sigmas = np.hypot(sides.sigma, own)
     spread = np.hypot(sigmas[::2], sigmas[1::2])
     spread = np.hypot(spread, config.range_share * np.maximum(reach, size))
-    seen = sides.known[::2] & sides.known[1::2]
+    seen = sides.known[::2] & sides.known[1::2] & (size > config.thin_m)
     middle = _axes(sides.yaw) @ (0.5 * (sides.at[1::2] + sides.at[::2]))
     long = int(np.argmax(size))
     heading = sides.yaw + (math.pi / 2.0 if long == 1 else 0.0)
