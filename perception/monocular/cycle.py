@@ -1,0 +1,127 @@
+"""One monocular cycle, in the order of the seed: ground, edges, flow, prediction, result image.
+
+Source: seed 000, section 5, steps 1 to 7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from ..primitives.errors import ConfigError, InputError
+from .adaptation import AdaptationConfig, FloorColours
+from .back_projection import FARTHEST_M, nearest_distance_m
+from .edges import find_edges
+from .flow import FlowConfig, follow
+from .ground import GroundConfig, ground_image, horizon_rows
+from .movable import predicted_image
+from .obstacles import floor_flows, seen_obstacles
+from .result import Flows, MonocularResult, Picture
+
+
+@dataclass(frozen=True)
+class MonocularConfig:
+    """The cycle of one camera."""
+
+    horizon_s: float = 0.65  # seed 000: T_DS + T_SS
+    static_mps: float = 0.02  # seed 000: slower counts as standing
+    farthest_m: float = FARTHEST_M
+    corner_px: int = 20  # ours: side of the squares that are looked at for S_m; 2.5 cm of floor
+    adaptation: AdaptationConfig = field(default_factory=AdaptationConfig)
+    ground: GroundConfig = field(default_factory=GroundConfig)
+    flow: FlowConfig = field(default_factory=FlowConfig)
+
+    def __post_init__(self) -> None:
+        if not self.horizon_s >= 0.0:
+            raise ConfigError(f"monocular: horizon_s={self.horizon_s} must not be negative")
+        if not self.static_mps >= 0.0:
+            raise ConfigError(f"monocular: static_mps={self.static_mps} must not be negative")
+
+
+class Monocular:
+    """Lives from cycle to cycle: the colours of the floor are what it remembers."""
+
+    def __init__(self, config: MonocularConfig) -> None:
+        self.config = config
+        self.colours = FloorColours(config.adaptation)
+
+    def cycle(self, previous: Picture | None, current: Picture) -> MonocularResult:
+        """Everything one pair of pictures says.
+
+        Args:
+            previous: Taken at T_SS - dT; None if there is none (then nothing moves).
+            current: Taken at T_SS.
+
+        Raises:
+            InputError: the pair is not in the order of time, or of two sizes.
+        """
+        if previous is not None:
+            _check(previous, current)
+        config = self.config
+        place = current.T_world_camera.position[:2]
+        self.colours.learn(current.rgb, place)
+        ground = self.ground_of(current)
+        edges = find_edges(ground)
+        flows = _no_flows()
+        if previous is not None and edges.groups:
+            begin, end = follow(
+                previous.rgb, current.rgb, self.ground_of(previous), ground, config.flow
+            )
+            owners = edges.owners(end, float(config.flow.band_px))
+            flows = floor_flows(begin, end, previous, current, owners, config.farthest_m)
+        obstacles = seen_obstacles(
+            edges, flows, current, config.horizon_s, config.static_mps, config.farthest_m
+        )
+        predicted = predicted_image(ground, obstacles, current)
+        movable = cv2.subtract(ground, predicted)
+        return MonocularResult(
+            previous=previous,
+            current=current,
+            ground=ground,
+            static=np.asarray(cv2.bitwise_not(ground), dtype=np.uint8),
+            edges=edges.image,
+            flows=flows,
+            obstacles=obstacles,
+            predicted=predicted,
+            movable=np.asarray(movable, dtype=np.uint8),
+            horizon_s=config.horizon_s,
+            nearest_m=nearest_distance_m(current.camera, current.T_world_camera),
+            corners_blocked=_corners_blocked(movable, config.corner_px),
+        )
+
+    def ground_of(self, picture: Picture) -> UInt8[np.ndarray, "h w"]:
+        """I_g of a picture by the colours as they are remembered now.
+
+        Raises:
+            InputError: nothing is remembered yet; call `cycle`, or `colours.learn`, first.
+        """
+        if self.colours.range is None:
+            raise InputError("no floor colours are known yet; learn them from a picture first")
+        horizon = horizon_rows(picture.camera, picture.T_world_camera)
+        return ground_image(picture.rgb, self.colours.range, self.config.ground, horizon)
+
+
+def _check(previous: Picture, current: Picture) -> None:
+    if not current.stamp_s > previous.stamp_s:
+        raise InputError(
+            f"the current picture, at {current.stamp_s} s, must be later than the previous one, "
+            f"at {previous.stamp_s} s; swap them"
+        )
+    if previous.rgb.shape != current.rgb.shape:
+        raise InputError(
+            f"the pictures of a pair are {previous.rgb.shape[1::-1]} and {current.rgb.shape[1::-1]} px; "
+            "both must have one size"
+        )
+
+
+def _corners_blocked(movable: np.ndarray, side: int) -> tuple[bool, bool]:
+    """Whether most of the lower left and the lower right square is no ground."""
+    lowest = movable[-side:]
+    return bool(lowest[:, :side].mean() < 127.5), bool(lowest[:, -side:].mean() < 127.5)
+
+
+def _no_flows() -> Flows:
+    return Flows(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0, np.int32), np.zeros((0, 2)))

@@ -1,0 +1,76 @@
+"""Where obstacles touch the floor: the edge image I_E, and its groups.
+
+Source: seed 000, section 3.2 (the 2x1 mask: obstacle above, ground below).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from . import _monocular_kernels as kernels
+
+REACH_PX = 3  # seed 000: grouped 8-connected after a dilation of 3 px
+LEAST_COLUMNS = 5  # ours: an edge of fewer columns is a speck; a hand's breadth at 6 m has eight
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The edge pixels of one picture.
+
+    Args:
+        image: I_E, 255 where a pixel is no ground and the one below it is.
+        columns, rows: (n,), of every edge pixel, row by row.
+        labels: (n,), index into `groups`, -1 for specks.
+        groups: Of each obstacle the lowest edge pixel (u, v) of each of its columns, (m, 2), columns rising;
+            obstacles left to right by their middle column.
+        start, order: Pixels sorted by column: those of column u are order[start[u]:start[u + 1]].
+    """
+
+    image: UInt8[np.ndarray, "h w"]
+    columns: Int[np.ndarray, "n"]
+    rows: Int[np.ndarray, "n"]
+    labels: Int[np.ndarray, "n"]
+    groups: tuple[Int[np.ndarray, "_ 2"], ...]
+    start: Int[np.ndarray, "w1"]
+    order: Int[np.ndarray, "n"]
+
+    def owners(self, pixels: Float[np.ndarray, "k 2"], above_px: float) -> Int[np.ndarray, "k"]:
+        """Group whose edge is the nearest below each pixel (u, v), at most so far; -1 where there is none."""
+        found = np.empty(len(pixels), np.int32)
+        u, v = (np.ascontiguousarray(pixels[:, k], np.float64) for k in (0, 1))
+        kernels.owners(u, v, self.start, self.order, self.rows, self.labels, above_px, found)
+        return found
+
+
+def find_edges(ground: UInt8[np.ndarray, "h w"]) -> Edges:
+    """Edge pixels of a ground image, put together to obstacles: pixels up to 3 px apart belong together."""
+    width = ground.shape[1]
+    image = np.zeros_like(ground)
+    columns, rows = np.empty(16 * width, np.int32), np.empty(16 * width, np.int32)
+    count = kernels.mark_edges(ground, image, columns, rows)
+    if count > len(rows):  # rugged: once more with room for all
+        columns, rows = np.empty(count, np.int32), np.empty(count, np.int32)
+        kernels.mark_edges(ground, image, columns, rows)
+    columns, rows = columns[:count], rows[:count]
+    parent, order = np.empty(count, np.int32), np.empty(count, np.int32)
+    start = np.empty(width + 1, np.int32)
+    kernels.group_edges(columns, rows, width, REACH_PX, parent, start, order)
+    lowest = []
+    by_column = np.lexsort((rows, columns, parent))
+    bounds = np.flatnonzero(np.diff(parent[by_column])) + 1
+    for members in np.split(by_column, bounds) if count else []:
+        u, v = columns[members], rows[members]
+        last = np.append(np.flatnonzero(np.diff(u)), len(u) - 1)
+        if len(last) >= LEAST_COLUMNS:
+            lowest.append((int(parent[members[0]]), np.stack([u[last], v[last]], axis=1)))
+    lowest.sort(key=lambda found: (float(found[1][:, 0].mean()), found[0]))
+    labels = np.full(count, -1, np.int32)
+    relabel = np.full(count, -1, np.int32)
+    for index, (root, _) in enumerate(lowest):
+        relabel[root] = index
+    if count:
+        labels = relabel[parent]
+    return Edges(image, columns, rows, labels, tuple(edge for _, edge in lowest), start, order)

@@ -1,0 +1,67 @@
+"""How obstacles move: each corner's way on the floor, the least of an obstacle's, and where that leads.
+
+A point above the floor seems to move although it stands, the more the higher it is; of an obstacle's flows
+the least is the one nearest the floor. It is biased low for what really moves, so the median is told too.
+
+Source: seed 000, section 3.4 (minimum flow) and section 3.5 (prediction).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .back_projection import floor_points
+from .edges import Edges
+from .result import Flows, Picture, SeenObstacle
+
+
+def floor_flows(
+    begin: Float[np.ndarray, "n 2"],
+    end: Float[np.ndarray, "n 2"],
+    previous: Picture,
+    current: Picture,
+    owners: Int[np.ndarray, "n"],
+    farthest_m: float,
+) -> Flows:
+    """Flows with their velocity on the floor; each end by the pose of its own picture, so that the robot's
+    own motion drops out for what touches the floor.
+
+    Source: seed 000, section 3.4: v = (P_w(p_cur; M_C) - P_w(p_prev; M_P)) / dT.
+    """
+    was = floor_points(begin, previous.camera, previous.T_world_camera, farthest_m)
+    now = floor_points(end, current.camera, current.T_world_camera, farthest_m)
+    velocity = (now - was) / (current.stamp_s - previous.stamp_s)
+    return Flows(begin, end, owners, velocity)
+
+
+def seen_obstacles(
+    edges: Edges,
+    flows: Flows,
+    current: Picture,
+    horizon_s: float,
+    threshold_mps: float,
+    farthest_m: float,
+) -> tuple[SeenObstacle, ...]:
+    """Every group of edges with its least flow and where that takes it within the horizon."""
+    speed = np.hypot(*flows.velocity_world.T)
+    found = []
+    for index, edge in enumerate(edges.groups):
+        contact = floor_points(
+            edge.astype(np.float64), current.camera, current.T_world_camera, farthest_m
+        )
+        mine = np.flatnonzero((flows.obstacle == index) & np.isfinite(speed))
+        least, velocity, median = -1, np.zeros(2), np.zeros(2)
+        if len(mine):
+            least = int(mine[np.argmin(speed[mine])])
+            velocity = flows.velocity_world[least]
+            median = np.median(flows.velocity_world[mine], axis=0)
+        moving = bool(np.hypot(*velocity) >= threshold_mps)
+        if not moving:
+            velocity = np.zeros(2)
+        found.append(
+            SeenObstacle(
+                edge, contact, least, velocity, median, moving, contact + velocity * horizon_s
+            )
+        )
+    return tuple(found)
