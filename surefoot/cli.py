@@ -21,6 +21,7 @@ import click
 from perception.primitives.errors import InputError, SurefootError
 
 if TYPE_CHECKING:
+    from .config import Config
     from .runs import Summary
 
 for _variable in (
@@ -189,39 +190,53 @@ def simulate(
 
 
 @main.command()
-@click.argument("recording", type=click.Path(path_type=Path))
+@click.argument(
+    "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
+)
 @click.option(
     "--description",
     type=click.Path(path_type=Path),
     help="A recording.toml kept elsewhere, for a folder you cannot write to.",
 )
+@click.option("--workers", type=click.IntRange(min=1), help="Processes for many recordings.")
+@click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler to do many recordings.")
 @out_option
 @config_option
 @set_option
 @json_option
 def process(
-    recording: Path,
+    recordings: tuple[Path, ...],
     description: Path | None,
+    workers: int | None,
+    scheduler: str | None,
     out: Path | None,
     config_path: Path | None,
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Process RECORDING: a folder, an .mcap or a .pcd file.
+    """Process RECORDING: a folder, an .mcap, .bag, .db3 or .pcd file; or many, and folders of them.
 
     \b
-    Read are: what `simulate --record` wrote, TUM RGB-D, 7-Scenes, Redwood / Open3D folders, RealSense
-    folders, organised PCD, and any folder of depth images with a recording.toml.
+    Read are: what `simulate --record` wrote, ROS 1 and ROS 2 bags, TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC,
+    Redwood / Open3D and Replica folders, RealSense folders, organised PCD, and any folder of depth images
+    with a recording.toml. Many are processed side by side; started again, the same command goes on.
     Examples:
       surefoot process data/walk
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
+      surefoot process ~/recordings --out runs/all --workers 8
     """
     from .config import load
+    from .recordings.open import holds_recording
     from .runs import process as run
 
     config = load(config_path, overrides)
+    one = recordings[0]
+    several = one.is_dir() and not holds_recording(one) and description is None and _holds_more(one)
+    if len(recordings) > 1 or several or workers or scheduler:
+        _process_all(recordings, out, config, workers, scheduler, as_json)
+        return
     with progress(as_json) as say:
-        summary = run(recording, description, config, out, say)
+        summary = run(one, description, config, out, say)
     _close(summary, as_json)
 
 
@@ -367,6 +382,35 @@ def completion(shell: str) -> None:
     found = get_completion_class(shell)
     assert found is not None
     click.echo(found(main, {}, "surefoot", "_SUREFOOT_COMPLETE").source())
+
+
+def _holds_more(place: Path) -> bool:
+    from .recordings.open import holds_recording
+
+    return any(holds_recording(child) for child in place.rglob("*") if child.is_dir())
+
+
+def _process_all(
+    recordings: tuple[Path, ...],
+    out: Path | None,
+    config: Config,
+    workers: int | None,
+    scheduler: str | None,
+    as_json: bool,
+) -> None:
+    from dataclasses import asdict
+
+    from . import batch
+
+    folder = out or Path("runs") / "batch"
+    with progress(as_json) as say:
+        rows = batch.process_all(recordings, folder, config, say, workers, scheduler)
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+    else:
+        click.echo("\n".join([*batch.lines(rows), f"table: {folder / batch.TABLE}"]))
+    if any(row.status == batch.FAILED for row in rows):
+        click.get_current_context().exit(FAILED)
 
 
 @contextlib.contextmanager

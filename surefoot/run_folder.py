@@ -188,11 +188,13 @@ class RunFolder:
         return self.write_text(name, "\n".join(lines) + "\n")
 
     def write_estimates(self, poses: Sequence[tuple[float, Gaussian]]) -> None:
-        """Write where the body believed to be: trajectory.txt and trajectory_covariance.csv.
+        """Write where the body believed to be: trajectory.txt and trajectory_covariance.csv, if anywhere.
 
         Args:
             poses: (stamp in s, Gaussian over x, y in m and yaw in rad) each.
         """
+        if not poses:
+            return  # a camera in the hand that nobody knew the poses of
         rows = []
         for stamp, pose in poses:
             upper = pose.covariance[np.triu_indices(3)]

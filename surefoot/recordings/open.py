@@ -107,7 +107,7 @@ def _nothing_known(path: Path) -> RecordingError:
     found = pictures(path / "depth") or pictures(path)
     if found:
         return needs_description(path, found)
-    inside = [child.name for child in sorted(path.iterdir()) if _holds_recording(child)]
+    inside = [child.name for child in sorted(path.iterdir()) if holds_recording(child)]
     if inside:
         return RecordingError(
             f"{path}: holds no frames itself, but {', '.join(inside[:6])} in it can be read; give one "
@@ -117,11 +117,13 @@ def _nothing_known(path: Path) -> RecordingError:
     return RecordingError(f"{path}: no frames found (it holds {names}); expected {KINDS}")
 
 
-def _holds_recording(child: Path) -> bool:
-    if child.is_file():
-        return child.suffix in (".mcap", ".pcd", ".bag", ".db3")
+def holds_recording(path: Path) -> bool:
+    """Whether this very file or folder looks like a recording; nothing is read but names."""
+    if path.is_file():
+        return path.suffix in (".mcap", ".pcd", ".bag", ".db3")
     known = (is_rosbag, is_euroc, is_icl_nuim, is_seven_scenes, is_replica, is_redwood, is_tum)
-    return (child / MCAP_NAME).is_file() or any(test(child) for test in known)
+    ours = (path / MCAP_NAME).is_file() or (path / FILE_NAME).is_file()
+    return ours or any(test(path) for test in known)
 
 
 def _nearest(path: Path) -> str:
