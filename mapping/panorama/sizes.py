@@ -45,6 +45,9 @@ class SizeConfig:
     floor_sigmas: float = (
         3.0  # ours: or lower than this many deviations, where the views' tilt is unsure
     )
+    farthest_range_m: float = (
+        3.0  # ours: along the floor; walls far to the side are in nobody's way
+    )
     top_m: float = 0.7  # spec of 004: higher is nothing to walk into
     least_px: int = 60  # spec of 004: things of fewer pixels are noise
     reach_px: int = 2  # spec of 004: parts within 2 px hang together
@@ -119,13 +122,13 @@ def things(
 
     Source: seed 004, eq. (13) and (14).
     """
-    height = floor.distance(
-        drawing.centre + drawing.sphere.rays * drawing.range_m[..., None].astype(np.float64)
-    )
+    points = drawing.centre + drawing.sphere.rays * drawing.range_m[..., None].astype(np.float64)
+    height = floor.distance(points)
     tilt = np.array([_tilt_sigma(place) for place in placed] + [0.0])[drawing.view]
     band = np.maximum(config.floor_m, config.floor_sigmas * tilt * drawing.range_m)
     with np.errstate(invalid="ignore"):
         standing = (height >= band) & (height <= config.top_m) & (forward_m > 0.0)
+        standing &= np.hypot(points[..., 0], points[..., 1]) <= config.farthest_range_m
     slices = levels(np.where(standing, forward_m, np.float32(np.nan)), config.levels)
     step = config.levels.farthest_m / config.levels.count
     return merged(label(slices), forward_m, config.reach_px, step, config.least_px)
