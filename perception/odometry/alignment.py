@@ -37,7 +37,8 @@ class AlignConfig:
     grey_sigma: float = 10.0  # ours: of 255, at the start; learnt on the way
     settled: float = 1e-4  # m and rad: a step so small is the last one of its level
     kept: int = 3  # ours: starts that go on from the coarsest size to the next
-    common_px: float = 60.0  # ours: pixels that err alike; noise of neighbours is not their own
+    common_px: float = 15.0  # ours: pixels that err alike; NEES of 6 on ray-cast depth with noise
+    warp: float = 0.01  # ours: lens, depth scale and shutter bend the view by so much of the motion
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -51,7 +52,7 @@ class AlignConfig:
                 f"odometry: finest_gate_m={self.finest_gate_m} must be positive and at most "
                 f"coarsest_gate_m={self.coarsest_gate_m}"
             )
-        for name in ("grey_sigma", "settled", "common_px"):
+        for name in ("grey_sigma", "settled", "common_px", "warp"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"odometry: {name}={getattr(self, name)} must be positive")
 
@@ -148,6 +149,9 @@ def judged(
     covariance = _covariance(information, T, max(error, 1.0) ** 2 * config.common_px)
     if covariance is None:
         return None
+    turned = math.acos(min(1.0, max(-1.0, (float(np.trace(T[:3, :3])) - 1.0) / 2.0)))
+    warp = np.array([float(np.linalg.norm(T[:3, 3]))] * 3 + [turned] * 3) * config.warp
+    covariance = covariance + np.diag(warp**2)
     fitting, visible, contradicting = _shares(totals)
     return Aligned(Pose3.from_matrix(T), covariance, fitting, visible, contradicting, error)
 

@@ -10,7 +10,6 @@ Source: keyframes after Kerl et al., DVO (2013); judgement by overlap off the fl
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,19 +17,20 @@ from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
-from .alignment import AlignConfig, Aligned, align
+from .alignment import AlignConfig, Aligned
 from .hypotheses import HypothesesConfig, large_steps
-from .pyramid import Pyramid
+from .peers import aligner
+from .pyramid import Kept, Pyramid, keep
 
-FIRST, TRACKED, RELOCALISED, LOST = "first", "tracked", "relocalised", "lost"
-
-Align = Callable[[Pyramid, Pyramid, list[Pose3], AlignConfig], Aligned | None]
+FIRST, TRACKED, DOUBTFUL, RELOCALISED = "first", "tracked", "doubtful", "relocalised"
+LOST, RESTARTED = "lost", "restarted"
 
 
 @dataclass(frozen=True)
 class OdometryConfig:
     """When an alignment is believed, and when the reference changes."""
 
+    engine: str = "surefoot"  # or one of `peers`
     align: AlignConfig = field(default_factory=AlignConfig)
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
     sure_fitting: float = 0.93  # ours: less of the points fits: other starts are tried
@@ -41,12 +41,16 @@ class OdometryConfig:
     most_sigma_m: float = 0.05  # ours: less sure than that of a step is no step
     keep_visible: float = 0.80  # ours: the reference serves while so much is in view of it
     keep_m: float = 0.30  # ours: and no farther: planes look different from elsewhere
+    doubtful_contradicting: float = 0.03  # ours: from here on the step is told as doubtful
+    doubtful_factor: float = 25.0  # ours: and its covariance so many times as large
+    searched: int = 10  # ours: references tried per lost image; they take turns
+    give_up: int = 10  # ours: images lost in a row; then a new reference begins where the last was
     remembered: int = 200  # ours: references kept to find a lost camera; the memory stays bounded
 
     def __post_init__(self) -> None:
         for name in (
             "sure_fitting", "sure_contradicting", "sure_visible", "least_fitting",
-            "most_contradicting", "keep_visible",
+            "most_contradicting", "keep_visible", "doubtful_contradicting",
         ):  # fmt: skip
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ConfigError(f"odometry: {name}={getattr(self, name)} must lie in [0, 1]")
@@ -63,7 +67,8 @@ class Step:
     """One image, placed.
 
     Args:
-        state: "first", "tracked", "relocalised", or "lost": then the pose is only the last one.
+        state: "first", "tracked", "doubtful" (placed, but something speaks against it), "relocalised", "lost"
+            (the pose is only the last one), or "restarted": given up, begun anew from the last pose.
         T_start_camera: The camera in the axes of the first image.
         motion: T_reference_camera.
         covariance: (6, 6) of `motion`, axes of the reference, m and rad.
@@ -84,8 +89,13 @@ class Reference:
     """An image that others are laid over."""
 
     number: int
-    pyramid: Pyramid
+    image: Pyramid | Kept
     T_start_camera: Pose3
+
+    @property
+    def pyramid(self) -> Pyramid:
+        """Ready for use."""
+        return self.image if isinstance(self.image, Pyramid) else self.image.pyramid()
 
 
 class Odometry:
@@ -100,6 +110,9 @@ class Odometry:
         self._pose = Pose3()
         self._velocity = Pose3()
         self._before: Reference | None = None  # the image before this one, if it was placed
+        self._lost = 0  # images in a row
+        self._turn = 0  # whose turn it is among the references, when lost
+        self._align = aligner(self.config.engine)
 
     def track(self, image: Pyramid) -> Step:
         """Place the next image."""
@@ -116,7 +129,7 @@ class Odometry:
         if not self._believed(aligned):
             found = self._search(image)
             if found is None:
-                return self._lose(number)
+                return self._lose(number, image)
             reference, aligned = found
             state = RELOCALISED
             self.relocalisations += 1
@@ -133,25 +146,37 @@ class Odometry:
         """Believe it, and make it the reference if too little of the old one is in view."""
         pose = reference.T_start_camera @ aligned.motion
         tracked = state == TRACKED and self._before is not None
+        self._lost = 0
+        covariance = aligned.covariance
+        if state == TRACKED and aligned.contradicting > self.config.doubtful_contradicting:
+            state, covariance = DOUBTFUL, covariance * self.config.doubtful_factor
         self._velocity = self._pose.inverse() @ pose if tracked else Pose3()
         self._pose = pose
         self._before = here = Reference(number, image, pose)
         far = float(np.linalg.norm(aligned.motion.position)) > self.config.keep_m
         if far or aligned.visible < self.config.keep_visible or state == RELOCALISED:
             self._refer(here)
-        return Step(state, pose, aligned.motion, aligned.covariance, reference.number, aligned)
+        return Step(state, pose, aligned.motion, covariance, reference.number, aligned)
 
-    def _lose(self, number: int) -> Step:
-        """Say so; the pose stays where it was last known."""
+    def _lose(self, number: int, image: Pyramid) -> Step:
+        """Say so; the pose stays where it was last known, and after a while is taken for a new start."""
         self.losses += 1
+        self._lost += 1
         self._velocity, self._before = Pose3(), None
         unknown = np.eye(6)
         reference = self.references[-1]
         motion = reference.T_start_camera.inverse() @ self._pose
-        return Step(LOST, self._pose, motion, unknown, reference.number)
+        if self._lost < self.config.give_up:
+            return Step(LOST, self._pose, motion, unknown, reference.number)
+        self._lost = 0
+        self._before = self._refer(Reference(number, image, self._pose))
+        return Step(RESTARTED, self._pose, motion, unknown, reference.number)
 
     def _refer(self, reference: Reference) -> Reference:
         """Lay what comes over this image from now on."""
+        for old in self.references[-1:]:  # the others have been put away before
+            if isinstance(old.image, Pyramid):
+                self.references[-1] = Reference(old.number, keep(old.image), old.T_start_camera)
         self.references.append(reference)
         if len(self.references) > self.config.remembered:  # thin out the old half, keep its ends
             half = len(self.references) // 2
@@ -163,23 +188,29 @@ class Odometry:
         last = reference.T_start_camera.inverse() @ self._pose
         moving = last @ self._velocity
         starts = [moving, last]
-        aligned = align(reference.pyramid, image, starts, self.config.align)
+        pyramid = reference.pyramid
+        aligned = self._align(pyramid, image, starts, self.config.align)
         if self._sure(aligned):
             return aligned
         for around in (last, moving):
-            starts += large_steps(reference.pyramid, around, self.config.hypotheses)
-        other = align(reference.pyramid, image, starts, self.config.align)
+            starts += large_steps(pyramid, around, self.config.hypotheses)
+        other = self._align(pyramid, image, starts, self.config.align)
         if other is None or (aligned is not None and aligned.overlap >= other.overlap):
             return aligned
         return other
 
     def _search(self, image: Pyramid) -> tuple[Reference, Aligned] | None:
-        """Among the references, the latest first, the first one that is believed."""
-        for reference in reversed(self.references):
-            starts = [Pose3(), *large_steps(reference.pyramid, Pose3(), self.config.hypotheses)]
-            aligned = align(reference.pyramid, image, starts, self.config.align)
-            if self._sure(aligned):
-                assert aligned is not None
+        """Among the references, the latest and some others in turn, the first one that is believed."""
+        latest, others = self.references[-1], self.references[:-1]
+        turn = [
+            (self._turn + n) % len(others) for n in range(min(self.config.searched, len(others)))
+        ]
+        self._turn += len(turn)
+        for reference in [latest, *(others[-1 - n] for n in turn)]:
+            pyramid = reference.pyramid
+            starts = [Pose3(), *large_steps(pyramid, Pose3(), self.config.hypotheses)]
+            aligned = self._align(pyramid, image, starts, self.config.align)
+            if aligned is not None and self._sure(aligned):
                 return reference, aligned
         return None
 

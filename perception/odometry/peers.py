@@ -100,7 +100,7 @@ def rgbd(level: Level) -> Any:
 def _small_gicp(
     target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig
 ) -> Aligned | None:
-    import small_gicp
+    import small_gicp  # type: ignore[import-not-found, unused-ignore]
 
     engine: Any = small_gicp
     clouds = [_cloud(pyramid.levels[0]) for pyramid in (target, source)]

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, UInt8, UInt16
 
 from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError, InputError
@@ -91,6 +91,36 @@ class Pyramid:
         return self.levels[0].grey.shape == self.levels[0].z.shape
 
 
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """An image put away in a sixth of its room: depth in tenths of a millimetre, grey in 8 bit."""
+
+    z: UInt16[np.ndarray, "h w"]
+    sigma: UInt16[np.ndarray, "h w"]
+    grey: UInt8[np.ndarray, "a b"]
+    camera: Camera
+    floor: Plane | None
+    config: PyramidConfig
+
+    def pyramid(self) -> Pyramid:
+        """The image made ready again."""
+        z = self.z.astype(np.float32) * np.float32(1e-4)
+        z[self.z == 0] = np.nan
+        sigma = self.sigma.astype(np.float32) * np.float32(2e-5)
+        return _levels(z, sigma, self.grey.astype(np.float32), self.camera, self.floor, self.config)
+
+
+def keep(image: Pyramid, config: PyramidConfig | None = None) -> Kept:
+    """Put an image away; depth beyond 6.5 m is forgotten."""
+    level = image.levels[0]
+    with np.errstate(invalid="ignore"):
+        near = level.z < 6.5
+        z = np.where(near, level.z * 1e4 + 0.5, 0.0).astype(np.uint16)
+        sigma = np.where(near, np.clip(level.sigma * 5e4, 1.0, 65535.0), 0.0).astype(np.uint16)
+    grey = level.grey.astype(np.uint8)
+    return Kept(z, sigma, grey, level.camera, image.floor, config or PyramidConfig())
+
+
 def build(
     depth: Depth,
     rgb: UInt8[np.ndarray, "h w 3"] | None = None,
@@ -121,12 +151,26 @@ def build(
         z, sigma, grey, camera = _straightened(z, sigma, grey, camera)
     factor = max(1, round(camera.width / config.finest_px))
     light = grey.astype(np.float32) if factor == 1 else grey
+    if factor > 1:
+        z, sigma, light = kernels.shrink(z, sigma, light, factor)
+        camera = shrunk(camera, factor)
+    return _levels(z, sigma, light, camera, floor, config)
+
+
+def _levels(
+    z: np.ndarray,
+    sigma: np.ndarray,
+    light: np.ndarray,
+    camera: Camera,
+    floor: Plane | None,
+    config: PyramidConfig,
+) -> Pyramid:
+    """The image at its finest size and all smaller ones."""
     levels = []
     for number in range(config.levels):
-        if number > 0 or factor > 1:
-            by = factor if number == 0 else 2
-            z, sigma, light = kernels.shrink(z, sigma, light, by)
-            camera = shrunk(camera, by)
+        if number > 0:
+            z, sigma, light = kernels.shrink(z, sigma, light, 2)
+            camera = shrunk(camera, 2)
         levels.append(Level(z, sigma, light, camera, _off_floor(z, sigma, camera, floor, config)))
         if min(camera.width, camera.height) < 32:
             break

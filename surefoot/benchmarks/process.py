@@ -41,7 +41,8 @@ def images() -> list[Image]:
         return made_up()
     found = []
     for frame in recording.frames():
-        assert frame.depth is not None and frame.colour is not None
+        assert frame.depth is not None
+        assert frame.colour is not None
         assert frame.T_world_camera is not None
         depth = structured_light.depth(frame.depth)
         found.append((depth, frame.colour.rgb, frame.T_world_camera))

@@ -37,7 +37,7 @@ class ReplicaRoom:
         import open3d
 
         self._o3d: Any = open3d
-        mesh = open3d.io.read_triangle_mesh(str(path / "office0_mesh.ply"))
+        mesh = open3d.io.read_triangle_mesh(path / "office0_mesh.ply")
         mesh.compute_vertex_normals()
         self.mesh = Mesh(
             np.asarray(mesh.vertices, np.float32),
@@ -101,8 +101,7 @@ def scene_of(mesh: Mesh) -> Any:
     """The mesh ready for Embree's questions."""
     import open3d
 
-    scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(mesh.vertices), open3d.core.Tensor(mesh.triangles.astype(np.uint32))
-    )
+    core: Any = open3d.core
+    scene: Any = open3d.t.geometry.RaycastingScene()
+    scene.add_triangles(core.Tensor(mesh.vertices), core.Tensor(mesh.triangles.astype(np.uint32)))
     return scene
