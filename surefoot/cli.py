@@ -247,8 +247,13 @@ def process(
     type=click.Path(path_type=Path),
     help="Trajectory in TUM text; default the run's own truth/.",
 )
+@click.option(
+    "--surface",
+    type=click.Path(path_type=Path),
+    help="Mesh or cloud of the true surfaces, in the frame of the run.",
+)
 @json_option
-def evaluate(run: Path, truth: Path | None, as_json: bool) -> None:
+def evaluate(run: Path, truth: Path | None, surface: Path | None, as_json: bool) -> None:
     """Hold RUN against the truth: errors, consistency, map, contacts; writes metrics and report."""
     from .evaluation import closing_table
     from .evaluation import evaluate as measure
@@ -256,7 +261,7 @@ def evaluate(run: Path, truth: Path | None, as_json: bool) -> None:
     from .run_folder import RunFolder
 
     folder = RunFolder.open(run)
-    metrics = measure(folder, truth)
+    metrics = measure(folder, truth, surface)
     report = write_report(folder)
     if as_json:
         click.echo(json.dumps(metrics, indent=2))

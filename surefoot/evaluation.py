@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives.errors import InputError
+
 from .metrics.consistency import consistency_metrics, nees
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
 from .metrics.innovations import innovation_metrics
 from .metrics.maps import map_metrics, read_map
 from .metrics.obstacles import obstacle_metrics
+from .metrics.surfaces import read_surface, surface_metrics
 from .metrics.timing import timing_metrics
 from .metrics.trajectory import associate, trajectory_metrics, wrapped
 from .run_folder import COVARIANCE_HEADER, RunFolder
@@ -56,13 +59,16 @@ TARGETS = (
 )
 
 
-def evaluate(run: RunFolder, truth: Path | None = None) -> dict[str, Any]:
+def evaluate(
+    run: RunFolder, truth: Path | None = None, surface: Path | None = None
+) -> dict[str, Any]:
     """Compute every figure that is possible and write metrics.json.
 
     Args:
         run: The run.
         truth: A trajectory in TUM text to compare with instead of the run's own truth/. Its axes and its
             body point may be others, so only what an alignment leaves is measured then.
+        surface: A mesh or cloud of the true surfaces, in the frame of the run, to hold its cloud against.
 
     Returns:
         Figure names and numbers, flat; "timing_ms" alone is a table: stage to p50, p95, max. Names and
@@ -90,11 +96,21 @@ def evaluate(run: RunFolder, truth: Path | None = None) -> dict[str, Any]:
     if true is not None and truth is None:
         metrics |= _goals(true, summary)
     metrics |= _against_tables(run)
+    if surface is not None:
+        metrics |= _surface(run, surface)
     timing = run.read_csv("timing.csv")
     if timing is not None:
         metrics["timing_ms"] = timing_metrics(timing)
     run.write_json("metrics.json", metrics)
     return metrics
+
+
+def _surface(run: RunFolder, surface: Path) -> dict[str, float]:
+    """The run's cloud against a true surface."""
+    if not run.has("cloud.ply"):
+        raise InputError(f"{run.root}: the run has no cloud.ply to hold against {surface}")
+    mapped = read_surface(run.path("cloud.ply"))
+    return {f"surface_{k}": v for k, v in surface_metrics(mapped, read_surface(surface)).items()}
 
 
 def _smoothed(run: RunFolder, true: Trajectory) -> dict[str, float | bool]:

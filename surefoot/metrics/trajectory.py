@@ -160,8 +160,9 @@ def trajectory_metrics(
 
     Returns:
         position_rmse_m and heading_rmse_deg on the floor, as the poses stand; ate_m in space as they
-        stand; ate_aligned_m (rotation and translation), ate_scaled_m and scale (with scale too),
-        ate_floor_aligned_m (on the floor); rpe_1s_m and rpe_1s_deg over one second; matched_poses.
+        stand; ate_aligned_m (rotation and translation; with _mean, _median, _std, _min, _max before the
+        unit, ate_aligned_sse_m2, and of the rotation ate_aligned_deg), ate_scaled_m and scale (with scale
+        too), ate_floor_aligned_m (on the floor); rpe_1s_m and rpe_1s_deg over one second; matched_poses.
         What the geometry does not determine is absent.
     """
     mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
@@ -184,12 +185,33 @@ def trajectory_metrics(
         ("ate_floor_aligned_m", 2, False),
     ):
         alignment = align(p[:, :d], q[:, :d], scaled)
-        if alignment is not None:
-            figures[name] = rms(distances(alignment.apply(p[:, :d]), q[:, :d]))
-            if scaled:
-                figures["scale"] = alignment.scale
+        if alignment is None:
+            continue
+        left = distances(alignment.apply(p[:, :d]), q[:, :d])
+        figures[name] = rms(left)
+        if scaled:
+            figures["scale"] = alignment.scale
+        elif d == 3:
+            figures |= _spread_of(left)
+            turned = Rotation.from_matrix(alignment.rotation) * Rotation.from_quat(
+                estimate.quats_xyzw
+            )
+            apart = (Rotation.from_quat(reference.quats_xyzw).inv() * turned).magnitude()
+            figures["ate_aligned_deg"] = float(np.degrees(rms(apart)))
     pairs = pairs_apart(estimate.stamps, 1.0)
     if len(pairs[0]):
         lengths, angles = relative_errors(estimate, reference, pairs)
         figures["rpe_1s_m"], figures["rpe_1s_deg"] = rms(lengths), float(np.degrees(rms(angles)))
     return figures
+
+
+def _spread_of(lengths: Float[np.ndarray, "n"]) -> dict[str, float]:
+    """What evo prints beside the root of the mean square."""
+    return {
+        "ate_aligned_mean_m": float(np.mean(lengths)),
+        "ate_aligned_median_m": float(np.median(lengths)),
+        "ate_aligned_std_m": float(np.std(lengths)),
+        "ate_aligned_min_m": float(np.min(lengths)),
+        "ate_aligned_max_m": float(np.max(lengths)),
+        "ate_aligned_sse_m2": float(np.sum(np.square(lengths))),
+    }

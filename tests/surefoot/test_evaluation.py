@@ -101,6 +101,31 @@ def test_errors_of_real_trajectories_are_those_of_the_evo_package(
     np.testing.assert_allclose((rms(lengths), np.degrees(rms(angles))), (rpe_m, rpe_deg), rtol=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("truth", "estimate", "figures"),
+    [
+        # evo 1.38.1, aligned: mean, median, std, min, max in m, sse in m^2, rotation in deg (rms)
+        (
+            "freiburg1_xyz-groundtruth.txt",
+            "freiburg1_xyz-rgbdslam.txt",
+            (0.012024498709, 0.011183186775, 0.006070809206, 0.000955046181, 0.034759545895, 0.142432985491, 2.057699602015),
+        ),
+        (
+            "fr2_desk_groundtruth.txt.gz",
+            "fr2_desk_ORB.txt",
+            (0.007491776870, 0.007414629829, 0.003129069507, 0.000349636198, 0.024299593694, 0.143305289924, 0.989035658368),
+        ),
+    ],
+)  # fmt: skip
+def test_the_rest_of_evos_numbers_is_ours_too(recordings, truth, estimate, figures):
+    reference = read_tum(recordings / "tum_trajectories" / truth)
+    found = trajectory_metrics(read_tum(recordings / "tum_trajectories" / estimate), reference)
+    names = ("mean_m", "median_m", "std_m", "min_m", "max_m", "sse_m2", "deg")
+    np.testing.assert_allclose(
+        [found[f"ate_aligned_{name}"] for name in names], figures, rtol=1e-6, atol=1e-9
+    )
+
+
 def test_a_known_offset_is_the_error():
     truth = walk()
     turned = Rotation.from_euler("z", [math.radians(3.0)]) * Rotation.from_quat(truth.quats_xyzw)
