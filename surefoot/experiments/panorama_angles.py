@@ -1,60 +1,44 @@
-"""Nine views, a panorama, its key angles and all others, in simulated rooms, against the truth.
+"""Nine views, a panorama, its key angles and all others, and what stands around, against the truth.
 
 A head turns to the nine key directions with encoders that are half a degree off, each view on its own. The
 panorama must tell better where each view looked, and say how sure it is. Errors of rotation are taken after
-the mean rotation between estimate and truth; beside it those in the base frame as they are.
+the mean rotation between estimate and truth; beside it those in the base frame as they are. Then random
+things are counted and the gaps between them measured (`panorama_scenes`). Pictures of the panoramas with
+their key angles and all others are written to `runs/experiments/004-E5`.
 
-Source: seed 004, Figs. 2 and 6, section 2.2.2.
+Source: seed 004, Figs. 2 and 6, sections 2.2.2 and 2.3.
 """
 
 from __future__ import annotations
 
 import math
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mapping.panorama.key_angles import laws
 from mapping.panorama.stitching import Panorama, StitchConfig, place, stitch
-from mapping.panorama.views import View, head_directions, view_of_depth
-from perception import time_of_flight
-from perception.features.pictures import amplitude_picture
-from perception.primitives.frame import RangeView
-from perception.primitives.pose import Pose3, head_rotation
+from mapping.panorama.views import View
+from perception.primitives.pose import Pose3
 from sim import scenes
-from sim.rays import RayCaster
-from sim.tof_camera import TofCamera, TofConfig
 
 from .experiment import Experiment, Outcome, Say, Target
+from .panorama_pictures import write_pictures
+from .panorama_scenes import Score, nine_views, score
+from .walks import WORKERS
 
-ENCODER_DEG = 0.5  # deviation of pan and of tilt, each view on its own
-CAMERA_HEIGHT_M = 0.55  # seed 004
-LEVER_M = np.array([0.0, -0.035, 0.035])  # DARwIn-OP: camera about the neck, camera axes
 ROOMS = ("boxes", "home", "corridor")
+SCENES_A_SEED = 67  # 200 random scenes with three seeds
+PICTURES = Path("runs/experiments/004-E5")
 
 
 def look_round(room: str, seed: int) -> tuple[list[View], list[Pose3]]:
     """Nine views from where the robot starts, and their true poses on the body."""
-    scene = scenes.load(room, seed)
-    caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
-    rng = np.random.default_rng([seed, 50])
-    camera = TofCamera(TofConfig(), rng)
-    views, true = [], []
-    for number, (pan, tilt) in enumerate(head_directions()):
-        off = math.radians(ENCODER_DEG) * rng.standard_normal(2)
-        pose, prior = _head(pan + off[0], tilt + off[1]), _head(pan, tilt)
-        range_m, amplitude = camera.measure(caster, scene.start.lifted() @ pose)
-        depth = time_of_flight.depth(RangeView(range_m, amplitude, camera.camera, prior))
-        views.append(view_of_depth(depth, 5.0, amplitude_picture(amplitude), prior, float(number)))
-        true.append(pose)
-    return views, true
-
-
-def _head(pan_rad: float, tilt_rad: float) -> Pose3:
-    rotation = head_rotation(float(pan_rad), float(tilt_rad))
-    return Pose3.from_rotation(rotation, np.array([0.0, 0.0, CAMERA_HEIGHT_M]) + rotation @ LEVER_M)
+    return nine_views(scenes.load(room, seed), np.random.default_rng([seed, 50]))
 
 
 def errors_deg(poses: list[Pose3], true: list[Pose3], aligned: bool) -> np.ndarray:
@@ -76,8 +60,38 @@ def law_errors_deg(panorama: Panorama, views: list[View]) -> float:
     return math.degrees(float(np.sqrt(np.mean(off**2))))
 
 
+def things_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
+    """Random scenes: how often the count is right, and how far off gaps, widths and heights are."""
+    count = min(seeds * SCENES_A_SEED, 200) if seeds <= 3 else seeds * SCENES_A_SEED
+    scores: list[Score] = []
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        for one in pool.map(score, range(count)):
+            scores.append(one)
+            if len(scores) % 20 == 0:
+                say(f"{len(scores)} of {count} scenes of random things")
+    right = [one for one in scores if one.things == one.listed]
+    gaps = 1e3 * np.abs([gap for one in right for gap in one.gaps_m] or [math.inf])
+    heights = 1e3 * np.abs([height for one in right for height in one.heights_m] or [math.inf])
+    widths = 1e3 * np.abs([width for one in right for width in one.widths_m] or [math.inf])
+    deviations = np.abs([z for one in right for z in one.gaps_in_sigmas] or [math.inf])
+    figures = {
+        "scenes": float(count),
+        "count_correct_pct": 100.0 * len(right) / count,
+        "gap_error_mm": float(np.median(gaps)),
+        "gap_error_p90_mm": float(np.percentile(gaps, 90)),
+        "gap_within_2_sigma_pct": float(100.0 * np.mean(deviations <= 2.0)),
+        "width_error_mm": float(np.median(widths)),
+        "height_error_mm": float(np.median(heights)),
+    }
+    row = (
+        f"random things: {len(right)} of {count} scenes counted rightly; {gaps.size} gaps, "
+        f"median error {figures['gap_error_mm']:.0f} mm"
+    )
+    return figures, [row]
+
+
 def run(seeds: int, say: Say) -> Outcome:
-    """Three kinds of rooms a seed; about five seconds each."""
+    """Three kinds of rooms a seed, about five seconds each; 67 random scenes a seed, three each."""
     found: dict[str, list[float]] = {}
     table = [
         "room      seed  encoders  features  panorama  worst view  pairs  NEES  key angles, deg"
@@ -115,23 +129,30 @@ def run(seeds: int, say: Say) -> Outcome:
                 f"  {math.sqrt(row['law']):.2f}"
             )
             say(table[-1])
+            if seed == 0:
+                write_pictures(PICTURES, room, panorama, views)
     figures = {
         f"{name}_rms_deg": float(np.sqrt(np.mean(values)))
         for name, values in found.items()
         if name != "nees"
     }
     figures["nees_per_axis"] = float(np.mean(found["nees"]))
+    measured, rows = things_and_gaps(seeds, say)
+    figures |= measured
+    table += [*rows, f"pictures: {PICTURES}"]
     return Outcome(figures, table)
 
 
 EXPERIMENT = Experiment(
     id="004-E5",
-    title="Nine views, panorama, key and all angles: encoders half a degree off are put right",
+    title="Nine views, panorama, key and all angles; things counted, gaps between them measured",
     run=run,
     targets={
         "angle_rms_deg": Target("<=", 0.3),
         "angle_base_rms_deg": Target("<=", 0.5),
         "law_rms_deg": Target("<=", 0.5),
+        "count_correct_pct": Target(">=", 98.0),
+        "gap_error_mm": Target("<=", 10.0),
     },
     seeds=3,
 )
