@@ -20,6 +20,7 @@ from jaxtyping import Float, Float32
 
 from mapping.confidence import ConfidenceLayer
 from mapping.egocentric_grid import EgocentricGrid
+from perception.clusters import Cluster
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting
@@ -30,6 +31,8 @@ from . import evaluations
 from .selection import GazeMapConfig, in_view, shown
 
 BODY_M = 0.15  # S_r, seed 001
+LARGEST_M = 0.35  # as the tracker: larger is furniture
+MET_S = 20.0  # how long a look at a thing that got no track is remembered
 WAY_M = 1.0  # so far ahead the floor of the next steps lies
 
 
@@ -39,6 +42,9 @@ class AttentionConfig:
 
     map: GazeMapConfig = field(default_factory=lambda: GazeMapConfig(step_deg=3.0))
     # ours: 3 deg, a fifteenth of the view, takes half the time of 2 deg
+    ground_m: float = (
+        1.75  # ours: stale ground counts to the edge of the terrain map; seed 001: 1.3
+    )
     eye_m: float = 0.38  # ours: height of the tilted camera, DARwIn-OP
     unwatched_s: float = 2.0  # ours: the way not looked at for so long has its whole worth
     urgency_max: float = 4.0  # ours: and up to so many times that later
@@ -47,7 +53,14 @@ class AttentionConfig:
     near_m: float = 1.2  # ours: ... wholly if it is this near ...
     far_m: float = 2.2  # ours: ... and not at all beyond this
     receding: float = 0.5  # ours: share of that for a mover that goes away
-    moving_share: float = 0.3  # ours, as the guard: less probable movers need no look of their own
+    moving_share: float = (
+        0.3  # ours, as the guard: less probable movers need no look of their own ...
+    )
+    young_s: float = (
+        3.0  # ours: ... unless they were followed for less than this: nobody can tell yet
+    )
+    new_looks: int = 2  # ours: so often a thing without a track is looked at again, to get one
+    new_apart_m: float = 0.25  # ours: nearer than this to a track, or to one before, it is the same
     turned_back_s: float = 3.0  # ours: unseen for longer, it may as well have turned back
     edge_deg: float = 12.0  # ours: kept off the sides of the view, where things are cut in two
     tag_across_deg: float = 90.0  # seed 000: the colour camera, which sees the landmarks
@@ -82,6 +95,7 @@ class Known:
         confidence: Its freshness.
         landmarks: Known beforehand, world frame.
         sightings: Of this frame.
+        clusters: Things seen in this frame, body frame.
     """
 
     pose: Gaussian
@@ -89,6 +103,7 @@ class Known:
     confidence: ConfidenceLayer | None = None
     landmarks: Sequence[Landmark] = ()
     sightings: Sequence[Sighting] = ()
+    clusters: Sequence[Cluster] = ()
 
 
 @dataclass(frozen=True)
@@ -121,6 +136,9 @@ class Attentive:
         self._way_s = -math.inf  # when the way was last looked at
         self._sought_s: dict[int, float] = {}  # by track: when a look went to where it may be
         self._trust: dict[int, float] = {}  # by landmark: that a look there shows it
+        self._met: list[
+            tuple[np.ndarray, float]
+        ] = []  # things without a track that got a look, when
         self._stamp_s = 0.0
 
     def weigh(
@@ -160,6 +178,8 @@ class Attentive:
             each = np.full(len(places), psi / len(places))
             total += gaze.obstacle_weight * shown(places, each, self._narrow)
             psi_movers[mover.track] = psi
+        new, due = self._newcomers(stamp_s, known, obstacles)
+        total += gaze.obstacle_weight * shown(new, due, self._narrow)
         return Attention(total, psi_map, psi_self, psi_way, psi_movers)
 
     def decided(
@@ -178,7 +198,12 @@ class Attentive:
                 self._sought_s[mover.track] = stamp_s
 
     def _movers(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
-        return [o for o in obstacles if o.moving >= self.config.moving_share]
+        config = self.config
+        return [
+            o
+            for o in obstacles
+            if o.moving >= config.moving_share or o.seen_s - o.since_s < config.young_s
+        ]
 
     def _from_camera(
         self, pose: Gaussian, places: Float[np.ndarray, "n 2"], height_m: float = 0.0
@@ -210,7 +235,7 @@ class Attentive:
         if known.grid is None or known.confidence is None:
             return np.zeros((0, 3)), np.zeros(0)
         points, confidence = sample_region(
-            known.grid, known.confidence, known.pose, self.config.map
+            known.grid, known.confidence, known.pose, self.config.map, self.config.ground_m
         )
         unseen = confidence < 1.0
         lost = (1.0 - confidence[unseen]) / max(1.0 - known.confidence.config.stale_below, 1e-6)
@@ -230,9 +255,12 @@ class Attentive:
             )[0]
         )
         alone = min(stamp_s - mover.seen_s, stamp_s - self._sought_s.get(mover.track, -math.inf))
-        nearness = min(max((config.far_m - away) / (config.far_m - config.near_m), 0.0), 1.0)
         comes = float(offset @ mover.velocity) < 0.0
-        seek = min(alone / config.seek_s, 1.0) ** 2 * nearness * (1.0 if comes else config.receding)
+        seek = (
+            min(alone / config.seek_s, 1.0) ** 2
+            * self._nearness(away)
+            * (1.0 if comes else config.receding)
+        )
         return max(psi_ob, seek)
 
     def _may_be(self, stamp_s: float, mover: Obstacle, pose: Gaussian) -> Float[np.ndarray, "n 3"]:
@@ -242,6 +270,35 @@ class Attentive:
         if unseen >= self.config.turned_back_s:
             places.append(mover.position - 2.0 * mover.velocity * unseen)
         return self._from_camera(pose, np.array(places))
+
+    def _newcomers(
+        self, stamp_s: float, known: Known, obstacles: Sequence[Obstacle]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+        """Whole things of this frame that have no track yet, from the camera; and how much each is due.
+
+        Two sightings make no track, and one look is two frames: who looks away then loses it again.
+        """
+        config = self.config
+        self._met = [(place, when) for place, when in self._met if stamp_s - when < MET_S]
+        taken = [o.position for o in obstacles]
+        places, due = [], []
+        for cluster in known.clusters:
+            away = float(np.hypot(*cluster.centre))
+            if not cluster.whole or cluster.radius_m > LARGEST_M or away > config.far_m:
+                continue
+            place = _in_world(known.pose, cluster.centre)
+            before = sum(np.hypot(*(place - met)) < config.new_apart_m for met, _ in self._met)
+            near = any(np.hypot(*(place - other)) < config.new_apart_m for other in taken)
+            if near or before >= config.new_looks:
+                continue
+            self._met.append((place, stamp_s))
+            places.append([*cluster.centre, -config.eye_m])
+            due.append(self._nearness(away))
+        return np.array(places).reshape(-1, 3), np.array(due).reshape(-1)
+
+    def _nearness(self, away_m: float) -> float:
+        near, far = self.config.near_m, self.config.far_m
+        return min(max((far - away_m) / (far - near), 0.0), 1.0)
 
     def _tags(self, known: Known) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
         """Landmarks within reach, from the camera, and what a sighting of each would gain."""
@@ -274,7 +331,11 @@ class Attentive:
 
 
 def sample_region(
-    grid: EgocentricGrid, confidence: ConfidenceLayer, pose: Gaussian, config: GazeMapConfig
+    grid: EgocentricGrid,
+    confidence: ConfidenceLayer,
+    pose: Gaussian,
+    config: GazeMapConfig,
+    farthest_m: float | None = None,
 ) -> tuple[Float[np.ndarray, "n 2"], Float32[np.ndarray, "n"]]:
     """R_s: middles of the cells between d_nm and d_fm that the neck can turn to, and their confidence.
 
@@ -283,6 +344,7 @@ def sample_region(
         confidence: Of its cells.
         pose: Over (x, y, yaw), world frame.
         config: d_nm, d_fm and the reach of the neck.
+        farthest_m: In place of d_fm.
 
     Returns:
         World frame, m; and C in [0, 1].
@@ -293,7 +355,7 @@ def sample_region(
     centres = grid.centres().reshape(-1, 2)
     x, y = _in_body(pose, centres).T
     away = np.hypot(x, y)
-    inside = (away >= limits.nearest_m) & (away <= limits.farthest_m)
+    inside = (away >= limits.nearest_m) & (away <= (farthest_m or limits.farthest_m))
     inside &= np.abs(np.arctan2(y, x)) <= math.radians(config.pan_deg)
     return centres[inside], confidence.values.ravel()[inside]
 
@@ -324,6 +386,11 @@ def gain(
 def _in_body(pose: Gaussian, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
     c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
     return (places - pose.mean[:2]) @ np.array([[c, -s], [s, c]])
+
+
+def _in_world(pose: Gaussian, place: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
+    return pose.mean[:2] + np.array([[c, -s], [s, c]]) @ place
 
 
 def _best_is_one(seen: np.ndarray) -> np.ndarray:
