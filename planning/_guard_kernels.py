@@ -1,4 +1,4 @@
-"""Compiled rollouts of the guard: where candidate steps lead, and what they come close to.
+"""Compiled rollouts of the guard: where candidate plans lead, and what they come close to.
 
 A step moves the body along its old heading, then turns it. Positions are sampled in the middle and at
 the end of every step. Arrays and scalars only.
@@ -11,57 +11,141 @@ import math
 import numpy as np
 from numba import njit
 
+MOST_EXTRA = 0.25  # m: what heading and loyalty may add to a plan's cost, at most
+
+
+@njit(cache=True)
+def _harm(gap: float, soft: float, ease: float, steep: float, touch: float, hard: float) -> float:
+    """Cost of a gap short of what is needed (negative: beyond it), m of detour."""
+    if gap <= -soft:
+        return 0.0
+    if gap <= 0.0:
+        share = 1.0 + gap / soft
+        return ease * share * share
+    cost = ease + steep * gap
+    return cost + hard if gap > touch else cost
+
+
+@njit(cache=True)
+def _too_late(
+    ax: float,
+    ay: float,
+    yaw: float,
+    vx: float,
+    vy: float,
+    need: float,
+    react_s: float,
+    top: float,
+    side: float,
+    turn_rate: float,
+) -> float:
+    """How far the robot is from being out of the way in time, if the mover turned back now, m; 0: in time.
+
+    Args:
+        ax, ay: Robot minus mover.
+        yaw: Of the robot.
+        vx, vy: Of the mover, before it turns.
+        need: Distance to be kept.
+        react_s: Until a turn is noticed and the robot moves.
+        top, side: Speeds ahead, and aside or back.
+        turn_rate: rad/s.
+    """
+    speed = math.sqrt(vx * vx + vy * vy)
+    if speed < 1e-3:
+        return 0.0
+    ex, ey = vx / speed, vy / speed
+    along = ax * ex + ay * ey
+    across = ex * ay - ey * ax
+    if along >= 0.0 or abs(across) >= need:
+        return 0.0
+    lateral = need - abs(across)
+    free = -along - math.sqrt(need * need - across * across)
+    sign = 1.0 if across >= 0.0 else -1.0
+    c, s = math.cos(yaw), math.sin(yaw)
+    outward = sign * (c * -ey + s * ex)
+    away = -(c * ex + s * ey)
+    closing = max(speed - 0.9 * top * max(away, 0.0), 0.1 * speed)
+    arrives = max(free, 0.0) / closing
+    off = math.acos(min(max(outward, -1.0), 1.0))
+    ahead_s = max(off - 0.6, 0.0) / turn_rate + lateral / (0.9 * top)
+    aside_s = lateral / max(side * max(abs(outward) if outward < 0.0 else abs(away), 0.1), 1e-3)
+    late = react_s + min(ahead_s, aside_s) - arrives
+    if late <= 0.0:
+        return 0.0
+    return min(late * top, lateral)
+
 
 @njit(cache=True)
 def roll_out(
     robot: np.ndarray,
-    candidates: np.ndarray,
+    plans: np.ndarray,
     target: np.ndarray,
-    steps: int,
-    max_turn: float,
-    hypotheses: np.ndarray,
+    gait: np.ndarray,
+    places: np.ndarray,
+    velocities: np.ndarray,
     needed: np.ndarray,
+    weights: np.ndarray,
+    turning: np.ndarray,
     cells: np.ndarray,
     cells_needed: np.ndarray,
-    weight: float,
-    soft: float,
-    step_s: float,
-    fade_s: float,
+    prices: np.ndarray,
+    prune: bool,
     results: np.ndarray,
 ) -> None:
-    """Roll every candidate out.
+    """Roll every plan out; with `prune` no further than it takes to see that it is not the cheapest.
 
     Args:
         robot: (x, y, yaw).
-        candidates: (c, 8): forward, left, turn of a first step; for how many steps it is repeated; then
+        plans: (c, 8): forward, left, turn of a first step; for how many steps it is repeated; then
             forward, left, turn of the steps after; whether these pursue the target (turning to it,
             stopping at it).
         target: (x, y).
-        steps: Steps to roll out.
-        max_turn: Of one step, for pursuit.
-        hypotheses: (h, 2 steps, 2) positions of moving discs at the samples.
+        gait: Greatest turn of a step, rad; time of a step, s; speeds ahead and aside, m/s.
+        places: (h, 2 steps, 2) of moving discs at the samples.
+        velocities: (h, 2 steps, 2) of these.
         needed: (h, 2 steps) least distance to each; 0 where the hypothesis says nothing.
+        weights: (h,) of each.
+        turning: (h, 2 steps) probability that it turns back at that time.
         cells: (k, 2) middles of occupied cells.
-        cells_needed: (k,) least distance to each.
-        weight: Of a violation of these.
-        soft: Width of the band beyond the needed distance in which a rollout is clear but uneasy.
-        step_s: Time of one step.
-        fade_s: Time in which the weight of a violation falls by e: the later, the more can be done.
-        results: (c, 4) output: worst weighted violation (0: clear), worst weighted unease in [0, 1],
-            distance to the target (least, and a little of the last), angle off it at the end.
+        cells_needed: (k, 2): least distance to each; less than this is a contact.
+        prices: Width of the uneasy band, m; price of its inner edge, m; price of missing distance, m/m;
+            missing distance that is a contact, m; price of a contact, m; time in which prices fall by
+            e, s; time to react, s.
+        prune: Whether a plan that costs more than one before it already is given up (harm infinite).
+        results: (c, 4) output: harm by movers, harm by cells, distance to the target (least, and a
+            little of the last), angle off it at the end.
     """
-    for i in range(candidates.shape[0]):
+    max_turn, step_s, top, side = gait[0], gait[1], gait[2], gait[3]
+    soft, ease, steep, touch, hard, fade_s, react_s = (
+        prices[0],
+        prices[1],
+        prices[2],
+        prices[3],
+        prices[4],
+        prices[5],
+        prices[6],
+    )
+    many, samples = needed.shape[0], needed.shape[1]
+    worst = np.empty(many)
+    late = np.empty(many)
+    fades = np.empty(samples)
+    cheapest = math.inf
+    for sample in range(samples):
+        fades[sample] = math.exp(-(sample + 1) * 0.5 * step_s / fade_s)
+    for i in range(plans.shape[0]):
         x, y, yaw = robot[0], robot[1], robot[2]
-        worst, unease = 0.0, 0.0
+        worst[:] = 0.0
+        late[:] = 0.0
+        walls = 0.0
+        given_up = False
         nearest = math.hypot(target[0] - x, target[1] - y)
         last = nearest
-        off = 0.0
-        for step in range(steps):
-            if step < candidates[i, 3]:
-                forward, left, turn = candidates[i, 0], candidates[i, 1], candidates[i, 2]
+        for step in range(samples // 2):
+            if step < plans[i, 3]:
+                forward, left, turn = plans[i, 0], plans[i, 1], plans[i, 2]
             else:
-                forward, left, turn = candidates[i, 4], candidates[i, 5], candidates[i, 6]
-                if candidates[i, 7] > 0.0:
+                forward, left, turn = plans[i, 4], plans[i, 5], plans[i, 6]
+                if plans[i, 7] > 0.0:
                     dx, dy = target[0] - x, target[1] - y
                     if math.hypot(dx, dy) < 0.5 * forward:
                         forward, turn = 0.0, 0.0
@@ -78,30 +162,71 @@ def roll_out(
                 x += dx
                 y += dy
                 sample = 2 * step + half
-                fade = math.exp(-(sample + 1) * 0.5 * step_s / fade_s)
-                for h in range(hypotheses.shape[0]):
+                fade = fades[sample]
+                for h in range(many):
                     need = needed[h, sample]
                     if need <= 0.0:
                         continue
-                    ax = x - hypotheses[h, sample, 0]
-                    ay = y - hypotheses[h, sample, 1]
+                    ax = x - places[h, sample, 0]
+                    ay = y - places[h, sample, 1]
                     square = ax * ax + ay * ay
                     if square < (need + soft) ** 2:
-                        distance = math.sqrt(square)
-                        if distance < need:
-                            worst = max(worst, (need - distance) * fade)
-                        unease = max(unease, fade * min(1.0, (need + soft - distance) / soft))
+                        gap = need - math.sqrt(square)
+                        cost = fade * _harm(gap, soft, ease, steep, touch, hard)
+                        if cost > worst[h]:
+                            worst[h] = cost
+                    elif half == 1 and turning[h, sample] > 0.0:
+                        missing = _too_late(
+                            ax,
+                            ay,
+                            yaw,
+                            velocities[h, sample, 0],
+                            velocities[h, sample, 1],
+                            need,
+                            react_s,
+                            top,
+                            side,
+                            max_turn / step_s,
+                        )
+                        if missing > 0.0:
+                            cost = (
+                                fade
+                                * turning[h, sample]
+                                * _harm(missing, soft, ease, steep, touch, hard)
+                            )
+                            if cost > late[h]:
+                                late[h] = cost
                 for k in range(cells.shape[0]):
                     ax = x - cells[k, 0]
                     ay = y - cells[k, 1]
                     square = ax * ax + ay * ay
-                    if square < cells_needed[k] ** 2:
-                        worst = max(worst, weight * (cells_needed[k] - math.sqrt(square)) * fade)
+                    if square < cells_needed[k, 0] ** 2:
+                        gap = math.sqrt(square)
+                        cost = steep * (cells_needed[k, 0] - gap)
+                        if gap < cells_needed[k, 1]:
+                            cost += hard
+                        walls = max(walls, cost * fade)
             last = math.hypot(target[0] - x, target[1] - y)
             nearest = min(nearest, last)
+            if prune:
+                harm = walls
+                for h in range(many):
+                    harm += weights[h] * (worst[h] + late[h])
+                left = (samples // 2 - 1 - step) * step_s * top
+                if harm + max(nearest - left, 0.0) > cheapest:
+                    given_up = True
+                    break
+        if given_up:
+            results[i, 0], results[i, 1] = math.inf, 0.0
+            results[i, 2], results[i, 3] = nearest, 0.0
+            continue
         error = math.atan2(target[1] - y, target[0] - x) - yaw
         off = abs((error + math.pi) % (2.0 * math.pi) - math.pi)
-        results[i, 0] = worst
-        results[i, 1] = unease
+        harm = 0.0
+        for h in range(many):
+            harm += weights[h] * (worst[h] + late[h])
+        results[i, 0] = harm
+        results[i, 1] = walls
         results[i, 2] = nearest + 0.1 * (last - nearest)
         results[i, 3] = off if nearest > 0.1 else 0.0
+        cheapest = min(cheapest, harm + walls + results[i, 2] + MOST_EXTRA)

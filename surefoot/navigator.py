@@ -18,12 +18,14 @@ from mapping.egocentric_grid import EgocentricGrid
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
-from planning import footsteps, guard
+from planning import footsteps
 from planning.commands import GazeCommand, WalkCommand
 from planning.exploration import Explorer, Ground
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
+from planning.guard import Guard
 from planning.route import Route
+from planning.stepping import Stepper
 from planning.univector import fields
 
 from .config import Config
@@ -42,14 +44,21 @@ OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 class Navigator:
     """Walks to one goal after the other, or wanders about and explores."""
 
-    def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
+    def __init__(
+        self,
+        config: Config,
+        goals: Sequence[tuple[float, float]],
+        stepper: Stepper | None = None,
+    ) -> None:
         """Set out.
 
         Args:
             config: Of everything; `mission.wander` explores instead of going to the goals.
             goals: Where to walk, one after the other, map frame, m.
+            stepper: Who has the last word on every step; None: the guard.
         """
         self._config = config
+        self._stepper = Guard(config.guard) if stepper is None else stepper
         self._goals = Goals(goals, config.mission)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route)
@@ -83,7 +92,12 @@ class Navigator:
         probability, unknown, occupied = _as_ground(grid)
         via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
         known = Known(
-            estimate.pose, grid, pipeline.confidence, pipeline.landmarks, estimate.sightings
+            estimate.pose,
+            grid,
+            pipeline.confidence,
+            pipeline.landmarks,
+            estimate.sightings,
+            estimate.clusters,
         )
         gaze = self._gaze.next(estimate.stamp_s, robot, via, obstacles, known)
         standing = _not_movers(grid.centres()[occupied], obstacles)
@@ -126,14 +140,8 @@ class Navigator:
                 robot,
                 config.guard.gait,
             )
-        walk = guard.choose(
-            desired,
-            estimate.pose,
-            obstacles,
-            standing,
-            via,
-            config.guard,
-            estimate.stamp_s,
+        walk = self._stepper.choose(
+            desired, estimate.pose, obstacles, standing, via, estimate.stamp_s
         )
         return walk, why if walk == desired else "guard"
 

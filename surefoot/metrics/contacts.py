@@ -1,11 +1,14 @@
-"""Did it arrive, and did it touch anything on the way: clearance, contacts, path, goal."""
+"""Did it arrive, and did it touch anything on the way: clearance, contacts and their classes, path, goal."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+
+from planning.commands import WalkCommand
 
 from ..run_tables import Table
 
@@ -78,3 +81,79 @@ def goal_metrics(
         "goal_nearest_m": nearest,
         "goal_final_m": float(np.linalg.norm(positions[-1, :2] - last)),
     }
+
+
+BODY_RADIUS_M = 0.15  # S_r, seed 001
+UNSEEN_S, LATE_S = 2.0, 6.0  # navigation study: classes of contacts
+LONG_AGO_S = 6.0  # the same: a reversal as long ago as this explains nothing
+CLASSES = ("avoidable", "unseen", "late", "reversal", "other")
+"""Of contacts; each has exactly one. Beside it a contact may be one of a standing robot."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """One contact, from its beginning to its end.
+
+    Args:
+        stamp_s: Beginning.
+        thing: What was touched.
+        moves: Whether it moves.
+        unseen_s: Time since it was seen last, s; infinite: never seen.
+        followed_s: Time since it was first seen, without being lost in between, s.
+        turned_s: Time since it last reversed, s; infinite for what stands.
+        standing: Whether the robot stood.
+        kind: One of `CLASSES`.
+    """
+
+    stamp_s: float
+    thing: str
+    moves: bool
+    unseen_s: float
+    followed_s: float
+    turned_s: float
+    standing: bool
+    kind: str = "other"
+
+
+def class_of(contact: Contact) -> str:
+    """Why it may have come to a contact.
+
+    Avoidable: followed for 6 s, seen within 2 s, and no reversal within 6 s; what stands and was ever
+    seen is avoidable in any case. Else, in this order, unseen, late, or soon after a reversal.
+
+    Source: navigation study.
+    """
+    seen = contact.unseen_s <= UNSEEN_S
+    if not contact.moves:
+        return "avoidable" if np.isfinite(contact.unseen_s) else "unseen"
+    if seen and contact.followed_s >= LATE_S and contact.turned_s >= LONG_AGO_S:
+        return "avoidable"
+    if not seen:
+        return "unseen"
+    if contact.followed_s < LATE_S:
+        return "late"
+    return "reversal" if contact.turned_s < LONG_AGO_S else "other"
+
+
+class Touch:
+    """Which things are being touched, and whether the robot stands."""
+
+    def __init__(self) -> None:
+        self._touched: set[int] = set()
+        self.standing = True
+
+    def step(self, command: WalkCommand) -> None:
+        """The footstep that is made now."""
+        self.standing = command.forward_m == 0.0 and command.lateral_m == 0.0
+
+    def begun(self, gaps_m: Mapping[int, float], apart_m: float) -> list[int]:
+        """Things whose contact begins at this instant.
+
+        Args:
+            gaps_m: By thing.
+            apart_m: Gap at which a contact is over, so that one touch does not count twice.
+        """
+        new = [thing for thing, gap in gaps_m.items() if gap <= 0.0 and thing not in self._touched]
+        self._touched |= set(new)
+        self._touched -= {thing for thing, gap in gaps_m.items() if gap > apart_m}
+        return new

@@ -1,0 +1,265 @@
+"""What a mover will do, learnt from what it did: lines, turning points, and the way it takes between them.
+
+Little robots, and people who pace, go to and fro. Once one was seen to turn at a place it will turn there
+again; and where it was seen to pass it will not turn. The tracks forget what is out of sight for twelve seconds,
+so the lines are remembered here, and a track that comes to life on a known line inherits what was learnt
+there. Where nothing was learnt a mover goes on, or turns at any moment.
+
+Source: ours; navigation trials (most contacts come after a reversal).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.obstacle import Obstacle
+
+
+@dataclass(frozen=True)
+class PredictionConfig:
+    """What counts as the same line, and how far it is believed."""
+
+    moving_share: float = 0.5  # ours: less probable movers teach nothing
+    least_mps: float = 0.02  # ours: slower is noise
+    sure_share: float = 0.5  # ours: deviation of the velocity, share of the speed, to learn from
+    aside_m: float = 0.20  # ours: off a line by so much is another line; tracks are 5 cm wrong
+    askew_deg: float = 25.0  # ours: the same for the direction
+    beyond_m: float = 1.5  # ours: before or behind what was seen of a line, still on it
+    speed_share: float = 0.5  # ours: another speed by so much is another mover
+    longest_gap_s: float = 10.0  # ours: out of sight for longer it may have turned twice
+    contradicted_m: float = 0.25  # ours: seen so far behind a turning point, it is none
+    fresh_share: float = 0.5  # ours: weight of a new sighting of a turning point
+    most_mps: float = 0.25  # ours: estimated speeds are capped here
+    lines: int = 40  # ours: remembered at most, the latest
+
+    def __post_init__(self) -> None:
+        for name, value in self.__dict__.items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"prediction: {name}={value} must be positive and finite")
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Where a mover will be.
+
+    Args:
+        places: At the times asked for, world frame, m.
+        velocities: At these, m/s.
+        learnt: Whether each place lies where it was seen to pass, or behind a turn that it was seen to
+            make: there it will not turn otherwise.
+        since_seen: Where it may be now if it turned unseen is of no interest: its turns are known.
+    """
+
+    places: Float[np.ndarray, "n 2"]
+    velocities: Float[np.ndarray, "n 2"]
+    learnt: np.ndarray
+    since_seen: bool
+
+
+@dataclass
+class Line:
+    """A line that something goes to and fro on.
+
+    Args:
+        origin: A place on it, m.
+        direction: Unit vector along it.
+        speed_mps: Of what goes there.
+        low, high: Ends of what was seen of it, m from the origin along the direction.
+        turn_low, turn_high: Where it turns; NaN: not known.
+        at, sense, seen_s: Last sighting: place, +1 or -1 for the direction of walking, stamp.
+        track: Number of the track that was last seen on it.
+    """
+
+    origin: Float[np.ndarray, "2"]
+    direction: Float[np.ndarray, "2"]
+    speed_mps: float
+    low: float
+    high: float
+    at: float
+    sense: float
+    seen_s: float
+    track: int
+    turn_low: float = math.nan
+    turn_high: float = math.nan
+    sums: np.ndarray = field(default_factory=lambda: np.zeros(6))  # n, x, y, xx, xy, yy
+
+    def along(self, place: np.ndarray) -> float:
+        """Coordinate of a place."""
+        return float((place - self.origin) @ self.direction)
+
+    def aside(self, place: np.ndarray) -> float:
+        """Distance of a place from the line."""
+        offset = place - self.origin
+        return abs(float(offset[0] * self.direction[1] - offset[1] * self.direction[0]))
+
+
+class Habits:
+    """All lines learnt so far."""
+
+    def __init__(self, config: PredictionConfig | None = None) -> None:
+        self.config = config or PredictionConfig()
+        self.lines: list[Line] = []
+
+    def learn(self, obstacles: Sequence[Obstacle]) -> None:
+        """Take in the tracks of now; those not seen since the last call teach nothing."""
+        for obstacle in obstacles:
+            if obstacle.moving >= self.config.moving_share and self._sure(obstacle):
+                self._learn(obstacle)
+        self.lines = sorted(self.lines, key=lambda line: line.seen_s)[-self.config.lines :]
+
+    def forecast(
+        self, obstacle: Obstacle, stamp_s: float, times: Float[np.ndarray, "n"]
+    ) -> Forecast:
+        """The way of a mover, as far as known.
+
+        Args:
+            obstacle: Gone straight on since it was seen (`Obstacle.gone_straight`).
+            stamp_s: Now.
+            times: From now on, s, ascending.
+        """
+        velocity = obstacle.velocity
+        speed = float(np.hypot(*velocity))
+        velocity = velocity * min(1.0, self.config.most_mps / max(speed, 1e-9))
+        unseen = max(stamp_s - obstacle.seen_s, 0.0)
+        seen_at = obstacle.position - obstacle.velocity * unseen
+        line = self._line_of(obstacle, seen_at) if speed >= self.config.least_mps else None
+        if line is None:
+            places = seen_at + (unseen + times[:, None]) * velocity
+            moving = np.broadcast_to(velocity, places.shape)
+            return Forecast(places, moving, np.zeros(len(times), np.bool_), False)
+        sense = 1.0 if float(velocity @ line.direction) >= 0.0 else -1.0
+        start = line.along(seen_at)
+        rate = min(speed, self.config.most_mps)
+        at, senses = _to_and_fro(
+            start, sense, rate * (unseen + times), line.turn_low, line.turn_high
+        )
+        foot = seen_at - start * line.direction  # its own parallel of the line
+        learnt = (at >= line.low) & (at <= line.high)
+        known = math.isfinite(line.turn_high if sense > 0 else line.turn_low)
+        return Forecast(
+            foot + at[:, None] * line.direction,
+            (rate * senses)[:, None] * line.direction,
+            learnt | (senses != sense),
+            known or bool(unseen > 0.0 and learnt[0]),
+        )
+
+    def _sure(self, obstacle: Obstacle) -> bool:
+        speed = float(np.hypot(*obstacle.velocity))
+        P = obstacle.state.covariance[2:, 2:]
+        sigma = math.sqrt(max(float(P[0, 0] + P[1, 1]) / 2.0, 0.0))
+        return speed >= self.config.least_mps and sigma <= self.config.sure_share * speed
+
+    def _line_of(self, obstacle: Obstacle, place: np.ndarray) -> Line | None:
+        """The line that it is on: of those near and along, the nearest."""
+        config = self.config
+        velocity = obstacle.velocity
+        speed = max(float(np.hypot(*velocity)), 1e-9)
+        best, found = math.inf, None
+        for line in self.lines:
+            straight = abs(float(velocity @ line.direction)) / speed
+            same = line.track == obstacle.track
+            aside, at = line.aside(place), line.along(place)
+            if straight < math.cos(math.radians(config.askew_deg)):
+                continue
+            if not same and abs(speed - line.speed_mps) > config.speed_share * line.speed_mps:
+                continue
+            reach = 2.0 * config.beyond_m if same else config.beyond_m
+            if not line.low - reach <= at <= line.high + reach:
+                continue
+            cost = aside * (0.5 if same else 1.0)
+            if aside <= config.aside_m and cost < best:
+                best, found = cost, line
+        return found
+
+    def _learn(self, obstacle: Obstacle) -> None:
+        place, velocity = obstacle.position, obstacle.velocity
+        speed = float(np.hypot(*velocity))
+        line = self._line_of(obstacle, place)
+        if line is None:
+            direction = velocity / speed
+            line = Line(
+                place.copy(), direction, speed, 0.0, 0.0, 0.0, 1.0, obstacle.seen_s, obstacle.track
+            )
+            self.lines.append(line)
+            _straighten(line, place)
+            return
+        gap = obstacle.seen_s - line.seen_s
+        if gap <= 0.0:
+            return
+        at = line.along(place)
+        sense = 1.0 if float(velocity @ line.direction) > 0.0 else -1.0
+        if sense != line.sense and gap <= self.config.longest_gap_s:
+            turn = (line.at + at + line.sense * speed * gap) / 2.0
+            turn = max(turn, at, line.at) if line.sense > 0.0 else min(turn, at, line.at)
+            self._turned(line, turn)
+        line.low, line.high = min(line.low, at), max(line.high, at)
+        if at > line.turn_high + self.config.contradicted_m:
+            line.turn_high = math.nan
+        if at < line.turn_low - self.config.contradicted_m:
+            line.turn_low = math.nan
+        line.at, line.sense, line.seen_s, line.track = at, sense, obstacle.seen_s, obstacle.track
+        line.speed_mps += 0.1 * (speed - line.speed_mps)
+        _straighten(line, place)
+
+    def _turned(self, line: Line, turn: float) -> None:
+        """It turned there; an older opinion is mixed in if it is near."""
+        name = "turn_high" if line.sense > 0.0 else "turn_low"
+        old = getattr(line, name)
+        if abs(old - turn) <= 2.0 * self.config.contradicted_m:
+            turn = old + self.config.fresh_share * (turn - old)
+        setattr(line, name, turn)
+
+
+def _straighten(line: Line, place: np.ndarray) -> None:
+    """Fit the direction to all places seen, once they are far enough apart to tell."""
+    offset = place - line.origin
+    x, y = float(offset[0]), float(offset[1])
+    line.sums += np.array([1.0, x, y, x * x, x * y, y * y])
+    if line.high - line.low < 0.3:
+        return
+    n, sx, sy, sxx, sxy, syy = line.sums
+    a, b, c = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
+    angle = 0.5 * math.atan2(2.0 * b, a - c)
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    line.direction = direction if float(direction @ line.direction) >= 0.0 else -direction
+    middle = np.array([sx, sy]) / n
+    line.origin = line.origin + middle - float(middle @ line.direction) * line.direction
+    shift = float(middle @ line.direction) * line.direction - middle  # back into the sums
+    line.sums = np.array(
+        [
+            n,
+            sx + n * shift[0],
+            sy + n * shift[1],
+            sxx + 2 * shift[0] * sx + n * shift[0] ** 2,
+            sxy + shift[0] * sy + shift[1] * sx + n * shift[0] * shift[1],
+            syy + 2 * shift[1] * sy + n * shift[1] ** 2,
+        ]
+    )
+
+
+def _to_and_fro(
+    start: float, sense: float, way: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and senses after ways walked from a start, turning at the ends that are known (not NaN)."""
+    at = start + sense * way
+    if math.isfinite(low) and math.isfinite(high) and high - low > 0.05:
+        length = high - low
+        inside = np.clip(start, low, high)
+        phase = (inside - low if sense > 0.0 else 2.0 * length - (inside - low)) + way
+        phase = phase % (2.0 * length)
+        forth = phase <= length
+        return low + np.where(forth, phase, 2.0 * length - phase), np.where(forth, 1.0, -1.0)
+    senses = np.full(len(way), sense)
+    end = high if sense > 0.0 else low
+    if math.isfinite(end):
+        end = max(end, start) if sense > 0.0 else min(end, start)
+        over = sense * (at - end) > 0.0
+        at = np.where(over, 2.0 * end - at, at)
+        senses = np.where(over, -sense, senses)
+    return at, senses
