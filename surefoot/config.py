@@ -7,6 +7,7 @@ beside its results, and that file runs again to the same numbers.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -151,8 +152,15 @@ class Config:
             raise ConfigError(f"renderer={self.renderer!r} is unknown; choose auto, egl or tiny")
 
 
-WALKED_LOCALISER = LocaliserConfig(slip_m=0.001, slip_sigma_m=0.001, step_y_sigma_m=0.0008)
-"""What the odometry of the dynamic body needs: play lets its steps come out a millimetre longer."""
+WALKED_LOCALISER = LocaliserConfig(
+    slip_m=0.001,
+    slip_sigma_m=0.001,
+    drift_sigma_rad=math.radians(0.25),
+    step_y_sigma_m=0.0008,
+    still_sigma_m=0.001,
+    still_sigma_rad=math.radians(0.1),
+)
+"""What the odometry of the dynamic body needs: its steps come out a millimetre longer and turn to one side."""
 
 
 def fitted(config: Config) -> Config:

@@ -155,10 +155,10 @@ def links(body: Anatomy) -> list[Link]:
         chest = "waist"
     head, neck_kg = body.head_m, body.head_kg
     found.append(
-        Link("pan", chest, Z, (0, 0, body.neck_m), neck_kg[0], NOWHERE, (0.02, 0.02, 0.02))
+        Link("pan", chest, Z, (0.0, 0.0, body.neck_m), neck_kg[0], NOWHERE, (0.02, 0.02, 0.02))
     )
     middle = (0.0, 0.0, head[2] / 2)
-    found.append(Link("tilt", "pan", Y, (0, 0, body.tilt_m), neck_kg[1], middle, head, True))
+    found.append(Link("tilt", "pan", Y, (0.0, 0.0, body.tilt_m), neck_kg[1], middle, head, True))
     for side, sign in SIDES:
         found += _arm(body, chest, side, sign) + _leg(body, side, sign)
     return found
@@ -172,16 +172,16 @@ def _leg(body: Anatomy, side: str, sign: float) -> list[Link]:
     parts = (
         (Z, (0.0, sign * body.hip_half_m, 0.0), yaw, NOWHERE, small, False),
         (X, NOWHERE, roll, NOWHERE, small, False),
-        (Y, NOWHERE, thigh, (0, 0, -body.thigh_m / 2), (thick, thick, body.thigh_m), False),
+        (Y, NOWHERE, thigh, (0.0, 0.0, -body.thigh_m / 2), (thick, thick, body.thigh_m), False),
         (
             Y,
-            (0, 0, -body.thigh_m),
+            (0.0, 0.0, -body.thigh_m),
             shank,
-            (0, 0, -body.shank_m / 2),
+            (0.0, 0.0, -body.shank_m / 2),
             (thick, thick, body.shank_m),
             False,
         ),
-        (Y, (0, 0, -body.shank_m), ankle, NOWHERE, small, False),
+        (Y, (0.0, 0.0, -body.shank_m), ankle, NOWHERE, small, False),
         (X, NOWHERE, foot, sole, body.foot_m, True),
     )
     return _chain("torso", side, LEG_JOINTS, parts)
@@ -195,19 +195,19 @@ def _arm(body: Anatomy, chest: str, side: str, sign: float) -> list[Link]:
     shoulder, arm, hand = body.arm_kg
     parts = [
         (Y, (x, sign * y, z), shoulder, NOWHERE, small, False),
-        (X, NOWHERE, arm, (0, 0, -upper / 2), (width, width, upper), True),
-        (Y, (0, 0, -upper), hand, (0, 0, -lower / 2), (width, width, lower), True),
+        (X, NOWHERE, arm, (0.0, 0.0, -upper / 2), (width, width, upper), True),
+        (Y, (0.0, 0.0, -upper), hand, (0.0, 0.0, -lower / 2), (width, width, lower), True),
     ]
     names = ["shoulder_pitch", "shoulder_roll", "elbow"]
     if body.full:
-        parts.insert(2, (Z, (0, 0, -upper), 0.2 * hand, NOWHERE, small, False))
+        parts.insert(2, (Z, (0.0, 0.0, -upper), 0.2 * hand, NOWHERE, small, False))
         parts[3] = (Y, NOWHERE, 0.8 * hand, *parts[3][3:])
         names.insert(2, "elbow_yaw")
     return _chain(chest, side, names, parts)
 
 
 def _chain(parent: str, side: str, names: object, parts: object) -> list[Link]:
-    found = []
+    found: list[Link] = []
     for name, (axis, origin, mass, middle, size, solid) in zip(names, parts, strict=True):  # type: ignore[call-overload]
         found.append(Link(f"{side}_{name}", parent, axis, origin, mass, middle, size, solid))
         parent = f"{side}_{name}"

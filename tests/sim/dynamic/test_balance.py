@@ -1,0 +1,121 @@
+"""Attitude, landing and odometry, each against what must come out on paper."""
+
+import math
+
+import numpy as np
+import pytest
+
+from perception.primitives.pose import Pose2, wrap_angle
+from planning.commands import WalkCommand
+from sim.dynamic.anatomy import DARWIN
+from sim.dynamic.balance import Attitude, BalanceConfig, Landing
+from sim.dynamic.legs import Legs
+from sim.dynamic.odometry import FootToFoot
+from sim.gait import GRAVITY_MPS2, Gait, GaitConfig
+
+TICK_S = 0.005
+
+
+def upward(roll, pitch):
+    """The vertical in a trunk that is rolled, then pitched (fixed axes)."""
+    return np.array(
+        [-math.sin(pitch), math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch)]
+    )
+
+
+def test_the_vertical_follows_a_turning_trunk_by_gyro_alone():
+    attitude = Attitude(BalanceConfig(attitude_s=1e9), TICK_S)
+    angle = 0.0
+    for k in range(400):
+        rate = 0.8 * math.cos(k * TICK_S)
+        angle += rate * TICK_S
+        attitude.feel(np.array([0.0, rate, 0.0]), np.array([0.0, 0.0, 9.81]), np.zeros(2))
+    assert attitude.tilt == pytest.approx((0.0, angle), abs=2e-3)
+
+
+def test_at_rest_the_accelerometer_has_the_last_word_and_the_bias_is_learnt():
+    attitude = Attitude(BalanceConfig(), TICK_S)
+    bias = np.array([0.01, -0.02, 0.0])
+    force = GRAVITY_MPS2 * upward(0.05, -0.03)
+    for _ in range(8000):
+        attitude.feel(bias, force, np.zeros(2))
+    assert attitude.tilt == pytest.approx((0.05, -0.03), abs=1e-4)
+    np.testing.assert_allclose(attitude._bias[:2], bias[:2], atol=5e-4)
+
+
+def test_planned_acceleration_does_not_lean_the_vertical():
+    attitude = Attitude(BalanceConfig(), TICK_S)
+    for k in range(2000):
+        sway = 1.5 * math.sin(2 * math.pi * 0.77 * k * TICK_S)
+        attitude.feel(np.zeros(3), np.array([0.0, sway, GRAVITY_MPS2]), np.array([0.0, sway]))
+    assert attitude.tilt == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_levelled_axes_undo_the_tilt():
+    attitude = Attitude(BalanceConfig(), TICK_S)
+    attitude.up = upward(0.1, -0.2)
+    np.testing.assert_allclose(attitude.level() @ attitude.up, [0, 0, 1], atol=1e-12)
+    # a trunk that turns about the vertical turns its heading just so fast
+    assert attitude.turning(0.7 * attitude.up) == pytest.approx(0.7, abs=1e-12)
+
+
+def walking_step():
+    gait = Gait(GaitConfig())
+    gait.step(WalkCommand(0.04))
+    return gait.step(WalkCommand(0.04))
+
+
+def test_a_sole_that_meets_the_floor_early_stays_where_it_is():
+    step, landing = walking_step(), Landing(BalanceConfig(), TICK_S)
+    swinging = 0 if step.swing > 0 else 1
+    touched = None
+    for tick in range(step.double_support_ticks, step.ticks):
+        early = tick >= step.ticks - 8
+        landing.advance(step, tick, 5.0 if early else 0.0)
+        height = step.lift[tick] + landing.heights[swinging]
+        if early and touched is None:
+            touched = height
+        if touched is not None:
+            assert height == pytest.approx(max(touched, step.lift[tick]), abs=1e-12)
+    assert touched is not None
+    assert landing.heights[1 - swinging] == 0.0
+
+
+def test_a_sole_in_the_air_is_let_down_no_further_than_allowed():
+    step, landing = walking_step(), Landing(BalanceConfig(), TICK_S)
+    standing = 1 if step.swing > 0 else 0
+    for tick in range(step.double_support_ticks):
+        landing.advance(step, tick, 0.0)
+        lowered = -min(0.03 * TICK_S * (tick + 1), 0.006)  # what fades of it meanwhile comes off
+        assert lowered - 1e-12 <= landing.heights[standing] <= 0.85 * lowered
+    assert landing.waits(step, 0, 0.0)
+    assert not landing.waits(step, 0, 10.0)
+    assert not landing.waits(step, 1, 0.0)
+
+
+def test_waiting_for_a_foot_ends():
+    step, landing = walking_step(), Landing(BalanceConfig(wait_s=0.1), TICK_S)
+    waited = 0
+    while landing.waits(step, 0, 0.0):
+        waited += 1
+    assert waited == 20
+
+
+def test_foot_to_foot_is_exact_where_soles_do_not_slip():
+    legs, gait = Legs(DARWIN), Gait(GaitConfig())
+    rng = np.random.default_rng(5)
+    angles = legs.stand(np.zeros(2), GaitConfig().stance_width_m)
+    odometry = FootToFoot(legs, angles)
+    for _ in range(12):
+        step = gait.step(WalkCommand(*rng.uniform([-0.02, -0.02, -0.2], [0.06, 0.02, 0.2])))
+        pelvis = legs.carry(step, angles)
+        left, right = legs.ankles(step)
+        for k in range(step.ticks):
+            angles = legs.solve(pelvis[k], left[k], right[k])
+            if 2 * k >= step.double_support_ticks:
+                odometry.read(angles, -step.swing)
+        there = odometry.body(angles)
+        x, y, yaw = step.body[-1]
+        assert (there.x, there.y) == pytest.approx((x, y), abs=1e-9)
+        assert wrap_angle(there.yaw - yaw) == pytest.approx(0.0, abs=1e-9)
+    assert odometry.pelvis(angles) != Pose2()
