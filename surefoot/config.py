@@ -26,6 +26,7 @@ from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.obstacles import TrackerConfig
 from perception.localisation.registration import RegistrationConfig
+from perception.monocular.cycle import MonocularConfig
 from perception.primitives.errors import ConfigError
 from perception.stereo import StereoConfig
 from perception.structured_light import StructuredLightConfig
@@ -72,7 +73,11 @@ class ReachesConfig:
     depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect kind: steps of centimetres beyond 4 m
 
 
-PLANNERS = {"search": "navigator:Navigator", "field": "field_planner:FieldPlanner"}
+PLANNERS = {
+    "search": "navigator:Navigator",
+    "field": "field_planner:FieldPlanner",
+    "swarm": "swarm_planner:SwarmPlanner",
+}
 """Who may decide the next footstep: name to module and class of this package."""
 
 
@@ -138,6 +143,7 @@ class Config:
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = field(default_factory=FieldConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
+    monocular: MonocularConfig = field(default_factory=MonocularConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
     gaze: GazeConfig = field(default_factory=GazeConfig)
 

@@ -1,5 +1,8 @@
 """From one monocular cycle to what the tracker takes: discs on the floor, and where it can be seen.
 
+Seams between planks have not always the colours of the floor. What is flatter or narrower than anything that
+could be run into is floor all the same (`Sight`).
+
 An obstacle's contact edge is the near half of its outline. Its two ends are the tangents from the eye and its
 middle is its nearest point, which makes a disc; so wide an edge that no disc of that size moves, or one cut
 off by the border of the picture, is left to the objective. A walking trunk trembles by half a degree,
@@ -12,59 +15,88 @@ Source: ours; the edges are those of seed 000, section 3.2.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from perception.localisation.track import Detection
-from perception.monocular.back_projection import project
-from perception.monocular.result import MonocularResult, Picture, SeenObstacle
+from perception.monocular.back_projection import FARTHEST_M, floor_points, project
+from perception.monocular.edges import find_edges
+from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 
 PITCH_RAD, YAW_RAD, ROLL_RAD = (math.radians(v) for v in (0.7, 0.5, 0.7))  # walking trials
 HEIGHT_M = 0.004  # walking trials: of the eye
 EDGE_PX = 1.0  # ours: of a contact edge
-WIDEST_M = 0.35  # ours: half of it is the greatest radius of a track of the tracker
+WIDEST_M = 0.13  # ours: radius; robots that move have up to 0.10, and part of a box is none of them
 BORDER_PX = 2  # ours: an edge this near to the border goes on beyond it
+THIN_PX = 5  # ours: seams and noise; a robot of 7 cm has 8 px at 3 m
+NARROW_M, FLAT_M = 0.03, 0.02  # ours: of 7 and 5.5 cm are the smallest robots to be met
+GAP_PX = (3, 7)  # ours: columns of floor that must show beside an end of an edge
 RING = np.stack([np.cos(np.arange(16) * math.pi / 8), np.sin(np.arange(16) * math.pi / 8)], axis=1)
 
 
-def detections(result: MonocularResult, robot: Pose2, farthest_m: float) -> list[Detection]:
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What one picture shows, seams and specks taken for the floor they are.
+
+    Args:
+        picture: And where it was taken.
+        ground: 255 where floor is seen.
+        edges: Of each obstacle the lowest pixel (u, v) of each of its columns.
+        contacts: The same on the floor, world frame, m; NaN beyond 6 m.
+    """
+
+    picture: Picture
+    ground: UInt8[np.ndarray, "h w"]
+    edges: tuple[Int[np.ndarray, "_ 2"], ...]
+    contacts: tuple[Float[np.ndarray, "_ 2"], ...]
+
+    def shows_floor(self, places: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+        """At which places, world frame, m, this picture shows bare floor."""
+        height, width = self.ground.shape
+        pixels = project(places, self.picture.camera, self.picture.T_world_camera)
+        inside = np.isfinite(pixels).all(axis=1)
+        column, row = np.nan_to_num(np.rint(pixels), nan=-1.0).astype(np.intp).T
+        inside &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        answer = np.zeros(len(places), dtype=bool)
+        answer[inside] = self.ground[row[inside], column[inside]] > 0
+        return answer
+
+
+def sight(result: MonocularResult) -> Sight:
+    """Take a cycle's picture in."""
+    picture = result.current
+    ground = _without_specks(result.ground, picture)
+    edges = find_edges(ground).groups
+    contacts = tuple(
+        floor_points(edge.astype(np.float64), picture.camera, picture.T_world_camera, FARTHEST_M)
+        for edge in edges
+    )
+    return Sight(picture, ground, edges, contacts)
+
+
+def detections(seen: Sight, robot: Pose2, farthest_m: float) -> list[Detection]:
     """Every obstacle of a picture that may be a disc, body frame.
 
     Args:
-        result: Of the cycle.
-        robot: The pose that its pictures were placed by, world frame.
+        seen: The picture.
+        robot: The pose that it was placed by, world frame.
         farthest_m: Beyond this distance nothing is reported.
     """
-    found = [_disc(seen, result.current, robot) for seen in result.obstacles]
+    found = [
+        _disc(edge, contact, seen.picture, robot)
+        for edge, contact in zip(seen.edges, seen.contacts, strict=True)
+        if _alone(edge, seen.ground)
+    ]
     return [
         disc
         for disc in found
         if disc is not None and float(np.hypot(*disc.position)) - disc.radius_m <= farthest_m
     ]
-
-
-def floor_seen(
-    result: MonocularResult,
-) -> Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]:
-    """At which places, world frame, m, this picture shows bare floor."""
-    picture, ground = result.current, result.ground
-    height, width = ground.shape
-
-    def seen(places: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
-        pixels = project(places, picture.camera, picture.T_world_camera)
-        inside = np.isfinite(pixels).all(axis=1)
-        column, row = np.nan_to_num(np.rint(pixels), nan=-1.0).astype(np.intp).T
-        inside &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        answer = np.zeros(len(places), dtype=bool)
-        answer[inside] = ground[row[inside], column[inside]] > 0
-        return answer
-
-    return seen
 
 
 def without_movers(
@@ -93,15 +125,53 @@ def without_movers(
     return movable
 
 
-def _disc(seen: SeenObstacle, picture: Picture, robot: Pose2) -> Detection | None:
+def _without_specks(ground: UInt8[np.ndarray, "h w"], picture: Picture) -> UInt8[np.ndarray, "h w"]:
+    """The ground with everything filled that is too thin, too narrow or too flat to be an obstacle."""
+    filled = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((THIN_PX, THIN_PX), np.uint8))
+    height, width = filled.shape
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(
+        cv2.bitwise_not(filled), connectivity=8, ltype=cv2.CV_16U
+    )
+    left, top, wide, high = (boxes[:, k] for k in range(4))
+    feet = np.stack([left + wide / 2.0, (top + high).astype(np.float64)], axis=1)
+    reach = floor_points(feet, picture.camera, picture.T_world_camera, math.inf)
+    eye = picture.T_world_camera.position
+    ray = np.sqrt(((reach - eye[:2]) ** 2).sum(axis=1) + eye[2] ** 2)
+    with np.errstate(invalid="ignore"):
+        small = (wide * ray / picture.camera.fx < NARROW_M) | (
+            high * ray / picture.camera.fy < FLAT_M
+        )
+    border = (left == 0) | (top == 0) | (left + wide == width) | (top + high == height)
+    small &= ~border
+    small[0] = False
+    if count > 1 and small.any():
+        filled[small[labels]] = 255
+    return np.asarray(filled, np.uint8)
+
+
+def _alone(edge: Int[np.ndarray, "m 2"], ground: UInt8[np.ndarray, "h w"]) -> bool:
+    """Whether floor shows beside both ends of an edge, and a little above: nothing hides or touches it."""
+    height, width = ground.shape
+    for end, side in ((0, -1), (-1, 1)):
+        u, v = (int(value) for value in edge[end])
+        columns = np.clip(u + side * np.arange(GAP_PX[0], GAP_PX[1]), 0, width - 1)
+        rows = np.clip(v - np.arange(0, GAP_PX[1]), 0, height - 1)
+        if not ground[np.ix_(rows, columns)].all():
+            return False
+    return True
+
+
+def _disc(
+    edge: Int[np.ndarray, "m 2"], contact: Float[np.ndarray, "m 2"], picture: Picture, robot: Pose2
+) -> Detection | None:
     """The disc that shows this edge; None where it is none, or goes on out of sight."""
     width, height = picture.camera.width, picture.camera.height
-    columns, rows = seen.edge[:, 0], seen.edge[:, 1]
+    columns, rows = edge[:, 0], edge[:, 1]
     if columns.min() < BORDER_PX or columns.max() > width - 1 - BORDER_PX:
         return None
     if rows.max() > height - 1 - BORDER_PX:
         return None
-    points = seen.contact_world[np.isfinite(seen.contact_world).all(axis=1)]
+    points = contact[np.isfinite(contact).all(axis=1)]
     if len(points) < 2:
         return None
     eye = picture.T_world_camera.position

@@ -1,0 +1,242 @@
+"""The map-free walker of seed 000: from the colour picture and the pose alone to the next footstep.
+
+Each picture tells where floor is and where things touch it. What the tracks say will be taken by the end of
+the next step is cut out of the floor, the best pixel of what is left is searched, and the footstep goes
+there. The seed stops here; its robot, as slow as those it meets, is run into from the side. So the step
+passes the guard, which knows the tracks and the places where things were seen to touch the floor.
+
+Source: seed 000, sections 2 to 5; tracks and guard are ours.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.monocular.cycle import Monocular
+from perception.monocular.result import MonocularResult, Picture
+from perception.primitives.frame import Frame
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
+from planning import guard
+from planning.commands import GazeCommand, WalkCommand
+from planning.swarm import command, search
+from planning.swarm.corners import Corners
+from planning.swarm.objective import Objective
+from planning.swarm.standing import Standing
+
+from . import monocular_tracks
+from .config import Config
+from .goals import Goals
+from .pipeline import Estimate, Pipeline
+from .planners import Decision
+
+MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
+BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
+NEAR_GOAL_M = 0.45  # ours: a goal this near lies before the picture's lowest rows
+
+
+class SwarmPlanner:
+    """Walks to one goal after the other, or to the one that holds at the time."""
+
+    def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
+        """Set out.
+
+        Args:
+            config: Of everything.
+            goals: Where to walk, map frame, m.
+        """
+        self._config, self._settings = config, config.swarm
+        self._goals = (
+            MovingGoals(goals, config)
+            if config.swarm.goal_times_s
+            else Goals(goals, config.mission)
+        )
+        self._monocular = Monocular(config.monocular)
+        self._corners = Corners()
+        self._standing = Standing(config.swarm.standing)
+        self._rng = np.random.default_rng([config.seed, 40])
+        self.result: MonocularResult | None = None
+        """Of the last picture, for display."""
+        self.sight: monocular_tracks.Sight | None = None
+        """What was made of it."""
+        self._previous: Picture | None = None
+        self.best: search.Best | None = None
+        """The pixel last chosen, for display."""
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far."""
+        return self._goals.reached
+
+    def distance_to_goal(self, estimate: Estimate) -> float:
+        """From the estimated pose to the present goal, m; 0 when all are reached."""
+        return self._goals.distance(estimate)
+
+    def finished(self, estimate: Estimate) -> bool:
+        """Whether the last goal is reached or the time is up."""
+        return self._goals.finished(estimate)
+
+    def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
+        """See where floor and obstacles are, tell the tracker, remember contacts."""
+        colour = frame.colour
+        if colour is None or colour.T_body_camera is None or estimate.pose is None:
+            return
+        robot = estimate.pose2
+        picture = Picture(
+            colour.rgb, colour.camera, robot.lifted() @ colour.T_body_camera, frame.stamp_s
+        )
+        paired = self._settings.prediction == "flow" and self._previous is not None
+        self.result = self._monocular.cycle(self._previous if paired else None, picture)
+        self._previous = picture
+        self.sight = seen = monocular_tracks.sight(self.result)
+        found = monocular_tracks.detections(seen, robot, self._settings.detect_to_m)
+        here = np.array([robot.x, robot.y])
+
+        def in_view(places: Float[np.ndarray, "n 2"]) -> np.ndarray:
+            near = np.hypot(*(places - here).T) < self._settings.detect_to_m
+            return np.asarray(seen.shows_floor(places) & near)
+
+        pipeline.tracker.update(frame.stamp_s, found, estimate.pose, in_view)
+        self._standing.update(
+            frame.stamp_s,
+            here,
+            np.concatenate([np.empty((0, 2)), *seen.contacts]),
+            seen.shows_floor,
+        )
+
+    def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
+        """The next footstep; the head stays bowed."""
+        gaze = GazeCommand(0.0, math.radians(self._settings.tilt_deg))
+        goal = self._goals.present
+        colour, result = frame.colour, self.result
+        if goal is None or colour is None or colour.T_body_camera is None:
+            return Decision(WalkCommand(), gaze, "blocked")
+        if result is None or self.sight is None:
+            return Decision(WalkCommand(), gaze, "blocked")
+        if abs(_tilt(result.current) - gaze.tilt_rad) > math.radians(10.0):
+            return Decision(WalkCommand(), gaze, "survey")  # the head is not yet bowed
+        robot = estimate.pose2
+        gait = self._config.guard.gait
+        self._corners.update(
+            result.corners_blocked, result.nearest_m, gait.cruise_mps * gait.step_s
+        )
+        obstacles = [
+            o.gone_straight() if o.moving >= MOVER else o for o in pipeline.tracker.obstacles
+        ]
+        movers = [o for o in obstacles if o.moving >= MOVER]
+        movable = (
+            result.movable
+            if self._settings.prediction == "flow"
+            else monocular_tracks.without_movers(
+                self.sight.ground, result.current, movers, result.horizon_s
+            )
+        )
+        objective = Objective.of(
+            movable,
+            colour.camera,
+            colour.T_body_camera,
+            robot,
+            goal,
+            self._settings.objective,
+            self._corners.blocked,
+        )
+        self.best = search.find(objective, self._settings.search, self._rng)
+        place = None if self.best is None else objective.place(self.best.pixel)
+        desired, target, why = self._wish(place, robot, goal)
+        if not self._settings.guarded:
+            return Decision(desired, gaze, why)
+        walk = self._guarded(desired, target, estimate, movers)
+        return Decision(walk, gaze, why if walk == desired else "guard")
+
+    def _wish(
+        self, place: Float[np.ndarray, "2"] | None, robot: Pose2, goal: Float[np.ndarray, "2"]
+    ) -> tuple[WalkCommand, Float[np.ndarray, "2"], str]:
+        """The step that is wanted, where to, and why; place is that of the best pixel, if there is one."""
+        gait = self._config.guard.gait
+        here = np.array([robot.x, robot.y])
+        if abs(command.angle_to(goal, robot)) > self._settings.objective.window_rad:
+            return command.turning(goal, robot, gait), goal, "turn"
+        if float(np.hypot(*(goal - here))) < NEAR_GOAL_M:
+            return command.towards(goal, robot, gait), goal, "walk"
+        if place is None:
+            return command.turning(goal, robot, gait), goal, "blocked"
+        if self._settings.objective.literal:
+            return command.printed(place, robot, gait), place, "walk"
+        return command.towards(place, robot, gait), place, "walk"
+
+    def _guarded(
+        self,
+        desired: WalkCommand,
+        target: Float[np.ndarray, "2"],
+        estimate: Estimate,
+        movers: Sequence[Obstacle],
+    ) -> WalkCommand:
+        """The step that the guard lets pass; what stands it knows by the places of contact."""
+        assert estimate.pose is not None
+        standing = self._standing.apart_from(
+            np.array([o.position for o in movers]).reshape(-1, 2),
+            np.array([o.radius_m + BESIDE_M for o in movers]),
+        )
+        unknown = self._standing.never_seen(estimate.stamp_s, estimate.pose.mean[:2])
+        return guard.choose(
+            desired,
+            estimate.pose,
+            movers,
+            np.concatenate([standing, unknown]),
+            target,
+            self._config.guard,
+            estimate.stamp_s,
+        )
+
+
+class MovingGoals:
+    """One goal at a time, each from a stamp on, reached or not; only the last one ends the mission.
+
+    Source: seed 000, section 6.5.1.
+    """
+
+    def __init__(self, goals: Sequence[tuple[float, float]], config: Config) -> None:
+        """Set out.
+
+        Args:
+            goals: One for each of `config.swarm.goal_times_s`; more of them never hold.
+            config: Times, tolerance, time limit.
+        """
+        self._goals = [np.array(goal) for goal in goals]
+        self._times = config.swarm.goal_times_s[: len(goals)]
+        self._mission = config.mission
+        self._reached: set[int] = set()
+        self._index = 0
+
+    @property
+    def reached(self) -> int:
+        """Goals reached while they held."""
+        return len(self._reached)
+
+    @property
+    def present(self) -> Float[np.ndarray, "2"] | None:
+        """The goal that holds, map frame, m."""
+        return self._goals[self._index] if self._goals else None
+
+    def distance(self, estimate: Estimate) -> float:
+        """From the estimated pose to the present goal, m."""
+        if self.present is None or estimate.pose is None:
+            return 0.0
+        return float(np.linalg.norm(self.present - estimate.pose.mean[:2]))
+
+    def finished(self, estimate: Estimate) -> bool:
+        """Note what is reached, move on by the clock; whether the last goal is reached or the time is up."""
+        self._index = max(0, bisect.bisect_right(self._times, estimate.stamp_s) - 1)
+        if estimate.pose is not None and self.distance(estimate) <= self._mission.tolerance_m:
+            self._reached.add(self._index)
+        done = len(self._goals) - 1 in self._reached
+        return done or not self._goals or estimate.stamp_s >= self._mission.time_limit_s
+
+
+def _tilt(picture: Picture) -> float:
+    return math.asin(max(-1.0, min(1.0, -float(picture.T_world_camera.rotation[2, 2]))))
