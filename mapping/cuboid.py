@@ -203,7 +203,7 @@ def _outline(
 
 
 def _top(
-    inside: Points3, outline: Points3, pitch: float, config: CuboidConfig
+    inside: Points3, outline: Float[np.ndarray, "m 3"], pitch: float, config: CuboidConfig
 ) -> tuple[float, float, bool]:
     """Height of the top, its deviation, and whether the upper face is seen."""
     height = inside[:, 2]
@@ -248,6 +248,7 @@ class _Sides:
 
 def _heading(plan: Float[np.ndarray, "n 2"]) -> float:
     """First guess: the heading whose rectangle has the most points close to its sides."""
+    plan = plan[:: max(1, len(plan) // 400)]
     best, chosen = -1.0, 0.0
     for degrees in range(90):
         yaw = math.radians(degrees)
@@ -266,7 +267,7 @@ def _axes(yaw: float) -> Float[np.ndarray, "2 2"]:
     return np.array([[c, -s], [s, c]])
 
 
-def _sides(ends: Points3, faces: Points3, config: CuboidConfig) -> _Sides:
+def _sides(ends: Points3, faces: Float[np.ndarray, "m 3"], config: CuboidConfig) -> _Sides:
     """Heading and sides by least squares: faces lie on them, and so do all points of the outline."""
     plan = np.concatenate([ends[:, :2], faces[:, :2]])
     is_face = np.arange(len(plan)) >= len(ends)
@@ -321,8 +322,8 @@ def _cuboid(
     floor: Plane,
     config: CuboidConfig,
 ) -> Cuboid | None:
-    size = sides.at[1::2] - sides.at[::2]
-    if not np.all(size > 0.0):
+    size = np.maximum(sides.at[1::2] - sides.at[::2], 0.0)
+    if not np.any(size > config.thin_m):
         return None
     own = np.where(sides.by_face, 0.0, 0.5 * pitch)
     sigmas = np.hypot(sides.sigma, own)
