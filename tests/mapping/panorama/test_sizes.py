@@ -1,0 +1,162 @@
+"""Sizes of what stands in a panorama: simulated boxes that are known, by a camera with all its errors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mapping.panorama.adjustment import Placed
+from mapping.panorama.rendering import render
+from mapping.panorama.sizes import SizeConfig, surroundings
+from mapping.panorama.stitching import Panorama, StitchConfig, stitch
+from mapping.panorama.views import View, view_of_depth
+from perception import time_of_flight
+from perception.features.pictures import amplitude_picture
+from perception.primitives.errors import ConfigError
+from perception.primitives.frame import RangeView
+from perception.primitives.pose import Pose2, Pose3, head_rotation
+from sim.rays import RayCaster
+from sim.rooms import walls
+from sim.scenes import FloorArea, Scene, Thing
+from sim.shapes import Box
+from sim.tof_camera import TofCamera, TofConfig
+
+EXTENT = (-0.8, -2.2, 3.4, 2.2)
+CALIBRATED = time_of_flight.TofConfig(wiggle_m=0.004, stray_share=0.02)
+
+
+def head(pan, tilt):
+    rotation = head_rotation(pan, tilt)
+    lever = rotation @ np.array([0.0, -0.035, 0.035])
+    return Pose3.from_rotation(rotation, np.array([0.0, 0.0, 0.55]) + lever)
+
+
+def views_of(boxes, seed=0, error_deg=0.0, yaws=(15.0, -15.0)):
+    things = tuple(Thing(f"box {k}", (box,), 0.6) for k, box in enumerate(boxes))
+    floor = (FloorArea("planks/pine", EXTENT),)
+    room = walls(EXTENT, ("wall/white",) * 4)
+    caster = RayCaster(Scene("test", 0, EXTENT, floor, room + things, (), (), Pose2(), ((1.0, 0.0),)))  # fmt: skip
+    caster.place([])
+    rng = np.random.default_rng([seed, 7])
+    camera = TofCamera(TofConfig(), rng)
+    views, true = [], []
+    for yaw in yaws:
+        off = math.radians(error_deg) * rng.standard_normal(2)
+        prior, pose = (head(math.radians(yaw) + a, 0.3 + b) for a, b in ((0.0, 0.0), off))
+        range_m, amplitude = camera.measure(caster, pose)
+        depth = time_of_flight.depth(
+            RangeView(range_m, amplitude, camera.camera, prior), CALIBRATED
+        )
+        views.append(view_of_depth(depth, 5.0, amplitude_picture(amplitude), prior))
+        true.append(pose)
+    return views, true
+
+
+def exactly(views, poses):
+    """The panorama of poses that are known."""
+    placed = [Placed(pose, 1e-8 * np.eye(6), "encoders", 0, np.zeros(len(poses))) for pose in poses]
+    return Panorama(placed, [], render(views, placed))
+
+
+def box(x, y, depth, width, height, yaw=0.0):
+    return Box((x + depth / 2, y, height / 2), (depth, width, height), yaw)
+
+
+@pytest.fixture(scope="module")
+def three():
+    """Three boxes at known places, seen with known poses."""
+    boxes = [
+        box(1.1, 0.55, 0.2, 0.30, 0.30), box(1.3, 0.0, 0.3, 0.25, 0.40), box(0.9, -0.45, 0.2, 0.2, 0.2)
+    ]  # fmt: skip
+    views, true = views_of(boxes)
+    return boxes, surroundings(exactly(views, true), views)
+
+
+def test_things_are_listed_from_left_to_right_with_their_sizes(three):
+    boxes, seen = three
+    assert len(seen) == 3
+    for true, found in zip(boxes, seen.obstacles, strict=True):
+        front = true.centre[0] - true.size[0] / 2
+        assert found.distance_m == pytest.approx(front, abs=0.005)
+        assert found.height_m == pytest.approx(true.size[2], abs=0.005)
+        assert found.width_m == pytest.approx(true.size[1], abs=0.006)
+        assert found.levels[0] == pytest.approx(front / 0.05 + 1, abs=1.2)
+        assert not found.cut_top
+
+
+def test_edges_lie_at_the_corners(three):
+    boxes, seen = three
+    true, found = boxes[1], seen.obstacles[1]
+    front, half = true.centre[0] - true.size[0] / 2, true.size[1] / 2
+    assert found.left_rad == pytest.approx(math.atan2(half, front), abs=math.radians(0.25))
+    assert found.right_rad == pytest.approx(-math.atan2(half, front), abs=math.radians(0.25))
+
+
+def test_gaps_are_the_free_widths(three):
+    boxes, seen = three
+    for k, gap in enumerate(seen.gaps[1:-1]):
+        left, right = boxes[k], boxes[k + 1]
+        free = left.centre[1] - left.size[1] / 2 - right.centre[1] - right.size[1] / 2
+        assert gap.width_m == pytest.approx(free, abs=0.008)
+        assert 0.0 < gap.sigma_width_m < 0.02
+
+
+def test_what_is_behind_something_says_so():
+    boxes = [box(0.9, 0.0, 0.1, 0.2, 0.5), box(1.6, 0.25, 0.2, 0.6, 0.4)]
+    views, true = views_of(boxes)
+    behind = max(surroundings(exactly(views, true), views).obstacles, key=lambda o: o.distance_m)
+    assert behind.cut_right
+    assert not behind.cut_left
+
+
+def test_walls_end_above_what_counts():
+    views, true = views_of([box(1.2, 0.0, 0.2, 0.3, 0.3), box(1.9, 0.5, 0.1, 0.4, 1.5)])
+    seen = surroundings(exactly(views, true), views).obstacles
+    assert [one.cut_top for one in seen if one.distance_m < 2.2] == [True, False]
+
+
+def test_widths_and_distances_hold_what_they_claim_with_encoders_off():
+    """Rows across two views: the error in deviations is about one, and a row keeps within 2 %."""
+    inside, off = [], []
+    for seed in range(6):
+        width, distance = 0.7 + 0.1 * seed, 1.05 + 0.04 * seed
+        views, _ = views_of([box(distance, 0.02, 0.3, width, 0.32)], seed, error_deg=0.5)
+        panorama = stitch(views, np.random.default_rng(seed), StitchConfig())
+        ahead = [o for o in surroundings(panorama, views).obstacles if o.left_rad > 0 > o.right_rad]
+        found = min(ahead, key=lambda o: o.distance_m)
+        off.append(found.width_m / width - 1.0)
+        inside += [
+            abs(found.width_m - width) < 3.0 * found.sigma_width_m,
+            abs(found.distance_m - distance) < 3.0 * found.sigma_distance_m,
+            abs(found.height_m - 0.32) < 3.0 * found.sigma_height_m,
+        ]
+    assert np.max(np.abs(off)) < 0.02
+    assert np.mean(inside) > 0.9
+
+
+def test_nothing_stands_in_an_empty_room():
+    views, true = views_of([])
+    assert [o for o in surroundings(exactly(views, true), views).obstacles if not o.cut_top] == []
+    assert len(surroundings(Panorama([None], [], None), [View(views[0].depth, ())])) == 0
+
+
+def test_a_yaw_that_two_views_share_does_not_widen_what_both_show():
+    """Encoders alone: a row that one view holds is surer than one that two views hold an end of."""
+    views, true = views_of([box(1.2, 0.35, 0.2, 0.3, 0.3), box(1.5, -0.05, 0.2, 1.3, 0.3)])
+    sigma = math.radians(0.5)
+    placed = [
+        Placed(pose, sigma**2 * np.eye(6), "encoders", 0, sigma**2 * np.eye(2)[k])
+        for k, pose in enumerate(true)
+    ]
+    seen = surroundings(Panorama(placed, [], render(views, placed)), views).obstacles
+    narrow, wide = sorted((o for o in seen if o.distance_m < 2.0), key=lambda o: o.width_m)[-2:]
+    assert narrow.sigma_width_m < 0.006
+    assert wide.sigma_width_m > 0.012
+    assert narrow.sigma_left_rad == pytest.approx(sigma, rel=0.1)
+
+
+def test_borders_out_of_order_are_refused():
+    with pytest.raises(ConfigError, match="floor_m"):
+        SizeConfig(floor_m=0.8)
