@@ -69,7 +69,8 @@ def _too_late(
     off = math.acos(min(max(outward, -1.0), 1.0))
     ahead_s = max(off - 0.6, 0.0) / turn_rate + lateral / (0.9 * top)
     aside_s = lateral / max(side * max(abs(outward) if outward < 0.0 else abs(away), 0.1), 1e-3)
-    late = react_s + min(ahead_s, aside_s) - arrives
+    through_s = max(math.pi - off - 0.6, 0.0) / turn_rate + (need + abs(across)) / (0.9 * top)
+    late = react_s + min(ahead_s, aside_s, through_s) - arrives
     if late <= 0.0:
         return 0.0
     return min(late * top, lateral)

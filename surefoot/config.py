@@ -110,6 +110,12 @@ CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0005, 0.000
 """With that calibration little is left that all points of a TOF view have wrong alike (NEES of walks)."""
 
 
+BESIDE_GUARD = FieldConfig(
+    gaze_coupling=False, virtual_obstacles=False, velocity_change=False, uncertainty=False
+)
+"""The published field alone: beside search and guard its additions are the guard's business (study)."""
+
+
 @dataclass(frozen=True)
 class Config:
     """Everything a run depends on."""
@@ -142,6 +148,7 @@ class Config:
     route: RouteConfig = field(default_factory=RouteConfig)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = field(default_factory=FieldConfig)
+    via_field: FieldConfig = BESIDE_GUARD  # the same, to the via points of the search
     guard: GuardConfig = field(default_factory=GuardConfig)
     monocular: MonocularConfig = field(default_factory=MonocularConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)

@@ -7,7 +7,6 @@ where the robot will step.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +15,7 @@ from scipy import ndimage
 
 from mapping.egocentric_grid import EgocentricGrid
 from perception.primitives.frame import Frame
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps
@@ -26,7 +26,7 @@ from planning.gaze.policy import GazePolicy
 from planning.guard import Guard
 from planning.route import Route
 from planning.stepping import Stepper
-from planning.univector import fields
+from planning.univector import motion
 
 from .config import Config
 from .goals import Goals
@@ -63,6 +63,7 @@ class Navigator:
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route)
         self._gaze = GazePolicy(config.gaze)
+        self._speed_mps = 0.0
 
     @property
     def reached(self) -> int:
@@ -129,44 +130,27 @@ class Navigator:
     ) -> tuple[WalkCommand, str]:
         """The field's step towards the via point, if the guard lets it pass."""
         assert estimate.pose is not None
-        config, robot = self._config, estimate.pose2
         desired, why = WalkCommand(), "survey"
         if not self._gaze.surveying:
             why = "blocked" if self._route.path is None else "walk"
         if why == "walk":
-            desired = footsteps.footstep(
-                self._heading(robot, via, obstacles),
-                config.guard.gait.cruise_mps,
-                robot,
-                config.guard.gait,
-            )
+            desired = self._desired(estimate.pose, via, obstacles)
         walk = self._stepper.choose(
             desired, estimate.pose, obstacles, standing, via, estimate.stamp_s
         )
+        self._speed_mps = walk.forward_m / self._config.guard.gait.step_s
         return walk, why if walk == desired else "guard"
 
-    def _heading(
-        self, robot: Pose2, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
-    ) -> float:
-        """Direction of the univector field here, among what moves; what stands is the path's business."""
+    def _desired(
+        self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
+    ) -> WalkCommand:
+        """The field's step among what moves; what stands is the path's business."""
+        config, gait = self._config.via_field, self._config.guard.gait
         movers = [o for o in obstacles if o.moving >= MOVER]
-        config = self._config.univector
-        radii = fields.extended_radius(
-            np.array([o.radius_m for o in movers]),
-            np.array([np.linalg.norm(o.velocity) for o in movers]),
-            np.zeros(len(movers)),
-            config,
-        )
-        direction = fields.total(
-            np.array([[robot.x, robot.y]]),
-            via,
-            None,
-            np.array([o.position for o in movers]).reshape(-1, 2),
-            radii,
-            config,
-            np.array([robot.yaw]),
-        )[0]
-        return math.atan2(float(direction[1]), float(direction[0]))
+        advice = motion.advise(pose, self._speed_mps, movers, via, None, config, gait.step_s)
+        speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
+        x, y, yaw = (float(v) for v in pose.mean)
+        return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
 
 
 def _as_ground(
