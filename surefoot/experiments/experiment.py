@@ -19,6 +19,8 @@ COMPARE: dict[str, Callable[[float, float], bool]] = {
 
 FILES = {
     "000-E2": "swarm_table",
+    "000-E3": "robots_room",
+    "000-E4": "narrow_course",
     "003-E1": "floor_range",
     "003-E2": "stereo_range",
     "003-E3": "grid_shift",

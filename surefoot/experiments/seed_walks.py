@@ -1,0 +1,76 @@
+"""Walks of seed 000's robot in its own worlds: configuration, and when which goal was reached by the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from planning.footsteps import GaitConfig
+from sim import scenes
+from sim.robot import RobotConfig
+from sim.seed_rooms import GOAL_TIMES_S
+
+from ..config import Config, MissionConfig, fitted
+from ..run_folder import RunFolder
+from .people_home import falls_and_contacts
+
+REACHED_M = 0.15  # tolerance of 0.10 m by the estimate, and 5 cm that the estimate may be off
+
+
+def config_of(
+    scene: str,
+    seed: int,
+    limit_s: float,
+    cruise_mps: float = GaitConfig().cruise_mps,
+    body: str = "",
+) -> Config:
+    """The colour camera alone, two pictures a step, goals by the clock.
+
+    Args:
+        scene: "robots_room" or "narrow_course".
+        seed: Of the world.
+        limit_s: When the mission ends at the latest.
+        cruise_mps: Walking speed.
+        body: "kinematic" or "dynamic"; empty for the default.
+    """
+    config = Config(scene=scene, seed=seed)
+    robot = replace(config.robot, tof=False, stereo=False, image_pairs=True)
+    gait = replace(config.guard.gait, cruise_mps=cruise_mps)
+    times = GOAL_TIMES_S[scene]
+    return fitted(
+        replace(
+            config,
+            robot=replace(robot, body=body or RobotConfig().body),
+            guard=replace(config.guard, gait=gait),
+            swarm=replace(config.swarm, goal_times_s=times),
+            mission=MissionConfig(planner="swarm", goals=len(times), time_limit_s=limit_s),
+        )
+    )
+
+
+def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
+    """What became of every goal, footsteps, contacts by class; NaN where a goal did not hold yet.
+
+    Returns:
+        goal<k>_s (when it was reached while it held, NaN if it was not), goal<k>_approach_m (how much
+        nearer the robot came while it held), footsteps, falls, contacts_<class>.
+    """
+    figures = falls_and_contacts(folder, config)
+    walked = folder.read_trajectory("truth/trajectory.txt")
+    assert walked is not None, "a simulated run has its truth"
+    goals = scenes.load(config.scene, config.seed).goals
+    starts = config.swarm.goal_times_s
+    for k, (goal, begin) in enumerate(zip(goals, starts, strict=True)):
+        end = starts[k + 1] if k + 1 < len(starts) else np.inf
+        held = (walked.stamps >= begin) & (walked.stamps < end)
+        away = np.hypot(*(walked.positions[held, :2] - np.array(goal)).T)
+        there = np.flatnonzero(away <= REACHED_M)
+        reached = float(walked.stamps[held][there[0]]) if len(there) else np.nan
+        figures[f"goal{k + 1}_s"] = reached
+        figures[f"goal{k + 1}_approach_m"] = float(away[0] - away.min()) if len(away) else np.nan
+    moved = np.hypot(*np.diff(walked.positions[:, :2], axis=0).T)
+    step_s = config.guard.gait.step_s
+    figures["footsteps"] = float(np.ceil((walked.stamps[-1] - walked.stamps[0]) / step_s))
+    figures["walked_m"] = float(moved.sum())
+    return figures
