@@ -146,9 +146,9 @@ class Tracked:
 
     @property
     def _alone(self) -> bool:
-        """Whether frames came and none of them was laid over another."""
+        """Whether no depth image, or none beside the first, was laid over another."""
         states = self.odometer.states
-        return len(states) > 1 and all(one in (FIRST, LOST, RESTARTED) for one in states)
+        return len(states) != 1 and all(one in (FIRST, LOST, RESTARTED) for one in states)
 
     @property
     def pose(self) -> Gaussian | None:

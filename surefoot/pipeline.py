@@ -36,6 +36,7 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 
 from .config import Config, ReachConfig
+from .odometer import OdometerConfig, Tracked
 from .recordings.recording import RecordingInfo
 from .view import (
     OBSTACLES,
@@ -48,7 +49,7 @@ from .view import (
     standing,
     visibility,
 )
-from .whereabouts import Given, Nowhere, Walker, Whereabouts
+from .whereabouts import Given, Walker, Whereabouts
 
 
 @dataclass(frozen=True)
@@ -335,7 +336,9 @@ def _whereabouts(config: Config, info: RecordingInfo) -> Whereabouts:
     if info.poses_given:
         return Given(info.gravity_up_world, config.prior)
     if info.start is None:
-        return Nowhere()
+        return Tracked(
+            np.random.default_rng(config.seed), config.prior, OdometerConfig(loops=False)
+        )
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None

@@ -56,7 +56,7 @@ def equations(
 def project(
     z: np.ndarray,
     x: np.ndarray,
-    y: float,
+    y: np.float32,
     T: np.ndarray,
     camera: np.ndarray,
     qx: np.ndarray,
@@ -92,7 +92,7 @@ def look_up(
     near: np.ndarray,
     target: np.ndarray,
     camera: np.ndarray,
-    gate: float,
+    gate: np.float32,
     light: np.ndarray,
     has_grey: bool,
     rows: np.ndarray,

@@ -42,6 +42,7 @@ FILES = {
     "004-E5": "panorama_angles",
     "004-features": "feature_study",
     "real-panorama": "real_panorama",
+    "real-odometry": "real_odometry",
 }
 """Where each experiment lives: id to file of this folder. Ids are those of the specification."""
 
