@@ -1,0 +1,139 @@
+"""From the best pixel to a footstep, and what is remembered beside the feet."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.pose import Pose2
+from planning.footsteps import GaitConfig
+from planning.swarm import command
+from planning.swarm.corners import Corners
+from planning.swarm.standing import Standing, StandingConfig
+
+GAIT = GaitConfig()
+metres = st.floats(-3.0, 3.0)
+angles = st.floats(-math.pi, math.pi)
+
+
+@given(metres, metres, angles)
+def test_no_command_turns_farther_than_theta_safety(x, y, yaw):
+    robot, place = Pose2(0.1, 0.2, yaw), np.array([x, y])
+    for walk in (
+        command.towards(place, robot, GAIT),
+        command.printed(place, robot, GAIT),
+        command.turning(place, robot, GAIT),
+    ):
+        assert abs(walk.turn_rad) <= math.radians(14.0) + 1e-12
+
+
+@given(metres, metres, angles, angles)
+def test_turning_world_and_robot_together_changes_no_command(x, y, yaw, turn):
+    world = Pose2(0.0, 0.0, turn)
+    place, robot = np.array([x, y]), Pose2(0.0, 0.0, yaw)
+    if math.hypot(x, y) < 0.01 or abs(abs(command.angle_to(place, robot)) - math.pi) < 1e-3:
+        return
+    before = command.towards(place, robot, GAIT)
+    after = command.towards(world.apply(place), world @ robot, GAIT)
+    assert after.turn_rad == pytest.approx(before.turn_rad, abs=1e-9)
+    assert after.forward_m == pytest.approx(before.forward_m, abs=1e-9)
+
+
+def test_straight_ahead_is_a_full_step():
+    walk = command.towards(np.array([0.0, 2.0]), Pose2(yaw=math.pi / 2), GAIT)
+    assert walk.forward_m == pytest.approx(0.07 * 0.65)
+    assert walk.turn_rad == pytest.approx(0.0, abs=1e-12)
+    assert command.printed(np.array([2.0, 0.0]), Pose2(), GAIT).forward_m == pytest.approx(0.04)
+
+
+def test_blocked_the_robot_turns_on_the_spot_towards_the_goal():
+    for side in (1.0, -1.0):
+        walk = command.turning(np.array([1.0, side]), Pose2(), GAIT)
+        assert (walk.forward_m, walk.lateral_m) == (0.0, 0.0)
+        assert walk.turn_rad == pytest.approx(side * math.radians(14.0))
+
+
+def test_an_obstacle_in_a_corner_closes_its_side_until_it_is_passed():
+    corners = Corners()
+    corners.update((True, False), 0.16, 0.04)
+    assert corners.steps == (4, 0)  # S_m of the seed
+    assert corners.blocked == (True, False)
+    for left in (3, 2, 1, 0):
+        corners.update((False, False), 0.16, 0.04)
+        assert corners.steps == (left, 0)
+    assert corners.blocked == (False, False)
+
+
+def test_with_both_sides_closed_the_picture_stays_open():
+    corners = Corners()
+    corners.update((True, True), 0.16, 0.04)
+    assert corners.blocked == (False, False)
+
+
+def test_a_step_of_no_length_is_refused():
+    with pytest.raises(InputError, match="step_m=0"):
+        Corners().update((True, False), 0.16, 0.0)
+
+
+def nothing(places):
+    return np.zeros(len(places), dtype=bool)
+
+
+def everything(places):
+    return np.ones(len(places), dtype=bool)
+
+
+HERE = np.zeros(2)
+
+
+def test_a_contact_is_remembered_until_floor_is_seen_there():
+    standing = Standing(StandingConfig())
+    standing.update(0.0, HERE, np.array([[0.5, 0.1], [np.nan, np.nan], [5.0, 0.0]]), nothing)
+    np.testing.assert_allclose(standing.places, [[0.5, 0.1]])
+    standing.update(1.0, HERE, np.empty((0, 2)), nothing)
+    assert len(standing.places) == 1
+    standing.update(2.0, HERE, np.empty((0, 2)), everything)
+    assert len(standing.places) == 0
+
+
+def test_a_contact_is_forgotten_in_time():
+    standing = Standing(StandingConfig(memory_s=5.0))
+    standing.update(0.0, HERE, np.array([[0.5, 0.1]]), nothing)
+    standing.update(6.0, HERE, np.empty((0, 2)), nothing)
+    assert len(standing.places) == 0
+
+
+def test_what_moves_is_not_standing():
+    standing = Standing(StandingConfig())
+    standing.update(0.0, HERE, np.array([[0.5, 0.0], [0.8, 0.4]]), nothing)
+    left = standing.apart_from(np.array([[0.55, 0.0]]), np.array([0.1]))
+    np.testing.assert_allclose(left, [[0.8, 0.4]])
+
+
+def test_floor_once_seen_is_known_and_the_rest_is_not():
+    standing = Standing(StandingConfig())
+    standing.update(0.0, HERE, np.empty((0, 2)), lambda places: places[:, 0] > 0.0)
+    unknown = standing.never_seen(0.0, HERE)
+    assert len(unknown) > 50
+    assert (unknown[:, 0] < 0.05).all()
+    away = np.hypot(*unknown.T)
+    assert away.min() > 0.22
+    assert away.max() < 0.5
+    assert len(standing.never_seen(1000.0, HERE)) > len(unknown)  # seen too long ago
+
+
+def test_the_memory_of_floor_walks_along():
+    """Slots are used again 3.2 m on; what they held before is not taken for the new place."""
+    standing = Standing(StandingConfig())
+    standing.update(0.0, HERE, np.empty((0, 2)), everything)
+    assert len(standing.never_seen(0.0, HERE)) == 0
+    far = np.array([3.2, 0.0])
+    assert len(standing.never_seen(0.0, far)) > 100
+
+
+def test_an_impossible_memory_is_refused():
+    with pytest.raises(ConfigError, match="memory_s=0"):
+        StandingConfig(memory_s=0.0)
