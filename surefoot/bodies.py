@@ -7,6 +7,7 @@ anything sees it, so what is processed live is to the bit what a recording gives
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -68,8 +69,14 @@ class LiveBody:
 class Playback:
     """A recording, frame by frame."""
 
-    def __init__(self, recording: Recording) -> None:
-        self._frames: Iterator[Frame] = recording.frames()
+    def __init__(self, recording: Recording, skip: int = 0) -> None:
+        """From the beginning.
+
+        Args:
+            recording: To be played.
+            skip: So many readable frames are passed over first.
+        """
+        self._frames: Iterator[Frame] = itertools.islice(recording.frames(), skip, None)
 
     def read(self) -> Frame | None:
         """The next readable frame of the recording."""

@@ -200,6 +200,7 @@ def simulate(
 )
 @click.option("--workers", type=click.IntRange(min=1), help="Processes for many recordings.")
 @click.option("--scheduler", metavar="ADDRESS", help="A Dask scheduler to do many recordings.")
+@click.option("--resume", is_flag=True, help="Go on where a run into the same --out was killed.")
 @out_option
 @config_option
 @set_option
@@ -209,6 +210,7 @@ def process(
     description: Path | None,
     workers: int | None,
     scheduler: str | None,
+    resume: bool,
     out: Path | None,
     config_path: Path | None,
     overrides: tuple[str, ...],
@@ -229,6 +231,8 @@ def process(
     from .recordings.open import holds_recording
     from .runs import process as run
 
+    if resume and out is None:
+        raise InputError("--resume needs --out, the folder of the run that was killed")
     config = load(config_path, overrides)
     one = recordings[0]
     several = one.is_dir() and not holds_recording(one) and description is None and _holds_more(one)
@@ -236,7 +240,7 @@ def process(
         _process_all(recordings, out, config, workers, scheduler, as_json)
         return
     with progress(as_json) as say:
-        summary = run(one, description, config, out, say)
+        summary = run(one, description, config, out, say, resume)
     _close(summary, as_json)
 
 

@@ -1,8 +1,13 @@
-"""What a run writes down while it goes on, and puts into its folder at the end."""
+"""What a run writes down while it goes on, and puts into its folder at the end.
+
+Tables go to the disk row by row, so that a run of any length needs the same memory; only the time of every
+stage is kept, eight bytes each.
+"""
 
 from __future__ import annotations
 
 import importlib.metadata
+from array import array
 from collections.abc import Sequence
 from typing import Any
 
@@ -20,7 +25,8 @@ from .config import Config
 from .pipeline import Estimate, Pipeline
 from .planners import Decision, Planner
 from .recordings.recording import RecordingInfo
-from .run_folder import RunFolder
+from .row_stream import JsonStream, RowStream
+from .run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from .smoothing import (
     ODOMETRY,
     ODOMETRY_HEADER,
@@ -34,13 +40,16 @@ from .view import View
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
 FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", *UPPER, "share", "state")
 INNOVATION_HEADER = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
+COMMAND_HEADER = (
+    "stamp_s", "forward_m", "lateral_m", "turn_rad", "pan_rad", "tilt_rad", "why",
+)  # fmt: skip
 VIEW_EVERY_S = 4.0  # pictures for the report: about twenty of a minute's walk
 VIEWS_AT_MOST = 60
 VIEW_WIDTH_PX = 360
 
 
 class Journal:
-    """Rows of one run, kept in memory (some hundred bytes a frame) until it ends."""
+    """The tables and pictures of one run."""
 
     def __init__(
         self,
@@ -55,61 +64,55 @@ class Journal:
         self._info = info
         self._goals = goals
         self._recording = recording
-        self._stamps: list[float] = []
-        self._poses: list[tuple[float, Any]] = []
-        self._floors: list[tuple[object, ...]] = []
-        self._timings: list[tuple[float, dict[str, float]]] = []
-        self._commands: list[tuple[object, ...]] = []
-        self._tracks: list[dict[str, Any]] = []
+        self.frames = 0
+        self._first_s = self._last_s = 0.0
+        self._floor_seen = 0
+        self._times = array("d")
+        self._stages: dict[str, array[float]] = {}
         self._views: list[dict[str, Any]] = []
-        self._sightings = {"accepted": 0, "rejected": 0}
-        self._innovations: list[tuple[object, ...]] = []
-        self._odometry: list[tuple[object, ...]] = []
-        self._seen: list[tuple[object, ...]] = []
+        self._landmarks = {"accepted": 0, "rejected": 0}
+        self._poses = RowStream(folder, "trajectory_covariance.csv", COVARIANCE_HEADER)
+        self._floors = RowStream(folder, "floor.csv", FLOOR_HEADER)
+        self._commands = RowStream(folder, "commands.csv", COMMAND_HEADER)
+        self._innovations = RowStream(folder, "innovations.csv", INNOVATION_HEADER)
+        self._odometry = RowStream(folder, ODOMETRY, ODOMETRY_HEADER)
+        self._sightings = RowStream(folder, SIGHTINGS, SIGHTINGS_HEADER)
+        self._tracks = JsonStream(folder, "obstacles.json")
         folder.write_text("config.toml", config_file.dumps(config))
-
-    @property
-    def frames(self) -> int:
-        """Processed so far."""
-        return len(self._stamps)
 
     @property
     def seconds(self) -> float:
         """From the first frame to the last, recording's clock."""
-        return self._stamps[-1] - self._stamps[0] if self._stamps else 0.0
+        return self._last_s - self._first_s
 
     def note(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
         """Write one cycle down."""
         stamp = estimate.stamp_s
-        self._stamps.append(stamp)
-        self._timings.append((stamp, estimate.timing_ms))
+        self._first_s = stamp if self.frames == 0 else self._first_s
+        self._last_s = stamp
+        self.frames += 1
+        self._note_times(stamp, estimate.timing_ms)
         self._odometry.append(odometry_row(frame))
-        self._seen += sighting_rows(stamp, estimate.sightings)
+        for row in sighting_rows(stamp, estimate.sightings):
+            self._sightings.append(row)
         if estimate.pose is not None:
-            self._poses.append((stamp, estimate.pose))
+            self._poses.append(estimate_row(stamp, estimate.pose))
         for view in estimate.views:
             self._floors.append(_floor_row(stamp, view))
+        self._floor_seen += any(view.seen is not None for view in estimate.views)
         for obstacle in estimate.obstacles:
             self._tracks.append(_track(stamp, obstacle))
         if estimate.landmarks is not None:
-            self._sightings["accepted"] += estimate.landmarks.accepted
-            self._sightings["rejected"] += estimate.landmarks.rejected
+            self._landmarks["accepted"] += estimate.landmarks.accepted
+            self._landmarks["rejected"] += estimate.landmarks.rejected
             for innovation in estimate.landmarks.innovations:
                 self._innovations.append(_innovation(stamp, "landmark", innovation))
         for innovation in estimate.innovations:
             self._innovations.append(_innovation(stamp, "track", innovation))
         if decision is not None:
-            self._commands.append(
-                (
-                    stamp,
-                    decision.walk.forward_m,
-                    decision.walk.lateral_m,
-                    decision.walk.turn_rad,
-                    decision.gaze.pan_rad,
-                    decision.gaze.tilt_rad,
-                    decision.why,
-                )
-            )
+            walk, gaze = decision.walk, decision.gaze
+            step = (walk.forward_m, walk.lateral_m, walk.turn_rad)
+            self._commands.append((stamp, *step, gaze.pan_rad, gaze.tilt_rad, decision.why))
         self._keep_views(frame, estimate)
 
     def progress(self, estimate: Estimate, planner: Planner | None) -> str:
@@ -128,9 +131,8 @@ class Journal:
 
     def notes(self, pipeline: Pipeline) -> tuple[str, ...]:
         """What the user should know about how the recording was used."""
-        found = {row[0] for row in self._floors if row[-1] == "seen"}
-        said = [f"floor seen in {len(found)} of {self.frames} frames"]
-        if not self._poses:
+        said = [f"floor seen in {self._floor_seen} of {self.frames} frames"]
+        if not self._poses.rows:
             said.append(
                 "the recording has neither poses nor footsteps: every frame stands alone, "
                 "and the map is that of the last frame"
@@ -142,7 +144,7 @@ class Journal:
         from .report import write_report
 
         folder = self._folder
-        self._write_rows()
+        self._close_tables(pipeline)
         world = pipeline.world
         nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
         if pipeline.grid is not None:
@@ -150,7 +152,6 @@ class Journal:
         points, colours = pipeline.cloud.cloud()
         if len(points):
             clouds.save_ply(folder.path("cloud.ply"), points, colours)
-        folder.write_json("obstacles.json", self._obstacles(pipeline))
         folder.write_json("views.json", self._views)
         folder.write_json(
             "summary.json",
@@ -166,7 +167,7 @@ class Journal:
                 "landmarks": [
                     [mark.identity, *mark.position, mark.side_m] for mark in self._info.landmarks
                 ],
-                "landmark_sightings": self._sightings,
+                "landmark_sightings": self._landmarks,
                 "renderer": self._config.renderer,
                 "version": importlib.metadata.version("surefoot"),
                 "recording": self._recording,
@@ -182,57 +183,28 @@ class Journal:
             return f"surefoot process {self._recording} --config {config}"
         return f"surefoot simulate --config {config}"
 
-    def _write_rows(self) -> None:
-        folder = self._folder
-        folder.write_estimates(self._poses)
-        folder.write_csv(
-            "floor.csv",
-            FLOOR_HEADER,
-            self._floors,
-        )
-        stages = sorted({name for _, timing in self._timings for name in timing})
-        folder.write_csv(
-            "timing.csv",
-            ("stamp_s", *stages),
-            [
-                (stamp, *(timing.get(name, 0.0) for name in stages))
-                for stamp, timing in self._timings
-            ],
-        )
-        folder.write_csv(ODOMETRY, ODOMETRY_HEADER, self._odometry)
-        folder.write_csv(SIGHTINGS, SIGHTINGS_HEADER, self._seen)
-        folder.write_csv("innovations.csv", INNOVATION_HEADER, self._innovations)
-        if self._commands:
-            folder.write_csv(
-                "commands.csv",
-                (
-                    "stamp_s",
-                    "forward_m",
-                    "lateral_m",
-                    "turn_rad",
-                    "pan_rad",
-                    "tilt_rad",
-                    "why",
-                ),
-                self._commands,
-            )
+    def _note_times(self, stamp_s: float, milliseconds: dict[str, float]) -> None:
+        """Of every stage; one that was not there before took no time."""
+        for name in milliseconds:
+            if name not in self._stages:
+                self._stages[name] = array("d", bytes(8 * len(self._times)))
+        self._times.append(stamp_s)
+        for name, times in self._stages.items():
+            times.append(milliseconds.get(name, 0.0))
 
-    def _obstacles(self, pipeline: Pipeline) -> dict[str, Any]:
-        return {
-            "tracks": self._tracks,
-            "footprints": [
-                {
-                    "centre_m": footprint.centre.tolist(),
-                    "length_m": footprint.length_m,
-                    "width_m": footprint.width_m,
-                    "yaw_rad": footprint.yaw_rad,
-                    "height_m": footprint.height_m,
-                    "covariance": footprint.covariance.tolist(),
-                    "points": footprint.points,
-                }
-                for footprint in pipeline.footprints()
-            ],
-        }
+    def _close_tables(self, pipeline: Pipeline) -> None:
+        """Put every table in its place."""
+        for table in (self._floors, self._odometry, self._sightings, self._innovations):
+            table.close()
+        self._commands.close(keep_empty=False)
+        self._poses.close(keep_empty=False)
+        if self._poses.rows:
+            self._folder.write_way()
+        self._tracks.close_into("tracks", {"footprints": _footprints(pipeline)})
+        times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
+        for row in zip(self._times, *(self._stages[n] for n in sorted(self._stages)), strict=True):
+            times.append(row)
+        times.close()
 
     def _keep_views(self, frame: Frame, estimate: Estimate) -> None:
         """Every few seconds the camera views as small pictures."""
@@ -258,6 +230,21 @@ class Journal:
                         "caption": f"{name}, t = {estimate.stamp_s:.1f} s",
                     }
                 )
+
+
+def _footprints(pipeline: Pipeline) -> list[dict[str, Any]]:
+    return [
+        {
+            "centre_m": footprint.centre.tolist(),
+            "length_m": footprint.length_m,
+            "width_m": footprint.width_m,
+            "yaw_rad": footprint.yaw_rad,
+            "height_m": footprint.height_m,
+            "covariance": footprint.covariance.tolist(),
+            "points": footprint.points,
+        }
+        for footprint in pipeline.footprints()
+    ]
 
 
 def _floor_row(stamp_s: float, view: View) -> tuple[object, ...]:

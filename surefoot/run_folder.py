@@ -84,7 +84,7 @@ class RunFolder:
                 _clear(path)
             (path / MARK).write_text("1\n", encoding="utf-8")
         except OSError as error:
-            _refuse(error, path)
+            refuse(error, path)
         return RunFolder(path)
 
     @staticmethod
@@ -136,7 +136,7 @@ class RunFolder:
                 place.parent.mkdir(parents=True, exist_ok=True)
                 os.replace(part, place)
         except OSError as error:
-            _refuse(error, self.root)
+            refuse(error, self.root)
         finally:
             shutil.rmtree(stage, ignore_errors=True)
 
@@ -159,7 +159,9 @@ class RunFolder:
 
     def write_json(self, name: str, value: Any) -> Path:
         """Write JSON as the standard has it: what is not a finite number becomes null."""
-        return self.write_text(name, json.dumps(_plain(value), indent=1, allow_nan=False) + "\n")
+        return self.write_text(
+            name, json.dumps(plain_json(value), indent=1, allow_nan=False) + "\n"
+        )
 
     def write_csv(self, name: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> Path:
         """Write a table; numbers so that reading gives the same bits, None and NaN as empty cells."""
@@ -169,7 +171,7 @@ class RunFolder:
         for row in rows:
             if len(row) != len(header):
                 raise ValueError(f"{name}: a row of {len(row)} under a header of {len(header)}")
-            writer.writerow([_cell(value) for value in row])
+            writer.writerow([cell(value) for value in row])
         return self.write_text(name, text.getvalue())
 
     def write_trajectory(
@@ -181,11 +183,9 @@ class RunFolder:
             name: Of the file.
             poses: (stamp in s, x, y, z in m, yaw in rad) each.
         """
-        lines = ["# stamp tx ty tz qx qy qz qw"]
-        for stamp, x, y, z, yaw in poses:
-            numbers = (stamp, x, y, z, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-            lines.append(" ".join(repr(float(number)) for number in numbers))
-        return self.write_text(name, "\n".join(lines) + "\n")
+        return self.write_text(
+            name, "# stamp tx ty tz qx qy qz qw\n" + "".join(_tum_line(*pose) for pose in poses)
+        )
 
     def write_estimates(self, poses: Sequence[tuple[float, Gaussian]]) -> None:
         """Write where the body believed to be: trajectory.txt and trajectory_covariance.csv, if anywhere.
@@ -193,14 +193,26 @@ class RunFolder:
         Args:
             poses: (stamp in s, Gaussian over x, y in m and yaw in rad) each.
         """
-        if not poses:
-            return  # a camera in the hand that nobody knew the poses of
-        rows = []
-        for stamp, pose in poses:
-            upper = pose.covariance[np.triu_indices(3)]
-            rows.append((stamp, *pose.mean.tolist(), *upper.tolist()))
-        self.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
-        self.write_trajectory("trajectory.txt", [(r[0], r[1], r[2], 0.0, r[3]) for r in rows])
+        if poses:
+            rows = [estimate_row(stamp, pose) for stamp, pose in poses]
+            self.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
+            self.write_way()
+
+    def write_way(self) -> None:
+        """Write trajectory.txt from trajectory_covariance.csv, line by line, for tools that read TUM text."""
+        part = self.root / f"{_PART}trajectory.txt"
+        try:
+            with (
+                self.path("trajectory_covariance.csv").open(encoding="utf-8", newline="") as table,
+                part.open("w", encoding="utf-8") as text,
+            ):
+                text.write("# stamp tx ty tz qx qy qz qw\n")
+                for row in csv.DictReader(table):
+                    stamp, x, y, yaw = (float(row[name]) for name in COVARIANCE_HEADER[:4])
+                    text.write(_tum_line(stamp, x, y, 0.0, yaw))
+            os.replace(part, self.path("trajectory.txt"))
+        except OSError as error:
+            refuse(error, self.root)
 
     def adopt_truth(self, recording: Path) -> bool:
         """Copy the truth that lies beside a recording (or inside its folder), if there is any.
@@ -243,6 +255,16 @@ class RunFolder:
         return read_tum(self.path(name)) if self.has(name) else None
 
 
+def _tum_line(stamp_s: float, x: float, y: float, z: float, yaw: float) -> str:
+    numbers = (stamp_s, x, y, z, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    return " ".join(repr(float(number)) for number in numbers) + "\n"
+
+
+def estimate_row(stamp_s: float, pose: Gaussian) -> tuple[float, ...]:
+    """A row under `COVARIANCE_HEADER`: stamp, mean, upper triangle of the covariance."""
+    return (stamp_s, *pose.mean.tolist(), *pose.covariance[np.triu_indices(3)].tolist())
+
+
 def _next_free(parent: Path, name: str) -> Path:
     """Make parent/<name>-<n> for the first n that is free, also while others do the same."""
     plain = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"
@@ -259,7 +281,7 @@ def _next_free(parent: Path, name: str) -> Path:
             (path / MARK).write_text("1\n", encoding="utf-8")
             return path
     except OSError as error:
-        _refuse(error, parent)
+        refuse(error, parent)
 
 
 def _clear(path: Path) -> None:
@@ -271,8 +293,15 @@ def _clear(path: Path) -> None:
         else:
             place.unlink(missing_ok=True)
     for part in sorted(path.glob(f"{_PART}*")):
-        shutil.rmtree(part, ignore_errors=True)
-    for pattern in (".map-*.*", ".cloud-*.ply"):  # what the writers of mapping left when killed
+        if part.is_dir():
+            shutil.rmtree(part, ignore_errors=True)
+        else:
+            part.unlink(missing_ok=True)
+    for pattern in (
+        ".map-*.*",
+        ".cloud-*.ply",
+        ".checkpoint*.pickle",
+    ):  # what the writers of mapping left when killed
         for part in sorted(path.glob(pattern)):
             part.unlink(missing_ok=True)
     if (path / RECORDING).is_file():
@@ -284,7 +313,7 @@ def _within(inner: Path, outer: Path) -> bool:
     return inner == outer or outer in inner.parents
 
 
-def _refuse(error: OSError, path: Path) -> NoReturn:
+def refuse(error: OSError, path: Path) -> NoReturn:
     """Say in one line why nothing can be written."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         reason = "the disk is full; free some space or choose another --out"
@@ -297,7 +326,8 @@ def _refuse(error: OSError, path: Path) -> NoReturn:
     raise OutputError(f"cannot write into {error.filename or path}: {reason}") from error
 
 
-def _cell(value: object) -> str:
+def cell(value: object) -> str:
+    """A value as a CSV cell; reading a number gives the same bits."""
     if value is None:
         return ""
     if isinstance(value, (bool, np.bool_)):
@@ -307,16 +337,16 @@ def _cell(value: object) -> str:
     return str(value)
 
 
-def _plain(value: Any) -> Any:
+def plain_json(value: Any) -> Any:
     """Standard JSON values from ours and NumPy's."""
     if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain_json(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
+        return [plain_json(item) for item in value]
     if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
+        return plain_json(value.tolist())
     if isinstance(value, np.generic):
-        return _plain(value.item())
+        return plain_json(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Path):

@@ -12,6 +12,7 @@ import numpy as np
 
 from perception.primitives.errors import RecordingError
 
+from . import checkpoint
 from .bodies import Body, LiveBody, Playback
 from .config import Config
 from .journal import Journal
@@ -140,7 +141,12 @@ def simulate(
 
 
 def process(
-    path: Path, description: Path | None, config: Config, out: Path | None, say: Say
+    path: Path,
+    description: Path | None,
+    config: Config,
+    out: Path | None,
+    say: Say,
+    resume: bool = False,
 ) -> Summary:
     """Process a recording.
 
@@ -150,16 +156,24 @@ def process(
         config: Everything.
         out: Run folder; None takes the next free one below runs/.
         say: Progress.
+        resume: Go on where a run into the same folder was killed, if one was.
 
     Raises:
-        InputError, RecordingError: The recording as a whole cannot be read.
+        InputError, RecordingError: The recording as a whole cannot be read, or its checkpoint cannot.
         OutputError: The folder cannot be written.
     """
     recording = open_recording(path, description)
-    folder = RunFolder.create(out, name=recording.info.name, reads=path)
-    pipeline = Pipeline(config, recording.info)
-    journal = Journal(folder, config, recording.info, (), str(path))
-    _cycle(Playback(recording), pipeline, None, journal, say)
+    kept = checkpoint.load(out, config) if resume and out is not None else None
+    if kept is None or out is None:
+        folder = RunFolder.create(out, name=recording.info.name, reads=path)
+        pipeline = Pipeline(config, recording.info)
+        journal = Journal(folder, config, recording.info, (), str(path))
+    else:
+        folder, pipeline, journal = RunFolder(out), kept.pipeline, kept.journal
+        say(f"going on after frame {journal.frames}")
+    keeper = checkpoint.Keeper(folder.root, config)
+    body = Playback(recording, skip=journal.frames)
+    _cycle(body, pipeline, None, journal, say, aside=lambda: keeper(pipeline, journal))
     if journal.frames == 0:
         raise RecordingError(
             f"{path}: none of its frames could be used ({_reasons(recording)}); "
@@ -174,6 +188,7 @@ def process(
         notes=(*journal.notes(pipeline), *recording.remarks),
     )
     journal.finish(pipeline, summary.as_dict())
+    keeper.done()
     return summary
 
 
@@ -185,6 +200,7 @@ def _cycle(
     say: Say,
     after: Callable[[float], None] = lambda stamp_s: None,
     page: Callable[[Pipeline, Any, Decision | None], None] | None = None,
+    aside: Callable[[], None] = lambda: None,
 ) -> None:
     """Read, estimate, decide, act, write down; until the goals are reached or the frames end."""
     while (frame := body.read()) is not None:
@@ -198,6 +214,7 @@ def _cycle(
             body.walk(decision.walk)
             body.look(decision.gaze)
         journal.note(frame, estimate, decision)
+        aside()
         if page is not None:
             page(pipeline, estimate, decision)
         say(journal.progress(estimate, planner))

@@ -396,7 +396,6 @@ def test_a_camera_in_the_hand_without_poses_has_a_page_too(run, tmp_path):
         bare.write_bytes(name, run.path(name).read_bytes())
     bare.write_estimates([])
     bare.write_json("obstacles.json", {"tracks": [], "footprints": []})
-    (bare.root / "trajectory.txt").unlink()
     shown = Page(write_report(bare).read_text()).identities
     assert [name for name in shown if name in ALL_PICTURES] == ["floor", "timing"]
 
