@@ -1,0 +1,142 @@
+"""Four planners on the same fifty scenes: the field alone, search and field, the swarm, stop and avoid.
+
+Corridors with cartons and a robot, the room of seed 000 with its three robots, and boxes with a gap, by turns.
+Everybody has the same body, gait and guard; the swarm sees by its colour camera alone, the others by time
+of flight. A walk succeeds if it arrives without any contact. One picture per scene shows the four ways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim import scenes
+from sim.shapes import outline
+
+from .. import plot_style
+from ..config import PLANNERS, Config, MissionConfig
+from ..run_folder import RunFolder
+from .experiment import Experiment, Outcome, Say, Target
+from .walks import WORKERS, walk
+
+SCENES = ("corridor", "robots_room", "boxes")
+ORDER = ("field", "search", "swarm", "avoidance")
+LIMIT_S = 180.0  # ours: the longest way takes 95 s without any obstacle
+PICTURES = Path("runs") / "INT-4"
+
+Walked = tuple[dict[str, Any], np.ndarray]
+
+
+def config_of(planner: str, number: int) -> Config:
+    """One planner in one scene."""
+    scene, seed = SCENES[number % len(SCENES)], number // len(SCENES)
+    config = Config(scene=scene, seed=seed)
+    robot = replace(
+        config.robot, stereo=False, tof=planner != "swarm", image_pairs=planner == "swarm"
+    )
+    mission = MissionConfig(planner=planner, goals=1, time_limit_s=LIMIT_S)
+    return replace(config, robot=robot, mission=mission)
+
+
+def run(seeds: int, say: Say) -> Outcome:
+    """Scenes 0 to n - 1, every planner in each, two walks at a time."""
+    planners = [name for name in ORDER if name in PLANNERS]
+    todo = [config_of(planner, number) for number in range(seeds) for planner in planners]
+    found: list[Walked] = []
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        for walked in pool.map(_walk, todo):
+            found.append(walked)
+            say(f"{len(found)} of {len(todo)} walks")
+            if len(found) % len(planners) == 0:
+                number = len(found) // len(planners) - 1
+                _draw(todo[len(found) - 1], planners, found[-len(planners) :], number)
+    figures: dict[str, float] = {"scenes": float(seeds), "planners": float(len(planners))}
+    table = ["planner     success  arrived  contact-free  length m  clearance mm   time s"]
+    for index, planner in enumerate(planners):
+        row = _figures([metrics for metrics, _ in found[index :: len(planners)]])
+        table.append(
+            f"{planner:<10}{row['success_share']:9.2f}{row['arrived_share']:9.2f}"
+            f"{row['contact_free_share']:14.2f}{row['length_m']:10.2f}"
+            f"{row['clearance_mm']:14.0f}{row['time_s']:9.1f}"
+        )
+        figures |= {f"{planner}_{name}": value for name, value in row.items()}
+    table.append(f"length, clearance (least of a walk) and time: medians; pictures: {PICTURES}/")
+    return Outcome(figures, table)
+
+
+def _walk(config: Config) -> Walked:
+    """Metrics and true way of one walk."""
+    way: list[np.ndarray] = []
+
+    def keep(folder: RunFolder, config: Config) -> dict[str, float]:
+        walked = folder.read_trajectory("truth/trajectory.txt")
+        if walked is not None:
+            way.append(walked.positions[:, :2])
+        return {}
+
+    metrics = walk(config, keep)
+    return metrics, way[0] if way else np.empty((0, 2))
+
+
+def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
+    def all_of(name: str) -> np.ndarray:
+        return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)
+
+    arrived, free = all_of("goals_missed") == 0, all_of("contacts") == 0
+    return {
+        "success_share": float(np.mean(arrived & free)),
+        "arrived_share": float(np.mean(arrived)),
+        "contact_free_share": float(np.mean(free)),
+        "length_m": float(np.median(all_of("path_m"))),
+        "clearance_mm": 1e3 * float(np.median(all_of("min_clearance_m"))),
+        "time_s": float(np.median(all_of("duration_s"))),
+    }
+
+
+def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], number: int) -> None:
+    """The scene from above, the ways of all planners in it."""
+    scene = scenes.load(config.scene, config.seed)
+    with plot_style.styled():
+        x0, y0, x1, y1 = scene.extent
+        figure, axes = plot_style.sheet(height_in=1.0 + 7.0 * min((y1 - y0) / (x1 - x0), 1.2))
+        for thing in scene.obstacles:
+            for part in thing.parts:
+                axes.fill(*outline(part).T, color=plot_style.FAINT)
+        for mover in scene.movers:
+            line = np.array([mover.start, mover.end])
+            axes.plot(*line.T, color=plot_style.WRONG, linewidth=4.0, alpha=0.35)
+        for planner, colour, (metrics, way) in zip(
+            planners, plot_style.SERIES, found, strict=False
+        ):
+            words = "arrived" if metrics.get("goals_missed") == 0 else "did not arrive"
+            contacts = int(metrics.get("contacts", 0))
+            axes.plot(*way.T, color=colour, label=f"{planner}: {words}, contacts {contacts}")
+        axes.plot(*scene.goals[0], "*", color=plot_style.WANTED, markersize=11)
+        axes.plot(scene.start.x, scene.start.y, "o", color=plot_style.INK)
+        axes.set_xlim(x0, x1)
+        axes.set_ylim(y0, y1)
+        axes.set_aspect("equal")
+        axes.set_xlabel("x, m")
+        axes.set_ylabel("y, m")
+        plot_style.key(axes, columns=2)
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        (PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png").write_bytes(
+            plot_style.png(figure, dpi=110)
+        )
+
+
+EXPERIMENT = Experiment(
+    id="INT-4",
+    title="Four planners on the same scenes",
+    run=run,
+    targets={
+        "planners": Target("==", 4.0),
+    },
+    seeds=50,
+)
