@@ -12,13 +12,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
+
+REMEMBERED = 0.6  # probability that what is remembered really is where its line leads it
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,9 @@ class PredictionConfig:
     contradicted_m: float = 0.25  # ours: seen so far behind a turning point, it is none
     fresh_share: float = 0.5  # ours: weight of a new sighting of a turning point
     most_mps: float = 0.25  # ours: estimated speeds are capped here
+    remembered_s: float = 60.0  # ours: both ends known, its place is told for so long unseen
+    lost_s: float = 30.0  # ours: ends not known, it counts as lost on its line for so long
+    drift_mps: float = 0.012  # ours: how the told place grows vague, along the line
     lines: int = 40  # ours: remembered at most, the latest
 
     def __post_init__(self) -> None:
@@ -53,7 +59,7 @@ class Forecast:
         velocities: At these, m/s.
         learnt: Whether each place lies where it was seen to pass, or behind a turn that it was seen to
             make: there it will not turn otherwise.
-        since_seen: Where it may be now if it turned unseen is of no interest: its turns are known.
+        since_seen: Whether the way since it was last seen is known too: it need not be looked for elsewhere.
     """
 
     places: Float[np.ndarray, "n 2"]
@@ -85,6 +91,7 @@ class Line:
     sense: float
     seen_s: float
     track: int
+    radius_m: float = 0.10
     turn_low: float = math.nan
     turn_high: float = math.nan
     sums: np.ndarray = field(default_factory=lambda: np.zeros(6))  # n, x, y, xx, xy, yy
@@ -149,6 +156,73 @@ class Habits:
             known or bool(unseen > 0.0 and learnt[0]),
         )
 
+    def now(self, obstacle: Obstacle, stamp_s: float) -> Obstacle:
+        """A mover where its line has led it by now; any other obstacle as it is."""
+        if obstacle.moving < self.config.moving_share or stamp_s <= obstacle.seen_s:
+            return obstacle
+        forecast = self.forecast(obstacle, stamp_s, np.zeros(1))
+        if not forecast.since_seen:
+            return obstacle
+        mean = np.concatenate([forecast.places[0], forecast.velocities[0]])
+        state = Gaussian(mean, obstacle.state.covariance)
+        return replace(obstacle, state=state, straight=None)
+
+    def remembered(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Obstacle]:
+        """Movers that no track follows any more, but whose line is known from end to end.
+
+        Returns:
+            As if gone straight on since they were seen; `forecast` and `now` lead them along their lines.
+        """
+        found = []
+        for line in self._deserted(obstacles, stamp_s, self.config.remembered_s):
+            if not (math.isfinite(line.turn_low) and math.isfinite(line.turn_high)):
+                continue
+            unseen = stamp_s - line.seen_s
+            velocity = line.sense * line.speed_mps * line.direction
+            seen_at = line.origin + line.at * line.direction
+            along = (0.05 + self.config.drift_mps * unseen) ** 2
+            P = np.zeros((4, 4))
+            P[:2, :2] = along * np.outer(line.direction, line.direction) + 0.05**2 * np.eye(2)
+            P[2:, 2:] = np.eye(2) * 1e-4
+            mean = np.concatenate([seen_at + velocity * unseen, velocity])
+            found.append(
+                Obstacle(
+                    Gaussian(mean, P),
+                    line.radius_m,
+                    track=line.track,
+                    moving=REMEMBERED,
+                    seen_s=line.seen_s,
+                )
+            )
+        return found
+
+    def lost(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Line]:
+        """Lines that something was lost on, whose ends are not known: it may be anywhere there."""
+        return [
+            line
+            for line in self._deserted(obstacles, stamp_s, self.config.lost_s)
+            if not (math.isfinite(line.turn_low) and math.isfinite(line.turn_high))
+        ]
+
+    def _deserted(
+        self, obstacles: Sequence[Obstacle], stamp_s: float, longest_s: float
+    ) -> list[Line]:
+        """Lines seen within a time that no present track is on."""
+        tracks = {obstacle.track for obstacle in obstacles}
+        taken = [
+            self._line_of(obstacle, obstacle.position)
+            for obstacle in obstacles
+            if obstacle.moving >= self.config.moving_share
+        ]
+        return [
+            line
+            for line in self.lines
+            if 0.0 < stamp_s - line.seen_s <= longest_s
+            and line.track not in tracks
+            and line.high - line.low > 0.2
+            and not any(line is other for other in taken)
+        ]
+
     def _sure(self, obstacle: Obstacle) -> bool:
         speed = float(np.hypot(*obstacle.velocity))
         P = obstacle.state.covariance[2:, 2:]
@@ -184,7 +258,16 @@ class Habits:
         if line is None:
             direction = velocity / speed
             line = Line(
-                place.copy(), direction, speed, 0.0, 0.0, 0.0, 1.0, obstacle.seen_s, obstacle.track
+                place.copy(),
+                direction,
+                speed,
+                0.0,
+                0.0,
+                0.0,
+                1.0,
+                obstacle.seen_s,
+                obstacle.track,
+                obstacle.radius_m,
             )
             self.lines.append(line)
             _straighten(line, place)

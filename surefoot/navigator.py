@@ -58,7 +58,8 @@ class Navigator:
             stepper: Who has the last word on every step; None: the guard.
         """
         self._config = config
-        self._stepper = Guard(config.guard) if stepper is None else stepper
+        self._guard = Guard(config.guard)
+        self._stepper: Stepper = self._guard if stepper is None else stepper
         self._goals = Goals(goals, config.mission)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route)
@@ -100,7 +101,8 @@ class Navigator:
             estimate.sightings,
             estimate.clusters,
         )
-        gaze = self._gaze.next(estimate.stamp_s, robot, via, obstacles, known)
+        expected = self._guard.expected(obstacles, estimate.stamp_s)
+        gaze = self._gaze.next(estimate.stamp_s, robot, via, expected, known)
         standing = _not_movers(grid.centres()[occupied], obstacles)
         walk, why = self._step(estimate, via, obstacles, standing)
         return Decision(walk, gaze, why)

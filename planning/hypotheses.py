@@ -1,0 +1,156 @@
+"""Where everything round the robot may be in the next seconds, and how far to keep away from it.
+
+A thing stands or moves, by the probability that its track gives. What moves goes where its line is known to lead,
+else straight on; what was lost may have turned or stopped at any time since it was seen. Each
+possibility is a disc with a place at every sample of a rollout, a distance to be kept, and a weight.
+
+Source: ours; chance constraints by one deviation of the relative position.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+
+from .guard_config import GuardConfig
+from .prediction import Habits, Line
+
+SURE = 0.95
+"""A probability of moving above it needs no standing hypothesis, and the other way round."""
+
+LOST_M = 1.0
+"""A line as far away does not matter now."""
+
+
+class Hypotheses:
+    """Where discs may be at the samples, how far to keep away, and how likely they turn there."""
+
+    def __init__(
+        self, robot: Gaussian, stamp_s: float, config: GuardConfig, habits: Habits
+    ) -> None:
+        self._robot, self._stamp_s, self._config, self._habits = robot, stamp_s, config, habits
+        samples = 2 * config.steps
+        self._times = (np.arange(samples) + 1) * config.gait.step_s / 2
+        self._places = [np.zeros((0, samples, 2))]
+        self._velocities = [np.zeros((0, samples, 2))]
+        self._needed = [np.zeros((0, samples))]
+        self._turning = [np.zeros((0, samples))]
+        self._weights: list[float] = []
+
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """As `_guard_kernels.roll_out` takes them."""
+        return (
+            np.concatenate(self._places),
+            np.concatenate(self._velocities),
+            np.concatenate(self._needed),
+            np.array(self._weights, np.float64),
+            np.concatenate(self._turning),
+        )
+
+    def add(self, obstacle: Obstacle) -> None:
+        """All that one obstacle may do: stand, by the probability of that, or move."""
+        config, times = self._config, self._times
+        moves = obstacle.moving
+        if moves < config.moving_share and obstacle.radius_m > config.small_radius_m:
+            return
+        near = config.body_radius_m + obstacle.radius_m
+        away = float(np.hypot(*(obstacle.position - self._robot.mean[:2])))
+        reach = times[-1] * (config.gait.max_speed_mps + config.prediction.most_mps)
+        if away > reach + near + config.margin_m + config.max_sigma_m + config.soft_m:
+            return
+        if moves < SURE:
+            place = self._last_seen(obstacle) if moves >= config.moving_share else obstacle.position
+            doubt = min(config.sigmas * _place_deviation(self._robot, obstacle), config.margin_m)
+            here = float(np.hypot(*(place - self._robot.mean[:2])))
+            need = min(near + config.still_margin_m + doubt, max(here, near))
+            places = np.broadcast_to(place, (len(times), 2))
+            still = np.zeros(len(times))
+            self._put(places, np.zeros_like(places), np.full(len(times), need), 1.0 - moves, still)
+        if moves > 1.0 - SURE:
+            going = obstacle.gone_straight()
+            doubts = _deviation(self._robot, going, times, config)
+            distance = near + config.margin_m + config.sigmas * doubts
+            self._add_mover(going, distance, moves)
+
+    def _last_seen(self, obstacle: Obstacle) -> np.ndarray:
+        unseen = max(self._stamp_s - obstacle.seen_s, 0.0)
+        return np.asarray(obstacle.position - obstacle.velocity * unseen)
+
+    def _put(
+        self,
+        places: np.ndarray,
+        velocities: np.ndarray,
+        needed: np.ndarray,
+        weight: float,
+        turning: np.ndarray,
+    ) -> None:
+        self._places.append(places[None])
+        self._velocities.append(velocities[None])
+        self._needed.append(needed[None])
+        self._weights.append(weight)
+        self._turning.append(turning[None])
+
+    def add_lost(self, line: Line) -> None:
+        """What was lost on a line whose ends are not known: it may be anywhere there, either way."""
+        config, times = self._config, self._times
+        middle = line.origin + 0.5 * (line.low + line.high) * line.direction
+        away = float(np.hypot(*(middle - self._robot.mean[:2])))
+        if away > 0.5 * (line.high - line.low) + LOST_M:
+            return
+        need = np.full(len(times), config.body_radius_m + line.radius_m + config.margin_m)
+        need = np.where(times <= config.doubt_s, need, 0.0)
+        still = np.zeros(len(times))
+        pieces = 1 + int((line.high - line.low) / float(need[0]))
+        for k in range(pieces):
+            start = line.low + (k + 0.5) / pieces * (line.high - line.low)
+            for sense in (1.0, -1.0):
+                at = start + sense * line.speed_mps * times
+                places = line.origin + at[:, None] * line.direction
+                self._put(places, np.zeros_like(places), need, config.lost_weight / pieces, still)
+
+    def _add_mover(self, obstacle: Obstacle, distance: np.ndarray, moves: float) -> None:
+        """It goes on as forecast; if it was lost, it may have turned or stopped at any time since."""
+        config, times = self._config, self._times
+        unseen = min(max(self._stamp_s - obstacle.seen_s, 0.0), config.longest_unseen_s)
+        forecast = self._habits.forecast(obstacle, self._stamp_s, times)
+        turning = np.where(forecast.learnt, config.learnt_weight, config.turn_weight)
+        self._put(forecast.places, forecast.velocities, distance, moves, turning)
+        if forecast.since_seen or unseen <= config.gait.step_s:
+            return
+        velocity = obstacle.velocity
+        speed = float(np.hypot(*velocity))
+        velocity = velocity * min(1.0, config.prediction.most_mps / max(speed, 1e-9))
+        seen_at = obstacle.position - obstacle.velocity * unseen
+        early = np.where(times <= config.doubt_s, distance, 0.0)
+        pieces = 1 + int(speed * unseen / float(distance.min()))
+        weight = -math.expm1(-unseen / config.turns_every_s)
+        never = np.zeros(len(times))
+        for k in range(1, 2 * pieces + 1):
+            share = 1.0 - k / pieces  # below 1, ..., 0, ..., -1
+            places = seen_at + share * velocity * (unseen + times[:, None])
+            self._put(places, np.zeros_like(places), early, moves * max(weight, 0.2), never)
+
+
+def _deviation(
+    robot: Gaussian, obstacle: Obstacle, times: np.ndarray, config: GuardConfig
+) -> np.ndarray:
+    """Deviation of a mover's relative position along its worst axis at the times, m, capped."""
+    P = obstacle.state.covariance
+    here, cross, speed = P[:2, :2] + robot.covariance[:2, :2], P[:2, 2:], P[2:, 2:]
+    t = np.minimum(times, config.sure_s)[:, None, None]
+    grown = here + t * (cross + cross.T) + t**2 * speed
+    middle = (grown[:, 0, 0] + grown[:, 1, 1]) / 2
+    spread = np.hypot((grown[:, 0, 0] - grown[:, 1, 1]) / 2, grown[:, 0, 1])
+    noise = (config.acceleration_mps2 * t[:, 0, 0] ** 2 / 2) ** 2
+    return np.minimum(np.sqrt(np.maximum(middle + spread, 0.0) + noise), config.max_sigma_m)
+
+
+def _place_deviation(robot: Gaussian, obstacle: Obstacle) -> float:
+    """The same of a thing that stands."""
+    P = obstacle.state.covariance[:2, :2] + robot.covariance[:2, :2]
+    middle, spread = (P[0, 0] + P[1, 1]) / 2, math.hypot((P[0, 0] - P[1, 1]) / 2, P[0, 1])
+    return math.sqrt(max(float(middle) + spread, 0.0))
