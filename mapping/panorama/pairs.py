@@ -37,10 +37,20 @@ class PairConfig:
     bearing_deg: float = 0.25  # ours: deviation of a feature's direction, without parallax
     travel_m: float = 0.02  # ours: unknown movement between views, seen as parallax of what is near
     range_share: float = 0.006  # ours: deviation of a feature's range, per range
+    guided_deg: float = (
+        2.5  # ours: encoders off by 0.5 deg each, three deviations, and a feature's own
+    )
     gate_sigmas: float = 4.0  # ours: what is further off is no inlier
 
     def __post_init__(self) -> None:
-        for name in ("accept_share", "bearing_deg", "travel_m", "range_share", "gate_sigmas"):
+        for name in (
+            "accept_share",
+            "bearing_deg",
+            "travel_m",
+            "range_share",
+            "guided_deg",
+            "gate_sigmas",
+        ):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"pairs: {name}={getattr(self, name)} must be positive")
         if self.hypotheses < 1 or self.accept_offset < 3.0:
@@ -123,14 +133,36 @@ def _ranges(view: View, bearings: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
     return z[v, u].astype(np.float64) / bearings[:, 2]
 
 
-def pair_up(first: Seen, second: Seen, config: PairConfig) -> Int[np.ndarray, "k 2"]:
-    """Matches of two views, picture by picture."""
+def pair_up(
+    first: Seen, second: Seen, config: PairConfig, T_second_first: Pose3 | None = None
+) -> Int[np.ndarray, "k 2"]:
+    """Matches of two views, picture by picture.
+
+    Args:
+        first, second: Their features.
+        config: What is a match.
+        T_second_first: How the first view lies to the second by encoders; then only features that lie about
+            where they must are in question, and far fewer go wrong. None: nobody knows.
+    """
+    near = None if T_second_first is None else _in_question(first, second, T_second_first, config)
     found = []
     for number in np.unique(first.picture):
         a, b = np.flatnonzero(first.picture == number), np.flatnonzero(second.picture == number)
-        pairs = match(first.descriptors[a], second.descriptors[b], config.match)
+        allowed = None if near is None else near[np.ix_(a, b)]
+        pairs = match(first.descriptors[a], second.descriptors[b], config.match, allowed)
         found.append(np.column_stack([a[pairs[:, 0]], b[pairs[:, 1]]]))
     return np.concatenate(found) if found else np.zeros((0, 2), np.int64)
+
+
+def _in_question(
+    first: Seen, second: Seen, T_second_first: Pose3, config: PairConfig
+) -> Bool[np.ndarray, "n m"]:
+    """Which features of the second view lie about where the encoders say those of the first should."""
+    usual = float(np.nanmedian(first.range_m)) if np.isfinite(first.range_m).any() else 2.0
+    reach = np.where(np.isfinite(first.range_m), first.range_m, usual)
+    there = T_second_first.apply(first.bearings * reach[:, None])
+    there /= np.maximum(np.linalg.norm(there, axis=1, keepdims=True), 1e-9)
+    return np.asarray(there @ second.bearings.T > math.cos(math.radians(config.guided_deg)))
 
 
 def rotation_link(

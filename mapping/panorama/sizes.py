@@ -58,6 +58,7 @@ class SizeConfig:
     turn_sigma_deg: float = (
         0.08  # ours: what two views laid upon each other are turned by in common
     )
+    rim_deg: float = 1.0  # ours: mixed pixels of two views, side by side, are no wider
     rim_columns: int = 4  # ours: drawing moves edges by up to so many columns of the outline
 
     def __post_init__(self) -> None:
@@ -97,8 +98,10 @@ def surroundings(
     ]
     scene = _Scene(drawing, forward, labels, placed, seen, floor)
     count = int(labels.max(initial=0))
-    found = [_measured(scene, number, config) for number in range(1, count + 1)]
-    obstacles = tuple(sorted((o for o in found if o is not None), key=lambda o: -o.bearing_rad))
+    measured = (_measured(scene, number, config) for number in range(1, count + 1))
+    found = [one for one in measured if one is not None]
+    found = [one for one in found if not any(_is_rim(one, other, config) for other in found)]
+    obstacles = tuple(sorted(found, key=lambda one: -one.bearing_rad))
     sphere = drawing.sphere
     ends = -sphere.left_rad, -(sphere.left_rad + (sphere.width - 1) / sphere.px_per_rad)
     return Surroundings(obstacles, gaps_between(obstacles, ends, config.levels.farthest_m))
@@ -242,6 +245,17 @@ def _aside(
     sphere, centre = scene.drawing.sphere, scene.drawing.centre
     theta = sphere.left_rad + known / sphere.px_per_rad
     return np.asarray(centre[1] - (smooth - centre[0]) * np.tan(theta))
+
+
+def _is_rim(one: PanoramaObstacle, other: PanoramaObstacle, config: SizeConfig) -> bool:
+    """Whether one is but the other's rim: mixed pixels, a narrow strip beside and behind it."""
+    rim = math.radians(config.rim_deg)
+    return (
+        one.left_rad - one.right_rad < rim
+        and other.distance_m < one.distance_m
+        and other.left_rad > one.right_rad - rim
+        and other.right_rad < one.left_rad + rim
+    )
 
 
 def _corners(

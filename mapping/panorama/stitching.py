@@ -105,7 +105,7 @@ def _links(
     for i, j in itertools.combinations(range(len(views)), 2):
         if not _may_overlap(views[i], views[j], config.overlap_deg):
             continue
-        matches = pair_up(seen[i], seen[j], config.pairs)
+        matches = pair_up(seen[i], seen[j], config.pairs, _between(views[i].prior, views[j].prior))
         both = (seen[i], seen[j])
         if config.moving:
             link = motion_link((i, j), both, matches, rng, config.pairs)
@@ -115,6 +115,11 @@ def _links(
         if link is not None:
             links.append(link)
     return links
+
+
+def _between(first: Pose3 | None, second: Pose3 | None) -> Pose3 | None:
+    """T_second_first by the priors; None without them."""
+    return None if first is None or second is None else second.inverse() @ first
 
 
 def _offset(first: Pose3 | None, second: Pose3 | None) -> np.ndarray | None:
