@@ -59,6 +59,7 @@ class SizeConfig:
         0.08  # ours: what two views laid upon each other are turned by in common
     )
     rim_deg: float = 1.0  # ours: mixed pixels of two views, side by side, are no wider
+    scrap_share: float = 0.1  # ours: of the pixels of the thing that a scrap belongs to
     rim_columns: int = 4  # ours: drawing moves edges by up to so many columns of the outline
 
     def __post_init__(self) -> None:
@@ -248,14 +249,17 @@ def _aside(
 
 
 def _is_rim(one: PanoramaObstacle, other: PanoramaObstacle, config: SizeConfig) -> bool:
-    """Whether one is but the other's rim: mixed pixels, a narrow strip beside and behind it."""
+    """Whether one is but the other's rim, a narrow strip beside and behind it.
+
+    Mixed pixels make strips of a few columns, and so does a side seen at a grazing angle, which leaps from one
+    level over the next with every pixel.
+    """
     rim = math.radians(config.rim_deg)
-    return (
-        one.left_rad - one.right_rad < rim
-        and other.distance_m < one.distance_m
-        and other.left_rad > one.right_rad - rim
-        and other.right_rad < one.left_rad + rim
-    )
+    span = one.left_rad - one.right_rad
+    touches = other.left_rad > one.right_rad - rim and other.right_rad < one.left_rad + rim
+    behind = other.distance_m < one.distance_m + config.nearest_m
+    scrap = span < 3.0 * rim and one.pixels < config.scrap_share * other.pixels
+    return one is not other and touches and behind and (span < rim or scrap)
 
 
 def _corners(

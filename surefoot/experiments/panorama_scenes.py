@@ -1,7 +1,7 @@
 """Random things on a floor, looked at by a turning head: are they counted, and are the gaps between them right?
 
 One to five boxes and round bins of any size and heading stand within reach, apart enough to be seen apart
-from where the robot stands. Nine views, encoders half a degree off, all errors of the camera. Counted is
+from where the robot stands, and where the head's nine views show them. Nine views, encoders half a degree off, all errors of the camera. Counted is
 what the panorama lists; a gap is the free width across the way between two neighbours.
 
 Source: seed 004, section 2.3; the scenes are ours.
@@ -36,6 +36,7 @@ LEVER_M = np.array([0.0, -0.035, 0.035])  # DARwIn-OP: camera about the neck, ca
 EXTENT = (-0.8, -3.1, 3.6, 3.1)  # corners nearer than 5 m, where ranges would start again from 0
 APART_RAD = math.radians(4.0)  # between neighbours, as seen from the robot
 REACH_RAD = math.radians(55.0)  # a good deal less than the panorama's end
+BLIND_RAD = math.radians(8.0)  # within it no view looks further down than 17.5 deg
 NEAR_M, FAR_M = 0.7, 2.2
 
 
@@ -95,6 +96,13 @@ def _draw(rng: np.random.Generator) -> Laid:
     return laid(Box((x, y, height / 2), size, float(rng.uniform(-math.pi, math.pi))))
 
 
+def is_in_view(one: Laid) -> bool:
+    """Whether nine views show a good part of it: straight ahead they look down less far than aside."""
+    down = math.radians(15.0 if one.right_rad < BLIND_RAD and one.left_rad > -BLIND_RAD else 32.0)
+    nearest = float(np.min(np.linalg.norm(outline(one.shape), axis=1)))
+    return one.shape.top_m - 0.10 > CAMERA_HEIGHT_M - nearest * math.tan(down)
+
+
 def random_things(rng: np.random.Generator) -> list[Laid]:
     """One to five things, from left to right, none in front of another."""
     wanted = int(rng.integers(1, 6))
@@ -103,7 +111,7 @@ def random_things(rng: np.random.Generator) -> list[Laid]:
         one = _draw(rng)
         nearest = float(np.min(np.linalg.norm(outline(one.shape), axis=1)))
         corners = outline(one.shape)
-        inside = nearest > 0.6 and float(corners[:, 0].max()) < 2.45
+        inside = nearest > 0.6 and is_in_view(one) and float(corners[:, 0].max()) < 2.45
         inside &= float(np.linalg.norm(corners, axis=1).max()) < 2.9
         inside &= max(abs(one.left_rad), abs(one.right_rad)) < REACH_RAD
         apart = all(
