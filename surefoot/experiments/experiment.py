@@ -23,6 +23,9 @@ FILES = {
     "000-E4": "narrow_course",
     "001-E1": "field_portrait",
     "001-E2": "gaze_map",
+    "001-E3": "moving_courses",
+    "001-E4": "course_ablation",
+    "001-hard": "hard_courses",
     "003-E1": "floor_range",
     "003-E2": "stereo_range",
     "003-E3": "grid_shift",
@@ -47,6 +50,7 @@ FILES = {
     "004-features": "feature_study",
     "real-panorama": "real_panorama",
     "real-odometry": "real_odometry",
+    "real-mapping": "real_mapping",
 }
 """Where each experiment lives: id to file of this folder. Ids are those of the specification."""
 
