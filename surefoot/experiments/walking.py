@@ -1,7 +1,8 @@
 """The dynamic walk on trial: random commands on bumpy, sloping ground and under pushes.
 
 Every walk is another body (zeros of the joints), another floor and other commands, drawn anew for every
-step from all that the gait allows. A fall is a fall, whenever it comes. What the feet made of the commands
+step from all that the gait allows; three times a walk that is pushed somebody pushes, from anywhere, at
+any instant. A fall is a fall, whenever it comes. What the feet made of the commands
 and how the head swayed is measured on the floor with the usual bumps.
 """
 
@@ -23,7 +24,7 @@ from .experiment import Experiment, Outcome, Say, Target
 from .walks import WORKERS
 
 STEPS = 300
-PUSH_N, PUSH_S, PUSH_EVERY = 10.0, 0.1, 5
+PUSH_N, PUSH_S, PUSH_EVERY = 10.0, 0.1, 100
 SLOPE_RAD = 0.04
 SAMPLE_TICKS = 5  # the head is looked at 40 times a second
 STEP_S = 0.65
@@ -173,7 +174,7 @@ def _commands(body, gait, trial: Trial, rng: np.random.Generator):  # type: igno
         body.walk(_random_command(gait, rng))
         body.take_up()
         push_at = -1
-        if trial.pushed and number % PUSH_EVERY == 0:
+        if trial.pushed and number % PUSH_EVERY == PUSH_EVERY // 2:
             push_at = int(rng.integers(body.ticks_left))
             angle = rng.uniform(0.0, 2.0 * math.pi)
             force = PUSH_N * np.array([math.cos(angle), math.sin(angle), 0.0])

@@ -16,9 +16,7 @@ from sim.shapes import Cylinder
 
 def top(body):
     """Height of the head above the floor with straight legs, m."""
-    return (
-        body.thigh_m + body.shank_m + body.ankle_m + body.neck_m + body.tilt_m + body.head_m[2]
-    )
+    return body.thigh_m + body.shank_m + body.ankle_m + body.neck_m + body.tilt_m + body.head_m[2]
 
 
 def test_the_small_body_is_a_darwin():

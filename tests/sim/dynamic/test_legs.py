@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from planning.commands import WalkCommand
 from sim.dynamic.anatomy import DARWIN, LEG_JOINTS, TALL, links
 from sim.dynamic.legs import Legs
 from sim.gait import Gait, GaitConfig
-from planning.commands import WalkCommand
 
 BODIES = (DARWIN, TALL)
 small = st.floats(-0.04, 0.04)
@@ -55,9 +55,7 @@ def test_feet_are_where_they_were_asked_to_be(body, left, right, yaw):
         R = turned((0, 0, 1), yaw)
         place = pelvis[:3] + R @ found.translation
         np.testing.assert_allclose(place, wanted[:3], atol=1e-12)
-        np.testing.assert_allclose(
-            R @ found.rotation, turned((0, 0, 1), wanted[3]), atol=1e-12
-        )
+        np.testing.assert_allclose(R @ found.rotation, turned((0, 0, 1), wanted[3]), atol=1e-12)
 
 
 @settings(max_examples=40, deadline=None)
