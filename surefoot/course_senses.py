@@ -9,6 +9,7 @@ as that of the localiser does, and with its covariance.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +36,7 @@ POSE_SIGMA_M, POSE_SIGMA_RAD = 0.02, math.radians(0.8)  # of the localiser in wa
 POSE_MEMORY_S = 4.0  # ours: in which its error becomes another
 RAYS = 45  # one a degree of the time-of-flight camera
 GRAIN_M = 0.04  # of floor points along a ray: every cell gets one
+SAME_M = 0.35  # a track as near to a thing is taken to be of it
 HIT_POINTS = 4  # an obstacle shows so many points above each other
 
 
@@ -92,12 +94,7 @@ class CourseSenses:
         """One instant: where we are, what is seen, what is remembered."""
         elapsed, self._stamp_s = frame.stamp_s - self._stamp_s, frame.stamp_s
         true = self.truth.robot_pose()
-        for k, (x, y, vx, vy) in enumerate(self._robot.world.movers()):
-            self.discs[k, :2] = x, y
-            before = self._velocities.get(k, (vx, vy))
-            if before[0] * vx + before[1] * vy < 0.0:
-                self._turned_s[k] = frame.stamp_s
-            self._velocities[k] = (vx, vy)
+        self._move_on(frame.stamp_s)
         pose = self._believed(true, elapsed)
         if self._truly:
             obstacles = self._everything(frame.stamp_s)
@@ -107,6 +104,24 @@ class CourseSenses:
             obstacles = self._look(frame, true, pose)
             self._map_view(frame.stamp_s, true, pose, elapsed)
         return Estimate(frame.stamp_s, pose, (), (), tuple(obstacles), None)
+
+    def watch(self, stamp_s: float, obstacles: Sequence[Obstacle]) -> None:
+        """Only keep the record, of what a pipeline with pictures has tracks of."""
+        self._stamp_s = stamp_s
+        self._move_on(stamp_s)
+        for one in obstacles:
+            away = np.hypot(*(self.discs[:, :2] - one.position).T)
+            if one.seen_s == stamp_s and away.min() < SAME_M:
+                self._note(int(np.argmin(away)), stamp_s)
+
+    def _move_on(self, stamp_s: float) -> None:
+        """Movers where they are now, and whether they turned."""
+        for k, (x, y, vx, vy) in enumerate(self._robot.world.movers()):
+            self.discs[k, :2] = x, y
+            before = self._velocities.get(k, (vx, vy))
+            if before[0] * vx + before[1] * vy < 0.0:
+                self._turned_s[k] = stamp_s
+            self._velocities[k] = (vx, vy)
 
     def since_turned(self, index: int) -> float:
         """Time since a mover last reversed, s; infinite for what stands."""

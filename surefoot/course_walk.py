@@ -15,6 +15,7 @@ import numpy as np
 
 from planning.stepping import Stepper
 from sim import scenes
+from sim.course import COLOURS
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import Scene
 from sim.world import World
@@ -24,6 +25,8 @@ from .course_senses import CourseSenses
 from .metrics.contacts import BODY_RADIUS_M, Contact, Touch, class_of
 from .navigator import Navigator
 from .pipeline import Pipeline
+from .recordings.recording import RecordingInfo
+from .runs import START_COVARIANCE
 
 PASSED_M = 0.30  # navigation study: a via point counts as reached when passed within 0.3 m
 TIME_LIMIT_S = 900.0  # ours: half as long again as the paper's 560.2 s
@@ -67,30 +70,44 @@ def course_config(scene: str, seed: int, config: Config | None = None) -> Config
     )
 
 
+def pictures_config(scene: str, seed: int, config: Config | None = None) -> Config:
+    """The same from pictures: the time-of-flight camera for the map, colour for obstacles and tags."""
+    one = course_config(scene, seed, config)
+    return replace(
+        one,
+        robot=replace(one.robot, tof=True, colour=True),
+        coloured=replace(one.coloured, colours=COLOURS),
+    )
+
+
 def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) -> Walk:
     """Walk the course of `config.scene` and `config.seed`.
 
     Args:
-        config: As from `course_config`.
+        config: As from `course_config`, or `pictures_config`: then the whole pipeline sees.
         truly: With true perception instead of the sensors'.
         stepper: Who checks and makes the steps; None: the guard.
     """
     scene = scenes.load(config.scene, config.seed)
     robot_config: RobotConfig = config.robot
     result, touching = Walk(), Touch()
+    pictures = robot_config.tof
     with (
-        World(scene, "tiny", config.seed) as world,
+        World(scene, config.renderer if pictures else "tiny", config.seed) as world,
         SimulatedRobot(world, robot_config, config.seed) as robot,
     ):
         senses = CourseSenses(config, robot, config.seed, truly)
+        pipeline = Pipeline(config, _told(scene)) if pictures else cast(Pipeline, senses)
         planner = Navigator(config, scene.goals, stepper)
         while True:
             frame = robot.read()
-            estimate = senses.cycle(frame)
+            estimate = pipeline.cycle(frame)
+            if pictures:
+                senses.watch(frame.stamp_s, estimate.obstacles)
             _judge(scene, senses, touching, frame.stamp_s, result)
             if frame.footstep_due:
                 began = time.thread_time()
-                decision = planner.decide(frame, estimate, cast(Pipeline, senses))
+                decision = planner.decide(frame, estimate, pipeline)
                 result.decision_ms.append(1e3 * (time.thread_time() - began))
                 robot.walk(decision.walk)
                 robot.look(decision.gaze)
@@ -130,6 +147,20 @@ def _judge(
             touching.standing,
         )
         result.contacts.append(replace(contact, kind=class_of(contact)))
+
+
+def _told(scene: Scene) -> RecordingInfo:
+    """What the robot is told beforehand: its start and the tags."""
+    return RecordingInfo(
+        name=f"{scene.name}-{scene.seed}",
+        kind="simulation",
+        landmarks=scene.landmarks,
+        start=scene.start,
+        scene=scene.name,
+        start_covariance=START_COVARIANCE,
+        floor_height_world_m=0.0,
+        gravity_up_world=(0.0, 0.0, 1.0),
+    )
 
 
 def scene_name(scene: Scene, index: int) -> str:

@@ -1,0 +1,45 @@
+"""The courses walked from pictures, beside the same courses by geometry: does the shortcut tell the truth?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+
+from ..course_walk import Walk, pictures_config, walk
+from .course_trials import HEADER, WORKERS, figures, row
+from .experiment import Say
+
+
+def walk_from_pictures(seed: int) -> Walk:
+    """The slow course of a seed, all from pictures."""
+    return walk(pictures_config("course", seed))
+
+
+def image_figures(
+    seeds: int, by_geometry: Sequence[Walk], say: Say
+) -> tuple[dict[str, float], list[str]]:
+    """Figures of walks from pictures, and how far those by geometry are from them.
+
+    Args:
+        seeds: How many, from 0.
+        by_geometry: The same seeds by the geometric sensor.
+        say: Progress.
+    """
+    found: list[Walk] = []
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        for one in pool.map(walk_from_pictures, range(seeds)):
+            found.append(one)
+            say(f"{len(found)} of {seeds} courses from pictures")
+    seen = {f"images_{name}": value for name, value in figures(found).items()}
+    seen["images_time_ratio"] = float(
+        np.mean([one.time_s for one in found]) / np.mean([one.time_s for one in by_geometry])
+    )
+    seen["images_free_difference"] = float(
+        np.mean([not one.contacts for one in found])
+        - np.mean([not one.contacts for one in by_geometry])
+    )
+    table = [HEADER, row("slow, from pictures", found), row("the same by geometry", by_geometry)]
+    return seen, table
