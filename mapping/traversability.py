@@ -55,6 +55,8 @@ class Traversability:
         slope: Of the ground around, rad.
         step: Largest difference of height within a foot's width, m.
         probability: That a foot can stand there.
+        covered: Share of the cell, as seen from above, by what rises more than a step; 1 where a wall is all
+            that was seen.
         origin: Lower left corner of cell [0, 0], map frame, m.
         cell_m: Side of a cell, m.
         config: What it was made with.
@@ -64,6 +66,7 @@ class Traversability:
     slope: Float32[np.ndarray, "rows columns"]
     step: Float32[np.ndarray, "rows columns"]
     probability: Float32[np.ndarray, "rows columns"]
+    covered: Float32[np.ndarray, "rows columns"]
     origin: Float[np.ndarray, "2"]
     cell_m: float
     config: TraversabilityConfig
@@ -75,8 +78,8 @@ class Traversability:
 
     @property
     def occupied(self) -> Bool[np.ndarray, "rows columns"]:
-        """Cells whose own surface rises above the floor by more than a step."""
-        return self.known & (self.height > self.config.most_step_m)
+        """Ground plan of what stands: cells more than half covered. Who walks goes by `probability`."""
+        return self.known & (self.covered > 0.5)
 
     @property
     def centres(self) -> Float[np.ndarray, "rows columns 2"]:
@@ -97,20 +100,29 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
         Layers over all that was seen; of no rows where nothing was.
     """
     config = config or TraversabilityConfig()
-    points = _dense(mesh)
+    points, plan = _dense(mesh)
     near = (points[:, 2] < config.headroom_m) & (points[:, 2] > -config.below_m)
     near &= np.abs(points[:, :2]).max(axis=1, initial=0.0) < config.farthest_m
-    points = points[near]
+    points, plan = points[near], plan[near]
     if len(points) == 0:
         nothing = np.zeros((0, 0), np.float32)
         return Traversability(
-            nothing, nothing, nothing, nothing, np.zeros(2), config.cell_m, config
+            nothing, nothing, nothing, nothing, nothing, np.zeros(2), config.cell_m, config
         )
     first = np.floor(points[:, :2].min(axis=0) / config.cell_m).astype(int)
     column, row = (np.floor(points[:, :2] / config.cell_m).astype(int) - first).T
     height = np.full((row.max() + 1, column.max() + 1), -np.inf, np.float32)
     np.maximum.at(height, (row, column), points[:, 2])
     height[~np.isfinite(height)] = np.nan
+    rising = points[:, 2] > config.most_step_m
+    high, low = (
+        np.bincount(row[mask] * height.shape[1] + column[mask], plan[mask], height.size).reshape(
+            height.shape
+        )
+        for mask in (rising, ~rising)
+    )
+    wall = (high + low < 1e-9) & (height > config.most_step_m)
+    covered = np.where(wall, 1.0, high / np.maximum(high + low, 1e-9))
     slope, step = _slope(height, config), _step(height, config)
     sure_step = ndtr((config.most_step_m - step) / (math.sqrt(2.0) * config.sigma_m))
     sure_slope = ndtr((config.most_slope_deg - np.degrees(slope)) / config.sigma_deg)
@@ -119,6 +131,7 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
         slope,
         step,
         (sure_step * sure_slope).astype(np.float32),
+        covered.astype(np.float32),
         first * config.cell_m,
         config.cell_m,
         config,
@@ -128,7 +141,7 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
 def save_nav2(folder: Path, name: str, layers: Traversability) -> Path:
     """Write the map for Nav2: occupied where nobody can stand, free where one can; returns the yaml's path."""
     blocked = 1.0 - np.nan_to_num(layers.probability, nan=0.5)
-    blocked[layers.occupied] = 1.0
+    blocked[layers.occupied] = 1.0  # the top of a table is flat, and yet no floor
     return nav2.save(
         folder, name, blocked.astype(np.float32), layers.known, layers.origin, layers.cell_m
     )
@@ -149,16 +162,27 @@ def save_layers(path: Path, layers: Traversability) -> None:
             slope=layers.slope,
             step=layers.step,
             traversability=layers.probability,
+            covered=layers.covered,
             resolution=np.array(layers.cell_m),
             origin=layers.origin,
         )
 
 
-def _dense(mesh: Mesh) -> Float32[np.ndarray, "n 3"]:
-    """Corners, edges' middles and middles of all triangles: nearer together than cells are wide."""
+def _dense(mesh: Mesh) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n"]]:
+    """Corners, edges' middles and middles of all triangles, nearer together than cells are wide.
+
+    With each the area that its triangle covers as seen from above, m^2.
+    """
     a, b, c = (mesh.vertices[mesh.triangles[:, n]] for n in range(3))
     middles = ((a + b) / 2, (b + c) / 2, (c + a) / 2, (a + b + c) / 3)
-    return np.concatenate([a, b, c, *middles]).astype(np.float32)
+    plan = 0.5 * np.abs(_turn(b - a, c - a))
+    points = np.concatenate([a, b, c, *middles]).astype(np.float32)
+    return points, np.tile(plan, 7).astype(np.float32)
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Twice the signed area between vectors, as seen from above."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _slope(

@@ -37,7 +37,7 @@ SETS = {
     "redwood": "redwood_livingroom",
 }
 PEERS = ("open3d", "open3d-intensity", "open3d-depth", "small_gicp")
-REPLICA_EVERY = 2  # of 2000 frames; peers see fewer, or the run would take an hour
+REPLICA_EVERY = 1  # all 2000; peers see fewer, or the run would take an hour
 PEERS_EVERY = 10
 SLIP_M = 0.10  # a step that is so wrong is a slip
 
