@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .scenes import Thing
-from .shapes import Box, Cylinder, Shape, distance, outline
+from .shapes import Box, Cylinder, Shape, Solid, distance, outline
 
 Extent = tuple[float, float, float, float]
 Parts = tuple[Shape, ...]
@@ -210,8 +210,15 @@ def _draw(model: Model, extent: Extent, rng: np.random.Generator) -> Piece:
             float(rng.uniform(x0 + reach, x1 - reach)),
             float(rng.uniform(y0 + reach, y1 - reach)),
         )
-    parts = tuple(_moved(part, place, yaw) for part in model.build(rng))
-    return Piece(model, Thing(model.name, parts, model.albedo))
+    return Piece(model, place_piece(model, place, yaw, rng))
+
+
+def place_piece(
+    model: Model, place: tuple[float, float], yaw_rad: float, rng: np.random.Generator
+) -> Thing:
+    """A piece of furniture, its middle on a place, its front turned that way; draws its colours."""
+    parts = tuple(_moved(part, place, yaw_rad) for part in model.build(rng))
+    return Thing(model.name, parts, model.albedo)
 
 
 def _fits(piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray) -> bool:
@@ -253,6 +260,7 @@ def _rim(shape: Shape) -> np.ndarray:
 
 def _moved(part: Shape, place: tuple[float, float], yaw: float) -> Shape:
     c, s = math.cos(yaw), math.sin(yaw)
+    assert not isinstance(part, Solid)  # the catalogue is made of boxes and cylinders
     x, y, z = part.centre
     centre = (place[0] + c * x - s * y, place[1] + s * x + c * y, z)
     if isinstance(part, Box):

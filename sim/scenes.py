@@ -10,6 +10,7 @@ import difflib
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from perception.primitives.errors import InputError
 from perception.primitives.landmark import Landmark
@@ -140,16 +141,26 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str, seed: int) -> Scene:
-    """A scene by its name; the same seed gives the same scene.
+    """A scene by its name, or from a user's file; the same seed gives the same scene.
+
+    Args:
+        name: Of a known scene, or a path that ends in .toml (see `scene_file`).
+        seed: Of everything that is drawn.
 
     Raises:
-        InputError: for an unknown name.
+        InputError: for an unknown name, or a file that cannot be read.
     """
+    if name.endswith(".toml"):
+        from .scene_file import read_scene  # it builds the values defined here
+
+        return read_scene(Path(name), seed)
     known = _registry()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)
         hint = f"did you mean {near[0]!r}? " if near else ""
-        raise InputError(f"scene {name!r} is unknown; {hint}known scenes: {', '.join(known)}")
+        raise InputError(
+            f"scene {name!r} is unknown; {hint}known scenes: {', '.join(known)}, or your own .toml file"
+        )
     if seed < 0:
         raise InputError(f"scene {name!r}: seed {seed} must not be negative; choose 0 or more")
     return known[name](seed)

@@ -1,6 +1,7 @@
 """The shapes a scene is made of, and the patches of surface that cover them.
 
-Everything stands upright: boxes turned about the vertical, and vertical cylinders. One set of patches
+Most things stand upright: boxes turned about the vertical, and vertical cylinders; a model that somebody
+brings is a solid of triangles. One set of patches
 feeds the pictures and the ray casting alike, so that what is seen and what is measured are one world.
 """
 
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull
 
 SEGMENTS = 32  # sides of a drawn cylinder; at 10 cm radius the polygon is 0.5 mm inside the circle
 
@@ -64,7 +66,38 @@ class Cylinder:
         return self.centre[2] + self.height / 2
 
 
-Shape = Box | Cylinder
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed surface of any form, of one piece; for contact its shadow on the floor is taken as convex.
+
+    Args:
+        vertices: World frame, m.
+        triangles: Into the vertices, counter-clockwise from outside.
+        material: Name of a material.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "m 3"]
+    material: str = "plaster/white"
+
+    @property
+    def centre(self) -> tuple[float, float, float]:
+        """Middle of the box around it."""
+        x, y, z = (float(v) for v in (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2)
+        return x, y, z
+
+    @property
+    def bottom_m(self) -> float:
+        """Height of its lowest point."""
+        return float(self.vertices[:, 2].min())
+
+    @property
+    def top_m(self) -> float:
+        """Height of its highest point."""
+        return float(self.vertices[:, 2].max())
+
+
+Shape = Box | Cylinder | Solid
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +127,8 @@ def patches(shape: Shape) -> list[Patch]:
     """The visible surface of a shape: all but its underside where that stands on the floor."""
     if isinstance(shape, Box):
         return _box_patches(shape)
+    if isinstance(shape, Solid):
+        return _solid_patches(shape)
     return _cylinder_patches(shape)
 
 
@@ -122,6 +157,9 @@ def outline(shape: Shape) -> Float[np.ndarray, "n 2"]:
         angle = np.arange(SEGMENTS) * 2 * math.pi / SEGMENTS
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
         return np.asarray(shape.centre[:2] + shape.radius * ring)
+    if isinstance(shape, Solid):
+        flat = shape.vertices[:, :2]
+        return np.asarray(flat[ConvexHull(flat).vertices])
     half = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * np.array(shape.size[:2]) / 2
     c, s = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
     return np.asarray(half @ np.array([[c, s], [-s, c]]) + np.array(shape.centre[:2]))
@@ -132,6 +170,8 @@ def distance(shape: Shape, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray
     offset = points - np.array(shape.centre[:2])
     if isinstance(shape, Cylinder):
         return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) - shape.radius)
+    if isinstance(shape, Solid):
+        return _polygon_distance(outline(shape), points)
     c, s = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
     local = np.abs(offset @ np.array([[c, -s], [s, c]])) - np.array(shape.size[:2]) / 2
     outside = np.hypot(np.maximum(local[:, 0], 0.0), np.maximum(local[:, 1], 0.0))
@@ -147,6 +187,21 @@ def convex_gap(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]) -> floa
     if depth <= 0.0:
         return depth
     return min(_corner_distance(a, b), _corner_distance(b, a))
+
+
+def _polygon_distance(
+    corners: Float[np.ndarray, "n 2"], points: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, "m"]:
+    """Signed distance of points from a convex outline; negative inside."""
+    edge = np.roll(corners, -1, axis=0) - corners
+    outward = np.stack([edge[:, 1], -edge[:, 0]], axis=1)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    offset = points[:, None] - corners[None]
+    height = np.einsum("mnd,nd->mn", offset, outward).max(axis=1)
+    share = (offset * edge).sum(axis=2) / (edge**2).sum(axis=1)
+    nearest = np.clip(share, 0.0, 1.0)[..., None] * edge
+    gap = np.linalg.norm(offset - nearest, axis=2).min(axis=1)
+    return np.where(height > 0.0, gap, height)
 
 
 def _separation(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]) -> float:
@@ -190,6 +245,31 @@ def _box_patches(box: Box) -> list[Patch]:
         found.append(
             rectangle(middle - x * hx - y * hy - z * hz, 2 * hx * x, 2 * hy * y, box.material)
         )
+    return found
+
+
+def _solid_patches(solid: Solid) -> list[Patch]:
+    """Up to six patches: triangles that face one way, with the texture laid on from there."""
+    corners = solid.vertices[solid.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    axis = np.abs(normals).argmax(axis=1)
+    positive = np.take_along_axis(normals, axis[:, None], axis=1)[:, 0] > 0.0
+    found = []
+    for along, sign in ((k, s) for k in range(3) for s in (True, False)):
+        chosen = solid.triangles[(axis == along) & (positive == sign)]
+        if not len(chosen):
+            continue
+        used, triangles = np.unique(chosen, return_inverse=True)
+        vertices = solid.vertices[used]
+        across, down = ((1, 2), (0, 2), (0, 1))[along]
+        flat = vertices[:, [across, down]] * np.array([1.0, -1.0])
+        low, size = flat.min(axis=0), np.maximum(np.ptp(flat, axis=0), 1e-3)
+        normal = np.zeros(3)
+        normal[along] = 1.0 if sign else -1.0
+        width, height = (float(v) for v in size)
+        uv = (flat - low) / size
+        triangles = triangles.reshape(-1, 3)
+        found.append(Patch(vertices, triangles, uv, (width, height), normal, solid.material))
     return found
 
 

@@ -104,13 +104,13 @@ def simulate(
 
     scene = scenes.load(config.scene, config.seed)
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
-    folder = RunFolder.create(out, name=f"{config.scene}-{config.seed}")
+    folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
     with contextlib.ExitStack() as stack:
         world = stack.enter_context(World(scene, config.renderer, config.seed))
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
         info = RecordingInfo(
-            name=f"{config.scene}-{config.seed}",
+            name=f"{scene.name}-{config.seed}",
             kind="simulation",
             landmarks=scene.landmarks,
             start=scene.start,
