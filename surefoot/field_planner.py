@@ -18,10 +18,11 @@ from mapping.egocentric_grid import EgocentricGrid
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
-from planning import footsteps, guard
+from planning import footsteps
 from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
+from planning.guard import Guard
 from planning.univector import fields
 
 from .config import Config
@@ -48,6 +49,7 @@ class FieldPlanner:
         self._config = config
         self._goals = Goals(goals, config.mission)
         self._gaze = GazePolicy(config.gaze)
+        self._guard = Guard(config.guard)
 
     @property
     def reached(self) -> int:
@@ -87,9 +89,7 @@ class FieldPlanner:
             heading = self._heading(robot, goal, movers, cells, pipeline.grid.cell_m)
             gait, why = config.guard.gait, "walk"
             desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait)
-        walk = guard.choose(
-            desired, estimate.pose, obstacles, cells, goal, config.guard, estimate.stamp_s
-        )
+        walk = self._guard.choose(desired, estimate.pose, obstacles, cells, goal, estimate.stamp_s)
         return Decision(walk, gaze, why if walk == desired else "guard")
 
     def _heading(

@@ -31,7 +31,8 @@ from perception.primitives.pose import Pose2
 PITCH_RAD, YAW_RAD, ROLL_RAD = (math.radians(v) for v in (0.7, 0.5, 0.7))  # walking trials
 HEIGHT_M = 0.004  # walking trials: of the eye
 EDGE_PX = 1.0  # ours: of a contact edge
-WIDEST_M = 0.13  # ours: radius; robots that move have up to 0.10, and part of a box is none of them
+WIDEST_M = 0.12  # ours: radius; robots that move have up to 0.10, and part of a box is none of them
+ROUND_PX = 2.0  # ours: ragged edges
 BORDER_PX = 2  # ours: an edge this near to the border goes on beyond it
 THIN_PX = 5  # ours: seams and noise; a robot of 7 cm has 8 px at 3 m
 NARROW_M, FLAT_M = 0.03, 0.02  # ours: of 7 and 5.5 cm are the smallest robots to be met
@@ -185,12 +186,27 @@ def _disc(
     radius = front * math.sin(half) / max(1.0 - math.sin(half), 1e-6)
     if radius > WIDEST_M or half > 0.8:
         return None
+    if not _round(reach[np.argsort(off)], radius, front, picture):
+        return None
     centre = eye[:2] + (front + radius) * np.array([math.cos(middle), math.sin(middle)])
     return Detection(
         robot.inverse().apply(centre),
         _covariance(picture, robot, middle, front, radius),
         radius,
     )
+
+
+def _round(reach: Float[np.ndarray, "n"], radius: float, front: float, picture: Picture) -> bool:
+    """Whether both ends of an edge are about as far as each other, and not deeper than a disc's.
+
+    A piece of wall that shows between two things is neither.
+    """
+    eye_height = float(picture.T_world_camera.position[2])
+    grain = ROUND_PX * (eye_height**2 + front**2) / eye_height / picture.camera.fy
+    part = max(1, len(reach) // 6)
+    first, last = float(np.median(reach[:part])), float(np.median(reach[-part:]))
+    deep = float(np.quantile(reach, 0.9)) - front
+    return abs(first - last) <= 0.7 * radius + grain and deep <= 1.3 * radius + grain
 
 
 def _covariance(

@@ -22,8 +22,8 @@ from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
-from planning import guard
 from planning.commands import GazeCommand, WalkCommand
+from planning.guard import Guard
 from planning.swarm import command, search
 from planning.swarm.corners import Corners
 from planning.swarm.objective import Objective
@@ -58,6 +58,7 @@ class SwarmPlanner:
         )
         self._monocular = Monocular(config.monocular)
         self._corners = Corners()
+        self._guard = Guard(config.guard)
         self._standing = Standing(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None
@@ -183,13 +184,12 @@ class SwarmPlanner:
             np.array([o.radius_m + BESIDE_M for o in movers]),
         )
         unknown = self._standing.never_seen(estimate.stamp_s, estimate.pose.mean[:2])
-        return guard.choose(
+        return self._guard.choose(
             desired,
             estimate.pose,
             movers,
             np.concatenate([standing, unknown]),
             target,
-            self._config.guard,
             estimate.stamp_s,
         )
 
