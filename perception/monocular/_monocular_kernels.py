@@ -7,7 +7,9 @@ from numba import njit
 
 
 @njit(cache=True, nogil=True)
-def mark_range(rgb, limits, low, high, out):  # pragma: no cover
+def mark_range(
+    rgb: np.ndarray, limits: np.ndarray, low: np.ndarray, high: np.ndarray, out: np.ndarray
+) -> None:
     """Set out to 255 where a pixel lies in the range; hue by two half planes, no division.
 
     `limits`: value low, high; saturation low, high (0-255); chroma below which a pixel has no hue.
@@ -33,7 +35,7 @@ def mark_range(rgb, limits, low, high, out):  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def mark_edges(ground, edges, columns, rows):  # pragma: no cover
+def mark_edges(ground: np.ndarray, edges: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> int:
     """Pixels that are no ground with ground below them: marked in edges, listed row by row; their count."""
     height, width = ground.shape
     count = 0
@@ -53,7 +55,7 @@ def mark_edges(ground, edges, columns, rows):  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def _root(parent, i):  # pragma: no cover
+def _root(parent: np.ndarray, i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -61,7 +63,15 @@ def _root(parent, i):  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def group_edges(columns, rows, width, reach, parent, start, order):  # pragma: no cover
+def group_edges(
+    columns: np.ndarray,
+    rows: np.ndarray,
+    width: int,
+    reach: int,
+    parent: np.ndarray,
+    start: np.ndarray,
+    order: np.ndarray,
+) -> None:
     """Join edge pixels no farther apart than `reach` in both directions; parent becomes each one's root.
 
     `columns`, `rows` come row by row. `start` (width + 1) and `order` (n) become the pixels sorted by
@@ -98,7 +108,16 @@ def group_edges(columns, rows, width, reach, parent, start, order):  # pragma: n
 
 
 @njit(cache=True, nogil=True)
-def owners(u, v, start, order, rows, labels, above, out):  # pragma: no cover
+def owners(
+    u: np.ndarray,
+    v: np.ndarray,
+    start: np.ndarray,
+    order: np.ndarray,
+    rows: np.ndarray,
+    labels: np.ndarray,
+    above: float,
+    out: np.ndarray,
+) -> None:
     """Label of the nearest edge at or below each corner in its own column, no more than `above` px off."""
     width = len(start) - 1
     for i in range(len(u)):

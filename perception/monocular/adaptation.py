@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
 from ..primitives.errors import ConfigError
-from .colour_range import ColourRange, RangeConfig, mark, range_of
+from .colour_range import ColourRange, RangeConfig, core_of, mark, range_of
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,12 @@ def grown(
 
 
 class FloorColours:
-    """The remembered range; `learn` once per current picture."""
+    """The remembered range, and its core without margins; `learn` once per current picture."""
 
     def __init__(self, config: AdaptationConfig) -> None:
         self.config = config
         self.range: ColourRange | None = None
+        self.core: ColourRange | None = None
         self._unknown_since: np.ndarray | None = None
 
     def learn(
@@ -114,8 +115,12 @@ class FloorColours:
             interpolation=cv2.INTER_NEAREST,
         )
         colours = patch[::step, ::step][owner[::step, ::step] > 0]
-        seen = range_of(colours, config.ranges)
-        self.range = seen if self.range is None else self.range.toward(seen, config.rate)
+        seen, core = range_of(colours, config.ranges), core_of(colours, config.ranges)
+        if self.range is None or self.core is None:
+            self.range, self.core = seen, core
+        else:
+            self.range = self.range.toward(seen, config.rate)
+            self.core = self.core.toward(core, config.rate)
         return self.range
 
     def _begin(self, patch: np.ndarray, tiles: np.ndarray, side: int) -> int | None:

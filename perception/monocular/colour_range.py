@@ -119,6 +119,14 @@ def range_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRa
     return ColourRange(hue, float(min(hue_half, 180.0)), saturation, value, config.least_chroma)
 
 
+def core_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRange:
+    """The range of these colours themselves, without the margins for other light."""
+    return range_of(
+        colours,
+        RangeConfig(config.share, 2.0, 2.0, 0.0, 1.0, 1.0, 2.0, config.least_chroma),
+    )
+
+
 def mark(
     rgb: UInt8[np.ndarray, "h w 3"], colours: ColourRange, mask: UInt8[np.ndarray, "h w"]
 ) -> None:

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from ..primitives.errors import ConfigError, InputError
 from .adaptation import AdaptationConfig, FloorColours
 from .back_projection import FARTHEST_M, nearest_distance_m
 from .edges import find_edges
 from .flow import FlowConfig, follow
-from .ground import GroundConfig, ground_image, horizon_rows
+from .ground import GroundConfig, ground_image
 from .movable import predicted_image
-from .obstacles import floor_flows, seen_obstacles
+from .obstacles import floor_flows, least_speeds, seen_obstacles
 from .result import Flows, MonocularResult, Picture
 
 
@@ -28,6 +28,9 @@ class MonocularConfig:
 
     horizon_s: float = 0.65  # seed 000: T_DS + T_SS
     static_mps: float = 0.02  # seed 000: slower counts as standing
+    noise_px: float = (
+        0.7  # ours: a flow that so much of a pixel explains is none; far off that is fast
+    )
     farthest_m: float = FARTHEST_M
     corner_px: int = 20  # ours: side of the squares that are looked at for S_m; 2.5 cm of floor
     adaptation: AdaptationConfig = field(default_factory=AdaptationConfig)
@@ -73,7 +76,12 @@ class Monocular:
             owners = edges.owners(end, float(config.flow.band_px))
             flows = floor_flows(begin, end, previous, current, owners, config.farthest_m)
         obstacles = seen_obstacles(
-            edges, flows, current, config.horizon_s, config.static_mps, config.farthest_m
+            edges,
+            flows,
+            current,
+            config.horizon_s,
+            config.farthest_m,
+            self._least_speeds(previous, current, flows),
         )
         predicted = predicted_image(ground, obstacles, current)
         movable = cv2.subtract(ground, predicted)
@@ -92,6 +100,14 @@ class Monocular:
             corners_blocked=_corners_blocked(movable, config.corner_px),
         )
 
+    def _least_speeds(
+        self, previous: Picture | None, current: Picture, flows: Flows
+    ) -> Float[np.ndarray, "n"]:
+        """How fast each flow must be to count as motion, m/s."""
+        if previous is None or not len(flows):
+            return np.zeros(0)
+        return least_speeds(flows, previous, current, self.config.static_mps, self.config.noise_px)
+
     def ground_of(self, picture: Picture) -> UInt8[np.ndarray, "h w"]:
         """I_g of a picture by the colours as they are remembered now.
 
@@ -100,8 +116,7 @@ class Monocular:
         """
         if self.colours.range is None:
             raise InputError("no floor colours are known yet; learn them from a picture first")
-        horizon = horizon_rows(picture.camera, picture.T_world_camera)
-        return ground_image(picture.rgb, self.colours.range, self.config.ground, horizon)
+        return ground_image(picture, self.colours.range, self.config.ground, self.colours.core)
 
 
 def _check(previous: Picture, current: Picture) -> None:

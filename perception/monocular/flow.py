@@ -79,18 +79,27 @@ def follow(
         return none, none.copy()
     begin = corners * 2.0 + 0.5  # centre of a half pixel
     begin = begin.astype(np.float32)
-    window = (config.window_px, config.window_px)
-    levels = config.levels - 1
-    end, found, _ = cv2.calcOpticalFlowPyrLK(
-        grey[0], grey[1], begin, None, winSize=window, maxLevel=levels
-    )
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(
-        grey[1], grey[0], end, None, winSize=window, maxLevel=levels
-    )
+    end, found = _lucas_kanade(grey[0], grey[1], begin, config)
+    back, returned = _lucas_kanade(grey[1], grey[0], end, config)
     off = np.linalg.norm((back - begin)[:, 0], axis=1)
-    good = (found[:, 0] > 0) & (returned[:, 0] > 0) & (off <= config.agree_px)
+    good = found & returned & (off <= config.agree_px)
     shift = np.array([0.0, top])
     return begin[good, 0].astype(np.float64) + shift, end[good, 0].astype(np.float64) + shift
+
+
+def _lucas_kanade(
+    first: np.ndarray, second: np.ndarray, begin: np.ndarray, config: FlowConfig
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where corners (n, 1, 2) of the first picture are in the second, and which were found."""
+    end, found, _ = cv2.calcOpticalFlowPyrLK(
+        first,
+        second,
+        begin,
+        begin.copy(),
+        winSize=(config.window_px, config.window_px),
+        maxLevel=config.levels - 1,
+    )
+    return np.asarray(end), np.asarray(found)[:, 0] > 0
 
 
 def contact_band(ground: UInt8[np.ndarray, "h w"], band_px: int) -> UInt8[np.ndarray, "h2 w2"]:

@@ -15,7 +15,9 @@ from jaxtyping import UInt8
 from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
+from .back_projection import floor_points
 from .colour_range import ColourRange, mark
+from .result import Picture
 
 _SQUARE = np.ones((3, 3), np.uint8)
 
@@ -25,13 +27,12 @@ class GroundConfig:
     """What is too small to be floor, or too small not to be."""
 
     least_px: int = 500  # seed 000: components that do not touch the bottom row
-    speck_px: int = (
-        60  # ours: no obstacle is smaller where it matters; joints and knots of boards are
-    )
+    core_share: float = 0.5  # ours: of an island's pixels that lie in the core of the range
+    speck_m2: float = 0.0025  # ours: a hole of 5 cm squared; a robot of 7 cm hides 80 cm^2
 
     def __post_init__(self) -> None:
-        if self.least_px < 0 or self.speck_px < 0:
-            raise ConfigError("ground: least_px and speck_px must not be negative")
+        if self.least_px < 0 or not self.speck_m2 >= 0.0:
+            raise ConfigError("ground: least_px and speck_m2 must not be negative")
 
 
 def horizon_rows(camera: Camera, T_world_camera: Pose3) -> tuple[float, float]:
@@ -48,26 +49,30 @@ def horizon_rows(camera: Camera, T_world_camera: Pose3) -> tuple[float, float]:
 
 
 def ground_image(
-    rgb: UInt8[np.ndarray, "h w 3"],
+    picture: Picture,
     colours: ColourRange,
     config: GroundConfig,
-    horizon: tuple[float, float] = (-math.inf, -math.inf),
+    core: ColourRange | None = None,
 ) -> UInt8[np.ndarray, "h w"]:
-    """I_g, 255 on the floor.
+    """I_g, 255 on the floor: in the range, below the horizon, without specks and with small holes filled.
 
     Args:
-        rgb: Picture.
-        colours: Range of the floor.
-        config: Sizes, in pixels of the picture.
-        horizon: Rows at the left and right border above which nothing is floor (`horizon_rows`).
+        picture: Whose pose tells the horizon, and how large a hole is.
+        colours: The range of the floor.
+        config: Sizes.
+        core: The range without its margins: what does not touch the bottom row must mostly lie in it, for
+            a margin is a tolerance for what is likely to be floor anyhow. None asks for no such thing.
     """
+    rgb = picture.rgb
+    horizon = horizon_rows(picture.camera, picture.T_world_camera)
     mask = np.zeros(rgb.shape[:2], np.uint8)
     top = min(max(math.floor(min(horizon)), 0), rgb.shape[0]) if min(horizon) > 0 else 0
     below = mask[top:]
     mark(rgb[top:], colours, below)
     _clear_above(mask, horizon)
     cv2.morphologyEx(below, cv2.MORPH_OPEN, _SQUARE, dst=below)
-    _sift(below, config)
+    _drop_islands(below, rgb[top:], core, config)
+    _fill_specks(mask, picture, top, config.speck_m2)
     return mask
 
 
@@ -81,28 +86,59 @@ def _clear_above(mask: np.ndarray, horizon: tuple[float, float]) -> None:
     cv2.fillConvexPoly(mask, np.rint(corners).astype(np.int32), 0)
 
 
-def _sift(mask: np.ndarray, config: GroundConfig) -> None:
-    """Drop small components and fill small holes, both found at half resolution."""
-    height, width = mask.shape
-    size = (max(1, width // 2), max(1, height // 2))
-    half = cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(half, connectivity=8, ltype=cv2.CV_16U)
-    touches = stats[:, cv2.CC_STAT_TOP] + stats[:, cv2.CC_STAT_HEIGHT] >= size[1] - 1
-    drop = ~touches & (4 * stats[:, cv2.CC_STAT_AREA] < config.least_px)
-    drop[0] = False
-    hollow = cv2.bitwise_not(half)
-    _, holes, sizes, _ = cv2.connectedComponentsWithStats(hollow, connectivity=4, ltype=cv2.CV_16U)
-    fill = 4 * sizes[:, cv2.CC_STAT_AREA] < config.speck_px
+def _drop_islands(
+    mask: np.ndarray, rgb: np.ndarray, core: ColourRange | None, config: GroundConfig
+) -> None:
+    """Of the components that do not touch the bottom row, take away the small and the not quite right ones."""
+    half = _halved(mask)
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(half, connectivity=8, ltype=cv2.CV_16U)
+    floats = boxes[:, cv2.CC_STAT_TOP] + boxes[:, cv2.CC_STAT_HEIGHT] < len(half)
+    floats[0] = False
+    for k in np.flatnonzero(floats):
+        there, area = _parts(mask, labels, boxes[k], k)
+        drop = 4 * boxes[k, cv2.CC_STAT_AREA] < config.least_px
+        if core is not None and not drop:
+            x, y = 2 * boxes[k, 0], 2 * boxes[k, 1]
+            inner = np.zeros(there.shape, np.uint8)
+            mark(rgb[y : y + there.shape[0], x : x + there.shape[1]], core, inner)
+            drop = cv2.mean(inner, area)[0] < 255 * config.core_share
+        if drop:
+            there[area > 0] = 0
+
+
+def _fill_specks(mask: np.ndarray, picture: Picture, top: int, speck_m2: float) -> None:
+    """Fill holes that would be smaller than a speck if they lay on the floor."""
+    below = mask[top:]
+    hollow = cv2.bitwise_not(_halved(below))
+    _, labels, boxes, middles = cv2.connectedComponentsWithStats(
+        hollow, connectivity=4, ltype=cv2.CV_16U
+    )
+    centre = 2.0 * middles + np.array([0.5, top + 0.5])
+    corners = centre[:, None] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    a, b, c = np.moveaxis(
+        floor_points(corners, picture.camera, picture.T_world_camera, math.inf), 1, 0
+    )
+    pixel_m2 = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    fill = 4 * boxes[:, cv2.CC_STAT_AREA] * pixel_m2 < speck_m2
+    x, y, w, h = boxes[:, :4].T
+    fill &= (x > 0) & (x + w < hollow.shape[1]) & (y + h < hollow.shape[0])  # whole ones
     fill[0] = False
-    for boxes, table, chosen, paint in ((stats, labels, drop, 0), (sizes, holes, fill, 255)):
-        for k in np.flatnonzero(chosen):
-            x, y, w, h = (int(n) for n in boxes[k, :4])
-            area = (table[y : y + h, x : x + w] == k).astype(np.uint8)
-            there = mask[2 * y : 2 * (y + h), 2 * x : 2 * (x + w)]
-            large = cv2.resize(
-                area, (there.shape[1], there.shape[0]), interpolation=cv2.INTER_NEAREST
-            )
-            if paint == 0:
-                there[large > 0] = 0
-            else:
-                there[cv2.dilate(large, _SQUARE) > 0] = 255
+    for k in np.flatnonzero(fill):
+        there, area = _parts(below, labels, boxes[k], k)
+        there[cv2.dilate(area, _SQUARE) > 0] = 255
+
+
+def _halved(mask: np.ndarray) -> UInt8[np.ndarray, "h w"]:
+    size = (max(1, mask.shape[1] // 2), max(1, mask.shape[0] // 2))
+    return np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+
+
+def _parts(
+    mask: np.ndarray, labels: np.ndarray, box: np.ndarray, label: np.integer
+) -> tuple[np.ndarray, np.ndarray]:
+    """The part of a mask about a component of its half, and that component at full size."""
+    x, y, w, h = (int(n) for n in box[:4])
+    there = mask[2 * y : 2 * (y + h), 2 * x : 2 * (x + w)]
+    area = (labels[y : y + h, x : x + w] == label).astype(np.uint8)
+    size = (there.shape[1], there.shape[0])
+    return there, np.asarray(cv2.resize(area, size, interpolation=cv2.INTER_NEAREST))

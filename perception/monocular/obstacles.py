@@ -8,6 +8,8 @@ Source: seed 000, section 3.4 (minimum flow) and section 3.5 (prediction).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -35,15 +37,31 @@ def floor_flows(
     return Flows(begin, end, owners, velocity)
 
 
+def least_speeds(
+    flows: Flows, previous: Picture, current: Picture, static_mps: float, noise_px: float
+) -> Float[np.ndarray, "n"]:
+    """What each flow must reach to count as motion: the threshold, or what an error of `noise_px` down the
+    picture makes of standing still, m/s. NaN where the corner does not look at the floor.
+    """
+    pose, camera = current.T_world_camera, current.camera
+    here = floor_points(flows.current, camera, pose, math.inf)
+    there = floor_points(flows.current + np.array([0.0, noise_px]), camera, pose, math.inf)
+    seconds = current.stamp_s - previous.stamp_s
+    return np.asarray(np.maximum(static_mps, np.hypot(*(there - here).T) / seconds))
+
+
 def seen_obstacles(
     edges: Edges,
     flows: Flows,
     current: Picture,
     horizon_s: float,
-    threshold_mps: float,
     farthest_m: float,
+    threshold_mps: Float[np.ndarray, "n"],
 ) -> tuple[SeenObstacle, ...]:
-    """Every group of edges with its least flow and where that takes it within the horizon."""
+    """Every group of edges with its least flow and where that takes it within the horizon.
+
+    `threshold_mps` is what each flow must reach to count as motion.
+    """
     speed = np.hypot(*flows.velocity_world.T)
     found = []
     for index, edge in enumerate(edges.groups):
@@ -56,7 +74,7 @@ def seen_obstacles(
             least = int(mine[np.argmin(speed[mine])])
             velocity = flows.velocity_world[least]
             median = np.median(flows.velocity_world[mine], axis=0)
-        moving = bool(np.hypot(*velocity) >= threshold_mps)
+        moving = least >= 0 and bool(speed[least] >= threshold_mps[least])
         if not moving:
             velocity = np.zeros(2)
         found.append(
