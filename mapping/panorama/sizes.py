@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, Int32
@@ -22,6 +22,7 @@ from scipy.ndimage import median_filter
 from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
 
+from . import printed
 from .adjustment import Placed
 from .contours import ContourConfig, fronts
 from .level_sets import LevelConfig, forward_distance, label, levels, merged
@@ -41,6 +42,7 @@ class SizeConfig:
     levels: LevelConfig = field(default_factory=LevelConfig)
     contour: ContourConfig = field(default_factory=ContourConfig)
     silhouettes: SilhouetteConfig = field(default_factory=SilhouetteConfig)
+    literal: bool = False  # distance, width, height and gaps by the printed formulas, see `printed`
     floor_m: float = 0.03  # spec of 004: lower is floor
     floor_sigmas: float = (
         3.0  # ours: or lower than this many deviations, where the views' tilt is unsure
@@ -105,7 +107,29 @@ def surroundings(
     obstacles = tuple(sorted(found, key=lambda one: -one.bearing_rad))
     sphere = drawing.sphere
     ends = -sphere.left_rad, -(sphere.left_rad + (sphere.width - 1) / sphere.px_per_rad)
-    return Surroundings(obstacles, gaps_between(obstacles, ends, config.levels.farthest_m))
+    gaps = gaps_between(obstacles, ends, config.levels.farthest_m)
+    if config.literal:
+        scale = sphere.px_per_rad
+        obstacles = tuple(_as_printed(scene, one) for one in obstacles)
+        gaps = tuple(
+            replace(g, width_m=printed.width(g.distance_m, scale * (g.left_rad - g.right_rad)))
+            for g in gaps
+        )
+    return Surroundings(obstacles, gaps)
+
+
+def _as_printed(scene: _Scene, one: PanoramaObstacle) -> PanoramaObstacle:
+    """The same thing measured by counting its pixels."""
+    rows, columns = np.nonzero(scene.labels == one.label)
+    reach = float(np.median(scene.drawing.range_m[rows, columns]))
+    far = printed.distance(reach, one.bearing_rad)
+    across, down = int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
+    return replace(
+        one,
+        distance_m=far,
+        width_m=printed.width(far, float(across)),
+        height_m=printed.height(far, float(down)),
+    )
 
 
 def things(

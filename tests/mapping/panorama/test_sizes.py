@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from mapping.panorama import printed
 from mapping.panorama.adjustment import Placed
 from mapping.panorama.rendering import render
 from mapping.panorama.sizes import SizeConfig, surroundings
@@ -155,6 +156,33 @@ def test_a_yaw_that_two_views_share_does_not_widen_what_both_show():
     assert narrow.sigma_width_m < 0.006
     assert wide.sigma_width_m > 0.012
     assert narrow.sigma_left_rad == pytest.approx(sigma, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("width_m", "short"), [(0.713, 0.036), (0.954, 0.061), (1.195, 0.091), (1.428, 0.122)]
+)
+def test_printed_widths_are_short_on_a_sphere_and_right_on_a_plane(width_m, short):
+    """At the distance of the table; 217.8 px/rad is the camera's own scale."""
+    flat = printed.width(1.05, 217.8 * width_m / 1.05)
+    assert flat == pytest.approx(width_m, rel=0.001)
+    round_ = printed.width(1.05, 217.8 * 2.0 * math.atan(width_m / 2.0 / 1.05))
+    assert 1.0 - round_ / width_m == pytest.approx(short, abs=0.001)
+
+
+def test_printed_levels_know_whole_metres_only():
+    found = printed.levels(np.array([0.3, 0.99, 1.0, 1.7, 2.4, np.nan]))
+    assert found.tolist() == [0, 0, 20, 20, 40, -1]
+
+
+def test_literal_sizes_count_pixels():
+    views, true = views_of([box(1.05, 0.0, 0.2, 0.6, 0.3)])
+    panorama = exactly(views, true)
+    (found,) = [o for o in surroundings(panorama, views).obstacles if o.distance_m < 2.0]
+    literal = surroundings(panorama, views, config=SizeConfig(literal=True))
+    (counted,) = [o for o in literal.obstacles if o.distance_m < 2.0]
+    assert abs(found.width_m - 0.6) < 0.006
+    assert abs(counted.width_m - 0.6) > 0.02
+    assert counted.left_rad == found.left_rad
 
 
 def test_borders_out_of_order_are_refused():
