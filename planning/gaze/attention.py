@@ -69,6 +69,8 @@ class AttentionConfig:
     young_s: float = (
         3.0  # ours: ... unless they were followed for less than this: nobody can tell yet
     )
+    young_share: float = 0.4  # ours: a look at such a thing is worth so much of one at a mover
+    seek_max: float = 3.0  # ours: worth of the most overdue look, in those of one that is due
     new_looks: int = 2  # ours: so often a thing without a track is looked at again, to get one
     new_apart_m: float = 0.25  # ours: nearer than this to a track, or to one before, it is the same
     turned_back_s: float = 3.0  # ours: unseen for longer, it may as well have turned back
@@ -267,13 +269,12 @@ class Attentive:
             )[0]
         )
         alone = min(stamp_s - mover.seen_s, stamp_s - self._sought_s.get(mover.track, -math.inf))
-        comes = float(offset @ mover.velocity) < 0.0
-        seek = (
-            min(alone / config.seek_s, 1.0) ** 2
-            * self._nearness(away)
-            * (1.0 if comes else config.receding)
-        )
-        return max(psi_ob, seek)
+        worth = self._nearness(away) * min((alone / config.seek_s) ** 2, config.seek_max)
+        if float(offset @ mover.velocity) >= 0.0:
+            worth *= config.receding
+        if mover.moving < config.moving_share:
+            worth *= config.young_share
+        return max(psi_ob, worth)
 
     def _may_be(self, stamp_s: float, mover: Obstacle, pose: Gaussian) -> Float[np.ndarray, "n 3"]:
         """Where on the floor it may be by now: gone straight on, or turned back when last seen."""

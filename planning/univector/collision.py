@@ -45,7 +45,7 @@ def colliding_speeds(
     Returns:
         None if no speed collides. All speeds if the robot is in the disc already.
     """
-    (px, py), (vx, vy) = place, velocity
+    (px, py), (vx, vy) = place.tolist(), velocity.tolist()
     D = px * px + py * py - radius_m * radius_m
     if D <= 0.0:
         return Band(-math.inf, math.inf)
@@ -56,9 +56,9 @@ def colliding_speeds(
     if abs(a) < 1e-12:  # the path touches the disc: one root goes to infinity
         return _half_line(px, -c / b, b > 0.0) if abs(b) > 1e-12 else None
     square = b * b - 4.0 * a * c
-    if square < 0.0:
+    if square < 0.0 and a < 0.0:
         return None
-    root = math.sqrt(square)
+    root = math.sqrt(max(square, 0.0))  # where the path crosses the disc it is never below 0
     first, second = sorted(((-b - root) / (2.0 * a), (-b + root) / (2.0 * a)))
     if a > 0.0:  # the path crosses the disc: any speed high enough, or low enough if it lies behind
         return Band(second, math.inf) if px > 0.0 else Band(-math.inf, first)
@@ -157,5 +157,5 @@ def doubtful_band(
 
 def _nearest_speed(place: Float[np.ndarray, "2"], velocity: Float[np.ndarray, "2"]) -> float:
     """The speed whose relative velocity points at the obstacle; the obstacle's own along x if none does."""
-    px, py = place
+    px, py = place.tolist()
     return float(velocity[0] - velocity[1] * px / py) if abs(py) > 1e-9 else float(velocity[0])

@@ -1,0 +1,128 @@
+"""The whole decision: what each switch adds, and that doubt is counted."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from planning.univector.fields import FieldConfig
+from planning.univector.motion import advise, relative_covariance
+
+PLAIN = FieldConfig(
+    gaze_coupling=False, virtual_obstacles=False, velocity_change=False, uncertainty=False
+)
+SURE = np.eye(3) * 1e-12
+STEP_S, TURN = 0.65, math.radians(14.0)
+GOAL = np.array([4.0, 0.0])
+
+
+def mover(x, y, vx, vy, sigma=1e-6, moving=1.0):
+    P = np.diag([sigma, sigma, sigma / 3, sigma / 3]) ** 2
+    return Obstacle(Gaussian(np.array([x, y, vx, vy]), P), 0.10, 0.4, 1, moving)
+
+
+def walk(config, start, velocity):
+    """Walks to the goal past one mover: least gap, sum of turns, distance at which it first turned."""
+    pose, speed = np.zeros(3), config.cruise_mps
+    gap, turning, first = math.inf, 0.0, math.nan
+    for k in range(140):
+        at = start + velocity * k * STEP_S
+        said = advise(
+            Gaussian(pose.copy(), SURE), speed, [mover(*at, *velocity)], GOAL, None, config
+        )
+        turn = (said.heading_rad - pose[2] + math.pi) % (2 * math.pi) - math.pi
+        turn = min(max(turn, -TURN), TURN)
+        if math.isnan(first) and abs(turn) > math.radians(3.0):
+            first = float(np.hypot(*(at - pose[:2])))
+        turning, speed = turning + abs(turn), said.speed_mps
+        for part in range(13):
+            pose += [
+                speed * STEP_S / 13 * math.cos(pose[2]),
+                speed * STEP_S / 13 * math.sin(pose[2]),
+                turn / 13,
+            ]
+            there = at + velocity * STEP_S * (part + 1) / 13
+            gap = min(gap, float(np.hypot(*(pose[:2] - there))) - 0.25)
+        if np.hypot(*(pose[:2] - GOAL)) < 0.1:
+            return gap, turning, first
+    pytest.fail("never arrived")
+
+
+@pytest.mark.parametrize("speed", [0.06, 0.15])
+def test_the_virtual_obstacle_turns_earlier_and_passes_wider(speed):
+    start, velocity = np.array([2.5, 0.02]), np.array([-speed, 0.0])
+    gap, _, first = walk(PLAIN, start, velocity)
+    wider, _, earlier = walk(replace(PLAIN, virtual_obstacles=True), start, velocity)
+    assert wider > gap + 0.02
+    assert earlier > first + 0.2
+
+
+def test_a_fast_mover_from_the_side_is_let_pass():
+    velocity = np.array([0.0, -0.15])
+    start = np.array([0.0615 * 15.0, 0.0]) - velocity * 15.0
+    assert walk(PLAIN, start, velocity)[0] < 0.0
+    assert walk(replace(PLAIN, velocity_change=True), start, velocity)[0] > 0.05
+
+
+def test_with_all_off_it_is_the_field_at_cruise():
+    said = advise(
+        Gaussian(np.zeros(3), np.eye(3)), 0.0615, [mover(1.0, 0.0, -0.06, 0.0)], GOAL, None, PLAIN
+    )
+    assert said.speed_mps == PLAIN.cruise_mps
+    assert not said.virtual.any()
+    np.testing.assert_allclose(said.extended_m, [0.15 + 0.10 + 0.5 * 0.06])
+    assert said.psi.tolist() == [0.0]
+
+
+def test_the_evaluations_and_doubt_enlarge_the_obstacle_each_by_its_switch():
+    robot, vague = Gaussian(np.zeros(3), np.eye(3) * 0.02**2), mover(0.9, 0.3, -0.05, 0.0, 0.06)
+
+    def size(**switches):
+        config = replace(PLAIN, **switches)
+        return float(advise(robot, 0.0615, [vague], GOAL, None, config).extended_m[0])
+
+    assert size(gaze_coupling=True) > size() + 0.01
+    assert size(uncertainty=True) == pytest.approx(size() + math.hypot(0.06, 0.02))
+    wide = size(uncertainty=True, gaze_coupling=True)
+    assert wide > max(size(uncertainty=True), size(gaze_coupling=True))
+
+
+def test_doubt_slows_down_before_a_mover_that_the_mean_would_miss():
+    config = replace(PLAIN, velocity_change=True)
+    velocity = np.array([0.0, -0.10])
+    place = np.array([0.60, 0.35])  # passes before the robot at 0.33 m; S_oe is 0.30 m
+    robot = Gaussian(np.zeros(3), SURE)
+    sure = advise(robot, 0.0615, [mover(*place, *velocity, 0.08)], GOAL, None, config)
+    careful = replace(config, uncertainty=True)
+    doubtful = advise(robot, 0.0615, [mover(*place, *velocity, 0.08)], GOAL, None, careful)
+    assert sure.changes[0].case == "clear"
+    assert doubtful.changes[0].case != "clear"
+
+
+def test_the_relative_covariance_is_that_of_drawn_robots_and_obstacles():
+    rng = np.random.default_rng(4)
+    A, B = rng.normal(0, 0.02, (3, 3)), rng.normal(0, 0.02, (4, 4))
+    robot = Gaussian(np.array([0.3, -0.2, 0.7]), np.zeros((3, 3)))
+    P = A @ A.T
+    P[:2, 2] = P[2, :2] = 0.0
+    robot = Gaussian(robot.mean, P)
+    other = Obstacle(Gaussian(np.array([1.1, 0.6, -0.1, 0.08]), B @ B.T), 0.1, moving=1.0)
+    poses = rng.multivariate_normal(robot.mean, P, 40000)
+    states = rng.multivariate_normal(other.state.mean, other.state.covariance, 40000)
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    dx, dy = (states[:, :2] - poses[:, :2]).T
+    vx, vy = states[:, 2:].T
+    seen = np.column_stack([c * dx + s * dy, c * dy - s * dx, c * vx + s * vy, c * vy - s * vx])
+    np.testing.assert_allclose(relative_covariance(robot, other), np.cov(seen.T), atol=4e-5)
+
+
+def test_nothing_in_the_way_is_walked_straight_at_cruise():
+    said = advise(Gaussian(np.zeros(3), SURE), 0.05, [], GOAL, None, FieldConfig())
+    assert said.heading_rad == pytest.approx(0.0)
+    assert said.speed_mps == FieldConfig().cruise_mps
+    assert said.changes == ()
