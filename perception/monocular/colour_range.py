@@ -32,6 +32,7 @@ class RangeConfig:
     hue_margin_deg: float = 16.0  # ours: jpeg and lamps of two colours
     saturation_margin: float = 22.0  # ours: of 255
     widen: float = 0.5  # ours: of the spread itself, added on both sides
+    grain: float = 0.35  # ours: of the spread of the brightness: knots and joints of boards
     shade: float = 0.80  # ours: a soft shadow leaves this share of the light
     shine: float = 1.12  # ours: the same towards the lamp
     value_margin: float = 25.0  # ours: of 255, at least
@@ -111,9 +112,10 @@ def range_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRa
     margin = max((high - low) * config.widen, config.saturation_margin)
     saturation = (float(low - margin), float(high + margin))
     low, high = np.quantile(hsv[:, 2], [config.share, 1 - config.share])
+    spread = config.grain * (high - low)
     value = (
-        float(min(low - config.value_margin, low * config.shade)),
-        float(max(high + config.value_margin, high * config.shine)),
+        float(min(low - config.value_margin, low * config.shade, low - spread)),
+        float(max(high + config.value_margin, high * config.shine, high + spread)),
     )
     hue = math.degrees(middle) % 360.0
     return ColourRange(hue, float(min(hue_half, 180.0)), saturation, value, config.least_chroma)
@@ -123,7 +125,7 @@ def core_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRan
     """The range of these colours themselves, without the margins for other light."""
     return range_of(
         colours,
-        RangeConfig(config.share, 2.0, 2.0, 0.0, 1.0, 1.0, 2.0, config.least_chroma),
+        RangeConfig(config.share, 2.0, 2.0, 0.0, 0.0, 1.0, 1.0, 2.0, config.least_chroma),
     )
 
 
