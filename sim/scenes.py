@@ -167,11 +167,19 @@ def load(name: str, seed: int) -> Scene:
 
 
 def _registry() -> dict[str, Callable[[int], Scene]]:
-    from . import course, home, rooms, seed_rooms  # they build the values defined here
+    from . import (
+        course,
+        home,
+        public_places,
+        rooms,
+        seed_rooms,
+    )  # they build the values defined here
 
     return {
         "home": home.furnished,
         "corridor": rooms.corridor,
+        "office": public_places.office,
+        "hall": public_places.hall,
         "empty_room": rooms.empty_room,
         "boxes": rooms.boxes,
         "robots_room": seed_rooms.robots_room,

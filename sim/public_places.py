@@ -1,0 +1,155 @@
+"""Scenes beyond the flat: an office full of desks, and a hall that people cross."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from perception.primitives.errors import SurefootError
+from perception.primitives.pose import Pose2
+
+from .free_space import clearance_map
+from .furniture import CATALOGUE, place_piece
+from .rooms import walls
+from .scenes import FloorArea, Mover, Scene, Thing
+from .shapes import Box, Cylinder, Shape
+from .tags import place_tags
+
+OFFICE_M = (0.0, 0.0, 7.0, 5.0)
+HALL_M = (0.0, 0.0, 8.0, 5.0)
+DRAWS = 60
+WALKER_RADIUS_M = 0.28  # a body of 15 cm radius that sways, and room to pass
+PEOPLE = 5
+PERSON_RADIUS_M = 0.18
+PERSON_HEIGHT_M = 1.60
+SLOWEST_MPS, FASTEST_MPS = (
+    0.04,
+    0.12,
+)  # strolling children: people at full speed are beyond a small robot
+
+_CHAIR = next(model for model in CATALOGUE if model.name == "chair")
+_BIN = next(model for model in CATALOGUE if model.name == "bin")
+_SHELF = next(model for model in CATALOGUE if model.name == "bookshelf")
+_CLOTHES = ("navy", "rust", "plum", "teal", "mustard")
+
+
+def office(seed: int) -> Scene:
+    """Two rows of desks with chairs pushed about, shelves at the walls, cartons and bins in the aisles."""
+    rng = np.random.default_rng([seed, 40])
+    extent = OFFICE_M
+    start, goals = Pose2(0.5, 2.5, 0.0), ((6.5, 2.5), (6.4, 0.5), (0.6, 4.5))
+    for _ in range(DRAWS):
+        things = [*walls(extent, ("wall/white", "wall/sky", "wall/cream", "wall/sage"))]
+        for k, (x, y) in enumerate((x, y) for y in (1.15, 3.85) for x in (1.7, 3.5, 5.3)):
+            shift = rng.uniform(-0.12, 0.12, 2)
+            place = (x + float(shift[0]), y + float(shift[1]))
+            things.append(Thing(f"desk {k + 1}", _desk(place)))
+            towards_aisle = 1.0 if y < 2.5 else -1.0
+            seat = (place[0] + float(rng.uniform(-0.3, 0.3)), place[1] + towards_aisle * 0.55)
+            chair = place_piece(_CHAIR, seat, float(rng.uniform(-math.pi, math.pi)), rng)
+            things.append(Thing(f"chair {k + 1}", chair.parts, chair.albedo))
+        things.append(place_piece(_SHELF, (3.5, extent[3] - 0.18), -math.pi / 2, rng))
+        for k in range(3):
+            place = (float(rng.uniform(1.2, 5.8)), float(rng.uniform(2.2, 2.8)))
+            litter = place_piece(_BIN, place, float(rng.uniform(-math.pi, math.pi)), rng)
+            things.append(Thing(f"bin {k + 1}", litter.parts, litter.albedo))
+        if _can_be_walked(extent, things, start, goals):
+            return _finished("office", seed, extent, "tiles/grey", things, (), start, goals)
+    raise SurefootError(
+        f"office: no draw of {DRAWS} with seed {seed} could be walked; take another"
+    )
+
+
+def hall(seed: int) -> Scene:
+    """A bare hall with two pillars and a bench that people cross, to and fro, from wall to wall."""
+    rng = np.random.default_rng([seed, 41])
+    extent = HALL_M
+    start, goals = Pose2(0.6, 2.5, 0.0), ((7.4, 2.5), (7.2, 0.6))
+    things = [*walls(extent, ("wall/cream", "wall/white", "wall/sky", "wall/white"))]
+    for k, x in enumerate((2.6, 5.4)):
+        y = float(rng.uniform(1.8, 3.2))
+        things.append(Thing(f"pillar {k + 1}", (Cylinder((x, y, 1.2), 0.18, 2.4, "plaster/grey"),)))
+    bench = Box((4.0, 4.6, 0.21), (1.4, 0.38, 0.42), 0.0, "wood/walnut")
+    things.append(Thing("bench", (bench,)))
+    people: list[Mover] = []
+    for k in range(PEOPLE):
+        for _ in range(DRAWS):
+            one = _person(k, extent, rng)
+            if _keeps_apart(one, people, things, (start.x, start.y), goals):
+                people.append(one)
+                break
+    return _finished("hall", seed, extent, "tiles/grey", things, tuple(people), start, goals)
+
+
+def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
+    """A top on two side panels, 1.2 m wide and 0.6 m deep."""
+    x, y = place
+    top = Box((x, y, 0.70), (1.2, 0.6, 0.04), 0.0, "wood/pine")
+    sides = (Box((x + s * 0.57, y, 0.34), (0.04, 0.56, 0.68), 0.0, "wood/pine") for s in (-1, 1))
+    return (top, *sides)
+
+
+def _person(k: int, extent: tuple[float, ...], rng: np.random.Generator) -> Mover:
+    """From one long wall to the other, more or less straight across."""
+    x = float(rng.uniform(1.4, extent[2] - 1.4))
+    margin = PERSON_RADIUS_M + 0.15
+    upwards = bool(rng.integers(2))
+    y = margin if upwards else extent[3] - margin
+    heading = (1.0 if upwards else -1.0) * (math.pi / 2 + float(rng.uniform(-0.3, 0.3)))
+    length = (extent[3] - 2 * margin - 0.8) / abs(math.sin(heading))
+    speed = float(rng.uniform(SLOWEST_MPS, FASTEST_MPS))
+    trunk = Cylinder(
+        (0.0, 0.0, 0.72), PERSON_RADIUS_M, 1.44, f"fabric/{_CLOTHES[k % len(_CLOTHES)]}"
+    )
+    head = Cylinder((0.0, 0.0, PERSON_HEIGHT_M - 0.08), 0.09, 0.16, "plaster/clay")
+    return Mover(f"person {k + 1}", (x, y), heading, speed, length / speed, (trunk, head), 0.5)
+
+
+def _keeps_apart(
+    one: Mover,
+    others: list[Mover],
+    things: list[Thing],
+    start: tuple[float, float],
+    goals: tuple[tuple[float, float], ...],
+) -> bool:
+    """No two lines share a place, and none leads over the start, a goal or a thing."""
+    line = _line(one)
+    if any(math.dist(place, spot) < 0.7 for place in line for spot in (start, *goals)):
+        return False
+    shapes = [part for thing in things if not thing.wall for part in thing.parts]
+    space = clearance_map(HALL_M, shapes)
+    if any(space.at(place) < PERSON_RADIUS_M + 0.1 for place in line):
+        return False
+    return all(math.dist(a, b) > 0.6 for other in others for a in line for b in _line(other))
+
+
+def _line(mover: Mover) -> list[tuple[float, float]]:
+    return [mover.state(float(s))[:2] for s in np.linspace(0.0, mover.reversal_s, 25)]
+
+
+def _can_be_walked(
+    extent: tuple[float, float, float, float],
+    things: list[Thing],
+    start: Pose2,
+    goals: tuple[tuple[float, float], ...],
+) -> bool:
+    shapes = [part for thing in things if not thing.wall for part in thing.parts]
+    reach = clearance_map(extent, shapes).reachable((start.x, start.y), WALKER_RADIUS_M)
+    space = clearance_map(extent, shapes)
+    return all(bool(reach[space.cell(goal)]) for goal in goals)
+
+
+def _finished(
+    name: str,
+    seed: int,
+    extent: tuple[float, float, float, float],
+    flooring: str,
+    things: list[Thing],
+    movers: tuple[Mover, ...],
+    start: Pose2,
+    goals: tuple[tuple[float, float], ...],
+) -> Scene:
+    plates, landmarks = place_tags(extent, tuple(things), start, count=24)
+    area = FloorArea(flooring, extent)
+    return Scene(name, seed, extent, (area,), (*things, *plates), movers, landmarks, start, goals)
