@@ -22,12 +22,14 @@ FILES = {
     "ukf": "ukf",
     "astar": "astar",
     "mdghm": "mdghm",
+    "monocular": "monocular",
     "panorama": "panorama",
     "smoother": "smoother",
     "process": "process",
     "gaze": "gaze",
     "univector": "univector",
     "swarm": "swarm",
+    "fams": "fams",
 }
 """Where each benchmark lives: name to file of this folder."""
 

@@ -18,7 +18,9 @@ COMPARE: dict[str, Callable[[float, float], bool]] = {
 }
 
 FILES = {
+    "000-E1": "monocular_cycle",
     "000-E2": "swarm_table",
+    "000-E5": "monocular_time",
     "000-E3": "robots_room",
     "000-E4": "narrow_course",
     "001-E1": "field_portrait",
@@ -43,9 +45,11 @@ FILES = {
     "localisation": "localisation",
     "mrclam": "mrclam",
     "real-floor": "real_floor",
+    "real-ground": "real_ground",
     "real-stereo": "real_stereo",
     "real-planes": "real_planes",
     "004-E1": "obstacle_sizes",
+    "004-E2": "fuzzy_choice",
     "004-E5": "panorama_angles",
     "004-features": "feature_study",
     "real-panorama": "real_panorama",

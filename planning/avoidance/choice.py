@@ -1,0 +1,175 @@
+"""The whole decision: from what stands around to a side, a motion and a pivot, with the reasons in words.
+
+Source: seed 004, sections 2.3 and 2.4; the second try on the other side is the specification's option.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.errors import ConfigError
+
+from .complexity import FORMS, complexity
+from .direction import TIE, blocking, direction
+from .fams import MOTIONS, FamsConfig, strengths
+from .pivot import Pivot, PivotConfig, pivot
+
+
+@dataclass(frozen=True)
+class AvoidanceConfig:
+    """Of the decision."""
+
+    complexity: str = "integrated"  # specification: beats the others where something is dead ahead
+    tie: float = TIE
+    other_side: bool = (
+        False  # specification: before stopping, try the other side once; the paper keeps D
+    )
+    alongside_m: float = 0.3  # specification: neighbours this much farther still bound the gap
+    fams: FamsConfig = field(default_factory=FamsConfig)
+    pivot: PivotConfig = field(default_factory=PivotConfig)
+
+    def __post_init__(self) -> None:
+        if self.complexity not in FORMS:
+            raise ConfigError(
+                f"avoidance: complexity={self.complexity!r} is unknown; use one of {', '.join(FORMS)}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Things:
+    """What stands around, as plain arrays, base frame.
+
+    Args:
+        edges_rad: (n, 2) azimuths of left and right edges, left positive.
+        edges_m: (n, 2) y of left and right edges, left positive, m.
+        distance_m, width_m, height_m: (n,) forward distance, width across the way, height.
+        sigma_m: (n,) deviation of an edge's place across the way.
+        open_m: Where the known ground ends on the left and on the right, y.
+    """
+
+    edges_rad: Float[np.ndarray, "n 2"]
+    edges_m: Float[np.ndarray, "n 2"]
+    distance_m: Float[np.ndarray, "n"]
+    width_m: Float[np.ndarray, "n"]
+    height_m: Float[np.ndarray, "n"]
+    sigma_m: Float[np.ndarray, "n"]
+    open_m: tuple[float, float] = (2.0, -2.0)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What was decided, and why.
+
+    Args:
+        motion: One of `fams.MOTIONS`.
+        side: D, +1 left, -1 right.
+        pivot: Where to go first.
+        total: Sum of the complexity measures, right positive.
+        width_m, gap_m, distance_m: w_l, s_l and d_l that the selection saw.
+        fits: How well each motion fits, in the order of `MOTIONS`.
+        why: The same in words.
+    """
+
+    motion: str
+    side: int
+    pivot: Pivot
+    total: float
+    width_m: float
+    gap_m: float
+    distance_m: float
+    fits: tuple[float, ...]
+    why: str
+
+
+def choose(things: Things, config: AvoidanceConfig | None = None) -> Choice | None:
+    """Decide; None if nothing blocks the way."""
+    config = AvoidanceConfig() if config is None else config
+    left, right = things.edges_m[:, 0], things.edges_m[:, 1]
+    corridor = config.pivot.body_width_m + 2 * config.pivot.clearance_m
+    group = _joined(things, blocking(left, right, things.distance_m, corridor), config)
+    if not group.any():
+        return None
+    total = float(
+        complexity(
+            things.edges_rad,
+            things.distance_m,
+            things.width_m,
+            things.height_m,
+            config.complexity,
+        ).sum()
+    )
+    gaps = {side: _gap(things, group, side, config.alongside_m) for side in (1, -1)}
+    side = direction(total, gaps[1][0], gaps[-1][0], config.tie)
+    found = _on_side(things, group, side, gaps[side], total, config)
+    if found.motion == "ST" and config.other_side:
+        other = _on_side(things, group, -side, gaps[-side], total, config)
+        return found if other.motion == "ST" else other
+    return found
+
+
+def _joined(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
+    """The group with every neighbour that overlaps it across the way at about its distance."""
+    group = group.copy()
+    while group.any():
+        left, right = things.edges_m[group, 0].max(), things.edges_m[group, 1].min()
+        near = things.distance_m <= things.distance_m[group].min() + config.alongside_m
+        more = near & (things.edges_m[:, 1] < left) & (things.edges_m[:, 0] > right) & ~group
+        if not more.any():
+            break
+        group |= more
+    return group
+
+
+def _gap(
+    things: Things, group: np.ndarray, side: int, alongside_m: float
+) -> tuple[float, float, float]:
+    """Free way beside the group: width, its deviation, and the group's edge there."""
+    own, facing = (0, 1) if side > 0 else (1, 0)
+    index = np.flatnonzero(group)
+    at = index[np.argmax(side * things.edges_m[index, own])]
+    edge = float(things.edges_m[at, own])
+    distance = float(things.distance_m[group].min())
+    beside = ~group & (side * things.edges_m[:, own] > side * edge)
+    beside &= things.distance_m <= distance + alongside_m
+    gaps = side * (things.edges_m[beside, facing] - edge)
+    sigma = float(things.sigma_m[at])
+    if not beside.any():
+        return abs(things.open_m[own] - edge), sigma, edge
+    nearest = int(np.argmin(gaps))
+    return (
+        float(gaps[nearest]),
+        math.hypot(sigma, float(things.sigma_m[beside][nearest])),
+        edge,
+    )
+
+
+def _on_side(
+    things: Things,
+    group: np.ndarray,
+    side: int,
+    gap: tuple[float, float, float],
+    total: float,
+    config: AvoidanceConfig,
+) -> Choice:
+    """Motion and pivot on one side."""
+    free, sigma, edge = gap
+    width = float(things.edges_m[group, 0].max() - things.edges_m[group, 1].min())
+    distance = float(things.distance_m[group].min())
+    fits = strengths(np.array([width]), np.array([free]), config.fams, np.array([sigma]))[:, 0]
+    motion = MOTIONS[int(np.argmax(fits))]
+    at = pivot(motion, side, edge, free, width, distance, config.pivot)
+    word = "left" if side > 0 else "right"
+    why = (
+        f"blocked at {distance:.2f} m by {width:.2f} m; complexity {total:+.2f}, so {word}; "
+        f"gap there {free:.2f} m (+-{1e3 * sigma:.0f} mm), body {config.fams.body_width_m:.2f} m: "
+        f"{motion} ({float(fits.max()):.2f})"
+    )
+    if motion != "ST":
+        why += f", pivot {at.distance_m:.2f} m at {math.degrees(at.turn_rad):+.0f} deg"
+    return Choice(
+        motion, side, at, total, width, free, distance, tuple(float(f) for f in fits), why
+    )

@@ -1,0 +1,134 @@
+"""FAMS, the fuzzy selection of a motion from two widths: of what blocks, and of the gap beside it.
+
+Each input belongs to five overlapping sets; Table 2 names the motion of each pair; a motion is as good as its
+best rule, and the best motion is taken. The printed average of labels (`ordinal`) is kept for comparison: between
+"stop" (1) and "turn and walk" (7) it answers "rotate" (4).
+
+Source: seed 004, eq. (23) to (27), Table 2; membership functions are lost, centres are the specification's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from perception.primitives.errors import ConfigError
+
+MOTIONS = ("ST", "SS", "SF", "RS", "RF", "TS", "TF")  # C1 to C7, eq. (24)
+SETS = ("NL", "NS", "Z", "PS", "PL")  # A1 to A5 and B1 to B5
+
+TABLE = np.array(
+    [
+        [0, 1, 2, 2, 2],
+        [0, 1, 2, 2, 2],
+        [0, 3, 4, 4, 4],
+        [0, 3, 4, 4, 4],
+        [0, 5, 6, 6, 6],
+    ]
+)
+"""Table 2, rows by obstacle, columns by gap; printed "PX" is PS and "M" is TS."""
+
+
+@dataclass(frozen=True)
+class FamsConfig:
+    """Body and membership functions: triangles with shoulders, given by their peaks."""
+
+    body_width_m: float = 0.30  # w_r, seed 004
+    obstacle_centres_m: tuple[float, ...] = (-0.20, 0.0, 0.40, 0.70, 1.00)  # specification
+    gap_centres_m: tuple[float, ...] = (-0.15, -0.05, 0.05, 0.25, 0.50)  # specification
+    caution_sigmas: float = 0.5  # ours: how sure a gap must be to be walked rather than sidestepped
+    ordinal: bool = False  # eq. (26) as an average over the labels 1 to 7, for comparison
+
+    def __post_init__(self) -> None:
+        if not self.body_width_m > 0.0:
+            raise ConfigError(f"fams: body_width_m={self.body_width_m} must be positive")
+        for name in ("obstacle_centres_m", "gap_centres_m"):
+            centres = getattr(self, name)
+            if len(centres) != len(SETS) or not np.all(np.diff(centres) > 0.0):
+                raise ConfigError(
+                    f"fams: {name}={centres} must be {len(SETS)} rising numbers, one for each of NL to PL"
+                )
+        if self.caution_sigmas < 0.0:
+            raise ConfigError(f"fams: caution_sigmas={self.caution_sigmas} must not be negative")
+
+
+def memberships(
+    values: Float[np.ndarray, "n"], centres: tuple[float, ...]
+) -> Float[np.ndarray, "5 n"]:
+    """Degree to which each value belongs to each set: triangles that sum to 1, shoulders outside.
+
+    Args:
+        values: m.
+        centres: Where each set's degree is 1, rising, m.
+    """
+    degrees = np.zeros((len(centres), len(values)))
+    before = np.ones(len(values))
+    for k in range(len(centres) - 1):
+        share = (values - centres[k]) / (centres[k + 1] - centres[k])
+        rising = np.minimum(np.maximum(share, 0.0), 1.0)
+        degrees[k] = before - rising
+        before = rising
+    degrees[-1] = before
+    return degrees
+
+
+def strengths(
+    width_m: Float[np.ndarray, "n"],
+    gap_m: Float[np.ndarray, "n"],
+    config: FamsConfig,
+    gap_sigma_m: Float[np.ndarray, "n"] | None = None,
+) -> Float[np.ndarray, "7 n"]:
+    """f_m: how well each motion fits, 0 to 1, in the order of `MOTIONS`.
+
+    Args:
+        width_m: w_l of what blocks the way.
+        gap_m: s_l on the chosen side; negative where neighbours overlap.
+        config: Body and sets.
+        gap_sigma_m: Deviation of the gap; None: known exactly. A doubtful gap counts as narrower where it
+            decides between walking and the sidestep, which costs little; whether to stop it does not touch.
+
+    Source: seed 004, eq. (23), (25) to (27); max over the rules of a motion is the specification's.
+    """
+    wide = memberships(width_m - config.body_width_m, config.obstacle_centres_m)
+    spare = gap_m - config.body_width_m  # eq. (23), both
+    if gap_sigma_m is not None:
+        sideways = config.gap_centres_m[1]
+        surely = np.maximum(spare - config.caution_sigmas * gap_sigma_m, sideways)
+        spare = np.where(spare > sideways, surely, spare)
+    free = memberships(spare, config.gap_centres_m)
+    found = np.zeros((len(MOTIONS), len(width_m)))
+    for motion in range(len(MOTIONS)):
+        rows, columns = np.nonzero(motion == TABLE)
+        rows, columns = np.unique(rows), np.unique(columns)  # a motion fills a rectangle of Table 2
+        fires = np.minimum(wide[rows].max(axis=0), free[columns].max(axis=0))  # eq. (27)
+        found[motion] = fires
+    return found
+
+
+def select(
+    width_m: Float[np.ndarray, "n"],
+    gap_m: Float[np.ndarray, "n"],
+    config: FamsConfig | None = None,
+    gap_sigma_m: Float[np.ndarray, "n"] | None = None,
+) -> Int[np.ndarray, "n"]:
+    """The motion for each pair, as its place in `MOTIONS`; arguments as of `strengths`.
+
+    Source: seed 004, eq. (26) and Table 2.
+    """
+    config = FamsConfig() if config is None else config
+    if config.ordinal:
+        return _ordinal(width_m, gap_m, config)
+    return np.asarray(np.argmax(strengths(width_m, gap_m, config, gap_sigma_m), axis=0))
+
+
+def _ordinal(
+    width_m: Float[np.ndarray, "n"], gap_m: Float[np.ndarray, "n"], config: FamsConfig
+) -> Int[np.ndarray, "n"]:
+    """The nearest label to the average of the labels that fire, weighed by their strengths."""
+    wide = memberships(width_m - config.body_width_m, config.obstacle_centres_m)
+    free = memberships(gap_m - config.body_width_m, config.gap_centres_m)
+    fires = np.minimum(wide[:, None], free[None, :])
+    mean = np.einsum("ijn,ij->n", fires, TABLE.astype(float)) / fires.sum(axis=(0, 1))
+    return np.floor(mean + 0.5).astype(np.int64)

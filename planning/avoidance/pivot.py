@@ -1,0 +1,93 @@
+"""The pivot: the point before the gap from which the way on is straight ahead.
+
+Source: seed 004, eq. (28) to (30). As printed they put the pivot inside the obstacle's width and measure the
+angle from the lateral axis; the form used keeps a clearance from the edge and from the face.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from perception.primitives.errors import ConfigError, InputError
+
+
+@dataclass(frozen=True)
+class PivotConfig:
+    """Body and clearance."""
+
+    body_width_m: float = 0.30  # w_r, seed 004
+    clearance_m: float = 0.10  # c, specification
+    literal: bool = False  # the printed formulas, for comparison only
+
+    def __post_init__(self) -> None:
+        if not self.body_width_m > 0.0:
+            raise ConfigError(f"pivot: body_width_m={self.body_width_m} must be positive")
+        if self.clearance_m < 0.0:
+            raise ConfigError(f"pivot: clearance_m={self.clearance_m} must not be negative")
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """Where to go first, from the robot.
+
+    Args:
+        x_m, y_m: The point, ahead and left.
+        distance_m: d_pivot, the length to walk.
+        turn_rad: theta_pivot, the turn before it, left positive.
+    """
+
+    x_m: float
+    y_m: float
+    distance_m: float
+    turn_rad: float
+
+
+def pivot(
+    motion: str,
+    side: int,
+    edge_m: float,
+    gap_m: float,
+    width_m: float,
+    distance_m: float,
+    config: PivotConfig | None = None,
+) -> Pivot:
+    """The pivot of a motion.
+
+    Args:
+        motion: One of `fams.MOTIONS`.
+        side: D, +1 left, -1 right.
+        edge_m: y of the blocking group's edge on that side, left positive.
+        gap_m: Free way beside that edge.
+        width_m: w_l of the group; only the printed formulas use it.
+        distance_m: d_l, forward distance of the group.
+        config: Body and clearance.
+
+    Source: seed 004, eq. (28) to (30).
+    """
+    config = PivotConfig() if config is None else config
+    if side not in (-1, 1):
+        raise InputError(f"pivot: side={side} must be 1 (left) or -1 (right)")
+    if motion == "ST":
+        return Pivot(0.0, 0.0, 0.0, 0.0)
+    if config.literal:
+        return _printed(motion, side, gap_m, width_m, distance_m)
+    half = config.body_width_m / 2 + config.clearance_m
+    y = edge_m + side * min(gap_m / 2, half)
+    if motion[0] == "S":
+        return Pivot(0.0, y, abs(y), 0.0)
+    if motion[0] == "T":
+        return Pivot(0.0, y, abs(y), math.copysign(math.pi / 2, y))
+    x = max(distance_m - half, 0.0)
+    return Pivot(x, y, math.hypot(x, y), math.atan2(y, x))
+
+
+def _printed(motion: str, side: int, gap_m: float, width_m: float, distance_m: float) -> Pivot:
+    """Eq. (28) to (30) to the letter; the angle from the lateral axis, the turn of T by half a circle."""
+    across = side * -width_m / 2 - gap_m if side > 0 else width_m / 2 - gap_m
+    if motion[0] in "ST":
+        length = width_m / 2 - gap_m
+        turn = math.copysign(math.pi, side) if motion[0] == "T" else 0.0
+        return Pivot(0.0, side * length, length, turn)
+    ahead = distance_m - gap_m
+    return Pivot(ahead, across, math.hypot(across, ahead), math.atan(ahead / across))

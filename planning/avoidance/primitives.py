@@ -1,0 +1,109 @@
+"""Motion primitives as footsteps: slip, forward, rotate, turn and stop, and the passages made of them.
+
+A passage is a list of legs, each a place to be and a heading to have there. A leg is walked by looking at where
+the robot is before each footstep, so slips of the feet do not add up.
+
+Source: seed 004, section 2.4 (primitives and combinations); legs are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from perception.primitives.pose import Pose2, wrap_angle
+
+from ..commands import WalkCommand
+from ..footsteps import GaitConfig
+from .pivot import Pivot
+
+NEAR_M = 0.02  # ours: about the slip of one step
+STRAIGHT_RAD = math.radians(3.0)  # ours
+
+
+@dataclass(frozen=True)
+class Leg:
+    """One primitive.
+
+    Args:
+        primitive: "S" slip sideways, "F" forward, "R" rotate, "T" turn by a right angle, "ST" stop.
+        target: Where it ends, and the heading kept (S, F) or reached (R, T).
+    """
+
+    primitive: str
+    target: Pose2
+
+
+def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Leg]:
+    """The legs of a motion.
+
+    Args:
+        motion: One of `fams.MOTIONS`.
+        found: The pivot, from where the robot stands.
+        start: Where the robot stands, heading along the way.
+        beyond_m: How far ahead of the start the passage ends, m.
+
+    The first letter leads to the pivot, the second through the gap: F walks through it, S turns a right angle and
+    slips through it, narrow side ahead. T turns, walks across the way, and turns back.
+    """
+    if motion == "ST":
+        return [Leg("ST", start)]
+
+    def at(x: float, y: float, turn: float) -> Pose2:
+        return start @ Pose2(x, y, turn)
+
+    x, y = found.x_m, found.y_m
+    if motion[0] == "S":
+        legs = [Leg("S", at(0.0, y, 0.0))]
+    elif motion[0] == "R":
+        way = math.atan2(y, x)
+        legs = [
+            Leg("R", at(0.0, 0.0, way)),
+            Leg("F", at(x, y, way)),
+            Leg("R", at(x, y, 0.0)),
+        ]
+    else:
+        aside = math.copysign(math.pi / 2, y)
+        legs = [
+            Leg("T", at(0.0, 0.0, aside)),
+            Leg("F", at(0.0, y, aside)),
+            Leg("T", at(0.0, y, 0.0)),
+        ]
+    if motion[1] == "F":
+        return [*legs, Leg("F", at(beyond_m, y, 0.0))]
+    aside = math.copysign(math.pi / 2, -y)  # faces the obstacle that is being passed
+    return [
+        *legs,
+        Leg("R", at(x, y, aside)),
+        Leg("S", at(beyond_m, y, aside)),
+        Leg("R", at(beyond_m, y, 0.0)),
+    ]
+
+
+def reached(leg: Leg, robot: Pose2) -> bool:
+    """Whether a leg is done: turned far enough, or abreast of its end."""
+    error = robot.inverse() @ leg.target
+    if leg.primitive in ("R", "T"):
+        return abs(error.yaw) <= STRAIGHT_RAD
+    if leg.primitive == "F":
+        return (leg.target.inverse() @ robot).x >= -NEAR_M
+    if leg.primitive == "S":
+        return abs((leg.target.inverse() @ robot).y) <= NEAR_M
+    return False
+
+
+def step(leg: Leg, robot: Pose2, gait: GaitConfig) -> WalkCommand:
+    """The next footstep of a leg, within the gait's limits.
+
+    Along the leg the robot goes as fast as the gait lets it and no farther than its end; what it has drifted off
+    its line and its heading is taken back on the way.
+    """
+    if leg.primitive == "ST":
+        return gait.command(0.0, 0.0, 0.0)
+    error = robot.inverse() @ leg.target
+    turn = wrap_angle(error.yaw)
+    if leg.primitive in ("R", "T"):
+        return gait.command(0.0, 0.0, turn)
+    ahead, aside = error.x / gait.step_s, error.y / gait.step_s
+    ahead = min(ahead, gait.cruise_mps)
+    return gait.command(ahead, aside, turn)
