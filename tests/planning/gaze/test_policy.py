@@ -1,0 +1,136 @@
+"""The policy: three ways of looking behind one face, the way ahead never left for long, the head's limits."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mapping.confidence import ConfidenceLayer
+from mapping.egocentric_grid import EgocentricGrid, GridConfig
+from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
+from planning.gaze.attention import Known
+from planning.gaze.policy import GazeConfig, GazePolicy
+from planning.gaze.selection import in_view
+from planning.gaze.sweep import Sweep
+
+STEP_S = 0.65
+VIA = np.array([2.0, 0.0])
+CONFIG = GazeConfig()
+POSE = Gaussian(np.zeros(3), np.eye(3) * 1e-6)
+FLOOR = replace(CONFIG.attention.map, across_deg=44.0)
+
+
+def mover(x, y, seen_s):
+    state = Gaussian(np.array([x, y, 0.0, -0.05]), np.eye(4) * 1e-4)
+    return Obstacle(state, 0.1, 0.4, 7, 1.0, seen_s, seen_s - 9.0)
+
+
+class Standing:
+    """A robot that stands in the middle of its map and looks about; the map grows stale behind its back."""
+
+    def __init__(self, config=CONFIG):
+        self.policy = GazePolicy(config)
+        self.grid = EgocentricGrid(GridConfig(), np.zeros(2))
+        self.confidence = ConfidenceLayer(self.grid)
+        self.now = 0.0
+
+    def look(self, obstacles=()):
+        known = Known(POSE, self.grid, self.confidence)
+        gaze = self.policy.next(self.now, Pose2(), VIA, obstacles, known)
+        self.now += STEP_S
+        self.confidence.decay(STEP_S)
+        places = self.grid.centres().reshape(-1, 2)
+        seen = in_view(np.column_stack([places, np.full(len(places), -0.38)]), gaze, FLOOR)
+        self.confidence.see(seen.reshape(self.grid.config.cells, -1))
+        return gaze
+
+    def surveyed(self):
+        while self.policy.surveying:
+            self.look()
+        return self
+
+
+def test_the_way_ahead_is_never_left_for_longer_than_three_seconds():
+    standing = Standing().surveyed()
+    way, seen = np.array([[1.0, 0.0, -0.38]]), standing.now
+    for _ in range(50):
+        gaze = standing.look([mover(0.2, 1.0, standing.now - 3.0)])
+        if in_view(way, gaze, FLOOR)[0]:
+            seen = standing.now
+        assert standing.now - seen <= 3.0
+
+
+def test_nothing_within_reach_of_the_neck_stays_stale():
+    standing, stale = Standing().surveyed(), []
+    for _ in range(40):
+        standing.look()
+        places = standing.grid.centres().reshape(-1, 2)
+        away = np.hypot(*places.T)
+        region = (away > 0.4) & (away < 1.3) & (places[:, 0] > 0.0)
+        stale.append(np.mean(standing.confidence.stale.ravel()[region]))
+    fixed = Standing(replace(CONFIG, mode="fixed"))
+    for _ in range(20):
+        fixed.look()
+    left = np.mean(fixed.confidence.stale.ravel()[region])
+    assert np.mean(stale[10:]) < 0.2 * left
+
+
+def test_a_lost_mover_is_looked_for_within_three_looks():
+    standing = Standing().surveyed()
+    lost, place = mover(0.5, 0.9, standing.now - 1.5), np.array([[0.5, 0.9, -0.38]])
+    gazes = [standing.look([lost]) for _ in range(3)]
+    assert any(in_view(place, gaze, FLOOR)[0] for gaze in gazes)
+
+
+def test_the_sweep_is_the_sweep_and_a_fixed_head_never_turns():
+    sweep, policy = Sweep(CONFIG.sweep), GazePolicy(replace(CONFIG, mode="sweep"))
+    for k in range(20):
+        others = [mover(0.6, -0.8, 0.0)]
+        assert policy.next(k * STEP_S, Pose2(), VIA, others) == sweep.next(
+            k * STEP_S, Pose2(), VIA, others
+        )
+    fixed = GazePolicy(replace(CONFIG, mode="fixed"))
+    assert not fixed.surveying
+    gazes = {fixed.next(k * STEP_S, Pose2(), VIA, []) for k in range(9)}
+    assert len(gazes) == 1
+    assert gazes.pop().pan_rad == 0.0
+
+
+def test_without_knowledge_the_sweep_decides():
+    policy, sweep = GazePolicy(CONFIG), Sweep(CONFIG.sweep)
+    for k in range(15):
+        assert policy.next(k * STEP_S, Pose2(), VIA, []) == sweep.next(k * STEP_S, Pose2(), VIA, [])
+        assert policy.attention is None
+
+
+def test_it_stands_and_looks_round_first_and_again_when_asked():
+    standing = Standing()
+    pans = []
+    while standing.policy.surveying:
+        pans.append(standing.look().pan_rad)
+    assert max(pans) >= math.radians(80)
+    assert min(pans) <= math.radians(-80)
+    standing.policy.survey()
+    assert standing.policy.surveying
+
+
+def test_a_slow_head_is_asked_only_for_what_it_reaches_in_time():
+    standing = Standing(replace(CONFIG, speed_radps=0.5)).surveyed()
+    reach, before = 0.5 * CONFIG.turning_s, None
+    for _ in range(20):
+        present = standing.policy._present
+        gaze = standing.look([mover(0.1, 1.0, -9.0)])
+        assert abs(gaze.pan_rad - present.pan_rad) <= reach + math.radians(3.0)
+        before = gaze
+    assert before is not None
+
+
+def test_an_unknown_mode_is_refused():
+    with pytest.raises(ConfigError, match="evaluations, sweep, fixed"):
+        GazeConfig(mode="stare")
