@@ -235,16 +235,13 @@ def _fixed_plans(config: GuardConfig) -> np.ndarray:
     step, turn = gait.step_s, gait.max_turn_rad
     cruise, top = gait.cruise_mps * step, gait.max_speed_mps * step
     half, back, side = cruise / 2, -gait.max_back_mps * step, gait.max_side_mps * step
-    firsts = [
-        [speed, 0.0, sign * turn]
-        for speed in (top, cruise, half, 0.0, back)
-        for sign in (1.0, 0.5, 0.0, -0.5, -1.0)
-    ]
+    firsts = [[f, 0.0, t * turn] for f in (top, cruise, half, 0, back) for t in (1, 0, -1)]
+    firsts += [[f, 0.0, t * turn / 2] for f in (top, cruise) for t in (1, -1)]
     firsts += [[f, sign * side, 0.0] for f in (back, 0.0, half, cruise) for sign in (1.0, -1.0)]
     thens = [[cruise, 0.0, 0.0, 1.0], [top, 0.0, 0.0, 1.0], [0.0, 0.0, 0.0, 0.0]]
     thens += [[top, 0.0, sign * turn, 0.0] for sign in (0.0, 1.0, -1.0)]
     thens += [[back, 0.0, 0.0, 0.0]]
-    plans = [[*first, n, *then] for first in firsts for n in (1, 2, 4, 7) for then in thens]
+    plans = [[*first, n, *then] for first in firsts for n in (1, 3, 6) for then in thens]
     plans += [[*first, config.steps, 0.0, 0.0, 0.0, 0.0] for first in firsts]
     return np.array(plans, np.float64)
 

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float
 
 from mapping.confidence import ConfidenceLayer
 from mapping.egocentric_grid import EgocentricGrid
+from mapping.world_map import WorldMap
 from perception.localisation.obstacles import ObstacleTracker, Visible
 from perception.localisation.track import Detection
 from perception.primitives.frame import Frame
@@ -70,7 +71,7 @@ class CourseSenses:
         self.tracker = ObstacleTracker(config.tracker)
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
-        self.world = None
+        self.world = WorldMap(config.world_map)
         self.truth = Truth(robot)
         self.followed: dict[int, Followed] = {}
         self._robot, self._truly = robot, truly

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 
@@ -97,7 +96,7 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
         SimulatedRobot(world, robot_config, config.seed) as robot,
     ):
         senses = CourseSenses(config, robot, config.seed, truly)
-        pipeline = Pipeline(config, _told(scene)) if pictures else cast(Pipeline, senses)
+        pipeline = Pipeline(config, _told(scene)) if pictures else senses
         planner = Navigator(config, scene.goals, stepper)
         while True:
             frame = robot.read()

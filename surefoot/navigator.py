@@ -8,14 +8,18 @@ where the robot will step.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 from scipy import ndimage
 
+from mapping.confidence import ConfidenceLayer
 from mapping.egocentric_grid import EgocentricGrid
+from mapping.world_map import WorldMap
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Landmark
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps
@@ -30,7 +34,7 @@ from planning.univector import motion
 
 from .config import Config
 from .goals import Goals
-from .pipeline import Estimate, Pipeline
+from .pipeline import Estimate
 from .planners import Decision
 
 MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
@@ -39,6 +43,31 @@ DEPTH_M = 0.15  # least depth of furniture: how far behind a seen face nobody wa
 HIDDEN = np.float32(0.6)  # probability of what is behind a seen face
 MOVER_COST = np.float32(0.4)  # probability that the search gives to a mover's cell
 OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
+
+
+@runtime_checkable
+class Memory(Protocol):
+    """What the navigator asks of a pipeline: the maps, and the landmarks known beforehand."""
+
+    @property
+    def grid(self) -> EgocentricGrid | None:
+        """The terrain map; None before the first view."""
+        ...
+
+    @property
+    def confidence(self) -> ConfidenceLayer | None:
+        """How fresh its cells are."""
+        ...
+
+    @property
+    def world(self) -> WorldMap:
+        """The map of everything, for who wanders."""
+        ...
+
+    @property
+    def landmarks(self) -> Sequence[Landmark]:
+        """Tags."""
+        ...
 
 
 class Navigator:
@@ -81,10 +110,10 @@ class Navigator:
             return estimate.stamp_s >= self._config.mission.time_limit_s
         return self._goals.finished(estimate)
 
-    def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
+    def notice(self, frame: Frame, estimate: Estimate, pipeline: Memory) -> None:
         """Nothing to be done between footsteps: the pipeline remembers."""
 
-    def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
+    def decide(self, frame: Frame, estimate: Estimate, pipeline: Memory) -> Decision:
         """The next footstep and gaze; to be asked once per footstep."""
         goal = self._goal(estimate, pipeline)
         if estimate.pose is None or pipeline.grid is None or goal is None:
@@ -107,7 +136,7 @@ class Navigator:
         walk, why = self._step(estimate, via, obstacles, standing)
         return Decision(walk, gaze, why)
 
-    def _goal(self, estimate: Estimate, pipeline: Pipeline) -> Float[np.ndarray, "2"] | None:
+    def _goal(self, estimate: Estimate, pipeline: Memory) -> Float[np.ndarray, "2"] | None:
         """The place to walk to at present; None if there is none."""
         if self._explorer is None:
             return self._goals.present

@@ -1,0 +1,71 @@
+"""A course by geometry: short walks, the classes of contacts, and that nothing leaks from the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from planning.commands import WalkCommand
+from planning.stepping import Trusting
+from surefoot.course_walk import course_config, walk
+from surefoot.metrics.contacts import Contact, Touch, class_of
+
+
+def short(scene, seed, seconds):
+    config = course_config(scene, seed)
+    return replace(config, mission=replace(config.mission, time_limit_s=seconds))
+
+
+@pytest.mark.parametrize("truly", [True, False])
+def test_twenty_seconds_among_fast_movers_is_walked_without_contact(truly):
+    result = walk(short("fast_course", 0, 20.0), truly)
+    assert result.contacts == []
+    assert result.clearance_m > 0.0
+    (_, x0, y0, _), (_, x1, y1, _) = result.trace[0], result.trace[-1]
+    assert math.hypot(x1 - x0, y1 - y0) > 0.4
+
+
+def test_the_same_seed_walks_the_same_way():
+    one, two = (walk(short("course", 1, 10.0)) for _ in range(2))
+    assert one.trace == two.trace
+
+
+def test_another_stepper_makes_the_steps():
+    result = walk(short("course", 2, 10.0), True, Trusting())
+    assert result.guarded == 0
+
+
+def contact(unseen=0.5, followed=20.0, turned=30.0, moves=True):
+    return Contact(9.0, "mover 1", moves, unseen, followed, turned, False)
+
+
+@pytest.mark.parametrize(
+    ("one", "kind"),
+    [
+        (contact(), "avoidable"),
+        (contact(unseen=2.5), "unseen"),
+        (contact(followed=5.0), "late"),
+        (contact(turned=3.0), "reversal"),
+        (contact(unseen=math.inf, followed=0.0), "unseen"),
+        (contact(moves=False, unseen=100.0), "avoidable"),
+        (contact(moves=False, unseen=math.inf), "unseen"),
+    ],
+)
+def test_every_contact_has_the_class_of_its_cause(one, kind):
+    assert class_of(one) == kind
+
+
+def test_a_touch_counts_once_until_there_is_a_gap():
+    touch = Touch()
+    gaps = [{3: 0.01}, {3: -0.01}, {3: -0.02}, {3: 0.01}, {3: -0.01}, {3: 0.03}, {3: -0.01}]
+    assert [touch.begun(gap, 0.02) for gap in gaps] == [[], [3], [], [], [], [], [3]]
+
+
+def test_a_robot_that_only_turns_stands():
+    touch = Touch()
+    touch.step(WalkCommand(turn_rad=0.2))
+    assert touch.standing
+    touch.step(WalkCommand(lateral_m=0.01))
+    assert not touch.standing
