@@ -31,11 +31,12 @@ from perception.primitives.pose import Pose2
 PITCH_RAD, YAW_RAD, ROLL_RAD = (math.radians(v) for v in (0.7, 0.5, 0.7))  # walking trials
 HEIGHT_M = 0.004  # walking trials: of the eye
 EDGE_PX = 1.0  # ours: of a contact edge
+LEAST_M = 0.02  # ours: radius; a robot of 37 mm, half of it hidden
 WIDEST_M = 0.12  # ours: radius; robots that move have up to 0.10, and part of a box is none of them
 ROUND_PX = 2.0  # ours: ragged edges
 BORDER_PX = 2  # ours: an edge this near to the border goes on beyond it
 THIN_PX = 5  # ours: seams and noise; a robot of 7 cm has 8 px at 3 m
-NARROW_M, FLAT_M = 0.03, 0.02  # ours: of 7 and 5.5 cm are the smallest robots to be met
+NARROW_M, FLAT_M = 0.045, 0.035  # ours: the smallest robots to be met have 7 and 5.5 cm
 GAP_PX = (3, 7)  # ours: columns of floor that must show beside an end of an edge
 RING = np.stack([np.cos(np.arange(16) * math.pi / 8), np.sin(np.arange(16) * math.pi / 8)], axis=1)
 
@@ -184,7 +185,7 @@ def _disc(
     middle += 0.5 * float(off.max() + off.min())
     front = float(np.quantile(reach, 0.1))
     radius = front * math.sin(half) / max(1.0 - math.sin(half), 1e-6)
-    if radius > WIDEST_M or half > 0.8:
+    if not LEAST_M < radius < WIDEST_M or half > 0.8:
         return None
     if not _round(reach[np.argsort(off)], radius, front, picture):
         return None
