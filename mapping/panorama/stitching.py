@@ -105,13 +105,17 @@ def _links(
     for i, j in itertools.combinations(range(len(views)), 2):
         if not _may_overlap(views[i], views[j], config.overlap_deg):
             continue
-        matches = pair_up(seen[i], seen[j], config.pairs, _between(views[i].prior, views[j].prior))
         both = (seen[i], seen[j])
         if config.moving:
+            matches = pair_up(*both, config.pairs)
             link = motion_link((i, j), both, matches, rng, config.pairs)
         else:
+            told = _between(views[i].prior, views[j].prior)
+            matches = pair_up(*both, config.pairs, told)
             offset = _offset(views[i].prior, views[j].prior)
             link = rotation_link((i, j), both, matches, offset, rng, config.pairs)
+            if link is not None and told is not None and _contradicts(link, told, config.pairs):
+                link = None
         if link is not None:
             links.append(link)
     return links
@@ -120,6 +124,13 @@ def _links(
 def _between(first: Pose3 | None, second: Pose3 | None) -> Pose3 | None:
     """T_second_first by the priors; None without them."""
     return None if first is None or second is None else second.inverse() @ first
+
+
+def _contradicts(link: Link, T_second_first: Pose3, config: PairConfig) -> bool:
+    """Whether a pair turns further from the encoders than these can be off: few features, all in a line."""
+    turn = T_second_first.rotation @ link.T_first_second.rotation
+    cosine = (float(np.trace(turn)) - 1.0) / 2.0
+    return cosine < math.cos(math.radians(config.guided_deg))
 
 
 def _offset(first: Pose3 | None, second: Pose3 | None) -> np.ndarray | None:
