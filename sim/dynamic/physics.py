@@ -16,12 +16,13 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import ConvexHull
 
 from perception.primitives.pose import Pose2, Pose3
 
 from ..gait import GRAVITY_MPS2
 from ..pictures import quiet
-from ..shapes import Shape
+from ..shapes import Cylinder, Shape, Solid
 from .anatomy import Anatomy, links
 from .urdf import robot_urdf, still_urdf
 
@@ -187,7 +188,7 @@ class Physics:
             physicsClientId=self.client,
         )
 
-    def furnish(self, still: Sequence[Shape], movers: Sequence[Sequence[Shape]]) -> None:
+    def furnish(self, still: Sequence[Shape], movers: Sequence[Sequence[Cylinder]]) -> None:
         """Make things solid.
 
         Args:
@@ -199,7 +200,9 @@ class Physics:
             for parts in movers
         ]
         rest = [0.0, 0.0, 0.0]
-        bodies = [self._load(still_urdf(still), rest, [*rest, 1.0], fixed=True)] if still else []
+        plain = [shape for shape in still if not isinstance(shape, Solid)]
+        bodies = [self._load(still_urdf(plain), rest, [*rest, 1.0], fixed=True)] if plain else []
+        bodies += [self._hull(shape) for shape in still if isinstance(shape, Solid)]
         for body in bodies + self._movers:
             self._bullet.changeDynamics(
                 body, -1, lateralFriction=FRICTION, physicsClientId=self.client
@@ -217,6 +220,13 @@ class Physics:
         if self.client >= 0:
             self._bullet.disconnect(physicsClientId=self.client)
             self.client = -1
+
+    def _hull(self, solid: Solid) -> int:
+        """A solid of any form, taken as convex."""
+        b, c = self._bullet, self.client
+        points = solid.vertices[ConvexHull(solid.vertices).vertices]
+        hull = b.createCollisionShape(b.GEOM_MESH, vertices=points.tolist(), physicsClientId=c)
+        return int(b.createMultiBody(0, hull, physicsClientId=c))
 
     def _motion(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
         found = self._bullet.getBaseVelocity(self.robot, physicsClientId=self.client)

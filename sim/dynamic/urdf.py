@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..shapes import Box, Shape, Solid
+from ..shapes import Box, Cylinder, Solid
 from .anatomy import Anatomy, Link, links
 
 REACH_RAD = 2.6  # of every joint: the gait, not the servo, keeps them apart
@@ -24,7 +24,7 @@ def robot_urdf(body: Anatomy) -> str:
     return "\n".join([*lines, "</robot>"])
 
 
-def still_urdf(solids: Iterable[Shape]) -> str:
+def still_urdf(solids: Iterable[Box | Cylinder]) -> str:
     """Things that do not move of themselves, as one rigid part; there must be at least one."""
     lines = [
         '<?xml version="1.0"?>',

@@ -14,7 +14,7 @@ from planning.commands import GazeCommand, WalkCommand
 from sim.dynamic.walker import DynamicBody, DynamicConfig
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import FloorArea, Scene, Thing
-from sim.shapes import Box
+from sim.shapes import Box, Solid
 from sim.truth import Truth
 from sim.world import World
 
@@ -133,3 +133,11 @@ def test_the_tall_body_of_seed_004_stands_and_steps():
 def test_an_unknown_body_is_refused():
     with pytest.raises(ConfigError, match="body='ghost' is unknown; choose kinematic, dynamic"):
         RobotConfig(body="ghost")
+
+
+def test_solids_of_any_form_stop_it_too():
+    corners = np.array([[x, y, z] for x in (0.12, 0.3) for y in (-0.4, 0.4) for z in (0.0, 0.5)])
+    block = Thing("block", (Solid(corners, np.array([[0, 1, 2]])),))
+    scene = replace(room(block), start=Pose2())
+    _, poses, fallen, _ = walked(5, scene=scene, command=WalkCommand(0.05))
+    assert fallen or poses[-1].x < 0.09
