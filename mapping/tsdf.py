@@ -38,13 +38,13 @@ class TsdfConfig:
     farthest_m: float = 5.0  # ours: beyond, a deviation is wider than the band
     least_weight: float = 0.006  # ours: one look of a structured-light camera from 4 m
     most_weight: float = 1000.0  # ours: what has been seen so well still learns
-    stride_m: float = 0.05  # ours: pixels so far apart make blocks; a third of a block of 2 cm
+    stride_blocks: float = 0.3  # ours: pixels so far apart, in blocks, make blocks
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ConfigError(f"tsdf: method={self.method!r} is unknown; choose one of {METHODS}")
         for name in (
-            "voxel_m", "band_voxels", "nearest_m", "least_weight", "most_weight", "stride_m",
+            "voxel_m", "band_voxels", "nearest_m", "least_weight", "most_weight", "stride_blocks",
         ):  # fmt: skip
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -122,7 +122,8 @@ class Tsdf:
         c = self.config
         T = T_map_camera.matrix
         x, y = camera.single_slopes
-        stride = max(1, int(c.stride_m * camera.fx / self._typical(depth)))
+        block_m = kernels.SIDE * c.voxel_m
+        stride = max(1, int(c.stride_blocks * block_m * camera.fx / self._typical(depth)))
         visible = self._touch(depth.z, x[0], y[:, 0], T, stride)
         picture = NO_PICTURE
         if rgb is not None:

@@ -1,0 +1,197 @@
+"""Image after image: the way, its losses and its loops."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from perception import structured_light
+from perception.odometry.back_end import BackEnd
+from perception.odometry.odometry import (
+    FIRST,
+    LOST,
+    RELOCALISED,
+    RESTARTED,
+    TRACKED,
+    Odometry,
+    OdometryConfig,
+)
+from perception.odometry.peers import NAMES, aligner
+from perception.odometry.places import motion_between, remember
+from perception.odometry.pyramid import Pyramid, build
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError
+from perception.primitives.frame import DepthView
+from perception.primitives.pose import Pose3
+
+CAMERA = Camera(320, 240, 262.0, 262.0, 159.5, 119.5)
+SPOTS = np.random.default_rng(3).random((64, 64, 64)) * 180.0 + 40.0
+
+
+def room(pose: Pose3, rng: np.random.Generator, grey: bool = True) -> Pyramid:
+    """A room of 4 x 2.4 x 5 m with a pillar, its walls speckled, and depth noise."""
+    directions = CAMERA.rays @ pose.rotation.T
+    z = np.full(directions.shape[:2], np.inf)
+    boxes = (
+        ((-2.0, -1.2, -2.5), (2.0, 1.2, 2.5), True),
+        ((0.3, -1.2, 1.0), (0.7, 1.2, 1.5), False),
+    )
+    for low, high, inside in boxes:
+        with np.errstate(divide="ignore"):
+            first = (np.array(low) - pose.position) / directions
+            second = (np.array(high) - pose.position) / directions
+        near = np.minimum(first, second).max(axis=-1)
+        far = np.maximum(first, second).min(axis=-1)
+        hit = np.where(inside, far, np.where((near < far) & (near > 0.0), near, np.inf))
+        z = np.minimum(z, hit)
+    spots = pose.position + directions * z[..., None]
+    cells = np.floor(spots / 0.11 + 0.003).astype(int) % 64
+    light = SPOTS[cells[..., 0], cells[..., 1], cells[..., 2]]
+    z = z + rng.standard_normal(z.shape) * (0.0012 + 0.0019 * (z - 0.4) ** 2)
+    depth = structured_light.depth(DepthView(z.astype(np.float32), CAMERA))
+    rgb = np.repeat(light[..., None], 3, axis=2).astype(np.uint8)
+    return build(depth, rgb if grey else None)
+
+
+def at(x: float, z: float, turn_deg: float) -> Pose3:
+    R = Rotation.from_rotvec([0.0, np.radians(turn_deg), 0.0]).as_matrix()
+    return Pose3.from_rotation(R, np.array([x, 0.0, z]))
+
+
+def off(found: Pose3, true: Pose3) -> float:
+    return float(np.linalg.norm(found.position - true.position))
+
+
+def test_a_walk_through_a_room_is_followed() -> None:
+    rng = np.random.default_rng(0)
+    way = [at(0.02 * n, -1.0 + 0.03 * n, 1.5 * n) for n in range(20)]
+    odometry = Odometry()
+    steps = [odometry.track(room(pose, rng)) for pose in way]
+    assert [step.state for step in steps] == [FIRST] + [TRACKED] * 19
+    for step, pose in zip(steps, way, strict=True):
+        assert off(step.T_start_camera, way[0].inverse() @ pose) < 0.01
+
+
+def test_the_same_images_give_the_same_bits() -> None:
+    ways = []
+    for _ in range(2):
+        rng, odometry = np.random.default_rng(4), Odometry()
+        for n in range(4):
+            step = odometry.track(room(at(0.03 * n, -1.0, 2.0 * n), rng))
+        ways.append(step.T_start_camera)
+    assert ways[0] == ways[1]
+
+
+def test_a_covered_lens_is_a_loss_that_is_said_and_the_camera_is_found_again() -> None:
+    rng, odometry = np.random.default_rng(1), Odometry()
+    for n in range(3):
+        odometry.track(room(at(0.03 * n, -1.0, n), rng))
+    dark = np.full((240, 320), np.nan, np.float32)
+    covered = build(
+        structured_light.depth(DepthView(dark, CAMERA)), np.zeros((240, 320, 3), np.uint8)
+    )
+    assert odometry.track(covered).state == LOST
+    assert odometry.losses == 1
+    back = odometry.track(room(at(0.08, -1.0, 3.0), rng))
+    assert back.state in (TRACKED, RELOCALISED)
+    assert off(back.T_start_camera, at(0.0, -1.0, 0.0).inverse() @ at(0.08, -1.0, 3.0)) < 0.03
+
+
+def test_another_room_is_not_taken_for_this_one() -> None:
+    rng, odometry = np.random.default_rng(2), Odometry()
+    odometry.track(room(at(0.0, -1.0, 0.0), rng))
+    step = odometry.track(room(at(-1.5, 2.0, 160.0), rng))
+    assert step.state == LOST
+    assert np.sqrt(step.covariance[0, 0]) >= 0.5
+
+
+def test_who_is_lost_for_long_begins_anew_and_says_so() -> None:
+    rng, odometry = np.random.default_rng(2), Odometry(OdometryConfig(give_up=3))
+    odometry.track(room(at(0.0, -1.0, 0.0), rng))
+    states = [odometry.track(room(at(-1.5, 2.0, 160.0 + n), rng)).state for n in range(5)]
+    assert states[:3] == [LOST, LOST, RESTARTED]
+    assert states[3:] == [TRACKED, TRACKED]
+
+
+def test_memory_does_not_grow_with_the_number_of_images() -> None:
+    rng = np.random.default_rng(6)
+    odometry = Odometry(OdometryConfig(keep_m=0.001, remembered=6))
+    for n in range(16):
+        odometry.track(room(at(0.02 * n, -1.0, 0.5 * n), rng))
+        assert len(odometry.references) <= 6
+    ready = [one for one in odometry.references if isinstance(one.image, Pyramid)]
+    assert len(ready) == 1
+
+
+def test_a_way_there_and_back_is_closed_and_ends_where_it_began() -> None:
+    rng = np.random.default_rng(7)
+    there = [at(0.08 * n, -1.0, 3.0 * n) for n in range(7)]
+    way = [*there, *there[-2::-1]]
+    odometry, back_end = Odometry(), BackEnd(np.random.default_rng(0))
+    for n, pose in enumerate(way):
+        image = room(pose, rng)
+        step = odometry.track(image)
+        back_end.take(step, image, odometry.references[-1].number == n)
+    solution = back_end.solve()
+    assert solution is not None
+    found = back_end.trajectory(solution)
+    gap = found[0].inverse() @ found[-1]
+    assert off(gap, Pose3()) < 0.02
+    assert np.degrees(Rotation.from_matrix(gap.rotation).magnitude()) < 0.4
+    for pose, truth in zip(found, way, strict=True):
+        assert off(found[0].inverse() @ pose, way[0].inverse() @ truth) < 0.03
+
+
+@pytest.mark.parametrize("grey", [True, False])
+def test_a_place_is_known_again_by_its_features(grey: bool) -> None:
+    rng = np.random.default_rng(8)
+    one, other = at(0.0, 0.0, 0.0), at(0.15, 0.1, 9.0)
+    first, second = (remember(n, room(pose, rng, grey)) for n, pose in enumerate((one, other)))
+    found = motion_between(first, second, np.random.default_rng(0))
+    if not grey and found is None:
+        return  # bare walls have few features in depth; a wrong motion would be the fault
+    assert found is not None
+    assert off(found, one.inverse() @ other) < 0.06
+
+
+def test_different_places_are_not_mixed_up() -> None:
+    rng = np.random.default_rng(9)
+    first, second = (
+        remember(n, room(pose, rng)) for n, pose in enumerate((at(0, 0, 0), at(0, 0, 180)))
+    )
+    assert motion_between(first, second, np.random.default_rng(0)) is None
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_peers_answer_like_ours(name: str) -> None:
+    pytest.importorskip("small_gicp")
+    rng = np.random.default_rng(10)
+    one, other = at(0.0, -1.0, 0.0), at(0.02, -0.98, 1.0)
+    found = aligner(name)(room(one, rng), room(other, rng), [Pose3()], OdometryConfig().align)
+    assert found is not None
+    assert off(found.motion, one.inverse() @ other) < 0.02
+    assert found.fitting > 0.8
+
+
+def test_an_unknown_peer_is_refused() -> None:
+    with pytest.raises(ConfigError, match="engine"):
+        aligner("orb")
+
+
+def test_a_real_kitchen_is_followed(recordings: Path) -> None:
+    from surefoot.recordings.open import open_recording
+
+    odometry, found, true = Odometry(), [], []
+    for number, frame in enumerate(open_recording(recordings / "redwood_livingroom").frames()):
+        assert frame.depth is not None
+        assert frame.colour is not None
+        assert frame.T_world_camera is not None
+        step = odometry.track(build(structured_light.depth(frame.depth), frame.colour.rgb))
+        assert step.state == (TRACKED if number else FIRST)
+        found.append(step.T_start_camera)
+        true.append(frame.T_world_camera)
+    for pose, truth in zip(found, true, strict=True):
+        assert off(pose, true[0].inverse() @ truth) < 0.005
