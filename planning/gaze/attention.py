@@ -30,9 +30,11 @@ from ..commands import GazeCommand
 from . import evaluations
 from .evaluations import EvaluationConfig
 from .selection import GazeMapConfig, in_view, shown
+from .tag_gain import gains
 
 BODY_M = 0.15  # S_r, seed 001
 LARGEST_M = 0.35  # as the tracker: larger is furniture
+EVERY = 3  # of the sample points is laid over the map: a fifth of the view holds dozens still
 MET_S = 20.0  # how long a look at a thing that got no track is remembered
 WAY_M = 1.0  # so far ahead the floor of the next steps lies
 
@@ -175,25 +177,26 @@ class Attentive:
         gaze, pose = self.config.map, known.pose
         self._learn_tags(stamp_s, known, present)
         psi_way = self._psi_way(pose, obstacles)
-        value = max(psi_way, self.config.way_floor) * self._urgency(stamp_s)
-        total = gaze.way_weight * shown(self._way(pose, via)[None], np.array([value]), self._narrow)
+        value = gaze.way_weight * max(psi_way, self.config.way_floor) * self._urgency(stamp_s)
+        places, values = [self._way(pose, via)[None]], [np.array([value])]
+        psi_movers = {}
+        for mover in self._movers(obstacles):
+            psi = self._psi_mover(stamp_s, mover, pose)
+            places.append(self._may_be(stamp_s, mover, pose))
+            each = gaze.obstacle_weight * psi / len(places[-1])
+            values.append(np.full(len(places[-1]), each))
+            psi_movers[mover.track] = psi
+        new, worth = self._newcomers(stamp_s, known, obstacles)
+        places, values = [*places, new], [*values, gaze.obstacle_weight * worth]
+        total = shown(np.concatenate(places), np.concatenate(values), self._narrow)
         stale, staleness = self._stale(known)
         psi_map = float(staleness.mean()) if len(stale) else 0.0
         if psi_map > 0.0:
             total += gaze.map_weight * psi_map * _best_is_one(shown(stale, staleness, gaze))
         psi_self = evaluations.of_self(pose.covariance, gaze.evaluation)
-        tags, gains = self._tags(known)
+        tags, due = self._tags(known)
         if len(tags):
-            total += gaze.self_weight * psi_self * _best_is_one(shown(tags, gains, self._wide))
-        psi_movers = {}
-        for mover in self._movers(obstacles):
-            psi = self._psi_mover(stamp_s, mover, pose)
-            places = self._may_be(stamp_s, mover, pose)
-            each = np.full(len(places), psi / len(places))
-            total += gaze.obstacle_weight * shown(places, each, self._narrow)
-            psi_movers[mover.track] = psi
-        new, due = self._newcomers(stamp_s, known, obstacles)
-        total += gaze.obstacle_weight * shown(new, due, self._narrow)
+            total += gaze.self_weight * psi_self * _best_is_one(shown(tags, due, self._wide))
         return Attention(total, psi_map, psi_self, psi_way, psi_movers)
 
     def decided(
@@ -251,6 +254,7 @@ class Attentive:
         points, confidence = sample_region(
             known.grid, known.confidence, known.pose, self.config.map, self.config.ground_m
         )
+        points, confidence = points[::EVERY], confidence[::EVERY]
         unseen = confidence < 1.0
         lost = (1.0 - confidence[unseen]) / max(1.0 - known.confidence.config.stale_below, 1e-6)
         return self._from_camera(known.pose, points[unseen]), np.minimum(lost, 1.0) ** 2
@@ -320,8 +324,13 @@ class Attentive:
         trust = np.array([self._trust.get(mark.identity, 1.0) for mark in known.landmarks])
         body = np.column_stack([_in_body(pose, places[:, :2]), places[:, 2] - config.eye_m])
         near = np.hypot(body[:, 0], body[:, 1]) <= config.tag_reach_m
-        gains = [gain(place - pose.mean[:2], pose.covariance, config) for place in places[near, :2]]
-        return body[near], trust[near] * np.array(gains)
+        due = gains(
+            places[near, :2] - pose.mean[:2],
+            pose.covariance,
+            config.tag_range_per_m,
+            math.radians(config.tag_bearing_deg),
+        )
+        return body[near], trust[near] * due
 
     def _learn_tags(self, stamp_s: float, known: Known, present: GazeCommand) -> None:
         """A landmark in view that was not sighted is hidden or aslant from here: trust it less for a while."""
@@ -371,29 +380,6 @@ def sample_region(
     inside = (away >= limits.nearest_m) & (away <= (farthest_m or limits.farthest_m))
     inside &= np.abs(np.arctan2(y, x)) <= math.radians(config.pan_deg)
     return centres[inside], confidence.values.ravel()[inside]
-
-
-def gain(
-    offset: Float[np.ndarray, "2"], covariance: Float[np.ndarray, "3 3"], config: AttentionConfig
-) -> float:
-    """Share of the deviation of the robot's place that a sighting of one landmark would take away.
-
-    Args:
-        offset: From the robot's mean place to the landmark, world axes, m.
-        covariance: Of (x, y, yaw).
-        config: Deviations of a sighting.
-
-    Returns:
-        In [0, 1], by the linearised update with range and bearing.
-    """
-    away = max(float(np.hypot(*offset)), 0.1)
-    c, s = offset / away
-    H = np.array([[-c, -s, 0.0], [s / away, -c / away, -1.0]])
-    noise = [(config.tag_range_per_m * away**2) ** 2, math.radians(config.tag_bearing_deg) ** 2]
-    S = H @ covariance @ H.T + np.diag(noise)
-    after = covariance - covariance @ H.T @ np.linalg.solve(S, H @ covariance)
-    before = evaluations.deviation(covariance[:2, :2])
-    return max(1.0 - evaluations.deviation(after[:2, :2]) / before, 0.0) if before > 0.0 else 0.0
 
 
 def _in_body(pose: Gaussian, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:

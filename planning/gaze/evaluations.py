@@ -129,4 +129,5 @@ def of_way(
 
 def deviation(covariance: Float[np.ndarray, "2 2"]) -> float:
     """sigma of eq. (2) and (3): root of the largest eigenvalue, m."""
-    return math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+    (a, b), (_, c) = covariance.tolist()
+    return math.sqrt(max((a + c) / 2.0 + math.hypot((a - c) / 2.0, b), 0.0))

@@ -15,8 +15,9 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.obstacle import Obstacle
 from planning.commands import GazeCommand
-from planning.gaze.attention import AttentionConfig, Attentive, Known, gain, sample_region
+from planning.gaze.attention import AttentionConfig, Attentive, Known, sample_region
 from planning.gaze.selection import highest_plateau, worth
+from planning.gaze.tag_gain import gains
 
 CONFIG = AttentionConfig()
 AHEAD = GazeCommand(0.0, math.radians(28.0))
@@ -132,10 +133,10 @@ def test_a_vague_robot_looks_at_the_landmark_that_helps_and_forgets_one_that_is_
     sighting = Sighting(3, np.array([1.5, 1.1]), np.eye(2) * 1e-4)
     for _ in range(3):
         attentive.weigh(0.2, VIA, [], hidden, at(66.0, 10.0))
-    tags, gains = attentive._tags(hidden)
+    tags, left = attentive._tags(hidden)
     assert len(tags) == 2
     trusted = Attentive(CONFIG)._tags(hidden)[1]
-    assert gains[0] < 0.1 * trusted[0]
+    assert left[0] < 0.1 * trusted[0]
     attentive.weigh(0.3, VIA, [], Known(vague, None, None, marks, (sighting,)), at(66.0, 10.0))
     assert attentive._tags(hidden)[1][0] == pytest.approx(trusted[0])
 
@@ -143,7 +144,8 @@ def test_a_vague_robot_looks_at_the_landmark_that_helps_and_forgets_one_that_is_
 def test_the_gain_of_a_landmark_is_what_the_update_takes_away():
     P = np.diag([0.05, 0.02, 0.03]) ** 2
     offset = np.array([1.5, 0.4])
-    share = gain(offset, P, CONFIG)
+    bearing = math.radians(CONFIG.tag_bearing_deg)
+    share = float(gains(offset[None], P, CONFIG.tag_range_per_m, bearing)[0])
     rng = np.random.default_rng(6)
     errors = rng.multivariate_normal(np.zeros(3), P, 60000)  # true minus believed pose
     apart = offset - errors[:, :2]
