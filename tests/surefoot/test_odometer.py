@@ -1,0 +1,66 @@
+"""Recordings without poses: the cycle follows them by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perception.odometry.odometry import FIRST, LOST, TRACKED
+from perception.primitives.errors import InputError
+from perception.primitives.frame import Frame
+from perception.primitives.plane import Plane
+from surefoot.config import Config
+from surefoot.odometer import Odometer, OdometerConfig, Tracked
+from surefoot.pipeline import Pipeline
+from surefoot.recordings.open import open_recording
+from surefoot.whereabouts import Whereabouts
+
+
+def test_the_map_frame_is_upright_and_the_way_agrees_with_the_true_one(recordings: Path) -> None:
+    recording = open_recording(recordings / "redwood_livingroom")
+    info = replace(recording.info, poses_given=False)
+    pipeline = Pipeline(Config(), info)
+    tracked = pipeline.whereabouts
+    assert isinstance(tracked, Tracked)
+    assert isinstance(tracked, Whereabouts)
+    heights = (0.443, 0.466, 0.491, 0.516, 0.541)  # m, from the set's own description
+    first = None
+    for frame, height in zip(recording.frames(), heights, strict=True):
+        true = frame.T_world_camera
+        assert true is not None
+        estimate = pipeline.cycle(replace(frame, T_world_camera=None))
+        found = tracked.T_map_camera
+        assert found is not None
+        assert estimate.pose is not None
+        assert found.translation[2] == pytest.approx(height, abs=0.02)
+        first = first or (found, true)
+        off = (first[1].inverse() @ true).inverse() @ (first[0].inverse() @ found)
+        assert np.linalg.norm(off.position) < 0.005
+        assert np.linalg.eigvalsh(estimate.pose.covariance)[0] > 0.0
+    assert tracked.odometer.states == [FIRST] + [TRACKED] * 4
+
+
+def test_single_pictures_stand_alone(recordings: Path) -> None:
+    recording = open_recording(recordings / "realsense_low_boxes")
+    tracked = Tracked(np.random.default_rng(0), Config().prior, OdometerConfig(loops=False))
+    for frame in islice(recording.frames(), 3):
+        tracked.update(frame, [])
+    assert tracked.odometer.states == [FIRST, LOST, LOST]
+    assert tracked.pose is None
+    floor = Plane(np.array([0.0, -1.0, 0.0]), 0.2)
+    placed = tracked.place(None, floor)
+    assert placed is not None
+    assert placed.T_map_camera.translation == pytest.approx((0.0, 0.0, 0.2))
+    assert tracked.place(None, None) is None
+
+
+def test_frames_without_depth_are_left_to_the_floor(recordings: Path) -> None:
+    tracked = Tracked(np.random.default_rng(0), Config().prior)
+    assert tracked.update(Frame(0.0), []) is None
+    assert tracked.pose is None
+    with pytest.raises(InputError, match="no depth"):
+        Odometer(np.random.default_rng(0)).take(Frame(0.0))
