@@ -7,6 +7,7 @@ scenes are registered at the end; each is a function of the seed alone.
 from __future__ import annotations
 
 import difflib
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -168,6 +169,7 @@ def load(name: str, seed: int) -> Scene:
 
 def _registry() -> dict[str, Callable[[int], Scene]]:
     from . import (
+        avoidance_scenes,
         course,
         home,
         public_places,
@@ -187,4 +189,7 @@ def _registry() -> dict[str, Callable[[int], Scene]]:
         "course": course.course,
         "fast_course": course.fast_course,
         "hard_course": course.hard_course,
+    } | {
+        f"avoidance_{motion.lower()}": functools.partial(avoidance_scenes.avoidance, motion)
+        for motion in avoidance_scenes.MOTIONS
     }
