@@ -8,30 +8,40 @@ from numba import njit
 
 @njit(cache=True, nogil=True)
 def mark_range(
-    rgb: np.ndarray, limits: np.ndarray, low: np.ndarray, high: np.ndarray, out: np.ndarray
+    red: np.ndarray,
+    green: np.ndarray,
+    blue: np.ndarray,
+    limits: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    out: np.ndarray,
 ) -> None:
-    """Set out to 255 where a pixel lies in the range; hue by two half planes, no division.
+    """Set out to 255 where a pixel lies in the range; hue by two half planes, no division, no branch.
 
     `limits`: value low, high; saturation low, high (0-255); chroma below which a pixel has no hue.
-    `low`, `high`: integer normals (r, g, b) of the half planes.
+    `low`, `high`: integer normals (r, g, b) of the half planes. All of them int32.
     """
     height, width = out.shape
     v0, v1, s0, s1, least = limits[0], limits[1], limits[2], limits[3], limits[4]
     a0, a1, a2 = low[0], low[1], low[2]
     b0, b1, b2 = high[0], high[1], high[2]
     for y in range(height):
-        row, line = rgb[y], out[y]
+        rs, gs, bs, line = red[y], green[y], blue[y], out[y]
         for x in range(width):
-            r = np.int32(row[x, 0])
-            g = np.int32(row[x, 1])
-            b = np.int32(row[x, 2])
+            r, g, b = np.int32(rs[x]), np.int32(gs[x]), np.int32(bs[x])
             value = max(r, max(g, b))
-            chroma = value - min(r, min(g, b))
-            scaled = 255 * chroma
-            inside = (value >= v0) & (value <= v1) & (scaled >= s0 * value) & (scaled <= s1 * value)
-            coloured = (a0 * r + a1 * g + a2 * b >= 0) & (b0 * r + b1 * g + b2 * b >= 0)
-            if inside & (coloured | (chroma < least)):
-                line[x] = 255
+            chroma = np.int32(value - min(r, min(g, b)))
+            scaled = np.int32(np.int32(255) * chroma)
+            inside = (
+                (value >= v0)
+                & (value <= v1)
+                & (scaled >= np.int32(s0 * value))
+                & (scaled <= np.int32(s1 * value))
+            )
+            first = np.int32(np.int32(a0 * r) + np.int32(a1 * g)) + np.int32(a2 * b)
+            second = np.int32(np.int32(b0 * r) + np.int32(b1 * g)) + np.int32(b2 * b)
+            coloured = (np.int32(first) >= 0) & (np.int32(second) >= 0)
+            line[x] |= np.uint8(255) * np.uint8(inside & (coloured | (chroma < least)))
 
 
 @njit(cache=True, nogil=True)

@@ -147,7 +147,8 @@ def mark(
     if not colours.any_hue:
         low = _half_plane(colours.hue_deg - colours.hue_half_deg, 1.0)
         high = _half_plane(colours.hue_deg + colours.hue_half_deg, -1.0)
-    kernels.mark_range(rgb, limits, low, high, mask)
+    red, green, blue = cv2.split(rgb)
+    kernels.mark_range(red, green, blue, limits, low, high, mask)
 
 
 def _half_plane(hue_deg: float, side: float) -> np.ndarray:

@@ -28,9 +28,7 @@ class MonocularConfig:
 
     horizon_s: float = 0.65  # seed 000: T_DS + T_SS
     static_mps: float = 0.02  # seed 000: slower counts as standing
-    noise_px: float = (
-        0.7  # ours: a flow that so much of a pixel explains is none; far off that is fast
-    )
+    noise_px: float = 0.25  # ours: what corners are followed to; a flow that this explains is none
     farthest_m: float = FARTHEST_M
     corner_px: int = 20  # ours: side of the squares that are looked at for S_m; 2.5 cm of floor
     adaptation: AdaptationConfig = field(default_factory=AdaptationConfig)

@@ -73,6 +73,7 @@ def ground_image(
     cv2.morphologyEx(below, cv2.MORPH_OPEN, _SQUARE, dst=below)
     _drop_islands(below, rgb[top:], core, config)
     _fill_specks(mask, picture, top, config.speck_m2)
+    cv2.morphologyEx(below, cv2.MORPH_CLOSE, _SQUARE, dst=below)
     return mask
 
 

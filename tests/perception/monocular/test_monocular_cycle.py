@@ -1,0 +1,151 @@
+"""Edges against brute force, and whole cycles on painted scenes whose motion is known."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from perception.monocular.back_projection import camera_pose, floor_points
+from perception.monocular.cycle import Monocular, MonocularConfig
+from perception.monocular.edges import REACH_PX, find_edges
+from perception.monocular.result import Picture
+from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError
+
+CAMERA = Camera.from_view(720, 720, math.pi / 2, math.pi / 2)
+STEP_M, STEP_S = 0.0123, 0.2
+BOX_M = (1.0, 0.10, 0.08)  # ahead, width, height
+TEXTURE = np.random.default_rng(7).integers(0, 255, (12, 12)).astype(np.uint8)
+
+
+def picture(stamp_s, left_m, noise=0):
+    """A plain floor before a blue wall 3 m off, and a box with a mottled front."""
+    pose = camera_pose(
+        np.array([STEP_M * stamp_s / STEP_S, 0.0, 0.42]), 0.0, math.radians(30.0), 0.0
+    )
+    v, u = np.mgrid[0:720, 0:720].astype(float)
+    floor = floor_points(np.stack([u, v], axis=-1), CAMERA, pose)
+    image = np.where((floor[..., 0] < 3.0)[..., None], (190.0, 150.0, 105.0), (110.0, 140.0, 180.0))
+    ahead, width, height = BOX_M
+    sides = (left_m + width / 2, left_m - width / 2)
+    corners = np.array(
+        [[ahead, y, z] for y, z in zip((*sides, *sides[::-1]), (height, height, 0, 0), strict=True)]
+    )
+    pixels = CAMERA.project(pose.inverse().apply(corners)).astype(np.float32)
+    source = np.array([[0, 0], [12, 0], [12, 12], [0, 12]], np.float32)
+    panel = cv2.warpPerspective(TEXTURE, cv2.getPerspectiveTransform(source, pixels), (720, 720))
+    inside = cv2.fillConvexPoly(
+        np.zeros((720, 720), np.uint8), np.rint(16 * pixels).astype(np.int32), 1, shift=4
+    )
+    image[inside > 0] = panel[inside > 0, None] * np.array([0.3, 0.4, 0.9])
+    image += np.random.default_rng(noise).normal(0.0, 2.0, image.shape)
+    rgb = np.clip(image, 0, 255).astype(np.uint8)
+    return Picture(rgb, CAMERA, pose, stamp_s)
+
+
+def box_of(result):
+    return min(result.obstacles, key=lambda o: abs(np.nanmean(o.contact_world[:, 0]) - BOX_M[0]))
+
+
+def cycle(speed_mps):
+    left = -0.05
+    pair = picture(0.0, left, 1), picture(STEP_S, left + speed_mps * STEP_S, 2)
+    return Monocular(MonocularConfig()).cycle(*pair), left + speed_mps * STEP_S
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10_000), st.integers(4, 30), st.integers(4, 30))
+def test_edges_are_no_ground_above_ground_and_groups_are_what_lies_together(seed, height, width):
+    rng = np.random.default_rng(seed)
+    ground = np.where(rng.random((height, width)) < 0.8, 255, 0).astype(np.uint8)
+    edges = find_edges(ground)
+    expected = {
+        (x, y)
+        for y in range(height - 1)
+        for x in range(width)
+        if ground[y, x] == 0 and ground[y + 1, x] == 255
+    }
+    assert set(zip(*np.nonzero(edges.image)[::-1], strict=True)) == expected
+    pixels = list(zip(edges.columns.tolist(), edges.rows.tolist(), strict=True))
+    assert set(pixels) == expected
+    for i, a in enumerate(pixels):
+        for j, b in enumerate(pixels[:i]):
+            if max(abs(a[0] - b[0]), abs(a[1] - b[1])) <= REACH_PX:
+                assert edges.labels[i] == edges.labels[j]
+
+
+@pytest.mark.parametrize("speed", [0.06, -0.06, 0.15])
+def test_a_moving_box_is_told_from_the_robots_own_motion_and_predicted(speed):
+    result, left = cycle(speed)
+    box = box_of(result)
+    assert box.moving
+    np.testing.assert_allclose(box.velocity_world, [0.0, speed], atol=0.03)
+    middle = np.nanmean(box.predicted_world, axis=0)
+    np.testing.assert_allclose(middle, [BOX_M[0], left + 0.65 * speed], atol=0.03)
+
+
+def test_a_standing_box_stands_while_the_robot_walks():
+    result, left = cycle(0.0)
+    box = box_of(result)
+    assert box.flow >= 0
+    assert not box.moving
+    np.testing.assert_array_equal(box.predicted_world, box.contact_world)
+    np.testing.assert_allclose(np.nanmean(box.contact_world, axis=0), [BOX_M[0], left], atol=0.015)
+    assert not result.predicted.any()
+
+
+def test_what_a_moving_box_will_take_is_not_movable_and_all_else_is():
+    result, left = cycle(0.15)
+    assert not np.any(result.movable & ~result.ground)
+    there = np.array([BOX_M[0], left + 0.15 * 0.65])
+    for point, free in ((there, False), (there + np.array([0.0, 0.2]), True)):
+        pose = result.current.T_world_camera
+        at = CAMERA.project(pose.inverse().apply(np.append(point, 0.0)))
+        u, v = np.rint(at).astype(int)
+        assert (result.movable[v - 1, u] > 0) == free
+
+
+def test_corners_are_followed_to_half_a_pixel():
+    result, _ = cycle(0.15)
+    mine = [
+        k
+        for k in range(len(result.flows))
+        if result.flows.obstacle[k] == result.obstacles.index(box_of(result))
+    ]
+    assert len(mine) >= 3
+    errors = []
+    for (
+        k
+    ) in mine:  # a corner of the front lies in the plane x = 1 m: where it was tells where it is
+        pair = result.previous, result.current
+        ray = CAMERA.back_project(result.flows.previous[k], np.array(1.0))
+        world = pair[0].T_world_camera.rotation @ ray
+        start = pair[0].T_world_camera.position
+        point = start + world * (BOX_M[0] - start[0]) / world[0] + [0.0, 0.15 * STEP_S, 0.0]
+        expected = CAMERA.project(pair[1].T_world_camera.inverse().apply(point))
+        errors.append(np.hypot(*(result.flows.current[k] - expected)))
+    assert np.median(errors) <= 0.5
+
+
+def test_without_a_partner_nothing_moves():
+    result = Monocular(MonocularConfig()).cycle(None, picture(0.0, 0.1))
+    assert len(result.flows) == 0
+    assert not any(o.moving for o in result.obstacles)
+
+
+def test_a_pair_in_the_wrong_order_is_refused():
+    with pytest.raises(InputError, match="swap"):
+        Monocular(MonocularConfig()).cycle(picture(0.2, 0.0), picture(0.0, 0.0))
+
+
+def test_the_colour_floor_is_the_depth_floor_of_a_real_recording(recordings):
+    from surefoot.monocular_run import colour_floors
+    from surefoot.recordings.open import open_recording
+
+    floors = []
+    for floor in colour_floors(open_recording(recordings / "realsense_low_boxes")):
+        floors.append(floor.iou)
+    assert np.mean(floors) >= 0.75
