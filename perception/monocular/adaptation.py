@@ -31,9 +31,7 @@ class AdaptationConfig:
     rate: float = (
         0.2  # ours: share of the way to the patch per cycle; half a minute of light in 5 cycles
     )
-    known_share: float = (
-        0.5  # ours: of a tile that must be known floor for the patch to begin there
-    )
+    known_share: float = 0.8  # ours: of a tile that must be known floor; half would be an edge
     walked_m: float = 0.30  # ours: over an unknown patch for this long, and the robot stands on it
     ranges: RangeConfig = field(default_factory=RangeConfig)
 
