@@ -25,8 +25,9 @@ class AvoidanceConfig:
 
     complexity: str = "integrated"  # specification: beats the others where something is dead ahead
     tie: float = TIE
-    other_side: bool = (
-        False  # specification: before stopping, try the other side once; the paper keeps D
+    other_side: bool = True  # specification's option: try it before stopping; the paper keeps D
+    abreast: float = (
+        0.5  # ours: nearer than this share of the group's distance is beside, not ahead
     )
     alongside_m: float = 0.3  # specification: neighbours this much farther still bound the gap
     fams: FamsConfig = field(default_factory=FamsConfig)
@@ -93,12 +94,13 @@ def choose(things: Things, config: AvoidanceConfig | None = None) -> Choice | No
     group = _joined(things, blocking(left, right, things.distance_m, corridor), config)
     if not group.any():
         return None
+    ahead = things.distance_m >= config.abreast * things.distance_m[group].min()
     total = float(
         complexity(
-            things.edges_rad,
-            things.distance_m,
-            things.width_m,
-            things.height_m,
+            things.edges_rad[ahead],
+            things.distance_m[ahead],
+            things.width_m[ahead],
+            things.height_m[ahead],
             config.complexity,
         ).sum()
     )

@@ -100,7 +100,7 @@ def strengths(
     free = memberships(spare, config.gap_centres_m)
     found = np.zeros((len(MOTIONS), len(width_m)))
     for motion in range(len(MOTIONS)):
-        rows, columns = np.nonzero(motion == TABLE)
+        rows, columns = np.nonzero(np.equal(TABLE, motion))
         rows, columns = np.unique(rows), np.unique(columns)  # a motion fills a rectangle of Table 2
         fires = np.minimum(wide[rows].max(axis=0), free[columns].max(axis=0))  # eq. (27)
         found[motion] = fires

@@ -6,6 +6,7 @@ its mean of maxima names the strongest. Agreement is told on inputs off the bord
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -22,8 +23,8 @@ ROUNDS = 3  # scikit-fuzzy takes seconds
 
 def peer(config: FamsConfig) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """The same selection made of scikit-fuzzy's parts."""
-    import skfuzzy
-    from skfuzzy import control
+    skfuzzy: Any = importlib.import_module("skfuzzy")
+    control: Any = importlib.import_module("skfuzzy.control")
 
     def antecedent(name: str, centres: tuple[float, ...]) -> Any:
         universe = np.linspace(-1.0, 2.0, 301)

@@ -66,11 +66,10 @@ def run(seeds: int, say: Say) -> Outcome:
         clean += confusion(truth, select(width, gap, config))
         averaged += confusion(truth, select(width, gap, ordinal))
         for name, noise in NOISES.items():
-            seen = [
-                value * (1.0 + noise * rng.standard_normal(len(value))) for value in (width, gap)
-            ]
-            used[name] += confusion(truth, select(*seen, config, noise * np.abs(seen[1])))
-            plain[name] += confusion(truth, select(*seen, config))
+            wide = width * (1.0 + noise * rng.standard_normal(len(width)))
+            free = gap * (1.0 + noise * rng.standard_normal(len(gap)))
+            used[name] += confusion(truth, select(wide, free, config, noise * free))
+            plain[name] += confusion(truth, select(wide, free, config))
         say(f"{seed + 1} of {seeds} times 70,000 draws")
     stop = MOTIONS.index("ST")
     forward = [k for k, motion in enumerate(MOTIONS) if motion.endswith("F")]

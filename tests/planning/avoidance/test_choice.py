@@ -1,0 +1,192 @@
+"""The decision of seed 004 against closed forms, Table 2 and its own invariants."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from perception.primitives.errors import InputError
+from perception.primitives.pose import Pose2
+from planning.avoidance import primitives
+from planning.avoidance.choice import AvoidanceConfig, Things, choose
+from planning.avoidance.complexity import FORMS, complexity
+from planning.avoidance.direction import direction
+from planning.avoidance.fams import MOTIONS, TABLE, FamsConfig, memberships, select, strengths
+from planning.avoidance.pivot import PivotConfig, pivot
+from planning.footsteps import GaitConfig
+
+
+def _one(left_m: float, right_m: float, d: float, h: float, form: str) -> float:
+    edges = np.array([[math.atan2(left_m, d), math.atan2(right_m, d)]])
+    values = (np.array([v]) for v in (d, left_m - right_m, h))
+    return float(complexity(edges, *values, form)[0])
+
+
+@pytest.mark.parametrize("form", FORMS)
+@settings(deadline=None, max_examples=40)
+@given(st.floats(0.05, 0.6), st.floats(0.1, 0.5), st.floats(0.5, 2.0), st.floats(0.1, 0.6))
+def test_complexity_is_odd_and_grows_with_size_and_nearness(form, left, width, d, h):
+    value = _one(-left, -left - width, d, h, form)
+    assert value > 0.0  # right of the way
+    assert _one(left + width, left, d, h, form) == pytest.approx(-value)
+    assert _one(-left, -left - width, d, 1.2 * h, form) > value
+    assert _one(-left, -left - 1.02 * width, d, h, form) > value * (1 - 1e-9)
+
+
+def test_integrated_complexity_does_not_jump_where_a_thing_crosses_straight_ahead():
+    def jump(form: str) -> float:
+        left, right = (_one(0.36 + o, -0.36 + o, 1.05, 0.32, form) for o in (0.005, -0.005))
+        return abs(left - right)
+
+    assert jump("integrated") < 0.01
+    assert jump("frontal") > 0.3
+
+
+def test_frontal_complexity_is_the_apparent_area_times_the_cosine():
+    theta = math.atan2(-0.2, 1.0) / 2 + math.atan2(-0.6, 1.0) / 2
+    assert _one(-0.2, -0.6, 1.0, 0.3, "frontal") == pytest.approx(0.4 * 0.3 * math.cos(theta))
+
+
+def test_an_unknown_form_is_refused_by_name():
+    with pytest.raises(InputError, match="integrated"):
+        _one(0.1, -0.1, 1.0, 0.3, "nonesuch")
+
+
+def test_the_side_is_away_from_the_fuller_one_and_a_tie_goes_to_the_wider_gap():
+    assert direction(0.5, 0.1, 2.0) == 1
+    assert direction(-0.5, 2.0, 0.1) == -1
+    assert direction(0.001, 0.3, 0.5) == -1
+    assert direction(0.001, 0.4, 0.4) == 1
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=20))
+def test_memberships_are_triangles_that_sum_to_one(values):
+    centres = FamsConfig().obstacle_centres_m
+    degrees = memberships(np.array(values), centres)
+    np.testing.assert_allclose(degrees.sum(axis=0), 1.0, atol=1e-12)
+    assert np.all((degrees >= -1e-12) & (degrees <= 1 + 1e-12))
+    np.testing.assert_allclose(memberships(np.array(centres), centres), np.eye(5), atol=1e-12)
+
+
+def test_at_the_peaks_of_the_sets_the_motion_is_that_of_table_2():
+    config = FamsConfig()
+    for i, w in enumerate(config.obstacle_centres_m):
+        for j, s in enumerate(config.gap_centres_m):
+            at = select(np.array([w + 0.30]), np.array([s + 0.30]), config)
+            assert at[0] == TABLE[i, j]
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.floats(0.0, 1.6), st.floats(0.0, 1.2))
+def test_strengths_equal_the_25_rules_one_by_one(width, gap):
+    config = FamsConfig()
+    wide = memberships(np.array([width - 0.30]), config.obstacle_centres_m)[:, 0]
+    free = memberships(np.array([gap - 0.30]), config.gap_centres_m)[:, 0]
+    best = np.zeros(len(MOTIONS))
+    for i in range(5):
+        for j in range(5):
+            best[TABLE[i, j]] = max(best[TABLE[i, j]], min(wide[i], free[j]))
+    found = strengths(np.array([width]), np.array([gap]), config)[:, 0]
+    np.testing.assert_allclose(found, best, atol=1e-12)
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.floats(0.0, 1.6), st.floats(0.0, 1.2), st.floats(0.0, 0.05))
+def test_doubt_about_a_gap_never_makes_the_robot_walk_or_stop_where_it_would_not(width, gap, sigma):
+    sure, doubtful = (
+        MOTIONS[int(select(np.array([width]), np.array([gap]), None, s)[0])]
+        for s in (None, np.array([sigma]))
+    )
+    assert doubtful[0] == sure[0]
+    assert doubtful == sure or (sure[1], doubtful[1]) == ("F", "S")
+
+
+def test_the_pivot_of_the_specification():
+    at = pivot("RF", 1, 0.36, 0.5, 0.72, 1.05)
+    assert at.distance_m == pytest.approx(1.01, abs=0.005)
+    assert math.degrees(at.turn_rad) == pytest.approx(37.0, abs=0.5)
+    literal = pivot("RF", -1, -0.36, 0.5, 0.72, 1.05, PivotConfig(literal=True))
+    assert literal.distance_m == pytest.approx(0.57, abs=0.005)
+    assert math.degrees(literal.turn_rad) == pytest.approx(-76.0, abs=0.5)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.floats(0.02, 0.7), st.floats(0.5, 1.2), st.sampled_from([m for m in MOTIONS if m != "ST"])
+)
+def test_the_pivot_clears_the_obstacle_by_the_clearance(edge, gap, motion):
+    config = PivotConfig()
+    at = pivot(motion, 1, edge, gap, 0.7, 1.05, config)
+    assert at.y_m - config.body_width_m / 2 - edge >= config.clearance_m - 1e-12
+    mirrored = pivot(motion, -1, -edge, gap, 0.7, 1.05, config)
+    assert (mirrored.x_m, mirrored.y_m) == pytest.approx((at.x_m, -at.y_m))
+
+
+def _things(spans: list[tuple[float, float]], d: float = 1.05) -> Things:
+    edges = np.array(spans)
+    n = len(spans)
+    return Things(
+        np.arctan2(edges, d),
+        edges,
+        np.full(n, d),
+        edges[:, 0] - edges[:, 1],
+        np.full(n, 0.32),
+        np.full(n, 0.004),
+    )
+
+
+def test_a_choice_says_why_with_its_numbers():
+    choice = choose(_things([(0.9, 0.7), (0.2, -0.5), (-0.6, -0.9)]))
+    assert choice is not None
+    assert (choice.motion, choice.side) == ("RF", 1)
+    for word in ("1.05 m", "0.70 m", "0.50 m", "left", "RF"):
+        assert word in choice.why
+
+
+def test_slots_on_both_sides_stop_the_robot_and_a_free_way_needs_no_choice():
+    choice = choose(_things([(0.9, 0.4), (0.3, -0.3), (-0.4, -0.9)]))
+    assert choice is not None and choice.motion == "ST"
+    assert choose(_things([(0.9, 0.5), (-0.5, -0.9)])) is None
+
+
+def test_the_other_side_is_tried_only_if_asked_for():
+    spans = [(0.6, 0.45), (0.35, -0.6)]
+    paper = choose(_things(spans), AvoidanceConfig(other_side=False))
+    ours = choose(_things(spans))
+    assert paper is not None and ours is not None
+    assert (paper.motion, paper.side) == ("ST", 1)
+    assert ours.motion != "ST" and ours.side == -1
+
+
+@pytest.mark.parametrize("motion", [m for m in MOTIONS if m != "ST"])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_legs_lead_through_the_gap_within_the_limits_of_the_gait(motion, side):
+    gait, start = GaitConfig(), Pose2(0.4, -0.3, 0.6)
+    edge, gap = 0.2, 0.26 if motion[1] == "S" else 0.5
+    at = pivot(motion, side, side * edge, gap, 0.5, 1.05)
+    robot, way = start, []
+    legs = primitives.passage(motion, at, start, 1.65)
+    for _ in range(400):
+        while legs and primitives.reached(legs[0], robot):
+            legs.pop(0)
+        if not legs:
+            break
+        step = primitives.step(legs[0], robot, gait)
+        assert abs(step.turn_rad) <= gait.max_turn_rad + 1e-12
+        assert step.forward_m <= gait.max_speed_mps * gait.step_s + 1e-12
+        assert abs(step.lateral_m) <= gait.max_side_mps * gait.step_s + 1e-12
+        robot = robot @ Pose2(step.forward_m, step.lateral_m, step.turn_rad)
+        way.append(start.inverse() @ robot)
+    assert not legs
+    assert way[-1].x == pytest.approx(1.65, abs=0.05)
+    inside = [side * p.y - edge for p in way if 1.05 <= p.x <= 1.29]
+    assert inside and all(0.0 < y < gap for y in inside)
+    if motion[1] == "S":  # the narrow side goes first
+        assert all(
+            abs(abs(p.yaw) - math.pi / 2) < math.radians(5.0) for p in way if 1.05 <= p.x <= 1.29
+        )
