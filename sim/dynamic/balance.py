@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 
-from ..gait import GRAVITY_MPS2, Step
+from ..gait import Step
 from ._legs_kernels import attend
 
 
@@ -39,12 +39,8 @@ class BalanceConfig:
     lower_mps: float = 0.03  # walking trials
     lower_most_m: float = 0.006  # walking trials
     wait_s: float = (
-        1.0  # ours: longest wait before weight is shifted or a foot lifted; then on regardless
+        0.25  # ours: longest wait for a sole that has not met the floor; then on regardless
     )
-    tipping_shift_m: float = (
-        0.025  # ours: walking undisturbed stays below 16 mm there, 99 % of steps
-    )
-    tipping_lift_m: float = 0.012  # ours: likewise 8 mm
 
     def __post_init__(self) -> None:
         for name in ("blend_s", "attitude_s", "forget_s"):
@@ -91,12 +87,6 @@ class Attitude:
         """Roll and pitch, rad."""
         x, y, z = (float(v) for v in self.up)
         return math.atan2(y, z), math.atan2(-x, math.hypot(y, z))
-
-    def tipping(self, rate: Float[np.ndarray, "3"], height_m: float) -> float:
-        """How far lean and its rate carry the capture point off, m, of a weight at that height."""
-        fall_s = math.sqrt(height_m / GRAVITY_MPS2)
-        roll, pitch = self.tilt
-        return height_m * math.hypot(roll + fall_s * rate[0], pitch + fall_s * rate[1])
 
     def turning(self, rate: Float[np.ndarray, "3"]) -> float:
         """How fast the heading changes, rad/s, at a rate in trunk axes."""
@@ -166,14 +156,13 @@ class Landing:
         share = (tick - step.double_support_ticks) / (step.ticks - step.double_support_ticks)
         return step.swing if share > self._config.due_share else 0
 
-    def advance(self, step: Step, tick: int, load_n: float, tipping_m: float = 0.0) -> None:
+    def advance(self, step: Step, tick: int, load_n: float) -> None:
         """One tick.
 
         Args:
             step: In which the robot is.
             tick: Which tick of it.
             load_n: On the sole asked for.
-            tipping_m: How far the capture point is off: a body that falls onto the foot needs its whole leg.
         """
         config = self._config
         asked = self.asks(step, tick)
@@ -185,32 +174,24 @@ class Landing:
             if side != asked:
                 continue
             if swinging:
-                falls = tipping_m > config.tipping_shift_m * self._scale
-                self._hold(k, float(step.lift[tick]), 0.0 if falls else load_n)
+                self._hold(k, float(step.lift[tick]), load_n)
             elif load_n < config.light_n:
                 lower = self.heights[k] - config.lower_mps * self._tick_s * self._scale
                 self.heights[k] = max(lower, -config.lower_most_m * self._scale)
 
-    def waits(self, step: Step, tick: int, load_n: float, tipping_m: float) -> bool:
-        """Whether the plan stands still for this tick: before the weight is shifted, or a foot lifted.
+    def waits(self, step: Step, tick: int, load_n: float) -> bool:
+        """Whether time stands still at the begin of a double support: the new foot bears nothing yet.
 
         A body that leans outward over its standing foot comes back by itself, if the weight is not shifted
-        onto a foot in the air meanwhile; one that tips comes to rest while both feet stand.
-
-        Args:
-            step, tick: Where in the plan.
-            load_n: On the foot that came down last.
-            tipping_m: How far the lean and its rate carry the capture point off.
+        onto a foot in the air meanwhile.
         """
-        config = self._config
-        shifting, lifting = tick == 0, tick == step.double_support_ticks
-        if not step.stepping or not (shifting or lifting):
+        late = step.stepping and tick == 0 and load_n < self._config.touch_n
+        if late and self._waited < self._config.wait_s / self._tick_s:
+            self._waited += 1
+            return True
+        if tick > 0:
             self._waited = 0
-            return False
-        limit = config.tipping_shift_m if shifting else config.tipping_lift_m
-        late = tipping_m > limit * self._scale or (shifting and load_n < config.touch_n)
-        self._waited += 1
-        return late and self._waited <= config.wait_s / self._tick_s
+        return False
 
     def _hold(self, k: int, lift: float, load_n: float) -> None:
         """Once felt, the sole stays at that height, whatever was planned."""

@@ -306,9 +306,8 @@ class DynamicBody:
         load = 0.0
         if asked:
             load = physics.load_on(f"{'left' if asked > 0 else 'right'}_ankle_roll")
-        tipping = self._attitude.tipping(self._rate, self._gait_config.com_height_m)
-        self._landing.advance(step, tick, load, tipping)
-        waits = self._walking and self._landing.waits(step, tick, load, tipping)
+        self._landing.advance(step, tick, load)
+        waits = self._walking and self._landing.waits(step, tick, load)
         left, right = self._left[tick].copy(), self._right[tick].copy()
         left[2] += self._landing.heights[0]
         right[2] += self._landing.heights[1]
