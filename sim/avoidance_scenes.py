@@ -19,6 +19,7 @@ from .tags import place_tags
 
 MOTIONS = ("ST", "SS", "SF", "RS", "RF", "TS", "TF")
 FRONT_M, DEPTH_M, HEIGHT_M = 1.55, 0.24, 0.32
+OUTER_M = 1.13  # cartons stand clear of the walls, as things to be told from them
 WIDTHS_M = {"S": (0.30, 0.44), "R": (0.58, 1.05), "T": (1.22, 1.32)}
 GAPS_M = {"S": (0.22, 0.28), "F": (0.38, 0.50)}
 
@@ -59,14 +60,12 @@ def _stopping(rng: np.random.Generator) -> list[tuple[str, float, float, float]]
     half, slot = float(rng.uniform(0.25, 0.4)), float(rng.uniform(0.08, 0.15))
     return [
         ("carton", half, -half, HEIGHT_M),
-        ("left", 1.25, half + slot, HEIGHT_M),
-        ("right", -half - slot, -1.25, HEIGHT_M),
+        ("left", OUTER_M, half + slot, HEIGHT_M),
+        ("right", -half - slot, -OUTER_M, HEIGHT_M),
     ]
 
 
-def _passing(
-    motion: str, rng: np.random.Generator
-) -> list[tuple[str, float, float, float]]:
+def _passing(motion: str, rng: np.random.Generator) -> list[tuple[str, float, float, float]]:
     """Name, left and right end across the way, height; the passage on the left."""
     width, gap = (float(rng.uniform(*r)) for r in (WIDTHS_M[motion[0]], GAPS_M[motion[1]]))
     left = {"S": 0.12, "R": 0.30 * width, "T": 0.35 * width}[motion[0]]
@@ -77,5 +76,5 @@ def _passing(
     ]
     if motion[0] != "T":
         right = left - width - 0.12
-        spans.append(("other side", right, max(right - 0.35, -1.2), HEIGHT_M))
+        spans.append(("other side", right, max(right - 0.35, -OUTER_M), HEIGHT_M))
     return spans

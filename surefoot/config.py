@@ -31,6 +31,7 @@ from perception.primitives.errors import ConfigError
 from perception.stereo import StereoConfig
 from perception.structured_light import StructuredLightConfig
 from perception.time_of_flight import TofConfig
+from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
 from planning.gaze.policy import GazeConfig
 from planning.guard import GuardConfig
@@ -77,6 +78,7 @@ PLANNERS = {
     "search": "navigator:Navigator",
     "field": "field_planner:FieldPlanner",
     "swarm": "swarm_planner:SwarmPlanner",
+    "avoidance": "avoidance_planner:AvoidancePlanner",
 }
 """Who may decide the next footstep: name to module and class of this package."""
 
@@ -152,6 +154,7 @@ class Config:
     guard: GuardConfig = field(default_factory=GuardConfig)
     monocular: MonocularConfig = field(default_factory=MonocularConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
+    avoidance: AvoidanceConfig = field(default_factory=AvoidanceConfig)
     gaze: GazeConfig = field(default_factory=GazeConfig)
 
     def resolved(self, renderer: str) -> Config:

@@ -50,6 +50,8 @@ FILES = {
     "real-planes": "real_planes",
     "004-E1": "obstacle_sizes",
     "004-E2": "fuzzy_choice",
+    "004-E3": "avoidance_walks",
+    "004-E4": "avoidance_pictures",
     "004-E5": "panorama_angles",
     "004-features": "feature_study",
     "real-panorama": "real_panorama",

@@ -1,0 +1,265 @@
+"""Stop, look about, choose a motion, walk it: the way of seed 004, with a goal to walk to in between.
+
+Straight to the goal until something blocks the way at about a metre; then the robot stands, turns its head
+through the views of a panorama, decides side, motion and pivot, and walks the motion's legs.
+
+Source: seed 004; the goal and what is done when a passage proves closed are ours.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from mapping.egocentric_grid import EgocentricGrid
+from mapping.panorama.obstacles import PanoramaObstacle, Surroundings
+from mapping.panorama.sizes import surroundings
+from mapping.panorama.stitching import Panorama, stitch
+from mapping.panorama.views import View, head_directions, view_of_depth
+from perception.primitives.frame import Depth, Frame
+from perception.primitives.pose import Pose2, wrap_angle
+from planning import footsteps
+from planning.avoidance import primitives
+from planning.avoidance.choice import Choice, Things, choose
+from planning.avoidance.primitives import Leg
+from planning.commands import GazeCommand, WalkCommand
+from planning.gaze.attention import Known
+from planning.gaze.policy import GazePolicy
+from planning.guard import Guard
+
+from .config import Config
+from .goals import Goals
+from .pipeline import Estimate, Pipeline
+from .planners import Decision
+
+LOG = logging.getLogger(__name__)
+
+STOP_M = 1.05  # specification: where the robot stops before what blocks its way
+MOVER = 0.3  # probability of moving from which a track counts as a mover, as the guard has it
+OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
+FACING_RAD = math.radians(5.0)  # ours: so nearly towards the goal it begins to look
+AIMED_RAD = math.radians(1.5)  # ours: head where it was told to look
+BEYOND_M = 0.60  # ours: a carton's depth, and the body clear of it
+FARTHEST_M = 5.0  # range that is white in the pictures
+PATIENCE_S = 8.0  # ours: after a stop, how long to wait before it looks again
+SETTLE_STEPS = 8  # ours: walk on so long before looking again after the panorama showed a free way
+ASIDE_M = 0.09  # ours: nearer to the straight way than this an occupied cell touches the body
+WALL_M = 1.5  # ours: what is higher than 0.7 m and wider than this is a wall
+OPEN_M = 2.0  # ours: how far aside the ground counts as open where no wall is seen
+DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
+
+
+class AvoidancePlanner:
+    """Walks to one goal after the other by seed 004's motions."""
+
+    def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
+        """Set out.
+
+        Args:
+            config: Of everything.
+            goals: Where to walk, one after the other, map frame, m.
+        """
+        self._config = config
+        self._goals = Goals(goals, config.mission)
+        self._gaze = GazePolicy(config.gaze)
+        self._guard = Guard(config.guard)
+        self._rng = np.random.default_rng([config.seed, 41])
+        self._phase = "walk"
+        self._views: list[View] = []
+        self._legs: list[Leg] = []
+        self._wait_s = 0.0
+        self._settle = 0
+        self.choices: list[Choice] = []
+        self.panorama: Panorama | None = None
+        self.seen: list[View] = []
+        self.around: Surroundings | None = None
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far."""
+        return self._goals.reached
+
+    def distance_to_goal(self, estimate: Estimate) -> float:
+        """From the estimated pose to the present goal, m; 0 when all are reached."""
+        return self._goals.distance(estimate)
+
+    def finished(self, estimate: Estimate) -> bool:
+        """Whether all goals are reached or the time is up."""
+        return self._goals.finished(estimate)
+
+    def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
+        """While looking about: keep the view if the head is where it was told to look."""
+        if self._phase != "scan" or len(self._views) >= len(DIRECTIONS):
+            return
+        depth = next((view.depth for view in estimate.views), None)
+        if depth is None or depth.T_body_camera is None:
+            return
+        if _off_aim(depth, DIRECTIONS[len(self._views)]) <= AIMED_RAD:
+            view = view_of_depth(depth, FARTHEST_M, None, depth.T_body_camera, frame.stamp_s)
+            self._views.append(view)
+
+    def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
+        """The next footstep of what is being done."""
+        goal = self._goals.present
+        if estimate.pose is None or pipeline.grid is None or goal is None:
+            return Decision(WalkCommand(), GazeCommand(), "blocked")
+        robot = estimate.pose2
+        if self._phase == "scan" and len(self._views) == len(DIRECTIONS):
+            self._conclude(robot, estimate.stamp_s)
+        if self._phase == "scan":
+            return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[len(self._views)]), "scan")
+        if self._phase == "stop":
+            if estimate.stamp_s >= self._wait_s:
+                self._begin_scan()
+            return Decision(WalkCommand(), GazeCommand(), "ST")
+        if self._phase == "pass":
+            step = self._pass(estimate, pipeline.grid, goal)
+            if step is not None:
+                return step
+        return self._walk(estimate, pipeline, goal)
+
+    def _walk(
+        self, estimate: Estimate, pipeline: Pipeline, goal: Float[np.ndarray, "2"]
+    ) -> Decision:
+        """Straight to the goal, or stop and look."""
+        assert estimate.pose is not None and pipeline.grid is not None
+        robot, gait = estimate.pose2, self._config.guard.gait
+        known = Known(
+            estimate.pose,
+            pipeline.grid,
+            pipeline.confidence,
+            pipeline.landmarks,
+            estimate.sightings,
+        )
+        movers = [o.gone_straight() for o in estimate.obstacles if o.moving >= MOVER]
+        gaze = self._gaze.next(estimate.stamp_s, robot, goal, movers, known)
+        if self._gaze.surveying:
+            return Decision(WalkCommand(), gaze, "survey")
+        cells = _cells(pipeline.grid)
+        heading = math.atan2(goal[1] - robot.y, goal[0] - robot.x)
+        self._settle = max(self._settle - 1, 0)
+        if self._settle == 0 and self._blocked(robot, heading, cells, goal):
+            turn = wrap_angle(heading - robot.yaw)
+            if abs(turn) <= FACING_RAD:
+                self._begin_scan()
+            return Decision(gait.command(0.0, 0.0, turn), gaze, "blocked")
+        desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait)
+        walk = self._guard.choose(desired, estimate.pose, movers, cells, goal, estimate.stamp_s)
+        return Decision(walk, gaze, "walk" if walk == desired else "guard")
+
+    def _blocked(
+        self,
+        robot: Pose2,
+        heading: float,
+        cells: Float[np.ndarray, "n 2"],
+        goal: Float[np.ndarray, "2"],
+    ) -> bool:
+        """Whether something stands in the corridor to the goal, nearer than the stopping distance."""
+        body = self._config.avoidance.pivot
+        there = Pose2(robot.x, robot.y, heading).inverse().apply(cells)
+        reach = min(STOP_M, float(np.hypot(goal[0] - robot.x, goal[1] - robot.y)))
+        half = body.body_width_m / 2 + body.clearance_m / 2
+        ahead = (there[:, 0] > 0.1) & (there[:, 0] < reach) & (np.abs(there[:, 1]) < half)
+        return bool(np.count_nonzero(ahead) >= 2)
+
+    def _begin_scan(self) -> None:
+        self._phase, self._views = "scan", []
+
+    def _conclude(self, robot: Pose2, stamp_s: float) -> None:
+        """From the views to what is done next."""
+        self.seen = self._views
+        self.panorama = stitch(self._views, self._rng)
+        self.around = surroundings(self.panorama, self._views)
+        choice = choose(things_of(self.around), self._config.avoidance)
+        if choice is None:
+            LOG.info("%.1f s: the panorama shows a free way", stamp_s)
+            self._phase, self._settle = "walk", SETTLE_STEPS
+            return
+        LOG.info("%.1f s: %s", stamp_s, choice.why)
+        self.choices.append(choice)
+        if choice.motion == "ST":
+            self._phase, self._wait_s = "stop", stamp_s + PATIENCE_S
+            return
+        self._phase = "pass"
+        beyond = choice.distance_m + BEYOND_M
+        self._legs = primitives.passage(choice.motion, choice.pivot, robot, beyond)
+
+    def _pass(
+        self, estimate: Estimate, grid: EgocentricGrid, goal: Float[np.ndarray, "2"]
+    ) -> Decision | None:
+        """The next footstep of the legs; None when they are done or prove closed."""
+        assert estimate.pose is not None
+        robot, gait = estimate.pose2, self._config.guard.gait
+        while self._legs and primitives.reached(self._legs[0], robot):
+            self._legs.pop(0)
+        if not self._legs:
+            self._phase = "walk"
+            return None
+        leg = self._legs[0]
+        desired = primitives.step(leg, robot, gait)
+        after = robot @ Pose2(3 * desired.forward_m, 3 * desired.lateral_m, desired.turn_rad)
+        near = after.inverse().apply(_cells(grid))
+        if np.any(np.hypot(near[:, 0], near[:, 1]) < ASIDE_M):
+            LOG.info("%.1f s: the passage is closed", estimate.stamp_s)
+            self._begin_scan()
+            return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[0]), "scan")
+        movers = [o.gone_straight() for o in estimate.obstacles if o.moving >= MOVER]
+        target = np.array([leg.target.x, leg.target.y])
+        walk = self._guard.choose(
+            desired, estimate.pose, movers, np.zeros((0, 2)), target, estimate.stamp_s
+        )
+        pan = math.copysign(math.pi / 4, desired.lateral_m) if leg.primitive == "S" else 0.0
+        return Decision(walk, GazeCommand(pan, DOWN_RAD), self.choices[-1].motion)
+
+
+def _directions() -> list[tuple[float, float]]:
+    """The nine views for a head that cannot look up: those looks go down, further aside."""
+    found = []
+    for pan, tilt in head_directions("nine"):
+        found.append((2.0 * pan, -tilt) if tilt < 0.0 else (pan, tilt))
+    return found
+
+
+DIRECTIONS = _directions()
+
+
+def things_of(around: Surroundings) -> Things:
+    """What the panorama lists, as the decision wants it; walls only bound the ground.
+
+    A wall is higher than the panorama counts, and wide or beginning beside the robot: a room's walls hang together
+    and are listed as one thing.
+    """
+    walls = [o for o in around.obstacles if _is_wall(o)]
+    found = [o for o in around.obstacles if not _is_wall(o)]
+    left = min((o.left_edge_m[1] for o in walls if o.left_edge_m[1] > 0.5), default=OPEN_M)
+    right = max((o.right_edge_m[1] for o in walls if o.right_edge_m[1] < -0.5), default=-OPEN_M)
+    return Things(
+        np.array([[o.left_rad, o.right_rad] for o in found]).reshape(-1, 2),
+        np.array([[o.left_edge_m[1], o.right_edge_m[1]] for o in found]).reshape(-1, 2),
+        np.array([o.distance_m for o in found], dtype=float),
+        np.array([o.width_m for o in found], dtype=float),
+        np.array([o.height_m for o in found], dtype=float),
+        np.array([o.sigma_left_rad * o.distance_m for o in found], dtype=float),
+        (float(left), float(right)),
+    )
+
+
+def _is_wall(one: PanoramaObstacle) -> bool:
+    return one.cut_top and (one.width_m > WALL_M or one.distance_m < STOP_M / 2)
+
+
+def _off_aim(depth: Depth, aim: tuple[float, float]) -> float:
+    """Angle between where the camera looks and where it was told to, rad."""
+    assert depth.T_body_camera is not None
+    axis = depth.T_body_camera.rotation[:, 2]
+    pan, tilt = math.atan2(axis[1], axis[0]), -math.asin(min(max(float(axis[2]), -1.0), 1.0))
+    return math.hypot(wrap_angle(pan - aim[0]), tilt - aim[1])
+
+
+def _cells(grid: EgocentricGrid) -> Float[np.ndarray, "n 2"]:
+    """Middles of occupied cells, world frame, m."""
+    return np.asarray(grid.centres()[grid.known & (grid.probability >= OCCUPIED)])
