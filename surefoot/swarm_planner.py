@@ -37,6 +37,8 @@ from .planners import Decision
 
 MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
 BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
+AROUND_M = 0.10 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+"""Ours: floor must show this far round a track's place before the track counts as not there."""
 NEAR_GOAL_M = 0.45  # ours: a goal this near lies before the picture's lowest rows
 
 
@@ -100,7 +102,10 @@ class SwarmPlanner:
 
         def in_view(places: Float[np.ndarray, "n 2"]) -> np.ndarray:
             near = np.hypot(*(places - here).T) < self._settings.detect_to_m
-            return np.asarray(seen.shows_floor(places) & near)
+            bare = seen.shows_floor(places)
+            for offset in AROUND_M:  # partly out of the picture it is not missed
+                bare &= seen.shows_floor(places + offset)
+            return np.asarray(bare & near)
 
         pipeline.tracker.update(frame.stamp_s, found, estimate.pose, in_view)
         self._standing.update(
