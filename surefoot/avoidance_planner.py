@@ -47,7 +47,7 @@ BEYOND_M = 0.60  # ours: a carton's depth, and the body clear of it
 FARTHEST_M = 5.0  # range that is white in the pictures
 PATIENCE_S = 8.0  # ours: after a stop, how long to wait before it looks again
 SETTLE_STEPS = 8  # ours: walk on so long before looking again after the panorama showed a free way
-ASIDE_M = 0.09  # ours: nearer to the straight way than this an occupied cell touches the body
+BODY_M = (0.055, 0.082)  # seed 000: half of the body's depth and width; a cell inside is touched
 WALL_M = 1.5  # ours: what is higher than 0.7 m and wider than this is a wall
 OPEN_M = 2.0  # ours: how far aside the ground counts as open where no wall is seen
 DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
@@ -126,7 +126,8 @@ class AvoidancePlanner:
         self, estimate: Estimate, pipeline: Pipeline, goal: Float[np.ndarray, "2"]
     ) -> Decision:
         """Straight to the goal, or stop and look."""
-        assert estimate.pose is not None and pipeline.grid is not None
+        assert estimate.pose is not None
+        assert pipeline.grid is not None
         robot, gait = estimate.pose2, self._config.guard.gait
         known = Known(
             estimate.pose,
@@ -203,7 +204,7 @@ class AvoidancePlanner:
         desired = primitives.step(leg, robot, gait)
         after = robot @ Pose2(3 * desired.forward_m, 3 * desired.lateral_m, desired.turn_rad)
         near = after.inverse().apply(_cells(grid))
-        if np.any(np.hypot(near[:, 0], near[:, 1]) < ASIDE_M):
+        if np.any((np.abs(near[:, 0]) < BODY_M[0]) & (np.abs(near[:, 1]) < BODY_M[1])):
             LOG.info("%.1f s: the passage is closed", estimate.stamp_s)
             self._begin_scan()
             return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[0]), "scan")

@@ -150,7 +150,8 @@ def test_a_choice_says_why_with_its_numbers():
 
 def test_slots_on_both_sides_stop_the_robot_and_a_free_way_needs_no_choice():
     choice = choose(_things([(0.9, 0.4), (0.3, -0.3), (-0.4, -0.9)]))
-    assert choice is not None and choice.motion == "ST"
+    assert choice is not None
+    assert choice.motion == "ST"
     assert choose(_things([(0.9, 0.5), (-0.5, -0.9)])) is None
 
 
@@ -158,9 +159,11 @@ def test_the_other_side_is_tried_only_if_asked_for():
     spans = [(0.6, 0.45), (0.35, -0.6)]
     paper = choose(_things(spans), AvoidanceConfig(other_side=False))
     ours = choose(_things(spans))
-    assert paper is not None and ours is not None
+    assert paper is not None
+    assert ours is not None
     assert (paper.motion, paper.side) == ("ST", 1)
-    assert ours.motion != "ST" and ours.side == -1
+    assert ours.motion != "ST"
+    assert ours.side == -1
 
 
 @pytest.mark.parametrize("motion", [m for m in MOTIONS if m != "ST"])
@@ -185,7 +188,8 @@ def test_the_legs_lead_through_the_gap_within_the_limits_of_the_gait(motion, sid
     assert not legs
     assert way[-1].x == pytest.approx(1.65, abs=0.05)
     inside = [side * p.y - edge for p in way if 1.05 <= p.x <= 1.29]
-    assert inside and all(0.0 < y < gap for y in inside)
+    assert inside
+    assert all(0.0 < y < gap for y in inside)
     if motion[1] == "S":  # the narrow side goes first
         assert all(
             abs(abs(p.yaw) - math.pi / 2) < math.radians(5.0) for p in way if 1.05 <= p.x <= 1.29
