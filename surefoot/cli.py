@@ -244,6 +244,48 @@ def process(
     _close(summary, as_json)
 
 
+@main.command(name="map")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option(
+    "--description", type=click.Path(path_type=Path), help="A recording.toml kept elsewhere."
+)
+@click.option("--voxel", type=click.FloatRange(min=0.002), help="Of the surface, m; default 0.02.")
+@out_option
+@config_option
+@set_option
+@json_option
+def map_whole(
+    recording: Path,
+    description: Path | None,
+    voxel: float | None,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Map the whole of RECORDING: the camera's way with loops closed, mesh, and where one can walk.
+
+    \b
+    Poses in the recording are taken; without them odometry and places known again find the way.
+    Examples:
+      surefoot map ~/7scenes/redkitchen/seq-01 --out runs/kitchen
+      surefoot map office.bag --voxel 0.01
+    """
+    from dataclasses import asdict
+
+    from mapping.tsdf import TsdfConfig
+
+    from .config import load
+    from .global_map import map_recording
+    from .recordings.open import open_recording
+
+    config = load(config_path, overrides)
+    surface = TsdfConfig() if voxel is None else TsdfConfig(voxel_m=voxel)
+    with progress(as_json) as say:
+        mapped = map_recording(open_recording(recording, description), out, config, say, surface)
+    click.echo(json.dumps(asdict(mapped), indent=2) if as_json else "\n".join(mapped.lines()))
+
+
 @main.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(

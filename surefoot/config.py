@@ -42,6 +42,7 @@ from planning.univector.fields import FieldConfig
 from sim.robot import RobotConfig
 
 from . import config_file
+from .odometer import OdometerConfig
 from .whereabouts import PriorConfig
 
 
@@ -143,6 +144,7 @@ class Config:
     grid: GridConfig = field(default_factory=GridConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     world_map: WorldMapConfig = field(default_factory=WorldMapConfig)
+    odometer: OdometerConfig = field(default_factory=OdometerConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
     obstacle_cloud: CloudConfig = field(default_factory=CloudConfig)
     footprints: FootprintConfig = field(default_factory=FootprintConfig)

@@ -36,7 +36,7 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 
 from .config import Config, ReachConfig
-from .odometer import OdometerConfig, Tracked
+from .odometer import Tracked
 from .recordings.recording import RecordingInfo
 from .view import (
     OBSTACLES,
@@ -336,9 +336,8 @@ def _whereabouts(config: Config, info: RecordingInfo) -> Whereabouts:
     if info.poses_given:
         return Given(info.gravity_up_world, config.prior)
     if info.start is None:
-        return Tracked(
-            np.random.default_rng(config.seed), config.prior, OdometerConfig(loops=False)
-        )
+        alone = replace(config.odometer, loops=False)  # closing them takes the whole recording
+        return Tracked(np.random.default_rng(config.seed), config.prior, alone)
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None
