@@ -107,8 +107,8 @@ def map_recording(
     way = _given(recording) if recording.info.poses_given else _found(recording, config, say)
     if not way.poses:
         raise RecordingError(
-            f"{recording.info.name}: nobody knows where the camera was in any frame; "
-            "check that the depth images overlap, or give poses"
+            f"{recording.info.name}: no depth image along the axis whose place is known; a recording of an "
+            "RGB-D camera is expected, whose images overlap or come with poses"
         )
     _write_way(folder.path("trajectory.txt"), way)
     if way.solution is not None and way.odometer is not None and way.odometer.back_end is not None:

@@ -39,7 +39,8 @@ _OURS = (  # what a repeated run takes away before it starts
     "summary.json", "metrics.json", "report.html", "config.toml", "trajectory.txt",
     "trajectory_covariance.csv", "map.yaml", "map.pgm", "cloud.ply", "obstacles.json", "floor.csv",
     "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "odometry.csv", "sightings.csv",
-    "smoothed.txt", "smoothed_covariance.csv", "views.json", "figures", "views", "truth",
+    "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply", "graph.g2o", "layers.npz",
+    "figures", "views", "truth",
 )  # fmt: skip
 
 
