@@ -6,7 +6,8 @@ surface is, and how sure that is), `scrolling` (a window that an offset moves ov
 is), `grid_file` (all of that as one file), `world_map` (the same evidence on a map that stays and grows),
 `nav2` (that map as files which ROS opens), `clouds` (coloured points of a run, voxel by voxel),
 `footprints` (the ground plan of what stands on the floor), `cuboid` (a box on the floor, from one view),
-`panorama` (what the head sees all round, in one picture of ranges), and `whole_files` (a file is complete or
+`panorama` (what the head sees all round, in one picture of ranges), `tsdf` with `meshes` (the surface of a
+whole place), `traversability` (where one can walk on it), and `whole_files` (a file is complete or
 absent).
 
 Grids are indexed [row, column]: rows along world y, columns along world x, row 0 at the smallest y; the

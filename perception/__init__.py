@@ -4,7 +4,8 @@ Read in this order: `primitives` (the words everybody uses), `time_of_flight`, `
 with `block_matching` and `rectification` (sensors to depth with a sigma per pixel), `floor` (the plane the
 robot stands on, and what rises above it), `clusters` (points to obstacles), `coloured` (obstacles of known
 colours in a picture), `localisation` (the robot's pose, landmarks, moving obstacles), `features` (points of a
-picture that are found again).
+picture that are found again), `odometry` (the way of a camera in the hand), `monocular` (floor and moving
+obstacles by a single camera), `depth_to_colour` (two cameras made one).
 
 Conventions, stated once for the whole project:
 
@@ -16,5 +17,6 @@ Conventions, stated once for the whole project:
 - `T_to_from` maps coordinates: `p_to = T_to_from.apply(p_from)`.
 - Missing depth is NaN, never 0.
 
-Sources: seed 003 (stereo, floor, grid), seed 004 (time of flight, features), seed 001 (localisation, obstacles).
+Sources: seed 000 (monocular), seed 003 (stereo, floor, grid), seed 004 (time of flight, features), seed 001
+(localisation, obstacles).
 """

@@ -244,6 +244,32 @@ def process(
     _close(summary, as_json)
 
 
+@main.command()
+@click.argument("recording", type=click.Path(path_type=Path))
+@out_option
+@json_option
+def monocular(recording: Path, out: Path | None, as_json: bool) -> None:
+    """Find the floor of RECORDING by its colour alone, as seed 000 does; depth judges it.
+
+    Writes the eight stages of every frame as one picture, and monocular.json.
+    """
+    from .monocular_run import process_monocular
+    from .recordings.open import open_recording
+    from .run_folder import RunFolder
+
+    opened = open_recording(recording)
+    folder = RunFolder.create(out, name=f"{opened.info.name}-monocular")
+    with progress(as_json) as say:
+        figures = process_monocular(opened, folder.root, say)
+    if as_json:
+        click.echo(json.dumps(figures, indent=2))
+        return
+    judged = f", floor IoU {figures['iou']:.3f}" if "iou" in figures else ""
+    click.echo(
+        f"{figures['frames']:.0f} frames with colour, depth and a floor{judged}: {folder.root}"
+    )
+
+
 @main.command(name="map")
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.option(

@@ -81,6 +81,70 @@ def warm(say: Callable[[str], None]) -> None:
         config.guard,
     )
     say(f"floors and guard: {time.perf_counter() - began:.1f} s")
+    for part in (_walkers_by_picture, _camera_in_the_hand, _panorama):
+        began = time.perf_counter()
+        words = part(rng)
+        say(f"{words}: {time.perf_counter() - began:.1f} s")
+
+
+def _walkers_by_picture(rng: np.random.Generator) -> str:
+    """Seed 000: the cycle of pictures, the swarm and the exact search."""
+    from perception.monocular.cycle import Monocular, MonocularConfig
+    from planning.swarm import search
+    from planning.swarm.objective import Objective, ObjectiveConfig
+    from planning.swarm.search import SwarmConfig
+
+    from .benchmarks import monocular
+    from .experiments import random_floors
+
+    previous, current = monocular.scene(rng)
+    Monocular(MonocularConfig()).cycle(previous, current)
+    floor = random_floors.make(rng)
+    objective = Objective.of(
+        floor.movable, floor.camera, floor.T_body_camera, Pose2(), floor.goal, ObjectiveConfig()
+    )
+    search.exact(objective)
+    for mode in ("literal", "spread"):
+        search.fly(objective, SwarmConfig(mode), rng)
+    return "pictures and swarm"
+
+
+def _camera_in_the_hand(rng: np.random.Generator) -> str:
+    """Odometry, surface, traversability."""
+    from mapping.traversability import traversability
+    from mapping.tsdf import Tsdf
+    from perception import structured_light
+
+    from .odometer import Odometer
+
+    odometer, surface = Odometer(rng), Tsdf()
+    for number in range(3):
+        view = frame(0.1 * number, rng).depth
+        assert view is not None
+        depth = structured_light.depth(view)
+        rgb = rng.integers(0, 255, (*depth.z.shape, 3)).astype(np.uint8)
+        odometer.take_images(depth, rgb)
+        surface.integrate(depth, Pose3(), rgb)
+    odometer.way()
+    traversability(surface.mesh())
+    return "odometry and surface"
+
+
+def _panorama(rng: np.random.Generator) -> str:
+    """Seed 004: a panorama of three views and what stands in it."""
+    from mapping.panorama.sizes import surroundings
+    from mapping.panorama.stitching import stitch
+    from mapping.panorama.views import view_of_depth
+    from perception import structured_light
+
+    views = []
+    for pan in (0.4, 0.0, -0.4):
+        view = frame(0.0, rng).depth
+        assert view is not None
+        head = Pose3.from_rotation(head_rotation(pan, 0.5), np.array([0.0, 0.0, 0.4]))
+        views.append(view_of_depth(structured_light.depth(view), 3.0, prior=head))
+    surroundings(stitch(views, rng), views)
+    return "panorama"
 
 
 if __name__ == "__main__":
