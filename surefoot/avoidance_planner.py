@@ -11,26 +11,28 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from mapping.egocentric_grid import EgocentricGrid
-from mapping.panorama.obstacles import PanoramaObstacle, Surroundings
+from mapping.panorama.obstacles import Surroundings
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
-from mapping.panorama.views import View, head_directions, view_of_depth
+from mapping.panorama.views import View, view_of_depth
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.pose import Pose2, wrap_angle
 from planning import footsteps
 from planning.avoidance import primitives
-from planning.avoidance.choice import Choice, Things, choose
+from planning.avoidance.choice import Choice, choose
 from planning.avoidance.primitives import Leg
 from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
 from planning.guard import Guard
 
+from .avoidance_things import REACH_M, STOP_M, things_of
 from .config import Config
 from .goals import Goals
 from .pipeline import Estimate, Pipeline
@@ -38,7 +40,6 @@ from .planners import Decision
 
 LOG = logging.getLogger(__name__)
 
-STOP_M = 1.05  # specification: where the robot stops before what blocks its way
 MOVER = 0.3  # probability of moving from which a track counts as a mover, as the guard has it
 OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 FACING_RAD = math.radians(5.0)  # ours: so nearly towards the goal it begins to look
@@ -47,10 +48,37 @@ BEYOND_M = 0.60  # ours: a carton's depth, and the body clear of it
 FARTHEST_M = 5.0  # range that is white in the pictures
 PATIENCE_S = 8.0  # ours: after a stop, how long to wait before it looks again
 SETTLE_STEPS = 8  # ours: walk on so long before looking again after the panorama showed a free way
-BODY_M = (0.055, 0.082)  # seed 000: half of the body's depth and width; a cell inside is touched
-WALL_M = 1.5  # ours: what is higher than 0.7 m and wider than this is a wall
-OPEN_M = 2.0  # ours: how far aside the ground counts as open where no wall is seen
+SURELY = 0.7  # ours: a cell seen once, long ago and at a grazing angle, closes no passage
+RETREAT_M = 0.45  # ours: so far back out of a closed passage, to see what closed it
 DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
+LEVEL_DEG = (-60.0, -30.0, 0.0, 30.0, 60.0)  # seed 004: key yaws
+DOWN_DEG = (
+    -45.0,
+    -15.0,
+    15.0,
+    45.0,
+)  # ours: nine views; this head cannot look up, so four look down
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """One look about and what came of it, for people.
+
+    Args:
+        stamp_s: When it ended.
+        picture: Last of the colour camera while looking ahead; None if there was none.
+        views: What the panorama is made of.
+        panorama: Of these views.
+        around: What it lists.
+        choice: What was decided; None if the way is free.
+    """
+
+    stamp_s: float
+    picture: UInt8[np.ndarray, "h w 3"] | None
+    views: tuple[View, ...]
+    panorama: Panorama
+    around: Surroundings
+    choice: Choice | None
 
 
 class AvoidancePlanner:
@@ -73,10 +101,10 @@ class AvoidancePlanner:
         self._legs: list[Leg] = []
         self._wait_s = 0.0
         self._settle = 0
+        self._closers: list[np.ndarray] = []
+        self._picture: np.ndarray | None = None
+        self.looks: list[Look] = []
         self.choices: list[Choice] = []
-        self.panorama: Panorama | None = None
-        self.seen: list[View] = []
-        self.around: Surroundings | None = None
 
     @property
     def reached(self) -> int:
@@ -93,6 +121,8 @@ class AvoidancePlanner:
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
         """While looking about: keep the view if the head is where it was told to look."""
+        if frame.colour is not None and self._phase == "walk":
+            self._picture = frame.colour.rgb
         if self._phase != "scan" or len(self._views) >= len(DIRECTIONS):
             return
         depth = next((view.depth for view in estimate.views), None)
@@ -109,7 +139,7 @@ class AvoidancePlanner:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         robot = estimate.pose2
         if self._phase == "scan" and len(self._views) == len(DIRECTIONS):
-            self._conclude(robot, estimate.stamp_s)
+            self._conclude(robot, goal, estimate.stamp_s)
         if self._phase == "scan":
             return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[len(self._views)]), "scan")
         if self._phase == "stop":
@@ -170,12 +200,16 @@ class AvoidancePlanner:
     def _begin_scan(self) -> None:
         self._phase, self._views = "scan", []
 
-    def _conclude(self, robot: Pose2, stamp_s: float) -> None:
+    def _conclude(self, robot: Pose2, goal: Float[np.ndarray, "2"], stamp_s: float) -> None:
         """From the views to what is done next."""
-        self.seen = self._views
-        self.panorama = stitch(self._views, self._rng)
-        self.around = surroundings(self.panorama, self._views)
-        choice = choose(things_of(self.around), self._config.avoidance)
+        panorama = stitch(self._views, self._rng)
+        around = surroundings(panorama, self._views)
+        reach = min(REACH_M, float(np.hypot(goal[0] - robot.x, goal[1] - robot.y)))
+        closers = [robot.inverse().apply(points) for points in self._closers]
+        things = things_of(panorama, around, reach, closers)
+        choice = choose(things, self._config.avoidance)
+        views = tuple(self._views)
+        self.looks.append(Look(stamp_s, self._picture, views, panorama, around, choice))
         if choice is None:
             LOG.info("%.1f s: the panorama shows a free way", stamp_s)
             self._phase, self._settle = "walk", SETTLE_STEPS
@@ -202,55 +236,33 @@ class AvoidancePlanner:
             return None
         leg = self._legs[0]
         desired = primitives.step(leg, robot, gait)
-        after = robot @ Pose2(3 * desired.forward_m, 3 * desired.lateral_m, desired.turn_rad)
-        near = after.inverse().apply(_cells(grid))
-        if np.any((np.abs(near[:, 0]) < BODY_M[0]) & (np.abs(near[:, 1]) < BODY_M[1])):
-            LOG.info("%.1f s: the passage is closed", estimate.stamp_s)
-            self._begin_scan()
-            return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[0]), "scan")
+        if self._closed(leg, robot, grid, estimate.stamp_s):
+            return Decision(WalkCommand(), GazeCommand(0.0, DOWN_RAD), "closed")
         movers = [o.gone_straight() for o in estimate.obstacles if o.moving >= MOVER]
         target = np.array([leg.target.x, leg.target.y])
         walk = self._guard.choose(
             desired, estimate.pose, movers, np.zeros((0, 2)), target, estimate.stamp_s
         )
+        if leg.primitive == "S" and walk != desired:
+            walk = gait.command(0.0, 0.0, 0.0)  # a slip has no room for another way
         pan = math.copysign(math.pi / 4, desired.lateral_m) if leg.primitive == "S" else 0.0
         return Decision(walk, GazeCommand(pan, DOWN_RAD), self.choices[-1].motion)
 
-
-def _directions() -> list[tuple[float, float]]:
-    """The nine views for a head that cannot look up: those looks go down, further aside."""
-    found = []
-    for pan, tilt in head_directions("nine"):
-        found.append((2.0 * pan, -tilt) if tilt < 0.0 else (pan, tilt))
-    return found
-
-
-DIRECTIONS = _directions()
-
-
-def things_of(around: Surroundings) -> Things:
-    """What the panorama lists, as the decision wants it; walls only bound the ground.
-
-    A wall is higher than the panorama counts, and wide or beginning beside the robot: a room's walls hang together
-    and are listed as one thing.
-    """
-    walls = [o for o in around.obstacles if _is_wall(o)]
-    found = [o for o in around.obstacles if not _is_wall(o)]
-    left = min((o.left_edge_m[1] for o in walls if o.left_edge_m[1] > 0.5), default=OPEN_M)
-    right = max((o.right_edge_m[1] for o in walls if o.right_edge_m[1] < -0.5), default=-OPEN_M)
-    return Things(
-        np.array([[o.left_rad, o.right_rad] for o in found]).reshape(-1, 2),
-        np.array([[o.left_edge_m[1], o.right_edge_m[1]] for o in found]).reshape(-1, 2),
-        np.array([o.distance_m for o in found], dtype=float),
-        np.array([o.width_m for o in found], dtype=float),
-        np.array([o.height_m for o in found], dtype=float),
-        np.array([o.sigma_left_rad * o.distance_m for o in found], dtype=float),
-        (float(left), float(right)),
-    )
+    def _closed(self, leg: Leg, robot: Pose2, grid: EgocentricGrid, stamp_s: float) -> bool:
+        """Whether something stands in the passage; then the legs lead back out, and what it was is kept."""
+        cells = _cells(grid, SURELY)
+        hit = primitives.in_the_way(leg, robot, cells, grid.config.cell_m)
+        if not hit.any():
+            return False
+        LOG.info("%.1f s: the passage is closed", stamp_s)
+        self._closers.append(cells[hit])
+        self._legs = primitives.retreat(leg, robot, RETREAT_M)
+        return True
 
 
-def _is_wall(one: PanoramaObstacle) -> bool:
-    return one.cut_top and (one.width_m > WALL_M or one.distance_m < STOP_M / 2)
+DIRECTIONS = [(math.radians(pan), 0.0) for pan in LEVEL_DEG]
+DIRECTIONS += [(math.radians(pan), DOWN_RAD) for pan in DOWN_DEG]
+"""The nine views, with no stripe of the ground ahead between them unseen from 0.6 m on."""
 
 
 def _off_aim(depth: Depth, aim: tuple[float, float]) -> float:
@@ -261,6 +273,6 @@ def _off_aim(depth: Depth, aim: tuple[float, float]) -> float:
     return math.hypot(wrap_angle(pan - aim[0]), tilt - aim[1])
 
 
-def _cells(grid: EgocentricGrid) -> Float[np.ndarray, "n 2"]:
-    """Middles of occupied cells, world frame, m."""
-    return np.asarray(grid.centres()[grid.known & (grid.probability >= OCCUPIED)])
+def _cells(grid: EgocentricGrid, least: float = OCCUPIED) -> Float[np.ndarray, "n 2"]:
+    """Middles of cells at least so probably occupied, world frame, m."""
+    return np.asarray(grid.centres()[grid.known & (grid.probability >= least)])

@@ -23,7 +23,9 @@ from .pivot import Pivot, PivotConfig, pivot
 class AvoidanceConfig:
     """Of the decision."""
 
-    complexity: str = "integrated"  # specification: beats the others where something is dead ahead
+    complexity: str = (
+        "frontal"  # specification; "integrated" does not jump where a thing is dead ahead
+    )
     tie: float = TIE
     other_side: bool = True  # specification's option: try it before stopping; the paper keeps D
     abreast: float = (
@@ -139,8 +141,9 @@ def _gap(
     beside &= things.distance_m <= distance + alongside_m
     gaps = side * (things.edges_m[beside, facing] - edge)
     sigma = float(things.sigma_m[at])
-    if not beside.any():
-        return abs(things.open_m[own] - edge), sigma, edge
+    known = max(side * (things.open_m[own] - edge), 0.0)
+    if not beside.any() or known < float(gaps.min()):
+        return known, sigma, edge
     nearest = int(np.argmin(gaps))
     return (
         float(gaps[nearest]),

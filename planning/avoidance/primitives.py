@@ -11,6 +11,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Bool, Float
+
 from perception.primitives.pose import Pose2, wrap_angle
 
 from ..commands import WalkCommand
@@ -19,6 +22,10 @@ from .pivot import Pivot
 
 NEAR_M = 0.02  # ours: about the slip of one step
 STRAIGHT_RAD = math.radians(3.0)  # ours
+CALM = 0.3  # ours: share of the drift taken back by one step; the pose lags a step, and a whole share swings
+HURRY = 0.6  # ours: likewise of a turn on the spot, where little is lost by swinging
+AHEAD_M = 0.10  # ours: looked ahead along a leg; five side steps
+BODY_M = (0.055, 0.082)  # seed 000: half of the body's depth and width
 
 
 @dataclass(frozen=True)
@@ -26,8 +33,8 @@ class Leg:
     """One primitive.
 
     Args:
-        primitive: "S" slip sideways, "F" forward, "R" rotate, "T" turn by a right angle, "ST" stop.
-        target: Where it ends, and the heading kept (S, F) or reached (R, T).
+        primitive: "S" slip sideways, "F" forward, "B" backward, "R" rotate, "T" turn by a right angle, "ST" stop.
+        target: Where it ends, and the heading kept (S, F, B) or reached (R, T).
     """
 
     primitive: str
@@ -80,6 +87,48 @@ def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Le
     ]
 
 
+def retreat(leg: Leg, robot: Pose2, length_m: float) -> list[Leg]:
+    """The legs back out of a passage that proved closed: against the leg being walked, on its own line.
+
+    Args:
+        leg: What was being walked.
+        robot: Where the robot is.
+        length_m: How far back.
+    """
+    if leg.primitive not in ("F", "S"):
+        return []
+    here = leg.target.inverse() @ robot
+    if leg.primitive == "F":
+        return [Leg("B", leg.target @ Pose2(here.x - length_m, 0.0, 0.0))]
+    back = here.y + math.copysign(length_m, here.y)
+    return [Leg("S", leg.target @ Pose2(0.0, back, 0.0))]
+
+
+def in_the_way(
+    leg: Leg, robot: Pose2, cells: Float[np.ndarray, "n 2"], cell_m: float
+) -> Bool[np.ndarray, "n"]:
+    """Which occupied cells lie where the body comes within the next steps of a leg.
+
+    Args:
+        leg: What is being walked; only F and S go anywhere new.
+        robot: Where the robot is.
+        cells: Middles of occupied cells, world frame, m.
+        cell_m: Their side: what a cell holds may stand half a side nearer, or farther, than its middle, and
+            where a passage is hardly wider than the body only the sure ones close it.
+    """
+    if leg.primitive not in ("F", "S"):
+        return np.zeros(len(cells), dtype=np.bool_)
+    here = leg.target.inverse() @ robot
+    there = leg.target.inverse().apply(cells)
+    if leg.primitive == "F":
+        gone, across, (long, half) = there[:, 0] - here.x, there[:, 1], BODY_M
+    else:
+        gone, across = math.copysign(1.0, -here.y) * (there[:, 1] - here.y), there[:, 0]
+        half, long = BODY_M
+    inside = (gone > 0.0) & (gone < long + AHEAD_M) & (np.abs(across) < half - cell_m / 2)
+    return np.asarray(inside)
+
+
 def reached(leg: Leg, robot: Pose2) -> bool:
     """Whether a leg is done: turned far enough, or abreast of its end."""
     error = robot.inverse() @ leg.target
@@ -87,6 +136,8 @@ def reached(leg: Leg, robot: Pose2) -> bool:
         return abs(error.yaw) <= STRAIGHT_RAD
     if leg.primitive == "F":
         return (leg.target.inverse() @ robot).x >= -NEAR_M
+    if leg.primitive == "B":
+        return (leg.target.inverse() @ robot).x <= NEAR_M
     if leg.primitive == "S":
         return abs((leg.target.inverse() @ robot).y) <= NEAR_M
     return False
@@ -95,15 +146,16 @@ def reached(leg: Leg, robot: Pose2) -> bool:
 def step(leg: Leg, robot: Pose2, gait: GaitConfig) -> WalkCommand:
     """The next footstep of a leg, within the gait's limits.
 
-    Along the leg the robot goes as fast as the gait lets it and no farther than its end; what it has drifted off
-    its line and its heading is taken back on the way.
+    Along the leg the robot goes as fast as the gait lets it and no farther than its end; of what it has drifted
+    off its line and its heading each step takes a share back.
     """
     if leg.primitive == "ST":
         return gait.command(0.0, 0.0, 0.0)
     error = robot.inverse() @ leg.target
     turn = wrap_angle(error.yaw)
     if leg.primitive in ("R", "T"):
-        return gait.command(0.0, 0.0, turn)
+        return gait.command(0.0, 0.0, HURRY * turn)
     ahead, aside = error.x / gait.step_s, error.y / gait.step_s
-    ahead = min(ahead, gait.cruise_mps)
-    return gait.command(ahead, aside, turn)
+    if leg.primitive == "S":
+        return gait.command(CALM * ahead, aside, CALM * turn)
+    return gait.command(min(ahead, gait.cruise_mps), CALM * aside, CALM * turn)

@@ -22,7 +22,7 @@ from sim.shapes import outline
 from sim.world import World
 
 from .. import plot_style, plots_avoidance
-from ..avoidance_planner import things_of
+from ..avoidance_things import things_of
 from ..config import Config
 from ..run_folder import RunFolder
 from .avoidance_walks import config_of
@@ -74,7 +74,7 @@ def draw_panes(scene: Scene, config: Config) -> bool:
     views, _ = nine_views(scene, rng)
     panorama = stitch(views, rng)
     around = surroundings(panorama, views)
-    choice = choose(things_of(around), config.avoidance)
+    choice = choose(things_of(panorama, around), config.avoidance)
     picture = None if frame.colour is None else frame.colour.rgb
     figure = plots_avoidance.four_panes(picture, views, panorama, around, choice)
     plots_avoidance.save(figure, PICTURES / f"{scene.name}-{config.seed}-panes.png")

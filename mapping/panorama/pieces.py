@@ -1,0 +1,163 @@
+"""What hangs together in a panorama, cut apart where its outline leaps; and how far aside ground was seen.
+
+A room's walls hang together with each other, and with a carton that a mixed pixel ties to them: listed as one
+thing they say nothing about the way between. The outline on the floor plan, column by column, leaps wherever
+one thing ends before another.
+
+Source: ours; outlines as `contours` draws them, for the gaps of seed 004, eq. (20).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int32
+from scipy.ndimage import median_filter
+
+from perception.primitives.errors import ConfigError
+
+from .contours import fronts
+from .level_sets import forward_distance
+from .obstacles import PanoramaObstacle
+from .rendering import Drawing
+from .sizes import LEVEL_FLOOR, SizeConfig, things
+from .stitching import Panorama
+
+
+@dataclass(frozen=True)
+class PieceConfig:
+    """What is cut, and where."""
+
+    leap_m: float = (
+        0.12  # ours: twice a level; a wall looked along moves on by a tenth of it a column
+    )
+    smooth_columns: int = 5  # ours: mixed pixels are two columns wide
+    least_columns: int = 4  # ours: 1 deg; narrower pieces are rims
+    unseen_columns: int = 5  # ours: narrower blind stripes are dark spots
+    sizes: SizeConfig = field(default_factory=SizeConfig)
+
+    def __post_init__(self) -> None:
+        if not self.leap_m > 0.0:
+            raise ConfigError(f"pieces: leap_m={self.leap_m} must be positive")
+        if min(self.smooth_columns, self.least_columns, self.unseen_columns) < 1:
+            raise ConfigError("pieces: column counts must be at least 1")
+
+
+def pieces(
+    panorama: Panorama,
+    listed: Sequence[PanoramaObstacle],
+    reach_m: float,
+    config: PieceConfig | None = None,
+) -> list[PanoramaObstacle]:
+    """The listed things as pieces that do not leap, nearer than a reach, from left to right each.
+
+    Args:
+        panorama: Finished; one without a drawing has no pieces.
+        listed: Things of it, as `sizes.surroundings` lists them by its default sizes.
+        reach_m: Forward distance; what is farther is left out.
+        config: Where to cut.
+    """
+    config = config or PieceConfig()
+    drawing = panorama.drawing
+    if drawing is None or not listed:
+        return []
+    forward = forward_distance(drawing.range_m, drawing.sphere) + np.float32(drawing.centre[0])
+    labels = things(drawing, forward, panorama.placed, LEVEL_FLOOR, config.sizes)
+    found = []
+    for one in listed:
+        front, _ = fronts(forward, drawing.sigma_m, labels == one.label, config.sizes.contour)
+        for columns in _runs(drawing, front, reach_m, config):
+            found.append(_piece(drawing, labels, one, front, columns))
+    return found
+
+
+def seen_aside(panorama: Panorama, config: PieceConfig | None = None) -> tuple[float, float]:
+    """Azimuths to the left and to the right, left positive, up to which every column shows something.
+
+    Beyond them nothing is known: not seen is not free.
+    """
+    config = config or PieceConfig()
+    drawing = panorama.drawing
+    if drawing is None:
+        return 0.0, 0.0
+    known = np.isfinite(drawing.range_m).sum(axis=0) >= config.sizes.contour.least_rows
+    azimuth = _azimuths(drawing)
+    ahead = int(np.argmin(np.abs(azimuth)))
+    left = _unbroken(known[ahead::-1], config.unseen_columns)
+    right = _unbroken(known[ahead:], config.unseen_columns)
+    if left == 0 or right == 0:
+        return 0.0, 0.0
+    return float(azimuth[ahead - left + 1]), float(azimuth[ahead + right - 1])
+
+
+def _azimuths(drawing: Drawing) -> Float[np.ndarray, "w"]:
+    sphere = drawing.sphere
+    return np.asarray(-(sphere.left_rad + np.arange(sphere.width) / sphere.px_per_rad))
+
+
+def _unbroken(known: Bool[np.ndarray, "n"], patience: int) -> int:
+    """How many columns from the first on are known but for stripes narrower than the patience."""
+    last, blind = 0, 0
+    for k, there in enumerate(known):
+        blind = 0 if there else blind + 1
+        if blind >= patience:
+            break
+        last = k + 1 if there else last
+    return last
+
+
+def _runs(
+    drawing: Drawing, front: Float[np.ndarray, "w"], reach_m: float, config: PieceConfig
+) -> list[np.ndarray]:
+    """Columns of each piece."""
+    known = np.flatnonzero(np.isfinite(front))
+    if known.size == 0:
+        return []
+    x = median_filter(front[known], config.smooth_columns, mode="nearest")
+    near = x <= reach_m
+    known, x = known[near], x[near]
+    y = _across(drawing, known, x)
+    leaps = np.hypot(np.diff(x), np.diff(y)) > config.leap_m
+    found = np.split(known, np.flatnonzero(leaps) + 1)
+    return [run for run in found if run.size >= config.least_columns]
+
+
+def _across(
+    drawing: Drawing, columns: np.ndarray, x: Float[np.ndarray, "n"]
+) -> Float[np.ndarray, "n"]:
+    """y of the outline, base frame, m."""
+    away = np.tan(_azimuths(drawing)[columns])
+    return np.asarray(drawing.centre[1] + (x - drawing.centre[0]) * away)
+
+
+def _piece(
+    drawing: Drawing,
+    labels: Int32[np.ndarray, "h w"],
+    one: PanoramaObstacle,
+    front: Float[np.ndarray, "w"],
+    columns: np.ndarray,
+) -> PanoramaObstacle:
+    """One piece as a thing: its own edges, distance and height, the deviations of the whole."""
+    x = front[columns]
+    y = _across(drawing, columns, x)
+    left, right = int(np.argmax(y)), int(np.argmin(y))
+    rows, at = np.nonzero(labels[:, columns] == one.label)
+    phi = drawing.sphere.top_rad - rows / drawing.sphere.px_per_rad
+    z = drawing.centre[2] + drawing.range_m[rows, columns[at]] * np.sin(phi)
+    azimuth = np.arctan2(y, x)
+    return replace(
+        one,
+        left_rad=float(azimuth.max()),
+        right_rad=float(azimuth.min()),
+        distance_m=max(float(x.min()), 1e-3),
+        width_m=float(np.ptp(y)),
+        height_m=min(one.height_m, float(np.percentile(z, 99.0))),
+        left_edge_m=(float(x[left]), float(y[left])),
+        right_edge_m=(float(x[right]), float(y[right])),
+        pixels=int(rows.size),
+        cut_left=one.cut_left or math.isclose(azimuth.max(), one.left_rad, abs_tol=0.01),
+        cut_right=one.cut_right or math.isclose(azimuth.min(), one.right_rad, abs_tol=0.01),
+    )
