@@ -38,6 +38,7 @@ BORDER_PX = 2  # ours: an edge this near to the border goes on beyond it
 THIN_PX = 5  # ours: seams and noise; a robot of 7 cm has 8 px at 3 m
 NARROW_M, FLAT_M = 0.045, 0.035  # ours: the smallest robots to be met have 7 and 5.5 cm
 GAP_PX = (3, 7)  # ours: columns of floor that must show beside an end of an edge
+DIRECTION_PX = 3  # ours: so many columns are one direction; an outline leaves gaps in fewer
 RING = np.stack([np.cos(np.arange(16) * math.pi / 8), np.sin(np.arange(16) * math.pi / 8)], axis=1)
 
 
@@ -49,7 +50,7 @@ class Sight:
         picture: And where it was taken.
         ground: 255 where floor is seen.
         edges: Of each obstacle the lowest pixel (u, v) of each of its columns.
-        contacts: The same on the floor, world frame, m; NaN beyond 6 m.
+        contacts: Where each touches the floor, world frame, m; NaN beyond 6 m.
     """
 
     picture: Picture
@@ -74,10 +75,10 @@ def sight(result: MonocularResult) -> Sight:
     picture = result.current
     ground = _without_specks(result.ground, picture)
     edges = find_edges(ground).groups
-    contacts = tuple(
-        floor_points(edge.astype(np.float64), picture.camera, picture.T_world_camera, FARTHEST_M)
-        for edge in edges
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(
+        cv2.bitwise_not(ground), connectivity=8, ltype=cv2.CV_32S
     )
+    contacts = tuple(_contact(edge, labels, boxes, picture) for edge in edges)
     return Sight(picture, ground, edges, contacts)
 
 
@@ -151,6 +152,51 @@ def _without_specks(ground: UInt8[np.ndarray, "h w"], picture: Picture) -> UInt8
     return np.asarray(filled, np.uint8)
 
 
+def _contact(
+    edge: Int[np.ndarray, "m 2"],
+    labels: Int[np.ndarray, "h w"],
+    boxes: Int[np.ndarray, "k 5"],
+    picture: Picture,
+) -> Float[np.ndarray, "n 2"]:
+    """Where the thing over an edge touches the floor, world frame, m; NaN beyond 6 m.
+
+    Beside the axis of a bowed camera upright sides lean outward, and the lowest pixel of a column may lie on one
+    of them, high above the floor. On the floor they all point at the eye: whatever the camera's attitude, a
+    thing touches the floor where what it hides begins, seen in each direction from the eye's foot.
+    """
+    camera, pose = picture.camera, picture.T_world_camera
+    along = floor_points(edge.astype(np.float64), camera, pose, FARTHEST_M)
+    label = int(labels[edge[0, 1], edge[0, 0]])
+    left, top, wide, high = (int(value) for value in boxes[label, :4])
+    beyond = max(edge[0, 0] - left, left + wide - 1 - edge[-1, 0])
+    whole = beyond <= DIRECTION_PX and top > 0
+    if label == 0 or not whole:  # with what stands behind it, or in part: its columns must do
+        return along
+    mask = (labels[top : top + high, left : left + wide] == label).astype(np.uint8)
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    outline = np.concatenate([part[:, 0] for part in outlines]) + np.array([left, top])
+    hidden = floor_points(outline.astype(np.float64), camera, pose, FARTHEST_M)
+    if not np.isfinite(hidden).all():
+        return along
+    away = hidden - pose.position[:2]
+    bearings, reach = np.arctan2(away[:, 1], away[:, 0]), np.hypot(*away.T)
+    ahead = math.atan2(np.sin(bearings).sum(), np.cos(bearings).sum())
+    off = np.remainder(bearings - ahead + math.pi, 2 * math.pi) - math.pi
+    share = (off - off.min()) / max(float(np.ptp(off)), 1e-9)
+    several = max(wide // DIRECTION_PX, 2)
+    directions = np.minimum((share * several).astype(np.intp), several - 1)
+    order = np.lexsort((reach, directions))
+    _, first = np.unique(directions[order], return_index=True)
+    nearest = order[first]
+    ends = [
+        int(np.argmin(off)),
+        int(np.argmax(off)),
+    ]  # tangents; they touch as far off as what is beside
+    beside = (reach[nearest[[0, -1]]] / reach[ends])[:, None]
+    tangents = pose.position[:2] + beside * away[ends]
+    return np.concatenate([tangents[:1], hidden[nearest], tangents[1:]])
+
+
 def _alone(edge: Int[np.ndarray, "m 2"], ground: UInt8[np.ndarray, "h w"]) -> bool:
     """Whether floor shows beside both ends of an edge, and a little above: nothing hides or touches it."""
     height, width = ground.shape
@@ -164,7 +210,7 @@ def _alone(edge: Int[np.ndarray, "m 2"], ground: UInt8[np.ndarray, "h w"]) -> bo
 
 
 def _disc(
-    edge: Int[np.ndarray, "m 2"], contact: Float[np.ndarray, "m 2"], picture: Picture, robot: Pose2
+    edge: Int[np.ndarray, "m 2"], contact: Float[np.ndarray, "n 2"], picture: Picture, robot: Pose2
 ) -> Detection | None:
     """The disc that shows this edge; None where it is none, or goes on out of sight."""
     width, height = picture.camera.width, picture.camera.height

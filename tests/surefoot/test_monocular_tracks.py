@@ -66,6 +66,23 @@ def test_an_upright_robot_is_found_where_it_stands(x, y, radius, height):
     assert error @ np.linalg.solve(found[0].covariance, error) < 4.0
 
 
+@pytest.mark.parametrize(("x", "y"), [(0.36, 0.26), (0.30, 0.20), (0.45, -0.35), (0.6, 0.45)])
+def test_beside_the_feet_where_uprights_lean_a_robot_is_found_too(x, y):
+    seen = sight_of(ground_with([(x, y, 0.037, 0.055)]))
+    found = monocular_tracks.detections(seen, ROBOT, 2.5)
+    assert len(found) == 1
+    np.testing.assert_allclose(found[0].position, [x, y], atol=0.006)
+    assert found[0].radius_m == pytest.approx(0.037, abs=0.003)
+
+
+def test_where_it_touches_the_floor_nothing_lies_inside_it():
+    x, y = 0.36, 0.26
+    seen = sight_of(ground_with([(x, y, 0.037, 0.055)]))
+    gaps = [np.hypot(*(contact - ROBOT.apply(np.array([x, y]))).T) for contact in seen.contacts]
+    (gap,) = (gap for gap in gaps if gap.min() < 0.5)
+    assert np.abs(gap - 0.037).max() < 0.008
+
+
 def test_seams_and_specks_are_floor():
     ground = ground_with([])
     ground[500:504, 100:600] = 0
