@@ -37,9 +37,8 @@ def things_of(
         reach_m: What is farther ahead is left out: what stands behind the goal blocks nothing.
         closers: Middles of the cells that closed former passages, base frame, m.
     """
-    tall = [o for o in around.obstacles if o.cut_top]
     found = [o for o in around.obstacles if not o.cut_top]
-    found = [o for o in found + pieces(panorama, tall, REACH_M) if o.distance_m <= reach_m]
+    found = [o for o in found + pieces(panorama, found, REACH_M) if o.distance_m <= reach_m]
     found += [_closer(points) for points in closers if np.all(points[:, 0] > 0.0)]
     ahead = [o.distance_m for o in found if o.left_edge_m[1] > -0.25 and o.right_edge_m[1] < 0.25]
     distance = min(ahead, default=STOP_M)

@@ -5,6 +5,7 @@ Source: seed 004, Fig. 6.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +22,8 @@ from . import plot_style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from .avoidance_planner import Look
 
 FARTHEST_M = 3.0
 EVERY = 7  # points shown in space
@@ -52,7 +55,7 @@ def four_panes(
         if picture is not None:
             webcam.imshow(picture)
         webcam.set_title("Camera")
-        level = views[len(views) // 4]
+        level = min(views, key=_off_ahead)
         tof.imshow(level.depth.z, cmap="viridis", vmin=0.0, vmax=FARTHEST_M)
         tof.set_title("Time of flight, m")
         if panorama.drawing is not None:
@@ -81,11 +84,27 @@ def four_panes(
         return figure
 
 
+def png_of(look: Look) -> bytes:
+    """The four panes of a look about of a walk, one of `AvoidancePlanner.looks`, as a PNG file."""
+    held = io.BytesIO()
+    figure = four_panes(look.picture, look.views, look.panorama, look.around, look.choice)
+    with plot_style.styled():
+        figure.savefig(held, dpi=110, format="png")
+    return held.getvalue()
+
+
 def save(figure: Figure, path: Path) -> None:
     """As PNG; the folder is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with plot_style.styled():
         figure.savefig(path, dpi=110)
+
+
+def _off_ahead(view: View) -> float:
+    """How far from straight ahead a view looks, as the length of a chord."""
+    if view.prior is None:
+        return 2.0
+    return float(np.linalg.norm(view.prior.rotation[:, 2] - np.array([1.0, 0.0, 0.0])))
 
 
 def _points(views: Sequence[View], panorama: Panorama) -> Float[np.ndarray, "n 3"]:

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Int32
+from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter
 
 from perception.primitives.errors import ConfigError
@@ -48,29 +48,37 @@ class PieceConfig:
 
 def pieces(
     panorama: Panorama,
-    listed: Sequence[PanoramaObstacle],
+    whole: Sequence[PanoramaObstacle],
     reach_m: float,
     config: PieceConfig | None = None,
 ) -> list[PanoramaObstacle]:
-    """The listed things as pieces that do not leap, nearer than a reach, from left to right each.
+    """What is not listed whole, as pieces that do not leap, nearer than a reach, from left to right each.
+
+    Where things hang together no view may show an edge of them, and the listing leaves them out; but what has
+    pixels stands there. So whatever is wider than a rim and not among the whole ones is cut to pieces.
 
     Args:
         panorama: Finished; one without a drawing has no pieces.
-        listed: Things of it, as `sizes.surroundings` lists them by its default sizes.
+        whole: Things that `sizes.surroundings` lists by its default sizes, and that need no cutting.
         reach_m: Forward distance; what is farther is left out.
         config: Where to cut.
     """
     config = config or PieceConfig()
     drawing = panorama.drawing
-    if drawing is None or not listed:
+    if drawing is None:
         return []
     forward = forward_distance(drawing.range_m, drawing.sphere) + np.float32(drawing.centre[0])
     labels = things(drawing, forward, panorama.placed, LEVEL_FLOOR, config.sizes)
+    done = {one.label for one in whole}
+    rim = 3.0 * math.radians(config.sizes.rim_deg) * drawing.sphere.px_per_rad
     found = []
-    for one in listed:
-        front, _ = fronts(forward, drawing.sigma_m, labels == one.label, config.sizes.contour)
+    for number in range(1, int(labels.max(initial=0)) + 1):
+        mask = labels == number
+        if number in done or np.count_nonzero(mask.any(axis=0)) <= rim:
+            continue
+        front, _ = fronts(forward, drawing.sigma_m, mask, config.sizes.contour)
         for columns in _runs(drawing, front, reach_m, config):
-            found.append(_piece(drawing, labels, one, front, columns))
+            found.append(_piece(drawing, mask, number, front[columns], columns, config))
     return found
 
 
@@ -135,29 +143,34 @@ def _across(
 
 def _piece(
     drawing: Drawing,
-    labels: Int32[np.ndarray, "h w"],
-    one: PanoramaObstacle,
-    front: Float[np.ndarray, "w"],
+    mask: Bool[np.ndarray, "h w"],
+    number: int,
+    x: Float[np.ndarray, "n"],
     columns: np.ndarray,
+    config: PieceConfig,
 ) -> PanoramaObstacle:
-    """One piece as a thing: its own edges, distance and height, the deviations of the whole."""
-    x = front[columns]
+    """One piece as a thing, with its own edges, distance and height."""
     y = _across(drawing, columns, x)
     left, right = int(np.argmax(y)), int(np.argmin(y))
-    rows, at = np.nonzero(labels[:, columns] == one.label)
+    rows, at = np.nonzero(mask[:, columns])
     phi = drawing.sphere.top_rad - rows / drawing.sphere.px_per_rad
     z = drawing.centre[2] + drawing.range_m[rows, columns[at]] * np.sin(phi)
+    height = max(float(np.percentile(z, 99.0)), 0.0)
     azimuth = np.arctan2(y, x)
-    return replace(
-        one,
+    column = 1.0 / drawing.sphere.px_per_rad
+    return PanoramaObstacle(
         left_rad=float(azimuth.max()),
         right_rad=float(azimuth.min()),
         distance_m=max(float(x.min()), 1e-3),
         width_m=float(np.ptp(y)),
-        height_m=min(one.height_m, float(np.percentile(z, 99.0))),
+        height_m=height,
+        sigma_left_rad=column,
+        sigma_right_rad=column,
         left_edge_m=(float(x[left]), float(y[left])),
         right_edge_m=(float(x[right]), float(y[right])),
+        label=number,
         pixels=int(rows.size),
-        cut_left=one.cut_left or math.isclose(azimuth.max(), one.left_rad, abs_tol=0.01),
-        cut_right=one.cut_right or math.isclose(azimuth.min(), one.right_rad, abs_tol=0.01),
+        cut_left=True,
+        cut_right=True,
+        cut_top=height > config.sizes.top_m - 0.02,
     )
