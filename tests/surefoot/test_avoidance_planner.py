@@ -1,0 +1,117 @@
+"""The walker of seed 004: where it looks, and what it does where a passage proves closed."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mapping.egocentric_grid import EgocentricGrid, GridConfig
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.pose import Pose2
+from planning.avoidance.choice import Choice
+from planning.avoidance.pivot import Pivot
+from planning.avoidance.primitives import passage
+from surefoot.avoidance_planner import DIRECTIONS, AvoidancePlanner
+from surefoot.config import Config
+from surefoot.pipeline import Estimate
+
+HALF_PAN_DEG, HALF_TILT_DEG = 22.0, 17.5  # field of view of the range camera
+HEAD_M = 0.45  # height of the eyes
+
+
+def _grid(robot: Pose2, occupied: list[tuple[float, float]]) -> EgocentricGrid:
+    """All free but for some places."""
+    empty = EgocentricGrid(GridConfig(), np.array([robot.x, robot.y]))
+    content = empty.snapshot()
+    content["log_odds"] = np.full_like(content["log_odds"], -3.0)
+    centres = empty.centres()
+    for place in occupied:
+        gap = np.hypot(*np.moveaxis(centres - np.array(place), -1, 0))
+        content["log_odds"][np.unravel_index(np.argmin(gap), gap.shape)] = 3.0
+    return EgocentricGrid.restored(GridConfig(), content)
+
+
+def _estimate(robot: Pose2) -> Estimate:
+    pose = Gaussian(np.array([robot.x, robot.y, robot.yaw]), 1e-6 * np.eye(3))
+    return Estimate(10.0, pose, (), (), (), None)
+
+
+def _sees(pan: float, tilt: float) -> bool:
+    return any(
+        abs(pan - math.degrees(p)) <= HALF_PAN_DEG and abs(tilt - math.degrees(t)) <= HALF_TILT_DEG
+        for p, t in DIRECTIONS
+    )
+
+
+def test_nine_views_leave_no_stripe_of_the_ground_ahead_unseen():
+    assert len(DIRECTIONS) == 9
+    for pan in np.linspace(-60.0, 60.0, 61):
+        for away in np.linspace(0.75, 2.5, 8):
+            assert _sees(float(pan), math.degrees(math.atan2(HEAD_M, away)))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_out_of_a_closed_passage_the_robot_backs_before_it_looks_again(side):
+    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    legs = passage("SS", Pivot(0.0, 0.3 * side, 0.3, 0.0), Pose2(), 1.6)
+    slip = legs[2]
+    robot = Pose2(0.8, 0.3 * side, slip.target.yaw)
+    planner._legs = legs[2:]
+    grid = _grid(robot, [(0.95, 0.3 * side)])
+    assert planner._closed(slip, robot, grid, 10.0)
+    (back,) = planner._legs
+    assert back.target.x == pytest.approx(0.35, abs=0.01)
+    assert back.target.y == pytest.approx(0.3 * side)
+    np.testing.assert_allclose(planner._closers[0], [[0.95, 0.3 * side]], atol=0.036)
+
+
+def test_a_passage_stays_open_between_cells_that_stand_beside_it():
+    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    slip = passage("SS", Pivot(0.0, 0.3, 0.3, 0.0), Pose2(), 1.6)[2]
+    robot = Pose2(0.8, 0.3, slip.target.yaw)
+    beside = [(0.8 + 0.05 * k, y) for k in range(6) for y in (0.2, 0.4)]
+    assert not planner._closed(slip, robot, _grid(robot, beside), 10.0)
+
+
+def test_a_cell_in_the_corridor_to_the_goal_blocks_and_one_beside_or_behind_it_does_not():
+    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    goal = np.array([3.0, 0.0])
+
+    def blocked(*places: tuple[float, float]) -> bool:
+        return planner._blocked(Pose2(), 0.0, np.array(places), goal)
+
+    assert blocked((0.9, 0.05), (0.9, 0.1))
+    assert not blocked((0.9, 0.3), (0.9, 0.35))
+    assert not blocked((-0.4, 0.0), (-0.4, 0.05))
+    assert not blocked((1.4, 0.0), (1.4, 0.05))
+
+
+def test_what_stands_behind_the_goal_blocks_nothing():
+    planner = AvoidancePlanner(Config(), [(0.5, 0.0)])
+    cells = np.array([[0.7, 0.0], [0.7, 0.05]])
+    assert not planner._blocked(Pose2(), 0.0, cells, np.array([0.5, 0.0]))
+
+
+@pytest.mark.parametrize("motion", ["SS", "RF", "TS"])
+def test_the_legs_are_walked_to_their_end_on_open_ground(motion):
+    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    found = Pivot(0.7 if motion[0] == "R" else 0.0, 0.3, 0.3, 0.0)
+    legs = passage(motion, found, Pose2(), 1.2)
+    planner._legs, robot = list(legs), Pose2()
+    planner._phase = "pass"
+    planner.choices = [_choice(motion, found)]
+    for _ in range(300):
+        decision = planner._pass(_estimate(robot), _grid(robot, []), np.array([3.0, 0.0]))
+        if decision is None:
+            break
+        walk = decision.walk
+        robot = robot @ Pose2(walk.forward_m, walk.lateral_m, walk.turn_rad)
+    assert planner._phase == "walk"
+    assert robot.x == pytest.approx(1.2, abs=0.05)
+    assert robot.y == pytest.approx(0.3, abs=0.05)
+
+
+def _choice(motion, found):
+    return Choice(motion, 1, found, 0.5, 0.5, 0.3, 1.0, (0.0,) * 7, "")
