@@ -252,6 +252,8 @@ _LEGEND = ("believed", "95 %", "truth", "goal", "landmark", "moving", "footprint
 def _legend(axes: Axes, columns: int = 4) -> None:
     """Above the axes, the way first."""
     handles, labels = axes.get_legend_handles_labels()
+    if not handles:
+        return
 
     def place(pair: tuple[Any, str]) -> int:
         return next((i for i, word in enumerate(_LEGEND) if pair[1].startswith(word)), len(_LEGEND))
