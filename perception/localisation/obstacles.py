@@ -140,8 +140,8 @@ class ObstacleTracker:
         self._unite()
 
     def _usable(self, seen: Detection) -> bool:
-        finite = np.all(np.isfinite(seen.position)) and np.all(np.isfinite(seen.covariance))
-        return bool(finite) and 0.0 <= seen.radius_m <= self.config.max_radius_m
+        numbers = [*seen.position.tolist(), *seen.covariance.ravel().tolist()]
+        return all(map(math.isfinite, numbers)) and 0.0 <= seen.radius_m <= self.config.max_radius_m
 
     def _associate(self, detections: Sequence[Detection]) -> dict[int, int]:
         """Track index to detection index, one to one; those who may have turned come second."""
@@ -169,23 +169,24 @@ class ObstacleTracker:
         oldest = self.config.oldest_s if shown else self.config.oldest_newborn_s
         if life.misses >= limit or stamp_s - life.seen_s > oldest:
             return False
-        P = life.track.state.covariance[:2, :2]
-        return float(np.linalg.eigvalsh(P)[-1]) < self.config.largest_sigma_m**2
+        (a, b), (_, d) = life.track.state.covariance[:2, :2].tolist()
+        largest = (a + d) / 2.0 + math.hypot((a - d) / 2.0, b)
+        return largest < self.config.largest_sigma_m**2
 
     def _unite(self) -> None:
         """Of two tracks on one thing keep the older."""
         kept: list[_Life] = []
-        places: list[np.ndarray] = []
+        places: list[tuple[float, float]] = []
         for life in self._lives:
-            place = life.track.state.mean[:2]
+            x, y = life.track.state.mean[:2].tolist()
             near = any(
-                float(np.hypot(*(place - other)))
+                math.hypot(x - other[0], y - other[1])
                 < self.config.same_share * min(life.track.radius_m, older.track.radius_m)
                 for other, older in zip(places, kept, strict=True)
             )
             if not near:
                 kept.append(life)
-                places.append(place)
+                places.append((x, y))
         self._lives = kept
 
 

@@ -30,11 +30,11 @@ from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
+from . import _track_kernels
 from .consistency import Innovation
-from .models import positive, spread, square_root
-from .turning import Turning, turning
+from .models import positive
 
-SIZE = 7
+SIZE = _track_kernels.SIZE
 """x, y, vx, vy of the thing, then the error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
 
 PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
@@ -104,31 +104,32 @@ class Track:
         self.config = config
         self.radius_m = seen.radius_m
         self.height_m = seen.height_m
-        self._robot = robot
+        self._look_from(robot)
         self._evidence = -_REMEMBERED
         self._unseen_s = 0.0
-        self._still: Gaussian | None = None  # if it stands: as it was seen last
-        self._state: Gaussian | None = None
-        self._expected: Gaussian | None = None
-        self._expected_all: list[tuple[float, Gaussian]] | None = None
-        self._lag = np.zeros(2)
-        x, y, yaw = robot.mean
-        c, s = math.cos(yaw), math.sin(yaw)
+        self._still = np.zeros(SIZE), np.zeros((SIZE, SIZE))  # if it stands: as it was seen last
+        self._stands = False  # whether that is known
+        self._lag = 0.0, 0.0
+        c, s = math.cos(self._robot[2]), math.sin(self._robot[2])
         R = np.array([[c, -s], [s, c]])
         arm = R @ seen.position
         by_view = np.array([[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]]])
-        view = self._view_covariance()
+        view = self._view.copy()
+        view[[0, 1], [0, 1]] += self._wander_m2
         mean = np.zeros(SIZE)
-        mean[PLACE] = np.array([x, y]) + arm
+        mean[PLACE] = self._robot[:2] + arm
         P = np.zeros((SIZE, SIZE))
         P[PLACE, PLACE] = by_view @ view @ by_view.T + R @ seen.covariance @ R.T
         P[PLACE, VIEW] = by_view @ view
         P[VIEW, PLACE] = P[PLACE, VIEW].T
         P[VELOCITY, VELOCITY] = np.eye(2) * config.speed_sigma_mps**2
         P[VIEW, VIEW] = view
-        self._filter = _sigma_point_filter(mean, positive(P))
-        self._first_place, self._first_radius_m = mean[PLACE].copy(), seen.radius_m
+        self._x, self._P = mean, positive(P)
+        self._first_x, self._first_y = float(mean[0]), float(mean[1])
+        self._first_radius_m = seen.radius_m
         self._travelled = 0.0
+        self._state: Gaussian | None = None
+        self._seen: tuple[float, np.ndarray, np.ndarray] | None = None
 
     @property
     def moving(self) -> float:
@@ -138,76 +139,74 @@ class Track:
         as much as the thing grows while more of it is seen; what has not left its first place yet may be
         such a thing, however steadily it goes.
         """
-        odds = _log_odds(self.config.moving_prior) + self._evidence
-        by_velocity = 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, odds))))
+        by_velocity = _probability(_log_odds(self.config.moving_prior) + self._evidence)
         out_of_place = self._travelled / max(self.config.travel_share * self.radius_m, 1e-6)
         return by_velocity * min(1.0, out_of_place)
 
     @property
     def state(self) -> Gaussian:
-        """Over (x, y, vx, vy), world frame: both hypotheses, standing and moving, by their weight."""
+        """Over (x, y, vx, vy), world frame: both hypotheses, standing and moving, by their weight.
+
+        That is: standing, gone straight on, turned since it was seen, with their spread. A turn in view is
+        noticed late, so that the last moments count as unseen.
+        """
         if self._state is None:
-            self._state = self._mixed()
+            mean, covariance = np.empty(4), np.empty((4, 4))
+            _track_kernels.mix(
+                self._x,
+                self._P,
+                *self._still,
+                self._stands,
+                self._may_move(),
+                self._unseen_s + self.config.unnoticed_s,
+                self.config.turn_every_s,
+                mean,
+                covariance,
+            )
+            self._state = Gaussian(mean, covariance)
         return self._state
 
     @property
     def straight(self) -> Gaussian:
         """Over (x, y, vx, vy), world frame, if it moves and went straight on since it was seen."""
-        return Gaussian(self._filter.x[:4].copy(), self._filter.P[:4, :4].copy())
+        return Gaussian(self._x[:4].copy(), self._P[:4, :4].copy())
 
-    def _mixed(self) -> Gaussian:
-        """Standing, gone straight on, turned since it was seen: by their weights, with their spread.
-
-        A turn in view is noticed late, so that the last moments count as unseen.
-        """
-        straight = Gaussian(self._filter.x, self._filter.P)
-        since = turning(self._unseen_s + self.config.unnoticed_s, self.config.turn_every_s)
-        moves = self._may_move()
-        parts = (
-            (1.0 - moves, self._still or _stopped(straight)),
-            (moves * since.straight, straight),
-            (moves * (1.0 - since.straight), _turned(straight, since)),
-        )
-        mean = np.sum([weight * part.mean[:4] for weight, part in parts], axis=0)
-        covariance = np.zeros((4, 4))
-        for weight, part in parts:
-            away = part.mean[:4] - mean
-            covariance += weight * (part.covariance[:4, :4] + np.outer(away, away))
-        covariance[2:, 2:] += np.eye(2) * 1e-8  # nothing stands quite still
-        return Gaussian(mean, positive(covariance))
+    @property
+    def whole(self) -> Gaussian:
+        """Over all that the filter carries, gone straight on: `straight`, then the viewpoint's error."""
+        return Gaussian(self._x.copy(), self._P.copy())
 
     def predict(self, dt: float, robot: Gaussian) -> None:
         """Advance by dt seconds, straight on; the robot's pose is now this one.
 
         The motion is linear, so that matrices give what sigma points would.
         """
-        self._robot = robot
-        if self._unseen_s == 0.0 and dt > 0.0:
-            self._still = _stopped(Gaussian(self._filter.x, self._filter.P))
-            self._evidence -= _REMEMBERED * dt / self.config.memory_s
+        self._look_from(robot)
+        stopping, push = int(self._stands), 0.0  # out of sight what it may do is told by `turning`
+        if self._unseen_s == 0.0:
+            push = self.config.acceleration_mps2**2
+            if dt > 0.0:
+                stopping, self._stands = 2, True
+                self._evidence -= _REMEMBERED * dt / self.config.memory_s
         keep = math.exp(-dt / self.config.view_memory_s)
-        F = np.eye(SIZE)
-        F[0, 2] = F[1, 3] = dt
-        F[4, 4] = F[5, 5] = F[6, 6] = keep
-        Q = np.zeros((SIZE, SIZE))
-        if self._unseen_s == 0.0:  # out of sight what it may do is told by `turning`
-            pushed = np.array([[dt * dt / 2, 0], [0, dt * dt / 2], [dt, 0], [0, dt]])
-            Q[:4, :4] = pushed @ pushed.T * self.config.acceleration_mps2**2
-        Q[VIEW, VIEW] = (1.0 - keep**2) * self._view_covariance()
-        self._filter.x = F @ self._filter.x
-        self._filter.P = positive(F @ self._filter.P @ F.T + Q)
-        if self._still is not None:
-            F[0, 2] = F[1, 3] = 0.0
-            Q[:4, :4] = 0.0
-            self._still = Gaussian(F @ self._still.mean, F @ self._still.covariance @ F.T + Q)
+        _track_kernels.move_on(
+            self._x,
+            self._P,
+            *self._still,
+            stopping,
+            dt,
+            keep,
+            push,
+            self._view,
+            self._wander_m2,
+        )
         self._unseen_s += dt
-        self._draw()
+        self._forget_derived()
 
     def expected(self) -> Gaussian:
         """Where it should be seen if it went straight on: over the position in the body frame, m, noiseless."""
-        if self._expected is None:
-            self._expected = self._seen_from_body(self._filter.sigmas_f)
-        return self._expected
+        _, means, covariances = self._expectations()
+        return Gaussian(means[0].copy(), covariances[0].copy())
 
     def density(
         self, positions: Float[np.ndarray, "n 2"], covariances: Float[np.ndarray, "n 2 2"]
@@ -218,48 +217,38 @@ class Track:
             positions: Of the detections, body frame, m.
             covariances: Of those by the sensor alone, m^2.
         """
-        found = np.zeros(len(positions))
-        for weight, expected in self._expectations():
-            S = covariances + expected.covariance
-            away = positions - expected.mean
-            square = np.einsum("ni,ni->n", away, np.linalg.solve(S, away[..., None])[..., 0])
-            found += weight * np.exp(-0.5 * square) / (2.0 * np.pi * np.sqrt(np.linalg.det(S)))
+        straight, means, expected = self._expectations()
+        moves = self._may_move()
+        stands = 1.0 - moves if self._stands else 0.0
+        weights = np.array([moves * straight, moves * (1.0 - straight), stands])
+        way = self.config.speed_sigma_mps * min(self._unseen_s, self.config.notice_s)
+        found: np.ndarray = _track_kernels.density(
+            weights, means, expected, 2.0 * way**2, _plain(positions), _plain(covariances)
+        )
         return found
 
-    def _expectations(self) -> list[tuple[float, Gaussian]]:
-        """Every hypothesis with its weight: where it should be seen."""
-        if self._expected_all is None:
-            since = turning(self._unseen_s, self.config.turn_every_s)
-            moves = self._may_move()
-            turned = self._seen_from_body(self._sigma_points(self._if_turned()))
-            fresh = (
-                2.0 * (self.config.speed_sigma_mps * min(self._unseen_s, self.config.notice_s)) ** 2
+    def _expectations(self) -> tuple[float, np.ndarray, np.ndarray]:
+        """Probability of straight on; (3, 2) and (3, 2, 2) where it should be seen: straight, turned, standing."""
+        if self._seen is None:
+            means, covariances = np.empty((3, 2)), np.empty((3, 2, 2))
+            straight = _track_kernels.expect(
+                self._x,
+                self._P,
+                *self._still,
+                self._stands,
+                self._robot,
+                self._unseen_s,
+                self.config.turn_every_s,
+                means,
+                covariances,
             )
-            turned = Gaussian(turned.mean, turned.covariance + fresh * np.eye(2))
-            self._expected_all = [
-                (moves * since.straight, self.expected()),
-                (moves * (1.0 - since.straight), turned),
-            ]
-            if self._still is not None:
-                still = self._seen_from_body(self._sigma_points(self._still))
-                self._expected_all.append((1.0 - moves, still))
-        return self._expected_all
+            self._seen = straight, means, covariances
+        return self._seen
 
     def _may_move(self) -> float:
         """Probability that it moves as far as its velocity tells, in (0, 1): before it has left its place."""
-        odds = _log_odds(self.config.moving_prior) + max(self._evidence, self._weigh())
-        return 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, odds))))
-
-    def _seen_from_body(self, points: np.ndarray) -> Gaussian:
-        places = np.stack(relative_position(points.T, self._robot.mean), axis=-1)
-        mean = self._filter.Wm @ places
-        spread = places - mean
-        return Gaussian(mean, spread.T @ (self._filter.Wc[:, None] * spread))
-
-    def _if_turned(self) -> Gaussian:
-        """The filter's state if it turned since it was seen."""
-        since = turning(self._unseen_s, self.config.turn_every_s)
-        return _turned(Gaussian(self._filter.x, self._filter.P), since)
+        evidence = max(self._evidence, self._weigh())
+        return _probability(_log_odds(self.config.moving_prior) + evidence)
 
     def update(self, seen: Detection) -> Innovation:
         """Learn from a detection; returns how it surprised.
@@ -270,25 +259,23 @@ class Track:
         """
         if self._unseen_s > self.config.notice_s:
             self._settle_turn(seen)
-        expected = self.expected()
-        innovation = Innovation.of(
-            None, seen.position - expected.mean, expected.covariance + seen.covariance
-        )
-        self._unseen_s, self._still = 0.0, None
-        self._lag = _LAG * self._lag + innovation.whitened
+        _, means, covariances = self._expectations()
+        first, second = _whitened(seen, means[0], covariances[0])
+        self._unseen_s, self._stands = 0.0, False
+        a, b = self._lag = _LAG * self._lag[0] + first, _LAG * self._lag[1] + second
         chance = self.config.start_probability + self.moving * self.config.turn_probability
-        if (1.0 - _LAG**2) * float(self._lag @ self._lag) > -2.0 * math.log(chance):
+        if (1.0 - _LAG**2) * (a * a + b * b) > -2.0 * math.log(chance):
             self._forget_velocity()
-        self._filter.update(seen.position, R=positive(seen.covariance), robot=self._robot.mean)
-        self._filter.P = positive(self._filter.P)
-        self._draw()
+        position, noise = _plain(seen.position), _plain(seen.covariance)
+        _track_kernels.learn(self._x, self._P, self._robot, position, noise)
+        self._forget_derived()
         self._evidence = max(self._weigh(), min(self._evidence, _REMEMBERED))
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
-        away = float(np.linalg.norm(self._filter.x[PLACE] - self._first_place))
+        away = math.hypot(self._x[0] - self._first_x, self._x[1] - self._first_y)
         grown = max(self.radius_m - self._first_radius_m, 0.0)
         self._travelled = max(self._travelled, away - grown)
         self.height_m = max(seen.height_m, self.height_m)
-        return innovation
+        return Innovation(None, np.array([first, second]))
 
     def _settle_turn(self, seen: Detection) -> None:
         """Seen again: weigh having gone straight on, having turned, and standing.
@@ -296,70 +283,52 @@ class Track:
         The first two become one Gaussian by their weights, with their spread; the last goes into the
         evidence of moving.
         """
-        since = turning(self._unseen_s, self.config.turn_every_s)
-        straight, turned = Gaussian(self._filter.x, self._filter.P), self._if_turned()
-        went = self._log_density(seen, self.expected()) + math.log(since.straight)
-        came = self._log_density(seen, self._seen_from_body(self._sigma_points(turned)))
-        came += math.log1p(-since.straight)
+        straight, means, covariances = self._expectations()
+        went = _log_density(seen, means[0], covariances[0]) + math.log(straight)
+        came = _log_density(seen, means[1], covariances[1]) + math.log1p(-straight)
         moved = float(np.logaddexp(went, came))
-        if self._still is not None:
-            stood = self._log_density(seen, self._seen_from_body(self._sigma_points(self._still)))
+        if self._stands:
+            stood = _log_density(seen, means[2], covariances[2])
             self._evidence = min(self._evidence, _REMEMBERED) + moved - stood
         weight = math.exp(came - moved)
-        apart = turned.mean - straight.mean
-        self._filter.x = straight.mean + weight * apart
-        self._filter.P = positive(
-            (1.0 - weight) * straight.covariance
-            + weight * turned.covariance
-            + weight * (1.0 - weight) * np.outer(apart, apart)
+        x, P = np.empty(SIZE), np.empty((SIZE, SIZE))
+        _track_kernels.turn(self._x, self._P, self._unseen_s, self.config.turn_every_s, x, P)
+        apart = x - self._x
+        self._x += weight * apart
+        self._P = positive(
+            (1.0 - weight) * self._P + weight * P + weight * (1.0 - weight) * np.outer(apart, apart)
         )
         if weight > 0.5:
-            self._lag = np.zeros(2)
-        self._draw()
-
-    def _log_density(self, seen: Detection, expected: Gaussian) -> float:
-        """Of a detection, broadened by the chance of one (1 %) that has nothing to do with the thing."""
-        S = expected.covariance + seen.covariance
-        away = seen.position - expected.mean
-        density = math.exp(-0.5 * float(away @ np.linalg.solve(S, away)))
-        density /= 2.0 * math.pi * math.sqrt(float(np.linalg.det(S)))
-        return math.log(0.99 * density + 0.01 * _ANYWHERE)
+            self._lag = 0.0, 0.0
+        self._forget_derived()
 
     def _forget_velocity(self) -> None:
         """It turned within the last moments: any velocity again, and any place that follows from it."""
-        self._lag = np.zeros(2)
+        self._lag = 0.0, 0.0
         t = self.config.notice_s
         fresh = 2.0 * self.config.speed_sigma_mps**2  # old and new velocity are both unknown
         grown = np.array([[t * t / 3.0, t / 2.0], [t / 2.0, 1.0]]) * fresh
-        self._filter.P[:4, :4] += np.kron(grown, np.eye(2))
-        self._filter.P = positive(self._filter.P)
-        self._draw()
+        self._P[:4, :4] += np.kron(grown, np.eye(2))
+        self._P = positive(self._P)
+        self._forget_derived()
 
     def _weigh(self) -> float:
         """Log of how much likelier the sightings are of something moving than of something standing."""
-        velocity = self._filter.x[VELOCITY]
-        P = self._filter.P[VELOCITY, VELOCITY]
-        at_rest_now = -0.5 * float(velocity @ np.linalg.solve(P, velocity)) - 0.5 * math.log(
-            max(float(np.linalg.det(P)), 1e-30)
-        )
-        at_rest_before = -2.0 * math.log(self.config.speed_sigma_mps)
-        return at_rest_before - at_rest_now
+        vx, vy = self._x[2:4].tolist()
+        (a, b), (c, d) = self._P[2:4, 2:4].tolist()
+        det = a * d - b * c
+        square = (d * vx * vx - (b + c) * vx * vy + a * vy * vy) / det
+        at_rest_now = -0.5 * square - 0.5 * math.log(max(det, 1e-30))
+        return -2.0 * math.log(self.config.speed_sigma_mps) - at_rest_now
 
-    def _view_covariance(self) -> Float[np.ndarray, "3 3"]:
-        """Of the viewpoint: the robot's pose, and the wander of a half-seen middle."""
-        view = np.array(self._robot.covariance)
-        view[[0, 1], [0, 1]] += (self.config.shape_share * self.radius_m) ** 2
-        return view
+    def _look_from(self, robot: Gaussian) -> None:
+        """The viewpoint: the robot's pose, and the wander of a half-seen middle."""
+        self._robot, self._view = _plain(robot.mean), _plain(robot.covariance)
+        self._wander_m2 = (self.config.shape_share * self.radius_m) ** 2
 
-    def _draw(self) -> None:
-        """Sigma points for the next use of the filter; what was derived from older ones is void."""
-        self._state = self._expected = self._expected_all = None
-        self._filter.sigmas_f = self._sigma_points(Gaussian(self._filter.x, self._filter.P))
-
-    def _sigma_points(self, state: Gaussian) -> np.ndarray:
-        return np.asarray(
-            self._filter.points_fn.sigma_points(state.mean, positive(state.covariance))
-        )
+    def _forget_derived(self) -> None:
+        """What was derived from an older state is void."""
+        self._state = self._seen = None
 
 
 _REMEMBERED = 5.0
@@ -370,27 +339,6 @@ _ANYWHERE = 1.0
 
 _LAG = 0.7
 """What is kept from frame to frame of the sum of innovations that shows a turn."""
-
-
-def _turned(straight: Gaussian, since: Turning) -> Gaussian:
-    """The state of a track that has turned, from that of one that has not."""
-    F = np.eye(SIZE)
-    F[:4, :4] = np.kron([[1.0, since.move_s - since.seconds], [0.0, since.keep]], np.eye(2))
-    velocity = straight.mean[VELOCITY]
-    power = np.outer(velocity, velocity) + straight.covariance[VELOCITY, VELOCITY]
-    covariance = F @ straight.covariance @ F.T
-    covariance[:4, :4] += np.kron(since.noise, power)
-    return Gaussian(F @ straight.mean, covariance)
-
-
-def _stopped(straight: Gaussian) -> Gaussian:
-    """The state of a track if it stands: after a sighting v = 0 without noise."""
-    P = straight.covariance
-    gain = np.linalg.solve(P[VELOCITY, VELOCITY], P[VELOCITY, :]).T
-    mean, covariance = straight.mean - gain @ straight.mean[VELOCITY], P - gain @ P[VELOCITY, :]
-    mean[VELOCITY] = 0.0
-    covariance[VELOCITY, :] = covariance[:, VELOCITY] = 0.0
-    return Gaussian(mean, covariance)
 
 
 def relative_position(state: np.ndarray, robot: np.ndarray) -> tuple[Any, Any]:
@@ -414,14 +362,28 @@ def _log_odds(probability: float) -> float:
     return math.log(probability / (1.0 - probability))
 
 
-def _sigma_point_filter(mean: np.ndarray, covariance: np.ndarray) -> Any:
-    """filterpy's filter with the measurement model; prediction is linear and done outside."""
-    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
+def _probability(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-max(-12.0, min(12.0, log_odds))))
 
-    points = MerweScaledSigmaPoints(SIZE, spread(SIZE), 2.0, 0.0, sqrt_method=square_root)
-    engine = UnscentedKalmanFilter(
-        dim_x=SIZE, dim_z=2, dt=1.0, hx=relative_position, fx=None, points=points
-    )
-    engine.x, engine.P = mean, covariance
-    engine.sigmas_f = points.sigma_points(mean, covariance)
-    return engine
+
+def _plain(array: np.ndarray) -> np.ndarray:
+    """As compiled code takes it: a writable copy in order, of doubles."""
+    return np.array(array, np.float64, order="C")
+
+
+def _whitened(seen: Detection, mean: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """The innovation divided by the Cholesky root of its covariance, as `Innovation.of` has it."""
+    (a, _), (b, d) = (covariance + seen.covariance).tolist()
+    x, y = (seen.position - mean).tolist()
+    first = math.sqrt(a)
+    low = b / first
+    x /= first
+    return x, (y - low * x) / math.sqrt(d - low * low)
+
+
+def _log_density(seen: Detection, mean: np.ndarray, covariance: np.ndarray) -> float:
+    """Of a detection, broadened by the chance of one (1 %) that has nothing to do with the thing."""
+    x, y = _whitened(seen, mean, covariance)
+    (a, b), (_, d) = (covariance + seen.covariance).tolist()
+    density = math.exp(-0.5 * (x * x + y * y)) / (2.0 * math.pi * math.sqrt(a * d - b * b))
+    return math.log(0.99 * density + 0.01 * _ANYWHERE)

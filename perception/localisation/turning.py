@@ -9,11 +9,12 @@ never flipped is taken out by us.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+
+from . import _track_kernels
 
 
 @dataclass(frozen=True)
@@ -42,13 +43,5 @@ def turning(seconds: float, every_s: float) -> Turning:
     mean square 1, the place has mean m and mean square 2 (t - m) / a, and their product has mean m. The
     share exp(-t / every_s) that never flipped, gone straight to t, is taken out of these.
     """
-    t = max(seconds, 1e-3)  # the limit for no time is smooth, its quotients are not
-    a = 2.0 / every_s
-    e, m, straight = math.exp(-a * t), -math.expm1(-a * t) / a, math.exp(-t / every_s)
-    share = -math.expm1(-t / every_s)
-    keep, move = (e - straight) / share, (m - straight * t) / share
-    square, product = (2.0 * (t - m) / a - straight * t * t) / share, (m - straight * t) / share
-    noise = np.array(
-        [[square - move**2, product - move * keep], [product - move * keep, 1.0 - keep**2]]
-    )
-    return Turning(straight, seconds, move, keep, noise)
+    straight, t, move, keep, square, product, speed = _track_kernels.telegraph(seconds, every_s)
+    return Turning(straight, t, move, keep, np.array([[square, product], [product, speed]]))

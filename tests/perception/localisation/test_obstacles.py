@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from filterpy.kalman import UnscentedKalmanFilter
+from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -359,26 +359,51 @@ def test_a_track_begins_as_uncertain_as_it_is():
     np.testing.assert_allclose(np.cov(world.T) / size, P / size, atol=0.05)
 
 
-def test_moving_on_by_matrices_is_moving_on_by_sigma_points():
-    track = Track(seen_at(1.0, 0.5), Gaussian(np.zeros(3), np.diag(POSE_SIGMA**2)), TrackConfig())
-    for k in range(4):
-        track.predict(0.3, Gaussian(np.zeros(3), np.diag(POSE_SIGMA**2)))
-        track.update(seen_at(1.0 + 0.01 * k, 0.5))
-    before = track._filter
-    dt, keep = 0.3, math.exp(-0.3 / MEMORY_S)
+def peer(track: Track, dt: float, keep: float) -> UnscentedKalmanFilter:
+    """The library's filter, in the state of a track."""
 
     def flow(x: np.ndarray, _: float) -> np.ndarray:
         return np.concatenate([x[:2] + dt * x[2:4], x[2:4], keep * x[4:]])
 
-    twin = UnscentedKalmanFilter(7, 2, dt, relative_position, flow, before.points_fn)
-    twin.x, twin.P, twin.Q = before.x.copy(), before.P.copy(), np.zeros((7, 7))
+    points = MerweScaledSigmaPoints(7, spread(7), 2.0, 0.0)
+    twin = UnscentedKalmanFilter(7, 2, dt, relative_position, flow, points)
+    twin.x, twin.P, twin.Q = track.whole.mean, track.whole.covariance, np.zeros((7, 7))
+    return twin
+
+
+def followed() -> Track:
+    """A track of four sightings from a place that is not well known."""
+    robot = Gaussian(np.array([0.2, -0.1, 0.4]), np.diag([0.02, 0.03, 0.05]) ** 2)
+    track = Track(seen_at(1.0, 0.5), robot, TrackConfig())
+    for k in range(4):
+        track.predict(0.3, robot)
+        track.update(seen_at(1.0 + 0.01 * k, 0.5))
+    return track
+
+
+def test_moving_on_by_matrices_is_moving_on_by_sigma_points():
+    track, dt, keep = followed(), 0.3, math.exp(-0.3 / MEMORY_S)
+    twin = peer(track, dt, keep)
     twin.predict()
-    quiet = Gaussian(np.zeros(3), np.zeros((3, 3)))
-    track.config = TrackConfig(acceleration_mps2=1e-12, shape_share=0.0)
-    track.predict(dt, quiet)
-    np.testing.assert_allclose(track._filter.x, twin.x, atol=1e-9)
-    np.testing.assert_allclose(track._filter.P, twin.P, atol=1e-9)
+    track.config = TrackConfig(acceleration_mps2=1e-12)
+    track.radius_m = 0.0  # nothing wanders
+    track.predict(dt, Gaussian(np.zeros(3), np.zeros((3, 3))))
+    np.testing.assert_allclose(track.whole.mean, twin.x, atol=1e-9)
+    np.testing.assert_allclose(track.whole.covariance, twin.P, atol=1e-9)
     assert math.isclose(spread(7) ** 2 * 7, 3.0)
+
+
+def test_learning_is_that_of_the_library():
+    track, robot = followed(), np.array([0.25, -0.08, 0.45])
+    track.predict(0.3, Gaussian(robot, np.diag([0.02, 0.03, 0.05]) ** 2))
+    twin = peer(track, 0.3, 1.0)
+    twin.sigmas_f = twin.points_fn.sigma_points(twin.x, twin.P)
+    seen = Detection(np.array([1.0, 0.47]), np.array([[4e-4, 1e-4], [1e-4, 2e-4]]), RADIUS_M)
+    surprise = track.update(seen)
+    twin.update(seen.position, R=seen.covariance, robot=robot)
+    np.testing.assert_allclose(track.whole.mean, twin.x, atol=1e-9)
+    np.testing.assert_allclose(track.whole.covariance, twin.P, atol=1e-9)
+    assert math.isclose(surprise.nis, float(twin.y @ twin.SI @ twin.y), rel_tol=1e-9)
 
 
 @settings(max_examples=25, deadline=None)
