@@ -48,6 +48,7 @@ BEYOND_M = 0.60  # ours: a carton's depth, and the body clear of it
 FARTHEST_M = 5.0  # range that is white in the pictures
 PATIENCE_S = 8.0  # ours: after a stop, how long to wait before it looks again
 SETTLE_STEPS = 8  # ours: walk on so long before looking again after the panorama showed a free way
+LOOKS = 12  # ours: so many are kept for people; where nothing opens it looks about again and again
 SURELY = 0.7  # ours: a cell seen once, long ago and at a grazing angle, closes no passage
 RETREAT_M = 0.45  # ours: so far back out of a closed passage, to see what closed it
 DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
@@ -209,7 +210,8 @@ class AvoidancePlanner:
         things = things_of(panorama, around, reach, closers)
         choice = choose(things, self._config.avoidance)
         views = tuple(self._views)
-        self.looks.append(Look(stamp_s, self._picture, views, panorama, around, choice))
+        look = Look(stamp_s, self._picture, views, panorama, around, choice)
+        self.looks = [*self.looks, look][-LOOKS:]
         if choice is None:
             LOG.info("%.1f s: the panorama shows a free way", stamp_s)
             self._phase, self._settle = "walk", SETTLE_STEPS
