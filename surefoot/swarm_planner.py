@@ -21,11 +21,13 @@ from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
-from perception.primitives.pose import Pose2
+from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
+from planning.footsteps import GaitConfig
 from planning.guard import Guard
 from planning.swarm import command, search
 from planning.swarm.corners import Corners
+from planning.swarm.glances import Glances
 from planning.swarm.objective import Objective
 from planning.swarm.standing import Standing
 
@@ -37,8 +39,11 @@ from .planners import Decision
 
 MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
 BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
+GLANCE_RAD = math.radians(10.0)  # ours: the head this far aside, the picture is one of a glance
+STRAIGHT = 0.9  # ours: share of the cruising step from which a step goes about straight ahead
 AROUND_M = 0.10 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Ours: floor must show this far round a track's place before the track counts as not there."""
+MADE_UP_S = 5.0  # ours: what giving way has cost is made up in about this long
 NEAR_GOAL_M = 0.45  # ours: a goal this near lies before the picture's lowest rows
 
 
@@ -70,6 +75,9 @@ class SwarmPlanner:
         self._previous: Picture | None = None
         self.best: search.Best | None = None
         """The pixel last chosen, for display."""
+        self._schedule = Schedule(config.guard.gait)
+        self._glances = Glances(config.swarm.glance)
+        self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
 
     @property
     def reached(self) -> int:
@@ -116,7 +124,7 @@ class SwarmPlanner:
         )
 
     def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
-        """The next footstep; the head stays bowed."""
+        """The next footstep; the head stays bowed, and looks aside for who is lost there."""
         gaze = GazeCommand(0.0, math.radians(self._settings.tilt_deg))
         goal = self._goals.present
         colour, result = frame.colour, self.result
@@ -128,13 +136,18 @@ class SwarmPlanner:
             return Decision(WalkCommand(), gaze, "survey")  # the head is not yet bowed
         robot = estimate.pose2
         gait = self._config.guard.gait
-        self._corners.update(
-            result.corners_blocked, result.nearest_m, gait.cruise_mps * gait.step_s
-        )
+        ahead = abs(_pan(result.current, robot)) < GLANCE_RAD
+        if ahead:
+            self._corners.update(
+                result.corners_blocked, result.nearest_m, gait.cruise_mps * gait.step_s
+            )
         obstacles = [
             o.gone_straight() if o.moving >= MOVER else o for o in pipeline.tracker.obstacles
         ]
         movers = [o for o in obstacles if o.moving >= MOVER]
+        if self._settings.guarded:
+            expected = self._guard.expected(movers, frame.stamp_s)
+            gaze = GazeCommand(self._glances.next(robot, expected, frame.stamp_s), gaze.tilt_rad)
         movable = (
             result.movable
             if self._settings.prediction == "flow"
@@ -151,9 +164,13 @@ class SwarmPlanner:
             self._settings.objective,
             self._corners.blocked,
         )
-        self.best = search.find(objective, self._settings.search, self._rng)
-        place = None if self.best is None else objective.place(self.best.pixel)
+        if ahead:
+            self.best = search.find(objective, self._settings.search, self._rng)
+            self._place = None if self.best is None else objective.place(self.best.pixel)
+        place = self._place
         desired, target, why = self._wish(place, robot, goal)
+        if self._settings.guarded and not self._settings.objective.literal:
+            desired = self._schedule.make_up(desired, goal, robot, frame.stamp_s)
         if not self._settings.guarded:
             return Decision(desired, gaze, why)
         walk = self._guarded(desired, target, estimate, movers)
@@ -199,6 +216,43 @@ class SwarmPlanner:
         )
 
 
+class Schedule:
+    """When the walker should be how near to its goal, cruising straight there; what it is behind it makes up.
+
+    Giving way costs time, and a goal that holds by the clock does not wait. The mean speed of approach never
+    gets above cruising.
+    """
+
+    def __init__(self, gait: GaitConfig) -> None:
+        self._gait = gait
+        self._goal: np.ndarray | None = None
+        self._from_m, self._since_s = 0.0, 0.0
+
+    def make_up(
+        self, desired: WalkCommand, goal: Float[np.ndarray, "2"], robot: Pose2, stamp_s: float
+    ) -> WalkCommand:
+        """The desired step, longer if it goes about straight ahead and the walker is behind its schedule.
+
+        Args:
+            desired: At cruising speed.
+            goal: That holds now, world frame, m; a new one begins a new schedule.
+            robot: Where it stands.
+            stamp_s: Now.
+        """
+        gait = self._gait
+        away = float(np.hypot(*(goal - np.array([robot.x, robot.y]))))
+        if self._goal is None or not np.array_equal(goal, self._goal):
+            self._goal, self._from_m, self._since_s = goal.copy(), away, stamp_s
+        behind = away - (self._from_m - gait.cruise_mps * (stamp_s - self._since_s))
+        cruise = gait.cruise_mps * gait.step_s
+        if behind <= cruise or desired.forward_m < STRAIGHT * cruise or away < NEAR_GOAL_M:
+            return desired
+        faster = min(
+            gait.max_speed_mps / gait.cruise_mps, 1.0 + behind / MADE_UP_S / gait.cruise_mps
+        )
+        return gait.command(faster * desired.forward_m / gait.step_s, 0.0, desired.turn_rad)
+
+
 class MovingGoals:
     """One goal at a time, each from a stamp on, reached or not; only the last one ends the mission.
 
@@ -241,6 +295,11 @@ class MovingGoals:
             self._reached.add(self._index)
         done = len(self._goals) - 1 in self._reached
         return done or not self._goals or estimate.stamp_s >= self._mission.time_limit_s
+
+
+def _pan(picture: Picture, robot: Pose2) -> float:
+    axis = picture.T_world_camera.rotation[:2, 2]
+    return wrap_angle(math.atan2(axis[1], axis[0]) - robot.yaw)
 
 
 def _tilt(picture: Picture) -> float:

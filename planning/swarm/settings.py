@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from perception.primitives.errors import ConfigError
 
+from .glances import GlanceConfig
 from .objective import ObjectiveConfig
 from .search import SwarmConfig
 from .standing import StandingConfig
@@ -21,6 +22,7 @@ class SwarmWalkerConfig:
     objective: ObjectiveConfig = field(default_factory=ObjectiveConfig)
     search: SwarmConfig = field(default_factory=SwarmConfig)
     standing: StandingConfig = field(default_factory=StandingConfig)
+    glance: GlanceConfig = field(default_factory=GlanceConfig)
     prediction: str = "tracks"  # ours: "flow" is the seed's, by two pictures 0.2 s apart
     guarded: bool = True  # ours: the guard looks 7.8 s ahead, the seed one step
     tilt_deg: float = 30.0  # seed 000: the head is bowed

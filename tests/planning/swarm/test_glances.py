@@ -1,0 +1,61 @@
+"""Looking aside: only for who is near, lost and beside; never twice running; never past him."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
+from planning.swarm.glances import GlanceConfig, Glances
+
+ROBOT = Pose2(1.0, 2.0, 0.5)
+
+
+def mover(away, bearing, seen_s=0.0):
+    place = ROBOT.apply(away * np.array([math.cos(bearing), math.sin(bearing)]))
+    return Obstacle(
+        Gaussian(np.array([*place, 0.06, 0.0]), np.eye(4) * 1e-4), 0.04, moving=1.0, seen_s=seen_s
+    )
+
+
+def pan(*movers, stamp_s=2.0):
+    return Glances(GlanceConfig()).next(ROBOT, movers, stamp_s)
+
+
+@given(st.floats(0.3, 1.2), st.floats(40.0, 115.0), st.sampled_from([-1.0, 1.0]))
+def test_who_is_lost_beside_comes_into_a_view_of_90_degrees(away, degrees, side):
+    bearing = side * math.radians(degrees)
+    assert abs(bearing - pan(mover(away, bearing))) < math.radians(45.0 + 1e-6)
+
+
+@pytest.mark.parametrize(
+    "calm",
+    [mover(0.8, 0.1), mover(0.8, 3.0), mover(2.0, 1.2), mover(0.8, 1.2, seen_s=1.9)],
+    ids=["ahead", "behind", "far", "just seen"],
+)
+def test_for_nobody_else_the_head_turns(calm):
+    assert pan(calm) == 0.0
+
+
+def test_after_a_glance_the_head_looks_ahead_for_a_step():
+    glances = Glances(GlanceConfig())
+    pans = [glances.next(ROBOT, [mover(0.8, 1.2)], 2.0 + 0.65 * k) for k in range(6)]
+    assert [value > 0.0 for value in pans] == [True, False] * 3
+
+
+def test_the_nearest_is_looked_for_first():
+    assert pan(mover(1.0, 1.2), mover(0.5, -1.2)) < 0.0
+
+
+def test_it_can_be_switched_off():
+    assert Glances(GlanceConfig(enabled=False)).next(ROBOT, [mover(0.8, 1.2)], 2.0) == 0.0
+
+
+def test_an_angle_that_is_none_is_refused():
+    with pytest.raises(ConfigError, match="from_deg"):
+        GlanceConfig(from_deg=0.0)

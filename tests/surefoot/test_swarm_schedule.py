@@ -1,0 +1,64 @@
+"""The schedule of the walker without a map: on time it cruises, late it hurries, and never more than the gait can."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from perception.primitives.pose import Pose2
+from planning.footsteps import GaitConfig
+from surefoot.swarm_planner import Schedule
+
+GAIT = GaitConfig()
+GOAL = np.array([4.0, 0.0])
+CRUISING = GAIT.command(GAIT.cruise_mps, 0.0, 0.0)
+
+
+def arrival_s(held_up_steps, make_up=True):
+    """Straight to the goal; the first steps are lost."""
+    schedule, x, stamp_s = Schedule(GAIT), 0.0, 0.0
+    while GOAL[0] - x > 0.1:
+        walk = schedule.make_up(CRUISING, GOAL, Pose2(x, 0.0, 0.0), stamp_s)
+        forward = walk.forward_m if make_up else CRUISING.forward_m
+        x += 0.0 if stamp_s < held_up_steps * GAIT.step_s else forward
+        stamp_s += GAIT.step_s
+    return stamp_s
+
+
+def test_who_is_on_time_cruises():
+    schedule = Schedule(GAIT)
+    for k in range(50):
+        robot = Pose2(k * CRUISING.forward_m, 0.0, 0.0)
+        assert schedule.make_up(CRUISING, GOAL, robot, k * GAIT.step_s) == CRUISING
+
+
+def test_time_lost_is_made_up_but_no_more_than_that():
+    on_time = (GOAL[0] - 0.1) / GAIT.cruise_mps
+    assert arrival_s(20, make_up=False) > on_time + 12.0
+    assert on_time - GAIT.step_s <= arrival_s(20) < on_time + 5.0
+
+
+@given(st.floats(0.0, 300.0), st.floats(0.0, 3.8))
+def test_no_step_is_longer_than_the_gait_makes(stamp_s, x):
+    schedule = Schedule(GAIT)
+    schedule.make_up(CRUISING, GOAL, Pose2(), 0.0)
+    walk = schedule.make_up(CRUISING, GOAL, Pose2(x, 0.0, 0.0), stamp_s)
+    assert CRUISING.forward_m <= walk.forward_m <= GAIT.max_speed_mps * GAIT.step_s + 1e-12
+
+
+def test_turning_is_not_hurried():
+    schedule = Schedule(GAIT)
+    schedule.make_up(CRUISING, GOAL, Pose2(), 0.0)
+    turn = GAIT.command(0.02, 0.0, math.radians(14.0))
+    assert schedule.make_up(turn, GOAL, Pose2(), 60.0) == turn
+
+
+def test_a_new_goal_forgives_what_was_late():
+    schedule = Schedule(GAIT)
+    schedule.make_up(CRUISING, GOAL, Pose2(), 0.0)
+    late = schedule.make_up(CRUISING, GOAL, Pose2(), 30.0)
+    fresh = schedule.make_up(CRUISING, -GOAL, Pose2(0.0, 0.0, math.pi), 30.0)
+    assert late.forward_m == pytest.approx(GAIT.max_speed_mps * GAIT.step_s)
+    assert fresh == CRUISING
