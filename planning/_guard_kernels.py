@@ -77,6 +77,35 @@ def _too_late(
 
 
 @njit(cache=True)
+def _within_reach(
+    robot: np.ndarray,
+    plans: np.ndarray,
+    places: np.ndarray,
+    needed: np.ndarray,
+    turning: np.ndarray,
+    soft: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of each sample the discs that any plan can come near to, or that may turn there: numbers, how many."""
+    longest = 0.0
+    for i in range(plans.shape[0]):
+        longest = max(longest, math.hypot(plans[i, 0], plans[i, 1]))
+        longest = max(longest, math.hypot(plans[i, 4], plans[i, 5]))
+    many, samples = needed.shape
+    near, counts = np.empty((samples, many), np.int64), np.zeros(samples, np.int64)
+    for sample in range(samples):
+        reach = 0.5 * (sample + 1) * longest + soft + 1e-6
+        for h in range(many):
+            need = needed[h, sample]
+            if need <= 0.0:
+                continue
+            x, y = places[h, sample, 0] - robot[0], places[h, sample, 1] - robot[1]
+            if math.hypot(x, y) <= reach + need or turning[h, sample] > 0.0:
+                near[sample, counts[sample]] = h
+                counts[sample] += 1
+    return near, counts
+
+
+@njit(cache=True)
 def roll_out(
     robot: np.ndarray,
     plans: np.ndarray,
@@ -107,7 +136,7 @@ def roll_out(
         needed: (h, 2 steps) least distance to each; 0 where the hypothesis says nothing.
         weights: (h,) of each.
         turning: (h, 2 steps) probability that it turns back at that time.
-        cells: (k, 2) middles of occupied cells.
+        cells: (k, 2) middles of occupied cells, the nearest to the robot first.
         cells_needed: (k, 2): least distance to each; less than this is a contact.
         prices: Width of the uneasy band, m; price of its inner edge, m; price of missing distance, m/m;
             missing distance that is a contact, m; price of a contact, m; time in which prices fall by
@@ -131,6 +160,11 @@ def roll_out(
     late = np.empty(many)
     fades = np.empty(samples)
     cheapest = math.inf
+    near, counts = _within_reach(robot, plans, places, needed, turning, soft)
+    apart, widest = np.empty(cells.shape[0]), 0.0
+    for k in range(cells.shape[0]):
+        apart[k] = math.hypot(cells[k, 0] - robot[0], cells[k, 1] - robot[1]) - 1e-6
+        widest = max(widest, cells_needed[k, 0])
     for sample in range(samples):
         fades[sample] = math.exp(-(sample + 1) * 0.5 * step_s / fade_s)
     for i in range(plans.shape[0]):
@@ -164,10 +198,9 @@ def roll_out(
                 y += dy
                 sample = 2 * step + half
                 fade = fades[sample]
-                for h in range(many):
+                for one in range(counts[sample]):
+                    h = near[sample, one]
                     need = needed[h, sample]
-                    if need <= 0.0:
-                        continue
                     ax = x - places[h, sample, 0]
                     ay = y - places[h, sample, 1]
                     square = ax * ax + ay * ay
@@ -197,7 +230,10 @@ def roll_out(
                             )
                             if cost > late[h]:
                                 late[h] = cost
+                gone = math.hypot(x - robot[0], y - robot[1]) + widest
                 for k in range(cells.shape[0]):
+                    if apart[k] > gone:  # and so are all after it
+                        break
                     ax = x - cells[k, 0]
                     ay = y - cells[k, 1]
                     square = ax * ax + ay * ay

@@ -249,10 +249,11 @@ def _fixed_plans(config: GuardConfig) -> np.ndarray:
 def _cells(
     here: np.ndarray, occupied: np.ndarray, config: GuardConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The cells within reach, the distance to be kept (no more than there is), and that of contact."""
+    """The cells within reach, nearest first, the distance to be kept (no more than there is), and of contact."""
     gap = np.hypot(*(occupied - here).T)
     reach = config.steps * config.gait.step_s * config.gait.max_speed_mps + config.cell_distance_m
-    near = gap <= reach
+    near = np.flatnonzero(gap <= reach)
+    near = near[np.argsort(gap[near], kind="stable")]
     wanted = np.clip(gap[near], config.cell_contact_m, config.cell_distance_m)
     touch = np.minimum(np.full(len(wanted), config.cell_contact_m), gap[near])
     return np.ascontiguousarray(occupied[near], np.float64), np.stack([wanted, touch], axis=1)

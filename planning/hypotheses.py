@@ -35,6 +35,9 @@ class Hypotheses:
         self._robot, self._stamp_s, self._config, self._habits = robot, stamp_s, config, habits
         samples = 2 * config.steps
         self._times = (np.arange(samples) + 1) * config.gait.step_s / 2
+        self._horizon_s = float(self._times[-1])
+        self._here = robot.mean[:2].tolist()
+        self._rest, self._never = np.zeros((samples, 2)), np.zeros(samples)
         self._places = [np.zeros((0, samples, 2))]
         self._velocities = [np.zeros((0, samples, 2))]
         self._needed = [np.zeros((0, samples))]
@@ -58,18 +61,18 @@ class Hypotheses:
         if moves < config.moving_share and obstacle.radius_m > config.small_radius_m:
             return
         near = config.body_radius_m + obstacle.radius_m
-        away = float(np.hypot(*(obstacle.position - self._robot.mean[:2])))
-        reach = times[-1] * (config.gait.max_speed_mps + config.prediction.most_mps)
+        away = math.dist(obstacle.position.tolist(), self._here)
+        reach = self._horizon_s * (config.gait.max_speed_mps + config.prediction.most_mps)
         if away > reach + near + config.margin_m + config.max_sigma_m + config.soft_m:
             return
         if moves < SURE:
             place = self._last_seen(obstacle) if moves >= config.moving_share else obstacle.position
             doubt = min(config.sigmas * _place_deviation(self._robot, obstacle), config.margin_m)
-            here = float(np.hypot(*(place - self._robot.mean[:2])))
+            here = math.dist(place.tolist(), self._here)
             need = min(near + config.still_margin_m + doubt, max(here, near))
-            places = np.broadcast_to(place, (len(times), 2))
-            still = np.zeros(len(times))
-            self._put(places, np.zeros_like(places), np.full(len(times), need), 1.0 - moves, still)
+            places = np.empty((len(times), 2))
+            places[:] = place
+            self._put(places, self._rest, np.full(len(times), need), 1.0 - moves, self._never)
         if moves > 1.0 - SURE:
             going = obstacle.gone_straight()
             doubts = _deviation(self._robot, going, times, config)
@@ -98,19 +101,18 @@ class Hypotheses:
         """What was lost on a line whose ends are not known: it may be anywhere there, either way."""
         config, times = self._config, self._times
         middle = line.origin + 0.5 * (line.low + line.high) * line.direction
-        away = float(np.hypot(*(middle - self._robot.mean[:2])))
+        away = math.dist(middle.tolist(), self._here)
         if away > 0.5 * (line.high - line.low) + LOST_M:
             return
         need = np.full(len(times), config.body_radius_m + line.radius_m + config.margin_m)
         need = np.where(times <= config.doubt_s, need, 0.0)
-        still = np.zeros(len(times))
         pieces = 1 + int((line.high - line.low) / float(need[0]))
         for k in range(pieces):
             start = line.low + (k + 0.5) / pieces * (line.high - line.low)
             for sense in (1.0, -1.0):
                 at = start + sense * line.speed_mps * times
                 places = line.origin + at[:, None] * line.direction
-                self._put(places, np.zeros_like(places), need, config.lost_weight / pieces, still)
+                self._put(places, self._rest, need, config.lost_weight / pieces, self._never)
 
     def _add_mover(self, obstacle: Obstacle, distance: np.ndarray, moves: float) -> None:
         """It goes on as forecast; if it was lost, it may have turned or stopped at any time since."""
@@ -128,11 +130,10 @@ class Hypotheses:
         early = np.where(times <= config.doubt_s, distance, 0.0)
         pieces = 1 + int(speed * unseen / float(distance.min()))
         weight = -math.expm1(-unseen / config.turns_every_s)
-        never = np.zeros(len(times))
         for k in range(1, 2 * pieces + 1):
             share = 1.0 - k / pieces  # below 1, ..., 0, ..., -1
             places = seen_at + share * velocity * (unseen + times[:, None])
-            self._put(places, np.zeros_like(places), early, moves * max(weight, 0.2), never)
+            self._put(places, self._rest, early, moves * max(weight, 0.2), self._never)
 
 
 def _deviation(

@@ -98,12 +98,19 @@ class Line:
 
     def along(self, place: np.ndarray) -> float:
         """Coordinate of a place."""
-        return float((place - self.origin) @ self.direction)
+        x, y = self._offset(place)
+        dx, dy = self.direction.tolist()
+        return float(x * dx + y * dy)
 
     def aside(self, place: np.ndarray) -> float:
         """Distance of a place from the line."""
-        offset = place - self.origin
-        return abs(float(offset[0] * self.direction[1] - offset[1] * self.direction[0]))
+        x, y = self._offset(place)
+        dx, dy = self.direction.tolist()
+        return abs(float(x * dy - y * dx))
+
+    def _offset(self, place: np.ndarray) -> tuple[float, float]:
+        (x, y), (x0, y0) = place.tolist(), self.origin.tolist()
+        return x - x0, y - y0
 
 
 class Habits:
@@ -209,19 +216,21 @@ class Habits:
     ) -> list[Line]:
         """Lines seen within a time that no present track is on."""
         tracks = {obstacle.track for obstacle in obstacles}
-        taken = [
-            self._line_of(obstacle, obstacle.position)
-            for obstacle in obstacles
-            if obstacle.moving >= self.config.moving_share
-        ]
-        return [
+        lost = [
             line
             for line in self.lines
             if 0.0 < stamp_s - line.seen_s <= longest_s
             and line.track not in tracks
             and line.high - line.low > 0.2
-            and not any(line is other for other in taken)
         ]
+        if not lost:
+            return []
+        taken = [
+            self._line_of(obstacle, obstacle.position)
+            for obstacle in obstacles
+            if obstacle.moving >= self.config.moving_share
+        ]
+        return [line for line in lost if not any(line is other for other in taken)]
 
     def _sure(self, obstacle: Obstacle) -> bool:
         speed = float(np.hypot(*obstacle.velocity))
@@ -231,18 +240,20 @@ class Habits:
 
     def _line_of(self, obstacle: Obstacle, place: np.ndarray) -> Line | None:
         """The line that it is on: of those near and along, the nearest."""
-        config = self.config
-        velocity = obstacle.velocity
-        speed = max(float(np.hypot(*velocity)), 1e-9)
+        config, least = self.config, math.cos(math.radians(self.config.askew_deg))
+        (x, y), (vx, vy) = place.tolist(), obstacle.velocity.tolist()  # two numbers need no arrays
+        speed = max(math.hypot(vx, vy), 1e-9)
         best, found = math.inf, None
         for line in self.lines:
-            straight = abs(float(velocity @ line.direction)) / speed
-            same = line.track == obstacle.track
-            aside, at = line.aside(place), line.along(place)
-            if straight < math.cos(math.radians(config.askew_deg)):
+            dx, dy = line.direction.tolist()
+            if abs(vx * dx + vy * dy) < least * speed:
                 continue
+            same = line.track == obstacle.track
             if not same and abs(speed - line.speed_mps) > config.speed_share * line.speed_mps:
                 continue
+            x0, y0 = line.origin.tolist()
+            aside = abs((x - x0) * dy - (y - y0) * dx)
+            at = (x - x0) * dx + (y - y0) * dy
             reach = 2.0 * config.beyond_m if same else config.beyond_m
             if not line.low - reach <= at <= line.high + reach:
                 continue
