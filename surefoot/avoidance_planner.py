@@ -49,6 +49,8 @@ FARTHEST_M = 5.0  # range that is white in the pictures
 PATIENCE_S = 8.0  # ours: after a stop, how long to wait before it looks again
 SETTLE_STEPS = 8  # ours: walk on so long before looking again after the panorama showed a free way
 LOOKS = 12  # ours: so many are kept for people; where nothing opens it looks about again and again
+SAME_M = 0.4  # ours: a carton's depth and a track's error
+WAIT_STEPS = 8  # ours: so many steps it waits in a passage for what may move
 SURELY = 0.7  # ours: a cell seen once, long ago and at a grazing angle, closes no passage
 RETREAT_M = 0.45  # ours: so far back out of a closed passage, to see what closed it
 DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
@@ -102,6 +104,8 @@ class AvoidancePlanner:
         self._legs: list[Leg] = []
         self._wait_s = 0.0
         self._settle = 0
+        self._faces = np.zeros((0, 2, 2))
+        self._waited = 0
         self._closers: list[np.ndarray] = []
         self._picture: np.ndarray | None = None
         self.looks: list[Look] = []
@@ -208,6 +212,10 @@ class AvoidancePlanner:
         reach = min(REACH_M, float(np.hypot(goal[0] - robot.x, goal[1] - robot.y)))
         closers = [robot.inverse().apply(points) for points in self._closers]
         things = things_of(panorama, around, reach, closers)
+        ahead = np.repeat(things.distance_m[:, None], 2, axis=1)
+        faces = np.stack([ahead, things.edges_m], axis=-1)
+        self._faces = robot.apply(faces.reshape(-1, 2)).reshape(-1, 2, 2)
+        self._waited = 0
         choice = choose(things, self._config.avoidance)
         views = tuple(self._views)
         look = Look(stamp_s, self._picture, views, panorama, around, choice)
@@ -240,15 +248,32 @@ class AvoidancePlanner:
         desired = primitives.step(leg, robot, gait)
         if self._closed(leg, robot, grid, estimate.stamp_s):
             return Decision(WalkCommand(), GazeCommand(0.0, DOWN_RAD), "closed")
-        movers = [o.gone_straight() for o in estimate.obstacles if o.moving >= MOVER]
+        others = [o for o in estimate.obstacles if not self._stood_there(o.position)]
+        movers = [o.gone_straight() for o in others if o.moving >= MOVER]
         target = np.array([leg.target.x, leg.target.y])
         walk = self._guard.choose(
             desired, estimate.pose, movers, np.zeros((0, 2)), target, estimate.stamp_s
         )
-        if leg.primitive == "S" and walk != desired:
-            walk = gait.command(0.0, 0.0, 0.0)  # a slip has no room for another way
+        if walk != desired:  # a passage has no room for another way: wait, but not for ever
+            self._waited += 1
+            late = self._waited > WAIT_STEPS
+            walk = desired if late else gait.command(0.0, 0.0, 0.0)
+        else:
+            self._waited = 0
         pan = math.copysign(math.pi / 4, desired.lateral_m) if leg.primitive == "S" else 0.0
         return Decision(walk, GazeCommand(pan, DOWN_RAD), self.choices[-1].motion)
+
+    def _stood_there(self, place: Float[np.ndarray, "2"]) -> bool:
+        """Whether a track is one of the things that stood there while the robot looked about.
+
+        Of a thing that leaves the view bit by bit the middle of what is seen moves; it is no mover for that.
+        """
+        begin, end = self._faces[:, 0], self._faces[:, 1]
+        along = end - begin
+        length = np.maximum((along**2).sum(axis=1), 1e-9)
+        share = np.clip(((place - begin) * along).sum(axis=1) / length, 0.0, 1.0)
+        gaps = np.linalg.norm(begin + share[:, None] * along - place, axis=1)
+        return bool(np.any(gaps < SAME_M))
 
     def _closed(self, leg: Leg, robot: Pose2, grid: EgocentricGrid, stamp_s: float) -> bool:
         """Whether something stands in the passage; then the legs lead back out, and what it was is kept."""

@@ -115,3 +115,13 @@ def test_the_legs_are_walked_to_their_end_on_open_ground(motion):
 
 def _choice(motion, found):
     return Choice(motion, 1, found, 0.5, 0.5, 0.3, 1.0, (0.0,) * 7, "")
+
+
+def test_a_track_on_what_stood_there_is_no_mover_and_one_in_the_open_may_be():
+    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner._faces = np.array([[[1.0, 0.6], [1.0, -0.6]]])
+    assert planner._stood_there(np.array([1.1, 0.5]))
+    assert planner._stood_there(np.array([1.2, -0.7]))
+    assert not planner._stood_there(np.array([0.3, 0.0]))
+    assert not planner._stood_there(np.array([1.0, 1.2]))
+    assert not AvoidancePlanner(Config(), [(3.0, 0.0)])._stood_there(np.array([1.0, 0.0]))
