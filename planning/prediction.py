@@ -154,7 +154,10 @@ class Habits:
             start, sense, rate * (unseen + times), line.turn_low, line.turn_high
         )
         foot = seen_at - start * line.direction  # its own parallel of the line
-        learnt = (at >= line.low) & (at <= line.high)
+        low, high = np.fmin(line.low, line.turn_low), np.fmax(line.high, line.turn_high)
+        learnt = (at > low - 1e-9) & (
+            at < high + 1e-9
+        )  # between the last sighting and the turn it passed, too
         known = math.isfinite(line.turn_high if sense > 0 else line.turn_low)
         return Forecast(
             foot + at[:, None] * line.direction,
