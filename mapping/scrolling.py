@@ -55,6 +55,7 @@ class Window:
         self._corner = np.array([0, 0])  # where that cell is in the layers, (x, y)
         self._rest = np.zeros(2)  # R
         self._layers: list[tuple[np.ndarray, float]] = []
+        self._centres: tuple[tuple[int, int], np.ndarray] | None = None
 
     @property
     def cell_m(self) -> float:
@@ -86,11 +87,16 @@ class Window:
         return self._start + (self._first + np.array([int(column), int(row)])) * self.cell_m
 
     def centres(self) -> Float[np.ndarray, "rows columns 2"]:
-        """Middles of all cells, world frame, m."""
-        along = np.arange(self._n)
-        columns, rows = np.meshgrid(along, along)
-        lattice = self._first + np.stack([columns, rows], axis=-1)
-        return np.asarray(self._start + lattice * self.cell_m)
+        """Middles of all cells, world frame, m; not to be written into, kept until the grid moves."""
+        at = (int(self._first[0]), int(self._first[1]))
+        if self._centres is None or self._centres[0] != at:
+            along = np.arange(self._n)
+            columns, rows = np.meshgrid(along, along)
+            lattice = self._first + np.stack([columns, rows], axis=-1)
+            centres = np.asarray(self._start + lattice * self.cell_m)
+            centres.setflags(write=False)
+            self._centres = (at, centres)
+        return self._centres[1]
 
     def new_layer(self, fill: float) -> Float32[np.ndarray, "rows columns"]:
         """A further layer that scrolls with the grid; entering cells get `fill`.

@@ -177,7 +177,7 @@ def _registry() -> dict[str, Callable[[int], Scene]]:
         seed_rooms,
     )  # they build the values defined here
 
-    return {
+    known: dict[str, Callable[[int], Scene]] = {
         "home": home.furnished,
         "corridor": rooms.corridor,
         "office": public_places.office,
@@ -189,7 +189,7 @@ def _registry() -> dict[str, Callable[[int], Scene]]:
         "course": course.course,
         "fast_course": course.fast_course,
         "hard_course": course.hard_course,
-    } | {
-        f"avoidance_{motion.lower()}": functools.partial(avoidance_scenes.avoidance, motion)
-        for motion in avoidance_scenes.MOTIONS
     }
+    for motion in avoidance_scenes.MOTIONS:
+        known[f"avoidance_{motion.lower()}"] = functools.partial(avoidance_scenes.avoidance, motion)
+    return known

@@ -115,6 +115,13 @@ class Journal:
             self._commands.append((stamp, *step, gaze.pan_rad, gaze.tilt_rad, decision.why))
         self._keep_views(frame, estimate)
 
+    def keep_picture(self, stamp_s: float, name: str, png: bytes) -> None:
+        """One more picture of what the robot saw, for the report."""
+        file = f"views/{len(self._views):03d}.png"
+        self._folder.write_bytes(file, png)
+        caption = f"{name}, t = {stamp_s:.1f} s"
+        self._views.append({"stamp": stamp_s, "name": name, "file": file, "caption": caption})
+
     def progress(self, estimate: Estimate, planner: Planner | None) -> str:
         """One line for the terminal."""
         text = f"frame {self.frames}"

@@ -136,8 +136,19 @@ def simulate(
         notes=() if fell is None else (f"the robot fell after {fell:.1f} s",),
         fell_at_s=fell,
     )
+    _keep_looks(planner, journal)
     journal.finish(pipeline, summary.as_dict())
     return summary
+
+
+def _keep_looks(planner: Planner, journal: Journal) -> None:
+    """What a planner looked about for, as pictures: the four panes of seed 004."""
+    if not hasattr(planner, "looks"):
+        return
+    from . import plots_avoidance  # only this planner's pictures need it
+
+    for look in planner.looks:
+        journal.keep_picture(look.stamp_s, "look about", plots_avoidance.png_of(look))
 
 
 def process(

@@ -60,6 +60,8 @@ def warm(say: Callable[[str], None]) -> None:
     say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
     began = time.perf_counter()
     from perception.floor import choose
+    from perception.localisation.obstacles import ObstacleTracker
+    from perception.localisation.track import Detection
     from perception.points import Points
     from planning import guard
     from planning.commands import WalkCommand
@@ -72,6 +74,10 @@ def warm(say: Callable[[str], None]) -> None:
         choose.find(cloud, expected, rng, choose.FloorConfig(method=method))
     mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)
     robot = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
+    tracker = ObstacleTracker()
+    for number in range(4):
+        seen_again = Detection(np.array([1.0, 0.0]), np.eye(2) * 1e-4, 0.1)
+        tracker.update(0.3 * number, [seen_again], robot)
     guard.choose(
         WalkCommand(0.04),
         robot,

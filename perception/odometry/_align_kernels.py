@@ -44,7 +44,18 @@ def equations(
     motion = T.astype(np.float32)
     gate = np.float32(gate_m)
     for row in range(0, z.shape[0], stride):
-        project(z[row], x, np.float32(y[row]), motion, camera, near[0], near[1], near[2], near[3], near[4])
+        project(
+            z[row],
+            x,
+            np.float32(y[row]),
+            motion,
+            camera,
+            near[0],
+            near[1],
+            near[2],
+            near[3],
+            near[4],
+        )
         count = look_up(
             z[row], sigma[row], grey[min(row, grey.shape[0] - 1)], counts[row], near, target, camera,
             gate, light, grey.shape[0] > 1, rows, totals,

@@ -180,7 +180,12 @@ def highest_plateau(
     """
     top = total >= float(total.max()) * (1.0 - 1e-9) - 1e-12
     labels, count = ndimage.label(top, np.ones((3, 3)))
-    middles = ndimage.center_of_mass(top, labels, range(1, count + 1))
+    rows, columns = np.nonzero(top)
+    belongs = labels[rows, columns]
+    size = np.bincount(belongs, minlength=count + 1)[1:]
+    middles = np.column_stack(
+        [np.bincount(belongs, along, count + 1)[1:] / size for along in (rows, columns)]
+    )
     step, (pan_0, tilt_0) = math.radians(config.step_deg), (config.pans[0], config.tilts[0])
     found = [(pan_0 + row * step, tilt_0 + column * step) for row, column in middles]
     pan, tilt = min(

@@ -48,8 +48,8 @@ def surface_metrics(
     for what, points in (("map", mapped), ("true surface", true), ("seen part of it", wanted)):
         if len(points) == 0:
             raise InputError(f"surfaces: the {what} has no points")
-    off, nearest = cKDTree(true).query(mapped, workers=1)
-    back, _ = cKDTree(mapped).query(wanted, workers=1)
+    off, nearest = (np.asarray(found) for found in cKDTree(true).query(mapped, workers=1))
+    back = np.asarray(cKDTree(mapped).query(wanted, workers=1)[0])
     figures = {
         "accuracy_mm": 1e3 * float(np.median(off)),
         "accuracy_mean_mm": 1e3 * float(np.mean(off)),
@@ -62,7 +62,7 @@ def surface_metrics(
         figures[f"precision_{name}"] = precision
         figures[f"completeness_{name}"] = completeness
         figures[f"fscore_{name}"] = 2.0 * precision * completeness / both if both else 0.0
-    near = off <= DISTANCES_M[-1]
+    near = np.asarray(off <= DISTANCES_M[-1])
     if true_normals is not None and near.any():
         ahead = np.einsum(
             "ij,ij->i", mapped[near] - true[nearest[near]], true_normals[nearest[near]]
@@ -88,12 +88,12 @@ def read_surface(path: Path, seed: int = 0) -> Float[np.ndarray, "n 3"]:
     import open3d as o3d  # slow to import
 
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(str(path))
+        mesh = o3d.io.read_triangle_mesh(path)
         if len(mesh.triangles):
             o3d.utility.random.seed(seed)
             count = int(min(max(mesh.get_surface_area() / SAMPLE_M**2, 1_000.0), 3_000_000.0))
             return np.asarray(mesh.sample_points_uniformly(count).points, dtype=np.float64)
-        cloud = o3d.io.read_point_cloud(str(path))
+        cloud = o3d.io.read_point_cloud(path)
     if not len(cloud.points):
         raise InputError(f"{path}: holds neither triangles nor points that Open3D can read")
     return np.asarray(cloud.points, dtype=np.float64)

@@ -197,7 +197,7 @@ def trajectory_metrics(
                 estimate.quats_xyzw
             )
             apart = (Rotation.from_quat(reference.quats_xyzw).inv() * turned).magnitude()
-            figures["ate_aligned_deg"] = float(np.degrees(rms(apart)))
+            figures["ate_aligned_deg"] = float(np.degrees(rms(np.asarray(apart))))
     pairs = pairs_apart(estimate.stamps, 1.0)
     if len(pairs[0]):
         lengths, angles = relative_errors(estimate, reference, pairs)
