@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mapping import cuboid
@@ -58,6 +58,7 @@ def fitted(depth, floor, config=None):
 
 
 @settings(deadline=None, max_examples=6)
+@example(yaw=0.0, length=0.4375, width=0.25, height=0.5)  # edges along pixel columns
 @given(
     st.floats(-0.7, 0.7), st.floats(0.4, 0.7), st.floats(0.25, 0.38), st.floats(0.2, 0.5),
 )  # fmt: skip
@@ -68,8 +69,8 @@ def test_a_box_seen_from_above_has_its_size(yaw, length, width, height):
     assert found.top
     assert not found.cut
     assert found.height_m == pytest.approx(height, abs=0.003)
-    assert found.length_m == pytest.approx(length, abs=pixel)
-    assert found.width_m == pytest.approx(width, abs=pixel)
+    assert found.length_m == pytest.approx(length, abs=2 * pixel)  # one for each of two edges
+    assert found.width_m == pytest.approx(width, abs=2 * pixel)
 
 
 def test_edges_do_not_make_a_box_too_small():
