@@ -6,7 +6,7 @@ import dataclasses
 import tomllib
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError, InputError
@@ -14,6 +14,7 @@ from surefoot import config_file
 from surefoot.config import Config, MissionConfig, load
 
 
+@settings(deadline=None)
 @given(
     st.integers(0, 10**6),
     st.floats(1e-3, 1e3, allow_nan=False),
