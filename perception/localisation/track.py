@@ -47,7 +47,7 @@ class TrackConfig:
     speed_sigma_mps: float = 0.06  # seed 001: movers of 0.03 to 0.15 m/s; deviation per axis
     acceleration_mps2: float = 0.008  # ours: random acceleration per frame, nothing unusual
     view_memory_s: float = 5.0  # ours: the robot's error at this distance is a new one (1/e)
-    shape_share: float = 0.07  # ours: wander of a half-seen thing's centre, in radii
+    shape_per_m: float = 0.8  # ours: wander of a half-seen middle is this times radius squared, m
     moving_prior: float = 0.25  # seed 001: 4 of 16 obstacles move
     memory_s: float = 20.0  # ours: once seen moving, believed able to, for about this long
     start_probability: float = 0.001  # ours: per frame, that something standing starts
@@ -74,7 +74,7 @@ class TrackConfig:
             value = getattr(self, name)
             if not 0.0 < value < 1.0:
                 raise ConfigError(f"track: {name}={value} must lie between 0 and 1")
-        for name in ("shape_share", "travel_share"):
+        for name in ("shape_per_m", "travel_share"):
             if not getattr(self, name) >= 0.0:
                 raise ConfigError(f"track: {name}={getattr(self, name)} must not be negative")
 
@@ -322,9 +322,12 @@ class Track:
         return -2.0 * math.log(self.config.speed_sigma_mps) - at_rest_now
 
     def _look_from(self, robot: Gaussian) -> None:
-        """The viewpoint: the robot's pose, and the wander of a half-seen middle."""
+        """The viewpoint: the robot's pose, and the wander of a half-seen middle.
+
+        A small thing is seen whole, of furniture now this side and now that: the middle of the one stays.
+        """
         self._robot, self._view = _plain(robot.mean), _plain(robot.covariance)
-        self._wander_m2 = (self.config.shape_share * self.radius_m) ** 2
+        self._wander_m2 = (self.config.shape_per_m * self.radius_m**2) ** 2
 
     def _forget_derived(self) -> None:
         """What was derived from an older state is void."""

@@ -28,7 +28,7 @@ RADIUS_M = 0.1
 NOISE_M = 0.015
 POSE_SIGMA = np.array([0.01, 0.01, 0.4 * DEG])
 MEMORY_S = TrackConfig().view_memory_s
-WANDER_M = TrackConfig().shape_share * RADIUS_M
+WANDER_M = TrackConfig().shape_per_m * RADIUS_M**2
 SURE = Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]) ** 2)
 
 
@@ -247,7 +247,7 @@ def test_out_of_sight_a_mover_may_have_turned_and_its_covariance_says_so():
     place_nees = []
     for _ in range(150):
         tracker = ObstacleTracker(
-            TrackerConfig(largest_sigma_m=5.0, oldest_s=30.0, track=TrackConfig(shape_share=0.0))
+            TrackerConfig(largest_sigma_m=5.0, oldest_s=30.0, track=TrackConfig(shape_per_m=0.0))
         )
         heading = rng.uniform(0, 2 * math.pi)
         velocity = rng.uniform(0.03, 0.1) * np.array([math.cos(heading), math.sin(heading)])
@@ -352,7 +352,7 @@ def test_a_track_begins_as_uncertain_as_it_is():
     world = poses[:, :2] + np.stack(
         [c * places[:, 0] - s * places[:, 1], s * places[:, 0] + c * places[:, 1]], axis=-1
     )
-    told = Track(seen, robot, TrackConfig(shape_share=0.0)).state
+    told = Track(seen, robot, TrackConfig(shape_per_m=0.0)).state
     P = told.covariance[:2, :2]
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
     np.testing.assert_allclose(told.mean[:2], world.mean(axis=0), atol=3e-3)
@@ -445,7 +445,7 @@ def test_the_same_detections_give_the_same_bits():
         (TrackerConfig, {"hits_to_show": 0}, "hits_to_show=0 must be at least 1"),
         (TrackConfig, {"speed_sigma_mps": -1.0}, r"speed_sigma_mps=-1\.0 must be positive"),
         (TrackConfig, {"moving_prior": 1.0}, r"moving_prior=1\.0 must lie"),
-        (TrackConfig, {"shape_share": -0.1}, r"shape_share=-0\.1 must not be negative"),
+        (TrackConfig, {"shape_per_m": -0.1}, r"shape_per_m=-0\.1 must not be negative"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(kind, change, said):
