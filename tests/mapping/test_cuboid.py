@@ -65,7 +65,8 @@ def fitted(depth, floor, config=None):
 def test_a_box_seen_from_above_has_its_size(yaw, length, width, height):
     depth, floor = drawn(looking(1.1, 0.6), (1.5, 0.0), (length, width, height), yaw)
     found = fitted(depth, floor)
-    pixel = 1.6 / CAMERA.fx  # 6 mm across; along the floor, seen aslant, 1.6 / (1.1 - height) times that
+    # 6 mm across; along the floor, seen aslant, 1.6 / (1.1 - height) times that
+    pixel = 1.6 / CAMERA.fx
     assert found.top
     assert not found.cut
     assert found.height_m == pytest.approx(height, abs=0.003)
