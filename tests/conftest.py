@@ -7,10 +7,16 @@ import pkgutil
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 from jaxtyping import install_import_hook
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
+
+# The same draws each time, as everything random here; `--hypothesis-profile=search` looks for new ones.
+settings.register_profile("same", derandomize=True)
+settings.register_profile("search", derandomize=False)
+settings.load_profile("same")
 
 # Modules one by one: the check would wrap compiled functions before numba sees them.
 _modules = [

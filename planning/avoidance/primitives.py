@@ -151,11 +151,15 @@ def step(leg: Leg, robot: Pose2, gait: GaitConfig) -> WalkCommand:
     """
     if leg.primitive == "ST":
         return gait.command(0.0, 0.0, 0.0)
-    error = robot.inverse() @ leg.target
-    turn = wrap_angle(error.yaw)
+    here = leg.target.inverse() @ robot
+    turn = wrap_angle(-here.yaw)
     if leg.primitive in ("R", "T"):
         return gait.command(0.0, 0.0, HURRY * turn)
-    ahead, aside = error.x / gait.step_s, error.y / gait.step_s
+    # In the leg's own frame: to aim at its end instead would make of a little turn a long way off its line.
     if leg.primitive == "S":
-        return gait.command(CALM * ahead, aside, CALM * turn)
-    return gait.command(min(ahead, gait.cruise_mps), CALM * aside, CALM * turn)
+        fastest = gait.max_side_mps * gait.step_s
+        wish = (-CALM * here.x, min(max(-here.y, -fastest), fastest))
+    else:
+        wish = (min(-here.x, gait.cruise_mps * gait.step_s), -CALM * here.y)
+    ahead, aside = Pose2(0.0, 0.0, turn).apply(np.array(wish)) / gait.step_s
+    return gait.command(float(ahead), float(aside), CALM * turn)
