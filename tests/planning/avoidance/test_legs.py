@@ -52,7 +52,9 @@ def test_drift_off_the_line_of_a_slip_dies_out_although_the_pose_lags(off, turne
     poses = _walk([leg], Pose2(off, -1.2, turned), lag)
     late = poses[len(poses) // 2 :]
     assert max(abs(p.x) for p in late) < 0.008
-    assert max(abs(p.x) for p in poses) < abs(off) + 0.012  # a few steps askew before the pose tells of them
+    assert (
+        max(abs(p.x) for p in poses) < abs(off) + 0.012
+    )  # a few steps askew before the pose tells of them
 
 
 def test_a_cell_beside_the_line_closes_no_passage_and_one_on_it_does():
