@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -45,12 +46,23 @@ def nearest(solid: Sequence[Box], things: Sequence[tuple[str, Shape]]) -> Neares
     """
     best = Nearest(float("inf"), "nothing")
     for name, shape in things:
+        reach = _reach(shape)
         for box in solid:
-            if shape.bottom_m < box.top_m and box.bottom_m < shape.top_m:
+            apart = math.dist(box.centre[:2], shape.centre[:2]) - reach - _reach(box)
+            if apart < best.gap_m and shape.bottom_m < box.top_m and box.bottom_m < shape.top_m:
                 gap = _gap(box, shape)
                 if gap < best.gap_m:
                     best = Nearest(gap, name)
     return best
+
+
+def _reach(shape: Shape) -> float:
+    """Radius of a circle about the centre that holds the outline: what is apart by circles needs no more."""
+    if isinstance(shape, Cylinder):
+        return shape.radius
+    if isinstance(shape, Box):
+        return math.hypot(shape.size[0], shape.size[1]) / 2
+    return float(np.max(np.hypot(*(outline(shape) - np.array(shape.centre[:2])).T)))
 
 
 def _gap(box: Box, shape: Shape) -> float:

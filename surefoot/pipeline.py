@@ -152,6 +152,7 @@ class Pipeline:
                     self._detections(found, frame),
                     pose,
                     visibility(views),
+                    [_detection(cluster) for cluster in found if not cluster.whole],
                 )
         with watch.stage("map"):
             self._remember(frame, views, pose)

@@ -108,6 +108,7 @@ class ObstacleTracker:
         detections: Sequence[Detection],
         robot: Gaussian,
         visible: Visible | None = None,
+        partly: Sequence[Detection] = (),
     ) -> None:
         """Advance to this frame and learn from it.
 
@@ -116,6 +117,8 @@ class ObstacleTracker:
             detections: What was seen, body frame; those not finite or larger than `max_radius_m` are ignored.
             robot: Over (x, y, yaw), m and rad, world frame.
             visible: Which places are in view and unhidden; None: unseen tracks only grow vague.
+            partly: Things cut off by the edge of the view or half hidden, body frame: where one lies over a
+                track the thing is still there, although nobody sees where its middle is.
         """
         dt = 0.0 if self._stamp_s is None else max(stamp_s - self._stamp_s, 0.0)
         self._stamp_s = stamp_s
@@ -129,7 +132,10 @@ class ObstacleTracker:
             surprise = life.track.update(usable[choice])
             self.innovations.append(Innovation(life.number, surprise.whitened))
             life.seen_s, life.hits, life.misses = stamp_s, life.hits + 1, 0
-        self._miss(set(given), visible)
+        there = self._seen_in_part(set(given), partly, robot)
+        for index in there:
+            self._lives[index].hits += 1
+        self._miss(set(given) | there, visible)
         self._lives = [life for life in self._lives if self._lives_on(life, stamp_s)]
         taken = set(given.values())
         for choice, seen in enumerate(usable):
@@ -154,6 +160,24 @@ class ObstacleTracker:
         gate = -2.0 * math.log(self.config.new_per_m2)
         least = min(float(cost.min()), gate)
         return dict(sorted(match(cost - least, gate - least)))
+
+    def _seen_in_part(
+        self, seen: set[int], partly: Sequence[Detection], robot: Gaussian
+    ) -> set[int]:
+        """Tracks, not seen whole, that something seen in part lies over."""
+        if not partly:
+            return set()
+        centres = np.array([part.position for part in partly])
+        x, y, yaw = robot.mean.tolist()
+        ahead = np.array([math.cos(yaw), math.sin(yaw)])
+        places = np.array([x, y]) + centres[:, :1] * ahead + centres[:, 1:] * [-ahead[1], ahead[0]]
+        radii = np.array([part.radius_m for part in partly])
+        found = set()
+        for index, life in enumerate(self._lives):
+            gap = np.hypot(*(places - life.track.state.mean[:2]).T)
+            if index not in seen and (gap < radii + life.track.radius_m).any():
+                found.add(index)
+        return found
 
     def _miss(self, seen: set[int], visible: Visible | None) -> None:
         unseen = [i for i in range(len(self._lives)) if i not in seen]

@@ -291,9 +291,10 @@ class Attentive:
     def _newcomers(
         self, stamp_s: float, known: Known, obstacles: Sequence[Obstacle]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Whole things of this frame that have no track yet, from the camera; and how much each is due.
+        """Things of this frame that have no track yet, from the camera; and how much each is due.
 
-        Two sightings make no track, and one look is two frames: who looks away then loses it again.
+        Two sightings make no track, and one look is two frames: who looks away then loses it again. Of what is
+        cut off by the edge of the view only the near counts: far off it is mostly furniture.
         """
         config = self.config
         self._met = [(place, when) for place, when in self._met if stamp_s - when < MET_S]
@@ -301,7 +302,8 @@ class Attentive:
         places, due = [], []
         for cluster in known.clusters:
             away = float(np.hypot(*cluster.centre))
-            if not cluster.whole or cluster.radius_m > LARGEST_M or away > config.far_m:
+            far = config.far_m if cluster.whole else config.near_m
+            if cluster.radius_m > LARGEST_M or away > far:
                 continue
             place = _in_world(known.pose, cluster.centre)
             before = sum(np.hypot(*(place - met)) < config.new_apart_m for met, _ in self._met)

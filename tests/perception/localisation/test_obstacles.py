@@ -215,6 +215,25 @@ def test_what_should_be_in_view_and_is_not_dies_and_what_is_hidden_lives():
         assert len(tracker.obstacles) == alive
 
 
+def test_what_is_half_seen_where_a_track_is_keeps_it_and_what_is_half_seen_elsewhere_does_not():
+    def all_of_them(places: np.ndarray) -> np.ndarray:
+        return np.ones(len(places), dtype=bool)
+
+    robot = Gaussian(np.array([0.4, -0.3, 0.7]), SURE.covariance)
+    where = Pose2(0.4, -0.3, 0.7).inverse()
+    thing = np.array([1.0, 0.2])
+    for half, alive in ((thing + [0.05, 0.1], 1), (thing + [0.5, 0.0], 0)):
+        tracker = ObstacleTracker()
+        whole = seen_at(*where.apply(thing[None])[0])
+        part = seen_at(*where.apply(half[None])[0], radius_m=0.08)
+        tracker.update(0.0, [whole], robot, all_of_them)
+        for k in range(1, 6):  # whole once, then cut off, then whole: as a turning head shows it
+            tracker.update(0.3 * k, [], robot, all_of_them, [part])
+        tracker.update(1.8, [whole], robot, all_of_them)
+        assert len(tracker.obstacles) == alive
+        assert not alive or np.linalg.norm(tracker.obstacles[0].position - thing) < 0.02
+
+
 def test_a_single_glimpse_is_not_believed():
     tracker = ObstacleTracker()
     tracker.update(0.0, [seen_at(1.0, 0.0)], SURE)
