@@ -222,7 +222,7 @@ def test_what_is_half_seen_where_a_track_is_keeps_it_and_what_is_half_seen_elsew
     robot = Gaussian(np.array([0.4, -0.3, 0.7]), SURE.covariance)
     where = Pose2(0.4, -0.3, 0.7).inverse()
     thing = np.array([1.0, 0.2])
-    for half, alive in ((thing + [0.05, 0.1], 1), (thing + [0.5, 0.0], 0)):
+    for half, alive in ((np.array([1.05, 0.3]), 1), (np.array([1.5, 0.2]), 0)):
         tracker = ObstacleTracker()
         whole = seen_at(*where.apply(thing[None])[0])
         part = seen_at(*where.apply(half[None])[0], radius_m=0.08)
