@@ -9,8 +9,10 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import math
 import os
 import sys
+import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,28 +37,30 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 
 
 class Progress:
-    """One line on the terminal that rewrites itself; sparse lines where the output is a file."""
+    """One line on the terminal that rewrites itself; sparse lines where the output is a file.
 
-    def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
+    It goes to the error stream: what `--json` prints stays one object.
+    """
+
+    SPARSE_S = 10.0
+
+    def __init__(self) -> None:
         self._live = sys.stderr.isatty()
-        self._calls = 0
+        self._told_s = -math.inf
         self._width = 0
 
     def __call__(self, text: str) -> None:
         """Show where the work is."""
-        if self._quiet:
-            return
         if self._live:
             click.echo("\r" + text.ljust(self._width), err=True, nl=False)
             self._width = len(text)
-        elif self._calls % 25 == 0:
+        elif time.monotonic() - self._told_s >= self.SPARSE_S:
             click.echo(text, err=True)
-        self._calls += 1
+            self._told_s = time.monotonic()
 
     def done(self) -> None:
         """Leave the line behind."""
-        if self._live and self._width and not self._quiet:
+        if self._live and self._width:
             click.echo(err=True)
 
 
@@ -184,7 +188,7 @@ def simulate(
     if wander is not None:
         overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
     config = load(config_path, overrides, scene=scene, seed=seed)
-    with progress(as_json) as say:
+    with progress() as say:
         summary = run(config, out, record, say, watch)
     _close(summary, as_json)
 
@@ -239,7 +243,7 @@ def process(
     if len(recordings) > 1 or several or workers or scheduler:
         _process_all(recordings, out, config, workers, scheduler, as_json)
         return
-    with progress(as_json) as say:
+    with progress() as say:
         summary = run(one, description, config, out, say, resume)
     _close(summary, as_json)
 
@@ -259,7 +263,7 @@ def monocular(recording: Path, out: Path | None, as_json: bool) -> None:
 
     opened = open_recording(recording)
     folder = RunFolder.create(out, name=f"{opened.info.name}-monocular")
-    with progress(as_json) as say:
+    with progress() as say:
         figures = process_monocular(opened, folder.root, say)
     if as_json:
         click.echo(json.dumps(figures, indent=2))
@@ -307,7 +311,7 @@ def map_whole(
 
     config = load(config_path, overrides)
     surface = TsdfConfig() if voxel is None else TsdfConfig(voxel_m=voxel)
-    with progress(as_json) as say:
+    with progress() as say:
         mapped = map_recording(open_recording(recording, description), out, config, say, surface)
     click.echo(json.dumps(asdict(mapped), indent=2) if as_json else "\n".join(mapped.lines()))
 
@@ -380,7 +384,7 @@ def experiment(identity: str | None, seeds: int | None, as_json: bool) -> None:
             click.echo(f"{name:<14} {experiments.load(name).title}")
         return
     chosen = experiments.load(identity)
-    with progress(as_json) as say:
+    with progress() as say:
         outcome = chosen.run(seeds or chosen.seeds, say)
     result = experiments.judge(chosen, outcome)
     shown = (
@@ -480,7 +484,7 @@ def _process_all(
     from . import batch
 
     folder = out or Path("runs") / "batch"
-    with progress(as_json) as say:
+    with progress() as say:
         rows = batch.process_all(recordings, folder, config, say, workers, scheduler)
     if as_json:
         click.echo(json.dumps([asdict(row) for row in rows], indent=2))
@@ -491,9 +495,9 @@ def _process_all(
 
 
 @contextlib.contextmanager
-def progress(quiet: bool) -> Iterator[Progress]:
+def progress() -> Iterator[Progress]:
     """A progress line for the length of a block."""
-    say = Progress(quiet)
+    say = Progress()
     try:
         yield say
     finally:
