@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from surefoot.cli import BAD_INPUT, FAILED, main
+from surefoot.cli import main
+from surefoot.terminal import BAD_INPUT, FAILED, Progress
 
 VERBS = ("simulate", "process", "evaluate", "experiment", "bench", "view", "doctor", "completion")
 
@@ -142,3 +143,15 @@ def test_doctor_says_what_each_missing_piece_costs():
     findings = json.loads(shown)
     assert code == 0
     assert {"python", "open3d"} <= {finding["name"].split()[0].lower() for finding in findings}
+
+
+def test_progress_into_a_file_is_sparse_and_never_among_the_results(capsys, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr("surefoot.terminal.time.monotonic", lambda: clock[0])
+    say = Progress()
+    for k in range(1000):
+        clock[0] = 0.05 * k
+        say(f"{k} of 1000")
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert [line.split()[0] for line in told.err.splitlines()] == ["0", "200", "400", "600", "800"]
