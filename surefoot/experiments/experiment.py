@@ -129,6 +129,7 @@ def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "figures": figures,
         "targets": {name: [t.relation, t.bound] for name, t in experiment.targets.items()},
         "published": dict(experiment.published),
+        "table": list(outcome.table),
         "passed": all(
             target.met_by(figures.get(name, float("nan")))
             for name, target in experiment.targets.items()
