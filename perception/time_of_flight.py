@@ -40,6 +40,9 @@ class TofConfig:
     )
     stray_px: float = 25.0  # calibrated width of the scattering
     wrap_m: float = 4.997  # c / 2f at 30 MHz: ranges repeat
+    least_albedo: float = (
+        0.02  # ours: cosine included; what seems darker is far, its range one wrap short
+    )
     graze_deg: float = 3.0  # ours: a 0.4 m high camera sees the floor at 3 m under 7.6 deg
     off_sigmas: float = 3.0  # ours: a flying pixel is this far off both of its neighbours
 
@@ -55,7 +58,7 @@ class TofConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"tof: {name}={value} must be positive and finite")
-        for name in ("fixed_m", "least_amplitude", "wiggle_m", "stray_share"):
+        for name in ("fixed_m", "least_amplitude", "least_albedo", "wiggle_m", "stray_share"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"tof: {name}={value} must not be negative, and finite")
@@ -71,7 +74,8 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
         config: Noise of the sensor.
 
     Returns:
-        Depth; NaN where there is no range, the return is too weak, or the pixel is a flying one.
+        Depth; NaN where there is no range, the return is too weak (at all, or for a thing as near: a wall 6 m
+        away answers one wrap short, at 1 m, but as dimly as it is far), or the pixel is a flying one.
 
     Raises:
         InputError: An image does not fit its camera.
@@ -84,10 +88,12 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
                 f"time of flight: {name} image is {image.shape}, its camera says {expected} "
                 "(rows, columns); check the intrinsics"
             )
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):
         valid = (view.range_m > 0.0) & np.isfinite(view.range_m)
         if view.amplitude is not None:
             valid &= view.amplitude >= config.least_amplitude * config.white_amplitude
+            dark = config.least_albedo * config.white_amplitude * np.square(2.0 / view.range_m)
+            valid &= view.amplitude >= dark
     measured = np.where(valid, view.range_m, np.float32(np.nan))
     sigma = deviation(measured, view.amplitude, config)
     measured = np.where(flying(measured, sigma, view.camera, config), np.float32(np.nan), measured)
