@@ -192,6 +192,8 @@ def _run(client: Any, todo: list[tuple[Path, Path]], config: Config) -> Iterator
 def _client(workers: int, scheduler: str | None) -> Any:
     try:
         import dask
+
+        dask.config.set({"logging": {"distributed": "critical"}})  # read when it is imported
         from dask import distributed
     except ImportError as error:
         raise ConfigError(
