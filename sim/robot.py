@@ -55,6 +55,7 @@ class RobotConfig:
 
     body: str = "kinematic"
     tof: bool = True
+    tof_fails_at_s: float = 0.0  # ours, a fault to try: from then on it is silent; 0: never
     stereo: bool = True
     colour: bool = True
     image_pairs: bool = (
@@ -79,6 +80,10 @@ class RobotConfig:
     def __post_init__(self) -> None:
         if self.body not in BODIES:
             raise ConfigError(f"robot: body={self.body!r} is unknown; choose {', '.join(BODIES)}")
+        if not self.tof_fails_at_s >= 0.0:
+            raise ConfigError(
+                f"robot: tof_fails_at_s={self.tof_fails_at_s} must not be negative; 0 is never"
+            )
         if not self.baseline_m > 0.0:
             raise ConfigError(f"robot: baseline_m={self.baseline_m} must be positive")
 
@@ -200,7 +205,8 @@ class SimulatedRobot:
         return TrunkState(body.true_pose.yaw, body.velocity_body, body.tremble)
 
     def _range_view(self) -> RangeView | None:
-        if self._tof is None:
+        fails_s = self.config.tof_fails_at_s
+        if self._tof is None or 0.0 < fails_s <= self.world.stamp_s - self._began_s:
             return None
         mount = self.config.tof_mount_m
         range_m, amplitude = self._tof.measure(self.world.rays, self.camera_in_world(mount))

@@ -108,6 +108,11 @@ def noise(
     return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), dtype=np.float32)
 
 
+def _plain(image: Image, grain: float, rng: np.random.Generator) -> Image:
+    """One colour, nothing else: what stereo cannot match."""
+    return image
+
+
 def _plaster(image: Image, grain: float, rng: np.random.Generator) -> Image:
     mottled = noise(image.shape[:2], grain, rng, 0.25)
     return image + 9.0 * mottled[..., None] * np.array([1.0, 0.98, 0.9], np.float32)
@@ -245,6 +250,7 @@ def _stripes(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 
 KINDS: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {
+    "plain": _plain,
     "plaster": _plaster,
     "wall": _wall,
     "fabric": _fabric,

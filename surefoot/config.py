@@ -42,6 +42,7 @@ from planning.univector.fields import FieldConfig
 from sim.robot import RobotConfig
 
 from . import config_file
+from .depth_trust import DepthTrustConfig
 from .odometer import OdometerConfig
 from .whereabouts import PriorConfig
 
@@ -158,6 +159,7 @@ class Config:
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
     avoidance: AvoidanceConfig = field(default_factory=AvoidanceConfig)
     gaze: GazeConfig = field(default_factory=GazeConfig)
+    depth_trust: DepthTrustConfig = field(default_factory=DepthTrustConfig)
 
     def resolved(self, renderer: str) -> Config:
         """The same, with the renderer that was really used."""

@@ -18,6 +18,9 @@ from planning.commands import GazeCommand, WalkCommand
 from .config import PLANNERS, Config
 from .pipeline import Estimate, Pipeline
 
+BY_DEPTH = ("search", "field")
+"""Who is replaced by the walker by colour while depth cannot be trusted."""
+
 
 @dataclass(frozen=True)
 class Decision:
@@ -67,7 +70,14 @@ def make(config: Config, goals: Sequence[tuple[float, float]]) -> Planner:
         config: Of everything.
         goals: Where to walk, one after the other, map frame, m.
     """
-    module, name = PLANNERS[config.mission.planner].split(":")
-    return cast(
+    mission = config.mission
+    module, name = PLANNERS[mission.planner].split(":")
+    planner = cast(
         Planner, getattr(importlib.import_module(f".{module}", __package__), name)(config, goals)
     )
+    replaceable = mission.planner in BY_DEPTH and not mission.wander
+    if not (replaceable and config.depth_trust.fall_back and config.robot.colour):
+        return planner
+    from .fallback import Fallback  # it builds on what is defined here
+
+    return Fallback(planner, config, goals)
