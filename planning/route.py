@@ -142,12 +142,12 @@ class Route:
         ring = self._config.ring_m
         low = np.maximum(ring, origin - goal + ring)
         high = np.maximum(ring, goal - origin - size + ring)
-        left, below = np.ceil(low / cell_m).astype(int)
-        right, above = np.ceil(high / cell_m).astype(int)
+        left, below = np.ceil(low / cell_m).astype(int).tolist()
+        right, above = np.ceil(high / cell_m).astype(int).tolist()
         sides = ((below, above), (left, right))
         return (
-            np.pad(probability, sides, constant_values=1.0),
-            np.pad(unknown, sides, constant_values=True),
+            _framed(probability, sides),
+            _framed(unknown, sides),
             origin - np.array([left, below]) * cell_m,
         )
 
@@ -155,15 +155,15 @@ class Route:
         self, shape: tuple[int, ...], origin: np.ndarray, cell_m: float, here: np.ndarray
     ) -> np.ndarray:
         """What is added to the potential: loyalty off the old path, and the places that were stuck."""
-        rows, columns = np.indices(shape)
-        x, y = origin[0] + (columns + 0.5) * cell_m, origin[1] + (rows + 0.5) * cell_m
         penalty = np.zeros(shape)
         if self.path is not None:
             away = _distance_m(self._rest(here), shape, origin, cell_m) / self._config.corridor_m
-            penalty += self._config.loyalty * np.minimum(away, 1.0)
+            penalty = self._config.loyalty * np.minimum(away, 1.0)
+        y, x = (o + (np.arange(n) + 0.5) * cell_m for o, n in zip(origin[::-1], shape, strict=True))
         for block in self._blocks:
-            gap = np.hypot(x - block.place[0], y - block.place[1]) / self._config.block_radius_m
-            penalty = np.maximum(penalty, self._config.block_penalty * np.maximum(0.0, 1 - gap**2))
+            gap = np.hypot(x - block.place[0], y[:, None] - block.place[1])
+            near = np.maximum(0.0, 1 - (gap / self._config.block_radius_m) ** 2)
+            penalty = np.maximum(penalty, self._config.block_penalty * near)
         return penalty
 
     def _rest(self, here: np.ndarray) -> np.ndarray:
@@ -185,6 +185,15 @@ class Route:
             if float(np.hypot(*(point - here))) > self._config.passed_m:
                 return np.asarray(point)
         return np.asarray(self.path.waypoints[-1])
+
+
+def _framed(values: np.ndarray, sides: tuple[tuple[int, int], tuple[int, int]]) -> np.ndarray:
+    """A map with so many rows of ones below and above, and columns to the left and right."""
+    (below, above), (left, right) = sides
+    rows, columns = values.shape
+    wide = np.ones((below + rows + above, left + columns + right), values.dtype)
+    wide[below : below + rows, left : left + columns] = values
+    return wide
 
 
 def _length(points: np.ndarray) -> float:

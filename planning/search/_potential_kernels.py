@@ -12,33 +12,50 @@ def spread(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Greatest weighted probability round every cell, and whether a solid cell lies near it.
 
+    The four quarters round a cell weigh the same: the greater of two rows is taken first, then that of two
+    columns, and only then is it weighted. Rows lie end to end with empty cells between, so that a shift is
+    one of the index, and every loop runs over the whole map.
+
     Args:
         probability: (rows, columns) float64; cells outside count as 0.
         solid: Same shape, bool.
-        weights: (2 reach + 1, 2 reach + 1), pull of the cell at (down, right) from the middle.
+        weights: (reach + 1, reach + 1), pull of the cell at (down, right) from the middle.
         near: Same shape, bool: a solid cell there blocks.
     """
     rows, columns = probability.shape
-    reach = weights.shape[0] // 2
-    padded = np.zeros((rows + 2 * reach, columns + 2 * reach))
-    hard = np.zeros((rows + 2 * reach, columns + 2 * reach), np.bool_)
-    padded[reach : reach + rows, reach : reach + columns] = probability
-    hard[reach : reach + rows, reach : reach + columns] = solid
-    potential = np.zeros((rows, columns))
-    blocked = np.zeros((rows, columns), np.bool_)
-    for down in range(weights.shape[0]):
-        for right in range(weights.shape[1]):
-            weight = weights[down, right]
+    reach = weights.shape[0] - 1
+    wide = columns + reach
+    count = rows * wide
+    values = end_to_end(probability, reach)
+    solids = end_to_end(solid, reach)
+    potential, blocked = np.zeros(count), np.zeros(count, np.bool_)
+    greater, either = np.empty(count + 2 * reach), np.empty(count + 2 * reach, np.bool_)
+    for down in range(reach + 1):
+        above, below = (reach - down) * wide, (reach + down) * wide
+        a, b = values[above : above + len(greater)], values[below : below + len(greater)]
+        for i in range(len(greater)):
+            greater[i] = max(a[i], b[i])
+        c, d = solids[above : above + len(greater)], solids[below : below + len(greater)]
+        for i in range(len(either)):
+            either[i] = c[i] | d[i]
+        for right in range(reach + 1):
+            west, east, weight = reach - right, reach + right, weights[down, right]
             if weight > 0.0:
-                for row in range(rows):
-                    target = potential[row]
-                    source = padded[row + down, right : right + columns]
-                    for column in range(columns):
-                        target[column] = max(target[column], weight * source[column])
+                a, b = greater[west : west + count], greater[east : east + count]
+                for i in range(count):
+                    potential[i] = max(potential[i], weight * max(a[i], b[i]))
             if near[down, right]:
-                for row in range(rows):
-                    flags = blocked[row]
-                    marks = hard[row + down, right : right + columns]
-                    for column in range(columns):
-                        flags[column] |= marks[column]
-    return potential, blocked
+                c, d = either[west : west + count], either[east : east + count]
+                for i in range(count):
+                    blocked[i] |= c[i] | d[i]
+    shape = rows, wide
+    return potential.reshape(shape)[:, :columns].copy(), blocked.reshape(shape)[:, :columns].copy()
+
+
+@njit(cache=True)
+def end_to_end(cells: np.ndarray, reach: int) -> np.ndarray:
+    """All rows in one, `reach` empty cells before each, so many empty rows before, and two more after."""
+    rows, columns = cells.shape
+    wide = np.zeros((rows + 2 * reach + 2, columns + reach), cells.dtype)
+    wide[reach : reach + rows, reach:] = cells
+    return wide.reshape(-1)

@@ -66,6 +66,24 @@ def polyline_cost(price: np.ndarray, blocked: np.ndarray, points: np.ndarray) ->
 
 
 @njit(cache=True)
+def begun_at(
+    path: np.ndarray, given: np.ndarray, price: np.ndarray, blocked: np.ndarray
+) -> np.ndarray:
+    """The path from the given point on, if that lies in the cell of the first, which it then replaces.
+
+    Where the straight way to the second point is blocked the first one stays between them.
+    """
+    if not (abs(given[0] - path[0, 0]) < 0.5 and abs(given[1] - path[0, 1]) < 0.5):
+        return path
+    direct = len(path) > 1 and segment_cost(price, blocked, given, path[1]) < np.inf
+    rest = path[1:] if direct else path
+    moved = np.empty((1 + len(rest), 2))
+    moved[0] = given
+    moved[1:] = rest
+    return moved
+
+
+@njit(cache=True)
 def shortcut(path: np.ndarray, price: np.ndarray, blocked: np.ndarray, slack: float) -> np.ndarray:
     """Which points of a path are left after replacing stretches by straight segments; (n,) bool.
 

@@ -11,9 +11,7 @@ Source: seed 003, section 3 (evaluation function, equation lost) and ambiguities
 
 from __future__ import annotations
 
-import itertools
 import math
-from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -21,74 +19,18 @@ from jaxtyping import Bool, Float, Int
 from perception.primitives.errors import InputError
 
 from . import _lattice_kernels as kernels
+from .path import Path as Path
+from .path import Terrain as Terrain
+from .path import clearance
+from .path import lattice_cost as lattice_cost
 from .potential import SearchConfig, terrain
-from .shortcuts import polyline_cost, rounded, segment_cost, shortcut
+from .shortcuts import begun_at, shortcut
 
 BUCKET = 0.25
 """Width of a bucket of the queue, in cells: narrow enough that nodes seldom reopen."""
 
 MOST_PRICES = 1e6
 """Greatest price over width of a bucket: where prices leap, buckets widen, lest there be too many."""
-
-
-@dataclass(frozen=True)
-class Path:
-    """A way over the map.
-
-    Args:
-        waypoints: (x, y), world frame, m, shortcut; the first is the start itself (or the nearest free
-            node), the last the goal, or where the way leaves the map.
-        curve: (x, y), world frame, m: the way points with their corners rounded for the gait.
-        corners: How many corners the curve still has, for the robot to turn on the spot.
-        cells: [row, column] of the lattice path before shortcuts.
-        cost_m: E of the lattice path: length plus alpha times the integrated potential.
-        smoothed_cost_m: The same of the way points.
-        length_m: Of the way points.
-        clearance_m: Least distance from the way points' segments to the centre of a solid cell;
-            infinite where there is none.
-        remaining_m: Straight distance from the last way point to the goal.
-    """
-
-    waypoints: Float[np.ndarray, "m 2"]
-    curve: Float[np.ndarray, "r 2"]
-    corners: int
-    cells: Int[np.ndarray, "n 2"]
-    cost_m: float
-    smoothed_cost_m: float
-    length_m: float
-    clearance_m: float
-    remaining_m: float
-
-
-@dataclass(frozen=True)
-class Terrain:
-    """A map made ready for the search; world coordinates at its edge, cells inside.
-
-    Args:
-        price: 1 + alpha U, cost of a cell of way.
-        blocked: Cells that the body's middle must not enter.
-        solid: Centres of the solid cells, (x, y) in cells.
-        origin: Lower left corner of cell [0, 0], world frame, m.
-        cell_m: Side of a cell.
-    """
-
-    price: Float[np.ndarray, "rows columns"]
-    blocked: Bool[np.ndarray, "rows columns"]
-    solid: Float[np.ndarray, "k 2"] = field(repr=False)
-    origin: Float[np.ndarray, "2"]
-    cell_m: float
-
-    def to_cells(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """(x, y) in cells, centres at integers, of places in the world, m."""
-        return np.asarray((xy - self.origin) / self.cell_m - 0.5)
-
-    def to_world(self, cells: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """Places in the world, m, of (x, y) in cells."""
-        return np.asarray((cells + 0.5) * self.cell_m + self.origin)
-
-    def cost_m(self, points: Float[np.ndarray, "n 2"]) -> float:
-        """Length plus weighted potential along a polyline in the world; infinite where it is blocked."""
-        return polyline_cost(self.to_cells(points), self.price, self.blocked) * self.cell_m
 
 
 def prepare(
@@ -111,16 +53,30 @@ def prepare(
         config: Margins and weights.
         penalty: Added to the potential, not negative; None for nothing.
     """
-    rows, columns = np.indices(probability.shape)
-    x, y = (start_xy - origin) / cell_m - 0.5
-    near = np.hypot(columns - x, rows - y) * cell_m <= config.start_radius_m
-    seen = np.where(unknown & near, 0.0, probability)
-    hidden = unknown & ~near
+    seen, hidden = probability.copy(), unknown.copy()
+    round_start, near = _disc(probability.shape, (start_xy - origin) / cell_m - 0.5, cell_m, config)
+    near &= hidden[round_start]
+    seen[round_start][near] = 0.0
+    hidden[round_start][near] = False
     strength, blocked = terrain(seen, hidden, cell_m, config)
     if penalty is not None:
         strength = strength + penalty
-    solid = np.argwhere(~hidden & (seen >= config.p_solid))[:, ::-1].astype(np.float64)
-    return Terrain(1.0 + config.alpha * strength, blocked, solid, origin.astype(np.float64), cell_m)
+    hard = ~hidden & (seen >= config.p_solid)
+    return Terrain(1.0 + config.alpha * strength, blocked, hard, origin.astype(np.float64), cell_m)
+
+
+def _disc(
+    shape: tuple[int, ...], middle: np.ndarray, cell_m: float, config: SearchConfig
+) -> tuple[tuple[slice, slice], np.ndarray]:
+    """A part of the map that holds the disc round the start, and which of its cells are in the disc."""
+    reach = math.ceil(config.start_radius_m / cell_m) + 1
+    (left, low), (right, high) = (
+        np.clip(np.floor(middle).astype(int) + side, 0, shape[::-1]) for side in (-reach, reach + 1)
+    )
+    across = np.arange(left, right) - middle[0]
+    along = np.arange(low, high) - middle[1]
+    near = np.hypot(across, along[:, None]) * cell_m <= config.start_radius_m
+    return (slice(low, high), slice(left, right)), near
 
 
 def find_path(
@@ -261,13 +217,6 @@ def _run(
     return None if found < 0 else np.asarray(kernels.trace(state, wide, first, found))
 
 
-def lattice_cost(cells: Int[np.ndarray, "n 2"], price: Float[np.ndarray, "rows columns"]) -> float:
-    """E of a lattice path in cells: the sum over edges of their length times the mean price of the ends."""
-    prices = price[cells[:, 0], cells[:, 1]]
-    lengths = np.hypot(*np.diff(cells, axis=0).T)
-    return float(np.sum(lengths * (prices[1:] + prices[:-1]) / 2))
-
-
 def _path(
     ground: Terrain,
     cells: np.ndarray,
@@ -275,51 +224,15 @@ def _path(
     goal_xy: np.ndarray,
     config: SearchConfig,
 ) -> Path:
-    """Way points in the world; the ends are the given ones where their own cells are free."""
+    """The path of these cells; its ends are the given places where their own cells are free."""
+    price, blocked = ground.price, ground.blocked
     line = cells[:, ::-1].astype(np.float64)
-    line = _end_at(ground, line, ground.to_cells(start_xy))
-    line = _end_at(ground, line[::-1], ground.to_cells(goal_xy))[::-1]
+    line = begun_at(line, ground.to_cells(start_xy), price, blocked)
+    line = begun_at(line[::-1], ground.to_cells(goal_xy), price, blocked)[::-1]
     if len(line) == 1:
         line = np.vstack([line, line])
-    kept = shortcut(line, ground.price, ground.blocked)
-    cost, smoothed = (polyline_cost(way, ground.price, ground.blocked) for way in (line, kept))
-    radius = config.turn_radius_m / ground.cell_m
-    curve = rounded(kept, radius, ground.price, ground.blocked, cost - smoothed)
-    waypoints = ground.to_world(kept)
-    return Path(
-        waypoints,
-        ground.to_world(curve.points),
-        curve.corners,
-        cells,
-        lattice_cost(cells, ground.price) * ground.cell_m,
-        smoothed * ground.cell_m,
-        float(np.hypot(*np.diff(waypoints, axis=0).T).sum()),
-        _clearance(kept, ground.solid) * ground.cell_m,
-        float(np.hypot(*(goal_xy - waypoints[-1]))),
-    )
-
-
-def _end_at(ground: Terrain, line: np.ndarray, given: np.ndarray) -> np.ndarray:
-    """The line with its first point moved within its cell to the given one, if that lies in it."""
-    if not np.all(np.abs(given - line[0]) < 0.5):
-        return line
-    direct = len(line) > 1 and math.isfinite(
-        segment_cost(given, line[1], ground.price, ground.blocked)
-    )
-    return np.vstack([given, line[1:] if direct else line])
-
-
-def _clearance(points: np.ndarray, solid: np.ndarray) -> float:
-    """Least distance from a polyline to points, same unit."""
-    if not len(solid):
-        return math.inf
-    least = math.inf
-    for begin, end in itertools.pairwise(points):
-        way = end - begin
-        share = (solid - begin) @ way / max(float(way @ way), 1e-12)
-        foot = begin + np.clip(share, 0.0, 1.0)[:, None] * way
-        least = min(least, float(np.hypot(*(solid - foot).T).min()))
-    return least
+    kept = shortcut(line, price, blocked)
+    return Path(ground, cells, line, kept, goal_xy, config.turn_radius_m)
 
 
 def _nearest_free(ground: Terrain, xy: np.ndarray) -> tuple[int, int] | None:
@@ -336,7 +249,7 @@ def _nearest_free(ground: Terrain, xy: np.ndarray) -> tuple[int, int] | None:
     order = np.argsort(np.hypot(*(free[:, ::-1] - here).T), kind="stable")
     for index in order[:200]:  # farther ones are no better than the nearest
         line = np.array([here, free[index, ::-1]], np.float64)
-        if _clearance(line, ground.solid) > 0.5:
+        if clearance(line, ground.solid) > 0.5:
             return int(free[index, 0]), int(free[index, 1])
     return int(free[order[0], 0]), int(free[order[0], 1])
 

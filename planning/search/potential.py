@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -122,24 +123,32 @@ def terrain(
         )
     if not (math.isfinite(cell_m) and cell_m > 0.0):
         raise InputError(f"search: cell_m={cell_m} must be a positive length in m")
-    known = probability[~unknown]
-    if known.size and not (known.min() >= 0.0 and known.max() <= 1.0):
-        raise InputError(
-            f"search: probabilities from {known.min()} to {known.max()}, expected [0, 1] without NaN"
-        )
     filled = np.where(unknown, config.p_unknown, probability)
+    least, most = filled.min(), filled.max()
+    if not (least >= 0.0 and most <= 1.0):
+        raise InputError(
+            f"search: probabilities from {least} to {most}, expected [0, 1] without NaN"
+        )
     return _spread(filled, ~unknown & (filled >= config.p_solid), cell_m, config)
 
 
 def _spread(
     probability: np.ndarray, solid: np.ndarray, cell_m: float, config: SearchConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    reach = math.ceil(max(config.margin_m, config.body_radius_m) / cell_m)
-    along = np.arange(-reach, reach + 1) * cell_m
-    distance = np.hypot(along[:, None], along)
     return kernels.spread(
         np.ascontiguousarray(probability, np.float64),
         np.ascontiguousarray(solid),
-        pull(distance, cell_m, config),
-        distance <= config.body_radius_m * (1.0 + 1e-9),  # exactly at r_b counts, whatever rounding
+        *_quarter(cell_m, config),
     )
+
+
+@cache
+def _quarter(cell_m: float, config: SearchConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Pull of a cell (down, right) of the middle, and whether it blocks it; the other quarters are the same."""
+    reach = math.ceil(max(config.margin_m, config.body_radius_m) / cell_m)
+    along = np.arange(reach + 1) * cell_m
+    distance = np.hypot(along[:, None], along)
+    near = distance <= config.body_radius_m * (
+        1.0 + 1e-9
+    )  # exactly at r_b counts, whatever rounding
+    return pull(distance, cell_m, config), near

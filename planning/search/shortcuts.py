@@ -46,6 +46,21 @@ def shortcut(
     return path[kernels.shortcut(np.ascontiguousarray(path), price, blocked, SLACK)]
 
 
+def begun_at(
+    path: Float[np.ndarray, "n 2"],
+    given: Float[np.ndarray, "2"],
+    price: Float[np.ndarray, "rows columns"],
+    blocked: Bool[np.ndarray, "rows columns"],
+) -> Float[np.ndarray, "m 2"]:
+    """The path with its first point moved to the given one, if that lies in its cell.
+
+    Where the straight way from there to the second point is blocked the first one stays between them.
+
+    Args: as for `shortcut`.
+    """
+    return np.asarray(kernels.begun_at(np.ascontiguousarray(path), given, price, blocked))
+
+
 def segment_cost(
     begin: Float[np.ndarray, "2"],
     end: Float[np.ndarray, "2"],
