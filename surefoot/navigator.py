@@ -8,11 +8,12 @@ where the robot will step.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Protocol, runtime_checkable
 
+import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Float32
-from scipy import ndimage
+from jaxtyping import Bool, Float, Float32, UInt8
 
 from mapping.confidence import ConfidenceLayer
 from mapping.egocentric_grid import EgocentricGrid
@@ -194,8 +195,9 @@ def _as_ground(
     """
     probability, known, moving = grid.probability, grid.known, grid.moving
     occupied = known & (probability >= OCCUPIED)
-    cells = round(DEPTH_M / grid.cell_m)
-    behind = ~known & ndimage.binary_dilation(occupied & ~moving, iterations=cells)
+    standing = (occupied & ~moving).view(np.uint8)
+    near = cv2.dilate(standing, _diamond(round(DEPTH_M / grid.cell_m))).view(np.bool_)
+    behind = ~known & near
     probability = np.where(known & moving, np.minimum(probability, MOVER_COST), probability)
     probability = np.where(behind, HIDDEN, probability).astype(np.float32)
     return probability, ~known & ~behind, occupied | behind
@@ -210,9 +212,15 @@ def _not_movers(
     cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
 ) -> Float[np.ndarray, "m 2"]:
     """Occupied cells that no moving track accounts for; those that one does the guard rolls out."""
-    free = np.ones(len(cells), dtype=bool)
-    for obstacle in obstacles:
-        if obstacle.moving >= MOVER:
-            gap = np.linalg.norm(cells - obstacle.position, axis=1)
-            free &= gap > obstacle.radius_m + CELL_M
-    return cells[free]
+    movers = [o for o in obstacles if o.moving >= MOVER]
+    places = np.array([o.position for o in movers]).reshape(-1, 2)
+    reach = np.array([o.radius_m for o in movers]) + CELL_M
+    gaps = np.linalg.norm(cells[:, None] - places, axis=2)
+    return cells[(gaps > reach).all(axis=1)]
+
+
+@cache
+def _diamond(cells: int) -> UInt8[np.ndarray, "side side"]:
+    """Places that so many steps up, down, left and right lead to."""
+    along = np.abs(np.arange(-cells, cells + 1))
+    return (along[:, None] + along <= cells).astype(np.uint8)
