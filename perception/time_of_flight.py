@@ -1,4 +1,4 @@
-"""Time of flight: range along the ray to depth, with a noise model and without flying pixels.
+"""Time of flight: range along the ray to depth, with a noise model, without flying pixels and false near things.
 
 A pixel at the rim of a thing receives light from before and behind it and reports a range in between,
 where there is nothing. Such a pixel lies between two opposite neighbours that are far apart, and off both.
@@ -10,7 +10,7 @@ Source: seed 004, section 4 (SR-4000: 4 mm at 1.3 m); the amplitude law and the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float32
 from .primitives.camera import Camera
 from .primitives.errors import ConfigError, InputError
 from .primitives.frame import Depth, RangeView
+from .range_wrap import WrapConfig, wrapped
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,7 @@ class TofConfig:
     )
     stray_px: float = 25.0  # calibrated width of the scattering
     wrap_m: float = 4.997  # c / 2f at 30 MHz: ranges repeat
-    least_albedo: float = (
-        0.02  # ours: cosine included; what seems darker is far, its range one wrap short
-    )
+    wrap: WrapConfig = field(default_factory=WrapConfig)
     graze_deg: float = 3.0  # ours: a 0.4 m high camera sees the floor at 3 m under 7.6 deg
     off_sigmas: float = 3.0  # ours: a flying pixel is this far off both of its neighbours
 
@@ -58,7 +57,7 @@ class TofConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"tof: {name}={value} must be positive and finite")
-        for name in ("fixed_m", "least_amplitude", "least_albedo", "wiggle_m", "stray_share"):
+        for name in ("fixed_m", "least_amplitude", "wiggle_m", "stray_share"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"tof: {name}={value} must not be negative, and finite")
@@ -74,8 +73,8 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
         config: Noise of the sensor.
 
     Returns:
-        Depth; NaN where there is no range, the return is too weak (at all, or for a thing as near: a wall 6 m
-        away answers one wrap short, at 1 m, but as dimly as it is far), or the pixel is a flying one.
+        Depth; NaN where there is no range, the return is too weak, the range is one wrap short, or the pixel
+        is a flying one.
 
     Raises:
         InputError: An image does not fit its camera.
@@ -88,13 +87,15 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
                 f"time of flight: {name} image is {image.shape}, its camera says {expected} "
                 "(rows, columns); check the intrinsics"
             )
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore"):
         valid = (view.range_m > 0.0) & np.isfinite(view.range_m)
         if view.amplitude is not None:
             valid &= view.amplitude >= config.least_amplitude * config.white_amplitude
-            dark = config.least_albedo * config.white_amplitude * np.square(2.0 / view.range_m)
-            valid &= view.amplitude >= dark
     measured = np.where(valid, view.range_m, np.float32(np.nan))
+    if view.amplitude is not None:
+        relative = view.amplitude / np.float32(config.white_amplitude)
+        far = wrapped(measured, relative, config.wrap_m, config.wrap)
+        measured = np.where(far, np.float32(np.nan), measured)
     sigma = deviation(measured, view.amplitude, config)
     measured = np.where(flying(measured, sigma, view.camera, config), np.float32(np.nan), measured)
     if config.wiggle_m > 0.0:

@@ -306,3 +306,62 @@ def brighten(light: np.ndarray, totals: np.ndarray) -> None:
     light[1] += light[0] * totals[PHOTOMETRIC_MEAN] / count
     deviation = 1.2533 * light[0] * totals[PHOTOMETRIC] / count
     light[0] = min(max(deviation, 2.0), 40.0)
+
+
+@njit(cache=True)
+def bends(
+    z: np.ndarray,
+    sigma: np.ndarray,
+    x: np.ndarray,
+    y: np.ndarray,
+    target: np.ndarray,
+    intrinsics: np.ndarray,
+    T: np.ndarray,
+    gate_m: float,
+    side_px: float,
+    pulls: np.ndarray,
+) -> float:
+    """How every patch of the source would pull at the motion if its depth were a whole too large.
+
+    Rows of `pulls` are patches, row by row: the sum of J' w (change of the residual by a relative change of
+    depth). Returns how far pixels have moved between the images, root mean square, px.
+    """
+    pulls[:] = 0.0
+    height, width = target.shape[:2]
+    fx, fy, cx, cy = intrinsics
+    columns = int(np.ceil(z.shape[1] / side_px))
+    moved, count = 0.0, 0
+    for row in range(z.shape[0]):
+        for column in range(z.shape[1]):
+            depth = z[row, column]
+            if not depth > 0.0:
+                continue
+            px, py = x[column] * depth, y[row] * depth
+            qx = T[0, 0] * px + T[0, 1] * py + T[0, 2] * depth + T[0, 3]
+            qy = T[1, 0] * px + T[1, 1] * py + T[1, 2] * depth + T[1, 3]
+            qz = T[2, 0] * px + T[2, 1] * py + T[2, 2] * depth + T[2, 3]
+            if qz < 0.05:
+                continue
+            u, v = fx * qx / qz + cx, fy * qy / qz + cy
+            if u < -0.5 or v < -0.5 or u >= width - 0.5 or v >= height - 0.5:
+                continue
+            cell = target[int(v + 0.5), int(u + 0.5)]
+            seen, noise = cell[4], sigma[row, column]
+            if not seen > 0.0 or cell[3] < STEEPEST * seen:
+                continue
+            nx, ny, nz = cell[0], cell[1], cell[2]
+            residual = nx * qx + ny * qy + nz * qz - cell[3]
+            if abs(residual) > gate_m + 3.0 * noise or abs(seen - qz) > 3.0 * gate_m + 6.0 * noise:
+                continue
+            weight = min(1.0, HUBER * noise / max(abs(residual), 1e-9)) / (noise * noise)
+            weight *= nx * (qx - T[0, 3]) + ny * (qy - T[1, 3]) + nz * (qz - T[2, 3])
+            patch = pulls[int(row / side_px) * columns + int(column / side_px)]
+            patch[0] += weight * nx
+            patch[1] += weight * ny
+            patch[2] += weight * nz
+            patch[3] += weight * (qy * nz - qz * ny)
+            patch[4] += weight * (qz * nx - qx * nz)
+            patch[5] += weight * (qx * ny - qy * nx)
+            moved += (u - column) ** 2 + (v - row) ** 2
+            count += 1
+    return np.sqrt(moved / max(count, 1))

@@ -39,6 +39,8 @@ class AlignConfig:
     kept: int = 3  # ours: starts that go on from the coarsest size to the next
     common_px: float = 15.0  # ours: pixels that err alike; NEES of 6 on ray-cast depth with noise
     warp: float = 0.01  # ours: lens, depth scale and shutter bend the view by so much of the motion
+    bend: float = 0.01  # Smisek 2011, Teichman 2013: depth is off by 1 cm in 1 m .. over parts of the image
+    bend_share: float = 0.25  # likewise: such parts are about a quarter of the image wide
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -52,7 +54,7 @@ class AlignConfig:
                 f"odometry: finest_gate_m={self.finest_gate_m} must be positive and at most "
                 f"coarsest_gate_m={self.coarsest_gate_m}"
             )
-        for name in ("grey_sigma", "settled", "common_px", "warp"):
+        for name in ("grey_sigma", "settled", "common_px", "warp", "bend_share"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"odometry: {name}={getattr(self, name)} must be positive")
 
@@ -146,7 +148,8 @@ def judged(
     information = np.zeros((6, 6))
     information[np.triu_indices(6)] = totals[:21]
     information += np.triu(information, 1).T
-    covariance = _covariance(information, T, max(error, 1.0) ** 2 * config.common_px)
+    alike = max(error, 1.0) ** 2 * config.common_px * information
+    covariance = _covariance(information, T, alike + _bent(target.levels[0], source.levels[0], T, config))
     if covariance is None:
         return None
     turned = math.acos(min(1.0, max(-1.0, (float(np.trace(T[:3, :3])) - 1.0) / 2.0)))
@@ -201,18 +204,41 @@ def _overlap(totals: np.ndarray) -> float:
     return Aligned(Pose3(), np.zeros((6, 6)), fitting, visible, contradicting, 0.0).overlap
 
 
+def _bent(
+    to: Level, of: Level, T: Float[np.ndarray, "4 4"], config: AlignConfig
+) -> Float[np.ndarray, "6 6"]:
+    """What depth that is bent over large parts of the image adds to the scatter of the gradient.
+
+    The bend stays with the pixels: of two images from the same place both are bent alike, and nothing comes
+    of it; what is seen by other pixels than before is bent otherwise.
+    """
+    side = config.bend_share * of.camera.width
+    patches = math.ceil(of.camera.width / side) * math.ceil(of.camera.height / side)
+    pulls = np.empty((patches, 6))
+    moved = kernels.bends(
+        of.z, of.sigma, *of.slopes, to.packed, to.intrinsics, T, config.finest_gate_m, side, pulls
+    )  # fmt: skip
+    unlike = 1.0 - math.exp(-0.5 * (moved / side) ** 2)
+    return np.asarray(2.0 * unlike * config.bend**2 * pulls.T @ pulls)
+
+
 def _covariance(
-    information: np.ndarray, T: np.ndarray, inflation: float
+    information: np.ndarray, T: np.ndarray, scatter: np.ndarray
 ) -> Float[np.ndarray, "6 6"] | None:
-    """Of (position, rotation vector) in the target's axes; the information is of a turn about its origin."""
+    """Of (position, rotation vector) in the target's axes; the information is of a turn about its origin.
+
+    Where errors of pixels are not independent, the scatter of the gradient is more than the information:
+    the covariance is that of Huber's sandwich.
+    """
     try:
-        covariance = np.linalg.inv(information)
+        inverse = np.linalg.inv(information)
     except np.linalg.LinAlgError:
         return None
+    covariance = inverse @ scatter @ inverse
     if not np.all(np.diag(covariance) > 0.0):
         return None
     x, y, z = T[:3, 3]
     moved = np.eye(6)
     moved[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    covariance = inflation * moved @ covariance @ moved.T
+    covariance = moved @ covariance @ moved.T
     return np.asarray((covariance + covariance.T) / 2.0)

@@ -69,19 +69,6 @@ def test_weak_returns_and_bad_ranges_are_no_depth():
     assert np.array_equal(np.isfinite(seen.z), np.isfinite(seen.sigma))
 
 
-@pytest.mark.parametrize("true_m", [5.2, 5.5, 5.9])
-def test_a_wall_beyond_the_wrap_is_no_thing_at_arms_length_but_a_dark_thing_there_is(true_m):
-    reported = true_m - TofConfig().wrap_m
-
-    def answer(range_m, albedo):
-        return np.full((144, 176), albedo * (2.0 / range_m) ** 2, dtype=np.float32)
-
-    far = RangeView(np.full((144, 176), reported, np.float32), answer(true_m, 0.8), SR4000)
-    near = RangeView(np.full((144, 176), reported, np.float32), answer(reported, 0.05), SR4000)
-    assert np.isnan(depth(far).z).all()
-    assert np.isfinite(depth(near).z).all()
-
-
 def test_pixels_that_fly_between_a_box_and_the_wall_are_thrown_away_and_no_others():
     rng = np.random.default_rng(0)
     z = np.full((144, 176), 2.2)
