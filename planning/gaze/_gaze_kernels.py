@@ -1,4 +1,4 @@
-"""Compiled inner loop of the gaze map: how many points each direction of the head would show."""
+"""Compiled inner loops of the gaze map: what each direction would show, what is near, where it is highest."""
 
 from __future__ import annotations
 
@@ -43,8 +43,10 @@ def count(
         for k in range(len(points)):
             x, y, z = points[k, 0], points[k, 1], points[k, 2]
             ahead, aside = c * x + s * y, abs(c * y - s * x)
+            if ahead <= 0.0:
+                continue
             reach = slope * math.sqrt(ahead * ahead + z * z)
-            if aside > reach or ahead <= 0.0:
+            if aside > reach:
                 continue
             half = half_down
             if aside > near * reach:
@@ -59,3 +61,64 @@ def count(
         for column in range(steps):
             total += change[column]
             result[row, column] = total
+
+
+@njit(cache=True)
+def sector(
+    places: np.ndarray,
+    x: float,
+    y: float,
+    cosine: float,
+    sine: float,
+    nearest: float,
+    farthest: float,
+    ahead: float,
+) -> np.ndarray:
+    """Numbers of the places in a ring about (x, y) that lie no farther aside than an angle.
+
+    Args:
+        places: (n, 2).
+        x, y, cosine, sine: Middle, and where 'ahead' is.
+        nearest, farthest: Of the ring.
+        ahead: Cosine of the angle.
+    """
+    found, count = np.empty(len(places), np.int64), 0
+    for k in range(len(places)):
+        right, up = places[k, 0] - x, places[k, 1] - y
+        away = math.sqrt(right * right + up * up)
+        if nearest <= away <= farthest and cosine * right + sine * up >= ahead * away - 1e-9:
+            found[count] = k
+            count += 1
+    return found[:count]
+
+
+@njit(cache=True)
+def middles(top: np.ndarray) -> np.ndarray:
+    """(k, 2) mean row and column of every connected region, 8 neighbours, in the order of their first cells.
+
+    Args:
+        top: (rows, columns) bool; cleared.
+    """
+    rows, columns = top.shape
+    found, count = np.empty((rows * columns, 2)), 0
+    waiting = np.empty((rows * columns, 2), np.int64)
+    for row in range(rows):
+        for column in range(columns):
+            if not top[row, column]:
+                continue
+            top[row, column] = False
+            waiting[0, 0], waiting[0, 1] = row, column
+            done, size = 0, 1
+            while done < size:
+                r, c = waiting[done]
+                done += 1
+                for i in range(max(r - 1, 0), min(r + 2, rows)):
+                    for j in range(max(c - 1, 0), min(c + 2, columns)):
+                        if top[i, j]:
+                            top[i, j] = False
+                            waiting[size, 0], waiting[size, 1] = i, j
+                            size += 1
+            found[count, 0] = waiting[:size, 0].sum() / size
+            found[count, 1] = waiting[:size, 1].sum() / size
+            count += 1
+    return found[:count]

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy import ndimage
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import head_rotation
@@ -56,17 +56,23 @@ class GazeMapConfig:
             if not getattr(self, name) >= 0.0:
                 raise ConfigError(f"gaze: {name}={getattr(self, name)} must not be negative")
 
-    @property
+    @cached_property
     def pans(self) -> Float[np.ndarray, "rows"]:
         """Of the map's rows, rad, left positive."""
         steps = round(self.pan_deg / self.step_deg)
-        return np.radians(np.arange(-steps, steps + 1) * self.step_deg)
+        return _kept(np.radians(np.arange(-steps, steps + 1) * self.step_deg))
 
-    @property
+    @cached_property
     def tilts(self) -> Float[np.ndarray, "columns"]:
         """Of the map's columns, rad, down positive."""
         steps = round((self.tilt_deg[1] - self.tilt_deg[0]) / self.step_deg)
-        return np.radians(self.tilt_deg[0] + np.arange(steps + 1) * self.step_deg)
+        return _kept(np.radians(self.tilt_deg[0] + np.arange(steps + 1) * self.step_deg))
+
+
+def _kept(directions: np.ndarray) -> np.ndarray:
+    """Not to be written into: every later reader gets the same."""
+    directions.setflags(write=False)
+    return directions
 
 
 def shown(
@@ -179,14 +185,8 @@ def highest_plateau(
         config: Directions.
     """
     top = total >= float(total.max()) * (1.0 - 1e-9) - 1e-12
-    labels, count = ndimage.label(top, np.ones((3, 3)))
-    rows, columns = np.nonzero(top)
-    belongs = labels[rows, columns]
-    size = np.bincount(belongs, minlength=count + 1)[1:]
-    middles = np.column_stack(
-        [np.bincount(belongs, along, count + 1)[1:] / size for along in (rows, columns)]
-    )
     step, (pan_0, tilt_0) = math.radians(config.step_deg), (config.pans[0], config.tilts[0])
+    middles = _gaze_kernels.middles(top).tolist()
     found = [(pan_0 + row * step, tilt_0 + column * step) for row, column in middles]
     pan, tilt = min(
         found, key=lambda at: math.hypot(at[0] - present.pan_rad, at[1] - present.tilt_rad)

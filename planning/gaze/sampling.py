@@ -1,0 +1,89 @@
+"""Places as the camera sees them, and the ground round the robot that is worth one.
+
+Source: seed 001, section 3, eq. (1).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from mapping.confidence import ConfidenceLayer
+from mapping.egocentric_grid import EgocentricGrid
+from perception.primitives.gaussian import Gaussian
+
+from . import _gaze_kernels
+from .selection import GazeMapConfig
+
+
+def in_body(pose: Gaussian, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """World places, m, from the mean of a pose over (x, y, yaw), body axes."""
+    c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
+    return np.asarray((places - pose.mean[:2]) @ np.array([[c, -s], [s, c]]))
+
+
+def in_world(pose: Gaussian, place: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    """The inverse of `in_body`, of one place."""
+    c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
+    return np.asarray(pose.mean[:2] + np.array([[c, -s], [s, c]]) @ place)
+
+
+def from_camera(
+    pose: Gaussian,
+    places: Float[np.ndarray, "n 2"],
+    eye_m: float,
+    heights: Float[np.ndarray, "n"] | None = None,
+) -> Float[np.ndarray, "n 3"]:
+    """World places, m, from the camera, body axes.
+
+    Args:
+        pose: Over (x, y, yaw), world frame.
+        places: World frame, m.
+        eye_m: Height of the camera.
+        heights: Of the places, m; None: on the floor.
+    """
+    seen = np.empty((len(places), 3))
+    seen[:, :2] = in_body(pose, places)
+    seen[:, 2] = -eye_m if heights is None else heights - eye_m
+    return seen
+
+
+def region(
+    grid: EgocentricGrid, pose: Gaussian, config: GazeMapConfig, farthest_m: float
+) -> Int[np.ndarray, "n"]:
+    """R_s as flat indices of the map's cells; `sample_region` says more."""
+    x, y, yaw = pose.mean.tolist()
+    return np.asarray(
+        _gaze_kernels.sector(
+            grid.centres().reshape(-1, 2),
+            *(x, y, math.cos(yaw), math.sin(yaw)),
+            *(config.evaluation.nearest_m, farthest_m, math.cos(math.radians(config.pan_deg))),
+        )
+    )
+
+
+def sample_region(
+    grid: EgocentricGrid,
+    confidence: ConfidenceLayer,
+    pose: Gaussian,
+    config: GazeMapConfig,
+    farthest_m: float | None = None,
+) -> tuple[Float[np.ndarray, "n 2"], Float32[np.ndarray, "n"]]:
+    """R_s: middles of the cells between d_nm and d_fm that the neck can turn to, and their confidence.
+
+    Args:
+        grid: The terrain map; its window should reach d_fm round the robot.
+        confidence: Of its cells.
+        pose: Over (x, y, yaw), world frame.
+        config: d_nm, d_fm and the reach of the neck.
+        farthest_m: In place of d_fm.
+
+    Returns:
+        World frame, m; and C in [0, 1].
+
+    Source: seed 001, section 3, eq. (1).
+    """
+    cells = region(grid, pose, config, farthest_m or config.evaluation.farthest_m)
+    return grid.centres().reshape(-1, 2)[cells], confidence.values.ravel()[cells]
