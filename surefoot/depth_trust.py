@@ -10,13 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from perception.coverage import answered_share
 from perception.primitives.errors import ConfigError
-
-if TYPE_CHECKING:
-    from .view import View
+from perception.primitives.frame import Depth
+from perception.primitives.plane import Plane
 
 
 @dataclass(frozen=True)
@@ -58,13 +56,14 @@ class DepthTrust:
         self.share: float | None = None
         """Of the floor ahead answered for at the last footstep; None if nobody looked there."""
 
-    def update(self, views: Sequence[View]) -> bool:
+    def update(self, seen: Sequence[tuple[Depth, Plane]]) -> bool:
         """Whether depth is trusted now.
 
         Args:
-            views: Of the frame of a footstep, at which every camera looks; none if none gave depth.
+            seen: Each depth image of a footstep, when every camera looks, and the floor in its camera
+                frame; none if nobody gave depth.
         """
-        self.share = self.best_share(views)
+        self.share = self.best_share(seen)
         if self.share is None:
             return self.trusted
         config = self._config
@@ -76,12 +75,12 @@ class DepthTrust:
             self.trusted, self._against = not self.trusted, 0
         return self.trusted
 
-    def best_share(self, views: Sequence[View]) -> float | None:
-        """Of the floor ahead, what the best of the views answers for; None if all look elsewhere."""
+    def best_share(self, seen: Sequence[tuple[Depth, Plane]]) -> float | None:
+        """Of the floor ahead, what the best of the images answers for; None if all look elsewhere."""
         config = self._config
         shares = [
-            answered_share(view.depth, view.floor, config.nearest_m, config.farthest_m)
-            for view in views
+            answered_share(depth, floor, config.nearest_m, config.farthest_m)
+            for depth, floor in seen
         ]
         looking = [share for share in shares if share is not None]
         return max(looking) if looking else (None if shares else 0.0)

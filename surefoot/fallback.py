@@ -68,7 +68,7 @@ class Fallback:
 
     def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
         """The next footstep by whom depth allows."""
-        trusted = self.trust.update(estimate.views)
+        trusted = self.trust.update([(view.depth, view.floor) for view in estimate.views])
         if trusted and self._by_colour is not None:
             LOG.warning("%.1f s: depth is back", estimate.stamp_s)
             self._by_colour = None
