@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from . import _collision_kernels as kernels
+
 NO_DOUBT = np.zeros((4, 4))
-ROUNDS = 4  # of finding a root whose radius depends on it; the change is then below a millimetre
 
 
 @dataclass(frozen=True)
@@ -45,31 +46,11 @@ def colliding_speeds(
     Returns:
         None if no speed collides. All speeds if the robot is in the disc already.
     """
-    (px, py), (vx, vy) = place.tolist(), velocity.tolist()
-    D = px * px + py * py - radius_m * radius_m
-    if D <= 0.0:
-        return Band(-math.inf, math.inf)
-    pv = px * vx + py * vy
-    a = px * px - D
-    b = -2.0 * px * pv + 2.0 * D * vx
-    c = pv * pv - D * (vx * vx + vy * vy)
-    if abs(a) < 1e-12:  # the path touches the disc: one root goes to infinity
-        return _half_line(px, -c / b, b > 0.0) if abs(b) > 1e-12 else None
-    square = b * b - 4.0 * a * c
-    if square < 0.0 and a < 0.0:
-        return None
-    root = math.sqrt(max(square, 0.0))  # where the path crosses the disc it is never below 0
-    first, second = sorted(((-b - root) / (2.0 * a), (-b + root) / (2.0 * a)))
-    if a > 0.0:  # the path crosses the disc: any speed high enough, or low enough if it lies behind
-        return Band(second, math.inf) if px > 0.0 else Band(-math.inf, first)
-    middle = (first + second) / 2.0
-    return Band(first, second) if px * middle > pv else None  # p.w > 0
+    return _band(kernels.colliding_speeds(place, velocity, radius_m))
 
 
-def _half_line(px: float, root: float, above: bool) -> Band | None:
-    if above != (px > 0.0):
-        return None
-    return Band(root, math.inf) if above else Band(-math.inf, root)
+def _band(bounds: tuple[float, float]) -> Band | None:
+    return None if math.isnan(bounds[0]) else Band(*bounds)
 
 
 def contact(
@@ -79,9 +60,7 @@ def contact(
 
     Negative if it is over; 0 if robot and obstacle stand still to each other.
     """
-    w = np.array([speed_mps, 0.0]) - velocity
-    square = float(w @ w)
-    return float(place @ w) / square if square > 0.0 else 0.0
+    return float(kernels.contact(place, velocity, speed_mps))
 
 
 def miss_deviation(
@@ -101,15 +80,7 @@ def miss_deviation(
 
     Source: ours; first order, across the relative motion at the nearest approach.
     """
-    w = np.array([speed_mps, 0.0]) - velocity
-    size = float(np.hypot(*w))
-    if size < 1e-9:
-        n = place / max(float(np.hypot(*place)), 1e-9)
-    else:
-        n = np.array([-w[1], w[0]]) / size
-    t = min(max(contact(place, velocity, speed_mps), 0.0), horizon_s)
-    row = np.concatenate([n, t * n])
-    return math.sqrt(max(float(row @ covariance @ row), 0.0))
+    return float(kernels.miss_deviation(place, velocity, covariance, speed_mps, horizon_s))
 
 
 def doubtful_band(
@@ -132,30 +103,5 @@ def doubtful_band(
 
     Source: ours; seed 001 leaves uncertain velocities open.
     """
-    band = colliding_speeds(place, velocity, radius_m)
-    start = band
-    if start is None:  # only doubt can make it collide: at the speed that comes nearest
-        nearest = _nearest_speed(place, velocity)
-        extra = miss_deviation(place, velocity, covariance, nearest, horizon_s)
-        start = colliding_speeds(place, velocity, radius_m + sigmas * min(extra, max_sigma_m))
-    if start is None:
-        return None
-    bounds = []
-    for upper in (False, True):
-        bound = start.high if upper else start.low
-        for _ in range(ROUNDS):
-            if not math.isfinite(bound):
-                break
-            extra = miss_deviation(place, velocity, covariance, bound, horizon_s)
-            wider = colliding_speeds(place, velocity, radius_m + sigmas * min(extra, max_sigma_m))
-            if wider is None:
-                break
-            bound = wider.high if upper else wider.low
-        bounds.append(bound)
-    return Band(*bounds) if bounds[0] < bounds[1] else band
-
-
-def _nearest_speed(place: Float[np.ndarray, "2"], velocity: Float[np.ndarray, "2"]) -> float:
-    """The speed whose relative velocity points at the obstacle; the obstacle's own along x if none does."""
-    px, py = place.tolist()
-    return float(velocity[0] - velocity[1] * px / py) if abs(py) > 1e-9 else float(velocity[0])
+    given = place, velocity, radius_m, covariance
+    return _band(kernels.doubtful_band(*given, sigmas, max_sigma_m, horizon_s))

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from . import _collision_kernels as kernels
 from .collision import Band, contact
 from .fields import FieldConfig
 
@@ -43,18 +44,6 @@ CLEAR = Change("clear")
 VIRTUAL = Change("virtual")
 
 
-def travelled(
-    speed_mps: float, acceleration_mps2: float, bound_mps: float, times: Float[np.ndarray, "n"]
-) -> Float[np.ndarray, "n"]:
-    """Distance along the heading, m: even acceleration until a speed is reached, which is then kept."""
-    if acceleration_mps2 == 0.0 or speed_mps == bound_mps:
-        return speed_mps * times
-    changing = max((bound_mps - speed_mps) / acceleration_mps2, 0.0)
-    early = np.minimum(times, changing)
-    rest = np.maximum(times - changing, 0.0)
-    return np.asarray(speed_mps * early + 0.5 * acceleration_mps2 * early**2 + bound_mps * rest)
-
-
 def least_distance(
     place: Float[np.ndarray, "2"],
     velocity: Float[np.ndarray, "2"],
@@ -71,13 +60,14 @@ def least_distance(
         config: Horizon and top speed.
         bound_mps: The speed at which it ends; None: top speed, or standing.
     """
-    times = np.linspace(0.0, config.horizon_s, SAMPLES)
     bound = bound_mps
     if bound is None:
         bound = config.top_speed_mps if acceleration_mps2 > 0.0 else 0.0
-    x = travelled(speed_mps, acceleration_mps2, bound, times)
-    gaps = np.hypot(place[0] + velocity[0] * times - x, place[1] + velocity[1] * times)
-    return float(gaps.min())
+    return float(
+        kernels.least_distance(
+            place, velocity, speed_mps, acceleration_mps2, bound, config.horizon_s, SAMPLES
+        )
+    )
 
 
 def lawful(

@@ -31,7 +31,7 @@ def meets(place, velocity, speed, radius):
 
 
 @given(coordinates, coordinates, speeds, speeds, st.floats(-0.3, 0.3))
-@settings(max_examples=300)
+@settings(max_examples=300, deadline=None)
 def test_a_speed_is_in_the_band_exactly_if_walking_it_enters_the_disc(px, py, vx, vy, speed):
     place, velocity = np.array([px, py]), np.array([vx, vy])
     assume(np.hypot(px, py) > RADIUS + 1e-3)
@@ -60,6 +60,7 @@ def test_the_roots_equal_brute_force_to_a_millimetre_a_second():
 
 
 @given(coordinates, coordinates, speeds, speeds)
+@settings(deadline=None)
 def test_at_a_root_the_disc_is_just_touched(px, py, vx, vy):
     place, velocity = np.array([px, py]), np.array([vx, vy])
     band = colliding_speeds(place, velocity, RADIUS)
