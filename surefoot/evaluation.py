@@ -18,14 +18,34 @@ from perception.primitives.errors import InputError
 from .metrics.consistency import consistency_metrics, nees
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
+from .metrics.gauge import (
+    TURNED_DEG,
+    aligned_on_floor,
+    body_turn_deg,
+    claim_metrics,
+    errors_in_space,
+    errors_on_floor,
+    standing,
+    up_in_truth,
+)
 from .metrics.innovations import innovation_metrics
 from .metrics.maps import map_metrics, read_map
 from .metrics.obstacles import obstacle_metrics
 from .metrics.surfaces import read_surface, surface_metrics
 from .metrics.timing import timing_metrics
-from .metrics.trajectory import associate, trajectory_metrics, wrapped
+from .metrics.trajectory import (
+    Alignment,
+    alignment_of,
+    associate,
+    pick,
+    trajectory_metrics,
+    wrapped,
+)
 from .run_folder import COVARIANCE_HEADER, RunFolder
 from .run_tables import Table, Trajectory, read_tum
+from .way_claims import SPACE, aligned_claims
+
+LEAST_POSES = 5  # of which an alignment leaves something
 
 _COMPARE = {"<=": operator.le, ">=": operator.ge, "==": operator.eq}
 
@@ -60,15 +80,21 @@ TARGETS = (
 
 
 def evaluate(
-    run: RunFolder, truth: Path | None = None, surface: Path | None = None
+    run: RunFolder,
+    truth: Path | None = None,
+    surface: Path | None = None,
+    truth_sigma: tuple[float, float] = (0.0, 0.0),
 ) -> dict[str, Any]:
     """Compute every figure that is possible and write metrics.json.
 
     Args:
         run: The run.
         truth: A trajectory in TUM text to compare with instead of the run's own truth/. Its axes and its
-            body point may be others, so only what an alignment leaves is measured then.
-        surface: A mesh or cloud of the true surfaces, in the frame of the run, to hold its cloud against.
+            body point may be others, so only what an alignment leaves is measured then; and of claimed
+            covariances what the same alignment leaves of them, if it is the way of the run's own camera.
+        surface: A mesh or cloud of the true surfaces to hold the run's against: in the frame of the run, or,
+            with a truth, in that of the truth.
+        truth_sigma: Deviations of the given truth itself, m and rad, for its claims.
 
     Returns:
         Figure names and numbers, flat; "timing_ms" alone is a table: stage to p50, p95, max. Names and
@@ -88,6 +114,7 @@ def evaluate(
     if estimate is not None and true is not None and truth is not None:
         figures = trajectory_metrics(estimate, true)
         metrics |= {name: value for name, value in figures.items() if name not in _OWN_AXES}
+        metrics |= _claims(run, estimate, true, truth_sigma)
     elif estimate is not None and true is not None:
         metrics |= trajectory_metrics(estimate, true)
         claims = pose_nees(run, true)
@@ -97,7 +124,10 @@ def evaluate(
         metrics |= _goals(true, summary)
     metrics |= _against_tables(run)
     if surface is not None:
-        metrics |= _surface(run, surface)
+        moved = None
+        if truth is not None and estimate is not None and true is not None:
+            moved = alignment_of(estimate, true)
+        metrics |= _surface(run, surface, moved)
     timing = run.read_csv("timing.csv")
     if timing is not None:
         metrics["timing_ms"] = timing_metrics(timing)
@@ -105,12 +135,60 @@ def evaluate(
     return metrics
 
 
-def _surface(run: RunFolder, surface: Path) -> dict[str, float]:
-    """The run's cloud against a true surface."""
-    if not run.has("cloud.ply"):
+def _surface(run: RunFolder, surface: Path, moved: Alignment | None) -> dict[str, float]:
+    """The run's surface, or its cloud, against a true one, moved into its frame first."""
+    name = "mesh.ply" if run.has("mesh.ply") else "cloud.ply"
+    if not run.has(name):
         raise InputError(f"{run.root}: the run has no cloud.ply to hold against {surface}")
-    mapped = read_surface(run.path("cloud.ply"))
+    mapped = read_surface(run.path(name))
+    if moved is not None:
+        mapped = moved.apply(mapped)
     return {f"surface_{k}": v for k, v in surface_metrics(mapped, read_surface(surface)).items()}
+
+
+def _claims(
+    run: RunFolder, estimate: Trajectory, true: Trajectory, truth_sigma: tuple[float, float]
+) -> dict[str, float | bool]:
+    """Whether claims hold against a truth with axes of its own; none where they cannot be compared."""
+    held = aligned_claims_of(run, estimate, true)
+    if held is None:
+        return {}
+    _, errors, covariances = held
+    return claim_metrics(errors, covariances, truth_sigma)
+
+
+def aligned_claims_of(
+    run: RunFolder, estimate: Trajectory, true: Trajectory
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n k"], Float[np.ndarray, "n k k"]] | None:
+    """Stamps, errors after the best motion of the whole, and claims after the same.
+
+    Of (x, y, z, rotation vector) for the way of `surefoot map`; of (x, y, yaw) for a run, whose floors say
+    what is up in the truth. None where nothing is claimed, too little is known, or the truth is that of
+    another body.
+    """
+    in_space = run.read_csv(SPACE)
+    if in_space is not None:
+        stamps, covariances = aligned_claims(in_space)
+        known, own = associate(estimate.stamps, stamps, 1e-6)
+        estimate, covariances = pick(estimate, known), covariances[own]
+        mine, theirs = associate(estimate.stamps, true.stamps)
+        if len(mine) < LEAST_POSES:
+            return None
+        estimate, true = pick(estimate, mine), pick(true, theirs)
+        turned = body_turn_deg(estimate, true)
+        if turned is not None and turned > TURNED_DEG:
+            return None
+        return estimate.stamps, errors_in_space(estimate, true), covariances[mine]
+    table, floors = run.read_csv("trajectory_covariance.csv"), run.read_csv("floor.csv")
+    if table is None or floors is None:
+        return None
+    stamps, poses, planar = pose_claims(table)
+    mine, theirs = associate(stamps, true.stamps)
+    up = up_in_truth(floors, true)
+    if len(mine) < LEAST_POSES or up is None:
+        return None
+    errors = errors_on_floor(poses[mine], standing(pick(true, theirs), up))
+    return stamps[mine], errors, aligned_on_floor(poses[mine, :2], planar[mine])
 
 
 def _smoothed(run: RunFolder, true: Trajectory) -> dict[str, float | bool]:
@@ -224,12 +302,16 @@ def _told(metrics: dict[str, Any]) -> list[tuple[str, str]]:
         ("way walked", "path_m", "{:.2f} m"),
         ("duration", "duration_s", "{:.1f} s"),
         ("grid cells right within one cell", "grid_correct_share_one_cell", "{:.4f}"),
-        ("position after alignment, RMS (ATE)", "ate_floor_aligned_m", "{:.4f} m"),
+        ("position after alignment, RMS (ATE)", "ate_aligned_m", "{:.4f} m"),
         ("position error after smoothing, RMS", "smoothed_position_rmse_m", "{:.4f} m"),
         ("mover position error, RMS", "mover_position_rmse_m", "{:.3f} m"),
         ("mover velocity error, RMS", "mover_velocity_rmse_mps", "{:.3f} m/s"),
         ("movers: OSPA (cut at 0.5 m)", "ospa_m", "{:.3f} m"),
-        ("mean NEES of the pose (3 if honest)", "pose_anees", "{:.2f}"),
+        (
+            f"mean NEES of the pose ({metrics.get('pose_dof', 3):.0f} if honest)",
+            "pose_anees",
+            "{:.2f}",
+        ),
         ("mean NIS of landmarks (2 if honest)", "landmark_anis", "{:.2f}"),
         ("mean NIS of tracks (2 if honest)", "track_anis", "{:.2f}"),
     ]

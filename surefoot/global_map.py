@@ -22,6 +22,7 @@ from mapping.whole_files import complete
 from perception import structured_light
 from perception.levelling import UP, rotation_between
 from perception.localisation.smoother import Solution
+from perception.odometry.claims import Claims
 from perception.odometry.odometry import LOST, RESTARTED
 from perception.primitives.errors import RecordingError
 from perception.primitives.frame import Depth, Frame
@@ -32,6 +33,7 @@ from .g2o import write_g2o
 from .odometer import Odometer
 from .recordings.recording import Recording
 from .run_folder import RunFolder
+from .way_claims import write_claims
 
 Say = Callable[[str], None]
 
@@ -78,6 +80,7 @@ class _Way:
     states: tuple[str, ...] = ()
     solution: Solution | None = None
     odometer: Odometer | None = None
+    claims: Claims | None = None
 
 
 def map_recording(
@@ -89,8 +92,9 @@ def map_recording(
 ) -> Mapped:
     """Make the map of a recording of depth images.
 
-    Writes trajectory.txt (TUM), graph.g2o, mesh.ply, cloud.ply, map.yaml with map.pgm (Nav2), layers.npz (height, slope,
-    step, traversability) and summary.json.
+    Writes trajectory.txt (TUM), trajectory_covariance.csv and space_covariance.csv (`way_claims`), graph.g2o,
+    mesh.ply, cloud.ply, map.yaml with map.pgm (Nav2), layers.npz (height, slope, step, traversability) and
+    summary.json.
 
     Args:
         recording: Depth images, perhaps with colour and poses.
@@ -111,6 +115,8 @@ def map_recording(
             "RGB-D camera is expected, whose images overlap or come with poses"
         )
     _write_way(folder.path("trajectory.txt"), way)
+    if way.claims is not None:
+        write_claims(folder, list(way.poses), list(way.poses.values()), way.claims)
     if way.solution is not None and way.odometer is not None and way.odometer.back_end is not None:
         write_g2o(folder.path("graph.g2o"), way.odometer.back_end.factors, way.solution)
     fused = surface_map(surface)
@@ -168,7 +174,11 @@ def _found(recording: Recording, config: Config, say: Say) -> _Way:
         for stamp, pose, state in zip(stamps, poses, odometer.states, strict=True)
         if state not in (LOST, RESTARTED)
     }
-    return _Way(placed, tuple(odometer.states), solution, odometer)
+    claims = odometer.claims(solution)
+    if claims is not None:
+        told = [state not in (LOST, RESTARTED) for state in odometer.states]
+        claims = Claims(claims.from_start[told], claims.aligned[told])
+    return _Way(placed, tuple(odometer.states), solution, odometer, claims)
 
 
 def _lay(recording: Recording, way: _Way, fused: SurfaceMap, config: Config, say: Say) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +24,7 @@ from perception.localisation.filter import UpdateReport
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.smoother import Solution
 from perception.odometry.back_end import BackEnd, BackEndConfig
+from perception.odometry.claims import Claims, joined
 from perception.odometry.odometry import FIRST, LOST, RESTARTED, Odometry, OdometryConfig, Step
 from perception.odometry.pyramid import Pyramid, PyramidConfig, build
 from perception.primitives.errors import InputError
@@ -60,7 +61,7 @@ class Odometer:
 
     def __init__(self, rng: np.random.Generator, config: OdometerConfig | None = None) -> None:
         self.config = config or OdometerConfig()
-        self.odometry = Odometry(self.config.odometry)
+        self.odometry = Odometry(replace(self.config.odometry, reuse=not self.config.loops))
         self.back_end = BackEnd(rng, self.config.back_end) if self.config.loops else None
         self.states: list[str] = []
         self._rng = rng
@@ -106,6 +107,10 @@ class Odometer:
         solution = self.back_end.solve()
         return self.back_end.trajectory(solution), solution
 
+    def claims(self, solution: Solution | None) -> Claims | None:
+        """How far each pose of `way` may be off; None without a solution."""
+        return None if self.back_end is None else self.back_end.claims(solution)
+
     def _floor(self, depth: Depth) -> Plane | None:
         c = self.config
         seen = points.from_depth(depth, c.nearest_m, c.farthest_m, c.floor_stride)
@@ -135,7 +140,9 @@ class Tracked:
         self._prior = prior
         self.odometer = Odometer(rng, config)
         self._step: Step | None = None
-        self._covariances: dict[int, Float[np.ndarray, "6 6"]] = {}
+        self._covariances: dict[
+            int, Float[np.ndarray, "6 6"]
+        ] = {}  # of references, and of the latest
         self._covariance = np.zeros((6, 6))
 
     @property
@@ -173,16 +180,10 @@ class Tracked:
         step = self._step = self.odometer.take(frame)
         before = self._covariances.get(step.reference, np.zeros((6, 6)))
         reference = step.T_start_camera @ step.motion.inverse()
-        arm = step.T_start_camera.position - reference.position
-        x, y, z = arm
-        lever = np.eye(6)
-        lever[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        added = turned_covariance(step.covariance, reference.rotation)
-        self._covariance = lever @ before @ lever.T + added
-        kept = {one.number for one in self.odometer.odometry.references}
-        if number in kept:
-            self._covariances[number] = self._covariance
-            self._covariances = {n: c for n, c in self._covariances.items() if n in kept}
+        self._covariance = joined(before, reference, step.motion, step.covariance)
+        self._covariances[number] = self._covariance
+        kept = {number, *(one.number for one in self.odometer.odometry.references)}
+        self._covariances = {n: c for n, c in self._covariances.items() if n in kept}
         return None
 
     def register(self, seen: Sequence[Standing]) -> RegistrationReport | None:

@@ -39,7 +39,9 @@ class AlignConfig:
     kept: int = 3  # ours: starts that go on from the coarsest size to the next
     common_px: float = 15.0  # ours: pixels that err alike; NEES of 6 on ray-cast depth with noise
     warp: float = 0.01  # ours: lens, depth scale and shutter bend the view by so much of the motion
-    bend: float = 0.01  # Smisek 2011, Teichman 2013: depth is off by 1 cm in 1 m .. over parts of the image
+    bend: float = (
+        0.01  # Smisek 2011, Teichman 2013: depth is off by 1 cm in 1 m .. over parts of the image
+    )
     bend_share: float = 0.25  # likewise: such parts are about a quarter of the image wide
 
     def __post_init__(self) -> None:
@@ -149,7 +151,9 @@ def judged(
     information[np.triu_indices(6)] = totals[:21]
     information += np.triu(information, 1).T
     alike = max(error, 1.0) ** 2 * config.common_px * information
-    covariance = _covariance(information, T, alike + _bent(target.levels[0], source.levels[0], T, config))
+    covariance = _covariance(
+        information, T, alike + _bent(target.levels[0], source.levels[0], T, config)
+    )
     if covariance is None:
         return None
     turned = math.acos(min(1.0, max(-1.0, (float(np.trace(T[:3, :3])) - 1.0) / 2.0)))

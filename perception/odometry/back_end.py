@@ -23,6 +23,7 @@ from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from .alignment import AlignConfig, Aligned, align
+from .claims import Claims, Hung, claims
 from .odometry import FIRST, LOST, RESTARTED, Step
 from .places import Place, PlacesConfig, likeness, motion_between, remember
 from .pyramid import Pyramid
@@ -100,12 +101,7 @@ class BackEnd:
 
     def solve(self) -> Solution | None:
         """All references, upright world; None while there is but one."""
-        floors = [
-            FloorSeen(
-                number, replace(plane, covariance=self.config.floor_factor * plane.covariance)
-            )
-            for number, plane in sorted(self._floors.items())
-        ]
+        floors = self._floor_factors()
         if not any(isinstance(factor, Motion) for factor in self.factors):
             return None
         firm = np.diag([ANCHOR_M**2] * 3 + [ANCHOR_RAD**2] * 3)
@@ -126,6 +122,38 @@ class BackEnd:
             assert isinstance(anchor, Placement)
             way.append(anchor.pose if own is not None else anchor.pose @ step.motion)
         return way
+
+    def claims(self, solution: Solution | None) -> Claims | None:
+        """How far each image of `trajectory` that was placed may be off; None without a solution.
+
+        Lost and restarted images have NaN: nobody claims anything of them.
+        """
+        if solution is None:
+            return None
+        out = {id(factor) for factor in solution.rejected}
+        kept = [one for one in self.factors if id(one) not in out] + self._floor_factors()
+        poses = {n: one.pose for n, one in solution.poses.items() if isinstance(one, Placement)}
+        way, placed = [], []
+        for number, (step, pose) in enumerate(
+            zip(self._steps, self.trajectory(solution), strict=True)
+        ):
+            if step.state in (LOST, RESTARTED):
+                continue
+            own = number in poses
+            known = number if own else step.reference
+            way.append(Hung(pose, known, np.zeros((6, 6)) if own else step.covariance))
+            placed.append(number)
+        told = claims(kept, poses, way)
+        whole = np.full((2, len(self._steps), 6, 6), np.nan)
+        whole[0, placed], whole[1, placed] = told.from_start, told.aligned
+        return Claims(whole[0], whole[1])
+
+    def _floor_factors(self) -> list[FloorSeen]:
+        factor = self.config.floor_factor
+        return [
+            FloorSeen(number, replace(plane, covariance=factor * plane.covariance))
+            for number, plane in sorted(self._floors.items())
+        ]
 
     def _close(self, place: Place, image: Pyramid, step: Step) -> None:
         """Compare a new place with those it may have seen before."""

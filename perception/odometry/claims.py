@@ -1,18 +1,21 @@
-"""How far each pose of a graph may be off from where the graph's first pose has it.
+"""What a way without poses claims: how far each pose may be off, once it is said against what.
 
-Where a recording without poses begins, and which way is ahead there, is a convention, not a measurement; and
-what is up, nobody tells an evaluation whose truth has other axes. So the claim that can be held against a truth
-is about the motion since the first pose. It takes the covariance of two poses together, which the marginals of
-the graph do not give: the factors are linearised once more at the solution, and for each pose one column of the
-inverse is solved for.
+Where such a recording begins, which way is ahead and how high zero lies is convention, not measurement; a truth
+with axes of its own cannot tell it wrong. Two claims can be held against one. From the start: of the motion
+since the first pose, as a user of the map asks. Aligned: of what is left when the whole way is laid over the
+truth in least squares, as an evaluation does; there no single pose of the truth weighs more than others. Both
+take covariances between poses, which the marginals of a graph do not give: the factors are linearised once more
+at the solution, and a column of the inverse is solved for each pose.
 
-Source: Dellaert and Kaess (2006), section 3 (square root SAM); the choice of gauge is ours.
+Source: Dellaert and Kaess (2006), section 3 (square root SAM); Baarda (1973) (a free network's covariance after
+a change of its gauge).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +27,8 @@ from ..primitives.errors import InputError
 from ..primitives.pose import Pose3
 
 HUBER = 1.345  # as the graph weighs floors
-FREE = 1e6  # information that holds the first pose; any does, for only differences are asked for
+LOOSE = 0.1  # m and rad: deviation of the first pose; any does that binds little, for it drops out
+TURN_M = 1.0  # ours: a turn counts as what it moves at arm's length
 
 
 def cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
@@ -62,47 +66,140 @@ def joined(
     return np.asarray((whole + whole.T) / 2.0)
 
 
-def relative_covariances(
-    factors: Sequence[Factor], poses: Mapping[int, Pose3]
-) -> dict[int, Float[np.ndarray, "6 6"]]:
-    """Covariance of every pose given where the first one is.
+@dataclass(frozen=True)
+class Hung:
+    """An image of the way: where it is, and by which pose of the graph that is known.
+
+    Args:
+        pose: T_world_camera.
+        reference: Number of the pose in the graph; its own if the image is one.
+        step: Covariance of the step from there, axes of the reference; zero for a reference itself.
+    """
+
+    pose: Pose3
+    reference: int
+    step: Float[np.ndarray, "6 6"]
+
+
+@dataclass(frozen=True)
+class Claims:
+    """Covariances of (x, y, z, rotation vector) of every image, world axes, m and rad.
+
+    Args:
+        from_start: Given where the first image is; zero for that.
+        aligned: After the best motion of the whole way, `gauge` says which that is.
+    """
+
+    from_start: Float[np.ndarray, "n 6 6"]
+    aligned: Float[np.ndarray, "n 6 6"]
+
+
+def gauge(
+    positions: Float[np.ndarray, "n 3"],
+) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n 6 6"]]:
+    """How a small motion of the whole way moves every pose, and how the best one follows from errors.
+
+    A turn by one radian weighs as much as a shift by `TURN_M`. The motion is about the mean position.
+
+    Args:
+        positions: Of the poses, world axes, m.
+
+    Returns:
+        A and G: poses move by A_k g, and g = sum of G_k e_k makes the weighted squares of e_k - A_k g least.
+    """
+    arms = positions - positions.mean(axis=0)
+    moves = np.stack([carried(arm) for arm in arms])
+    weights = np.array([1.0] * 3 + [TURN_M**2] * 3)
+    weighed = moves.transpose(0, 2, 1) * weights
+    normal = np.einsum("nij,njk->ik", weighed, moves)
+    return moves, np.linalg.solve(normal, weighed)
+
+
+def claims(factors: Sequence[Factor], poses: Mapping[int, Pose3], way: Sequence[Hung]) -> Claims:
+    """What a graph claims of every image that hangs on it.
 
     Args:
         factors: Motions and closures in space, floors; those that were rejected left out.
         poses: T_world_body by number, the solution of the factors.
-
-    Returns:
-        By number, of (x, y, z, rotation vector), world axes, m and rad; zero for the first pose.
+        way: Images; the first one defines the start and is a pose of the graph.
 
     Raises:
-        InputError: The factors do not tie every pose to the first.
+        InputError: The factors do not tie the poses together.
     """
-    numbers = sorted(poses)
-    at = {number: 6 * i for i, number in enumerate(numbers)}
-    entries = _Information(6 * len(numbers))
-    entries.add([0], FREE * np.eye(6))
-    for factor in factors:
-        if isinstance(factor, (Motion, LoopClosure)):
-            entries.add([at[factor.before], at[factor.after]], _between(factor, poses))
-        elif isinstance(factor, FloorSeen):
-            entries.add([at[factor.pose]], _floor(factor, poses[factor.pose]))
-    try:
-        inverse = splu(entries.matrix())
-    except RuntimeError as error:
-        raise InputError(
-            f"claims: the factors do not tie every pose to pose {numbers[0]} ({error})"
-        ) from error
-    first = poses[numbers[0]]
-    claimed = {numbers[0]: np.zeros((6, 6))}
-    for number in numbers[1:]:
-        change = np.zeros(
-            (6 * len(numbers), 6)
-        )  # of this pose less what the first one's error explains
-        change[at[number] : at[number] + 6] = np.eye(6)
-        change[:6] = -carried(poses[number].position - first.position).T
-        covariance = change.T @ inverse.solve(change)
-        claimed[number] = np.asarray((covariance + covariance.T) / 2.0)
-    return claimed
+    graph = _Solved(factors, poses)
+    moves, best = gauge(np.array([one.pose.position for one in way]))
+    levers, steps = [], []
+    for one in way:
+        reference = poses[one.reference]
+        levers.append(carried(one.pose.position - reference.position))
+        steps.append(turned_covariance(one.step, reference.rotation))
+    common = graph.columns(
+        (one.reference, G @ L) for one, G, L in zip(way, best, levers, strict=True)
+    )
+    spread = common.own + sum(G @ S @ G.T for G, S in zip(best, steps, strict=True))
+    start = graph.columns([(way[0].reference, np.eye(6))])
+    covariances = graph.covariances()
+    from_start, aligned = [], []
+    for i, (one, L, S) in enumerate(zip(way, levers, steps, strict=True)):
+        own = L @ covariances[one.reference] @ L.T + S
+        since = carried(one.pose.position - way[0].pose.position)
+        with_start = L @ start.of(one.reference)
+        from_start.append(_less(own, since, with_start, start.own))
+        with_common = L @ common.of(one.reference) + S @ best[i].T
+        aligned.append(_less(own, moves[i], with_common, spread))
+    return Claims(np.array(from_start), np.array(aligned))
+
+
+def _less(own: np.ndarray, A: np.ndarray, shared: np.ndarray, common: np.ndarray) -> np.ndarray:
+    """Covariance of e - A c, from those of e, of e with c, and of c."""
+    left = own - A @ shared.T - shared @ A.T + A @ common @ A.T
+    return np.asarray((left + left.T) / 2.0)
+
+
+class _Columns:
+    """Covariances of all poses with one combination of their errors."""
+
+    def __init__(self, at: Mapping[int, int], columns: np.ndarray, own: np.ndarray) -> None:
+        self._at, self._columns, self.own = at, columns, own
+
+    def of(self, number: int) -> Float[np.ndarray, "6 6"]:
+        """Of one pose with it."""
+        return np.asarray(self._columns[self._at[number] : self._at[number] + 6])
+
+
+class _Solved:
+    """The factors, linearised, with the inverse of their information at hand."""
+
+    def __init__(self, factors: Sequence[Factor], poses: Mapping[int, Pose3]) -> None:
+        numbers = sorted(poses)
+        self._at = {number: 6 * i for i, number in enumerate(numbers)}
+        self._size = 6 * len(numbers)
+        entries = _Information(self._size)
+        entries.add([0], np.eye(6) / LOOSE**2)
+        for factor in factors:
+            if isinstance(factor, (Motion, LoopClosure)):
+                at = [self._at[factor.before], self._at[factor.after]]
+                entries.add(at, _between(factor, poses))
+            elif isinstance(factor, FloorSeen):
+                entries.add([self._at[factor.pose]], _floor(factor, poses[factor.pose]))
+        try:
+            self._inverse = splu(entries.matrix())
+        except RuntimeError as error:
+            raise InputError(
+                f"claims: the factors do not tie every pose to pose {numbers[0]} ({error})"
+            ) from error
+
+    def columns(self, parts: Iterable[tuple[int, np.ndarray]]) -> _Columns:
+        """Of the sum of parts, each a matrix times the error of a pose."""
+        wanted = np.zeros((self._size, 6))
+        for number, part in parts:
+            wanted[self._at[number] : self._at[number] + 6] += part.T
+        columns = self._inverse.solve(wanted)
+        return _Columns(self._at, columns, wanted.T @ columns)
+
+    def covariances(self) -> dict[int, Float[np.ndarray, "6 6"]]:
+        """Of every pose by itself."""
+        return {number: self.columns([(number, np.eye(6))]).own for number in self._at}
 
 
 class _Information:

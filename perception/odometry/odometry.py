@@ -10,6 +10,7 @@ Source: keyframes after Kerl et al., DVO (2013); judgement by overlap off the fl
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,12 +46,17 @@ class OdometryConfig:
     doubtful_factor: float = 25.0  # ours: and its covariance so many times as large
     searched: int = 10  # ours: references tried per lost image; they take turns
     give_up: int = 10  # ours: images lost in a row; then a new reference begins where the last was
+    reuse: bool = (
+        False  # known views serve again: no new reference, no drift; a graph wants closures instead
+    )
+    reuse_visible: float = 0.85  # ours: so much of the image in a view that is known serves
+    reuse_turn_deg: float = 12.0  # ours: a fifth of the view, as keep_visible
     remembered: int = 200  # ours: references kept to find a lost camera; the memory stays bounded
 
     def __post_init__(self) -> None:
         for name in (
             "sure_fitting", "sure_contradicting", "sure_visible", "least_fitting",
-            "most_contradicting", "keep_visible", "doubtful_contradicting",
+            "most_contradicting", "keep_visible", "doubtful_contradicting", "reuse_visible",
         ):  # fmt: skip
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise ConfigError(f"odometry: {name}={getattr(self, name)} must lie in [0, 1]")
@@ -155,8 +161,39 @@ class Odometry:
         self._before = here = Reference(number, image, pose)
         far = float(np.linalg.norm(aligned.motion.position)) > self.config.keep_m
         if far or aligned.visible < self.config.keep_visible or state == RELOCALISED:
+            known = self._known(pose, image) if state == TRACKED and self.config.reuse else None
+            if known is not None:
+                reference, aligned = known
+                self._pose = pose = reference.T_start_camera @ aligned.motion
+                self._before = Reference(number, image, pose)
+                return Step(
+                    state, pose, aligned.motion, aligned.covariance, reference.number, aligned
+                )
             self._refer(here)
         return Step(state, pose, aligned.motion, covariance, reference.number, aligned)
+
+    def _known(self, pose: Pose3, image: Pyramid) -> tuple[Reference, Aligned] | None:
+        """A reference of before that sees what this image sees, made the current one; None if none does."""
+        c = self.config
+        best, nearest = None, 1.0
+        for reference in self.references[:-1]:
+            there = reference.T_start_camera
+            away = float(np.linalg.norm(there.position - pose.position)) / c.keep_m
+            ahead = float(np.clip(there.rotation[:, 2] @ pose.rotation[:, 2], -1.0, 1.0))
+            away += math.degrees(math.acos(ahead)) / c.reuse_turn_deg
+            if away < nearest:
+                best, nearest = reference, away
+        if best is None:
+            return None
+        pyramid = best.pyramid
+        start = best.T_start_camera.inverse() @ pose
+        aligned = self._align(pyramid, image, [start], c.align)
+        if aligned is None or not self._sure(aligned) or aligned.visible < c.reuse_visible:
+            return None
+        if float(np.linalg.norm(aligned.motion.position - start.position)) > c.keep_m:
+            return None
+        self.references.remove(best)
+        return self._refer(Reference(best.number, pyramid, best.T_start_camera)), aligned
 
     def _lose(self, number: int, image: Pyramid) -> Step:
         """Say so; the pose stays where it was last known, and after a while is taken for a new start."""

@@ -23,6 +23,13 @@ def nees(
     errors: Float[np.ndarray, "n k"], covariances: Float[np.ndarray, "n k k"]
 ) -> Float[np.ndarray, "n"]:
     """e^T P^-1 e of each sample; infinite where P is no covariance (not positive definite)."""
+    try:
+        factors = np.linalg.cholesky(covariances)
+        if np.all(np.isfinite(factors)):
+            whitened = np.linalg.solve(factors, errors[..., np.newaxis])[..., 0]
+            return np.asarray(np.sum(np.square(whitened), axis=1))
+    except np.linalg.LinAlgError:
+        pass  # some are no covariances: one by one
     result = np.full(len(errors), np.inf)
     for i, (error, covariance) in enumerate(zip(errors, covariances, strict=True)):
         try:

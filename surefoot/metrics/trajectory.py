@@ -87,6 +87,14 @@ def align(
     return Alignment(rotation, mean_reference - scale * rotation @ mean_estimate, scale)
 
 
+def alignment_of(
+    estimate: Trajectory, reference: Trajectory, max_difference_s: float = 0.01
+) -> Alignment | None:
+    """The motion that lays one way over the other where their stamps match; None if it is not determined."""
+    mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
+    return align(estimate.positions[mine], reference.positions[theirs])
+
+
 def rms(values: Float[np.ndarray, "*n"]) -> float:
     """Root of the mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
