@@ -65,6 +65,7 @@ def warm(say: Callable[[str], None]) -> None:
     from perception.points import Points
     from planning import guard
     from planning.commands import WalkCommand
+    from planning.univector import motion
 
     xyz = np.column_stack([rng.uniform(-1, 1, (400, 2)), rng.uniform(1, 2, 400)])
     xyz[:, 1] = 0.4
@@ -86,6 +87,10 @@ def warm(say: Callable[[str], None]) -> None:
         np.array([2.0, 0.0]),
         config.guard,
     )
+    crossing = Obstacle(
+        Gaussian(np.array([0.4, 0.4, 0.0, -0.05]), np.eye(4) * 1e-4), 0.1, moving=1.0
+    )
+    motion.advise(robot, 0.06, [mover, crossing], np.array([2.0, 0.0]), None, config.via_field)
     say(f"floors and guard: {time.perf_counter() - began:.1f} s")
     for part in (_walkers_by_picture, _camera_in_the_hand, _panorama):
         began = time.perf_counter()
