@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError
@@ -55,6 +55,7 @@ def test_the_ramp_takes_the_jump_at_d_con_away():
 
 
 @given(angles, st.floats(0.05, 3.0), angles)
+@settings(deadline=None)
 def test_the_dipole_form_without_angles_equals_the_one_with_angles(bearing, distance, wanted):
     place = distance * np.array([[math.cos(bearing), math.sin(bearing)]])
     fast = move_to_goal(place, GOAL, wanted, CONFIG)[0]
@@ -70,6 +71,7 @@ def test_as_printed_the_goal_repels():
 
 
 @given(angles, st.floats(0.0, 0.79), st.floats(0.15, 0.5))
+@settings(deadline=None)
 def test_the_avoiding_field_is_a_unit_vector_or_nothing(bearing, distance, radius):
     place = distance * np.array([[math.cos(bearing), math.sin(bearing)]])
     u = avoid(place, np.array([-3.0, 0.0]), ORIGIN, np.array([radius]), CONFIG)[0]
@@ -150,6 +152,7 @@ def test_the_sum_of_one_place_equals_the_same_place_in_a_picture():
 
 
 @given(st.floats(0.05, 0.4), st.floats(0, 0.2), st.floats(0, 2), st.floats(0.001, 0.1))
+@settings(deadline=None)
 def test_the_extended_radius_grows_with_each_of_its_terms(radius, speed, psi, more):
     def of(*values):
         return float(extended_radius(*(np.array([v]) for v in values), CONFIG)[0])

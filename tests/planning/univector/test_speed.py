@@ -93,7 +93,7 @@ def test_a_speed_outside_the_band_is_left_alone():
 
 
 @given(st.floats(0, 0.1), st.floats(-0.05, 0.05))
-@settings(max_examples=40)
+@settings(max_examples=40, deadline=None)
 def test_the_way_travelled_is_the_integral_of_the_bounded_speed(speed, acceleration):
     times = np.linspace(0, 6, 25)
     bound = 0.1 if acceleration > 0 else 0.0
