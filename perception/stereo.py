@@ -188,7 +188,7 @@ def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:
         believed = matched.reliability >= np.float32(max(config.least_reliability, 1e-6))
         z = np.where(believed, fB / matched.disparity_px, np.float32(np.nan))
         sigma = z * z * matched.sigma_px / fB
-    return Depth(z, sigma, view.camera, view.T_body_camera)
+    return Depth(z, sigma, view.camera, view.T_body_camera, view.baseline_m)
 
 
 def _opencv(view: StereoView, config: StereoConfig, steps: int) -> Float32[np.ndarray, "h w"]:

@@ -252,12 +252,11 @@ class Pipeline:
             [v.points.sigma[mask] for v, mask in zip(views, rising, strict=True)]
         )
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
-        widest = max(view.depth.camera.width / view.depth.camera.fx for view in views)
         cut = []
         for view, mask in zip(views, rising, strict=True):
-            camera = view.depth.camera
             reach: ReachConfig = getattr(self.config.reach, view.sensor)
-            cut.append(cut_off(view, reach, camera.width / camera.fx > 0.99 * widest)[mask])
+            others = [other for other in views if other is not view]
+            cut.append(cut_off(view, reach, others)[mask])
         return clusters.cluster(
             obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
         )

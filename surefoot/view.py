@@ -30,6 +30,8 @@ KNEE_M = 0.15  # height at which a track is looked for: every obstacle worth a t
 BEYOND_M = 0.15  # what is measured this far behind a place shows that nothing stands there
 BORDER_SHARE = 0.02  # of the image's width
 HIDING_SHARE = 0.02  # of the image's width: how near in the image what hides a thing must be
+NEAR_M = 0.03  # of what reaches so near to the nearest measured, the front may be missing
+BESIDE_M = 0.04  # this far beside a point at the border another view must see something
 CUT_M = 0.10  # nearer by this hides; this close to the end of reach a thing may go on
 MOVER_MARGIN_M = 0.06  # position error of a track and noise of the points
 
@@ -65,22 +67,41 @@ def standing(view: View, obstacles: Sequence[Obstacle]) -> Standing:
     return Standing(view.upright[rising], view.points.sigma[rising], view.T_map_camera)
 
 
-def cut_off(view: View, reach: ReachConfig, widest: bool) -> Bool[np.ndarray, "n"]:
-    """Points at which a thing may go on unseen: border of the image, end of reach, edge of what hides it.
+def cut_off(
+    view: View, reach: ReachConfig, others: Sequence[View] = ()
+) -> Bool[np.ndarray, "n"]:
+    """Points at which a thing may go on unseen: border of what is seen, both ends of reach, edge of what hides it.
 
-    The border counts for the widest view of the frame only; a wider one sees on.
+    At the border a thing does not go on unseen if another view of the frame shows what is beyond. What a pair
+    sees ends on the left where its right image does.
     """
-    camera = view.depth.camera
-    u = view.points.pixels % camera.width
+    camera, depth = view.depth.camera, view.depth
+    u, z = view.points.pixels % camera.width, view.points.xyz[:, 2]
     margin = BORDER_SHARE * camera.width
-    cut = view.points.xyz[:, 2] > reach.farthest_m - CUT_M
-    if widest:
-        cut |= (u < margin) | (u > camera.width - 1 - margin)
-    z = np.where(np.isfinite(view.depth.z), view.depth.z, np.float32(np.inf))
+    left = u < margin + camera.fx * depth.baseline_m / z
+    border = left | (u > camera.width - 1 - margin)
+    beyond = view.points.xyz[border]
+    beyond[:, 0] += np.where(left[border], -BESIDE_M, BESIDE_M)
+    border[border] = ~_shown(view.T_map_camera.apply(beyond), others)
+    measured = np.where(np.isfinite(depth.z), depth.z, np.float32(np.inf))
     width = 2 * max(1, round(HIDING_SHARE * camera.width)) + 1
-    nearest = cv2.erode(z, np.ones((1, width), np.uint8))
-    hidden = z.ravel()[view.points.pixels] - nearest.ravel()[view.points.pixels] > CUT_M
-    return np.asarray(cut | hidden)
+    nearest = cv2.erode(measured, np.ones((1, width), np.uint8)).ravel()[view.points.pixels]
+    hidden = measured.ravel()[view.points.pixels] - nearest > CUT_M
+    ends = (z < reach.nearest_m + NEAR_M) | (z > reach.farthest_m - CUT_M)
+    return np.asarray(border | hidden | ends)
+
+
+def _shown(places: Float[np.ndarray, "n 3"], views: Sequence[View]) -> Bool[np.ndarray, "n"]:
+    """Whether any of the views measures something in the direction of places of the map."""
+    found = np.zeros(len(places), dtype=bool)
+    for view in views:
+        camera = view.depth.camera
+        pixels = camera.project(view.T_map_camera.inverse().apply(places))
+        inside = camera.contains(pixels)
+        u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
+        u, v = np.clip(u, 0, camera.width - 1), np.clip(v, 0, camera.height - 1)
+        found |= inside & np.isfinite(view.depth.z[v, u])
+    return found
 
 
 def visibility(views: Sequence[View]) -> Callable[[np.ndarray], np.ndarray]:

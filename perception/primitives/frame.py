@@ -67,12 +67,15 @@ class Depth:
         sigma: Deviation of z, m, NaN where there is none.
         camera: Intrinsics.
         T_body_camera: Camera on the body; None for a camera in the hand.
+        baseline_m: Of a pair; what the right image does not show, fx baseline / z pixels from the left border on,
+            has no depth. 0: one camera.
     """
 
     z: Float32[np.ndarray, "h w"]
     sigma: Float32[np.ndarray, "h w"]
     camera: Camera
     T_body_camera: Pose3 | None = None
+    baseline_m: float = 0.0
 
 
 @dataclass(frozen=True)

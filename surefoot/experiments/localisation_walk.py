@@ -235,7 +235,7 @@ def understood(
         cloud.sigma[rising],
         T_body_camera.position[:2],
         config.clusters,
-        cut_off(view, reach, True)[rising],
+        cut_off(view, reach)[rising],
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)
