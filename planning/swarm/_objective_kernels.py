@@ -18,6 +18,18 @@ WIDEST = math.radians(80.0)
 
 
 @njit(cache=True, inline="always")
+def left_of(shape: np.ndarray, u: float, per_px: float) -> float:
+    """How far left of the robot a column shows the floor, in a row of so many metres to a column."""
+    return shape[2] - (u - shape[1]) * per_px
+
+
+@njit(cache=True, inline="always")
+def column_of(shape: np.ndarray, left: float, per_px: float) -> float:
+    """The column, in fractions, that shows the floor so far left of the robot: the reverse of `left_of`."""
+    return shape[1] + (shape[2] - left) / per_px
+
+
+@njit(cache=True, inline="always")
 def line_blocked(blocked: np.ndarray, a: float, b: float, first_row: float) -> bool:
     """Whether the image line u = a + b v touches a blocked pixel from a row down to the lowest."""
     height, width = blocked.shape
@@ -25,9 +37,8 @@ def line_blocked(blocked: np.ndarray, a: float, b: float, first_row: float) -> b
     half = 0.5 * abs(b)
     for y in range(height - 1, start - 1, -1):
         u = a + b * y
-        left = math.floor(u - half + 0.5)
-        right = math.floor(u + half + 0.5)
-        left, right = max(left, 0), min(right, width - 1)
+        left = max(math.floor(u - half + 0.5), 0)
+        right = min(math.floor(u + half + 0.5), width - 1)
         for x in range(left, right + 1):
             if blocked[y, x]:
                 return True
@@ -119,7 +130,7 @@ def value(
     ahead = rows[v, 0]
     if not (v >= shape[21] and ahead > 0.0):
         return 5.0 * penalty + 1e-3 * penalty * (rows.shape[0] - v)
-    left = shape[2] - (u - shape[1]) * rows[v, 1]
+    left = left_of(shape, u, rows[v, 1])
     cost = math.hypot(ahead - shape[16], left - shape[17])
     if cost >= bound:
         return cost

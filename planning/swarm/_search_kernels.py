@@ -7,7 +7,14 @@ import math
 import numpy as np
 from numba import njit
 
-from ._objective_kernels import WIDEST, edge_line, footprint_blocked, value
+from ._objective_kernels import (
+    WIDEST,
+    column_of,
+    edge_line,
+    footprint_blocked,
+    left_of,
+    value,
+)
 
 FANS = 512  # directions swept, even in the tangent: about two columns each
 
@@ -167,11 +174,11 @@ def first_feasible(
     ahead, per_px = rows[v, 0], rows[v, 1]
     towards = 1 if last >= u else -1
     while (last - u) * towards >= 0:
-        tangent = (shape[2] - (u - shape[1]) * per_px) / ahead
+        tangent = left_of(shape, u, per_px) / ahead
         k = int((tangent - fans[0]) / fans[1])
         if 0 <= k < FANS and ahead >= limit[k]:  # on to the next fan
             border = fans[0] + (k + (0 if towards > 0 else 1)) * fans[1]
-            u_border = shape[1] + (shape[2] - border * ahead) / per_px
+            u_border = column_of(shape, border * ahead, per_px)
             reached = math.floor(u_border) if towards > 0 else math.ceil(u_border)
             u = reached if (reached - u) * towards > 0 else u + towards
             continue
@@ -226,9 +233,9 @@ def search(
             ahead, per_px = rows[v, 0], rows[v, 1]
             first = max(shape[18], float(boxes[v, 2]))
             end = min(shape[19], float(width - boxes[v, 2])) - 1.0
-            middle = shape[1] + (shape[2] - shape[17]) / per_px
-            first = max(first, shape[1] + (shape[2] - math.tan(high) * ahead) / per_px)
-            end = min(end, shape[1] + (shape[2] - math.tan(low) * ahead) / per_px)
+            middle = column_of(shape, shape[17], per_px)
+            first = max(first, column_of(shape, math.tan(high) * ahead, per_px))
+            end = min(end, column_of(shape, math.tan(low) * ahead, per_px))
             if best < np.inf:
                 reach = math.sqrt(max(best * best - gap * gap, 0.0)) / per_px
                 first, end = max(first, middle - reach), min(end, middle + reach)
