@@ -34,7 +34,7 @@ from planning.guard import Guard
 
 from .avoidance_things import REACH_M, STOP_M, things_of
 from .config import Config
-from .goals import Goals
+from .goals import Goals, GoalSeeker
 from .pipeline import Estimate, Pipeline
 from .planners import Decision
 
@@ -84,7 +84,7 @@ class Look:
     choice: Choice | None
 
 
-class AvoidancePlanner:
+class AvoidancePlanner(GoalSeeker):
     """Walks to one goal after the other by seed 004's motions."""
 
     def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
@@ -94,8 +94,8 @@ class AvoidancePlanner:
             config: Of everything.
             goals: Where to walk, one after the other, map frame, m.
         """
+        super().__init__(Goals(goals, config.mission))
         self._config = config
-        self._goals = Goals(goals, config.mission)
         self._gaze = GazePolicy(config.gaze)
         self._guard = Guard(config.guard)
         self._rng = np.random.default_rng([config.seed, 41])
@@ -110,19 +110,6 @@ class AvoidancePlanner:
         self._picture: np.ndarray | None = None
         self.looks: list[Look] = []
         self.choices: list[Choice] = []
-
-    @property
-    def reached(self) -> int:
-        """Goals reached so far."""
-        return self._goals.reached
-
-    def distance_to_goal(self, estimate: Estimate) -> float:
-        """From the estimated pose to the present goal, m; 0 when all are reached."""
-        return self._goals.distance(estimate)
-
-    def finished(self, estimate: Estimate) -> bool:
-        """Whether all goals are reached or the time is up."""
-        return self._goals.finished(estimate)
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
         """While looking about: keep the view if the head is where it was told to look."""

@@ -26,7 +26,7 @@ from planning.guard import Guard
 from planning.univector import fields
 
 from .config import Config
-from .goals import Goals
+from .goals import Goals, GoalSeeker
 from .pipeline import Estimate, Pipeline
 from .planners import Decision
 
@@ -36,7 +36,7 @@ NEAR_M = 0.8  # ours: farther cells do not reach into the field here
 BESIDE_M = 0.05  # ours: a cell this near to a mover's disc is the mover's own
 
 
-class FieldPlanner:
+class FieldPlanner(GoalSeeker):
     """Walks along the field to one goal after the other."""
 
     def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
@@ -46,23 +46,10 @@ class FieldPlanner:
             config: Of everything.
             goals: Where to walk, one after the other, map frame, m.
         """
+        super().__init__(Goals(goals, config.mission))
         self._config = config
-        self._goals = Goals(goals, config.mission)
         self._gaze = GazePolicy(config.gaze)
         self._guard = Guard(config.guard)
-
-    @property
-    def reached(self) -> int:
-        """Goals reached so far."""
-        return self._goals.reached
-
-    def distance_to_goal(self, estimate: Estimate) -> float:
-        """From the estimated pose to the present goal, m; 0 when all are reached."""
-        return self._goals.distance(estimate)
-
-    def finished(self, estimate: Estimate) -> bool:
-        """Whether all goals are reached or the time is up."""
-        return self._goals.finished(estimate)
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
         """Nothing to be done between footsteps: the pipeline remembers."""

@@ -1,14 +1,63 @@
-"""The places to walk to, one after the other, and when a mission is over."""
+"""The places to walk to, one after the other, when a mission is over, and the face planners share for it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
 from .config import MissionConfig
 from .pipeline import Estimate
+
+
+@runtime_checkable
+class Course(Protocol):
+    """What a planner asks of its goals: a list that is worked off, or one that holds by the clock."""
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far."""
+        ...
+
+    @property
+    def present(self) -> Float[np.ndarray, "2"] | None:
+        """The place to walk to now, map frame, m; None if there is none."""
+        ...
+
+    def distance(self, estimate: Estimate) -> float:
+        """From the estimated pose to the present goal, m; 0 if there is none."""
+        ...
+
+    def finished(self, estimate: Estimate) -> bool:
+        """Take in where the robot is; whether the mission is over."""
+        ...
+
+
+class GoalSeeker:
+    """The part of a planner that every walker to goals has alike."""
+
+    def __init__(self, goals: Course) -> None:
+        """Set out.
+
+        Args:
+            goals: Where to walk.
+        """
+        self._goals = goals
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far."""
+        return self._goals.reached
+
+    def distance_to_goal(self, estimate: Estimate) -> float:
+        """From the estimated pose to the present goal, m; 0 when all are reached."""
+        return self._goals.distance(estimate)
+
+    def finished(self, estimate: Estimate) -> bool:
+        """Whether the last goal is reached or the time is up; called once per frame."""
+        return self._goals.finished(estimate)
 
 
 class Goals:
@@ -23,12 +72,17 @@ class Goals:
         """
         self._goals = [np.array(goal) for goal in goals]
         self._config = config
-        self.reached = 0
+        self._reached = 0
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far."""
+        return self._reached
 
     @property
     def present(self) -> Float[np.ndarray, "2"] | None:
         """The place to walk to now, map frame, m; None when all are reached."""
-        return self._goals[self.reached] if self.reached < len(self._goals) else None
+        return self._goals[self._reached] if self._reached < len(self._goals) else None
 
     def distance(self, estimate: Estimate) -> float:
         """From the estimated pose to the present goal, m; 0 when all are reached."""
@@ -39,5 +93,5 @@ class Goals:
     def finished(self, estimate: Estimate) -> bool:
         """Count the present goal if it is reached; whether all are, or the time is up."""
         if self.present is not None and self.distance(estimate) <= self._config.tolerance_m:
-            self.reached += 1
+            self._reached += 1
         return self.present is None or estimate.stamp_s >= self._config.time_limit_s

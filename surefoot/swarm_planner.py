@@ -33,7 +33,7 @@ from planning.swarm.standing import Standing
 
 from . import monocular_tracks
 from .config import Config
-from .goals import Goals
+from .goals import Goals, GoalSeeker
 from .pipeline import Estimate, Pipeline
 from .planners import Decision
 
@@ -47,7 +47,7 @@ MADE_UP_S = 5.0  # ours: what giving way has cost is made up in about this long
 NEAR_GOAL_M = 0.45  # ours: a goal this near lies before the picture's lowest rows
 
 
-class SwarmPlanner:
+class SwarmPlanner(GoalSeeker):
     """Walks to one goal after the other, or to the one that holds at the time."""
 
     def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
@@ -57,12 +57,9 @@ class SwarmPlanner:
             config: Of everything.
             goals: Where to walk, map frame, m.
         """
+        by_clock = bool(config.swarm.goal_times_s)
+        super().__init__(MovingGoals(goals, config) if by_clock else Goals(goals, config.mission))
         self._config, self._settings = config, config.swarm
-        self._goals = (
-            MovingGoals(goals, config)
-            if config.swarm.goal_times_s
-            else Goals(goals, config.mission)
-        )
         self._monocular = Monocular(config.monocular)
         self._corners = Corners()
         self._guard = Guard(config.guard)
@@ -78,19 +75,6 @@ class SwarmPlanner:
         self._schedule = Schedule(config.guard.gait)
         self._glances = Glances(config.swarm.glance)
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
-
-    @property
-    def reached(self) -> int:
-        """Goals reached so far."""
-        return self._goals.reached
-
-    def distance_to_goal(self, estimate: Estimate) -> float:
-        """From the estimated pose to the present goal, m; 0 when all are reached."""
-        return self._goals.distance(estimate)
-
-    def finished(self, estimate: Estimate) -> bool:
-        """Whether the last goal is reached or the time is up."""
-        return self._goals.finished(estimate)
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
         """See where floor and obstacles are, tell the tracker, remember contacts."""
