@@ -19,6 +19,12 @@ from .metrics.consistency import consistency_metrics, nees
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
 from .metrics.gauge import (
+    FLOOR as FLOOR_NAMES,
+)
+from .metrics.gauge import (
+    SPACE as SPACE_NAMES,
+)
+from .metrics.gauge import (
     TURNED_DEG,
     aligned_on_floor,
     body_turn_deg,
@@ -41,7 +47,7 @@ from .metrics.trajectory import (
     trajectory_metrics,
     wrapped,
 )
-from .run_folder import COVARIANCE_HEADER, RunFolder
+from .run_folder import COVARIANCE_HEADER, ERRORS, RunFolder
 from .run_tables import Table, Trajectory, read_tum
 from .way_claims import SPACE, aligned_claims
 
@@ -108,6 +114,7 @@ def evaluate(
     summary = run.read_json("summary.json") or {}
     estimate = run.read_trajectory("trajectory.txt") if run.has("trajectory.txt") else None
     true = read_tum(truth) if truth is not None else run.read_trajectory("truth/trajectory.txt")
+    run.path(ERRORS).unlink(missing_ok=True)
     walked = true if true is not None else estimate
     if walked is not None:
         metrics |= walk_metrics(walked.stamps, walked.positions)
@@ -153,7 +160,11 @@ def _claims(
     held = aligned_claims_of(run, estimate, true)
     if held is None:
         return {}
-    _, errors, covariances = held
+    stamps, errors, covariances = held
+    names = SPACE_NAMES if errors.shape[1] == 6 else FLOOR_NAMES
+    header = ("stamp_s", *(f"error_{n}" for n in names), *(f"sigma_{n}" for n in names))
+    sigmas = np.sqrt(np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0))
+    run.write_csv(ERRORS, header, np.column_stack([stamps, errors, sigmas]).tolist())
     return claim_metrics(errors, covariances, truth_sigma)
 
 

@@ -1,7 +1,7 @@
 """Pictures of a run over time; pictures only, every number in them comes from the run's files.
 
 `pictures` draws all that the run has data for. The plan views are in `plots_plan`, those of covariances in
-`plots_trust`.
+`plots_trust`, those of a mapped recording in `plots_way`.
 """
 
 from __future__ import annotations
@@ -59,11 +59,13 @@ def pictures(run: RunFolder) -> list[Picture]:
     Raises:
         RecordingError: A file of the run cannot be read.
     """
-    from . import plots_plan, plots_trust
+    from . import plots_plan, plots_trust, plots_way
 
     drawn = []
     kinds: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
         ("map", "Where it went", plots_plan.plan),
+        ("surface", "What it looks like", plots_way.surface),
+        ("aligned", "How wrong the way was, and what it claimed", plots_way.aligned_errors),
         ("pose", "How wrong the pose was", pose_errors),
         ("nees", "Whether the covariance is honest", plots_trust.nees_over_time),
         ("calibration", "Whether every claim holds as often as it says", plots_trust.calibration),

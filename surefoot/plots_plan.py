@@ -15,6 +15,7 @@ from .metrics.maps import FREE, OCCUPIED, UNKNOWN, GridMap, read_map, wrong_cell
 from .metrics.obstacles import moving
 from .plot_style import BELIEF, INK, LANDMARK, SERIES, TRUTH, WANTED, WIDTH_IN, WRONG, Drawn, sheet
 from .run_folder import RunFolder
+from .run_tables import read_tum
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,11 +46,16 @@ def plan(run: RunFolder) -> Drawn | None:
     _truth(axes, run)
     if table is not None:
         _way(axes, *pose_claims(table))
+    elif run.has("trajectory.txt"):
+        given = read_tum(run.path("trajectory.txt")).positions
+        axes.plot(given[:, 0], given[:, 1], color=BELIEF, lw=1.8, zorder=6, label="the way given")
     _marks(axes, run)
     axes.set_xlim(box[0], box[1])
     axes.set_ylim(box[2], box[3])
     _legend(axes)
-    sentence = "The way the robot believed it went, with the 95 % ellipses of its position"
+    sentence = "The way that came with the recording"
+    if table is not None:
+        sentence = "The way it believed it went, with the 95 % ellipses of its position"
     if run.has("truth/trajectory.txt"):
         sentence += " and, dashed, the true way"
     if grid is not None:

@@ -26,6 +26,11 @@ FILES = {
     "recording.mcap": "what the sensors said; opens in Foxglove and Rerun",
     "trajectory.txt": "where the body believed to be, TUM text (evo reads it)",
     "trajectory_covariance.csv": "the same as x, y, yaw with covariance",
+    "space_covariance.csv": "six degrees of freedom: since the start, and after alignment of the whole way",
+    "aligned_errors.csv": "what a given truth leaves after alignment, beside what was claimed",
+    "mesh.ply": "the surface (MeshLab, CloudCompare, Open3D)",
+    "layers.npz": "height, slope, step and traversability of the floor (NumPy)",
+    "graph.g2o": "references, steps and places known again, as a pose graph",
     "smoothed.txt": "the same way, every pose knowing what came after it (`surefoot smooth`)",
     "map.yaml": "the grid, with map.pgm, for Nav2 / map_server",
     "terrain.npz": "the terrain map round the robot at the end: probability, height with variance, stamps (NumPy)",
@@ -114,6 +119,9 @@ def cards(metrics: dict[str, Any], summary: dict[str, Any]) -> list[Card]:
         note = "RMS on the floor; at most 5 cm"
         listed.append(Card("Position error", shown, note, met.get("position_rmse_m")))
     add("heading_rmse_deg", "Heading error", "{:.2f}°", "RMS; at most 2°")
+    if "position_rmse_m" not in metrics:
+        add("ate_aligned_m", "Way after alignment", "{:.3f} m", "RMS in space (ATE)")
+    add("surface_fscore_2cm", "Surface, F-score", "{:.1%}", "at 2 cm")
     add(
         "pose_anees", "Mean NEES of the pose", "{:.2f}",
         f"honest: {metrics.get('pose_anees_low') or 0:.2f} to {metrics.get('pose_anees_high') or 0:.2f}",

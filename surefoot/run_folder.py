@@ -34,6 +34,7 @@ RECORDING = "recording.mcap"
 COVARIANCE_HEADER = (
     "stamp_s", "x_m", "y_m", "yaw_rad", "P_xx", "P_xy", "P_xyaw", "P_yy", "P_yyaw", "P_yawyaw",
 )  # fmt: skip
+ERRORS = "aligned_errors.csv"
 SPACE_HEADER = (
     "stamp_s",
     *(f"{kind}_{i}{j}" for kind in ("start", "aligned") for i in range(6) for j in range(i, 6)),
@@ -41,7 +42,7 @@ SPACE_HEADER = (
 _PART = ".part-"  # begins the name of everything unfinished
 _OURS = (  # what a repeated run takes away before it starts
     "summary.json", "metrics.json", "report.html", "config.toml", "trajectory.txt",
-    "trajectory_covariance.csv", "space_covariance.csv", "map.yaml", "map.pgm", "cloud.ply", "obstacles.json", "floor.csv",
+    "trajectory_covariance.csv", "space_covariance.csv", ERRORS, "map.yaml", "map.pgm", "cloud.ply", "obstacles.json", "floor.csv",
     "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "odometry.csv", "sightings.csv",
     "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply", "graph.g2o", "layers.npz",
     "figures", "views", "truth",
