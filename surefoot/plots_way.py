@@ -14,6 +14,7 @@ from .plot_style import BELIEF, TRUTH, Drawn, key, sheet
 from .run_folder import ERRORS, RunFolder
 
 PIXELS = 520  # along the longer side of a view: the page shows little more
+GRAIN_M = 0.02  # as the voxels: finer pixels would show gaps between points
 OBLIQUE_DEG = 35.0  # looked down at so steeply, from behind the start
 NO_COLOUR = (120, 128, 138)
 BACK = 255
@@ -35,7 +36,7 @@ def surface(run: RunFolder) -> Drawn | None:
         one.imshow(picture, origin="lower", extent=extent, interpolation="nearest", aspect="equal")
         if way is not None:
             seen = way.positions @ view.T
-            one.plot(seen[:, 0], seen[:, 1], color=BELIEF, lw=1.2, label="the camera's way")
+            one.plot(seen[:, 0], seen[:, 1], color=BELIEF, lw=1.6)
         one.grid(False)
         one.set(title=words, xlabel="m")
     if way is not None:
@@ -59,7 +60,7 @@ def splat(
         The picture, its lowest row first, and (left, right, bottom, top) of it, m.
     """
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
-    cell = max(float(np.max(high - low)) / PIXELS, 1e-6)
+    cell = max(float(np.max(high - low)) / PIXELS, GRAIN_M)
     columns, rows = (np.floor((high - low) / cell).astype(int) + 1).tolist()
     at = np.floor((points[:, :2] - low) / cell).astype(int)
     picture = np.full((rows, columns, 3), BACK, np.uint8)

@@ -73,13 +73,39 @@ def test_errors_with_noise_are_as_large_as_the_covariance_says() -> None:
     distances = []
     for _ in range(20):
         true = moved(tuple(rng.normal(0.0, 0.03, 3)), tuple(rng.normal(0.0, 1.5, 3)))
-        found = align(image(Pose3(), rng), image(true, rng))
+        found = align(image(Pose3(), rng), image(true, rng), config=AlignConfig(bend=0.0))
         assert found is not None
         off = found.motion.rotation @ true.rotation.T
         e = np.append(found.motion.position - true.position, Rotation.from_matrix(off).as_rotvec())
         distances.append(e @ np.linalg.solve(found.covariance, e))
     # chi-square with 6 degrees of freedom: 6 on average; being too sure is what must not happen
     assert 0.3 < np.mean(distances) < 12.0
+
+
+def test_depth_bent_over_parts_of_the_image_errs_as_the_covariance_says() -> None:
+    rng = np.random.default_rng(6)
+    v, u = np.mgrid[0 : 1 : CAMERA.height * 1j, 0 : 1 : CAMERA.width * 1j]
+    without, bent = [], []
+    for _ in range(12):
+        bend = sum(  # waves half an image long or more, 1 % together, the same for both images
+            rng.normal(0.0, 0.01 / 2.0) * np.cos(2 * np.pi * (a * u + b * v) + rng.uniform(0, 6.3))
+            for a, b in ((1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (1, -1), (2, 1), (1, 2))
+        )
+        true = moved(tuple(rng.normal(0.0, 0.05, 3)), tuple(rng.normal(0.0, 5.0, 3)))
+        pair = []
+        for pose in (Pose3(), true):
+            depth, rgb = seen(pose, rng)
+            z = (depth.z * (1.0 + bend)).astype(np.float32)
+            pair.append(build(structured_light.depth(DepthView(z, CAMERA)), rgb))
+        for config, told in ((AlignConfig(bend=0.0), without), (AlignConfig(), bent)):
+            found = align(pair[0], pair[1], [true], config)
+            assert found is not None
+            turn = Rotation.from_matrix(found.motion.rotation @ true.rotation.T).as_rotvec()
+            e = np.append(found.motion.position - true.position, turn)
+            told.append(e @ np.linalg.solve(found.covariance, e))
+    # 6 on average if honest; twelve pairs and waves instead of patches leave a factor of three
+    assert np.mean(bent) < 18.0
+    assert np.mean(without) > 2.0 * np.mean(bent)
 
 
 def test_a_large_turn_needs_the_other_starts_and_is_found_with_them() -> None:
