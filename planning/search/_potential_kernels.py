@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -59,3 +61,19 @@ def end_to_end(cells: np.ndarray, reach: int) -> np.ndarray:
     wide = np.zeros((rows + 2 * reach + 2, columns + reach), cells.dtype)
     wide[reach : reach + rows, reach:] = cells
     return wide.reshape(-1)
+
+
+@njit(cache=True)
+def free_disc(
+    probability: np.ndarray, unknown: np.ndarray, x: float, y: float, radius_m: float, cell_m: float
+) -> None:
+    """Unseen cells within a radius of (x, y), in cells, become known and free, in place."""
+    rows, columns = probability.shape
+    reach = math.ceil(radius_m / cell_m) + 1
+    middle_row, middle_column = math.floor(y), math.floor(x)
+    for row in range(max(middle_row - reach, 0), min(middle_row + reach + 1, rows)):
+        for column in range(max(middle_column - reach, 0), min(middle_column + reach + 1, columns)):
+            near = math.hypot(column - x, row - y) * cell_m <= radius_m
+            if near and unknown[row, column]:
+                probability[row, column] = 0.0
+                unknown[row, column] = False

@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int
 from perception.primitives.errors import InputError
 
 from . import _lattice_kernels as kernels
+from ._potential_kernels import free_disc
 from .path import Path as Path
 from .path import Terrain as Terrain
 from .path import clearance
@@ -54,29 +55,13 @@ def prepare(
         penalty: Added to the potential, not negative; None for nothing.
     """
     seen, hidden = probability.copy(), unknown.copy()
-    round_start, near = _disc(probability.shape, (start_xy - origin) / cell_m - 0.5, cell_m, config)
-    near &= hidden[round_start]
-    seen[round_start][near] = 0.0
-    hidden[round_start][near] = False
+    x, y = ((start_xy - origin) / cell_m - 0.5).tolist()
+    free_disc(seen, hidden, x, y, config.start_radius_m, cell_m)
     strength, blocked = terrain(seen, hidden, cell_m, config)
     if penalty is not None:
         strength = strength + penalty
     hard = ~hidden & (seen >= config.p_solid)
     return Terrain(1.0 + config.alpha * strength, blocked, hard, origin.astype(np.float64), cell_m)
-
-
-def _disc(
-    shape: tuple[int, ...], middle: np.ndarray, cell_m: float, config: SearchConfig
-) -> tuple[tuple[slice, slice], np.ndarray]:
-    """A part of the map that holds the disc round the start, and which of its cells are in the disc."""
-    reach = math.ceil(config.start_radius_m / cell_m) + 1
-    (left, low), (right, high) = (
-        np.clip(np.floor(middle).astype(int) + side, 0, shape[::-1]) for side in (-reach, reach + 1)
-    )
-    across = np.arange(left, right) - middle[0]
-    along = np.arange(low, high) - middle[1]
-    near = np.hypot(across, along[:, None]) * cell_m <= config.start_radius_m
-    return (slice(low, high), slice(left, right)), near
 
 
 def find_path(
