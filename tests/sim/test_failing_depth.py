@@ -1,0 +1,46 @@
+"""What takes depth away: a time-of-flight camera that falls silent, and paint without texture."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from perception.primitives.errors import ConfigError
+from sim import scenes
+from sim.robot import RobotConfig, SimulatedRobot
+from sim.textures import PALETTE, paint
+from sim.world import World
+
+
+def test_from_the_moment_it_fails_the_camera_is_silent_and_nothing_else_is():
+    config = RobotConfig(stereo=False, colour=False, tof_fails_at_s=2.0)
+    with (
+        World(scenes.load("empty_room", 0), "tiny") as world,
+        SimulatedRobot(world, config) as robot,
+    ):
+        frames = [robot.read() for _ in range(12)]
+    assert frames[-1].stamp_s > 3.0
+    assert [f.tof is not None for f in frames] == [f.stamp_s < 2.0 for f in frames]
+    assert all(f.odometry is not None and f.imu is not None for f in frames)
+
+
+def test_a_time_before_the_start_is_refused():
+    with pytest.raises(ConfigError, match="tof_fails_at_s"):
+        RobotConfig(tof_fails_at_s=-1.0)
+
+
+def test_plain_paint_is_one_colour():
+    image = paint("plain/oak", (0.5, 0.3), 0.005, np.random.default_rng(0))
+    assert (image == np.array(PALETTE["oak"], np.uint8)).all()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_box_stands_on_the_straight_way_and_there_is_room_beside_it(seed):
+    room = scenes.load("plain_room", seed)
+    first = room.obstacles[0].parts[0]
+    (goal,) = room.goals
+    assert room.start.x < first.centre[0] < goal[0]
+    reach = np.hypot(0.14, 0.14)  # of the box, however it is turned
+    assert abs(first.centre[1] - room.start.y) < reach + 0.15
+    assert first.centre[1] + reach + 0.3 < room.extent[3]
+    assert first.centre[1] - reach - 0.3 > room.extent[1]
