@@ -50,8 +50,9 @@ class ClusterConfig:
     apart_m: float = 0.25  # ours: things side by side rise so much above where they touch
     level_m: float = 0.10  # ours: steps in which tops are compared
     round_m: float = 0.40  # ours: wider is no round thing; its middle is that of what is seen
-    shape_share: float = 0.12  # ours: middle of a flat, round or edgy front, per radius
-    place_sigma_m: float = 0.008  # ours: depth error that all points of a thing share
+    shape_per_m: float = 0.6  # ours: middle of a flat, round or edgy front: times radius squared, m
+    place_sigma_m: float = 0.004  # ours: error that all points of a thing share, near the sensor
+    place_sigma_per_m: float = 0.006  # ours: and growing with range; half a pixel at either edge
 
     def __post_init__(self) -> None:
         for field in self.__dataclass_fields__:
@@ -232,8 +233,10 @@ def _measure(
     across = (right - left) / 2.0
     depth_seen = farthest - nearest
     noise = float(np.mean(sigma))
+    away = float(np.linalg.norm(mean - sensor_xy))
+    place = math.hypot(config.place_sigma_m, config.place_sigma_per_m * away)
     if across <= config.round_m and depth_seen <= 2.0 * config.round_m:
-        nearness = across / max(float(np.linalg.norm(mean - sensor_xy)), across)
+        nearness = across / max(away, across)
         push = math.pi / 4.0 * across * (1.0 + NEARNESS[1] * nearness)
         across *= 1.0 + NEARNESS[0] * nearness
         along = max(push, nearest + depth_seen / 2.0)
@@ -241,14 +244,14 @@ def _measure(
         middle_local = local - middle
         reach = np.quantile(np.hypot(middle_local[:, 0], middle_local[:, 1]), 0.9)
         radius = max(across, float(reach) - 1.28 * noise)  # noise alone reaches so far out
-        shape = config.shape_share * radius
-        sigmas = np.array([math.hypot(shape, config.place_sigma_m), 0.4 * shape])
+        shape = config.shape_per_m * radius**2
+        sigmas = np.array([math.hypot(shape, place), 0.4 * shape])
     else:
         middle = np.array([(nearest + farthest) / 2.0, (left + right) / 2.0])
         radius = math.hypot(across, depth_seen / 2.0)
-        sigmas = np.full(2, config.shape_share * radius)
+        sigmas = np.full(2, config.shape_per_m * radius**2)
     sigmas = np.hypot(sigmas, noise / math.sqrt(min(len(thing), 25)))
-    sigmas[1] = math.hypot(sigmas[1], config.place_sigma_m)
+    sigmas[1] = math.hypot(sigmas[1], place)
     return Cluster(
         mean + axes.T @ middle,
         axes.T @ np.diag(sigmas**2) @ axes,

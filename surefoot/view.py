@@ -67,9 +67,7 @@ def standing(view: View, obstacles: Sequence[Obstacle]) -> Standing:
     return Standing(view.upright[rising], view.points.sigma[rising], view.T_map_camera)
 
 
-def cut_off(
-    view: View, reach: ReachConfig, others: Sequence[View] = ()
-) -> Bool[np.ndarray, "n"]:
+def cut_off(view: View, reach: ReachConfig, others: Sequence[View] = ()) -> Bool[np.ndarray, "n"]:
     """Points at which a thing may go on unseen: border of what is seen, both ends of reach, edge of what hides it.
 
     At the border a thing does not go on unseen if another view of the frame shows what is beyond. What a pair

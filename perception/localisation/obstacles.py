@@ -42,6 +42,10 @@ class TrackerConfig:
     )
     oldest_newborn_s: float = 3.0  # ours: the same, before it is believed
     max_radius_m: float = 0.35  # ours: larger is furniture, and the map's business
+    radius_sigma_m: float = (
+        0.012  # ours: of the radius of one thing between two looks at the whole of it
+    )
+    unlike_share: float = 0.001  # ours: likelihood left to a thing of quite another size
     same_share: float = 0.5  # ours: closer than this share of their radii, two tracks are one thing
     track: TrackConfig = field(default_factory=TrackConfig)
 
@@ -55,6 +59,8 @@ class TrackerConfig:
             "oldest_s",
             "oldest_newborn_s",
             "max_radius_m",
+            "radius_sigma_m",
+            "unlike_share",
         ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -156,6 +162,10 @@ class ObstacleTracker:
         positions = np.array([seen.position for seen in detections])
         covariances = np.array([seen.covariance for seen in detections])
         density = np.array([life.track.density(positions, covariances) for life in self._lives])
+        radii = np.array([seen.radius_m for seen in detections])
+        known = np.array([life.track.radius_m for life in self._lives])
+        unlike = (radii - known[:, None]) / self.config.radius_sigma_m
+        density = density * np.maximum(np.exp(-0.5 * unlike**2), self.config.unlike_share)
         cost = -2.0 * np.log(np.maximum(density, 1e-300))
         gate = -2.0 * math.log(self.config.new_per_m2)
         least = min(float(cost.min()), gate)

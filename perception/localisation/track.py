@@ -47,12 +47,12 @@ class TrackConfig:
     speed_sigma_mps: float = 0.06  # seed 001: movers of 0.03 to 0.15 m/s; deviation per axis
     acceleration_mps2: float = 0.008  # ours: random acceleration per frame, nothing unusual
     view_memory_s: float = 5.0  # ours: the robot's error at this distance is a new one (1/e)
-    shape_per_m: float = 0.8  # ours: wander of a half-seen middle is this times radius squared, m
+    shape_per_m: float = 0.4  # ours: wander of a half-seen middle is this times radius squared, m
     moving_prior: float = 0.25  # seed 001: 4 of 16 obstacles move
     memory_s: float = 20.0  # ours: once seen moving, believed able to, for about this long
     start_probability: float = 0.001  # ours: per frame, that something standing starts
     turn_probability: float = 0.02  # navigation trials: movers turn every 15 to 25 s, 50 frames
-    turn_every_s: float = 20.0  # navigation trials: the same, for what is out of sight
+    turn_every_s: float = 35.0  # ours: unseen; movers turn at the ends of ways, not at random
     notice_s: float = 1.0  # ours: how long ago a turn may have been when it is noticed
     unnoticed_s: float = 0.3  # ours: the same, when it need not have been noticed yet
     travel_share: float = 0.7  # ours: nothing moves that has not left its place by so many radii
