@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -262,10 +263,24 @@ def map_whole(
 @click.option(
     "--surface",
     type=click.Path(path_type=Path),
-    help="Mesh or cloud of the true surfaces, in the frame of the run.",
+    help="Mesh or cloud of the true surfaces, in the frame of the run; with --truth, in the truth's.",
+)
+@click.option(
+    "--truth-sigma",
+    nargs=2,
+    type=click.FloatRange(min=0.0),
+    default=(0.0, 0.0),
+    metavar="M DEG",
+    help="How good the given truth itself is: deviation of its positions and of its turns.",
 )
 @json_option
-def evaluate(run: Path, truth: Path | None, surface: Path | None, as_json: bool) -> None:
+def evaluate(
+    run: Path,
+    truth: Path | None,
+    surface: Path | None,
+    truth_sigma: tuple[float, float],
+    as_json: bool,
+) -> None:
     """Hold RUN against the truth: errors, consistency, map, contacts; writes metrics and report."""
     from .evaluation import closing_table
     from .evaluation import evaluate as measure
@@ -273,7 +288,8 @@ def evaluate(run: Path, truth: Path | None, surface: Path | None, as_json: bool)
     from .run_folder import RunFolder
 
     folder = RunFolder.open(run)
-    metrics = measure(folder, truth, surface)
+    metres, degrees = truth_sigma
+    metrics = measure(folder, truth, surface, (metres, math.radians(degrees)))
     report = write_report(folder)
     if as_json:
         click.echo(json.dumps(metrics, indent=2))

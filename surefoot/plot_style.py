@@ -97,7 +97,9 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
 
 
 def key(axes: Axes, columns: int = 5) -> None:
-    """The legend, above the axes, where it hides nothing."""
+    """The legend, above the axes, where it hides nothing; none where nothing has a name."""
+    if not axes.get_legend_handles_labels()[0]:
+        return
     axes.legend(
         loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.1,
         handlelength=1.7, columnspacing=1.4,

@@ -224,7 +224,7 @@ class Given:
         self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
         self._T_map_camera: Pose3 | None = None
         self._given: Pose3 | None = None
-        self._floor_heights: list[float] = []
+        self._floors, self._floor_height_m = 0, 0.0  # how many were seen, and their mean height
 
     @property
     def pose(self) -> Gaussian | None:
@@ -256,12 +256,12 @@ class Given:
             return handheld_prior(None)
         up_camera = self._T_map_camera.rotation.T @ UP
         tilt = math.radians(self._config.given_tilt_deg)
-        if not self._floor_heights:
+        if not self._floors:
             weak = handheld_prior(up_camera)
             covariance = weak.covariance.copy()
             covariance[:2, :2] = np.eye(2) * tilt**2
             return Plane(up_camera, weak.offset_m, covariance)
-        height = self._T_map_camera.translation[2] - float(np.mean(self._floor_heights))
+        height = self._T_map_camera.translation[2] - self._floor_height_m
         return Plane(up_camera, height, np.diag([tilt**2, tilt**2, self._config.given_height_m**2]))
 
     def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
@@ -275,8 +275,10 @@ class Given:
             upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
             self._T_map_camera = upright @ self._given
         if floor is not None:
-            self._floor_heights.append(self._T_map_camera.translation[2] - floor.offset_m)
-        elif not self._floor_heights:
+            height = float(self._T_map_camera.translation[2]) - floor.offset_m
+            self._floors += 1
+            self._floor_height_m += (height - self._floor_height_m) / self._floors
+        elif not self._floors:
             return None
         return Placed(self._T_map_camera, floor or self.expected_floor(T_body_camera))
 
