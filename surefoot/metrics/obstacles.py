@@ -1,7 +1,8 @@
 """Tracks against the true obstacles: who is who at every instant, and how wrong.
 
-At each instant tracks and true obstacles are paired so that the sum of their distances is smallest, and
-pairs further apart than a gate are undone. Tracks of things that the truth does not list are not judged.
+A track is of the thing that it was last seen on. At each instant tracks and true obstacles of one another are
+paired so that the sum of their distances is smallest. Tracks of things that the truth does not list are not
+judged, however near a listed one passes by; one that has lost its thing is, wherever it has gone.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 
 from ..run_tables import Table
@@ -20,7 +21,9 @@ from .consistency import consistency_metrics, nees
 from .ospa import ospa
 from .trajectory import rms
 
-GATE_M = 0.5  # ours: three body radii; further apart it is another thing
+GATE_M = 0.2  # ours: two radii of a mover; what is seen further apart is another thing
+FAR_M = 1e3  # so that a pair that may not be never breaks one that may
+NOBODY = ""
 BELIEVED = 0.5  # probability of moving above which a track counts as a mover
 MOVES_MPS = 0.005  # ours: below this over the whole run a thing stands
 
@@ -53,7 +56,8 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
     """Pair the tracks of a run with the true obstacles.
 
     Args:
-        tracks: Entries with stamp, track, mean (4), covariance (4 x 4), as obstacles.json lists them.
+        tracks: Entries with stamp, track, mean (4), covariance (4 x 4), and whether it was seen in this frame
+            (if not told: it was), as obstacles.json lists them.
         truth: Columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps.
     """
     by_stamp: dict[float, list[dict[str, Any]]] = defaultdict(list)
@@ -65,6 +69,7 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
         true_rows[float(stamp)].append(row)
     present: dict[str, int] = defaultdict(int)
     found: list[tuple[float, str, int, np.ndarray, np.ndarray]] = []
+    owners: dict[int, str] = {}
     for stamp in sorted(true_rows):
         rows, entries = true_rows[stamp], by_stamp.get(stamp, [])
         for row in rows:
@@ -72,7 +77,17 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
         if not entries:
             continue
         means = np.array([entry["mean"] for entry in entries], dtype=np.float64)
-        for i, j in _pairs(means, true_states[rows]):
+        apart = np.linalg.norm(means[:, None, :2] - true_states[None, rows, :2], axis=-1)
+        for entry, gaps in zip(entries, apart, strict=True):
+            nearest = int(np.argmin(gaps))
+            if entry.get("seen", True):
+                owners[int(entry["track"])] = (
+                    identities[rows[nearest]] if gaps[nearest] < GATE_M else NOBODY
+                )
+        own = np.array(
+            [[owners.get(int(e["track"])) == identities[r] for r in rows] for e in entries]
+        )
+        for i, j in _pairs(apart, own):
             covariance = np.array(entries[i]["covariance"], dtype=np.float64)
             error = means[i] - true_states[rows[j]]
             found.append((stamp, identities[rows[j]], int(entries[i]["track"]), error, covariance))
@@ -158,12 +173,10 @@ def ospa_over_time(
 
 
 def _pairs(
-    means: Float[np.ndarray, "n 4"], true: Float[np.ndarray, "m 4"]
+    apart: Float[np.ndarray, "n m"], allowed: Bool[np.ndarray, "n m"]
 ) -> list[tuple[int, int]]:
-    apart = np.linalg.norm(means[:, None, :2] - true[None, :, :2], axis=-1)
-    # Beyond the gate all pairs are equally bad, so that a far one never breaks a near one.
-    rows, columns = linear_sum_assignment(np.minimum(apart, GATE_M))
-    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if apart[i, j] < GATE_M]
+    rows, columns = linear_sum_assignment(np.where(allowed, apart, FAR_M))
+    return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if allowed[i, j]]
 
 
 def _changes(errors: TrackErrors, wanted: tuple[str, ...]) -> int:
