@@ -55,6 +55,7 @@ class TrackConfig:
     turn_every_s: float = 35.0  # ours: unseen; movers turn at the ends of ways, not at random
     notice_s: float = 1.0  # ours: how long ago a turn may have been when it is noticed
     unnoticed_s: float = 0.3  # ours: the same, when it need not have been noticed yet
+    slow_mps: float = 0.03  # navigation trials: the slowest movers
     travel_share: float = 0.7  # ours: nothing moves that has not left its place by so many radii
 
     def __post_init__(self) -> None:
@@ -127,7 +128,7 @@ class Track:
         self._x, self._P = mean, positive(P)
         self._first_x, self._first_y = float(mean[0]), float(mean[1])
         self._first_radius_m = seen.radius_m
-        self._travelled = 0.0
+        self._travelled = self._age_s = 0.0
         self._state: Gaussian | None = None
         self._seen: tuple[float, np.ndarray, np.ndarray] | None = None
 
@@ -137,11 +138,11 @@ class Track:
 
         The middle of a half-seen thing wanders as we pass it, by part of its radius and no further, and by
         as much as the thing grows while more of it is seen; what has not left its first place yet may be
-        such a thing, however steadily it goes.
+        such a thing, however steadily it goes. But a slow one needs time for that, and gets it.
         """
         by_velocity = _probability(_log_odds(self.config.moving_prior) + self._evidence)
-        out_of_place = self._travelled / max(self.config.travel_share * self.radius_m, 1e-6)
-        return by_velocity * min(1.0, out_of_place)
+        far = min(self.config.travel_share * self.radius_m, self.config.slow_mps * self._age_s)
+        return by_velocity * min(1.0, self._travelled / max(far, 1e-6))
 
     @property
     def state(self) -> Gaussian:
@@ -182,6 +183,7 @@ class Track:
         The motion is linear, so that matrices give what sigma points would.
         """
         self._look_from(robot)
+        self._age_s += dt
         stopping, push = int(self._stands), 0.0  # out of sight what it may do is told by `turning`
         if self._unseen_s == 0.0:
             push = self.config.acceleration_mps2**2

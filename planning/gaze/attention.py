@@ -91,6 +91,7 @@ class Attentive:
         self._way_s = -math.inf  # when the way was last looked at
         self._sought_s: dict[int, float] = {}  # by track: when a look went to where it may be
         self._trust: dict[int, float] = {}  # by landmark: that a look there shows it
+        self._new: list[np.ndarray] = []  # things without a track that this moment's map holds
         self._met: list[
             tuple[np.ndarray, float]
         ] = []  # things without a track that got a look, when
@@ -147,6 +148,9 @@ class Attentive:
         """Take down what the look that was decided on is going to show."""
         if in_view(self._way(pose, via)[None], gaze, self._narrow)[0]:
             self._way_s = stamp_s
+        for place in self._new:
+            if in_view(from_camera(pose, place[None], self.config.eye_m), gaze, self._narrow)[0]:
+                self._met.append((place, stamp_s))
         movers = self._movers(obstacles)
         there, whose = self._may_be(stamp_s, movers, pose)
         for k in whose[in_view(there, gaze, self._narrow)]:
@@ -237,6 +241,7 @@ class Attentive:
         """
         config = self.config
         self._met = [(place, when) for place, when in self._met if stamp_s - when < MET_S]
+        self._new = []
         taken = [o.position for o in obstacles]
         places, due = [], []
         for cluster in known.clusters:
@@ -249,9 +254,9 @@ class Attentive:
             near = any(np.hypot(*(place - other)) < config.new_apart_m for other in taken)
             if near or before >= config.new_looks:
                 continue
-            self._met.append((place, stamp_s))
+            self._new.append(place)
             places.append([*cluster.centre, -config.eye_m])
-            due.append(self._nearness(away))
+            due.append(config.seek_max if away < config.close_m else self._nearness(away))
         return np.array(places).reshape(-1, 3), np.array(due).reshape(-1)
 
     def _nearness(self, away_m: float) -> float:

@@ -48,6 +48,9 @@ class AttentionConfig:
     young_share: float = 0.4  # ours: a look at such a thing is worth so much of one at a mover
     seek_max: float = 3.0  # ours: worth of the most overdue look, in those of one that is due
     new_looks: int = 2  # ours: so often a thing without a track is looked at again, to get one
+    close_m: float = (
+        0.7  # ours: a thing without a track this near is as urgent as a mover long unseen
+    )
     new_apart_m: float = 0.25  # ours: nearer than this to a track, or to one before, it is the same
     turned_back_s: float = 3.0  # ours: unseen for longer, it may as well have turned back
     edge_deg: float = 12.0  # ours: kept off the sides of the view, where things are cut in two

@@ -104,8 +104,11 @@ def test_a_thing_without_a_track_is_looked_at_again_but_not_for_ever():
     thing = Cluster(np.array([0.5, 0.9]), np.eye(2) * 1e-4, 0.1, 0.4, 50, Footprint(0.2, 0.2, 0.0))
     attentive, known = Attentive(CONFIG), Known(SURE, clusters=(thing,))
     empty = values(Attentive(CONFIG), 1.0)[1](60.0)
-    found = [values(attentive, 1.0 + k, (), known)[1](60.0) > empty for k in range(4)]
-    assert found == [True, True, False, False]
+    found = []
+    for k, gaze in enumerate((at(-60.0), at(60.0), at(60.0), at(60.0), at(60.0))):
+        found.append(values(attentive, 1.0 + k, (), known)[1](60.0) > empty)
+        attentive.decided(1.0 + k, gaze, VIA, [], SURE)
+    assert found == [True, True, True, False, False]  # a look elsewhere does not count
     tracked = [mover(0.5, 0.9, 1.0, moving=0.01, since_s=-20.0)]
     assert values(Attentive(CONFIG), 1.0, tracked, known)[1](60.0) == empty
 
