@@ -39,9 +39,7 @@ class AlignConfig:
     kept: int = 3  # ours: starts that go on from the coarsest size to the next
     common_px: float = 15.0  # ours: pixels that err alike; NEES of 6 on ray-cast depth with noise
     warp: float = 0.01  # ours: lens, depth scale and shutter bend the view by so much of the motion
-    bend: float = (
-        0.01  # Smisek 2011, Teichman 2013: depth is off by 1 cm in 1 m .. over parts of the image
-    )
+    bend: float = 0.01  # ours: depth cameras are off by a percent over parts of the image
     bend_share: float = 0.25  # likewise: such parts are about a quarter of the image wide
 
     def __post_init__(self) -> None:
