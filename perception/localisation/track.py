@@ -138,11 +138,14 @@ class Track:
 
         The middle of a half-seen thing wanders as we pass it, by part of its radius and no further, and by
         as much as the thing grows while more of it is seen; what has not left its first place yet may be
-        such a thing, however steadily it goes. But a slow one needs time for that, and gets it.
+        such a thing, however steadily it goes. But a slow one needs time for that, and gets it: until then what
+        nothing is known of moves as often as others do.
         """
-        by_velocity = _probability(_log_odds(self.config.moving_prior) + self._evidence)
-        far = min(self.config.travel_share * self.radius_m, self.config.slow_mps * self._age_s)
-        return by_velocity * min(1.0, self._travelled / max(far, 1e-6))
+        config, may = self.config, self._may_move()
+        far = config.travel_share * self.radius_m
+        left = min(1.0, self._travelled / max(min(far, config.slow_mps * self._age_s), 1e-6))
+        early = max(1.0 - config.slow_mps * self._age_s / max(far, 1e-6), 0.0)
+        return may * left + early * min(may, config.moving_prior) * (1.0 - left)
 
     @property
     def state(self) -> Gaussian:

@@ -28,15 +28,14 @@ from perception.primitives.obstacle import Obstacle
 from ..commands import GazeCommand
 from . import evaluations
 from .attention_config import AttentionConfig as AttentionConfig
-from .sampling import from_camera, in_body, in_world, region
+from .newcomers import Newcomers
+from .sampling import from_camera, in_body, region
 from .sampling import sample_region as sample_region
 from .selection import in_view, shown
 from .tag_gain import gains
 
 BODY_M = 0.15  # S_r, seed 001
-LARGEST_M = 0.35  # as the tracker: larger is furniture
 EVERY = 3  # of the sample points is laid over the map: a fifth of the view holds dozens still
-MET_S = 20.0  # how long a look at a thing that got no track is remembered
 WAY_M = 1.0  # so far ahead the floor of the next steps lies
 
 
@@ -91,10 +90,7 @@ class Attentive:
         self._way_s = -math.inf  # when the way was last looked at
         self._sought_s: dict[int, float] = {}  # by track: when a look went to where it may be
         self._trust: dict[int, float] = {}  # by landmark: that a look there shows it
-        self._new: list[np.ndarray] = []  # things without a track that this moment's map holds
-        self._met: list[
-            tuple[np.ndarray, float]
-        ] = []  # things without a track that got a look, when
+        self._newcomers = Newcomers(config)
         self._stamp_s = 0.0
 
     def weigh(
@@ -122,7 +118,7 @@ class Attentive:
         psi = self._psi_movers(stamp_s, movers, pose)
         there, whose = self._may_be(stamp_s, movers, pose)
         each = (gaze.obstacle_weight * psi / np.bincount(whose, minlength=len(movers)))[whose]
-        new, worth = self._newcomers(stamp_s, known, obstacles)
+        new, worth = self._newcomers.weigh(stamp_s, pose, known.clusters, obstacles)
         places = np.concatenate([self._way(pose, via)[None], there, new])
         values = np.concatenate([[value], each, gaze.obstacle_weight * worth])
         total = shown(places, values, self._narrow)
@@ -148,9 +144,7 @@ class Attentive:
         """Take down what the look that was decided on is going to show."""
         if in_view(self._way(pose, via)[None], gaze, self._narrow)[0]:
             self._way_s = stamp_s
-        for place in self._new:
-            if in_view(from_camera(pose, place[None], self.config.eye_m), gaze, self._narrow)[0]:
-                self._met.append((place, stamp_s))
+        self._newcomers.looked(stamp_s, gaze, pose, self._narrow)
         movers = self._movers(obstacles)
         there, whose = self._may_be(stamp_s, movers, pose)
         for k in whose[in_view(there, gaze, self._narrow)]:
@@ -210,7 +204,9 @@ class Attentive:
         for k, mover in enumerate(movers):
             sought_s = self._sought_s.get(mover.track, -math.inf)
             alone = stamp_s - max(mover.seen_s, sought_s)
-            worth[k] = self._nearness(away[k]) * min((alone / config.seek_s) ** 2, config.seek_max)
+            worth[k] = self.config.nearness(away[k]) * min(
+                (alone / config.seek_s) ** 2, config.seek_max
+            )
             worth[k] *= config.receding if receding[k] else 1.0
             worth[k] *= config.young_share if mover.moving < config.moving_share else 1.0
         return np.maximum(psi_ob, worth)
@@ -230,38 +226,6 @@ class Attentive:
                 whose.append(k)
         there = from_camera(pose, np.array(places).reshape(-1, 2), self.config.eye_m)
         return there, np.array(whose, np.int64)
-
-    def _newcomers(
-        self, stamp_s: float, known: Known, obstacles: Sequence[Obstacle]
-    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Things of this frame that have no track yet, from the camera; and how much each is due.
-
-        Two sightings make no track, and one look is two frames: who looks away then loses it again. Of what is
-        cut off by the edge of the view only the near counts: far off it is mostly furniture.
-        """
-        config = self.config
-        self._met = [(place, when) for place, when in self._met if stamp_s - when < MET_S]
-        self._new = []
-        taken = [o.position for o in obstacles]
-        places, due = [], []
-        for cluster in known.clusters:
-            away = float(np.hypot(*cluster.centre))
-            far = config.far_m if cluster.whole else config.near_m
-            if cluster.radius_m > LARGEST_M or away > far:
-                continue
-            place = in_world(known.pose, cluster.centre)
-            before = sum(np.hypot(*(place - met)) < config.new_apart_m for met, _ in self._met)
-            near = any(np.hypot(*(place - other)) < config.new_apart_m for other in taken)
-            if near or before >= config.new_looks:
-                continue
-            self._new.append(place)
-            places.append([*cluster.centre, -config.eye_m])
-            due.append(config.seek_max if away < config.close_m else self._nearness(away))
-        return np.array(places).reshape(-1, 3), np.array(due).reshape(-1)
-
-    def _nearness(self, away_m: float) -> float:
-        near, far = self.config.near_m, self.config.far_m
-        return min(max((far - away_m) / (far - near), 0.0), 1.0)
 
     def _tags(self, known: Known) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
         """Landmarks within reach, from the camera, and what a sighting of each would gain."""

@@ -47,7 +47,9 @@ class AttentionConfig:
     )
     young_share: float = 0.4  # ours: a look at such a thing is worth so much of one at a mover
     seek_max: float = 3.0  # ours: worth of the most overdue look, in those of one that is due
-    new_looks: int = 2  # ours: so often a thing without a track is looked at again, to get one
+    again_share: float = 0.5  # ours: worth of a thing without a track after each look in vain ...
+    met_s: float = 8.0  # ours: ... for so long
+    hidden_m: float = 0.10  # ours: so much of a thing may be hidden beyond the edge of the view
     close_m: float = (
         0.7  # ours: a thing without a track this near is as urgent as a mover long unseen
     )
@@ -76,3 +78,7 @@ class AttentionConfig:
             raise ConfigError(
                 f"gaze: edge_deg={self.edge_deg} must lie in [0, across_deg={self.map.across_deg})"
             )
+
+    def nearness(self, away_m: float) -> float:
+        """Share of its worth that a thing has at a distance, in [0, 1]."""
+        return min(max((self.far_m - away_m) / (self.far_m - self.near_m), 0.0), 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -100,17 +101,38 @@ def test_what_stands_for_sure_is_worth_nothing_and_what_is_new_is():
     assert values(Attentive(CONFIG), 5.0, [new])[1](60.0) > empty(60.0)
 
 
-def test_a_thing_without_a_track_is_looked_at_again_but_not_for_ever():
+def test_a_thing_without_a_track_is_looked_at_again_and_less_after_looks_in_vain():
     thing = Cluster(np.array([0.5, 0.9]), np.eye(2) * 1e-4, 0.1, 0.4, 50, Footprint(0.2, 0.2, 0.0))
     attentive, known = Attentive(CONFIG), Known(SURE, clusters=(thing,))
-    empty = values(Attentive(CONFIG), 1.0)[1](60.0)
     found = []
-    for k, gaze in enumerate((at(-60.0), at(60.0), at(60.0), at(60.0), at(60.0))):
-        found.append(values(attentive, 1.0 + k, (), known)[1](60.0) > empty)
+    for k, gaze in enumerate((at(-60.0), at(60.0), at(60.0), at(60.0))):
+        empty = values(Attentive(CONFIG), 1.0 + k)[1](60.0)
+        found.append(values(attentive, 1.0 + k, (), known)[1](60.0) - empty)
         attentive.decided(1.0 + k, gaze, VIA, [], SURE)
-    assert found == [True, True, True, False, False]  # a look elsewhere does not count
+    assert found[1] == pytest.approx(found[0])  # a look elsewhere does not count
+    assert found[1] > found[2] > found[3] > 0.0
+    later = 4.0 + CONFIG.met_s
+    again = values(attentive, later, (), known)[1](60.0)
+    assert again - values(Attentive(CONFIG), later)[1](60.0) == pytest.approx(found[0])
     tracked = [mover(0.5, 0.9, 1.0, moving=0.01, since_s=-20.0)]
+    empty = values(Attentive(CONFIG), 1.0)[1](60.0)
     assert values(Attentive(CONFIG), 1.0, tracked, known)[1](60.0) == empty
+
+
+def test_what_the_edge_of_the_view_cuts_off_is_looked_at_with_what_may_be_hidden():
+    seen = Cluster(
+        np.array([0.8, 0.0]), np.eye(2) * 1e-4, 0.05, 0.4, 50, Footprint(0.1, 0.1, 0.0), whole=False
+    )
+    known = Known(SURE, clusters=(seen,))
+    gain = []
+    for pan in (0.0, 15.0):  # the narrow view is 31 deg across: the middle is in both
+        with_it = values(Attentive(CONFIG), 1.0, (), known)[1](pan)
+        gain.append(with_it - values(Attentive(CONFIG), 1.0)[1](pan))
+    assert gain[0] > 1.4 * gain[1] > 0.0
+    far = dataclasses.replace(seen, centre=np.array([2.0, 0.0]))
+    assert values(Attentive(CONFIG), 1.0, (), Known(SURE, clusters=(far,)))[1](0.0) == values(
+        Attentive(CONFIG), 1.0
+    )[1](0.0)
 
 
 def test_stale_ground_draws_the_head_to_its_side():
