@@ -48,5 +48,6 @@ def walk_all(
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         for metrics in pool.map(walk, todo, [extra] * len(todo)):
             found.append(metrics)
-            say(f"{len(found)} of {len(todo)} walks")
+            touched = sum(float(each.get("contacts", 0.0)) > 0.0 for each in found)
+            say(f"{len(found)} of {len(todo)} walks, {touched} of them with a contact")
     return found
