@@ -40,6 +40,7 @@ FILES = {
     "INT-3": "floor_methods",
     "INT-4": "four_planners",
     "home": "home",
+    "sensors": "sensors",
     "walking": "walking",
     "INT-1": "people_home",
     "localisation": "localisation",
