@@ -124,6 +124,8 @@ def roll_out(
 ) -> None:
     """Roll every plan out; with `prune` no further than it takes to see that it is not the cheapest.
 
+    One function on purpose: parted into steps, discs and cells it takes a third longer (1.8 for 1.3 ms).
+
     Args:
         robot: (x, y, yaw).
         plans: (c, 8): forward, left, turn of a first step; for how many steps it is repeated; then
