@@ -326,8 +326,14 @@ def smooth(run: Path, lag_s: float | None) -> None:
 @main.command()
 @click.argument("identity", metavar="ID", required=False)
 @click.option("--seeds", type=click.IntRange(min=1), help="How many random worlds.")
+@click.option(
+    "--body",
+    default="",
+    type=click.Choice(["kinematic", "dynamic", "both"]),
+    help="Who walks, where somebody does; both: beside each other.",
+)
 @json_option
-def experiment(identity: str | None, seeds: int | None, as_json: bool) -> None:
+def experiment(identity: str | None, seeds: int | None, body: str, as_json: bool) -> None:
     """Measure a published table or figure again; without ID, list them."""
     from .experiments import experiment as experiments
 
@@ -337,7 +343,7 @@ def experiment(identity: str | None, seeds: int | None, as_json: bool) -> None:
         return
     chosen = experiments.load(identity)
     with progress() as say:
-        outcome = chosen.run(seeds or chosen.seeds, say)
+        chosen, outcome = experiments.measure(chosen, say, seeds, body)
     result = experiments.judge(chosen, outcome)
     shown = (
         json.dumps(result, indent=2)

@@ -190,6 +190,11 @@ def fitted(config: Config) -> Config:
     return config
 
 
+def on_body(config: Config, body: str) -> Config:
+    """The same walked by that body, "kinematic" or "dynamic", with what it needs."""
+    return fitted(dataclasses.replace(config, robot=dataclasses.replace(config.robot, body=body)))
+
+
 def load(
     path: Path | None,
     overrides: Sequence[str] = (),

@@ -81,9 +81,9 @@ def draw_panes(scene: Scene, config: Config) -> bool:
     return choice is not None
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Four walks a seed, two at a time, and four looks about."""
-    configs = [config_of(motion, seed) for motion in SHOWN for seed in range(seeds)]
+    configs = [config_of(motion, seed, body) for motion in SHOWN for seed in range(seeds)]
     blocked = 0
     for config in configs:
         blocked += draw_panes(scenes.load(config.scene, config.seed), config)
@@ -102,6 +102,7 @@ EXPERIMENT = Experiment(
     id="004-E4",
     title="Picture sequences of four motions, four panes of what was seen",
     run=run,
+    body="kinematic",
     targets={"sequences": Target(">=", 4.0), "contacts": Target("==", 0.0)},
     seeds=1,
 )

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from sim.avoidance_scenes import MOTIONS
 
-from ..config import Config, MissionConfig
+from ..config import Config, MissionConfig, on_body
 from ..run_folder import RunFolder
 from .experiment import Experiment, Outcome, Say, Target
 from .walks import walk_all
@@ -20,15 +20,16 @@ from .walks import walk_all
 LIMIT_S, STOP_LIMIT_S = 200.0, 40.0  # ours: the longest passage, slips at 3 cm/s, takes 150 s
 
 
-def config_of(motion: str, seed: int) -> Config:
-    """One walk in the arena of a motion."""
+def config_of(motion: str, seed: int, body: str = "kinematic") -> Config:
+    """One walk in the arena of a motion, with this body."""
     config = Config(scene=f"avoidance_{motion.lower()}", seed=seed)
     limit = STOP_LIMIT_S if motion == "ST" else LIMIT_S
-    return replace(
+    config = replace(
         config,
         robot=replace(config.robot, stereo=False),
         mission=MissionConfig(planner="avoidance", time_limit_s=limit),
     )
+    return on_body(config, body)
 
 
 def first_motion(folder: RunFolder, config: Config) -> dict[str, float]:
@@ -39,10 +40,10 @@ def first_motion(folder: RunFolder, config: Config) -> dict[str, float]:
     return {"first_motion": float(found[0] if found else -1)}
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seven arenas a seed, each walk about half a minute on a free core."""
     todo = [(motion, seed) for motion in MOTIONS for seed in range(seeds)]
-    walked = walk_all([config_of(*one) for one in todo], say, first_motion)
+    walked = walk_all([config_of(*one, body) for one in todo], say, first_motion)
     figures: dict[str, float] = {}
     table = ["motion  success  as meant  arrived  contacts  clearance"]
     good_of: list[int] = []
@@ -71,6 +72,7 @@ EXPERIMENT = Experiment(
     id="004-E3",
     title="Fifteen walks for each motion, from camera pictures to footsteps",
     run=run,
+    body="kinematic",
     targets={"success_min_of_15": Target("==", 15.0), "contacts": Target("==", 0.0)},
     seeds=15,
 )

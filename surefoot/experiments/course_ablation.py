@@ -32,14 +32,14 @@ VARIANTS = {
 """Name to stepper and field."""
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1, every variant on each."""
     trials = [
         Trial("course", seed, stepper=stepper, field=field)
         for stepper, field in VARIANTS.values()
         for seed in range(seeds)
     ]
-    walks = try_all(trials, say)
+    walks = try_all(trials, say, body)
     table = [HEADER]
     result: dict[str, float] = {}
     for k, name in enumerate(VARIANTS):
@@ -65,6 +65,7 @@ EXPERIMENT = Experiment(
     id="001-E4",
     title="With and without virtual obstacle, velocity change, uncertainty, gaze coupling, guard",
     run=run,
+    body="kinematic",
     targets={"contacts_saved_by_guard": Target(">", 0.0)},
     seeds=100,
 )

@@ -8,18 +8,19 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from ..config import on_body
 from ..course_walk import Walk, pictures_config, walk
 from .course_trials import HEADER, WORKERS, figures, row
 from .experiment import Say
 
 
-def walk_from_pictures(seed: int) -> Walk:
+def walk_from_pictures(seed: int, body: str = "kinematic") -> Walk:
     """The slow course of a seed, all from pictures."""
-    return walk(pictures_config("course", seed))
+    return walk(on_body(pictures_config("course", seed), body))
 
 
 def image_figures(
-    seeds: int, by_geometry: Sequence[Walk], say: Say
+    seeds: int, by_geometry: Sequence[Walk], say: Say, body: str
 ) -> tuple[dict[str, float], list[str]]:
     """Figures of walks from pictures, and how far those by geometry are from them.
 
@@ -27,10 +28,11 @@ def image_figures(
         seeds: How many, from 0.
         by_geometry: The same seeds by the geometric sensor.
         say: Progress.
+        body: Who walks.
     """
     found: list[Walk] = []
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for one in pool.map(walk_from_pictures, range(seeds)):
+        for one in pool.map(walk_from_pictures, range(seeds), [body] * seeds):
             found.append(one)
             say(f"{len(found)} of {seeds} courses from pictures")
     seen = {f"images_{name}": value for name, value in figures(found).items()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
@@ -14,6 +14,7 @@ from planning.stepping import Stepper, Trusting
 from planning.univector.fields import FieldConfig
 from planning.velocity_obstacles import VelocityObstacles
 
+from ..config import on_body
 from ..course_walk import Walk, course_config, walk
 from ..metrics.contacts import CLASSES
 from .experiment import Say
@@ -39,6 +40,7 @@ class Trial:
         truly: With true perception.
         stepper: One of `STEPPERS`.
         field: Switches of the field; None: as beside the guard.
+        body: Who walks.
     """
 
     scene: str
@@ -46,18 +48,20 @@ class Trial:
     truly: bool = False
     stepper: str = "guard"
     field: FieldConfig | None = None
+    body: str = "kinematic"
 
 
 def try_out(trial: Trial) -> Walk:
     """Walk it."""
-    config = course_config(trial.scene, trial.seed)
+    config = on_body(course_config(trial.scene, trial.seed), trial.body)
     if trial.field is not None:
         config = replace(config, via_field=trial.field)
     return walk(config, trial.truly, STEPPERS[trial.stepper]())
 
 
-def try_all(trials: Sequence[Trial], say: Say) -> list[Walk]:
-    """All walks, in order, two at a time, each in a process of its own."""
+def try_all(trials: Iterable[Trial], say: Say, body: str) -> list[Walk]:
+    """All walks, by one body, in order, two at a time, each in a process of its own."""
+    trials = [replace(trial, body=body) for trial in trials]
     found: list[Walk] = []
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         for one in pool.map(try_out, trials):

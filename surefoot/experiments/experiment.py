@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+from perception.primitives.errors import InputError
 
 from .. import registry
 
@@ -61,6 +63,9 @@ FILES = {
 }
 """Where each experiment lives: id to file of this folder. Ids are those of the specification."""
 
+BODIES = ("kinematic", "dynamic")
+"""Exact footsteps with drawn noise; servos and soles in a physical world."""
+
 Say = Callable[[str], None]
 
 
@@ -96,18 +101,20 @@ class Experiment:
     Args:
         id: As in the specification, such as "003-E1".
         title: What it shows, one line.
-        run: Measures; takes the number of seeds and a function to report progress to.
+        run: Measures; takes the number of seeds and a function to report progress to, and the body if any walks.
         targets: For the figures that have one.
         published: The paper's own numbers, where it has any.
         seeds: How many random worlds by default.
+        body: That walks by default, one of `BODIES`; empty: nothing walks.
     """
 
     id: str
     title: str
-    run: Callable[[int, Say], Outcome]
+    run: Callable[..., Outcome]
     targets: Mapping[str, Target]
     published: Mapping[str, float] = field(default_factory=dict)
     seeds: int = 10
+    body: str = ""
 
 
 def names() -> list[str]:
@@ -119,6 +126,49 @@ def load(identity: str) -> Experiment:
     """The experiment of that id; an unknown one is an InputError with the nearest."""
     found: Experiment = registry.load("experiment", __package__, FILES, identity)
     return found
+
+
+def measure(
+    experiment: Experiment, say: Say, seeds: int | None = None, body: str = ""
+) -> tuple[Experiment, Outcome]:
+    """Run it.
+
+    Args:
+        experiment: Which.
+        say: Progress.
+        seeds: How many random worlds; None: its own number.
+        body: One of `BODIES`, or "both"; empty: its own.
+
+    Returns:
+        The experiment, with the targets of both bodies if both walked, and what came of it: then the
+        second body's figures and targets end in its name, and the table ends with both beside each other.
+
+    Raises:
+        InputError: a body for an experiment in which nothing walks.
+    """
+    seeds = seeds or experiment.seeds
+    if not experiment.body:
+        if body:
+            walkers = ", ".join(name for name in FILES if load(name).body)
+            raise InputError(
+                f"experiment {experiment.id}: nothing walks in it, so it takes no --body; "
+                f"these do: {walkers}"
+            )
+        return experiment, experiment.run(seeds, say)
+    if body != "both":
+        return experiment, experiment.run(seeds, say, body or experiment.body)
+    found = {one: experiment.run(seeds, say, one) for one in BODIES}
+    first, second = (outcome.figures for outcome in found.values())
+    table = [
+        line for one, out in found.items() for line in (f"with the {one} body", *out.table, "")
+    ]
+    width = max(map(len, first))
+    table.append(f"{'':{width}}  {BODIES[0]:>10}  {BODIES[1]:>10}")
+    table += [f"{name:{width}}  {first[name]:10.4g}  {second[name]:10.4g}" for name in first]
+    more = {f"{name}_{BODIES[1]}": value for name, value in second.items()}
+    targets = {f"{name}_{BODIES[1]}": target for name, target in experiment.targets.items()}
+    widened = replace(experiment, targets={**experiment.targets, **targets})
+    return widened, Outcome({**first, **more}, table)
 
 
 def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:

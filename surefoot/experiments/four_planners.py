@@ -23,7 +23,7 @@ from sim import scenes
 from sim.shapes import outline
 
 from .. import plot_style
-from ..config import PLANNERS, Config, MissionConfig
+from ..config import PLANNERS, Config, MissionConfig, on_body
 from ..run_folder import RunFolder
 from .experiment import Experiment, Outcome, Say, Target
 from .walks import WORKERS, walk
@@ -46,21 +46,21 @@ PICTURES = Path("runs") / "INT-4"
 Walked = tuple[dict[str, Any], np.ndarray]
 
 
-def config_of(planner: str, number: int) -> Config:
-    """One planner in one scene."""
+def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
+    """One planner in one scene, with this body."""
     scene, seed = SCENES[number % len(SCENES)], number // len(SCENES)
     config = Config(scene=scene, seed=seed)
     robot = replace(
         config.robot, stereo=False, tof=planner != "swarm", image_pairs=planner == "swarm"
     )
     mission = MissionConfig(planner=planner, goals=1, time_limit_s=LIMIT_S)
-    return replace(config, robot=robot, mission=mission)
+    return on_body(replace(config, robot=robot, mission=mission), body)
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Scenes 0 to n - 1, every planner in each, two walks at a time; four of them make one of each kind."""
     planners = [name for name in ORDER if name in PLANNERS]
-    todo = [config_of(planner, number) for number in range(seeds) for planner in planners]
+    todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
     found: list[Walked] = []
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         for walked in pool.map(_walk, todo):
@@ -187,6 +187,7 @@ EXPERIMENT = Experiment(
     id="INT-4",
     title="Four planners on the same scenes",
     run=run,
+    body="kinematic",
     targets={
         "planners": Target("==", 4.0),
     },

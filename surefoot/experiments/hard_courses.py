@@ -9,7 +9,7 @@ from .moving_courses import PEERS
 SCENE = "hard_course"
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1 with true perception and from the sensors; peers on a quarter of them."""
     quarter = max(seeds // 4, 1)
     kinds = {
@@ -20,7 +20,7 @@ def run(seeds: int, say: Say) -> Outcome:
         kinds[f"true perception: {peer}"] = [
             Trial(SCENE, seed, truly=True, stepper=peer) for seed in range(quarter)
         ]
-    walks = try_all([trial for trials in kinds.values() for trial in trials], say)
+    walks = try_all([trial for trials in kinds.values() for trial in trials], say, body)
     table, found, begin = [HEADER], {}, 0
     for name, trials in kinds.items():
         found[name] = walks[begin : begin + len(trials)]
@@ -37,6 +37,7 @@ EXPERIMENT = Experiment(
     id="001-hard",
     title="Thirty obstacles, twelve of them moving at 0.05 to 0.20 m/s, in 8 x 8 m",
     run=run,
+    body="kinematic",
     targets={
         "contact_free_share_truth": Target(">=", 0.92),
         "avoidable_contacts": Target("<=", 5.0),

@@ -6,19 +6,17 @@ robot's solid never touched anything in any frame; nothing is left out of the co
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from scipy import stats
 
-from ..config import Config
+from ..config import Config, on_body
 from .experiment import Experiment, Outcome, Say, Target
 from .walks import walk_all
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1, two at a time."""
-    configs = [replace(Config(), scene="home", seed=seed) for seed in range(seeds)]
+    configs = [on_body(Config(scene="home", seed=seed), body) for seed in range(seeds)]
     found = walk_all(configs, say)
 
     def all_of(name: str) -> np.ndarray:
@@ -65,6 +63,7 @@ EXPERIMENT = Experiment(
     id="home",
     title="The whole chain in the furnished home, from sensors alone",
     run=run,
+    body="kinematic",
     targets={
         "contact_free_share": Target(">=", 1.0),
         "arrived_share": Target(">=", 1.0),

@@ -19,7 +19,7 @@ IMAGES = "SUREFOOT_IMAGE_SEEDS"
 """Variable of the environment: how many seeds to walk from pictures too (20 take 80 core minutes)."""
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1 of slow and fast courses; peers on a quarter of them."""
     quarter = max(seeds // 4, 1)
     kinds = {
@@ -31,7 +31,7 @@ def run(seeds: int, say: Say) -> Outcome:
         kinds[f"fast, sensors: {peer}"] = [
             Trial("fast_course", seed, stepper=peer) for seed in range(quarter)
         ]
-    walks = try_all([trial for trials in kinds.values() for trial in trials], say)
+    walks = try_all([trial for trials in kinds.values() for trial in trials], say, body)
     table, found, begin = [HEADER], {}, 0
     for name, trials in kinds.items():
         found[name] = walks[begin : begin + len(trials)]
@@ -49,7 +49,7 @@ def run(seeds: int, say: Say) -> Outcome:
             table += [f"  {name}, seed {trial.seed}: {_told(contact)}" for contact in one.contacts]
     images = int(os.environ.get(IMAGES, "0"))
     if images:
-        seen, lines = image_figures(images, found["slow, sensors"][:images], say)
+        seen, lines = image_figures(images, found["slow, sensors"][:images], say, body)
         result |= seen
         table += lines
     return Outcome(result, table)
@@ -67,6 +67,7 @@ EXPERIMENT = Experiment(
     id="001-E3",
     title="Sixteen obstacles, four of them moving, a course of 30 m through via points",
     run=run,
+    body="kinematic",
     targets={
         "contact_free_share": Target(">=", 0.97),
         "avoidable_contacts": Target("==", 0.0),

@@ -20,11 +20,11 @@ PRINTED_MPS = 0.04 / 0.65  # seed 000: S_F in T_SS + T_DS
 PRINTED_SHARE = 5
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1, two at a time."""
-    cruise = [config_of("robots_room", seed, LIMIT_S) for seed in range(seeds)]
+    cruise = [config_of("robots_room", seed, LIMIT_S, body=body) for seed in range(seeds)]
     slow = [
-        config_of("robots_room", seed, LIMIT_S, PRINTED_MPS)
+        config_of("robots_room", seed, LIMIT_S, PRINTED_MPS, body)
         for seed in range(max(1, seeds // PRINTED_SHARE))
     ]
     found = walk_all(cruise + slow, say, figures_of)
@@ -71,6 +71,7 @@ EXPERIMENT = Experiment(
     id="000-E3",
     title="Among three moving robots to five moving goals, one camera and no map",
     run=run,
+    body="kinematic",
     targets={
         "contact_free_share": Target(">=", 0.97),
         "avoidable_contacts": Target("==", 0.0),

@@ -8,10 +8,9 @@ import numpy as np
 
 from planning.footsteps import GaitConfig
 from sim import scenes
-from sim.robot import RobotConfig
 from sim.seed_rooms import GOAL_TIMES_S
 
-from ..config import Config, MissionConfig, fitted
+from ..config import Config, MissionConfig, on_body
 from ..run_folder import RunFolder
 from .people_home import falls_and_contacts
 
@@ -23,7 +22,7 @@ def config_of(
     seed: int,
     limit_s: float,
     cruise_mps: float = GaitConfig().cruise_mps,
-    body: str = "",
+    body: str = "kinematic",
 ) -> Config:
     """The colour camera alone, two pictures a step, goals by the clock.
 
@@ -32,21 +31,20 @@ def config_of(
         seed: Of the world.
         limit_s: When the mission ends at the latest.
         cruise_mps: Walking speed.
-        body: "kinematic" or "dynamic"; empty for the default.
+        body: "kinematic" or "dynamic".
     """
     config = Config(scene=scene, seed=seed)
     robot = replace(config.robot, tof=False, stereo=False, image_pairs=True)
     gait = replace(config.guard.gait, cruise_mps=cruise_mps)
     times = GOAL_TIMES_S[scene]
-    return fitted(
-        replace(
-            config,
-            robot=replace(robot, body=body or RobotConfig().body),
-            guard=replace(config.guard, gait=gait),
-            swarm=replace(config.swarm, goal_times_s=times),
-            mission=MissionConfig(planner="swarm", goals=len(times), time_limit_s=limit_s),
-        )
+    config = replace(
+        config,
+        robot=robot,
+        guard=replace(config.guard, gait=gait),
+        swarm=replace(config.swarm, goal_times_s=times),
+        mission=MissionConfig(planner="swarm", goals=len(times), time_limit_s=limit_s),
     )
+    return on_body(config, body)
 
 
 def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:

@@ -8,11 +8,9 @@ Source: seed 003, sections 2 and 5 (operation planning controller), experiment E
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from ..config import Config, MissionConfig
+from ..config import Config, MissionConfig, on_body
 from ..metrics.maps import UNKNOWN, read_map
 from ..run_folder import RunFolder
 from .experiment import Experiment, Outcome, Say, Target
@@ -43,10 +41,12 @@ def coverage(run: RunFolder, config: Config) -> dict[str, float]:
     return {"coverage": float(np.mean(seen))}
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1, two at a time."""
     mission = MissionConfig(wander=True, time_limit_s=SECONDS)
-    configs = [replace(Config(), scene="home", seed=seed, mission=mission) for seed in range(seeds)]
+    configs = [
+        on_body(Config(scene="home", seed=seed, mission=mission), body) for seed in range(seeds)
+    ]
     found = walk_all(configs, say, coverage)
     share = 100.0 * np.array([metrics["coverage"] for metrics in found])
     contacts = np.array([metrics["contacts"] for metrics in found])
@@ -72,5 +72,6 @@ EXPERIMENT = Experiment(
     id="003-E6",
     title="Wander and explore a furnished flat for ten minutes (coverage: the worst seed)",
     run=run,
+    body="kinematic",
     targets={"collisions": Target("==", 0.0), "coverage_pct": Target(">=", 80.0)},
 )
