@@ -1,5 +1,8 @@
 """A live page on loopback: the map, the cloud, the robot and what moves, in three dimensions.
 
+Beside the space stand the panes of seed 004's Fig. 6: the camera, the range camera, and, where the robot looks
+about, the last panorama.
+
 Needs the extra `viz` (viser: server and page in one, no outside request). It looks on; nothing that the
 run decides or writes depends on it.
 """
@@ -11,15 +14,20 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from perception.primitives.errors import InputError
+from perception.primitives.frame import Frame
 
 from .pipeline import Estimate, Pipeline
+from .planners import Planner
 from .run_folder import RunFolder
 
 HOST = "127.0.0.1"
+PANE_PX = 320  # width of a pane; more only fills the line
+FARTHEST_M = 3.0  # range that is brightest in the panes, as in the report
 CLOUD_POINTS = 20_000  # more make a browser slow and show nothing new
 STANDING, MOVING = (230, 159, 0), (213, 94, 0)  # orange and vermilion, told apart by everyone
 
@@ -38,15 +46,25 @@ class LivePage:
         self._server = viser.ViserServer(host=HOST, port=port, verbose=False)
         self._server.scene.set_up_direction("+z")
         self._tracks: dict[int, Any] = {}
+        self._panes: dict[str, Any] = {}
 
     @property
     def address(self) -> str:
         """Where a browser finds it."""
         return f"http://{HOST}:{self._server.get_port()}"
 
-    def show(self, pipeline: Pipeline, estimate: Estimate, decision: object = None) -> None:
-        """Draw the state after one cycle."""
+    def show(
+        self, frame: Frame, pipeline: Pipeline, estimate: Estimate, planner: Planner | None = None
+    ) -> None:
+        """Draw the state after one cycle.
+
+        Args:
+            frame: What the sensors said.
+            pipeline, estimate: What was made of it.
+            planner: Who decides; one that looks about (`looks`) has its panorama shown.
+        """
         scene = self._server.scene
+        self._show_panes(frame, estimate, planner)
         if estimate.pose is not None:
             x, y, yaw = (float(v) for v in estimate.pose.mean)
             half = yaw / 2
@@ -74,6 +92,24 @@ class LivePage:
         if pipeline.grid is not None:
             grid = pipeline.grid
             self.show_map(grid.probability, np.asarray(grid.origin), grid.cell_m)
+
+    def _show_panes(self, frame: Frame, estimate: Estimate, planner: Planner | None) -> None:
+        if frame.colour is not None:
+            self._pane("Camera", frame.colour.rgb)
+        for view in estimate.views:
+            self._pane(f"Depth ({view.sensor})", _painted(view.depth.z))
+        looks = getattr(planner, "looks", [])
+        if looks and looks[-1].panorama.drawing is not None:
+            self._pane("Panoramic environment map", _painted(looks[-1].panorama.drawing.range_m))
+
+    def _pane(self, label: str, picture: UInt8[np.ndarray, "h w 3"]) -> None:
+        height, width = picture.shape[:2]
+        size = (PANE_PX, max(1, round(PANE_PX * height / width)))
+        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        if label in self._panes:
+            self._panes[label].image = small
+        else:
+            self._panes[label] = self._server.gui.add_image(small, label=label)
 
     def show_map(
         self, probability: Float[np.ndarray, "r c"], origin: Float[np.ndarray, "2"], cell_m: float
@@ -112,6 +148,14 @@ class LivePage:
         else:
             colours = colours[::stride]
         self._server.scene.add_point_cloud(name, chosen, colours, point_size=size_m)
+
+
+def _painted(range_m: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
+    """Near dark, far bright, nothing black; red first."""
+    there = np.isfinite(range_m)
+    level = np.where(there, np.clip(range_m / FARTHEST_M, 0.0, 1.0), 0.0)
+    painted = cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    return np.ascontiguousarray(painted * there[..., None])
 
 
 def serve(folder: RunFolder, say: Callable[[str], None], stay: bool = True) -> LivePage:

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from perception.primitives.errors import RecordingError
+from perception.primitives.frame import Frame
 
 from . import checkpoint
 from .bodies import Body, LiveBody, Playback
 from .config import Config
 from .journal import Journal
-from .pipeline import Pipeline
-from .planners import Decision, Planner, make
+from .pipeline import Estimate, Pipeline
+from .planners import Planner, make
 from .recordings.mcap_format import RecordingWriter
 from .recordings.open import open_recording
 from .recordings.recording import Recording, RecordingInfo
@@ -210,7 +211,7 @@ def _cycle(
     journal: Journal,
     say: Say,
     after: Callable[[float], None] = lambda stamp_s: None,
-    page: Callable[[Pipeline, Any, Decision | None], None] | None = None,
+    page: Callable[[Frame, Pipeline, Estimate, Planner | None], None] | None = None,
     aside: Callable[[], None] = lambda: None,
 ) -> None:
     """Read, estimate, decide, act, write down; until the goals are reached or the frames end."""
@@ -227,7 +228,7 @@ def _cycle(
         journal.note(frame, estimate, decision)
         aside()
         if page is not None:
-            page(pipeline, estimate, decision)
+            page(frame, pipeline, estimate, planner)
         say(journal.progress(estimate, planner))
         if planner is not None and planner.finished(estimate):
             break
@@ -248,7 +249,9 @@ def _recorder(
         yield begin
 
 
-def _page(watch: bool, say: Say) -> Callable[[Pipeline, Any, Decision | None], None] | None:
+def _page(
+    watch: bool, say: Say
+) -> Callable[[Frame, Pipeline, Estimate, Planner | None], None] | None:
     if not watch:
         return None
     from .live_view import LivePage
