@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from perception.primitives.errors import InputError
 from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3, head_rotation
 from surefoot.avoidance_planner import AvoidancePlanner
