@@ -28,8 +28,8 @@ class GuardConfig:
     still_margin_m: float = 0.02  # ours: the same, of what stands: it is certain
     acceleration_mps2: float = 0.004  # ours: of movers, how their covariance grows
     sure_s: float = 3.0  # ours: covariances of later are taken from here: by then more is known
-    cell_distance_m: float = 0.17  # ours: body to the middle of an occupied cell, wanted
-    cell_contact_m: float = 0.13  # ours: the same, never to be given up
+    cell_distance_m: float = 0.185  # ours: body to the middle of an occupied cell, wanted: 1 cm
+    cell_contact_m: float = 0.15  # ours: the same, never to be given up
     moving_share: float = 0.3  # ours: less probable movers are taken to stand
     small_radius_m: float = 0.20  # ours: larger standing tracks are left to the occupied cells
     doubt_s: float = (

@@ -35,6 +35,8 @@ class PredictionConfig:
     askew_deg: float = 25.0  # ours: the same for the direction
     beyond_m: float = 1.5  # ours: before or behind what was seen of a line, still on it
     speed_share: float = 0.5  # ours: another speed by so much is another mover
+    long_m: float = 0.3  # ours: a line of this length has shown its mover's speed ...
+    usual_share: float = 0.15  # ours: ... which differs from time to time by this share
     longest_gap_s: float = 10.0  # ours: out of sight for longer it may have turned twice
     contradicted_m: float = 0.25  # ours: seen so far behind a turning point, it is none
     fresh_share: float = 0.5  # ours: weight of a new sighting of a turning point
@@ -149,7 +151,7 @@ class Habits:
             return Forecast(places, moving, np.zeros(len(times), np.bool_), False)
         sense = 1.0 if float(velocity @ line.direction) >= 0.0 else -1.0
         start = line.along(seen_at)
-        rate = min(speed, self.config.most_mps)
+        rate = min(self._rate(obstacle, line), self.config.most_mps)
         at, senses = _to_and_fro(
             start, sense, rate * (unseen + times), line.turn_low, line.turn_high
         )
@@ -240,6 +242,19 @@ class Habits:
         P = obstacle.state.covariance[2:, 2:]
         sigma = math.sqrt(max(float(P[0, 0] + P[1, 1]) / 2.0, 0.0))
         return speed >= self.config.least_mps and sigma <= self.config.sure_share * speed
+
+    def _rate(self, obstacle: Obstacle, line: Line) -> float:
+        """Speed on a line, m/s: the track's and the line's own, each by how sure it is.
+
+        A track that was just seen to turn knows its speed badly; on its line it had one before.
+        """
+        speed = float(np.hypot(*obstacle.velocity))
+        if line.high - line.low < self.config.long_m:
+            return speed
+        P = obstacle.state.covariance[2:, 2:]
+        own = max(float(line.direction @ P @ line.direction), 1e-12)
+        usual = (self.config.usual_share * line.speed_mps) ** 2
+        return (speed * usual + line.speed_mps * own) / (own + usual)
 
     def _line_of(self, obstacle: Obstacle, place: np.ndarray) -> Line | None:
         """The line that it is on: of those near and along, the nearest."""

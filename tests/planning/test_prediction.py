@@ -68,6 +68,22 @@ def test_noise_of_two_centimetres_blurs_it_little():
     assert np.hypot(*(forecast.places - true).T).max() < 0.15
 
 
+def test_a_speed_that_is_vague_after_a_turn_is_taken_from_the_line():
+    habits, start, direction, speed = Habits(), np.array([0.0, 1.0]), np.array([1.0, 0.0]), 0.05
+    learn(habits, start, direction, 1.0, speed, 0.0, 19.0)  # on the way out
+    place = start + 0.98 * direction
+    vague = np.diag([1e-4, 1e-4, 0.03**2, 0.03**2])
+    slow = Gaussian(np.concatenate([place, -0.02 * direction]), vague)
+    times = np.array([5.0])
+    turned = Obstacle(slow, 0.10, 0.4, 1, 1.0, 21.0, 0.0)
+    gone = place - habits.forecast(turned, 21.0, times).places[0]
+    assert gone[0] == pytest.approx(5.0 * speed, rel=0.15)
+    sure = Gaussian(slow.mean, np.diag([1e-4, 1e-4, 1e-8, 1e-8]))  # it really is slower today
+    turned = Obstacle(sure, 0.10, 0.4, 1, 1.0, 21.0, 0.0)
+    gone = place - habits.forecast(turned, 21.0, times).places[0]
+    assert gone[0] == pytest.approx(5.0 * 0.02, rel=0.05)
+
+
 def test_what_was_never_seen_goes_straight_on_and_may_turn_anywhere():
     times = np.linspace(0.5, 5.0, 10)
     one = seen(np.array([1.0, 2.0]), np.array([0.05, 0.0]), 3.0)
