@@ -83,7 +83,8 @@ class Guard:
             return desired
         plans = self._with_wishes(desired)
         harm, cost = scene.judge(plans, prune=True)
-        cost[1] -= self.config.keep_m
+        if np.isfinite(cost[1]):
+            cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]
         best = int(np.argmin(cost))
         self._begun = plans[best].copy()
         return desired if best == 0 else _step(plans[best], self.config)

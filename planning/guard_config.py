@@ -48,7 +48,8 @@ class GuardConfig:
     steep: float = 40.0  # ours: m of detour that each m of missing distance is worth
     contact_m: float = 4.0  # ours: m of detour that a contact is worth, beside that
     w_heading: float = 0.05  # ours: m per rad of facing away from the target at the end
-    keep_m: float = 0.04  # ours: another plan must be better by so much than the one begun
+    keep_m: float = 0.04  # ours: another plan must be better by so much than the one begun ...
+    keep_share: float = 0.15  # ours: ... and by this share of its harm: who wavers is caught
     pass_m: float = 0.10  # ours: the desired step passes if it does no more harm than this
     fade_s: float = 4.0  # ours: harm this much later weighs 1/e
 

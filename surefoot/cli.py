@@ -328,12 +328,11 @@ def smooth(run: Path, lag_s: float | None) -> None:
 @click.option("--seeds", type=click.IntRange(min=1), help="How many random worlds.")
 @click.option(
     "--body",
-    default="",
     type=click.Choice(["kinematic", "dynamic", "both"]),
     help="Who walks, where somebody does; both: beside each other.",
 )
 @json_option
-def experiment(identity: str | None, seeds: int | None, body: str, as_json: bool) -> None:
+def experiment(identity: str | None, seeds: int | None, body: str | None, as_json: bool) -> None:
     """Measure a published table or figure again; without ID, list them."""
     from .experiments import experiment as experiments
 

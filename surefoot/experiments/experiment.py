@@ -129,7 +129,7 @@ def load(identity: str) -> Experiment:
 
 
 def measure(
-    experiment: Experiment, say: Say, seeds: int | None = None, body: str = ""
+    experiment: Experiment, say: Say, seeds: int | None = None, body: str | None = None
 ) -> tuple[Experiment, Outcome]:
     """Run it.
 
@@ -137,7 +137,7 @@ def measure(
         experiment: Which.
         say: Progress.
         seeds: How many random worlds; None: its own number.
-        body: One of `BODIES`, or "both"; empty: its own.
+        body: One of `BODIES`, or "both"; None: its own.
 
     Returns:
         The experiment, with the targets of both bodies if both walked, and what came of it: then the

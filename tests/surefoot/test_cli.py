@@ -126,6 +126,19 @@ def test_a_read_only_output_is_named(tmp_path):
     assert "locked" in shown
 
 
+def test_an_experiment_prints_its_table_or_one_object():
+    code, shown = call("experiment", "004-E2", "--seeds", "1")
+    assert code == 0
+    assert "Table 5" in shown
+    assert "passed" in shown
+    code, shown = call("experiment", "004-E2", "--seeds", "1", "--json")
+    assert code == 0
+    assert json.loads(shown[shown.index("{") :])["passed"] is True
+    code, shown = call("experiment", "004-E2", "--body", "dynamic")
+    assert code == 2
+    assert "nothing walks" in shown
+
+
 def test_experiments_are_listed_with_their_titles():
     code, shown = call("experiment")
     assert code == 0

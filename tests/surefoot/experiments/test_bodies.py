@@ -18,7 +18,7 @@ def limp(seeds, say, body="kinematic"):
 WALK = Experiment("test", "t", limp, {"falls": Target("==", 0.0)}, seeds=3, body="kinematic")
 
 
-@pytest.mark.parametrize(("body", "falls"), [("", 0.0), ("kinematic", 0.0), ("dynamic", 2.0)])
+@pytest.mark.parametrize(("body", "falls"), [(None, 0.0), ("kinematic", 0.0), ("dynamic", 2.0)])
 def test_the_body_asked_for_walks(body, falls):
     found, outcome = experiment.measure(WALK, quiet, body=body)
     assert outcome.figures == {"falls": falls, "runs": 3.0}
