@@ -211,6 +211,52 @@ def monocular(recording: Path, out: Path | None, as_json: bool) -> None:
     )
 
 
+@main.command()
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--views", type=click.IntRange(min=1), help="At most so many; default 40.")
+@click.option("--by-pictures", is_flag=True, help="Do not use where the camera is known to be.")
+@out_option
+@config_option
+@set_option
+@json_option
+def panorama(
+    recording: Path,
+    views: int | None,
+    by_pictures: bool,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Lay the views of RECORDING together to one panoramic map, as seed 004 does, and list what stands there.
+
+    Writes panorama.ply, panorama.npz, panorama.json and a picture of obstacles and gaps.
+    """
+    from .config import load
+    from .panorama_run import GatherConfig, run_panorama
+    from .recordings.open import open_recording
+    from .run_folder import RunFolder
+
+    opened = open_recording(recording)
+    folder = RunFolder.create(out, name=f"{opened.info.name}-panorama")
+    wanted = GatherConfig() if views is None else GatherConfig(most=views)
+    with progress() as say:
+        told = run_panorama(
+            opened, folder.root, say, load(config_path, overrides), wanted, by_pictures
+        )
+    if as_json:
+        click.echo(json.dumps(told, indent=2))
+        return
+    placed = sum(view["placed"] for view in told["views"])
+    unseen = (
+        "" if told["floor_seen"] else ", floor not seen (heights rest on where it was expected)"
+    )
+    click.echo(
+        f"{placed} of {len(told['views'])} views, {len(told['obstacles'])} obstacles{unseen}: "
+        f"{folder.root}"
+    )
+
+
 @main.command(name="map")
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.option(

@@ -20,6 +20,9 @@ from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
 from .pairs import Link
 
 ANCHOR_SIGMA = 1e-4  # rad, m: a first view without prior stays where it is
+LOOSE = np.diag([3.0**2] * 3 + [30.0**2] * 3)
+"""rad^2, m^2: a view without prior may be anywhere; it keeps the equations solvable if no pair is believed."""
+ADRIFT_RAD = 0.5  # a view whose rotation stays vaguer than this is not placed
 CAUCHY = 2.0  # ours: in deviations; a pair further off than that is believed less
 
 
@@ -63,8 +66,8 @@ def adjust(
         rotations_only: Adjust rotations and leave the places to the priors (or at the origin).
 
     Returns:
-        One a view; None for a view that has neither a prior nor a chain of pairs to one that has. If no
-        view has a prior, the first one looks along the base's x axis from its origin, by definition.
+        One a view; None for a view that has neither a prior nor a chain of believed pairs to one that has. If
+        no view has a prior, the first one looks along the base's x axis from its origin, by definition.
     """
     given = list(priors)
     if given and all(prior is None for prior in given):
@@ -78,7 +81,7 @@ def adjust(
     placed: list[Placed | None] = []
     for number, pose in enumerate(poses):
         mine = [link for link in links if number in (link.first, link.second)]
-        if pose is None:
+        if pose is None or np.diag(covariances[number])[:3].max() > ADRIFT_RAD**2:
             placed.append(None)
             continue
         by = "features" if any(link.by == "features" for link in mine) else "encoders"
@@ -131,10 +134,11 @@ def _solve(
         if pose is not None:
             values.insert(number, value(pose))
         prior = priors[number]
-        if prior is not None:
-            noise = gtsam.noiseModel.Gaussian.Covariance(prior.covariance[:size, :size])
+        known = prior or (None if pose is None else Prior(pose, LOOSE))
+        if known is not None:
+            noise = gtsam.noiseModel.Gaussian.Covariance(known.covariance[:size, :size])
             for one in (graph, trusting):
-                one.add(factor_prior(number, value(prior.pose), noise))
+                one.add(factor_prior(number, value(known.pose), noise))
     for link in links:
         if start[link.first] is None or start[link.second] is None:
             continue

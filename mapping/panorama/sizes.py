@@ -50,6 +50,7 @@ class SizeConfig:
     farthest_range_m: float = (
         3.0  # ours: along the floor; walls far to the side are in nobody's way
     )
+    widest_deg: float = 85.0  # ours: further aside nothing lies ahead; nine views reach 82 deg
     top_m: float = 0.7  # spec of 004: higher is nothing to walk into
     least_px: int = 60  # spec of 004: things of fewer pixels are noise
     reach_px: int = 2  # spec of 004: parts within 2 px hang together
@@ -92,6 +93,9 @@ def surroundings(
     if drawing is None:
         return Surroundings((), ())
     forward = forward_distance(drawing.range_m, drawing.sphere) + np.float32(drawing.centre[0])
+    columns = np.arange(drawing.sphere.width) / drawing.sphere.px_per_rad
+    across = drawing.sphere.left_rad + columns
+    forward[:, np.abs(across) > math.radians(config.widest_deg)] = np.nan
     labels = things(drawing, forward, placed, floor, config)
     heights = config.floor_m, config.top_m
     seen = [

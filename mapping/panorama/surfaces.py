@@ -34,6 +34,7 @@ class SurfaceConfig:
         0.10  # ours: of the points that must find a partner, else there is no result
     )
     alike: float = 30.0  # ours: neighbouring residuals are alike, so that many count as one
+    least_m: float = 0.0005  # ours: however well two images agree, none is exact to less than this
 
     def __post_init__(self) -> None:
         if self.columns < 16 or self.rounds < 1 or not self.gates_m:
@@ -42,6 +43,8 @@ class SurfaceConfig:
             raise ConfigError(f"surfaces: least_share={self.least_share} must lie in (0, 1)")
         if not self.alike >= 1.0:
             raise ConfigError(f"surfaces: alike={self.alike} must be at least 1")
+        if not self.least_m > 0.0:
+            raise ConfigError(f"surfaces: least_m={self.least_m} must be positive")
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +148,7 @@ def align(
             translation = translation + rotation @ step[3:]
             rotation = rotation @ Rotation.from_rotvec(step[:3]).as_matrix()
             hessian *= len(index) / np.sum(weight)
-    covariance = config.alike * square * np.linalg.inv(hessian)
+    covariance = config.alike * max(square, config.least_m**2) * np.linalg.inv(hessian)
     return Alignment(
         Pose3.from_rotation(rotation, translation), covariance, share, float(np.sqrt(square))
     )

@@ -26,8 +26,8 @@ from mapping.panorama.views import View
 from perception.primitives.pose import Pose3
 from sim import scenes
 
+from ..plots_panorama import write_pictures
 from .experiment import Experiment, Outcome, Say, Target
-from .panorama_pictures import write_pictures
 from .panorama_scenes import Score, nine_views, score
 from .walks import WORKERS
 

@@ -19,8 +19,8 @@ from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama
 from mapping.panorama.views import View
 
-from .. import plot_style
-from ..plot_style import BELIEF, INK, WRONG
+from . import plot_style
+from .plot_style import BELIEF, INK, WRONG
 
 FARTHEST_M = 4.0
 EVERY_DEG = 10
@@ -43,8 +43,8 @@ def write_pictures(
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / f"{name}_angles.png", folder / f"{name}_obstacles.png"]
     with plot_style.styled():
-        paths[0].write_bytes(plot_style.png(_angles(drawing, views)))
-        paths[1].write_bytes(plot_style.png(_obstacles(drawing, surroundings(panorama, views))))
+        paths[0].write_bytes(plot_style.png(angles(drawing, views)))
+        paths[1].write_bytes(plot_style.png(obstacles(drawing, surroundings(panorama, views))))
     return paths
 
 
@@ -57,7 +57,7 @@ def _range(axes: Any, drawing: Drawing) -> Any:
     return image
 
 
-def _angles(drawing: Drawing, views: Sequence[View]) -> Any:
+def angles(drawing: Drawing, views: Sequence[View]) -> Any:
     """Key angles as they were found, full lines; all angles by the law between them, dotted."""
     across, down = laws(drawing, views)
     figure, axes = plot_style.sheet(height_in=4.0)
@@ -66,10 +66,10 @@ def _angles(drawing: Drawing, views: Sequence[View]) -> Any:
     columns, rows = np.arange(sphere.width, dtype=float), np.arange(sphere.height, dtype=float)
     for law, places, along in ((across, columns, "x"), (down, rows, "y")):
         line = axes.axvline if along == "x" else axes.axhline
-        angles = np.degrees(law.angle(places))
-        low, high = sorted((float(angles[0]), float(angles[-1])))
+        told = np.degrees(law.angle(places))
+        low, high = sorted((float(told[0]), float(told[-1])))
         for degrees in range(math.ceil(low / EVERY_DEG) * EVERY_DEG, int(high) + 1, EVERY_DEG):
-            place = float(np.interp(degrees, *_growing(angles, places)))
+            place = float(np.interp(degrees, *_growing(told, places)))
             line(place, color="white", linewidth=0.5, linestyle=":")
             _label(axes, along, place, f"{degrees}", INK, inside=True)
         for key, pixel in zip(np.degrees(law.keys_rad), law.pixels, strict=True):
@@ -100,17 +100,18 @@ def _label(axes: Any, along: str, place: float, text: str, colour: str, inside: 
         axes.text(*at, text, transform=axes.get_yaxis_transform(), ha=side, va="center", **settings)
 
 
-def _obstacles(drawing: Drawing, found: Surroundings) -> Any:
+def obstacles(drawing: Drawing, found: Surroundings) -> Any:
     """Each obstacle between its edges, with distance, width and height; below them the gaps."""
     figure, axes = plot_style.sheet(height_in=4.0)
     image = _range(axes, drawing)
     sphere = drawing.sphere
 
-    def column(azimuth_rad: float) -> float:
-        return (-azimuth_rad - sphere.left_rad) * sphere.px_per_rad
+    def column(edge: tuple[float, float]) -> float:
+        x, y = edge[0] - drawing.centre[0], edge[1] - drawing.centre[1]
+        return (-math.atan2(y, x) - sphere.left_rad) * sphere.px_per_rad
 
     for k, one in enumerate(found.obstacles):
-        left, right = column(one.left_rad), column(one.right_rad)
+        left, right = column(one.left_edge_m), column(one.right_edge_m)
         for edge in (left, right):
             axes.axvline(edge, color=WRONG, linewidth=0.9)
         text = f"{one.distance_m:.2f} m\n{one.width_m:.2f} x {one.height_m:.2f} m"
@@ -119,8 +120,11 @@ def _obstacles(drawing: Drawing, found: Surroundings) -> Any:
             0.5 * (left + right), height, text, transform=axes.get_xaxis_transform(), ha="center",
             va="top", fontsize=6.5, color=INK, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
         )  # fmt: skip
-    for gap in found.gaps[1:-1]:
-        middle = 0.5 * (column(gap.left_rad) + column(gap.right_rad))
+    for gap in found.gaps:
+        if gap.left is None or gap.right is None:
+            continue
+        left, right = found.obstacles[gap.left], found.obstacles[gap.right]
+        middle = 0.5 * (column(left.right_edge_m) + column(right.left_edge_m))
         axes.text(
             middle, 0.04, f"gap {gap.width_m:.2f} m", transform=axes.get_xaxis_transform(),
             ha="center", fontsize=6.5, color=BELIEF, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
