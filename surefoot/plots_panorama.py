@@ -123,8 +123,8 @@ def obstacles(drawing: Drawing, found: Surroundings) -> Any:
     for gap in found.gaps:
         if gap.left is None or gap.right is None:
             continue
-        left, right = found.obstacles[gap.left], found.obstacles[gap.right]
-        middle = 0.5 * (column(left.right_edge_m) + column(right.left_edge_m))
+        ends = found.obstacles[gap.left], found.obstacles[gap.right]
+        middle = 0.5 * (column(ends[0].right_edge_m) + column(ends[1].left_edge_m))
         axes.text(
             middle, 0.04, f"gap {gap.width_m:.2f} m", transform=axes.get_xaxis_transform(),
             ha="center", fontsize=6.5, color=BELIEF, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
