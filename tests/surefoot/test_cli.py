@@ -16,7 +16,17 @@ from click.testing import CliRunner
 from surefoot.cli import main
 from surefoot.terminal import BAD_INPUT, FAILED, Progress
 
-VERBS = ("simulate", "process", "panorama", "evaluate", "experiment", "bench", "view", "doctor", "completion")
+VERBS = (
+    "simulate",
+    "process",
+    "panorama",
+    "evaluate",
+    "experiment",
+    "bench",
+    "view",
+    "doctor",
+    "completion",
+)
 
 
 def call(*words: object) -> tuple[int, str]:
