@@ -61,6 +61,8 @@ class GuardConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"guard: {name}={value} must be positive and finite")
+        if not 0.0 <= self.keep_share < 1.0:
+            raise ConfigError(f"guard: keep_share={self.keep_share} must lie in [0, 1)")
         if self.cell_contact_m > self.cell_distance_m:
             raise ConfigError(
                 f"guard: cell_contact_m={self.cell_contact_m} is above cell_distance_m="

@@ -23,12 +23,12 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from mapping import clouds
+from mapping import clouds, whole_files
 from mapping.panorama.obstacles import PanoramaGap, PanoramaObstacle, Surroundings
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, StitchConfig, stitch
 from mapping.panorama.views import PriorConfig, View, view_of_depth
-from perception.primitives.errors import InputError, RecordingError
+from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, Pose3
@@ -54,9 +54,9 @@ class GatherConfig:
     def __post_init__(self) -> None:
         for name in ("every_deg", "every_m", "near_m"):
             if not getattr(self, name) > 0.0:
-                raise InputError(f"panorama: {name}={getattr(self, name)} must be positive")
+                raise ConfigError(f"panorama: {name}={getattr(self, name)} must be positive")
         if self.most < 1:
-            raise InputError(f"panorama: most={self.most} views; expected at least 1")
+            raise ConfigError(f"panorama: most={self.most} views; expected at least 1")
 
 
 @dataclass(eq=False)
@@ -173,18 +173,26 @@ def run_panorama(
     drawing = panorama.drawing
     points, _ = drawing.points()
     clouds.save_ply(folder / "panorama.ply", points)
-    np.savez_compressed(
-        folder / "panorama.npz",
-        range_m=drawing.range_m,
-        sigma_m=drawing.sigma_m,
-        stamp_s=drawing.stamp_s,
-        view=drawing.view,
-        centre=drawing.centre,
-    )
+    with (
+        whole_files.complete(folder / "panorama.npz") as temporary,
+        temporary.open("wb") as file,
+    ):
+        np.savez_compressed(
+            file,
+            range_m=drawing.range_m,
+            sigma_m=drawing.sigma_m,
+            stamp_s=drawing.stamp_s,
+            view=drawing.view,
+            centre=drawing.centre,
+        )
     with plot_style.styled():
         picture = plot_style.png(plots_panorama.obstacles(drawing, around))
-    (folder / "panorama_obstacles.png").write_bytes(picture)
-    (folder / "panorama.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    for name, content in (
+        ("panorama_obstacles.png", picture),
+        ("panorama.json", (json.dumps(told, indent=2) + "\n").encode()),
+    ):
+        with whole_files.complete(folder / name) as temporary:
+            temporary.write_bytes(content)
     return told
 
 

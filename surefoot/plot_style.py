@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
@@ -94,6 +95,13 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=dpi)
     return data.getvalue()
+
+
+def save(figure: Figure, path: Path) -> None:
+    """As PNG; the folder is made."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with styled():
+        figure.savefig(path, dpi=110)
 
 
 def key(axes: Axes, columns: int = 5) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,13 +90,6 @@ def png_of(look: Look) -> bytes:
     with plot_style.styled():
         figure.savefig(held, dpi=110, format="png")
     return held.getvalue()
-
-
-def save(figure: Figure, path: Path) -> None:
-    """As PNG; the folder is made."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with plot_style.styled():
-        figure.savefig(path, dpi=110)
 
 
 def _off_ahead(view: View) -> float:

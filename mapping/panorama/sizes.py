@@ -70,6 +70,8 @@ class SizeConfig:
             raise ConfigError(
                 f"sizes: floor_m={self.floor_m} must lie between 0 and top_m={self.top_m}"
             )
+        if not 0.0 < self.widest_deg < 90.0:
+            raise ConfigError(f"sizes: widest_deg={self.widest_deg} must lie between 0 and 90")
         if self.least_px < 1 or self.reach_px < 1 or self.smooth_columns < 1:
             raise ConfigError("sizes: least_px, reach_px and smooth_columns must be at least 1")
 

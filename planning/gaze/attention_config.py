@@ -66,7 +66,15 @@ class AttentionConfig:
     tag_forget_s: float = 10.0  # ours: how soon that is forgotten: from elsewhere it may be seen
 
     def __post_init__(self) -> None:
-        for name in ("eye_m", "unwatched_s", "seek_s", "tag_reach_m", "tag_forget_s"):
+        for name in (
+            "eye_m",
+            "unwatched_s",
+            "seek_s",
+            "met_s",
+            "hidden_m",
+            "tag_reach_m",
+            "tag_forget_s",
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"gaze: {name}={value} must be positive and finite")
@@ -74,6 +82,8 @@ class AttentionConfig:
             raise ConfigError(
                 f"gaze: near_m={self.near_m} must be positive and below far_m={self.far_m}"
             )
+        if not 0.0 < self.again_share <= 1.0:
+            raise ConfigError(f"gaze: again_share={self.again_share} must lie in (0, 1]")
         if not 0.0 <= self.edge_deg < self.map.across_deg:
             raise ConfigError(
                 f"gaze: edge_deg={self.edge_deg} must lie in [0, across_deg={self.map.across_deg})"

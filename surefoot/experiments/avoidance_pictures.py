@@ -57,7 +57,7 @@ def draw_sequence(folder: RunFolder, config: Config) -> dict[str, float]:
             axes.annotate(f"{walked.stamps[k] - walked.stamps[0]:.0f} s", corners[0], fontsize=7)
         axes.plot(*scene.goals[0], "*", color=plot_style.WANTED)
         axes.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=scene.name)
-        plots_avoidance.save(figure, PICTURES / f"{scene.name}-{config.seed}.png")
+        plot_style.save(figure, PICTURES / f"{scene.name}-{config.seed}.png")
     return {"pictures": 1.0}
 
 
@@ -77,7 +77,7 @@ def draw_panes(scene: Scene, config: Config) -> bool:
     choice = choose(things_of(panorama, around), config.avoidance)
     picture = None if frame.colour is None else frame.colour.rgb
     figure = plots_avoidance.four_panes(picture, views, panorama, around, choice)
-    plots_avoidance.save(figure, PICTURES / f"{scene.name}-{config.seed}-panes.png")
+    plot_style.save(figure, PICTURES / f"{scene.name}-{config.seed}-panes.png")
     return choice is not None
 
 

@@ -33,7 +33,7 @@ from sim.shapes import Box
 from sim.tof_camera import TofCamera, TofConfig
 from sim.world import World
 
-from .. import plot_style, plots_avoidance
+from .. import plot_style
 from .experiment import Experiment, Outcome, Say, Target
 from .stereo_range import true_depth
 
@@ -260,7 +260,7 @@ def _draw(
         right.plot(shots[here], measured[row][here], "o", color=plot_style.WRONG, label="flying")
         right.set(xlabel="column of the marked row, px", ylabel="m")
         plot_style.key(right, 4)
-    plots_avoidance.save(figure, PICTURES / "time-of-flight.png")
+    plot_style.save(figure, PICTURES / "time-of-flight.png")
 
 
 def run(seeds: int, say: Say) -> Outcome:

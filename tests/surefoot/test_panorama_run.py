@@ -84,6 +84,7 @@ def test_rows_of_boxes_and_the_gap_between_them_are_where_they_are(scene, by_pic
     for right, left in ((high_right, high_left), (low_right, low_left)):
         best = min(rows, key=lambda pair: np.abs(np.sort(pair) - (right, left)).sum())
         np.testing.assert_allclose(np.sort(best), (right, left), atol=0.06)
+    assert max(one["width_m"] for one in told["obstacles"]) < 4.5  # the room; none goes on for ever
     assert json.loads((tmp_path / "panorama.json").read_text()) == told
     assert (tmp_path / "panorama_obstacles.png").stat().st_size > 5000
     points, _ = clouds.load_ply(tmp_path / "panorama.ply")
