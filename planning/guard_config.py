@@ -40,7 +40,7 @@ class GuardConfig:
     )
     turns_every_s: float = 20.0  # navigation trials: movers turn every 12 to 25 s
     turn_weight: float = 0.25  # ours: a turn within the time that getting out of the way takes
-    learnt_weight: float = 0.04  # ours: the same where it was never seen to turn
+    learnt_weight: float = 0.1  # ours: the same where it was never seen to turn
     lost_weight: float = 0.3  # ours: of what was lost somewhere on its line
     react_s: float = 1.3  # ours: until a turn is noticed and the robot makes its next step
     soft_m: float = 0.10  # ours: band beyond the margin that is avoided if it costs little
@@ -51,7 +51,7 @@ class GuardConfig:
     keep_m: float = 0.04  # ours: another plan must be better by so much than the one begun ...
     keep_share: float = 0.15  # ours: ... and by this share of its harm: who wavers is caught
     pass_m: float = 0.10  # ours: the desired step passes if it does no more harm than this
-    fade_s: float = 4.0  # ours: harm this much later weighs 1/e
+    fade_s: float = 8.0  # ours: harm this much later weighs 1/e; 4 puts squeezes off, 16 dawdles
 
     def __post_init__(self) -> None:
         if self.steps < 1:

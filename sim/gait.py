@@ -129,21 +129,24 @@ class Phase:
 
 
 def capture_point_before(
-    after: Float[np.ndarray, "2"], phase: Phase, remaining_s: float, omega: float
-) -> Float[np.ndarray, "2"]:
+    after: Float[np.ndarray, "2"],
+    phase: Phase,
+    remaining_s: float | Float[np.ndarray, "n"],
+    omega: float,
+) -> Float[np.ndarray, "*n 2"]:
     """The capture point some time before the end of a phase: xi' = w (xi - p) solved backwards.
 
     Args:
         after: xi at the end of the phase, m.
         phase: How the ZMP moves.
-        remaining_s: Time to the end.
+        remaining_s: Time to the end; or times, and the answer has a row for each.
         omega: w = sqrt(g / height), 1/s.
     """
     speed = (phase.end - phase.start) / phase.duration_s
-    zmp = phase.end - speed * remaining_s
-    return np.asarray(
-        zmp + speed / omega + (after - phase.end - speed / omega) * math.exp(-omega * remaining_s)
-    )
+    left = np.asarray(remaining_s)[..., None]
+    zmp = phase.end - speed * left
+    away = after - phase.end - speed / omega
+    return np.asarray(zmp + speed / omega + away * np.exp(-omega * left))
 
 
 def pendulum(
@@ -271,13 +274,13 @@ class Gait:
         xi = phases[-1].end
         for phase in reversed(phases[2:]):
             xi = capture_point_before(xi, phase, phase.duration_s, self._omega)
-        found = [xi]
-        for phase, count in ((phases[1], single), (phases[0], double)):
-            end = found[-1]
-            found += [
-                capture_point_before(end, phase, k * tick, self._omega) for k in range(1, count + 1)
-            ]
-        capture = np.array(found[::-1])
+        single_xi = capture_point_before(
+            xi, phases[1], tick * np.arange(single, -1, -1), self._omega
+        )
+        double_xi = capture_point_before(
+            single_xi[0], phases[0], tick * np.arange(double, 0, -1), self._omega
+        )
+        capture = np.concatenate([double_xi, single_xi])
         fade = 1.0 - smooth(np.arange(len(capture)) / double)
         return np.asarray(capture + fade[:, None] * (self._capture - capture[0]))
 
@@ -290,14 +293,15 @@ class Gait:
         """
         tick, omega = self.config.tick_s, self._omega
         decay = math.exp(-omega * tick)
-        com = np.empty((len(capture) - 1, 2))
-        c = self._com
-        for k in range(len(com)):
-            speed = (capture[k + 1] - capture[k]) / tick
-            lag = speed / omega
-            c = capture[k + 1] - lag + (c - capture[k] + lag) * decay
-            com[k] = c
-        self._com, self._capture = c, capture[-1]
+        lag = np.diff(capture, axis=0) / (tick * omega)
+        drive = capture[1:] - lag - (capture[:-1] - lag) * decay
+        x, y = self._com.tolist()
+        places = []
+        for push_x, push_y in drive.tolist():
+            x, y = push_x + x * decay, push_y + y * decay
+            places.append((x, y))
+        com = np.array(places)
+        self._com, self._capture = com[-1], capture[-1]
         return com, omega * (capture[1:] - com)
 
     def _swing(
