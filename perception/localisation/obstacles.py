@@ -45,6 +45,9 @@ class TrackerConfig:
     radius_sigma_m: float = (
         0.012  # ours: of the radius of one thing between two looks at the whole of it
     )
+    part_share: float = (
+        1.5  # ours: what is seen of a thing in part is no larger than this share of it
+    )
     unlike_share: float = 0.001  # ours: likelihood left to a thing of quite another size
     same_share: float = 0.5  # ours: closer than this share of their radii, two tracks are one thing
     track: TrackConfig = field(default_factory=TrackConfig)
@@ -60,6 +63,7 @@ class TrackerConfig:
             "oldest_newborn_s",
             "max_radius_m",
             "radius_sigma_m",
+            "part_share",
             "unlike_share",
         ):
             value = getattr(self, name)
@@ -124,7 +128,7 @@ class ObstacleTracker:
             robot: Over (x, y, yaw), m and rad, world frame.
             visible: Which places are in view and unhidden; None: unseen tracks only grow vague.
             partly: Things cut off by the edge of the view or half hidden, body frame: where one lies over a
-                track the thing is still there, although nobody sees where its middle is.
+                track the thing is still there, and its middle somewhere in what is seen.
         """
         dt = 0.0 if self._stamp_s is None else max(stamp_s - self._stamp_s, 0.0)
         self._stamp_s = stamp_s
@@ -139,9 +143,13 @@ class ObstacleTracker:
             self.innovations.append(Innovation(life.number, surprise.whitened))
             life.seen_s, life.hits, life.misses = stamp_s, life.hits + 1, 0
         there = self._seen_in_part(set(given), partly, robot)
-        for index in there:
-            self._lives[index].hits += 1
-        self._miss(set(given) | there, visible)
+        for index, part in there.items():
+            life = self._lives[index]
+            life.hits += 1
+            if part.radius_m <= self.config.part_share * life.track.radius_m:
+                life.track.update(_vague(part, life.track))
+                life.seen_s = stamp_s
+        self._miss(given.keys() | there.keys(), visible)
         self._lives = [life for life in self._lives if self._lives_on(life, stamp_s)]
         taken = set(given.values())
         for choice, seen in enumerate(usable):
@@ -173,20 +181,21 @@ class ObstacleTracker:
 
     def _seen_in_part(
         self, seen: set[int], partly: Sequence[Detection], robot: Gaussian
-    ) -> set[int]:
-        """Tracks, not seen whole, that something seen in part lies over."""
+    ) -> dict[int, Detection]:
+        """Of tracks not seen whole, the nearest thing seen in part that lies over them."""
         if not partly:
-            return set()
+            return {}
         centres = np.array([part.position for part in partly])
         x, y, yaw = robot.mean.tolist()
         ahead = np.array([math.cos(yaw), math.sin(yaw)])
         places = np.array([x, y]) + centres[:, :1] * ahead + centres[:, 1:] * [-ahead[1], ahead[0]]
         radii = np.array([part.radius_m for part in partly])
-        found = set()
+        found = {}
         for index, life in enumerate(self._lives):
-            gap = np.hypot(*(places - life.track.state.mean[:2]).T)
-            if index not in seen and (gap < radii + life.track.radius_m).any():
-                found.add(index)
+            gap = np.hypot(*(places - life.track.state.mean[:2]).T) - radii
+            nearest = int(np.argmin(gap))
+            if index not in seen and gap[nearest] < life.track.radius_m:
+                found[index] = partly[nearest]
         return found
 
     def _miss(self, seen: set[int], visible: Visible | None) -> None:
@@ -222,6 +231,12 @@ class ObstacleTracker:
                 kept.append(life)
                 places.append((x, y))
         self._lives = kept
+
+
+def _vague(part: Detection, track: Track) -> Detection:
+    """A thing seen in part, its middle as far off as the thing is wide: always the same side may be hidden."""
+    covariance = part.covariance + np.eye(2) * (2.0 * track.radius_m) ** 2
+    return Detection(part.position, covariance, track.radius_m, track.height_m)
 
 
 def match(cost: Float[np.ndarray, "n m"], gate: float) -> list[tuple[int, int]]:

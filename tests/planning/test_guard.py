@@ -15,7 +15,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from planning.footsteps import GaitConfig, footstep
-from planning.guard import GuardConfig, assess, choose
+from planning.guard import Guard, GuardConfig, assess, choose
 
 CONFIG = GuardConfig()
 GAIT = GaitConfig()
@@ -33,7 +33,12 @@ def at(pose):
 
 
 def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
-    """Walk to the target past a mover whose place and velocity are known; least gap and end."""
+    """Walk to the target past a mover whose place and velocity are known; least gap and end.
+
+    With the guard's memory, as a robot walks: without it, dead ahead of a mover, left and right are
+    equally good at every step anew.
+    """
+    guard = Guard(CONFIG)
     pose, gap, wall = start, math.inf, math.inf
     for k in range(steps):
         now = 0.65 * k
@@ -43,7 +48,7 @@ def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
         wish = footstep(heading, 0.0 if close else cruise, pose, GAIT)
         if close:
             wish = GAIT.command(0.0, 0.0, 0.0)
-        step = choose(wish, at(pose), [mover(x, y, vx, vy, now)], cells, target, CONFIG, now)
+        step = guard.choose(wish, at(pose), [mover(x, y, vx, vy, now)], cells, target, now)
         for part in range(2):
             turn = step.turn_rad if part else 0.0
             pose = pose @ Pose2(step.forward_m / 2, step.lateral_m / 2, turn)

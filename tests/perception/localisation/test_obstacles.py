@@ -234,6 +234,41 @@ def test_what_is_half_seen_where_a_track_is_keeps_it_and_what_is_half_seen_elsew
         assert not alive or np.linalg.norm(tracker.obstacles[0].position - thing) < 0.02
 
 
+def test_a_mover_that_is_only_ever_seen_in_part_is_still_followed():
+    """Close by, the border of the view cuts it for longer than a lost track lives."""
+    rng = np.random.default_rng(5)
+    speed, tracker = np.array([-0.02, 0.03]), ObstacleTracker()
+    nees = []
+    for k in range(80):
+        t = 0.3 * k
+        true = np.array([0.6, -0.3]) + speed * t
+        if k < 15:
+            noise = NOISE_M * rng.standard_normal(2)
+            tracker.update(t, [seen_at(*(true + noise))], SURE)
+        else:  # its lower left is hidden: what is seen is small, and off by a third of its width
+            part = seen_at(*(true + np.array([0.04, 0.05])), radius_m=0.06)
+            tracker.update(t, [], SURE, partly=[part])
+        if k > 40:
+            (told,) = tracker.obstacles
+            assert told.seen_s == t
+            assert np.linalg.norm(told.position - true) < 0.1
+            here = Gaussian(told.position - true, told.state.covariance[:2, :2])
+            nees.append(here.mahalanobis_squared(np.zeros(2)))
+    assert np.mean(nees) < 4.0
+
+
+def test_furniture_seen_in_part_keeps_a_track_but_does_not_teach_it():
+    tracker = ObstacleTracker()
+    for k in range(6):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.0)], SURE)
+    (before,) = tracker.obstacles
+    for k in range(6, 12):
+        tracker.update(0.3 * k, [], SURE, partly=[seen_at(1.15, 0.2, radius_m=0.3)])
+    (after,) = tracker.obstacles
+    assert after.seen_s == before.seen_s
+    assert np.linalg.norm(after.position - before.position) < 0.01
+
+
 def test_a_single_glimpse_is_not_believed():
     tracker = ObstacleTracker()
     tracker.update(0.0, [seen_at(1.0, 0.0)], SURE)
