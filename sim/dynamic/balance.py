@@ -5,7 +5,9 @@ it was due is held where it is; one that has not met it when the weight comes is
 memories fade while the foot stands.
 
 Source: walking trials: gains 0.3 and 0.05 drift for metres, the opposite sign falls at once, feedback to
-the hips falls, soft soles and moved footsteps do not help.
+the hips falls, soft soles and moved footsteps do not help. A push of 1 N s throws the capture point 5 cm
+off, which is half a sole: of 100 such pushes, at any instant and from anywhere, 10 end in a fall; with
+the landing foot moved along, a hurried next step, a stop, or a bend at the hips it is 14 to 30.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from perception.primitives.plane import Plane
 from perception.structured_light import depth as structured_light
 
 from .experiment import Experiment, Outcome, Say, Target
-from .floor_views import FLOOR_REACH_M, Look, Score, Seen, judged, see, summary
+from .floor_views import FLOOR_REACH_M, HEADER, Look, Score, Seen, judged, row, see, summary
 
 VIEWS_A_SEED = 4
 METHODS = ("ransac", "hough")
@@ -97,18 +97,11 @@ def run(seeds: int, say: Say) -> Outcome:
                     spatial.append((in_space(cloud, found.among_points), look.floor))
         say(f"{number + 1} of {VIEWS_A_SEED * seeds} views")
     figures: dict[str, float] = {}
-    table = [
-        "sensor method   deg median   max    mm median   max    NEES  precision recall      ms"
-    ]
+    table = ["sensor method  " + HEADER]
     for name, mine in scores.items():
-        row = summary(name, mine)
-        figures |= row
-        v = [row.get(f"{name}_{column}", math.nan) for column in COLUMNS]
+        figures |= summary(name, mine)
         sensor, method = name.split("_")
-        table.append(
-            f"{sensor:<6} {method:<7} {v[0]:10.3f} {v[1]:7.3f} {v[2]:9.2f} {v[3]:7.2f} {v[4]:6.2f}"
-            f"  {v[5]:8.3f} {v[6]:7.3f} {v[7]:7.1f}"
-        )
+        table.append(f"{sensor:<6} {method:<7} " + row(name, figures))
     figures |= errors(printed, "hough_as_printed") | errors(spatial, "stereo_in_space")
     for name, words in (
         ("hough_as_printed", "flow chart to the letter, stereo"),
@@ -121,17 +114,6 @@ def run(seeds: int, say: Say) -> Outcome:
         )
     return Outcome(figures, table)
 
-
-COLUMNS = (
-    "plane_deg_median",
-    "plane_deg_max",
-    "plane_mm_median",
-    "plane_mm_max",
-    "plane_anees",
-    "floor_precision",
-    "floor_recall",
-    "ms",
-)
 
 EXPERIMENT = Experiment(
     id="INT-3",

@@ -17,7 +17,7 @@ from perception.floor import choose
 from perception.floor.choose import FloorConfig
 
 from .experiment import Experiment, Outcome, Say, Target
-from .floor_views import FLOOR_REACH_M, Score, judged, see, summary
+from .floor_views import FLOOR_REACH_M, HEADER, Score, judged, row, see, summary
 
 POSES_A_SEED = 5
 METHODS = ("ransac", "hough")
@@ -39,28 +39,12 @@ def run(seeds: int, say: Say) -> Outcome:
             scores[method].append(judged(cloud, found, view.look, view.pair_height, spent))
         say(f"{number + 1} of {POSES_A_SEED * seeds} poses")
     figures: dict[str, float] = {}
-    table = ["method   deg median  max    mm median  max    NEES   precision  recall     ms"]
+    table = ["method   " + HEADER]
     for method in METHODS:
-        mine = summary(method, scores[method])
-        figures |= mine
-        row = [mine.get(f"{method}_{name}", np.nan) for name in COLUMNS]
-        table.append(
-            f"{method:<8} {row[0]:10.3f} {row[1]:5.3f} {row[2]:10.2f} {row[3]:5.2f} {row[4]:6.2f}"
-            f" {row[5]:10.4f} {row[6]:8.4f} {row[7]:6.1f}"
-        )
+        figures |= summary(method, scores[method])
+        table.append(f"{method:<8} " + row(method, figures))
     return Outcome(figures, table)
 
-
-COLUMNS = (
-    "plane_deg_median",
-    "plane_deg_max",
-    "plane_mm_median",
-    "plane_mm_max",
-    "plane_anees",
-    "floor_precision",
-    "floor_recall",
-    "ms",
-)
 
 BOUNDS = {
     "plane_deg_median": Target("<=", 0.1),

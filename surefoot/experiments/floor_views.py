@@ -252,3 +252,25 @@ def _walls() -> tuple[Thing, ...]:
         Box((middle, y0 - 0.05, WALL_M / 2), (x1 - x0, 0.10, WALL_M), 0.0, "wall/cream"),
     )
     return tuple(Thing("wall", (box,), 0.75, wall=True) for box in boxes)
+
+
+COLUMNS = (
+    "plane_deg_median",
+    "plane_deg_max",
+    "plane_mm_median",
+    "plane_mm_max",
+    "plane_anees",
+    "floor_precision",
+    "floor_recall",
+    "ms",
+)
+HEADER = "deg median    max  mm median    max    NEES  precision  recall      ms"
+
+
+def row(name: str, figures: dict[str, float]) -> str:
+    """What `summary` says of that name, as a row below `HEADER`; n/a is nan."""
+    v = [figures.get(f"{name}_{column}", math.nan) for column in COLUMNS]
+    return (
+        f"{v[0]:10.3f} {v[1]:6.3f} {v[2]:10.2f} {v[3]:6.2f} {v[4]:7.2f}"
+        f"  {v[5]:9.4f} {v[6]:7.4f} {v[7]:7.1f}"
+    )
