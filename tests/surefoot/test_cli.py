@@ -155,6 +155,14 @@ def test_experiments_are_listed_with_their_titles():
     assert "real-floor" in shown
 
 
+def test_the_package_runs_as_a_module_under_its_own_name():
+    done = subprocess.run(
+        [sys.executable, "-m", "surefoot", "nonsense"], capture_output=True, text=True
+    )
+    assert done.returncode == BAD_INPUT
+    assert "Usage: surefoot" in done.stderr
+
+
 def test_the_completion_script_knows_the_program():
     code, shown = call("completion", "bash")
     assert code == 0
