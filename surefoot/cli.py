@@ -377,17 +377,29 @@ def smooth(run: Path, lag_s: float | None) -> None:
     type=click.Choice(["kinematic", "dynamic", "both"]),
     help="Who walks, where somebody does; both: beside each other.",
 )
+@click.option("--resume", is_flag=True, help="Go on where the same study was killed.")
 @json_option
-def experiment(identity: str | None, seeds: int | None, body: str | None, as_json: bool) -> None:
-    """Measure a published table or figure again; without ID, list them."""
+def experiment(
+    identity: str | None, seeds: int | None, body: str | None, resume: bool, as_json: bool
+) -> None:
+    """Measure a published table or figure again; without ID, list them.
+
+    \b
+    Examples:
+      surefoot experiment 003-E2               figures, targets and the paper's own numbers
+      surefoot experiment 001-E3 --seeds 20    on fewer random worlds
+      surefoot experiment INT-4 --resume       what was walked before it was killed is not walked again
+    """
     from .experiments import experiment as experiments
+    from .experiments import trials
 
     if identity is None:
         for name in experiments.names():
             click.echo(f"{name:<14} {experiments.load(name).title}")
         return
     chosen = experiments.load(identity)
-    with progress() as say:
+    shelf = trials.Shelf(Path("runs") / "experiments" / identity, resume)
+    with progress() as say, trials.kept(shelf):
         chosen, outcome = experiments.measure(chosen, say, seeds, body)
     result = experiments.judge(chosen, outcome)
     shown = (

@@ -82,7 +82,7 @@ def draw_panes(scene: Scene, config: Config) -> bool:
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Four walks a seed, two at a time, and four looks about."""
+    """Four walks a seed, and four looks about."""
     configs = [config_of(motion, seed, body) for motion in SHOWN for seed in range(seeds)]
     blocked = 0
     for config in configs:

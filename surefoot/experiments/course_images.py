@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 
 from ..config import on_body
 from ..course_walk import Walk, pictures_config, walk
-from .course_trials import HEADER, WORKERS, figures, row
+from .course_trials import HEADER, figures, row
 from .experiment import Say
+from .trials import each
 
 
 def walk_from_pictures(seed: int, body: str = "kinematic") -> Walk:
@@ -31,10 +30,9 @@ def image_figures(
         body: Who walks.
     """
     found: list[Walk] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for one in pool.map(walk_from_pictures, range(seeds), [body] * seeds):
-            found.append(one)
-            say(f"{len(found)} of {seeds} courses from pictures")
+    for one in each(walk_from_pictures, [(seed, body) for seed in range(seeds)]):
+        found.append(one)
+        say(f"{len(found)} of {seeds} courses from pictures")
     seen = {f"images_{name}": value for name, value in figures(found).items()}
     seen["images_time_ratio"] = float(
         np.mean([one.time_s for one in found]) / np.mean([one.time_s for one in by_geometry])

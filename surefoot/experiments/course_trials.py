@@ -1,11 +1,9 @@
-"""Many courses, two at a time, by geometry: what the experiments on seed 001's courses have in common."""
+"""Many courses by geometry: what the experiments on seed 001's courses have in common."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -18,8 +16,8 @@ from ..config import on_body
 from ..course_walk import Walk, course_config, walk
 from ..metrics.contacts import CLASSES
 from .experiment import Say
+from .trials import each
 
-WORKERS = 2
 PAPER_S = 560.2  # seed 001, section V-C
 
 STEPPERS: dict[str, Callable[[], Stepper | None]] = {
@@ -60,13 +58,12 @@ def try_out(trial: Trial) -> Walk:
 
 
 def try_all(trials: Iterable[Trial], say: Say, body: str) -> list[Walk]:
-    """All walks, by one body, in order, two at a time, each in a process of its own."""
+    """All walks, by one body, in order, each in a process of its own."""
     trials = [replace(trial, body=body) for trial in trials]
     found: list[Walk] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for one in pool.map(try_out, trials):
-            found.append(one)
-            say(f"{len(found)} of {len(trials)} courses")
+    for one in each(try_out, [(trial,) for trial in trials]):
+        found.append(one)
+        say(f"{len(found)} of {len(trials)} courses")
     return found
 
 

@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,8 @@ from .. import plot_style
 from ..config import PLANNERS, Config, MissionConfig, on_body
 from ..run_folder import RunFolder
 from .experiment import Experiment, Outcome, Say, Target
-from .walks import WORKERS, walk
+from .trials import each
+from .walks import walk
 
 SCENES = ("corridor", "robots_room", "boxes", "home")
 ORDER = ("field", "search", "swarm", "avoidance")
@@ -58,17 +57,16 @@ def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Scenes 0 to n - 1, every planner in each, two walks at a time; four of them make one of each kind."""
+    """Scenes 0 to n - 1, every planner in each; four of them make one of each kind."""
     planners = [name for name in ORDER if name in PLANNERS]
     todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
     found: list[Walked] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for walked in pool.map(_walk, todo):
-            found.append(walked)
-            say(f"{len(found)} of {len(todo)} walks")
-            if len(found) % len(planners) == 0:
-                number = len(found) // len(planners) - 1
-                _draw(todo[len(found) - 1], planners, found[-len(planners) :], number)
+    for walked in each(_walk, [(config,) for config in todo]):
+        found.append(walked)
+        say(f"{len(found)} of {len(todo)} walks")
+        if len(found) % len(planners) == 0:
+            number = len(found) // len(planners) - 1
+            _draw(todo[len(found) - 1], planners, found[-len(planners) :], number)
     figures: dict[str, float] = {"scenes": float(seeds), "planners": float(len(planners))}
     more, table = compare(todo, [metrics for metrics, _ in found])
     table.append(

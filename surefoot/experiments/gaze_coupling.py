@@ -13,9 +13,7 @@ Source: the integration experiment INT-2; seed 001, section 3.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 from typing import cast
 
 import numpy as np
@@ -40,7 +38,7 @@ from ..navigator import Navigator
 from ..pipeline import Estimate, Pipeline
 from ..runs import START_COVARIANCE
 from .experiment import Experiment, Outcome, Say, Target
-from .walks import WORKERS
+from .trials import each
 
 SCENE = "course"
 LEGS = 3  # of the course, about 9 m
@@ -195,13 +193,12 @@ def _measures(
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Three walks a seed, two at a time; about ten seconds of one core each."""
+    """Three walks a seed; about ten seconds of one core each."""
     todo = [(seed, mode, body) for seed in range(seeds) for mode in MODES]
     found: dict[str, list[Looked]] = {mode: [] for mode in MODES}
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for (_, mode, _), one in zip(todo, pool.map(look, *zip(*todo, strict=True)), strict=True):
-            found[mode].append(one)
-            say(f"{sum(map(len, found.values()))} of {len(todo)} walks")
+    for (_, mode, _), one in zip(todo, each(look, todo), strict=True):
+        found[mode].append(one)
+        say(f"{sum(map(len, found.values()))} of {len(todo)} walks")
     mean = {
         mode: {
             name: float(np.nanmean([getattr(one, name) for one in walks]))

@@ -15,7 +15,7 @@ from .walks import walk_all
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1, two at a time."""
+    """Seeds 0 to n - 1."""
     configs = [on_body(Config(scene="home", seed=seed), body) for seed in range(seeds)]
     found = walk_all(configs, say)
 

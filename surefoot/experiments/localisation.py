@@ -13,8 +13,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 from jaxtyping import Float
@@ -28,8 +26,8 @@ from . import localisation_trial as trials
 from .experiment import Experiment, Outcome, Say, Target
 from .localisation_trial import Fault, Following, Trial
 from .localisation_walk import Moment, walk
+from .trials import each
 
-WORKERS = 2
 FAULTY_EVERY = 5  # of the seeds
 LOST_S, DARK_S, JUMP_M, LATE_S, OUTLIERS = 40.0, 10.0, 0.5, 0.05, 0.3
 CUTOFF_M, ORDER = 0.5, 2.0
@@ -110,12 +108,11 @@ def summary(runs: dict[str, Trial], following: Following) -> Figures:
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Seeds 0 to n - 1, two at a time."""
+    """Seeds 0 to n - 1."""
     found: list[Figures] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for figures in pool.map(one_walk, range(seeds)):
-            found.append(figures)
-            say(f"{len(found)} of {seeds} walks")
+    for figures in each(one_walk, [(seed,) for seed in range(seeds)]):
+        found.append(figures)
+        say(f"{len(found)} of {seeds} walks")
     return Outcome(together(found), list(_table(found)))
 
 

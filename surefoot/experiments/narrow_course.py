@@ -16,7 +16,7 @@ LIMIT_S = 120.0  # ours: half as long again as 124 steps
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1, two at a time; a run that does not arrive counts all its steps."""
+    """Seeds 0 to n - 1; a run that does not arrive counts all its steps."""
     configs = [config_of("narrow_course", seed, LIMIT_S, body=body) for seed in range(seeds)]
     found = walk_all(configs, say, figures_of)
 

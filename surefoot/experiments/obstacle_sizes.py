@@ -12,9 +12,7 @@ Source: seed 004, Table 4 and Fig. 8.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 
@@ -33,7 +31,7 @@ from sim.tof_camera import TofCamera, TofConfig
 
 from ..config import CALIBRATED_TOF
 from .experiment import Experiment, Outcome, Say, Target
-from .walks import WORKERS
+from .trials import each
 
 DISTANCES_M = (1.05, 1.29)
 WIDTHS_M = (0.713, 0.954, 1.195, 1.428)
@@ -160,10 +158,9 @@ def readings(seed: int) -> dict[tuple[str, int, int], Reading | None]:
 def run(seeds: int, say: Say) -> Outcome:
     """Two distances, four widths, four chains a seed; about seven seconds a seed on one core."""
     everything: list[dict[tuple[str, int, int], Reading | None]] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for found in pool.map(readings, range(seeds)):
-            everything.append(found)
-            say(f"seed {len(everything) - 1}: {len(found)} rows measured")
+    for found in each(readings, [(seed,) for seed in range(seeds)]):
+        everything.append(found)
+        say(f"seed {len(everything) - 1}: {len(found)} rows measured")
     figures: dict[str, float] = {}
     for name in configs():
         figures |= _figures(name, everything)

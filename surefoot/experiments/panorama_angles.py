@@ -12,9 +12,7 @@ Source: seed 004, Figs. 2 and 6, sections 2.2.2 and 2.3.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +27,7 @@ from sim import scenes
 from ..plots_panorama import write_pictures
 from .experiment import Experiment, Outcome, Say, Target
 from .panorama_scenes import Score, nine_views, score
-from .walks import WORKERS
+from .trials import each
 
 ROOMS = ("boxes", "home", "corridor")
 SCENES_A_SEED = 67  # 200 random scenes with three seeds
@@ -64,11 +62,10 @@ def things_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     """Random scenes: how often the count is right, and how far off gaps, widths and heights are."""
     count = min(seeds * SCENES_A_SEED, 200) if seeds <= 3 else seeds * SCENES_A_SEED
     scores: list[Score] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for one in pool.map(score, range(count)):
-            scores.append(one)
-            if len(scores) % 20 == 0:
-                say(f"{len(scores)} of {count} scenes of random things")
+    for one in each(score, [(number,) for number in range(count)]):
+        scores.append(one)
+        if len(scores) % 20 == 0:
+            say(f"{len(scores)} of {count} scenes of random things")
     right = [one for one in scores if one.things == one.listed]
     gaps = 1e3 * np.abs([gap for one in right for gap in one.gaps_m] or [math.inf])
     heights = 1e3 * np.abs([height for one in right for height in one.heights_m] or [math.inf])

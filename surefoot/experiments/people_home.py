@@ -35,7 +35,7 @@ def falls_and_contacts(folder: RunFolder, config: Config) -> dict[str, float]:
 
 
 def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
-    """Seeds 0 to n - 1, two at a time."""
+    """Seeds 0 to n - 1."""
     found = walk_all([config_of(seed, body) for seed in range(seeds)], say, falls_and_contacts)
 
     def all_of(name: str) -> np.ndarray:

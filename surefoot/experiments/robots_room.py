@@ -21,7 +21,7 @@ PRINTED_SHARE = 5
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1, two at a time."""
+    """Seeds 0 to n - 1."""
     cruise = [config_of("robots_room", seed, LIMIT_S, body=body) for seed in range(seeds)]
     slow = [
         config_of("robots_room", seed, LIMIT_S, PRINTED_MPS, body)

@@ -10,9 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 from jaxtyping import Float
@@ -21,7 +19,7 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
 from .experiment import Experiment, Outcome, Say, Target
-from .walks import WORKERS
+from .trials import each
 
 STEPS = 300
 PUSH_N, PUSH_S, PUSH_EVERY = 10.0, 0.1, 100
@@ -108,11 +106,10 @@ def run(seeds: int, say: Say) -> Outcome:
     """Every kind of ground, seeds 0 to n - 1."""
     todo = [(trial, seed) for trial in TRIALS for seed in range(seeds)]
     found: list[Walked] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for one in pool.map(walk, *zip(*todo, strict=True)):
-            found.append(one)
-            fell = sum(w.fallen for w in found)
-            say(f"{len(found)} of {len(todo)} walks, {fell} falls")
+    for one in each(walk, todo):
+        found.append(one)
+        fell = sum(w.fallen for w in found)
+        say(f"{len(found)} of {len(todo)} walks, {fell} falls")
     usual = [one for one in found if one.trial == TRIALS[0].name]
     errors = np.concatenate([one.errors for one in usual])
     drift = [abs(float(one.errors[:, 2].mean())) for one in usual if len(one.errors)]

@@ -1,19 +1,16 @@
-"""Many simulated walks, two at a time: what the experiments that walk have in common."""
+"""Many simulated walks: what the experiments that walk have in common."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterable
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from ..config import Config
 from ..run_folder import RunFolder
 from .experiment import Say
-
-WORKERS = 2
+from .trials import each
 
 Extra = Callable[[RunFolder, Config], dict[str, float]]
 
@@ -45,9 +42,8 @@ def walk_all(
     """The metrics of every run, in order; each run in a process of its own."""
     todo = list(configs)
     found: list[dict[str, Any]] = []
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        for metrics in pool.map(walk, todo, [extra] * len(todo)):
-            found.append(metrics)
-            touched = sum(float(each.get("contacts", 0.0)) > 0.0 for each in found)
-            say(f"{len(found)} of {len(todo)} walks, {touched} of them with a contact")
+    for metrics in each(walk, [(config, extra) for config in todo]):
+        found.append(metrics)
+        touched = sum(float(one.get("contacts", 0.0)) > 0.0 for one in found)
+        say(f"{len(found)} of {len(todo)} walks, {touched} of them with a contact")
     return found

@@ -42,7 +42,7 @@ def coverage(run: RunFolder, config: Config) -> dict[str, float]:
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1, two at a time."""
+    """Seeds 0 to n - 1."""
     mission = MissionConfig(wander=True, time_limit_s=SECONDS)
     configs = [
         on_body(Config(scene="home", seed=seed, mission=mission), body) for seed in range(seeds)
