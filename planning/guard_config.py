@@ -40,7 +40,7 @@ class GuardConfig:
     )
     turns_every_s: float = 20.0  # navigation trials: movers turn every 12 to 25 s
     turn_weight: float = 0.25  # ours: a turn within the time that getting out of the way takes
-    learnt_weight: float = 0.1  # ours: the same where it was never seen to turn
+    learnt_weight: float = 0.04  # ours: the same where it was never seen to turn
     lost_weight: float = 0.3  # ours: of what was lost somewhere on its line
     react_s: float = 1.3  # ours: until a turn is noticed and the robot makes its next step
     soft_m: float = 0.10  # ours: band beyond the margin that is avoided if it costs little
