@@ -1,4 +1,8 @@
-"""The camera: a pinhole with Brown-Conrady (radial and tangential) lens distortion."""
+"""The camera: a pinhole with a lens that bends rays radially and tangentially.
+
+Source: Brown-Conrady with 5 coefficients, OpenCV's rational polynomial with 8 (ROS: plumb_bob and
+rational_polynomial).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,8 @@ from .errors import ConfigError
 class Camera:
     """Intrinsics in pixels; pixel centres at integers, so the image spans [-0.5, width - 0.5].
 
-    `distortion` is (k1, k2, p1, p2, k3) as OpenCV orders it; all zero means a rectified image.
+    `distortion` is (k1, k2, p1, p2, k3), or those and (k4, k5, k6) of a rational lens, as OpenCV orders them;
+    all zero means a rectified image.
     """
 
     width: int
@@ -25,7 +30,7 @@ class Camera:
     fy: float
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -42,6 +47,11 @@ class Camera:
                 raise ConfigError(
                     f"camera: {name}={value} px lies far outside the image of {size} px; check the intrinsics"
                 )
+        if len(self.distortion) not in (5, 8) or not all(map(math.isfinite, self.distortion)):
+            raise ConfigError(
+                f"camera: distortion={self.distortion} must be 5 finite numbers (k1, k2, p1, p2, k3) or 8 "
+                "(and k4, k5, k6); check the intrinsics"
+            )
 
     @staticmethod
     def from_view(width: int, height: int, across_rad: float, down_rad: float) -> Camera:
@@ -118,9 +128,12 @@ class Camera:
     def _distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if not self.is_distorted:
             return x, y
-        k1, k2, p1, p2, k3 = self.distortion
+        k1, k2, p1, p2, k3, *below = self.distortion
         r2 = x * x + y * y
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        if below:
+            k4, k5, k6 = below
+            radial = radial / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
         return (
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
             y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,

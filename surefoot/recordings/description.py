@@ -31,7 +31,7 @@ fx = 525.0
 fy = 525.0
 cx = 319.5
 cy = 239.5
-distortion = [0, 0, 0, 0, 0]  # k1, k2, p1, p2, k3; may be left out
+distortion = [0, 0, 0, 0, 0]  # k1, k2, p1, p2, k3, and k4, k5, k6 of a rational lens; may be left out
 [depth]
 folder = "depth"            # may be left out, as may pattern = "*.png"
 scale_per_metre = 1000      # 1000: millimetres, 5000: TUM
@@ -239,7 +239,8 @@ class _Reader:
                 raise RecordingError(f"{self._path}: {prefix}.{key} = {values[key]} must be whole")
             values[key] = int(values[key])
         if "distortion" in table:
-            values["distortion"] = self.numbers(table, f"{prefix}.distortion", 5)
+            rational = isinstance(table["distortion"], list) and len(table["distortion"]) == 8
+            values["distortion"] = self.numbers(table, f"{prefix}.distortion", 8 if rational else 5)
         return camera_of(self._path, **values)
 
     def unit(self, table: Mapping[str, Any] | None) -> DepthUnit | None:

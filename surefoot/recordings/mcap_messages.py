@@ -232,15 +232,14 @@ def _compressed(picture: EncodedPicture, part: str, stamp: Timestamp) -> Compres
 
 
 def _calibration(camera: Camera, part: str, stamp: Timestamp) -> CameraCalibration:
-    k1, k2, p1, p2, k3 = camera.distortion
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     return CameraCalibration(
         timestamp=stamp,
         frame_id=_frame_id(part),
         width=camera.width,
         height=camera.height,
-        distortion_model="plumb_bob",
-        D=[k1, k2, p1, p2, k3],
+        distortion_model="plumb_bob" if len(camera.distortion) == 5 else "rational_polynomial",
+        D=list(camera.distortion),
         K=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
         R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         P=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
@@ -282,10 +281,8 @@ def _pose(transform: FrameTransform) -> Pose3:
 
 
 def _camera(calibration: CameraCalibration) -> Camera:
-    k, (k1, k2, p1, p2, k3) = calibration.K, calibration.D
-    return Camera(
-        calibration.width, calibration.height, k[0], k[4], k[2], k[5], (k1, k2, p1, p2, k3)
-    )
+    k, lens = calibration.K, tuple(calibration.D)
+    return Camera(calibration.width, calibration.height, k[0], k[4], k[2], k[5], lens)
 
 
 def _units(image: RawImage) -> np.ndarray:

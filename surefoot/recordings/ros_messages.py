@@ -1,19 +1,22 @@
 """What single ROS messages say: camera, depth image, colour image.
 
-Sources: sensor_msgs (Image, CompressedImage, CameraInfo); REP 118; compressed_depth_image_transport (a
-header of 12 bytes before the PNG, and for metres depth = A / (value - B)).
+Sources: sensor_msgs (Image, CompressedImage, CameraInfo); REP 104 (lenses); image_geometry (which numbers
+belong to which image); REP 118; compressed_depth_image_transport (a header of 12 bytes before the PNG, and
+for metres depth = A / (value - B)).
 """
 
 from __future__ import annotations
 
+import re
 import struct
 from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Float64, UInt8
 
 from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError
 
 from .recording import FrameError
 
@@ -24,6 +27,9 @@ _DEPTHS: dict[str, np.dtype[Any]] = {
 }
 _COLOURS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1, "8UC3": 3}
 _RVL = "compressedDepth rvl"
+_TRANSPORTS = ("compressed", "compressedDepth")
+_POLYNOMIALS = ("plumb_bob", "rational_polynomial", "")
+"""Lenses that are OpenCV's coefficients; how many there are tells which, as in image_geometry."""
 
 
 def is_depth_encoding(encoding: str) -> bool:
@@ -31,20 +37,29 @@ def is_depth_encoding(encoding: str) -> bool:
     return encoding in _DEPTHS
 
 
-def camera_of_info(message: Any) -> Camera:
-    """The camera of a CameraInfo; K and D.
+def is_rectified(topic: str) -> bool:
+    """Whether ROS calls the images of a topic rectified: /a/image_rect, /a/image_rect_raw, /a/image_rect/compressed.
+
+    A word of the last part begins with `rect`; image_direct and image_unrectified are other words.
+    """
+    parts = topic.split("/")
+    name = parts[-2] if parts[-1] in _TRANSPORTS and len(parts) > 1 else parts[-1]
+    return re.search("(?:^|[^A-Za-z])rect|Rect", name) is not None
+
+
+def camera_of_info(message: Any, rectified: bool) -> Camera:
+    """The camera of images with that CameraInfo.
+
+    Args:
+        message: CameraInfo of ROS 1 or ROS 2.
+        rectified: Whether the images are rectified (`is_rectified`): P without a lens (K where P is zero), else
+            K and D.
 
     Raises:
-        ConfigError: for intrinsics that cannot be.
+        ConfigError: for intrinsics that cannot be, or a lens that is not known here.
     """
-    K = np.asarray(getattr(message, "k", None) if hasattr(message, "k") else message.K).reshape(
-        3, 3
-    )
-    D = np.asarray(message.d if hasattr(message, "d") else message.D, dtype=np.float64)
-    five = np.zeros(5)
-    if message.distortion_model in ("plumb_bob", "rational_polynomial", ""):
-        five[: min(5, len(D))] = D[:5]
-    k1, k2, p1, p2, k3 = (float(v) for v in five)
+    P = _numbers(message, "p").reshape(3, 4)
+    K = P if rectified and P[0, 0] != 0.0 else _numbers(message, "k").reshape(3, 3)
     return Camera(
         int(message.width),
         int(message.height),
@@ -52,7 +67,7 @@ def camera_of_info(message: Any) -> Camera:
         float(K[1, 1]),
         float(K[0, 2]),
         float(K[1, 2]),
-        (k1, k2, p1, p2, k3),
+        (0.0,) * 5 if rectified else _lens(message),
     )
 
 
@@ -92,6 +107,28 @@ def colour_image(message: Any, camera: Camera, compressed: bool) -> UInt8[np.nda
             rgb = rgb[..., ::-1]
     _check_size("colour", rgb, camera)
     return np.ascontiguousarray(rgb, dtype=np.uint8)
+
+
+def _numbers(message: Any, field: str) -> Float64[np.ndarray, "n"]:
+    """A list of CameraInfo; ROS 1 writes its name large."""
+    name = field if hasattr(message, field) else field.upper()
+    return np.asarray(getattr(message, name), dtype=np.float64).ravel()
+
+
+def _lens(message: Any) -> tuple[float, ...]:
+    """The coefficients of a raw image; five zeros where all are zero, whatever the model."""
+    model, D = str(message.distortion_model), _numbers(message, "d")
+    if not D.any():
+        return (0.0,) * 5
+    if model in _POLYNOMIALS and not D[5:].any():
+        return tuple(np.pad(D[:5], (0, max(0, 5 - len(D)))).tolist())
+    if model in _POLYNOMIALS and len(D) >= 8 and not D[8:].any():
+        return tuple(D[:8].tolist())
+    raise ConfigError(
+        f"camera: distortion_model={model!r} with coefficients ({', '.join(f'{v:g}' for v in D)}) is no lens "
+        "known here; expected plumb_bob with up to 5 or rational_polynomial with 8; rectify the images with "
+        "ROS's image_proc (depth with interpolation 0) and record its image_rect instead of them"
+    )
 
 
 def _raw_depth(message: Any) -> np.ndarray:

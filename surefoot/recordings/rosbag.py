@@ -3,7 +3,9 @@
 Read are one depth stream (raw or `compressedDepth`), its `camera_info`, the colour stream of the same
 camera, raw or compressed, and the transforms: where `tf` leads from a fixed frame to the depth camera, the
 frames come with poses; where it leads from the depth to the colour camera, the colours are laid onto the
-depth image. Messages are streamed; a depth image waits only until a later colour image has come by.
+depth image. Images that ROS calls rectified (`is_rectified`) have no lens left; raw colours of the very camera
+of a rectified depth image are straightened to match it. Messages are streamed; a depth image waits only until
+a later colour image has come by.
 
 Sources: rosbags (reading and decoding of messages); REP 103 (axes), REP 105 (names of fixed frames), REP
 118 (depth images: 16UC1 in millimetres, 32FC1 in metres); image_transport_plugins (`compressedDepth`).
@@ -14,10 +16,13 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
+from jaxtyping import Float32
 
 from perception.depth_to_colour import colours_of_depth
 from perception.primitives.camera import Camera
@@ -27,7 +32,13 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 from .description import Description, complete
 from .poses import ASSOCIATION_S
 from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
-from .ros_messages import camera_of_info, colour_image, depth_image, is_depth_encoding
+from .ros_messages import (
+    camera_of_info,
+    colour_image,
+    depth_image,
+    is_depth_encoding,
+    is_rectified,
+)
 from .ros_transforms import Transforms
 
 FIXED = ("world", "map", "odom", "vicon", "mocap")
@@ -75,10 +86,12 @@ class RosbagRecording:
         self._journal = Journal()
         with self._reader() as reader:
             self._topics = find_topics(path, reader)
-            self._camera = self._first_camera(reader, self._topics.depth_info)
-            colour_info = self._topics.colour_info
+            self._camera = self._first_camera(reader, self._topics.depth_info, self._topics.depth)
+            colour, colour_info = self._topics.colour, self._topics.colour_info
             self._colour_camera = (
-                None if colour_info is None else self._first_camera(reader, colour_info)
+                None
+                if colour is None or colour_info is None
+                else self._first_camera(reader, colour_info, colour)
             )
             self._transforms = self._read_transforms(reader)
             frames = sum(c.msgcount for c in reader.connections if c.topic == self._topics.depth)
@@ -160,12 +173,30 @@ class RosbagRecording:
         rgb = colour_image(near[1], self._colour_camera, self._topics.compressed_colour)
         frame = near[1].header.frame_id
         if frame == self._depth_frame:
-            return ColourView(rgb, self._colour_camera)
+            if self._bent is None:
+                return ColourView(rgb, self._colour_camera)
+            u, v = self._bent
+            straight = cv2.remap(rgb, u, v, cv2.INTER_LINEAR)
+            return ColourView(np.asarray(straight, np.uint8), self._camera)
         T_colour_depth = self._transforms.between(frame, self._depth_frame, stamp)
         if T_colour_depth is None:
             return None
         laid = colours_of_depth(depth, self._camera, rgb, self._colour_camera, T_colour_depth)
         return ColourView(laid, self._camera)
+
+    @cached_property
+    def _bent(self) -> Float32[np.ndarray, "2 h w"] | None:
+        """Where (u, v) a raw colour image shows each pixel of the rectified depth image of the same camera, px.
+
+        None where the two belong together pixel by pixel as they are, or are of two sizes.
+        """
+        one, other = self._camera, self._colour_camera
+        if other is None or one.is_distorted or not other.is_distorted:
+            return None
+        if (one.width, one.height) != (other.width, other.height):
+            return None
+        pixels = other.project(one.rays).astype(np.float32)
+        return np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
 
     def _messages(
         self, reader: Any, connections: list[Any], journal: Journal
@@ -193,12 +224,14 @@ class RosbagRecording:
             return message
         raise RecordingError(f"{self._path}: topic {topic} holds no message that can be read")
 
-    def _first_camera(self, reader: Any, topic: str) -> Camera:
+    def _first_camera(self, reader: Any, topic: str, images: str) -> Camera:
         message = self._first(reader, topic)
         try:
-            return camera_of_info(message)
+            return camera_of_info(message, is_rectified(images))
         except ConfigError as error:
-            raise RecordingError(f"{self._path}, topic {topic}: {error}") from error
+            raise RecordingError(
+                f"{self._path}, topic {topic} of the images {images}: {error}"
+            ) from error
 
     def _first_frame_id(self, reader: Any, topic: str) -> str:
         return str(self._first(reader, topic).header.frame_id).lstrip("/")
@@ -250,6 +283,8 @@ def is_rosbag(path: Path) -> bool:
 def find_topics(path: Path, reader: Any) -> Topics:
     """The depth stream of most messages that has a camera, and the colour that goes best with it.
 
+    Of one camera's depth images the rectified ones are taken, if there are at least half as many of them.
+
     Raises:
         RecordingError: There is no depth, or none with a camera; the message lists what there is.
     """
@@ -265,7 +300,11 @@ def find_topics(path: Path, reader: Any) -> Topics:
             depths.append(entry)
         elif kind == "colour":
             colours.append(entry)
-    usable = sorted((d for d in depths if d[0]), key=lambda d: (-d[1], d[4] == _COMPRESSED, d[2]))
+    straight = [d for d in depths if d[0] and is_rectified(d[2])]
+    usable = sorted(
+        (d for d in depths if d[0] and not any(_replaces(s, d) for s in straight)),
+        key=lambda d: (-d[1], d[4] == _COMPRESSED, d[2]),
+    )
     if not usable:
         listed = ", ".join(sorted(f"{c.topic} ({c.msgtype})" for c in reader.connections)) or "none"
         lacks = "no camera_info beside its depth images" if depths else "no depth image"
@@ -284,6 +323,12 @@ def find_topics(path: Path, reader: Any) -> Topics:
         depth_type == _COMPRESSED,
         colour is not None and colour[4] == _COMPRESSED,
     )
+
+
+def _replaces(rectified: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    """Whether a stream of rectified images stands for a raw one: of the same camera, at least half as many."""
+    same = rectified[3] == other[3] and not is_rectified(other[2])
+    return same and 2 * rectified[1] >= other[1]
 
 
 def _kind(reader: Any, connection: Any) -> str | None:

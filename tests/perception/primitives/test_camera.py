@@ -17,6 +17,15 @@ STRAIGHT = Camera(320, 240, 277.0, 280.0, 158.3, 121.7)
 BENT = Camera(320, 240, 277.0, 280.0, 158.3, 121.7, (-0.28, 0.09, 0.001, -0.0015, -0.01))
 MILD = Camera(640, 480, 525.0, 520.0, 319.5, 239.5, (0.05, -0.12, 0.0005, 0.0007, 0.03))
 
+TOF = Camera(  # an Azure Kinect's depth camera, 640x576: Azure-Kinect-Sensor-SDK issue 1617
+    640, 576, 503.84, 503.74, 321.01, 328.48,
+    (4.72473669, 3.20922279, 5.8798e-6, 1.23821e-4, 0.17059645, 5.05585957, 4.7757802, 0.88649416),
+)  # fmt: skip
+KINECT = Camera(  # its colour camera, 1280x960
+    1280, 960, 613.02, 612.94, 648.1, 493.5,
+    (0.40386343, -2.60288429, 8.9408e-4, -4.1652e-5, 1.5118779, 0.28427526, -2.42072129, 1.43543446),
+)  # fmt: skip
+
 
 def points_before(camera: Camera, seed: int, n: int = 200) -> np.ndarray:
     """Points that fall on the image of the distortion-free camera, 0.2 to 6 m away."""
@@ -29,7 +38,7 @@ def points_before(camera: Camera, seed: int, n: int = 200) -> np.ndarray:
     return np.stack([x * z, y * z, z], axis=-1)
 
 
-@pytest.mark.parametrize("camera", [STRAIGHT, BENT, MILD])
+@pytest.mark.parametrize("camera", [STRAIGHT, BENT, MILD, TOF, KINECT])
 def test_projection_agrees_with_opencv(camera):
     points = points_before(camera, 1)
     theirs, _ = cv2.projectPoints(
@@ -38,7 +47,7 @@ def test_projection_agrees_with_opencv(camera):
     np.testing.assert_allclose(camera.project(points), theirs.reshape(-1, 2), atol=1e-9)
 
 
-@pytest.mark.parametrize("camera", [STRAIGHT, BENT, MILD])
+@pytest.mark.parametrize("camera", [STRAIGHT, BENT, MILD, TOF, KINECT])
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_point_projected_and_projected_back_is_the_point(camera, seed):
     points = points_before(camera, seed, 20)
@@ -46,7 +55,7 @@ def test_a_point_projected_and_projected_back_is_the_point(camera, seed):
     np.testing.assert_allclose(again, points, atol=1e-9)
 
 
-@pytest.mark.parametrize("camera", [STRAIGHT, BENT])
+@pytest.mark.parametrize("camera", [STRAIGHT, BENT, TOF])
 def test_the_ray_table_is_the_back_projection_of_every_pixel_at_one_metre(camera):
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
     expected = camera.back_project(np.stack([u, v], axis=-1), np.ones_like(u))
@@ -68,6 +77,19 @@ def test_undistorting_agrees_with_opencv_near_the_corner_of_the_image():
     ).reshape(2)
     ours = BENT.back_project(corner, np.ones(1))[0, :2]
     np.testing.assert_allclose(ours, theirs, atol=1e-8)
+
+
+@pytest.mark.parametrize("camera", [TOF, KINECT])
+def test_the_rays_of_a_rational_lens_meet_opencv_in_every_pixel(camera):
+    seen, _ = cv2.projectPoints(
+        camera.rays.reshape(-1, 3),
+        np.zeros(3),
+        np.zeros(3),
+        camera.matrix,
+        np.array(camera.distortion),
+    )
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    np.testing.assert_allclose(seen.reshape(-1, 2), np.stack([u, v], -1).reshape(-1, 2), atol=1e-6)
 
 
 def test_a_point_behind_the_camera_has_no_pixel():
@@ -105,6 +127,8 @@ def test_opening_angles_reach_from_edge_to_edge(across, down):
         ({"fy": math.nan}, "fy=nan px must be positive"),
         ({"cx": 5000.0}, "cx=5000.0 px lies far outside"),
         ({"cy": math.inf}, "cy=inf px lies far outside"),
+        ({"distortion": (0.1, 0.2, 0.0, 0.0)}, r"distortion=\(0.1, .* must be 5 finite numbers"),
+        ({"distortion": (0.1, 0.0, 0.0, 0.0, math.nan)}, "nan.* must be 5 finite .* or 8"),
     ],
 )
 def test_intrinsics_that_cannot_be_are_refused_by_name(change, said):

@@ -100,20 +100,21 @@ class Bag:
             header=self.header(stamp_s, frame), format=words, data=np.frombuffer(data, np.uint8)
         )
 
-    def info(self, stamp_s: float, frame: str) -> Any:
-        """f = 30 px, the middle of the image as its centre."""
+    def info(self, stamp_s: float, frame: str, model: str = "plumb_bob", **lists: Any) -> Any:
+        """f = 30 px, the middle of the image as its centre; `d`, `k`, `p` may be given."""
         k = np.array([30.0, 0, 15.5, 0, 30.0, 11.5, 0, 0, 1])
         region = self.types["sensor_msgs/msg/RegionOfInterest"](
             x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
         )
         values = {"d": np.zeros(5), "k": k, "r": np.eye(3).ravel(), "p": np.zeros(12)}
+        values |= {name: np.asarray(value, np.float64) for name, value in lists.items()}
         if self.ros1:
             values = {name.upper(): value for name, value in values.items()}
         return self.types["sensor_msgs/msg/CameraInfo"](
             header=self.header(stamp_s, frame),
             height=HEIGHT,
             width=WIDTH,
-            distortion_model="plumb_bob",
+            distortion_model=model,
             binning_x=0,
             binning_y=0,
             roi=region,

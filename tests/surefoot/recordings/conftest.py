@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -216,6 +217,7 @@ def make_frame() -> Callable[..., Frame]:
         rng = np.random.default_rng(seed)
         camera = Camera.from_view(32, 24, 0.8, 0.6)
         lens = Camera(40, 30, 35.5, 36.25, 19.0, 15.0, (0.1, -0.2, 0.003, -0.004, 0.05))
+        rational = replace(lens, distortion=(*lens.distortion, 0.02, -0.01, 0.004))
         T_body_camera = Pose3(tuple(rng.normal(size=3).tolist()), (0.5, -0.5, 0.5, -0.5))
         distance = rng.uniform(0.3, 6.0, (24, 32)).astype(np.float32)
         distance[rng.random((24, 32)) < 0.2] = np.nan
@@ -228,7 +230,7 @@ def make_frame() -> Callable[..., Frame]:
             "tof": RangeView(distance, amplitude, camera, T_body_camera),
             "depth": DepthView(distance[::-1].copy(), camera, None),
             "stereo": StereoView(grey, grey[:, ::-1].copy(), 0.04, lens, T_body_camera),
-            "colour": ColourView(rgb, lens, T_body_camera),
+            "colour": ColourView(rgb, rational, T_body_camera),
             "odometry": StepOdometry(Pose2(*rng.normal(size=3).tolist()), 0.5),
             "imu": Imu(rng.normal(size=3), rng.normal(size=3)),
             "T_world_camera": Pose3((1.0, 2.0, -0.0), (0.1, 0.2, 0.3, float(np.sqrt(0.86)))),
