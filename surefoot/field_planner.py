@@ -1,14 +1,14 @@
 """The univector field straight to the goal: no search, no via points, the guard alone beside it.
 
-What moves is a disc of the field, and so is every occupied cell near by. Where the field has a trap (a
+What moves is a disc of the field with the additions of seed 001 (virtual obstacles, change of speed, gaze,
+uncertainty), and every occupied cell near by is one that stands. Where the field has a trap (a
 hollow that opens towards the robot) this planner stays in it; that is what the search is for.
 
-Source: seed 001, section 4; cells as discs are ours.
+Source: seed 001, sections 4 and 6; cells as discs are ours.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from mapping.egocentric_grid import EgocentricGrid
 from perception.primitives.frame import Frame
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps
@@ -23,7 +24,7 @@ from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
 from planning.guard import Guard
-from planning.univector import fields
+from planning.univector import motion
 
 from .config import Config
 from .goals import Goals, GoalSeeker
@@ -50,6 +51,7 @@ class FieldPlanner(GoalSeeker):
         self._config = config
         self._gaze = GazePolicy(config.gaze)
         self._guard = Guard(config.guard)
+        self._speed_mps = 0.0
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
         """Nothing to be done between footsteps: the pipeline remembers."""
@@ -73,40 +75,40 @@ class FieldPlanner(GoalSeeker):
         gaze = self._gaze.next(estimate.stamp_s, robot, goal, obstacles, known)
         desired, why = WalkCommand(), "survey"
         if not self._gaze.surveying:
-            heading = self._heading(robot, goal, movers, cells, pipeline.grid.cell_m)
-            gait, why = config.guard.gait, "walk"
-            desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait)
+            desired, why = (
+                self._desired(estimate.pose, goal, movers, cells, pipeline.grid.cell_m),
+                "walk",
+            )
         walk = self._guard.choose(desired, estimate.pose, obstacles, cells, goal, estimate.stamp_s)
+        self._speed_mps = walk.forward_m / config.guard.gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard")
 
-    def _heading(
+    def _desired(
         self,
-        robot: Pose2,
+        pose: Gaussian,
         goal: Float[np.ndarray, "2"],
         movers: Sequence[Obstacle],
         cells: Float[np.ndarray, "n 2"],
         cell_m: float,
-    ) -> float:
-        """Direction of the field here."""
-        config = self._config.univector
-        near = cells[np.hypot(*(cells - [robot.x, robot.y]).T) < NEAR_M]
-        radii = np.concatenate(
-            [np.array([o.radius_m for o in movers]), np.full(len(near), cell_m / 2)]
-        )
-        speeds = np.concatenate(
-            [np.array([float(np.hypot(*o.velocity)) for o in movers]), np.zeros(len(near))]
-        )
-        centres = np.concatenate([np.array([o.position for o in movers]).reshape(-1, 2), near])
-        direction = fields.total(
-            np.array([[robot.x, robot.y]]),
+    ) -> WalkCommand:
+        """The field's step, with all the additions that its switches ask for."""
+        field, gait = self._config.univector, self._config.guard.gait
+        x, y, yaw = (float(v) for v in pose.mean)
+        advice = motion.advise(
+            pose,
+            self._speed_mps,
+            movers,
             goal,
             None,
-            centres,
-            fields.extended_radius(radii, speeds, np.zeros(len(radii)), config),
-            config,
-            np.array([robot.yaw]),
-        )[0]
-        return math.atan2(float(direction[1]), float(direction[0]))
+            field,
+            gait.step_s,
+            self._config.gaze.attention.map.evaluation,
+            gait.cruise_mps,
+            cells[np.hypot(*(cells - [x, y]).T) < NEAR_M],
+            cell_m,
+        )
+        speed = advice.speed_mps if field.velocity_change else gait.cruise_mps
+        return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
 
 
 def _cells(grid: EgocentricGrid, movers: Sequence[Obstacle]) -> Float[np.ndarray, "n 2"]:

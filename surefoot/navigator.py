@@ -179,7 +179,17 @@ class Navigator:
         """The field's step among what moves; what stands is the path's business."""
         config, gait = self._config.via_field, self._config.guard.gait
         movers = [o for o in obstacles if o.moving >= MOVER]
-        advice = motion.advise(pose, self._speed_mps, movers, via, None, config, gait.step_s)
+        advice = motion.advise(
+            pose,
+            self._speed_mps,
+            movers,
+            via,
+            None,
+            config,
+            gait.step_s,
+            self._config.gaze.attention.map.evaluation,
+            gait.cruise_mps,
+        )
         speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
         x, y, yaw = (float(v) for v in pose.mean)
         return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)

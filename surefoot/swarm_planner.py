@@ -19,6 +19,7 @@ from jaxtyping import Float
 
 from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
+from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
@@ -57,6 +58,11 @@ class SwarmPlanner(GoalSeeker):
             config: Of everything.
             goals: Where to walk, map frame, m.
         """
+        if config.swarm.prediction == "flow" and not config.robot.image_pairs:
+            raise ConfigError(
+                "swarm: prediction='flow' compares two pictures of one step, and the robot takes only one; "
+                "set robot.image_pairs=true, or swarm.prediction='tracks'"
+            )
         by_clock = bool(config.swarm.goal_times_s)
         super().__init__(MovingGoals(goals, config) if by_clock else Goals(goals, config.mission))
         self._config, self._settings = config, config.swarm
@@ -122,9 +128,8 @@ class SwarmPlanner(GoalSeeker):
         gait = self._config.guard.gait
         ahead = abs(_pan(result.current, robot)) < GLANCE_RAD
         if ahead:
-            self._corners.update(
-                result.corners_blocked, result.nearest_m, gait.cruise_mps * gait.step_s
-            )
+            unseen_m = result.nearest_m + _ahead_m(result.current, robot)
+            self._corners.update(result.corners_blocked, unseen_m, gait.cruise_mps * gait.step_s)
         obstacles = [
             o.gone_straight() if o.moving >= MOVER else o for o in pipeline.tracker.obstacles
         ]
@@ -284,6 +289,11 @@ class MovingGoals:
 def _pan(picture: Picture, robot: Pose2) -> float:
     axis = picture.T_world_camera.rotation[:2, 2]
     return wrap_angle(math.atan2(axis[1], axis[0]) - robot.yaw)
+
+
+def _ahead_m(picture: Picture, robot: Pose2) -> float:
+    """How far the camera stands ahead of the body."""
+    return float(robot.inverse().apply(picture.T_world_camera.position[:2])[0])
 
 
 def _tilt(picture: Picture) -> float:

@@ -29,7 +29,6 @@ class EvaluationConfig:
     obstacle_rate_mps: float = 0.02  # own (specification): T_o
     obstacle_weight: float = 1.0  # own (specification): omega_o
     way_free_m: float = 1.0  # own (specification): d_nThres
-    literal: bool = False  # eq. (1) as printed
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.nearest_m < self.farthest_m:

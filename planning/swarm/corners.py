@@ -3,7 +3,8 @@
 An obstacle in a lower corner of the picture is about to leave it, and will be beside the feet while the
 robot passes it. For as many steps as that takes, that half of the picture is not walked to.
 
-Source: seed 000, section 4.4, eq. (6); one counter for each side is ours.
+Source: seed 000, section 4.4, eq. (6); one counter for each side is ours, and so is that two do not close the
+whole picture: ahead between them is where the robot has just seen floor.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The univector field: at every place a direction that leads to the goal and round the obstacles.
 
-Three printed faults are mended and kept as `literal`: the sign and the heading increment in eq. (8), the
-empty inner disc in eq. (9), and a third component in eq. (10) that has no partner. The printed weights
+Three printed faults are mended: the sign and the heading increment in eq. (8) and the empty inner disc in eq. (9),
+both kept as `literal`, and a third component in eq. (10) that has no partner and is left out. The printed weights
 (0.75 to the goal) let the robot deep into obstacles; see `PUBLISHED` and `FieldConfig`.
 
 Source: seed 001, section 4, eq. (7) to (10).

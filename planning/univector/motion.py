@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -29,6 +29,7 @@ from .virtual_obstacle import virtual_obstacle
 
 MOVES = 0.3  # ours, as the guard: less probable movers are taken to stand
 SLOWEST_MPS = 0.005  # ours: what is slower is no mover
+NO_CELLS = np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ class Advice:
         speed_mps: Speed at the end of the next step.
         changes: What is done about each obstacle, in the order given.
         psi: psi_sf + psi_ob of each, in [0, 2]; zeros without gaze coupling.
-        centres, extended_m, virtual: The discs of the field, world frame, m: the obstacles, then the virtual ones.
+        centres, extended_m, virtual: The discs of the field, world frame, m: the obstacles, the cells, then the
+            virtual ones.
     """
 
     heading_rad: float
@@ -73,6 +75,9 @@ def advise(
     config: FieldConfig,
     step_s: float = 0.65,
     evaluation: EvaluationConfig | None = None,
+    cruise_mps: float | None = None,
+    cells: Float[np.ndarray, "k 2"] = NO_CELLS,
+    cell_m: float = 0.0,
 ) -> Advice:
     """Heading and speed of the next step.
 
@@ -85,9 +90,14 @@ def advise(
         config: The field, its additions and their switches.
         step_s: For how long the speed changes.
         evaluation: Thresholds of psi; None: the defaults.
+        cruise_mps: The speed that is wanted; None: the field's own. Never above the field's top speed.
+        cells: Middles of occupied cells that stand beside the tracks, world frame, m.
+        cell_m: Their side.
 
     Source: seed 001, section 4 and 6.
     """
+    if cruise_mps is not None:
+        config = replace(config, cruise_mps=min(cruise_mps, config.top_speed_mps))
     here, yaw = robot.mean[:2], float(robot.mean[2])
     R = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     moves = np.array([_moves(o) for o in obstacles], np.bool_)
@@ -111,7 +121,12 @@ def advise(
     ]
     changes, acceleration, bound = _speed(movers, speed_mps, config)
     all_changes = [CLEAR] * len(obstacles)
-    discs, sizes = list(centres), list(extended + _place_doubt(robot, obstacles, config))
+    still = np.zeros(len(cells))
+    discs = [*centres, *cells]
+    sizes = [
+        *(extended + _place_doubt(robot, obstacles, config)),
+        *fields.extended_radius(still + cell_m / 2, still, still, config),
+    ]
     for mover, one in zip(movers, changes, strict=True):
         all_changes[mover.number] = one
         if one.case != VIRTUAL.case or not config.virtual_obstacles:
@@ -122,7 +137,7 @@ def advise(
         if extra is not None:
             discs.append(here + R @ extra.place)
             sizes.append(extra.radius_m)
-    virtual = np.arange(len(discs)) >= len(obstacles)
+    virtual = np.arange(len(discs)) >= len(obstacles) + len(cells)
     places = np.array(discs).reshape(-1, 2)
     u = fields.total(
         here[None].astype(np.float64),
@@ -171,7 +186,7 @@ def _psi(
     velocities: np.ndarray,
     evaluation: EvaluationConfig,
 ) -> np.ndarray:
-    """psi_sf + psi_ob of each obstacle, the same figures that turn the head."""
+    """psi_sf + psi_ob of each obstacle, by the evaluations that turn the head."""
     offsets = np.array([o.position - robot.mean[:2] for o in obstacles]).reshape(-1, 2)
     covariances = np.array([o.state.covariance[:2, :2] for o in obstacles]).reshape(-1, 2, 2)
     psi_ob = evaluations.of_obstacles(offsets, velocities, covariances, evaluation)

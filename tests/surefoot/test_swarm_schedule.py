@@ -1,15 +1,18 @@
 """The schedule of the walker without a map: on time it cruises, late it hurries, and never more than the gait can."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2
 from planning.footsteps import GaitConfig
-from surefoot.swarm_planner import Schedule
+from surefoot.config import Config
+from surefoot.swarm_planner import Schedule, SwarmPlanner
 
 GAIT = GaitConfig()
 GOAL = np.array([4.0, 0.0])
@@ -62,3 +65,11 @@ def test_a_new_goal_forgives_what_was_late():
     fresh = schedule.make_up(CRUISING, -GOAL, Pose2(0.0, 0.0, math.pi), 30.0)
     assert late.forward_m == pytest.approx(GAIT.max_speed_mps * GAIT.step_s)
     assert fresh == CRUISING
+
+
+def test_prediction_by_flow_is_refused_without_two_pictures_a_step():
+    config = Config()
+    flow = replace(config, swarm=replace(config.swarm, prediction="flow"))
+    with pytest.raises(ConfigError, match="image_pairs"):
+        SwarmPlanner(flow, [(1.0, 0.0)])
+    SwarmPlanner(replace(flow, robot=replace(flow.robot, image_pairs=True)), [(1.0, 0.0)])

@@ -126,3 +126,21 @@ def test_nothing_in_the_way_is_walked_straight_at_cruise():
     assert said.heading_rad == pytest.approx(0.0)
     assert said.speed_mps == FieldConfig().cruise_mps
     assert said.changes == ()
+
+
+def test_a_cell_beside_the_tracks_is_a_disc_of_half_its_side_that_stands():
+    here = Gaussian(np.zeros(3), SURE)
+    cell = np.array([[0.5, 0.05]])
+    by_cell = advise(here, 0.05, [], GOAL, None, PLAIN, cells=cell, cell_m=0.2)
+    disc = replace(mover(*cell[0], 0.0, 0.0), radius_m=0.1)
+    by_disc = advise(here, 0.05, [disc], GOAL, None, PLAIN)
+    assert by_cell.heading_rad == pytest.approx(by_disc.heading_rad)
+    assert by_cell.heading_rad < -math.radians(10.0)
+    assert not by_cell.virtual.any()
+
+
+def test_the_speed_wanted_is_the_callers_up_to_the_fields_top():
+    here = Gaussian(np.zeros(3), SURE)
+    assert advise(here, 0.05, [], GOAL, None, PLAIN, cruise_mps=0.07).speed_mps == 0.07
+    top = PLAIN.top_speed_mps
+    assert advise(here, 0.08, [], GOAL, None, PLAIN, cruise_mps=0.5).speed_mps == top
