@@ -11,13 +11,9 @@ import numpy as np
 from perception.primitives.pose import Pose2
 
 from .body import KinematicBody
+from .dynamic.anatomy import Anatomy
 from .dynamic.walker import DynamicBody
 from .shapes import Box, Cylinder, Shape, convex_gap, distance, outline
-
-TRUNK_SIZE_M = (0.110, 0.164, 0.355)  # seed 000: depth, width; from 0.10 m up to 0.455 m
-TRUNK_BOTTOM_M = 0.10
-FOOT_SIZE_M = (0.104, 0.066, 0.034)  # DARwIn-OP, ankle included
-FOOT_OUTWARD_M = 0.005  # DARwIn-OP: the sole sits 5 mm outward of the ankle
 
 
 @dataclass(frozen=True)
@@ -28,14 +24,15 @@ class Nearest:
     thing: str
 
 
-def robot_solid(body: KinematicBody | DynamicBody) -> tuple[Box, ...]:
-    """Trunk and feet where they truly are, world frame."""
+def robot_solid(body: KinematicBody | DynamicBody, measures: Anatomy) -> tuple[Box, ...]:
+    """Trunk and feet where they truly are, world frame; feet up to the ankle."""
     x, y, _ = body.true_trunk().position
     trunk = body.true_pose @ Pose2(float(x), float(y))
-    boxes = [_upright(trunk, TRUNK_SIZE_M, TRUNK_BOTTOM_M)]
+    boxes = [_upright(trunk, measures.trunk_m, measures.trunk_bottom_m)]
+    foot_m = (measures.foot_m[0], measures.foot_m[1], measures.ankle_m)
     for side, (foot, lift) in zip((1, -1), body.feet_body, strict=True):
-        sole = body.true_pose @ foot @ Pose2(0.0, side * FOOT_OUTWARD_M)
-        boxes.append(_upright(sole, FOOT_SIZE_M, lift))
+        sole = body.true_pose @ foot @ Pose2(0.0, side * measures.foot_outward_m)
+        boxes.append(_upright(sole, foot_m, lift))
     return tuple(boxes)
 
 

@@ -75,10 +75,11 @@ class Truth:
     def clearance_m(self) -> tuple[float, str]:
         """Gap between the robot's solid and the nearest thing but the floor, and its name.
 
-        Not above 0 means contact. The solid is seed 000's body, 0.164 x 0.110 m, and the feet.
+        Not above 0 means contact. The solid has the measures of `robot.dynamic.anatomy`, whoever walks.
         """
         things = [(thing.name, part) for thing in self._scene.things for part in thing.parts]
-        found = nearest(robot_solid(self._robot.body), things + self._mover_shapes())
+        solid = robot_solid(self._robot.body, self._robot.config.dynamic.body)
+        found = nearest(solid, things + self._mover_shapes())
         return found.gap_m, found.thing
 
     def occupied(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:

@@ -31,6 +31,8 @@ class Anatomy:
     Args:
         hip_m: Height of the pelvis while walking: knees a little bent.
         shoulder_m: Of the left arm, in the pelvis.
+        trunk_m: Depth, width and height of all that is above the legs, arms included: what touches things.
+        trunk_bottom_m: Its lower end above the floor while walking.
         torso_mass_height_m: Centre of mass of the torso above the pelvis.
         servo_nm: Greatest torque of a joint.
         full: 23 joints: a waist that turns, and arms that turn at the elbow; else 20.
@@ -44,6 +46,8 @@ class Anatomy:
     foot_m: tuple[float, float, float] = (0.104, 0.066, 0.010)
     foot_outward_m: float = 0.005
     torso_m: tuple[float, float, float] = (0.080, 0.110, 0.120)
+    trunk_m: tuple[float, float, float] = (0.110, 0.164, 0.355)  # seed 000: up to 0.455 m
+    trunk_bottom_m: float = 0.10  # ours: hips
     torso_mass_height_m: float = 0.075  # ours: puts the whole body's at 0.215 m, as measured
     shoulder_m: tuple[float, float, float] = (0.0, 0.068, 0.115)
     arm_m: tuple[float, float] = (0.060, 0.070)  # upper and lower arm
@@ -92,6 +96,7 @@ TALL = (
     replace(  # seed 004: 0.60 m tall, 0.30 m wide, 0.20 m deep, 23 joints; inner measures are ours
         DARWIN.scaled(0.600 / 0.455),
         torso_m=(0.150, 0.180, 0.158),
+        trunk_m=(0.200, 0.300, 0.468),
         shoulder_m=(0.0, 0.130, 0.152),
         arm_width_m=0.040,
         foot_m=(0.200, 0.087, 0.013),

@@ -44,7 +44,7 @@ class DynamicConfig:
     """What the walking body is, and how imperfect it and its floor are.
 
     Args:
-        anatomy: "darwin" or "tall" (seed 004).
+        anatomy: "darwin" or "tall" (seed 004); contacts are judged by its measures, the kinematic body's too.
         scale: All lengths of it times this.
         play_deg: Of the gears, from flank to flank.
         offset_deg: Deviation of each joint's zero, one value a run.

@@ -21,12 +21,13 @@ LIMIT_S, STOP_LIMIT_S = 200.0, 40.0  # ours: the longest passage, slips at 3 cm/
 
 
 def config_of(motion: str, seed: int, body: str = "kinematic") -> Config:
-    """One walk in the arena of a motion, with this body."""
+    """One walk in the arena of a motion, with this body: as wide and as deep as the seed's."""
     config = Config(scene=f"avoidance_{motion.lower()}", seed=seed)
     limit = STOP_LIMIT_S if motion == "ST" else LIMIT_S
+    tall = replace(config.robot.dynamic, anatomy="tall")
     config = replace(
         config,
-        robot=replace(config.robot, stereo=False),
+        robot=replace(config.robot, stereo=False, dynamic=tall),
         mission=MissionConfig(planner="avoidance", time_limit_s=limit),
     )
     return on_body(config, body)

@@ -1,6 +1,7 @@
 """The truth: clearance, occupancy and obstacles against geometry worked out by hand."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 from sim import scenes
+from sim.dynamic.walker import DynamicConfig
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.truth import Truth
 from sim.world import World
@@ -43,6 +45,18 @@ def test_touching_a_mover_is_contact(truth):
     assert gap == pytest.approx(0.15 - 0.055 - 0.10, abs=1e-9)
     stand(truth, x - 0.3, y, math.pi / 2)
     assert truth.clearance_m()[0] == pytest.approx(0.3 - 0.083 - 0.10, abs=1e-3)
+
+
+def test_a_larger_body_touches_sooner():
+    """Seed 004's robot: 0.30 m wide, 0.20 m deep."""
+    tall = replace(BLIND, dynamic=DynamicConfig(anatomy="tall"))
+    with World(scenes.load("corridor", 0), "tiny") as world:
+        truth = Truth(SimulatedRobot(world, tall, 0))
+        x, y, _, _ = world.movers()[0]
+        stand(truth, x - 0.3, y, 0.0)
+        assert truth.clearance_m()[0] == pytest.approx(0.3 - 0.10 - 0.10, abs=1e-9)
+        stand(truth, x - 0.3, y, math.pi / 2)
+        assert truth.clearance_m()[0] == pytest.approx(0.3 - 0.15 - 0.10, abs=1e-9)
 
 
 def test_occupied_is_what_a_robot_cannot_stand_on(truth):
