@@ -24,7 +24,7 @@ from .rendering import Drawing, corner, draw_view
 from .sphere import angles_of
 from .views import View
 
-SAME_KEY_RAD = math.radians(1.0)  # views whose yaws differ by less share a key angle
+SAME_KEY_RAD = math.radians(1.0)  # ours: of sorted angles, neighbours nearer share a key angle
 
 
 @dataclass(frozen=True)
@@ -175,8 +175,8 @@ def laws(
     panorama, sphere = prepared(drawing.range_m), drawing.sphere
     scale = sphere.px_per_rad
     reach = math.ceil(math.radians(config.window_deg) * scale)
-    across: dict[int, list[tuple[float, float]]] = {}
-    down: dict[int, list[tuple[float, float]]] = {}
+    across: list[tuple[float, float]] = []
+    down: list[tuple[float, float]] = []
     for view in views:
         if view.prior is None:
             continue
@@ -190,11 +190,14 @@ def laws(
             off = (found.x - place[0], found.y - place[1])
             if max(abs(off[0]), abs(off[1])) < reach:
                 x, y = x + off[0], y + off[1]
-        across.setdefault(round(theta / SAME_KEY_RAD), []).append((theta, x))
-        down.setdefault(round(phi / SAME_KEY_RAD), []).append((phi, y))
+        across.append((theta, x))
+        down.append((phi, y))
     return _law(across), _law(down)
 
 
-def _law(found: dict[int, list[tuple[float, float]]]) -> AngleLaw:
-    means = np.array([np.mean(found[key], axis=0) for key in sorted(found)]).reshape(-1, 2)
+def _law(found: list[tuple[float, float]]) -> AngleLaw:
+    """The law through views' angles and pixels; those that follow each other closely share a key."""
+    pairs = np.array(sorted(found)).reshape(-1, 2)
+    groups = np.split(pairs, np.flatnonzero(np.diff(pairs[:, 0]) >= SAME_KEY_RAD) + 1)
+    means = np.array([group.mean(axis=0) for group in groups if group.size]).reshape(-1, 2)
     return AngleLaw(means[:, 0], means[:, 1])

@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter
 
-from perception.primitives.errors import ConfigError
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.plane import Plane
 
 from .contours import fronts
-from .level_sets import forward_distance
 from .obstacles import PanoramaObstacle
 from .rendering import Drawing
 from .sizes import LEVEL_FLOOR, SizeConfig, things
@@ -51,6 +51,7 @@ def pieces(
     whole: Sequence[PanoramaObstacle],
     reach_m: float,
     config: PieceConfig | None = None,
+    floor: Plane = LEVEL_FLOOR,
 ) -> list[PanoramaObstacle]:
     """What is not listed whole, as pieces that do not leap, nearer than a reach, from left to right each.
 
@@ -59,17 +60,27 @@ def pieces(
 
     Args:
         panorama: Finished; one without a drawing has no pieces.
-        whole: Things that `sizes.surroundings` lists by its default sizes, and that need no cutting.
+        whole: Things that `sizes.surroundings` lists of this panorama, and that need no cutting.
         reach_m: Forward distance; what is farther is left out.
-        config: Where to cut.
+        config: Where to cut; its sizes are those of the listing.
+        floor: That of the listing.
+
+    Raises:
+        InputError: A whole thing has other pixels here, as it was listed by other sizes or another floor.
     """
     config = config or PieceConfig()
     drawing = panorama.drawing
     if drawing is None:
         return []
-    forward = forward_distance(drawing.range_m, drawing.sphere) + np.float32(drawing.centre[0])
-    labels = things(drawing, forward, panorama.placed, LEVEL_FLOOR, config.sizes)
+    forward, labels = things(drawing, panorama.placed, floor, config.sizes)
     done = {one.label for one in whole}
+    for one in whole:
+        here = int(np.count_nonzero(labels == one.label))
+        if one.label and here != one.pixels:
+            raise InputError(
+                f"pieces: thing {one.label} has {here} px, but {one.pixels} px where it was listed; give the "
+                "sizes and the floor that surroundings was given"
+            )
     rim = 3.0 * math.radians(config.sizes.rim_deg) * drawing.sphere.px_per_rad
     found = []
     for number in range(1, int(labels.max(initial=0)) + 1):

@@ -3,7 +3,8 @@
 They count pixels as if the panorama were one flat image of the camera: a width comes out short by 4 to 12 %
 on a sphere of the camera's own scale, the wider the shorter. Distance leaves out the pitch, which costs 5 %
 at 17 deg. Levels round range down to whole metres first, so that only every twentieth of them is ever used.
-`SizeConfig.literal` measures with them; the default is what they should have been.
+`SizeConfig.literal` measures distance, width, height and gaps with them, of things that are parted as by
+default: `levels` only tells what the printed ones would be. The default is what they should have been.
 
 Source: seed 004, eq. (13), (15) to (20).
 """
@@ -17,6 +18,8 @@ from jaxtyping import Float, Int
 
 ACROSS_RAD, DOWN_RAD = math.radians(44.0), math.radians(35.0)  # seed 004: the camera's view
 ACROSS_PX, DOWN_PX = 176, 144  # seed 004: its pixels
+ACROSS_PX_PER_RAD, DOWN_PX_PER_RAD = ACROSS_PX / ACROSS_RAD, DOWN_PX / DOWN_RAD
+"""Grain of its grid on a sphere: pixels to count for an angle, however finely the panorama is drawn."""
 
 
 def levels(range_m: Float[np.ndarray, "*n"], step_m: float = 0.05) -> Int[np.ndarray, "*n"]:

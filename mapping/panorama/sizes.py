@@ -94,11 +94,7 @@ def surroundings(
     drawing, placed = panorama.drawing, panorama.placed
     if drawing is None:
         return Surroundings((), ())
-    forward = forward_distance(drawing.range_m, drawing.sphere) + np.float32(drawing.centre[0])
-    columns = np.arange(drawing.sphere.width) / drawing.sphere.px_per_rad
-    across = drawing.sphere.left_rad + columns
-    forward[:, np.abs(across) > math.radians(config.widest_deg)] = np.nan
-    labels = things(drawing, forward, placed, floor, config)
+    forward, labels = things(drawing, placed, floor, config)
     heights = config.floor_m, config.top_m
     seen = [
         recognise(view, place.T_base_camera, k, drawing, labels, floor, heights, config.silhouettes)
@@ -115,47 +111,53 @@ def surroundings(
     ends = -sphere.left_rad, -(sphere.left_rad + (sphere.width - 1) / sphere.px_per_rad)
     gaps = gaps_between(obstacles, ends, config.levels.farthest_m)
     if config.literal:
-        scale = sphere.px_per_rad
         obstacles = tuple(_as_printed(scene, one) for one in obstacles)
+        spans = [printed.ACROSS_PX_PER_RAD * (g.left_rad - g.right_rad) for g in gaps]
         gaps = tuple(
-            replace(g, width_m=printed.width(g.distance_m, scale * (g.left_rad - g.right_rad)))
-            for g in gaps
+            replace(g, width_m=printed.width(g.distance_m, span))
+            for g, span in zip(gaps, spans, strict=True)
         )
     return Surroundings(obstacles, gaps)
 
 
 def _as_printed(scene: _Scene, one: PanoramaObstacle) -> PanoramaObstacle:
-    """The same thing measured by counting its pixels."""
+    """The same thing measured by counting its pixels, as many as the camera's own grid has there."""
     rows, columns = np.nonzero(scene.labels == one.label)
     reach = float(np.median(scene.drawing.range_m[rows, columns]))
     far = printed.distance(reach, one.bearing_rad)
-    across, down = int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1
+    scale = scene.drawing.sphere.px_per_rad
+    across = (int(np.ptp(columns)) + 1) * printed.ACROSS_PX_PER_RAD / scale
+    down = (int(np.ptp(rows)) + 1) * printed.DOWN_PX_PER_RAD / scale
     return replace(
         one,
         distance_m=far,
-        width_m=printed.width(far, float(across)),
-        height_m=printed.height(far, float(down)),
+        width_m=printed.width(far, across),
+        height_m=printed.height(far, down),
     )
 
 
 def things(
-    drawing: Drawing,
-    forward_m: Float32[np.ndarray, "h w"],
-    placed: Sequence[Placed | None],
-    floor: Plane,
-    config: SizeConfig,
-) -> Int32[np.ndarray, "h w"]:
-    """Which thing every pixel belongs to, from 1; 0 for floor, air, what is too far or too high.
+    drawing: Drawing, placed: Sequence[Placed | None], floor: Plane, config: SizeConfig
+) -> tuple[Float32[np.ndarray, "h w"], Int32[np.ndarray, "h w"]]:
+    """Forward distance of every pixel and which thing it belongs to.
+
+    The same arguments give the same numbers to the same things: all who speak of labels take them from here.
 
     Args:
         drawing: The panorama.
-        forward_m: Forward distance of each pixel from the base's origin.
         placed: The views' poses; where their tilt is unsure more counts as floor.
         floor: In the base frame.
         config: What counts.
 
+    Returns:
+        Forward distance from the base's origin, m, NaN where none is known or too far aside; labels from 1, 0 for
+        floor, air, what is too far or too high.
+
     Source: seed 004, eq. (13) and (14).
     """
+    forward_m = forward_distance(drawing.range_m, drawing.sphere) + np.float32(drawing.centre[0])
+    across = drawing.sphere.left_rad + np.arange(drawing.sphere.width) / drawing.sphere.px_per_rad
+    forward_m[:, np.abs(across) > math.radians(config.widest_deg)] = np.nan
     points = drawing.centre + drawing.sphere.rays * drawing.range_m[..., None].astype(np.float64)
     height = floor.distance(points)
     tilt = np.array([_tilt_sigma(place) for place in placed] + [0.0])[drawing.view]
@@ -165,7 +167,7 @@ def things(
         standing &= np.hypot(points[..., 0], points[..., 1]) <= config.farthest_range_m
     slices = levels(np.where(standing, forward_m, np.float32(np.nan)), config.levels)
     step = config.levels.farthest_m / config.levels.count
-    return merged(label(slices), forward_m, config.reach_px, step, config.least_px)
+    return forward_m, merged(label(slices), forward_m, config.reach_px, step, config.least_px)
 
 
 def _tilt_sigma(place: Placed | None) -> float:

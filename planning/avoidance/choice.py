@@ -15,7 +15,7 @@ from perception.primitives.errors import ConfigError
 
 from .complexity import FORMS, complexity
 from .direction import TIE, blocking, direction
-from .fams import MOTIONS, FamsConfig, strengths
+from .fams import MOTIONS, FamsConfig, select, strengths
 from .pivot import Pivot, PivotConfig, pivot
 
 
@@ -164,14 +164,15 @@ def _on_side(
     free, sigma, edge = gap
     width = float(things.edges_m[group, 0].max() - things.edges_m[group, 1].min())
     distance = float(things.distance_m[group].min())
-    fits = strengths(np.array([width]), np.array([free]), config.fams, np.array([sigma]))[:, 0]
-    motion = MOTIONS[int(np.argmax(fits))]
+    seen = np.array([width]), np.array([free]), config.fams, np.array([sigma])
+    fits, chosen = strengths(*seen)[:, 0], int(select(*seen)[0])
+    motion = MOTIONS[chosen]
     at = pivot(motion, side, edge, free, width, distance, config.pivot)
     word = "left" if side > 0 else "right"
     why = (
         f"blocked at {distance:.2f} m by {width:.2f} m; complexity {total:+.2f}, so {word}; "
         f"gap there {free:.2f} m (+-{1e3 * sigma:.0f} mm), body {config.fams.body_width_m:.2f} m: "
-        f"{motion} ({float(fits.max()):.2f})"
+        f"{motion} ({float(fits[chosen]):.2f})"
     )
     if motion != "ST":
         why += f", pivot {at.distance_m:.2f} m at {math.degrees(at.turn_rad):+.0f} deg"

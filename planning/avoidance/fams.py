@@ -115,6 +115,8 @@ def select(
 ) -> Int[np.ndarray, "n"]:
     """The motion for each pair, as its place in `MOTIONS`; arguments as of `strengths`.
 
+    The printed average knows of no doubt: with `ordinal` the gap's deviation counts for nothing.
+
     Source: seed 004, eq. (26) and Table 2.
     """
     config = FamsConfig() if config is None else config

@@ -1,7 +1,8 @@
 """The pivot: the point before the gap from which the way on is straight ahead.
 
 Source: seed 004, eq. (28) to (30). As printed they put the pivot inside the obstacle's width and measure the
-angle from the lateral axis; the form used keeps a clearance from the edge and from the face.
+angle from the lateral axis; the form used keeps a clearance from the edge and from the face. A printed pivot
+lies where the printed turn and length lead, so that a walk to it makes them.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Pivot:
     Args:
         x_m, y_m: The point, ahead and left.
         distance_m: d_pivot, the length to walk.
-        turn_rad: theta_pivot, the turn before it, left positive.
+        turn_rad: theta_pivot, the turn before it, left positive; the point lies that way, but for a slip.
     """
 
     x_m: float
@@ -83,11 +84,18 @@ def pivot(
 
 
 def _printed(motion: str, side: int, gap_m: float, width_m: float, distance_m: float) -> Pivot:
-    """Eq. (28) to (30) to the letter; the angle from the lateral axis, the turn of T by half a circle."""
-    across = side * -width_m / 2 - gap_m if side > 0 else width_m / 2 - gap_m
-    if motion[0] in "ST":
+    """Eq. (28) to (30) to the letter; the angle from the lateral axis, the turn of T by half a circle.
+
+    The seed's angles are positive to the right. A length below zero leads the other way.
+    """
+    if motion[0] == "S":
         length = width_m / 2 - gap_m
-        turn = math.copysign(math.pi, side) if motion[0] == "T" else 0.0
-        return Pivot(0.0, side * length, length, turn)
-    ahead = distance_m - gap_m
-    return Pivot(ahead, across, math.hypot(across, ahead), math.atan(ahead / across))
+        return Pivot(0.0, side * length, length, 0.0)
+    if motion[0] == "T":
+        length, turn = width_m / 2 - gap_m, math.copysign(math.pi, side)
+    else:
+        across, ahead = -side * width_m / 2 - gap_m, distance_m - gap_m
+        length = math.hypot(across, ahead)
+        theta = math.atan2(math.copysign(1.0, across) * ahead, abs(across))  # arctan of the two
+        turn = -theta
+    return Pivot(length * math.cos(turn), length * math.sin(turn), length, turn)

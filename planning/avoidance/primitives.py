@@ -51,7 +51,8 @@ def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Le
         beyond_m: How far ahead of the start the passage ends, m.
 
     The first letter leads to the pivot, the second through the gap: F walks through it, S turns a right angle and
-    slips through it, narrow side ahead. T turns, walks across the way, and turns back.
+    slips through it, narrow side ahead. R and T turn to the pivot, walk there, and turn back; T's lies across the
+    way.
     """
     if motion == "ST":
         return [Leg("ST", start)]
@@ -62,19 +63,12 @@ def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Le
     x, y = found.x_m, found.y_m
     if motion[0] == "S":
         legs = [Leg("S", at(0.0, y, 0.0))]
-    elif motion[0] == "R":
+    else:
         way = math.atan2(y, x)
         legs = [
-            Leg("R", at(0.0, 0.0, way)),
+            Leg(motion[0], at(0.0, 0.0, way)),
             Leg("F", at(x, y, way)),
-            Leg("R", at(x, y, 0.0)),
-        ]
-    else:
-        aside = math.copysign(math.pi / 2, y)
-        legs = [
-            Leg("T", at(0.0, 0.0, aside)),
-            Leg("F", at(0.0, y, aside)),
-            Leg("T", at(0.0, y, 0.0)),
+            Leg(motion[0], at(x, y, 0.0)),
         ]
     if motion[1] == "F":
         return [*legs, Leg("F", at(beyond_m, y, 0.0))]

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from mapping.panorama import level_sets
 from mapping.panorama.adjustment import Placed, Prior, adjust
-from mapping.panorama.key_angles import AngleLaw, KeyAngleConfig, locate, prepared
+from mapping.panorama.key_angles import AngleLaw, KeyAngleConfig, laws, locate, prepared
 from mapping.panorama.pairs import Link, PairConfig, Seen, motion_link, rotation_link
 from mapping.panorama.rendering import render
 from mapping.panorama.sphere import Sphere, angles_of, direction, look_up, window_of_view
@@ -258,6 +258,24 @@ def test_angles_are_linear_between_keys_and_go_on_beyond(x):
     assert np.degrees(law.angle(np.array([x])))[0] == pytest.approx((x - 340.0) / 4.0, abs=1e-9)
     falling = AngleLaw(np.radians([-17.0, 17.0]), np.array([200.0, 64.0]))
     assert np.degrees(falling.angle(np.array([x])))[0] == pytest.approx((132 - x) / 4, abs=1e-9)
+
+
+@pytest.mark.parametrize("pan_deg", [29.5, 30.0, 30.4])
+def test_views_whose_yaws_nearly_agree_share_a_key_angle(pan_deg):
+    pans = np.radians([0.0, pan_deg - 0.1, pan_deg + 0.1])
+    poses = [corner_pose(float(pan), tilt) for pan in pans for tilt in (0.0, 0.3)]
+    views = [View(room_view(pose), (), pose, float(k)) for k, pose in enumerate(poses)]
+    drawing = render(views, [Placed(pose, np.eye(6), "encoders", 0) for pose in poses])
+    across, down = laws(drawing, views)
+    np.testing.assert_allclose(np.degrees(across.keys_rad), [-pan_deg, 0.0], atol=1e-6)
+    np.testing.assert_allclose(down.keys_rad, [-0.3, 0.0], atol=1e-6)
+
+
+def test_views_without_priors_have_no_key_angles():
+    view = View(room_view(corner_pose(0.0, 0.0)), ())
+    drawing = render([view], [Placed(corner_pose(0.0, 0.0), np.eye(6), "encoders", 0)])
+    with pytest.raises(InputError, match="0 key angles"):
+        laws(drawing, [view])
 
 
 def test_a_law_needs_two_keys_in_order():

@@ -9,14 +9,16 @@ import pytest
 
 from mapping.panorama import printed
 from mapping.panorama.adjustment import Placed
-from mapping.panorama.rendering import render
+from mapping.panorama.pieces import pieces
+from mapping.panorama.rendering import RenderConfig, render
 from mapping.panorama.sizes import SizeConfig, surroundings
 from mapping.panorama.stitching import Panorama, StitchConfig, stitch
 from mapping.panorama.views import View, view_of_depth
 from perception import time_of_flight
 from perception.features.pictures import amplitude_picture
-from perception.primitives.errors import ConfigError
+from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import RangeView
+from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim.rays import RayCaster
 from sim.rooms import walls
@@ -55,10 +57,10 @@ def views_of(boxes, seed=0, error_deg=0.0, yaws=(15.0, -15.0)):
     return views, true
 
 
-def exactly(views, poses):
+def exactly(views, poses, px_per_deg=4.0):
     """The panorama of poses that are known."""
     placed = [Placed(pose, 1e-8 * np.eye(6), "encoders", 0, np.zeros(len(poses))) for pose in poses]
-    return Panorama(placed, [], render(views, placed))
+    return Panorama(placed, [], render(views, placed, RenderConfig(px_per_deg=px_per_deg)))
 
 
 def box(x, y, depth, width, height, yaw=0.0):
@@ -183,6 +185,50 @@ def test_literal_sizes_count_pixels():
     assert abs(found.width_m - 0.6) < 0.006
     assert abs(counted.width_m - 0.6) > 0.02
     assert counted.left_rad == found.left_rad
+
+
+def test_literal_sizes_hold_however_finely_the_panorama_is_drawn():
+    views, true = views_of([box(1.05, 0.0, 0.2, 0.6, 0.3), box(1.05, 0.65, 0.2, 0.2, 0.3)])
+
+    def sizes(px_per_deg):
+        panorama = exactly(views, true, px_per_deg)
+        seen = surroundings(panorama, views, config=SizeConfig(literal=True))
+        near = [k for k, o in enumerate(seen.obstacles) if o.distance_m < 1.5]
+        (gap,) = [g.width_m for g in seen.gaps if [g.left, g.right] == near]
+        return [(seen.obstacles[k].width_m, seen.obstacles[k].height_m, gap) for k in near]
+
+    coarse, fine = np.array(sizes(4.0)), np.array(sizes(8.0))
+    assert coarse.shape == (2, 3)
+    np.testing.assert_allclose(fine, coarse, atol=0.012)  # two pixels and a half
+
+
+def test_the_whole_view_of_the_camera_counts_all_of_its_pixels():
+    across = printed.width(1.05, printed.ACROSS_PX_PER_RAD * math.radians(44.0))
+    down = printed.height(1.05, printed.DOWN_PX_PER_RAD * math.radians(35.0))
+    assert across == pytest.approx(2.1 * math.tan(math.radians(22.0)))
+    assert down == pytest.approx(2.1 * math.tan(math.radians(17.5)))
+
+
+def test_what_is_listed_is_not_cut_to_pieces_again_in_a_panorama_wider_than_what_counts():
+    views, true = views_of(
+        [box(1.1, 0.0, 0.2, 0.3, 0.3), box(0.02, 1.0, 0.06, 0.2, 0.5)], yaws=(15.0, -15.0, 70.0)
+    )
+    panorama = exactly(views, true)
+    (ahead,) = [o for o in surroundings(panorama, views).obstacles if abs(o.bearing_rad) < 0.2]
+    found = pieces(panorama, [ahead], 1.65)
+    assert all(abs(one.bearing_rad) > 0.2 for one in found)
+    assert all(abs(one.bearing_rad) < math.radians(85.0) for one in found)
+
+
+def test_pieces_know_the_floor_of_the_listing_and_refuse_another():
+    views, true = views_of([box(1.1, 0.2, 0.2, 0.3, 0.3), box(0.8, -0.3, 0.2, 0.3, 0.1)])
+    panorama, floor = exactly(views, true), Plane(np.array([0.0, 0.0, 1.0]), -0.12)
+    whole = surroundings(panorama, views, floor).obstacles
+    near = [one for one in whole if one.distance_m < 1.65]
+    assert len(near) == 1
+    assert pieces(panorama, whole, 1.65, floor=floor) == []
+    with pytest.raises(InputError, match="the floor that surroundings was given"):
+        pieces(panorama, whole, 1.65)
 
 
 def test_borders_out_of_order_are_refused():

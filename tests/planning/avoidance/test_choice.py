@@ -112,7 +112,31 @@ def test_the_pivot_of_the_specification():
     assert math.degrees(at.turn_rad) == pytest.approx(37.0, abs=0.5)
     literal = pivot("RF", -1, -0.36, 0.5, 0.72, 1.05, PivotConfig(literal=True))
     assert literal.distance_m == pytest.approx(0.57, abs=0.005)
-    assert math.degrees(literal.turn_rad) == pytest.approx(-76.0, abs=0.5)
+    assert -math.degrees(literal.turn_rad) == pytest.approx(-76.0, abs=0.5)  # theta, right positive
+
+
+@pytest.mark.parametrize(("width", "gap"), [(0.72, 0.5), (0.9, 0.25), (0.6, 0.3), (0.0, 0.0)])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_printed_turn_is_the_printed_arc_tangent_and_a_walk_makes_it(side, width, gap):
+    literal = PivotConfig(literal=True)
+    at = pivot("RF", side, side * width / 2, gap, width, 1.05, literal)
+    across, ahead = -side * width / 2 - gap, 1.05 - gap  # theta and this are positive to the right
+    assert -math.sin(at.turn_rad) * across == pytest.approx(math.cos(at.turn_rad) * ahead)
+    assert abs(at.turn_rad) <= math.pi / 2
+    assert at.distance_m == pytest.approx(math.hypot(across, ahead))
+    turn, walk = primitives.passage("RF", at, Pose2(), 1.65)[:2]
+    assert (turn.primitive, turn.target.yaw) == ("R", pytest.approx(at.turn_rad))
+    end = turn.target.inverse() @ walk.target
+    assert (end.x, end.y, end.yaw) == pytest.approx((at.distance_m, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_printed_turn_by_half_a_circle_is_walked(side):
+    at = pivot("TF", side, side * 0.45, 0.25, 0.9, 1.05, PivotConfig(literal=True))
+    assert (at.distance_m, at.turn_rad) == (pytest.approx(0.2), side * math.pi)
+    turn, walk = primitives.passage("TF", at, Pose2(), 1.65)[:2]
+    assert (turn.primitive, abs(turn.target.yaw)) == ("T", pytest.approx(math.pi))
+    assert (walk.target.x, walk.target.y) == pytest.approx((-0.2, 0.0))
 
 
 @settings(deadline=None, max_examples=40)
@@ -146,6 +170,21 @@ def test_a_choice_says_why_with_its_numbers():
     assert (choice.motion, choice.side) == ("RF", 1)
     for word in ("1.05 m", "0.70 m", "0.50 m", "left", "RF"):
         assert word in choice.why
+
+
+def test_the_printed_average_of_labels_decides_where_it_is_asked_for():
+    """Beside a thing 1.3 m wide a gap of 0.21 m lies between ST (1) and TS (6), whose mean is RS (4)."""
+    things = _things([(1.0, 0.86), (0.65, -0.65), (-0.86, -1.0)])
+    best, mean = (
+        choose(things, AvoidanceConfig(fams=FamsConfig(ordinal=ordinal), other_side=False))
+        for ordinal in (False, True)
+    )
+    assert best is not None
+    assert mean is not None
+    assert (best.motion, mean.motion) == ("TS", "RS")
+    assert mean.fits == best.fits
+    assert "TS (0.60)" in best.why
+    assert "RS (0.00)" in mean.why  # no rule asks for it
 
 
 def test_slots_on_both_sides_stop_the_robot_and_a_free_way_needs_no_choice():
