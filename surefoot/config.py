@@ -117,7 +117,8 @@ CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0005, 0.000
 BESIDE_GUARD = FieldConfig(
     gaze_coupling=False, virtual_obstacles=False, velocity_change=False, uncertainty=False
 )
-"""The published field alone: beside search and guard its additions are the guard's business (study)."""
+"""The published field alone: beside a guard its additions are the guard's business. Measured (001-E4, 100 courses):
+field alone 156 contacts, with all additions 208, with the guard 3; additions beside the guard cost a sixth of the time."""
 
 
 @dataclass(frozen=True)
@@ -152,8 +153,8 @@ class Config:
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
-    univector: FieldConfig = field(default_factory=FieldConfig)
-    via_field: FieldConfig = BESIDE_GUARD  # the same, to the via points of the search
+    univector: FieldConfig = BESIDE_GUARD  # of the planner `field`, straight to the goal
+    via_field: FieldConfig = BESIDE_GUARD  # of the planner `search`, to its via points
     guard: GuardConfig = field(default_factory=GuardConfig)
     monocular: MonocularConfig = field(default_factory=MonocularConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)

@@ -1,7 +1,7 @@
 """The univector field straight to the goal: no search, no via points, the guard alone beside it.
 
-What moves is a disc of the field with the additions of seed 001 (virtual obstacles, change of speed, gaze,
-uncertainty), and every occupied cell near by is one that stands. Where the field has a trap (a
+What moves is a disc of the field, and every occupied cell near by is one that stands; the additions of seed 001
+(virtual obstacles, change of speed, gaze, uncertainty) are switches of `univector`. Where the field has a trap (a
 hollow that opens towards the robot) this planner stays in it; that is what the search is for.
 
 Source: seed 001, sections 4 and 6; cells as discs are ours.
