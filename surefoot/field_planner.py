@@ -75,10 +75,8 @@ class FieldPlanner(GoalSeeker):
         gaze = self._gaze.next(estimate.stamp_s, robot, goal, obstacles, known)
         desired, why = WalkCommand(), "survey"
         if not self._gaze.surveying:
-            desired, why = (
-                self._desired(estimate.pose, goal, movers, cells, pipeline.grid.cell_m),
-                "walk",
-            )
+            desired = self._desired(estimate.pose, goal, movers, cells, pipeline.grid.cell_m)
+            why = "walk"
         walk = self._guard.choose(desired, estimate.pose, obstacles, cells, goal, estimate.stamp_s)
         self._speed_mps = walk.forward_m / config.guard.gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard")

@@ -146,7 +146,7 @@ class ObstacleTracker:
         for index, part in there.items():
             life = self._lives[index]
             life.hits += 1
-            if part.radius_m <= self.config.part_share * life.track.radius_m:
+            if part is not None:
                 life.track.update(_vague(part, life.track))
                 life.seen_s = stamp_s
         self._miss(given.keys() | there.keys(), visible)
@@ -181,8 +181,12 @@ class ObstacleTracker:
 
     def _seen_in_part(
         self, seen: set[int], partly: Sequence[Detection], robot: Gaussian
-    ) -> dict[int, Detection]:
-        """Of tracks not seen whole, the nearest thing seen in part that lies over them."""
+    ) -> dict[int, Detection | None]:
+        """Tracks, not seen whole, that something seen in part lies over.
+
+        Returns:
+            Place of the track, and the nearest part that is small enough to be of it; None: larger ones only.
+        """
         if not partly:
             return {}
         centres = np.array([part.position for part in partly])
@@ -190,12 +194,14 @@ class ObstacleTracker:
         ahead = np.array([math.cos(yaw), math.sin(yaw)])
         places = np.array([x, y]) + centres[:, :1] * ahead + centres[:, 1:] * [-ahead[1], ahead[0]]
         radii = np.array([part.radius_m for part in partly])
-        found = {}
+        found: dict[int, Detection | None] = {}
         for index, life in enumerate(self._lives):
-            gap = np.hypot(*(places - life.track.state.mean[:2]).T) - radii
-            nearest = int(np.argmin(gap))
-            if index not in seen and gap[nearest] < life.track.radius_m:
-                found[index] = partly[nearest]
+            gap, radius = np.hypot(*(places - life.track.state.mean[:2]).T), life.track.radius_m
+            over = gap < radii + radius
+            if index in seen or not over.any():
+                continue
+            own = over & (radii <= self.config.part_share * radius)
+            found[index] = partly[int(np.argmin(np.where(own, gap, np.inf)))] if own.any() else None
         return found
 
     def _miss(self, seen: set[int], visible: Visible | None) -> None:

@@ -25,7 +25,7 @@ from . import fields
 from .collision import NO_DOUBT, doubtful_band, miss_deviation
 from .fields import FieldConfig
 from .speed import CLEAR, VIRTUAL, Change, change, least_distance
-from .virtual_obstacle import virtual_obstacle
+from .virtual_obstacle import VirtualObstacle, virtual_obstacle
 
 MOVES = 0.3  # ours, as the guard: less probable movers are taken to stand
 SLOWEST_MPS = 0.005  # ours: what is slower is no mover
@@ -116,27 +116,21 @@ def advise(
             float(psi[k]),
             k,
         )
-        for k in range(len(obstacles))
-        if moves[k]
+        for k in np.flatnonzero(moves).tolist()
     ]
     changes, acceleration, bound = _speed(movers, speed_mps, config)
     all_changes = [CLEAR] * len(obstacles)
+    for mover, one in zip(movers, changes, strict=True):
+        all_changes[mover.number] = one
     still = np.zeros(len(cells))
     discs = [*centres, *cells]
     sizes = [
         *(extended + _place_doubt(robot, obstacles, config)),
         *fields.extended_radius(still + cell_m / 2, still, still, config),
     ]
-    for mover, one in zip(movers, changes, strict=True):
-        all_changes[mover.number] = one
-        if one.case != VIRTUAL.case or not config.virtual_obstacles:
-            continue
-        extra = virtual_obstacle(
-            mover.place, mover.velocity, speed_mps, mover.radius_m, mover.psi, config
-        )
-        if extra is not None:
-            discs.append(here + R @ extra.place)
-            sizes.append(extra.radius_m)
+    for extra in _virtual(movers, changes, speed_mps, config):
+        discs.append(here + R @ extra.place)
+        sizes.append(extra.radius_m)
     virtual = np.arange(len(discs)) >= len(obstacles) + len(cells)
     places = np.array(discs).reshape(-1, 2)
     u = fields.total(
@@ -174,6 +168,20 @@ def relative_covariance(robot: Gaussian, obstacle: Obstacle) -> Float[np.ndarray
     vx, vy = R @ obstacle.velocity
     turned = np.array([y, -x, vy, -vx])
     return np.asarray(P + robot.covariance[2, 2] * np.outer(turned, turned))
+
+
+def _virtual(
+    movers: Sequence[_Mover], changes: Sequence[Change], speed_mps: float, config: FieldConfig
+) -> list[VirtualObstacle]:
+    """Virtual obstacles, in O_R, of the movers that no change of speed avoids."""
+    if not config.virtual_obstacles:
+        return []
+    found = [
+        virtual_obstacle(m.place, m.velocity, speed_mps, m.radius_m, m.psi, config)
+        for m, one in zip(movers, changes, strict=True)
+        if one.case == VIRTUAL.case
+    ]
+    return [one for one in found if one is not None]
 
 
 def _moves(obstacle: Obstacle) -> bool:

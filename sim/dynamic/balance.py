@@ -7,7 +7,7 @@ memories fade while the foot stands.
 Source: walking trials: gains 0.3 and 0.05 drift for metres, the opposite sign falls at once, feedback to
 the hips falls, soft soles and moved footsteps do not help. A push of 1 N s throws the capture point 5 cm
 off, which is half a sole: of 100 such pushes, at any instant and from anywhere, 10 end in a fall; with
-the landing foot moved along, a hurried next step, a stop, or a bend at the hips it is 14 to 30.
+the landing foot moved along it is 19 to 29, after a stop 14, with a bend at the hips more than 40.
 """
 
 from __future__ import annotations

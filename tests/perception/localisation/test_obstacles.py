@@ -257,6 +257,16 @@ def test_a_mover_that_is_only_ever_seen_in_part_is_still_followed():
     assert np.mean(nees) < 4.0
 
 
+def test_a_part_of_a_mover_counts_although_cut_off_furniture_lies_over_its_track_too():
+    tracker = ObstacleTracker()
+    for k in range(6):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.0)], SURE)
+    table, part = seen_at(1.1, 0.2, radius_m=0.3), seen_at(1.04, 0.0, radius_m=0.06)
+    tracker.update(1.8, [], SURE, partly=[table, part])
+    (told,) = tracker.obstacles
+    assert told.seen_s == 1.8
+
+
 def test_furniture_seen_in_part_keeps_a_track_but_does_not_teach_it():
     tracker = ObstacleTracker()
     for k in range(6):
