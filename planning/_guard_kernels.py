@@ -15,6 +15,41 @@ MOST_EXTRA = 0.25  # m: what heading and loyalty may add to a plan's cost, at mo
 
 
 @njit(cache=True)
+def _distance(x: float, y: float) -> float:
+    """As `math.hypot`, which takes care of numbers that are not met here and takes three times as long."""
+    return math.sqrt(x * x + y * y)
+
+
+@njit(cache=True)
+def deviations(
+    mover: np.ndarray,
+    robot: np.ndarray,
+    times: np.ndarray,
+    sure_s: float,
+    acceleration: float,
+    most: float,
+    result: np.ndarray,
+) -> None:
+    """Deviation of the relative place along its worst axis, going straight on.
+
+    Args:
+        mover, robot: Covariances of (x, y, vx, vy) and of (x, y, yaw).
+        times: (n,) from now, s; what is later than `sure_s` counts as if it were then.
+        acceleration: Of the mover, random, m/s^2.
+        most: No deviation is told as larger, m.
+        result: (n,), written.
+    """
+    for k in range(len(times)):
+        t = min(times[k], sure_s)
+        xx = mover[0, 0] + robot[0, 0] + 2.0 * t * mover[0, 2] + t * t * mover[2, 2]
+        yy = mover[1, 1] + robot[1, 1] + 2.0 * t * mover[1, 3] + t * t * mover[3, 3]
+        xy = mover[0, 1] + robot[0, 1] + t * (mover[0, 3] + mover[1, 2]) + t * t * mover[2, 3]
+        worst = 0.5 * (xx + yy) + _distance(0.5 * (xx - yy), xy)
+        noise = 0.5 * acceleration * t * t
+        result[k] = min(math.sqrt(max(worst, 0.0) + noise * noise), most)
+
+
+@njit(cache=True)
 def _harm(gap: float, soft: float, ease: float, steep: float, touch: float, hard: float) -> float:
     """Cost of a gap short of what is needed (negative: beyond it), m of detour."""
     if gap <= -soft:
@@ -88,8 +123,8 @@ def _within_reach(
     """Of each sample the discs that any plan can come near to, or that may turn there: numbers, how many."""
     longest = 0.0
     for i in range(plans.shape[0]):
-        longest = max(longest, math.hypot(plans[i, 0], plans[i, 1]))
-        longest = max(longest, math.hypot(plans[i, 4], plans[i, 5]))
+        longest = max(longest, _distance(plans[i, 0], plans[i, 1]))
+        longest = max(longest, _distance(plans[i, 4], plans[i, 5]))
     many, samples = needed.shape
     near, counts = np.empty((samples, many), np.int64), np.zeros(samples, np.int64)
     for sample in range(samples):
@@ -99,10 +134,18 @@ def _within_reach(
             if need <= 0.0:
                 continue
             x, y = places[h, sample, 0] - robot[0], places[h, sample, 1] - robot[1]
-            if math.hypot(x, y) <= reach + need or turning[h, sample] > 0.0:
+            if _distance(x, y) <= reach + need or turning[h, sample] > 0.0:
                 near[sample, counts[sample]] = h
                 counts[sample] += 1
     return near, counts
+
+
+@njit(cache=True)
+def _begin_alike(plans: np.ndarray, i: int) -> bool:
+    """Whether a plan begins as the one before it."""
+    begin, before = plans[i], plans[i - 1]
+    same = begin[0] == before[0] and begin[1] == before[1] and begin[2] == before[2]
+    return bool(same and begin[3] == before[3])
 
 
 @njit(cache=True)
@@ -130,7 +173,7 @@ def roll_out(
         robot: (x, y, yaw).
         plans: (c, 8): forward, left, turn of a first step; for how many steps it is repeated; then
             forward, left, turn of the steps after; whether these pursue the target (turning to it,
-            stopping at it).
+            stopping at it). Plans that begin alike and follow each other are begun only once.
         target: (x, y).
         gait: Greatest turn of a step, rad; time of a step, s; speeds ahead and aside, m/s.
         places: (h, 2 steps, 2) of moving discs at the samples.
@@ -165,26 +208,38 @@ def roll_out(
     near, counts = _within_reach(robot, plans, places, needed, turning, soft)
     apart, widest = np.empty(cells.shape[0]), 0.0
     for k in range(cells.shape[0]):
-        apart[k] = math.hypot(cells[k, 0] - robot[0], cells[k, 1] - robot[1]) - 1e-6
+        apart[k] = _distance(cells[k, 0] - robot[0], cells[k, 1] - robot[1]) - 1e-6
         widest = max(widest, cells_needed[k, 0])
     for sample in range(samples):
         fades[sample] = math.exp(-(sample + 1) * 0.5 * step_s / fade_s)
+    away = _distance(target[0] - robot[0], target[1] - robot[1])
+    begun, begun_worst, begun_late = np.empty(6), np.empty(many), np.empty(many)
+    given_up, done = False, 0
     for i in range(plans.shape[0]):
-        x, y, yaw = robot[0], robot[1], robot[2]
-        worst[:] = 0.0
-        late[:] = 0.0
-        walls = 0.0
+        first = min(int(plans[i, 3]), samples // 2)
+        alike = i > 0 and _begin_alike(plans, i)
+        if alike and given_up and done < first:
+            results[i] = results[i - 1]
+            continue
+        if alike and first > 0:
+            x, y, yaw = float(begun[0]), float(begun[1]), float(begun[2])
+            walls, nearest, last = float(begun[3]), float(begun[4]), float(begun[5])
+            worst[:] = begun_worst
+            late[:] = begun_late
+        else:
+            x, y, yaw = float(robot[0]), float(robot[1]), float(robot[2])
+            walls, nearest, last = 0.0, away, away
+            worst[:] = 0.0
+            late[:] = 0.0
         given_up = False
-        nearest = math.hypot(target[0] - x, target[1] - y)
-        last = nearest
-        for step in range(samples // 2):
-            if step < plans[i, 3]:
+        for step in range(first if alike else 0, samples // 2):
+            if step < first:
                 forward, left, turn = plans[i, 0], plans[i, 1], plans[i, 2]
             else:
                 forward, left, turn = plans[i, 4], plans[i, 5], plans[i, 6]
                 if plans[i, 7] > 0.0:
                     dx, dy = target[0] - x, target[1] - y
-                    if math.hypot(dx, dy) < 0.5 * forward:
+                    if _distance(dx, dy) < 0.5 * forward:
                         forward, turn = 0.0, 0.0
                     else:
                         error = math.atan2(dy, dx) - yaw
@@ -232,7 +287,7 @@ def roll_out(
                             )
                             if cost > late[h]:
                                 late[h] = cost
-                gone = math.hypot(x - robot[0], y - robot[1]) + widest
+                gone = _distance(x - robot[0], y - robot[1]) + widest
                 for k in range(cells.shape[0]):
                     if apart[k] > gone:  # and so are all after it
                         break
@@ -245,7 +300,7 @@ def roll_out(
                         if gap < cells_needed[k, 1]:
                             cost += hard
                         walls = max(walls, cost * fade)
-            last = math.hypot(target[0] - x, target[1] - y)
+            last = _distance(target[0] - x, target[1] - y)
             nearest = min(nearest, last)
             if prune:
                 harm = walls
@@ -253,8 +308,12 @@ def roll_out(
                     harm += weights[h] * (worst[h] + late[h])
                 left = (samples // 2 - 1 - step) * step_s * top
                 if harm + max(nearest - left, 0.0) > cheapest:
-                    given_up = True
+                    given_up, done = True, step
                     break
+            if step == first - 1:
+                begun[:] = np.array((x, y, yaw, walls, nearest, last))
+                begun_worst[:] = worst
+                begun_late[:] = late
         if given_up:
             results[i, 0], results[i, 1] = math.inf, 0.0
             results[i, 2], results[i, 3] = nearest, 0.0

@@ -16,6 +16,7 @@ import numpy as np
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
+from . import _guard_kernels
 from .guard_config import GuardConfig
 from .prediction import Habits, Line
 
@@ -140,14 +141,17 @@ def _deviation(
     robot: Gaussian, obstacle: Obstacle, times: np.ndarray, config: GuardConfig
 ) -> np.ndarray:
     """Deviation of a mover's relative position along its worst axis at the times, m, capped."""
-    P = obstacle.state.covariance
-    here, cross, speed = P[:2, :2] + robot.covariance[:2, :2], P[:2, 2:], P[2:, 2:]
-    t = np.minimum(times, config.sure_s)[:, None, None]
-    grown = here + t * (cross + cross.T) + t**2 * speed
-    middle = (grown[:, 0, 0] + grown[:, 1, 1]) / 2
-    spread = np.hypot((grown[:, 0, 0] - grown[:, 1, 1]) / 2, grown[:, 0, 1])
-    noise = (config.acceleration_mps2 * t[:, 0, 0] ** 2 / 2) ** 2
-    return np.minimum(np.sqrt(np.maximum(middle + spread, 0.0) + noise), config.max_sigma_m)
+    deviations = np.empty(len(times))
+    _guard_kernels.deviations(
+        obstacle.state.covariance,
+        robot.covariance,
+        times,
+        config.sure_s,
+        config.acceleration_mps2,
+        config.max_sigma_m,
+        deviations,
+    )
+    return deviations
 
 
 def _place_deviation(robot: Gaussian, obstacle: Obstacle) -> float:

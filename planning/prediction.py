@@ -21,6 +21,8 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
+from . import _prediction_kernels
+
 REMEMBERED = 0.6  # probability that what is remembered really is where its line leads it
 
 
@@ -152,21 +154,23 @@ class Habits:
         sense = 1.0 if float(velocity @ line.direction) >= 0.0 else -1.0
         start = line.along(seen_at)
         rate = min(self._rate(obstacle, line), self.config.most_mps)
-        at, senses = _to_and_fro(
-            start, sense, rate * (unseen + times), line.turn_low, line.turn_high
+        places, velocities = np.empty((len(times), 2)), np.empty((len(times), 2))
+        learnt = np.empty(len(times), np.bool_)
+        _prediction_kernels.to_and_fro(
+            seen_at,
+            sense,
+            rate,
+            unseen + times,
+            line.direction,
+            start,
+            (line.low, line.high),
+            (line.turn_low, line.turn_high),
+            places,
+            velocities,
+            learnt,
         )
-        foot = seen_at - start * line.direction  # its own parallel of the line
-        low, high = np.fmin(line.low, line.turn_low), np.fmax(line.high, line.turn_high)
-        learnt = (at > low - 1e-9) & (
-            at < high + 1e-9
-        )  # between the last sighting and the turn it passed, too
         known = math.isfinite(line.turn_high if sense > 0 else line.turn_low)
-        return Forecast(
-            foot + at[:, None] * line.direction,
-            (rate * senses)[:, None] * line.direction,
-            learnt | (senses != sense),
-            known or bool(unseen > 0.0 and learnt[0]),
-        )
+        return Forecast(places, velocities, learnt, known or bool(unseen > 0.0 and learnt[0]))
 
     def now(self, obstacle: Obstacle, stamp_s: float) -> Obstacle:
         """A mover where its line has led it by now; any other obstacle as it is."""
@@ -353,25 +357,3 @@ def _straighten(line: Line, place: np.ndarray) -> None:
             syy + 2 * shift[1] * sy + n * shift[1] ** 2,
         ]
     )
-
-
-def _to_and_fro(
-    start: float, sense: float, way: np.ndarray, low: float, high: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinates and senses after ways walked from a start, turning at the ends that are known (not NaN)."""
-    at = start + sense * way
-    if math.isfinite(low) and math.isfinite(high) and high - low > 0.05:
-        length = high - low
-        inside = np.clip(start, low, high)
-        phase = (inside - low if sense > 0.0 else 2.0 * length - (inside - low)) + way
-        phase = phase % (2.0 * length)
-        forth = phase <= length
-        return low + np.where(forth, phase, 2.0 * length - phase), np.where(forth, 1.0, -1.0)
-    senses = np.full(len(way), sense)
-    end = high if sense > 0.0 else low
-    if math.isfinite(end):
-        end = max(end, start) if sense > 0.0 else min(end, start)
-        over = sense * (at - end) > 0.0
-        at = np.where(over, 2.0 * end - at, at)
-        senses = np.where(over, -sense, senses)
-    return at, senses

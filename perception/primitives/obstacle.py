@@ -61,4 +61,6 @@ class Obstacle:
 
     def gone_straight(self) -> Obstacle:
         """The obstacle under that hypothesis, for those who make their own of where else it may be."""
-        return self if self.straight is None else replace(self, state=self.straight)
+        if self.straight is None or self.straight is self.state:
+            return self
+        return replace(self, state=self.straight)

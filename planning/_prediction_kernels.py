@@ -1,0 +1,65 @@
+"""Compiled forecast of a mover on its line."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True)
+def to_and_fro(
+    seen_at: np.ndarray,
+    sense: float,
+    speed: float,
+    since_seen: np.ndarray,
+    direction: np.ndarray,
+    start: float,
+    seen: tuple[float, float],
+    turns: tuple[float, float],
+    places: np.ndarray,
+    velocities: np.ndarray,
+    learnt: np.ndarray,
+) -> None:
+    """Where it is at the times, turning at the ends that are known.
+
+    Args:
+        seen_at: (2,) where it was seen, m; it keeps to its own parallel of the line.
+        sense: +1 along the line's direction, -1 against it.
+        speed: m/s.
+        since_seen: (n,) times since then, s.
+        direction: (2,) of the line.
+        start: Coordinate of `seen_at` on the line, m.
+        seen: Between which coordinates it was ever seen, m.
+        turns: Coordinates of its turns, m; NaN where not known.
+        places, velocities: (n, 2), written, m and m/s.
+        learnt: (n,), written: where it was seen to pass, or behind a turn.
+    """
+    low, high = turns
+    least, most = seen
+    if math.isfinite(low):
+        least = min(least, low)
+    if math.isfinite(high):
+        most = max(most, high)
+    both = math.isfinite(low) and math.isfinite(high) and high - low > 0.05
+    length = high - low
+    begin = min(max(start, low), high) - low if both else 0.0
+    phase = begin if sense > 0.0 else 2.0 * length - begin
+    end = high if sense > 0.0 else low
+    if math.isfinite(end):
+        end = max(end, start) if sense > 0.0 else min(end, start)
+    for k in range(len(since_seen)):
+        way, now = speed * since_seen[k], sense
+        if both:
+            at = (phase + way) % (2.0 * length)
+            now = 1.0 if at <= length else -1.0
+            at = low + (at if at <= length else 2.0 * length - at)
+        else:
+            at = start + sense * way
+            if math.isfinite(end) and sense * (at - end) > 0.0:
+                at, now = 2.0 * end - at, -sense
+        for axis in range(2):
+            places[k, axis] = seen_at[axis] + (at - start) * direction[axis]
+            velocities[k, axis] = speed * now * direction[axis]
+        learnt[k] = (least - 1e-9 < at < most + 1e-9) or now != sense
