@@ -18,14 +18,14 @@ DISLOYAL = replace(CONFIG, keep_m=0.0, keep_share=0.0)
 
 
 def crowd(seed):
-    """Five movers and a wall round a robot."""
+    """Five that may move, too doubtful to be learnt from, and a wall, round a robot."""
     rng = np.random.default_rng(seed)
     robot = Gaussian(np.array([0.0, 0.0, rng.uniform(-3, 3)]), np.eye(3) * 1e-4)
     movers = []
     for k in range(5):
         state = np.concatenate([rng.uniform(-1.0, 1.0, 2), rng.uniform(-0.1, 0.1, 2)])
         movers.append(
-            Obstacle(Gaussian(state, np.eye(4) * 1e-3), 0.1, 0.4, k, 0.9, -rng.uniform(0, 5))
+            Obstacle(Gaussian(state, np.eye(4) * 1e-3), 0.1, 0.4, k, 0.45, -rng.uniform(0, 5))
         )
     wall = np.column_stack([np.linspace(-1, 1, 40), np.full(40, rng.uniform(0.3, 0.8))])
     return robot, movers, wall, rng.uniform(-2, 2, 2)
