@@ -318,6 +318,25 @@ def roll_out(
             results[i, 0], results[i, 1] = math.inf, 0.0
             results[i, 2], results[i, 3] = nearest, 0.0
             continue
+        for h in range(many):  # who is caught up with after the end is charged at the end
+            need = needed[h, samples - 1]
+            if need <= 0.0:
+                continue
+            missing = _too_late(
+                x - places[h, samples - 1, 0],
+                y - places[h, samples - 1, 1],
+                yaw,
+                -velocities[h, samples - 1, 0],
+                -velocities[h, samples - 1, 1],
+                need,
+                0.0,
+                top,
+                side,
+                max_turn / step_s,
+            )
+            if missing > 0.0:
+                cost = fades[samples - 1] * _harm(missing, soft, ease, steep, touch, hard)
+                worst[h] = max(worst[h], cost)
         error = math.atan2(target[1] - y, target[0] - x) - yaw
         off = abs((error + math.pi) % (2.0 * math.pi) - math.pi)
         harm = 0.0

@@ -5,8 +5,10 @@ and from behind. So before each step many plans (turn, walk on, side step, step 
 rolled out for 7.8 s against every mover, with a distance that grows with its covariance, and
 against the occupied cells. A mover goes where its line is known to lead; where nothing is known it goes on, or
 turns back at any moment: then a plan is charged for every place from which the robot could not get out of its
-way in time. Standing is a plan like the others and no safer: a mover does not go round a robot. The plan
-chosen is remembered: the next step goes on with it unless another is clearly better.
+way in time. A plan that ends where it could not get out of the way of one who goes on is charged likewise:
+else the robot backs away, for as long as it is judged, from who is a little faster than it. Standing is a plan
+like the others and no safer: a mover does not go round a robot. The plan chosen is remembered: the next step
+goes on with it unless another is clearly better.
 
 Source: ours; it adds to seed 001, section 4, what a study in simulation showed to be missing.
 """

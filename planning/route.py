@@ -157,10 +157,13 @@ class Route:
         """What is added to the potential: loyalty off the old path, and the places that were stuck."""
         penalty = np.zeros(shape)
         if self.path is not None:
-            away = _distance_m(self._rest(here), shape, origin, cell_m) / self._config.corridor_m
-            penalty = self._config.loyalty * np.minimum(away, 1.0)
-        y, x = (o + (np.arange(n) + 0.5) * cell_m for o, n in zip(origin[::-1], shape, strict=True))
+            away = _distance_m(self._rest(here), shape, origin, cell_m)
+            penalty = np.minimum(
+                away * self._config.loyalty / self._config.corridor_m, self._config.loyalty
+            )
         for block in self._blocks:
+            row, column = (np.arange(n) + 0.5 for n in shape)
+            x, y = origin[0] + column * cell_m, origin[1] + row * cell_m
             gap = np.hypot(x - block.place[0], y[:, None] - block.place[1])
             near = np.maximum(0.0, 1 - (gap / self._config.block_radius_m) ** 2)
             penalty = np.maximum(penalty, self._config.block_penalty * near)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from perception.primitives.pose import wrap_angle
 from planning.stepping import Stepper
 from sim import scenes
 from sim.course import COLOURS
@@ -45,6 +46,7 @@ class Walk:
         guarded: Steps that were not the field's.
         decision_ms: Of every decision.
         trace: (stamp, x, y, yaw) at every decision.
+        pose_errors: Believed less true (x, y, yaw) at every decision.
     """
 
     contacts: list[Contact] = field(default_factory=list)
@@ -55,6 +57,7 @@ class Walk:
     guarded: int = 0
     decision_ms: list[float] = field(default_factory=list)
     trace: list[tuple[float, float, float, float]] = field(default_factory=list)
+    pose_errors: list[tuple[float, float, float]] = field(default_factory=list)
 
 
 def course_config(scene: str, seed: int, config: Config | None = None) -> Config:
@@ -112,6 +115,9 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
                 robot.look(decision.gaze)
                 true = senses.truth.robot_pose()
                 result.trace.append((frame.stamp_s, true.x, true.y, true.yaw))
+                if estimate.pose is not None:
+                    x, y, yaw = (estimate.pose.mean - true.vector).tolist()
+                    result.pose_errors.append((x, y, wrap_angle(yaw)))
                 result.turning_rad += abs(decision.walk.turn_rad)
                 result.guarded += decision.why == "guard"
                 touching.step(decision.walk)

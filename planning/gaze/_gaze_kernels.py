@@ -22,7 +22,9 @@ def count(
 
     For one pan a point is in view over one interval of tilts: its angle below the optical axis must lie
     within half the view down, and its depth must be enough for the view across. So each point costs two
-    entries of a difference, not one test per tilt.
+    entries of a difference, not one test per tilt. Where the view across is wide enough at any tilt that shows
+    the point at all, its slope below the camera is looked up among those of the tilts' upper and lower edges;
+    only near the sides the interval takes an angle.
 
     Args:
         points: (n, 3) from the camera, body axes, m.
@@ -34,26 +36,36 @@ def count(
     rows, steps = len(pans), len(tilts)
     first = tilts[0]
     per_rad = 1.0 / (tilts[1] - tilts[0]) if steps > 1 else 1.0
-    slope = math.tan(half_across)
-    near = math.cos(half_down)
+    slope, near = math.tan(half_across) ** 2, math.cos(half_down) ** 2
+    over, under = _slopes(tilts - half_down), _slopes(tilts + half_down)
     change = np.empty(steps + 1)
     for row in range(rows):
         c, s = math.cos(pans[row]), math.sin(pans[row])
         change[:] = 0.0
+        low, high = 0, -1
         for k in range(len(points)):
             x, y, z = points[k, 0], points[k, 1], points[k, 2]
-            ahead, aside = c * x + s * y, abs(c * y - s * x)
-            if ahead <= 0.0:
+            ahead, aside = c * x + s * y, c * y - s * x
+            across, reach = aside * aside, slope * (ahead * ahead + z * z)  # squares
+            if ahead <= 0.0 or across > reach:
                 continue
-            reach = slope * math.sqrt(ahead * ahead + z * z)
-            if aside > reach:
-                continue
-            half = half_down
-            if aside > near * reach:
-                half = math.acos(aside / reach)
-            middle = math.atan2(-z, ahead) - first
-            low = max(math.ceil((middle - half) * per_rad - 1e-9), 0)
-            high = min(math.floor((middle + half) * per_rad + 1e-9), steps - 1)
+            if across > near * reach:
+                half = math.acos(math.sqrt(across / reach))
+                middle = math.atan2(-z, ahead) - first
+                low = max(math.ceil((middle - half) * per_rad - 1e-9), 0)
+                high = min(math.floor((middle + half) * per_rad + 1e-9), steps - 1)
+            else:  # neighbours in the list are neighbours on the ground: go on from the last one's
+                down = -z / ahead
+                low = min(max(low, 0), steps)
+                while low > 0 and under[low - 1] >= down:
+                    low -= 1
+                while low < steps and under[low] < down:
+                    low += 1
+                high = min(max(high, -1), steps - 1)
+                while high < steps - 1 and over[high + 1] <= down:
+                    high += 1
+                while high >= 0 and over[high] > down:
+                    high -= 1
             if low <= high:
                 change[low] += weights[k]
                 change[high + 1] -= weights[k]
@@ -61,6 +73,18 @@ def count(
         for column in range(steps):
             total += change[column]
             result[row, column] = total
+
+
+@njit(cache=True)
+def _slopes(angles: np.ndarray) -> np.ndarray:
+    """Tangents, in the order of the angles, rad, even beyond straight up or down; a hair to the safe side."""
+    found = np.empty(len(angles))
+    for k in range(len(angles)):
+        if abs(angles[k]) < 0.5 * math.pi:
+            found[k] = math.tan(angles[k])
+        else:
+            found[k] = math.copysign(math.inf, angles[k])
+    return found
 
 
 @njit(cache=True)

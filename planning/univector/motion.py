@@ -217,6 +217,8 @@ def _speed(
 ) -> tuple[list[Change], float, float]:
     """What is done about each mover; the acceleration, and the speed at which it ends."""
     cruise = math.copysign(config.acceleration_mps2, config.cruise_mps - speed_mps)
+    if not (config.velocity_change or config.virtual_obstacles):
+        return [CLEAR] * len(movers), cruise, config.cruise_mps
     bands = [
         doubtful_band(
             *(mover.place, mover.velocity, mover.radius_m, mover.covariance),

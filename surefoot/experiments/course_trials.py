@@ -75,6 +75,7 @@ def figures(walks: Sequence[Walk], suffix: str = "") -> dict[str, float]:
         suffix: Appended to every name.
     """
     kinds = [contact.kind for one in walks for contact in one.contacts]
+    off = np.array([error for one in walks for error in one.pose_errors])
     found = {
         "contact_free_share": float(np.mean([not one.contacts for one in walks])),
         "contacts": float(len(kinds)),
@@ -83,6 +84,8 @@ def figures(walks: Sequence[Walk], suffix: str = "") -> dict[str, float]:
         "time_s_mean": float(np.mean([one.time_s for one in walks])),
         "min_clearance_mm": 1e3 * min(one.clearance_m for one in walks),
         "turning_deg_mean": float(np.degrees(np.mean([one.turning_rad for one in walks]))),
+        "position_rmse_mm": 1e3 * float(np.sqrt(np.mean(off[:, :2] ** 2))),
+        "heading_rmse_deg": float(np.degrees(np.sqrt(np.mean(off[:, 2] ** 2)))),
         "decision_ms_p99": float(np.percentile([t for w in walks for t in w.decision_ms], 99)),
     }
     for kind in CLASSES:

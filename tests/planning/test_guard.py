@@ -59,6 +59,26 @@ def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
     return gap, wall, pose
 
 
+@pytest.mark.parametrize(
+    ("place", "velocity", "target"),
+    [
+        ((-0.28, 0.46), (0.030, -0.053), (-0.56, 0.31)),
+        ((-0.27, 0.43), (0.027, -0.050), (-0.63, 0.40)),
+        ((-0.21, 0.43), (0.030, -0.053), (-0.43, 0.29)),
+    ],
+)
+def test_who_comes_a_little_faster_than_it_backs_away_is_let_by(place, velocity, target):
+    """Backing away keeps clear of it for longer than plans are judged, and ends in a contact."""
+    gap, _, pose = play(
+        Pose2(0.0, 0.0, 2.6),
+        np.array(target),
+        lambda t: (place[0] + velocity[0] * t, place[1] + velocity[1] * t, *velocity),
+        steps=40,
+    )
+    assert gap > 0.05
+    assert math.hypot(pose.x - target[0], pose.y - target[1]) < 0.15
+
+
 def test_with_nothing_near_the_desired_step_is_kept():
     wish = footstep(0.3, 0.07, Pose2(), GAIT)
     far = mover(4.0, 4.0, 0.05, 0.0)
