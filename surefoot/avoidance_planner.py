@@ -100,6 +100,7 @@ class AvoidancePlanner(GoalSeeker):
         self._guard = Guard(config.guard)
         self._rng = np.random.default_rng([config.seed, 41])
         self._phase = "walk"
+        self._urged = False
         self._views: list[View] = []
         self._legs: list[Leg] = []
         self._wait_s = 0.0
@@ -110,6 +111,20 @@ class AvoidancePlanner(GoalSeeker):
         self._picture: np.ndarray | None = None
         self.looks: list[Look] = []
         self.choices: list[Choice] = []
+
+    @property
+    def looking(self) -> bool:
+        """Whether it stands, to turn to the goal or to look about."""
+        return self._urged or self._phase == "scan"
+
+    @property
+    def at_it(self) -> bool:
+        """Whether it looks about or passes something; else it walks to the goal, or waits that a way opens."""
+        return self.looking or self._phase == "pass"
+
+    def look_about(self) -> None:
+        """Turn to the goal and look about there, whatever stands how near."""
+        self._urged = True
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
         """While looking about: keep the view if the head is where it was told to look."""
@@ -136,7 +151,7 @@ class AvoidancePlanner(GoalSeeker):
             return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[len(self._views)]), "scan")
         if self._phase == "stop":
             if estimate.stamp_s >= self._wait_s:
-                self._begin_scan()
+                self._phase, self._views = "scan", []
             return Decision(WalkCommand(), GazeCommand(), "ST")
         if self._phase == "pass":
             step = self._pass(estimate, pipeline.grid, goal)
@@ -151,6 +166,9 @@ class AvoidancePlanner(GoalSeeker):
         assert estimate.pose is not None
         assert pipeline.grid is not None
         robot, gait = estimate.pose2, self._config.guard.gait
+        heading = math.atan2(goal[1] - robot.y, goal[0] - robot.x)
+        if self._urged:
+            return self._face(robot, heading, GazeCommand(0.0, DOWN_RAD))
         known = Known(
             estimate.pose,
             pipeline.grid,
@@ -163,16 +181,20 @@ class AvoidancePlanner(GoalSeeker):
         if self._gaze.surveying:
             return Decision(WalkCommand(), gaze, "survey")
         cells = _cells(pipeline.grid)
-        heading = math.atan2(goal[1] - robot.y, goal[0] - robot.x)
         self._settle = max(self._settle - 1, 0)
         if self._settle == 0 and self._blocked(robot, heading, cells, goal):
-            turn = wrap_angle(heading - robot.yaw)
-            if abs(turn) <= FACING_RAD:
-                self._begin_scan()
-            return Decision(gait.command(0.0, 0.0, turn), gaze, "blocked")
+            return self._face(robot, heading, gaze)
         desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait)
         walk = self._guard.choose(desired, estimate.pose, movers, cells, goal, estimate.stamp_s)
         return Decision(walk, gaze, "walk" if walk == desired else "guard")
+
+    def _face(self, robot: Pose2, heading: float, gaze: GazeCommand) -> Decision:
+        """Turn to where the way is blocked; once it does, begin to look about."""
+        turn = wrap_angle(heading - robot.yaw)
+        if abs(turn) <= FACING_RAD:
+            self._phase, self._views, self._urged = "scan", [], False
+        walk = self._config.guard.gait.command(0.0, 0.0, turn)
+        return Decision(walk, gaze, "blocked")
 
     def _blocked(
         self,
@@ -188,9 +210,6 @@ class AvoidancePlanner(GoalSeeker):
         half = body.body_width_m / 2 + body.clearance_m / 2
         ahead = (there[:, 0] > 0.1) & (there[:, 0] < reach) & (np.abs(there[:, 1]) < half)
         return bool(np.count_nonzero(ahead) >= 2)
-
-    def _begin_scan(self) -> None:
-        self._phase, self._views = "scan", []
 
     def _conclude(self, robot: Pose2, goal: Float[np.ndarray, "2"], stamp_s: float) -> None:
         """From the views to what is done next."""

@@ -91,6 +91,7 @@ class MissionConfig:
 
     planner: str = "search"  # the joint stack; see `planners`
     goals: int = 1  # how many of the scene's goals, in order
+    look_about: bool = True  # specification: where the search finds no way, seed 004's motions
     wander: bool = False  # explore instead, until the time is up (seed 003, experiment E6)
     tolerance_m: float = 0.10  # seed 000: goal tolerance
     time_limit_s: float = 300.0  # ours: a walk of 6 m takes 90 s, detours included 150 s

@@ -50,6 +50,11 @@ class Fallback:
         """Goals reached so far."""
         return self._planner.reached
 
+    @property
+    def looks(self) -> Sequence[object]:
+        """What the planner saw by looking about, if it does."""
+        return getattr(self._planner, "looks", ())
+
     def distance_to_goal(self, estimate: Estimate) -> float:
         """From the estimated pose to the present goal, m; 0 when all are reached."""
         return self._planner.distance_to_goal(estimate)

@@ -75,9 +75,14 @@ def make(config: Config, goals: Sequence[tuple[float, float]]) -> Planner:
     planner = cast(
         Planner, getattr(importlib.import_module(f".{module}", __package__), name)(config, goals)
     )
-    replaceable = mission.planner in BY_DEPTH and not mission.wander
-    if not (replaceable and config.depth_trust.fall_back and config.robot.colour):
+    if mission.wander or mission.planner not in BY_DEPTH:
         return planner
-    from .fallback import Fallback  # it builds on what is defined here
+    if mission.planner == "search" and mission.look_about and config.robot.tof:
+        from .look_about import LookAbout  # it builds on what is defined here
 
-    return Fallback(planner, config, goals)
+        planner = LookAbout(planner, config, goals)
+    if config.depth_trust.fall_back and config.robot.colour:
+        from .fallback import Fallback  # likewise
+
+        planner = Fallback(planner, config, goals)
+    return planner

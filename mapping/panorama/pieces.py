@@ -1,8 +1,9 @@
-"""What hangs together in a panorama, cut apart where its outline leaps; and how far aside ground was seen.
+"""What hangs together in a panorama, cut apart where its outline leaps or has a corner; and how far aside
+ground was seen.
 
 A room's walls hang together with each other, and with a carton that a mixed pixel ties to them: listed as one
 thing they say nothing about the way between. The outline on the floor plan, column by column, leaps wherever
-one thing ends before another.
+one thing ends before another; where a wall meets what stands across the way it has an inward corner.
 
 Source: ours; outlines as `contours` draws them, for the gaps of seed 004, eq. (20).
 """
@@ -140,8 +141,33 @@ def _runs(
     known, x = known[near], x[near]
     y = _across(drawing, known, x)
     leaps = np.hypot(np.diff(x), np.diff(y)) > config.leap_m
-    found = np.split(known, np.flatnonzero(leaps) + 1)
+    whole = np.split(np.arange(known.size), np.flatnonzero(leaps) + 1)
+    found = [known[part] for run in whole for part in _at_corners(x, y, run, config.leap_m)]
     return [run for run in found if run.size >= config.least_columns]
+
+
+def _at_corners(
+    x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n"], run: np.ndarray, most_m: float
+) -> list[np.ndarray]:
+    """An outline cut where it turns back towards the robot: what it is there is a corner of two things.
+
+    A corner that points to the robot is one thing's own.
+
+    Args:
+        x, y: The whole outline, m, from left to right.
+        run: Places in it that belong together.
+        most_m: How far the outline may lie behind the straight line between its ends.
+    """
+    if run.size < 3:
+        return [run]
+    along = np.array([x[run[-1]] - x[run[0]], y[run[-1]] - y[run[0]]])
+    behind = along[0] * (y[run] - y[run[0]]) - along[1] * (x[run] - x[run[0]])
+    behind = behind / max(float(np.hypot(*along)), 1e-9)
+    deepest = int(np.argmax(behind))
+    if behind[deepest] <= most_m:
+        return [run]
+    left, right = run[:deepest], run[deepest:]
+    return [*_at_corners(x, y, left, most_m), *_at_corners(x, y, right, most_m)]
 
 
 def _across(

@@ -32,6 +32,7 @@ class AvoidanceConfig:
         0.5  # ours: nearer than this share of the group's distance is beside, not ahead
     )
     alongside_m: float = 0.3  # specification: neighbours this much farther still bound the gap
+    touch_m: float = 0.03  # ours: who overlaps another by less across the way stands beside it
     fams: FamsConfig = field(default_factory=FamsConfig)
     pivot: PivotConfig = field(default_factory=PivotConfig)
 
@@ -93,7 +94,8 @@ def choose(things: Things, config: AvoidanceConfig | None = None) -> Choice | No
     config = AvoidanceConfig() if config is None else config
     left, right = things.edges_m[:, 0], things.edges_m[:, 1]
     corridor = config.pivot.body_width_m + 2 * config.pivot.clearance_m
-    group = _joined(things, blocking(left, right, things.distance_m, corridor), config)
+    blocked = blocking(left, right, things.distance_m, corridor)
+    group = _joined(things, _parted(things, blocked, config), config)
     if not group.any():
         return None
     ahead = things.distance_m >= config.abreast * things.distance_m[group].min()
@@ -115,13 +117,33 @@ def choose(things: Things, config: AvoidanceConfig | None = None) -> Choice | No
     return found
 
 
+def _parted(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
+    """Of a group with a way through it the part that is nearest to straight ahead."""
+    index = np.flatnonzero(group)
+    index = index[np.argsort(-things.edges_m[index, 0])]
+    if not len(index):
+        return group
+    left, right = things.edges_m[index].T
+    ends = np.minimum.accumulate(right)
+    parts = np.split(index, np.flatnonzero(ends[:-1] - left[1:] >= config.fams.narrowest_m) + 1)
+
+    def aside(part: np.ndarray) -> float:
+        return max(0.0, -things.edges_m[part, 0].max(), things.edges_m[part, 1].min())
+
+    chosen = np.zeros(len(group), np.bool_)
+    chosen[min(parts, key=aside)] = True
+    return chosen
+
+
 def _joined(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
     """The group with every neighbour that overlaps it across the way at about its distance."""
     group = group.copy()
     while group.any():
         left, right = things.edges_m[group, 0].max(), things.edges_m[group, 1].min()
-        near = things.distance_m <= things.distance_m[group].min() + config.alongside_m
-        more = near & (things.edges_m[:, 1] < left) & (things.edges_m[:, 0] > right) & ~group
+        nearest = things.distance_m[group].min()
+        near = np.abs(things.distance_m - nearest) <= config.alongside_m
+        more = near & (things.edges_m[:, 1] < left - config.touch_m) & ~group
+        more &= things.edges_m[:, 0] > right + config.touch_m
         if not more.any():
             break
         group |= more

@@ -41,6 +41,12 @@ class FamsConfig:
     caution_sigmas: float = 0.5  # ours: how sure a gap must be to be walked rather than sidestepped
     ordinal: bool = False  # eq. (26) as an average over the labels 1 to 7, for comparison
 
+    @property
+    def narrowest_m(self) -> float:
+        """The gap from which on it is rather one to slip through than none, m."""
+        none, slip = self.gap_centres_m[:2]
+        return self.body_width_m + (none + slip) / 2.0
+
     def __post_init__(self) -> None:
         if not self.body_width_m > 0.0:
             raise ConfigError(f"fams: body_width_m={self.body_width_m} must be positive")

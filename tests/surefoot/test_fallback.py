@@ -154,5 +154,9 @@ def test_without_the_fall_back_it_gets_nowhere(tmp_path):
 
 
 def test_the_planner_by_depth_is_what_was_asked_for():
-    config = replace(Config(), depth_trust=DepthTrustConfig(fall_back=False))
+    config = replace(
+        Config(),
+        depth_trust=DepthTrustConfig(fall_back=False),
+        mission=MissionConfig(look_about=False),
+    )
     assert isinstance(make(config, ((1.0, 0.0),)), Navigator)

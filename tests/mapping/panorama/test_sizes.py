@@ -220,6 +220,16 @@ def test_what_is_listed_is_not_cut_to_pieces_again_in_a_panorama_wider_than_what
     assert all(abs(one.bearing_rad) < math.radians(85.0) for one in found)
 
 
+def test_what_reaches_from_a_wall_across_the_way_is_cut_off_it_at_the_corner():
+    """A room's side wall comes near the robot; what stands across the way must not seem as near."""
+    views, true = views_of([box(1.1, 1.25, 0.2, 1.9, 0.3)], yaws=(70.0, 45.0, 20.0, -5.0))
+    found = [one for one in pieces(exactly(views, true), [], 1.65) if one.width_m > 0.5]
+    (across,) = [one for one in found if one.right_edge_m[1] < 0.5]
+    assert across.distance_m == pytest.approx(1.1, abs=0.05)
+    assert across.right_edge_m[1] == pytest.approx(0.3, abs=0.03)
+    assert across.width_m == pytest.approx(1.9, abs=0.1)
+
+
 def test_pieces_know_the_floor_of_the_listing_and_refuse_another():
     views, true = views_of([box(1.1, 0.2, 0.2, 0.3, 0.3), box(0.8, -0.3, 0.2, 0.3, 0.1)])
     panorama, floor = exactly(views, true), Plane(np.array([0.0, 0.0, 1.0]), -0.12)

@@ -194,6 +194,25 @@ def test_slots_on_both_sides_stop_the_robot_and_a_free_way_needs_no_choice():
     assert choose(_things([(0.9, 0.5), (-0.5, -0.9)])) is None
 
 
+def test_a_way_between_two_things_that_both_block_is_found():
+    choice = choose(_things([(1.2, -0.02), (-0.27, -1.2)]))
+    assert choice is not None
+    assert (choice.motion[1], choice.side) == ("S", -1)
+    assert choice.gap_m == pytest.approx(0.25)
+    closed = choose(_things([(1.2, 0.06), (-0.06, -1.2)]))
+    assert closed is not None
+    assert closed.width_m == pytest.approx(2.4)
+
+
+def test_a_side_wall_that_comes_nearer_is_not_what_blocks():
+    things = _things([(1.2, -0.02), (-0.27, -1.2), (1.25, 1.1)])
+    things.distance_m[2] = 0.2
+    choice = choose(things)
+    assert choice is not None
+    assert choice.distance_m == pytest.approx(1.05)
+    assert choice.motion[1] == "S"
+
+
 def test_the_other_side_is_tried_only_if_asked_for():
     spans = [(0.6, 0.45), (0.35, -0.6)]
     paper = choose(_things(spans), AvoidanceConfig(other_side=False))
