@@ -155,6 +155,7 @@ def directions(
     points: np.ndarray,
     masks: np.ndarray,
     straight: bool,
+    printed: bool,
     window: float,
     peak_share: float,
     owners: np.ndarray,
@@ -165,7 +166,7 @@ def directions(
 
     levels: (n, h, w). points: (m, 4) x, y, sigma in px of the octave, integer layer.
     masks: as of `moment_gradients`; with a single row, differences of pixels are used instead.
-    straight: as of `moment_gradients`.
+    straight: as of `moment_gradients`. printed: a mask that begins a pixel late, and directions by squares.
     window: deviation of the histogram's weight, in sigmas. peak_share: of the highest, counts as a peak.
     owners, found: (capacity,), the keypoint and the direction of each peak, rad in [-pi, pi).
     strengths: (capacity,), how clear each peak is: its share of all votes.
@@ -191,7 +192,9 @@ def directions(
         column, row = round(points[i, 0]), round(points[i, 1])
         level = levels[int(points[i, 3])]
         extent = side + 2 * half
-        _patch(level, row - reach - half, column - reach - half, extent, extent, patch)
+        late = 1 if printed else 0
+        top, left = row - reach - half + late, column - reach - half + late
+        _patch(level, top, left, extent, extent, patch)
         if masks.shape[0] > 1:
             moment_gradients(
                 patch, side, side, masks, smooth, sums, total, gx, gy, square, straight
@@ -203,7 +206,11 @@ def directions(
         for b in range(BINS):
             votes[b] = 0.0
         for r in range(side):
-            angles(gx[r], gy[r], side, angle)
+            if printed:
+                for c in range(side):
+                    angle[c] = math.atan2(gy[r, c] ** 2, gx[r, c] ** 2)
+            else:
+                angles(gx[r], gy[r], side, angle)
             for c in range(side):
                 weight = falls[r] * falls[c] * math.sqrt(gx[r, c] ** 2 + gy[r, c] ** 2)
                 b = int(angle[c] * (BINS / (2.0 * PI)) + (BINS + 0.5))

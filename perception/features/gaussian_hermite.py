@@ -106,6 +106,7 @@ def gradient(
     sigma_px: float = 1.6,
     orders: tuple[int, ...] = ODD_ORDERS,
     straight: bool = False,
+    literal: bool = False,
 ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
     """Magnitude and direction of the image's change by moments of odd order.
 
@@ -115,17 +116,24 @@ def gradient(
         orders: Odd orders; (1, 3, 5) are the seed's.
         straight: Take the direction from order 1 alone, which turns with the image exactly; with the sums
             of squares of all orders it is off by up to 8 deg.
+        literal: As printed, for comparison: a mask that begins a pixel late, and the arc tangent of the ratio
+            of the squares, in [0, pi/2], which knows no quadrant.
 
     Returns:
         Magnitude, the root of the sum of squares; direction, rad in [-pi, pi], from x (right) towards
         y (down). The direction takes its quadrant from order 1.
 
-    Source: seed 004, eq. (8), and (9) with the quadrant kept.
+    Source: seed 004, eq. (8), and (9) with the quadrant kept; (4) and (9) as printed by `literal`.
     """
+    if literal:
+        image = np.pad(image, ((0, 1), (0, 1)), mode="edge")[1:, 1:]
     x_moments = [moment(image, p, 0, sigma_px) for p in orders]
     y_moments = [moment(image, 0, q, sigma_px) for q in orders]
     x_square = np.sum([m * m for m in x_moments], axis=0)
     y_square = np.sum([m * m for m in y_moments], axis=0)
+    if literal:
+        angle = np.arctan2(y_square, x_square)
+        return np.sqrt(x_square + y_square).astype(np.float32), angle.astype(np.float32)
     if straight:
         angle = np.arctan2(y_moments[0], x_moments[0])
         return np.sqrt(x_square + y_square).astype(np.float32), angle.astype(np.float32)

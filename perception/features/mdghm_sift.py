@@ -45,6 +45,7 @@ class SiftConfig:
     straight: bool = (
         True  # spec of 004, eq. (9): direction by order 1 alone, magnitude (8); no bias
     )
+    literal: bool = False  # eq. (4) and (9) as printed, which know no quadrant; for comparison
     upsample: bool = True  # Lowe 2004: four times the keypoints; False is over twice as fast
     layers: int = 3  # Lowe 2004
     blur_px: float = 1.6  # Lowe 2004: sigma of the first level
@@ -222,7 +223,8 @@ def _of_octave(
         levels,
         points,
         masks,
-        config.straight,
+        config.straight and not config.literal,
+        config.literal,
         config.window_sigmas,
         config.peak_share,
         owners,

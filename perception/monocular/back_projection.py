@@ -18,9 +18,18 @@ FARTHEST_M = 6.0  # seed 000: d_max; beyond, a pixel is a quarter of a metre
 
 
 def camera_pose(
-    position: Float[np.ndarray, "3"], yaw_rad: float, pitch_rad: float, roll_rad: float
+    position: Float[np.ndarray, "3"],
+    yaw_rad: float,
+    pitch_rad: float,
+    roll_rad: float,
+    literal: bool = False,
 ) -> Pose3:
     """T_world_camera of a camera by its place, m, and angles: yaw left, pitch down (bowing), roll right.
+
+    Args:
+        position: P_c, world frame, m.
+        yaw_rad, pitch_rad, roll_rad: alpha, beta, gamma.
+        literal: The printed order, which turns the place too, and knows no optical axes; for comparison.
 
     Source: seed 000, eq. (2) corrected.
     """
@@ -30,7 +39,10 @@ def camera_pose(
     R_Z = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
     R_Y = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
     R_X = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
-    return Pose3.from_rotation(R_Z @ R_Y @ R_X @ CAMERA_IN_BODY_AXES, position)
+    turned = R_Z @ R_Y @ R_X
+    if literal:
+        return Pose3.from_rotation(turned, turned @ position)
+    return Pose3.from_rotation(turned @ CAMERA_IN_BODY_AXES, position)
 
 
 def floor_points(

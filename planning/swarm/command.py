@@ -40,8 +40,15 @@ def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> Wa
 
 
 def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> WalkCommand:
-    """The same with the printed step: always 0.04 m, however far the turn."""
-    turn = min(max(angle_to(place, robot), -gait.max_turn_rad), gait.max_turn_rad)
+    """The same as printed, for comparison: always 0.04 m, by an angle that forgets the robot's heading.
+
+    It is that to the y axis, and of the arc tangent of a ratio: right for who faces along y, and for places ahead.
+
+    Source: seed 000, eq. (10) as printed; the angle there is positive to the right.
+    """
+    x, y = place[0] - robot.x, place[1] - robot.y
+    turn = -math.atan(x / y) if y != 0.0 else -math.copysign(math.pi / 2, x)
+    turn = min(max(turn, -gait.max_turn_rad), gait.max_turn_rad)
     return gait.command(PRINTED_STEP_M / gait.step_s, 0.0, turn)
 
 

@@ -98,6 +98,15 @@ def test_a_quarter_turn_turns_everything(config):
     assert np.median(off_deg(angle, other.angle_rad[pairs[right, 1]])) < 2.0
 
 
+def test_as_printed_no_keypoint_points_to_the_left_or_upwards():
+    angle = np.degrees(detect(picture(), SiftConfig(literal=True)).angle_rad)
+    assert len(angle) > 20
+    assert angle.min() > -10.0
+    assert angle.max() < 100.0
+    ours = np.degrees(detect(picture(), SiftConfig()).angle_rad)
+    assert (ours.min(), ours.max()) < (-100.0, 100.0)
+
+
 @pytest.mark.parametrize("config", ALL)
 def test_descriptors_have_length_one(config):
     found = detect(picture(), config)

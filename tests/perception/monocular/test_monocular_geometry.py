@@ -53,3 +53,13 @@ def test_what_is_farther_than_asked_is_not_told():
     pixel = project(np.array([5.0, 0.0]), CAMERA, POSE)
     assert np.isnan(floor_points(pixel, CAMERA, POSE, 4.0)).all()
     assert np.isfinite(floor_points(pixel, CAMERA, POSE, 6.0)).all()
+
+
+def test_the_printed_order_turns_the_place_of_the_camera_too():
+    place, angles = np.array([0.5, 1.2, 0.42]), (0.3, 0.5, -0.1)
+    right, printed = camera_pose(place, *angles), camera_pose(place, *angles, literal=True)
+    np.testing.assert_allclose(right.translation, place)
+    assert np.linalg.norm(printed.translation) == pytest.approx(np.linalg.norm(place))
+    assert np.linalg.norm(printed.translation - place) > 0.3
+    ahead = right.rotation @ np.array([0.0, 0.0, 1.0])  # along the optical axis
+    np.testing.assert_allclose(printed.rotation @ np.array([1.0, 0.0, 0.0]), ahead, atol=1e-12)

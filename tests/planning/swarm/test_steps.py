@@ -49,6 +49,16 @@ def test_straight_ahead_is_a_full_step():
     assert command.printed(np.array([2.0, 0.0]), Pose2(), GAIT).forward_m == pytest.approx(0.04)
 
 
+def test_the_printed_angle_is_right_for_who_faces_along_y_and_forgets_any_other_heading():
+    place = np.array([0.2, 2.0])
+    along_y = command.printed(place, Pose2(yaw=math.pi / 2), GAIT)
+    assert along_y.turn_rad == pytest.approx(-math.atan2(0.2, 2.0))
+    assert along_y.turn_rad == pytest.approx(
+        command.angle_to(place, Pose2(yaw=math.pi / 2)), abs=1e-12
+    )
+    assert command.printed(place, Pose2(yaw=0.3), GAIT).turn_rad == along_y.turn_rad
+
+
 def test_blocked_the_robot_turns_on_the_spot_towards_the_goal():
     for side in (1.0, -1.0):
         walk = command.turning(np.array([1.0, side]), Pose2(), GAIT)
