@@ -187,6 +187,7 @@ class _Scene:
                 config.contact_m,
                 config.fade_s,
                 config.react_s,
+                config.end_weight,
             ]
         )
 

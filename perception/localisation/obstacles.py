@@ -28,6 +28,10 @@ Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Tells which places (n, 2), world frame, m, the sensors see in this frame, unhidden."""
 
 
+PART_M, PART_OFF = 0.03, 2.5
+"""Deviation of the middle of a thing that the view's edge cuts: if it hides next to nothing, m; and a m of missing radius."""
+
+
 @dataclass(frozen=True)
 class TrackerConfig:
     """Gate, birth and death of tracks."""
@@ -240,8 +244,9 @@ class ObstacleTracker:
 
 
 def _vague(part: Detection, track: Track) -> Detection:
-    """A thing seen in part, its middle as far off as the thing is wide: always the same side may be hidden."""
-    covariance = part.covariance + np.eye(2) * (2.0 * track.radius_m) ** 2
+    """A thing seen in part, its middle as far off as it misses of its width: always the same side may be hidden."""
+    off = PART_M + PART_OFF * abs(track.radius_m - part.radius_m)
+    covariance = part.covariance + np.eye(2) * off**2
     return Detection(part.position, covariance, track.radius_m, track.height_m)
 
 
