@@ -185,14 +185,14 @@ def roll_out(
         cells_needed: (k, 2): least distance to each; less than this is a contact.
         prices: Width of the uneasy band, m; price of its inner edge, m; price of missing distance, m/m;
             missing distance that is a contact, m; price of a contact, m; time in which prices fall by
-            e, s; time to react, s; weight of who goes on after the end.
+            e, s; time to react, s.
         prune: Whether a plan that costs more than one before it already is given up (harm infinite).
         results: (c, 4) output: harm by movers, harm by cells, distance to the target (least, and a
             little of the last), angle off it at the end.
     """
     max_turn, step_s, top, side = gait[0], gait[1], gait[2], gait[3]
     soft, ease, steep, touch, hard = prices[0], prices[1], prices[2], prices[3], prices[4]
-    fade_s, react_s, end = prices[5], prices[6], prices[7]
+    fade_s, react_s = prices[5], prices[6]
     many, samples = needed.shape[0], needed.shape[1]
     worst = np.empty(many)
     late = np.empty(many)
@@ -328,7 +328,7 @@ def roll_out(
                 max_turn / step_s,
             )
             if missing > 0.0:
-                cost = fades[samples - 1] * end * _harm(missing, soft, ease, steep, touch, hard)
+                cost = fades[samples - 1] * _harm(missing, soft, ease, steep, touch, hard)
                 worst[h] = max(worst[h], cost)
         error = math.atan2(target[1] - y, target[0] - x) - yaw
         off = abs((error + math.pi) % (2.0 * math.pi) - math.pi)

@@ -187,7 +187,6 @@ class _Scene:
                 config.contact_m,
                 config.fade_s,
                 config.react_s,
-                config.end_weight,
             ]
         )
 

@@ -238,10 +238,12 @@ class CourseSenses:
         self.grid.move(pose.mean[:2])
         centres = self.grid.centres().reshape(-1, 2)
         x0, y0, x1, y1 = self._walls
-        covered = (centres[:, 0] < x0) | (centres[:, 0] > x1)
-        covered |= (centres[:, 1] < y0) | (centres[:, 1] > y1)
+        half = self.grid.cell_m / 2  # what covers a part of a cell covers it
+        covered = (centres[:, 0] < x0 + half) | (centres[:, 0] > x1 - half)
+        covered |= (centres[:, 1] < y0 + half) | (centres[:, 1] > y1 - half)
         for x, y, radius in self.discs[len(self._robot.world.scene.movers) :]:
-            covered |= (centres[:, 0] - x) ** 2 + (centres[:, 1] - y) ** 2 < radius**2
+            away = (centres[:, 0] - x) ** 2 + (centres[:, 1] - y) ** 2
+            covered |= away < (radius + half) ** 2
         many = np.repeat(np.arange(len(centres)), np.where(covered, HIT_POINTS, 1))
         self.grid.update(centres[many], covered[many], stamp_s, pose.mean[:2])
         self.confidence.see(np.ones((self.grid.config.cells,) * 2, np.bool_))

@@ -64,6 +64,7 @@ def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
     [
         ((-0.28, 0.46), (0.030, -0.053), (-0.56, 0.31)),
         ((-0.27, 0.43), (0.027, -0.050), (-0.63, 0.40)),
+        ((-0.21, 0.43), (0.030, -0.053), (-0.43, 0.29)),
     ],
 )
 def test_who_comes_a_little_faster_than_it_backs_away_is_let_by(place, velocity, target):
