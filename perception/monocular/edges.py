@@ -46,7 +46,13 @@ class Edges:
 
 
 def find_edges(ground: UInt8[np.ndarray, "h w"]) -> Edges:
-    """Edge pixels of a ground image, put together to obstacles: pixels up to 3 px apart belong together."""
+    """Edge pixels of a ground image, put together to obstacles: pixels up to 3 px apart belong together.
+
+    Args:
+        ground: I_g, 255 on the floor.
+
+    Source: seed 000, section 3.2; putting together is ours.
+    """
     width = ground.shape[1]
     image = np.zeros_like(ground)
     columns, rows = np.empty(16 * width, np.int32), np.empty(16 * width, np.int32)

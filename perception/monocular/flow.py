@@ -46,7 +46,15 @@ def follow(
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
     """Corners (u, v) of the previous picture within the band above its ground, and where they went.
 
-    Only those that come back to where they began are given; none is (0, 2) twice.
+    Args:
+        previous, current: RGB.
+        ground_previous, ground_current: I_g of each, 255 on the floor.
+        config: Corners, windows and checks.
+
+    Returns:
+        Places in both pictures, px, of those that come back to where they began; none is (0, 2) twice.
+
+    Source: seed 000, section 3.3.
     """
     none = np.zeros((0, 2))
     band = contact_band(ground_previous, config.band_px)

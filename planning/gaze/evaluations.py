@@ -99,8 +99,8 @@ def matter(
     """The obstacles that count (O_dted|bappr): all ahead, and those behind that come nearer.
 
     Args:
-        positions, velocities: In the body frame (x ahead), the velocities their own.
-        robot_velocity: In the same axes.
+        positions, velocities: In the body frame (x ahead), m and m/s, the velocities their own.
+        robot_velocity: In the same axes, m/s.
 
     Source: seed 001, section 3, the set of eq. (3).
     """

@@ -25,7 +25,7 @@ def in_body(pose: Gaussian, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarra
 
 
 def in_world(pose: Gaussian, place: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-    """The inverse of `in_body`, of one place."""
+    """The inverse of `in_body`: a place (x ahead, y left), m, in the world, m."""
     c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
     return np.asarray(pose.mean[:2] + np.array([[c, -s], [s, c]]) @ place)
 
@@ -53,7 +53,7 @@ def from_camera(
 def region(
     grid: EgocentricGrid, pose: Gaussian, config: GazeMapConfig, farthest_m: float
 ) -> Int[np.ndarray, "n"]:
-    """R_s as flat indices of the map's cells; `sample_region` says more."""
+    """R_s as flat indices of the map's cells, up to a distance, m; `sample_region` says more."""
     x, y, yaw = pose.mean.tolist()
     return np.asarray(
         _gaze_kernels.sector(

@@ -143,7 +143,7 @@ class Objective:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-        """What the compiled loops take."""
+        """Blocked pixels, their integral, rows, boxes, the packed numbers and the penalty: what the loops take."""
         return (
             self.blocked,
             self.integral,

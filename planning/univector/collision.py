@@ -58,7 +58,14 @@ def contact(
 ) -> float:
     """t_c: time of the nearest approach at a speed, s; at a root of the band the disc is just touched.
 
-    Negative if it is over; 0 if robot and obstacle stand still to each other.
+    Args:
+        place, velocity: Of the obstacle in O_R (x ahead), m and m/s.
+        speed_mps: Of the robot, ahead.
+
+    Returns:
+        Negative if it is over; 0 if robot and obstacle stand still to each other.
+
+    Source: seed 001, section 4.
     """
     return float(kernels.contact(place, velocity, speed_mps))
 

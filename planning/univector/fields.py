@@ -105,6 +105,10 @@ def extended_radius(
         radius_m: S_o of each obstacle.
         speed_mps: Of each obstacle.
         psi: psi_sf + psi_ob, in [0, 2], from the gaze evaluations; zeros where not used.
+        config: S_r, and what speed and importance add.
+
+    Returns:
+        S_oe of each, m.
 
     Source: seed 001, eq. (7).
     """

@@ -79,9 +79,14 @@ def lawful(
     """a_i of the printed law: to be at the point of contact at the time of contact, m/s^2.
 
     Args:
-        place, velocity: Of the obstacle in O_R.
-        speed_mps: Present.
+        place, velocity: Of the obstacle in O_R (x ahead), m and m/s.
+        speed_mps: Of the robot at present, ahead.
         contact_speed_mps: v_ci, a root of the band.
+
+    Returns:
+        Infinite where the contact is over or never comes.
+
+    Source: seed 001, section 4 (change of velocity).
     """
     t = contact(place, velocity, contact_speed_mps)
     if t <= 0.0 or not math.isfinite(contact_speed_mps):
@@ -98,10 +103,14 @@ def escape(
     """a of case (b): to be at the edge of the swept band, ahead, when the obstacle gets there, m/s^2.
 
     Args:
-        place, velocity: Of the obstacle in O_R; radius_m: S_oe; speed_mps: Present.
+        place, velocity: Of the obstacle in O_R (x ahead), m and m/s.
+        radius_m: S_oe.
+        speed_mps: Of the robot at present, ahead.
 
     Returns:
         Infinite if the band has no edge ahead, or the obstacle is already beyond it.
+
+    Source: seed 001, section 4, case (b).
     """
     size = float(np.hypot(*velocity))
     n = np.array([-velocity[1], velocity[0]]) / max(size, 1e-12)
