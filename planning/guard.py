@@ -15,6 +15,7 @@ Source: ours; it adds to seed 001, section 4, what a study in simulation showed 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -54,6 +55,7 @@ class Guard:
         self.config = config
         self.habits = Habits(config.prediction)
         self._begun: np.ndarray | None = None
+        self._last = WalkCommand()
         self._plans = _fixed_plans(config)
 
     def choose(
@@ -78,7 +80,12 @@ class Guard:
             stamp_s: Now, in the clock of `Obstacle.seen_s`.
         """
         self.habits.learn(obstacles)
+        robot = _half_a_step_on(robot, self._last)
         scene = _Scene(robot, obstacles, occupied, target, self.config, stamp_s, self.habits)
+        self._last = self._safest(desired, scene)
+        return self._last
+
+    def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
         harm, _ = scene.judge(_wishes(desired, self.config)[:1])
         if harm[0] <= self.config.pass_m:
             self._begun = None
@@ -141,6 +148,7 @@ def assess(
     if stamp_s is None:
         stamp_s = max((obstacle.seen_s for obstacle in obstacles), default=0.0)
     habits = Habits(config.prediction)
+    robot = _half_a_step_on(robot, WalkCommand())
     scene = _Scene(robot, obstacles, occupied, target, config, stamp_s, habits)
     harm, cost = scene.judge(plans)
     order = np.argsort(cost, kind="stable")
@@ -213,6 +221,15 @@ class _Scene:
         )
         harm = results[:, 0] + results[:, 1]
         return harm, harm + results[:, 2] + self._w_heading * results[:, 3]
+
+
+def _half_a_step_on(robot: Gaussian, last: WalkCommand) -> Gaussian:
+    """Where the body is when the step now asked for begins to move it: it follows its feet half a step later."""
+    x, y, yaw = robot.mean.tolist()
+    ahead, left, turn = last.forward_m / 2, last.lateral_m / 2, last.turn_rad / 2
+    c, s = math.cos(yaw), math.sin(yaw)
+    there = np.array([x + c * ahead - s * left, y + s * ahead + c * left, yaw + turn])
+    return Gaussian(there, robot.covariance)
 
 
 def _step(plan: np.ndarray, config: GuardConfig) -> WalkCommand:

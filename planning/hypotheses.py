@@ -35,7 +35,7 @@ class Hypotheses:
     ) -> None:
         self._robot, self._stamp_s, self._config, self._habits = robot, stamp_s, config, habits
         samples = 2 * config.steps
-        self._times = (np.arange(samples) + 1) * config.gait.step_s / 2
+        self._times = (np.arange(samples) + 2) * config.gait.step_s / 2
         self._horizon_s = float(self._times[-1])
         self._here = robot.mean[:2].tolist()
         self._rest, self._never = np.zeros((samples, 2)), np.zeros(samples)

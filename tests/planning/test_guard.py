@@ -35,10 +35,10 @@ def at(pose):
 def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
     """Walk to the target past a mover whose place and velocity are known; least gap and end.
 
-    With the guard's memory, as a robot walks: without it, dead ahead of a mover, left and right are
-    equally good at every step anew.
+    The body follows its feet half a step later. With the guard's memory, as a robot walks: without it, dead
+    ahead of a mover, left and right are equally good at every step anew.
     """
-    guard = Guard(CONFIG)
+    guard, last = Guard(CONFIG), GAIT.command(0.0, 0.0, 0.0)
     pose, gap, wall = start, math.inf, math.inf
     for k in range(steps):
         now = 0.65 * k
@@ -49,13 +49,13 @@ def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
         if close:
             wish = GAIT.command(0.0, 0.0, 0.0)
         step = guard.choose(wish, at(pose), [mover(x, y, vx, vy, now)], cells, target, now)
-        for part in range(2):
-            turn = step.turn_rad if part else 0.0
-            pose = pose @ Pose2(step.forward_m / 2, step.lateral_m / 2, turn)
+        for part, walk in enumerate((last, step)):
+            pose = pose @ Pose2(walk.forward_m / 2, walk.lateral_m / 2, walk.turn_rad / 2)
             x, y, _, _ = mover_at(now + 0.325 * (part + 1))
             gap = min(gap, math.hypot(x - pose.x, y - pose.y) - 0.25)
             if len(cells):
                 wall = min(wall, float(np.hypot(*(cells - (pose.x, pose.y)).T).min()))
+        last = step
     return gap, wall, pose
 
 

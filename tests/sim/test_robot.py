@@ -124,6 +124,33 @@ def test_the_gyro_tells_the_true_turn_up_to_bias_and_noise(room):
     assert abs(np.mean(residual)) < 0.02
 
 
+def test_the_body_follows_its_feet_half_a_step_later(room):
+    """What planners may count on: from decision to decision, half of the last step and half of the new one."""
+    rng = np.random.default_rng(4)
+    off, quick = [], []
+    with World(room, "tiny") as world:
+        robot = SimulatedRobot(world, EXACT, 0)
+        truth, last, step = Truth(robot), WalkCommand(), WalkCommand()
+        before = None
+        while len(off) < 60:
+            if not robot.read().footstep_due:
+                continue
+            here = truth.robot_pose()
+            if before is not None:
+                late = before
+                for walk in (last, step):
+                    half = Pose2(walk.forward_m / 2, walk.lateral_m / 2, walk.turn_rad / 2)
+                    late = late @ half
+                at_once = before @ Pose2(step.forward_m, step.lateral_m, step.turn_rad)
+                for kept, told in ((off, late), (quick, at_once)):
+                    kept.append(math.hypot(told.x - here.x, told.y - here.y))
+            before, last = here, step
+            step = WalkCommand(rng.choice([-0.019, 0.0, 0.045, 0.065]), 0.0, rng.uniform(-0.2, 0.2))
+            robot.walk(step)
+    assert np.median(off) < 0.004
+    assert np.median(quick) > 2.0 * np.median(off)
+
+
 def test_exact_inertial_means_are_turn_and_change_of_speed(room):
     with World(room, "tiny") as world:
         robot = SimulatedRobot(world, EXACT, 0)
