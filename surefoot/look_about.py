@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from perception.primitives.frame import Frame
 
-from .avoidance_planner import MOVER, AvoidancePlanner, Look
+from .avoidance_planner import LOOKS, MOVER, AvoidancePlanner, Look
 from .config import Config
 from .pipeline import Estimate, Pipeline
 from .planners import Decision, Planner
@@ -94,7 +94,7 @@ class LookAbout:
         return decision
 
     def _go_on(self, stamp_s: float) -> None:
-        self._looks, self._avoider = self.looks, None
+        self._looks, self._avoider = self.looks[-LOOKS:], None
         self._still_since_s, self._next_s = math.inf, stamp_s + AGAIN_S
 
     def _stuck(self, decision: Decision, estimate: Estimate) -> bool:
