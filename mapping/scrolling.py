@@ -122,13 +122,7 @@ class Window:
         return np.roll(view, (self._corner[1], self._corner[0]), (0, 1))
 
     def _unrolled(self, layer: np.ndarray) -> np.ndarray:
-        row, column = int(self._corner[1]), int(self._corner[0])
-        whole = np.empty_like(layer)  # as np.roll, in a fifth of its time
-        whole[: self._n - row, : self._n - column] = layer[row:, column:]
-        whole[: self._n - row, self._n - column :] = layer[row:, :column]
-        whole[self._n - row :, : self._n - column] = layer[:row, column:]
-        whole[self._n - row :, self._n - column :] = layer[:row, :column]
-        return whole
+        return np.roll(layer, (-self._corner[1], -self._corner[0]), (0, 1))
 
     def _whereabouts(self) -> dict[str, np.ndarray]:
         return {"start": self._start.copy(), "first": self._first.copy(), "rest": self._rest.copy()}

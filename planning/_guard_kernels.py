@@ -16,7 +16,7 @@ MOST_EXTRA = 0.25  # m: what heading and loyalty may add to a plan's cost, at mo
 
 @njit(cache=True)
 def _distance(x: float, y: float) -> float:
-    """As `math.hypot`, which takes care of numbers that are not met here and takes three times as long."""
+    """As `math.hypot`, which takes care of numbers that are not met here: 2.6 for 15 ns."""
     return math.sqrt(x * x + y * y)
 
 

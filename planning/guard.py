@@ -55,7 +55,7 @@ class Guard:
         self.config = config
         self.habits = Habits(config.prediction)
         self._begun: np.ndarray | None = None
-        self._last = WalkCommand()
+        self._last, self._last_s = WalkCommand(), -math.inf
         self._plans = _fixed_plans(config)
 
     def choose(
@@ -80,9 +80,12 @@ class Guard:
             stamp_s: Now, in the clock of `Obstacle.seen_s`.
         """
         self.habits.learn(obstacles)
-        robot = _half_a_step_on(robot, self._last)
+        long_ago = (
+            stamp_s - self._last_s > 1.5 * self.config.gait.step_s
+        )  # others have decided since
+        robot = _half_a_step_on(robot, WalkCommand() if long_ago else self._last)
         scene = _Scene(robot, obstacles, occupied, target, self.config, stamp_s, self.habits)
-        self._last = self._safest(desired, scene)
+        self._last, self._last_s = self._safest(desired, scene), stamp_s
         return self._last
 
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:

@@ -34,7 +34,7 @@ from .pipeline import Estimate
 from .view import near_movers
 
 POSE_SIGMA_M, POSE_SIGMA_RAD = 0.008, math.radians(0.35)
-"""A third more than the localiser's in three walks from pictures: 3 to 6.5 mm an axis, .18 to .28 deg."""
+"""A quarter more than the localiser's worst in three walks from pictures: 3 to 6.5 mm an axis, .18 to .28 deg."""
 POSE_MEMORY_S = 10.0  # in which its error becomes another; 5 to 20 s in the same walks
 RAYS = 45  # one a degree of the time-of-flight camera
 GRAIN_M = 0.04  # of floor points along a ray: every cell gets one

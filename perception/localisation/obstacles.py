@@ -28,8 +28,10 @@ Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Tells which places (n, 2), world frame, m, the sensors see in this frame, unhidden."""
 
 
-PART_M, PART_OFF = 0.03, 2.5
-"""Deviation of the middle of a thing that the view's edge cuts: if it hides next to nothing, m; and a m of missing radius."""
+PART_M = (
+    0.03  # ours: deviation of the middle of a thing of which the view's edge hides next to nothing
+)
+PART_OFF = 2.5  # ours: and what each metre that its radius misses adds
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,23 @@ def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
 
 
 @pytest.mark.parametrize(
+    ("first", "later_s", "stays"),
+    [
+        (GAIT.command(0.0, 0.0, 0.0), 0.65, True),
+        (GAIT.command(0.1, 0.0, 0.0), 0.65, False),
+        (GAIT.command(0.1, 0.0, 0.0), 5.0, True),
+    ],
+)
+def test_who_was_just_walking_comes_half_a_step_nearer_before_it_stands(first, later_s, stays):
+    """A mover goes by 35 cm ahead: room enough for who stands, not for who still moves on."""
+    guard, stand = Guard(CONFIG), GAIT.command(0.0, 0.0, 0.0)
+    guard.choose(first, at(Pose2()), [], NOTHING, np.array([2.0, 0.0]), 0.0)
+    by = mover(0.35, 0.3, 0.0, -0.06, later_s)
+    chosen = guard.choose(stand, at(Pose2()), [by], NOTHING, np.zeros(2), later_s)
+    assert (chosen == stand) is stays
+
+
+@pytest.mark.parametrize(
     ("place", "velocity", "target"),
     [
         ((-0.28, 0.46), (0.030, -0.053), (-0.56, 0.31)),
