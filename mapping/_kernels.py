@@ -76,6 +76,16 @@ def lattice_bounds(points: np.ndarray, per_m: float) -> tuple[float, float, floa
 
 
 @njit(cache=True)
+def _most_beside(counts: np.ndarray, row: int, column: int) -> int:
+    """The greatest count of a cell and its eight neighbours."""
+    most = 0
+    for r in range(max(row - 1, 0), min(row + 2, counts.shape[0])):
+        for c in range(max(column - 1, 0), min(column + 2, counts.shape[1])):
+            most = max(most, counts[r, c])
+    return most
+
+
+@njit(cache=True)
 def fold_evidence(
     counts: np.ndarray,
     log_odds: np.ndarray,
@@ -91,6 +101,7 @@ def fold_evidence(
     floor: float,
     limit: float,
     mover_odds: float,
+    tail_share: float,
 ) -> None:
     """Change each cell at most once by what the counts say of it.
 
@@ -112,6 +123,8 @@ def fold_evidence(
             c = (corner_column + column) % map_columns
             old = log_odds[r, c]
             if still >= obstacle_points:
+                if still < tail_share * _most_beside(counts[1], row, column):
+                    continue  # as many of the neighbour's points come here by noise
                 new = first_obstacle if np.isinf(old) else min(old + obstacle, limit)
                 moving[r, c] = False
             elif still + mover >= obstacle_points:

@@ -25,7 +25,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
 from . import _grid_kernels, _kernels
-from .evidence import EvidenceConfig, age, fold, kinds_of, log_odds, probability_of
+from .evidence import EvidenceConfig, age, fold, kinds_of, let_fade, log_odds, probability_of
 from .heights import HeightConfig, floor_form, pose_form
 from .scrolling import Window
 
@@ -267,18 +267,22 @@ class EgocentricGrid(Window):
         self._forget_heights(disc & self._raised)
         self._stamp(disc)
 
-    def mark_discs(
-        self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
-    ) -> None:
-        """Mark discs as covered by something that moves, such as tracks not in view; world frame, m (ours)."""
-        limit = np.float32(self.config.evidence.mover)
+    def let_fade(self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]) -> None:
+        """What was marked in these discs has turned out to move: one floor sighting frees it, or time.
+
+        Args:
+            centres: World frame, m.
+            radii_m: One to each.
+
+        Source: ours.
+        """
         for centre, radius_m in zip(centres, radii_m, strict=True):
-            disc = self.rolled(self._within(centre, float(radius_m)))
-            disc &= ~(self._log_odds > limit) | np.isinf(self._log_odds)  # walls stay walls
-            self._log_odds[disc] = limit
-            self._moving[disc] = True
-            self._forget_heights(disc)
-            self._stamp(disc)
+            let_fade(
+                self._log_odds,
+                self._moving,
+                self.rolled(self._within(centre, float(radius_m))),
+                self.config.evidence,
+            )
 
     def _within(self, centre: Float[np.ndarray, "2"], radius_m: float) -> np.ndarray:
         return np.asarray(np.sum((self.centres() - centre) ** 2, axis=-1) <= radius_m**2)

@@ -39,6 +39,9 @@ class EvidenceConfig:
     floor: float = -0.85  # seed 003: log-odds added by a further floor sighting
     limit: float = 3.9  # seed 003: log-odds stay within +- this; p within 0.02 and 0.98
     obstacle_points: int = 3  # seed 003: fewer obstacle points in a cell are stray
+    tail_share: float = (
+        0.0  # ours: fewer obstacle points than this share of a neighbour's say nothing
+    )
     mover: float = (
         0.8  # ours: log-odds of a mover's cell; below -floor, so that one floor sighting frees it
     )
@@ -59,6 +62,8 @@ class EvidenceConfig:
             raise ConfigError(
                 f"evidence: mover={self.mover} must lie between 0 and limit={self.limit}"
             )
+        if not 0.0 <= self.tail_share < 1.0:
+            raise ConfigError(f"evidence: tail_share={self.tail_share} must lie in [0, 1)")
         if self.obstacle_points < 1:
             raise ConfigError(
                 f"evidence: obstacle_points={self.obstacle_points} must be at least 1"
@@ -97,7 +102,9 @@ def fold(
     """Change each cell of a window of the map once, by the points counted in it.
 
     At least `obstacle_points` obstacle points make an obstacle sighting, whatever floor is seen beside
-    them; else any floor point makes a floor sighting.
+    them; else any floor point makes a floor sighting. Near by, noise alone carries so many points over the edge
+    of a cell: with a `tail_share` a cell with fewer obstacle points than that share of a neighbour's stays as it
+    is.
 
     Args:
         counts: Points of each kind (floor, at rest, moving) in each cell of the window.
@@ -119,7 +126,29 @@ def fold(
         config.floor,
         config.limit,
         config.mover,
+        config.tail_share,
     )
+
+
+def let_fade(
+    odds: Float32[np.ndarray, "a b"],
+    moving: Bool[np.ndarray, "a b"],
+    where: Bool[np.ndarray, "a b"],
+    config: EvidenceConfig,
+) -> None:
+    """Take what stands in some cells for something that moves after all. Changes both layers.
+
+    Args:
+        odds: Log-odds, +inf where never seen.
+        moving: Whether what stands there moves.
+        where: Which cells; those free or never seen stay as they are.
+        config: The value of a mover's cell.
+
+    Source: ours.
+    """
+    occupied = where & (odds > 0.0) & np.isfinite(odds)
+    odds[occupied] = np.minimum(odds[occupied], np.float32(config.mover))
+    moving[occupied] = True
 
 
 def age(

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Float32, Int
 from perception.primitives.errors import ConfigError, InputError
 
 from . import _kernels
-from .evidence import EvidenceConfig, age, fold, kinds_of, probability_of
+from .evidence import EvidenceConfig, age, fold, kinds_of, let_fade, probability_of
 
 GROWTH = 64  # cells by which the map grows at least, so that it rarely does
 
@@ -31,7 +31,7 @@ class WorldMapConfig:
     most_cells: int = (
         16_000_000  # ours: 200 m x 200 m of 5 cm; points that would need more are dropped
     )
-    evidence: EvidenceConfig = field(default_factory=EvidenceConfig)
+    evidence: EvidenceConfig = field(default_factory=lambda: EvidenceConfig(tail_share=0.1))
 
     def __post_init__(self) -> None:
         if not self.cell_m > 0.0:
@@ -151,6 +151,21 @@ class WorldMap:
             top = self._height_m[row : row + rows, column : column + columns]
             _kernels.highest_in_cells(points, heights_m, kinds, anchor, per_m, low, top)
         self._latest_s = stamp_s
+
+    def let_fade(self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]) -> None:
+        """What was marked in these discs has turned out to move; world frame, m (see `EgocentricGrid`)."""
+        shape = self._log_odds.shape
+        for centre, radius_m in zip(centres, radii_m, strict=True):
+            low, high = self.cell_of(np.array([centre - radius_m, centre + radius_m]))
+            rows, columns = (
+                np.arange(max(first, 0), min(last + 1, size))
+                for first, last, size in zip(low, high, shape, strict=True)
+            )
+            y, x = ((self._first[1] + rows + 0.5), (self._first[0] + columns + 0.5))
+            away = np.hypot(x * self.cell_m - centre[0], (y * self.cell_m - centre[1])[:, None])
+            where = np.zeros(shape, np.bool_)
+            where[np.ix_(rows, columns)] = away <= radius_m
+            let_fade(self._log_odds, self._moving, where, self.config.evidence)
 
     def age(self, seconds: float) -> None:
         """Let what moves fade where the latest frame did not see it; seconds since the last call."""

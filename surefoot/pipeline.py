@@ -38,6 +38,7 @@ from perception.primitives.pose import Pose2
 from .config import Config, ReachConfig
 from .odometer import Tracked
 from .recordings.recording import RecordingInfo
+from .traces import Traces
 from .view import (
     OBSTACLES,
     RISING,
@@ -124,6 +125,7 @@ class Pipeline:
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
         self._mapped_s: float | None = None
+        self._traces = Traces()
 
     def cycle(self, frame: Frame) -> Estimate:
         """Take one frame all the way from pixels to the map."""
@@ -296,8 +298,10 @@ class Pipeline:
             self.confidence.see(
                 looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
             )
-        self.grid.age(elapsed)
-        self.world.age(elapsed)
+        traces = self._traces.of_movers(self.tracker.obstacles, frame.stamp_s)
+        for one in (self.grid, self.world):
+            one.let_fade(*traces)
+            one.age(elapsed)
 
     def _remember_view(self, frame: Frame, view: View, pose: Gaussian | None) -> None:
         """One depth image into grid, world map and clouds."""

@@ -22,6 +22,7 @@ from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
 
 from .config import ReachConfig
+from .traces import MARGIN_M, MOVES
 from .whereabouts import Standing
 
 OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # where no foot may go
@@ -33,7 +34,6 @@ HIDING_SHARE = 0.02  # of the image's width: how near in the image what hides a 
 NEAR_M = 0.03  # of what reaches so near to the nearest measured, the front may be missing
 BESIDE_M = 0.04  # this far beside a point at the border another view must see something
 CUT_M = 0.10  # nearer by this hides; this close to the end of reach a thing may go on
-MOVER_MARGIN_M = 0.06  # position error of a track and noise of the points
 
 
 @dataclass(frozen=True)
@@ -128,9 +128,9 @@ def near_movers(
     """Points that belong to something that probably moves."""
     near = np.zeros(len(xy), dtype=bool)
     for obstacle in obstacles:
-        if obstacle.moving > 0.5:
+        if obstacle.moving > MOVES:
             distance = np.linalg.norm(xy - obstacle.position, axis=1)
-            near |= distance < obstacle.radius_m + MOVER_MARGIN_M
+            near |= distance < obstacle.radius_m + MARGIN_M
     return near
 
 

@@ -333,19 +333,31 @@ def test_a_ray_never_frees_a_cell_in_which_something_was_seen():
     assert grid.probability[row, column - 1] == pytest.approx(0.85, abs=1e-6)
 
 
-def test_the_disc_under_the_robot_is_free_and_a_tracked_disc_is_not():
+def test_the_disc_under_the_robot_is_free():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, 7, 7, 1.0, obstacle=True)
     grid.clear_disc(np.zeros(2), 0.12)
     distance = np.linalg.norm(grid.centres(), axis=-1)
     np.testing.assert_array_equal(grid.known, distance <= 0.12)
     np.testing.assert_allclose(grid.probability[distance <= 0.12], 0.15, atol=1e-6)
-    grid.mark_discs(np.array([[0.2, 0.0]]), np.array([0.06]))
-    near = np.linalg.norm(grid.centres() - [0.2, 0.0], axis=-1) <= 0.06
-    assert np.all(grid.probability[near] > 0.5)
-    np.testing.assert_array_equal(grid.moving, near)
-    see(grid, *grid.cell_of(np.array([0.2, 0.0])), 2.0, obstacle=False)
-    assert grid.probability[tuple(grid.cell_of(np.array([0.2, 0.0])))] < 0.5
+
+
+def test_what_turns_out_to_move_fades_where_it_stood_and_nowhere_else():
+    grid = EgocentricGrid(SMALL, np.zeros(2))
+    for stamp in (1.0, 2.0, 3.0):
+        see(grid, 7, 7, stamp, obstacle=True)
+        see(grid, 7, 11, stamp, obstacle=True)
+    see(grid, 7, 8, 3.0, obstacle=False)
+    grid.let_fade(grid.centre_of(7, 7)[None], np.array([0.06]))
+    assert grid.moving.sum() == 1
+    assert 0.5 < grid.probability[7, 7] < grid.probability[7, 11]
+    assert grid.known.sum() == 3
+    assert grid.probability[7, 8] < 0.5
+    see(grid, 7, 7, 4.0, obstacle=False)
+    assert grid.probability[7, 7] < 0.5
+    grid.let_fade(grid.centre_of(7, 11)[None], np.array([0.06]))
+    grid.age(60.0)
+    assert not grid.known[7, 11]
 
 
 def test_the_robot_may_be_carried_away_further_than_the_grid_is_wide():

@@ -250,14 +250,13 @@ def test_points_without_heights_leave_heights_as_they_are():
     assert np.isfinite(grid.height_m).sum() == 1
 
 
-def test_what_is_forgotten_cleared_or_marked_has_no_height():
+def test_what_is_forgotten_or_cleared_has_no_height():
     grid = EgocentricGrid(SMALL, np.zeros(2))
-    for row in (3, 7, 11):
+    for row in (3, 7):
         points = at(grid, row, 7, [0.2] * 3)
-        see(grid, points, row != 11, is_moving=np.full(3, row == 3))
+        see(grid, points, True, is_moving=np.full(3, row == 3))
     see(grid, at(grid, 0, 0, [0.0]), False, 2.0)
     grid.clear_disc(grid.centre_of(7, 7), 0.06)
-    grid.mark_discs(grid.centre_of(11, 7)[None], np.array([0.06]))
     grid.age(100.0)
     assert np.isfinite(grid.height_m).sum() == 1
     assert np.isfinite(grid.height_m[0, 0])

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.egocentric_grid import EgocentricGrid, GridConfig
+from mapping.evidence import EvidenceConfig
 from mapping.world_map import WorldMap, WorldMapConfig
 from perception.primitives.errors import ConfigError, InputError
 
@@ -148,3 +149,29 @@ def test_bad_input_is_refused_with_its_reason():
         WorldMap().update.__wrapped__(  # without the shape check that tests add
             WorldMap(), np.zeros((2, 2)), np.zeros(1, bool), 1.0
         )
+
+
+def test_noise_at_the_face_of_a_wall_does_not_thicken_the_map_of_it():
+    """A wall that ends 3 mm behind the edge of a cell, seen from near: hundreds of points in each of its cells."""
+    rng = np.random.default_rng(3)
+    thick, thin = WorldMap(WorldMapConfig(evidence=EvidenceConfig())), WorldMap()
+    for stamp in range(1, 6):
+        wall = np.column_stack([rng.normal(1.003, 0.002, 4000), rng.uniform(0.0, 0.5, 4000)])
+        floor = np.column_stack([rng.uniform(0.5, 0.99, 500), rng.uniform(0.0, 0.5, 500)])
+        for one in (thick, thin):
+            is_obstacle = np.arange(4500) < 4000
+            one.update(np.concatenate([wall, floor]), is_obstacle, float(stamp))
+    before, behind = np.array([0.975, 0.275]), np.array([1.025, 0.275])
+    assert thick.probability[tuple(thick.cell_of(before))] > 0.9
+    assert thin.probability[tuple(thin.cell_of(before))] <= 0.5
+    assert thin.probability[tuple(thin.cell_of(behind))] > 0.9
+
+
+def test_a_thin_leg_before_a_wall_stays_in_the_map():
+    """A leg has fewer points than the wall behind it, not so few as noise has."""
+    world = WorldMap()
+    wall = np.column_stack([np.full(400, 1.02), np.repeat(np.arange(0.005, 0.05, 0.005), 45)[:400]])
+    leg = np.column_stack([np.full(60, 0.96), np.full(60, 0.02)])
+    for stamp in (1.0, 2.0):
+        world.update(np.concatenate([wall, leg]), np.ones(460, bool), stamp)
+    assert world.probability[tuple(world.cell_of(np.array([0.96, 0.02])))] > 0.9
