@@ -155,12 +155,13 @@ class Route:
         self, shape: tuple[int, ...], origin: np.ndarray, cell_m: float, here: np.ndarray
     ) -> np.ndarray:
         """What is added to the potential: loyalty off the old path, and the places that were stuck."""
-        penalty = np.zeros(shape)
-        if self.path is not None:
-            away = _distance_m(self._rest(here), shape, origin, cell_m)
-            penalty = np.minimum(
-                away * self._config.loyalty / self._config.corridor_m, self._config.loyalty
-            )
+        if self.path is None:
+            penalty = np.zeros(shape)
+        else:
+            loyalty, corridor_m = self._config.loyalty, self._config.corridor_m
+            penalty = np.full(shape, loyalty)
+            part, away = _distance_m(self._rest(here), shape, origin, cell_m, corridor_m)
+            np.minimum(away * loyalty / corridor_m, loyalty, out=penalty[part])
         for block in self._blocks:
             row, column = (np.arange(n) + 0.5 for n in shape)
             x, y = origin[0] + column * cell_m, origin[1] + row * cell_m
@@ -214,10 +215,14 @@ def _along(points: np.ndarray, distance: float) -> np.ndarray:
 
 
 def _distance_m(
-    points: np.ndarray, shape: tuple[int, ...], origin: np.ndarray, cell_m: float
-) -> np.ndarray:
-    """From every cell to the nearest cell of a polyline, m."""
-    off = np.ones(shape, np.uint8)
+    points: np.ndarray, shape: tuple[int, ...], origin: np.ndarray, cell_m: float, reach_m: float
+) -> tuple[tuple[slice, slice], np.ndarray]:
+    """A part of the map that holds all within reach of a polyline, and there the distance to its cells, m."""
     corners = np.floor((points - origin) / cell_m).astype(np.int32)
-    cv2.polylines(off, [corners.reshape(-1, 1, 2)], False, 0)
-    return cv2.distanceTransform(off, cv2.DIST_L2, 5).astype(np.float64) * cell_m
+    wide = math.ceil(reach_m / cell_m) + 1
+    left, low = (max(v - wide, 0) for v in corners.min(axis=0).tolist())
+    right, high = (v + wide + 1 for v in corners.max(axis=0).tolist())
+    part = np.s_[low:high, left:right]  # the robot is on the map, so that this is never empty
+    off = np.ones(shape, np.uint8)[part]
+    cv2.polylines(off, [(corners - [left, low]).reshape(-1, 1, 2)], False, 0)
+    return part, cv2.distanceTransform(off, cv2.DIST_L2, 5).astype(np.float64) * cell_m

@@ -103,8 +103,9 @@ def advise(
     moves = np.array([_moves(o) for o in obstacles], np.bool_)
     velocities = np.array([o.velocity for o in obstacles]).reshape(-1, 2) * moves[:, None]
     centres = np.array([o.position for o in obstacles]).reshape(-1, 2)
-    psi = _psi(robot, obstacles, velocities, evaluation or EvaluationConfig())
-    psi = psi if config.gaze_coupling else np.zeros(len(psi))
+    psi = np.zeros(len(obstacles))
+    if config.gaze_coupling:
+        psi = _psi(robot, obstacles, velocities, evaluation or EvaluationConfig())
     radii = np.array([o.radius_m for o in obstacles]).reshape(-1)
     extended = fields.extended_radius(radii, np.hypot(*velocities.T), psi, config)
     movers = [
