@@ -85,6 +85,10 @@ PLANNERS = {
 """Who may decide the next footstep: name to module and class of this package."""
 
 
+ARRIVING = ("search", "field")
+"""Those of them that walk by the univector field, which can arrive with a given heading."""
+
+
 @dataclass(frozen=True)
 class MissionConfig:
     """What a live run is to do."""
@@ -94,6 +98,8 @@ class MissionConfig:
     look_about: bool = True  # specification: where the search finds no way, seed 004's motions
     wander: bool = False  # explore instead, until the time is up (seed 003, experiment E6)
     tolerance_m: float = 0.10  # seed 000: goal tolerance
+    headings_deg: tuple[float, ...] = ()  # seed 001: to arrive with, one a goal; nan or none: any
+    heading_tolerance_deg: float = 5.0  # seed 001, E1: arrival error
     time_limit_s: float = 300.0  # ours: a walk of 6 m takes 90 s, detours included 150 s
 
     def __post_init__(self) -> None:
@@ -103,9 +109,18 @@ class MissionConfig:
             )
         if self.goals < 1:
             raise ConfigError(f"mission: goals={self.goals} must be at least 1")
-        for name in ("tolerance_m", "time_limit_s"):
+        for name in ("tolerance_m", "time_limit_s", "heading_tolerance_deg"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"mission: {name}={getattr(self, name)} must be positive")
+        if any(math.isinf(heading) for heading in self.headings_deg):
+            raise ConfigError(
+                f"mission: headings_deg={self.headings_deg} must be finite; nan stands for any heading"
+            )
+        if self.headings_deg and self.planner not in ARRIVING:
+            raise ConfigError(
+                f"mission: planner={self.planner!r} arrives with any heading; leave headings_deg empty, or "
+                f"choose {' or '.join(ARRIVING)}"
+            )
 
 
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)

@@ -47,7 +47,8 @@ class FieldPlanner(GoalSeeker):
             config: Of everything.
             goals: Where to walk, one after the other, map frame, m.
         """
-        super().__init__(Goals(goals, config.mission))
+        self._goals: Goals
+        super().__init__(Goals(goals, config.mission, config.mission.headings_deg))
         self._config = config
         self._gaze = GazePolicy(config.gaze)
         self._guard = Guard(config.guard)
@@ -92,12 +93,15 @@ class FieldPlanner(GoalSeeker):
         """The field's step, with all the additions that its switches ask for."""
         field, gait = self._config.univector, self._config.guard.gait
         x, y, yaw = (float(v) for v in pose.mean)
+        arrival = self._goals.heading
+        if arrival is not None and self._goals.turning:
+            return footsteps.footstep(arrival, 0.0, Pose2(x, y, yaw), gait)
         advice = motion.advise(
             pose,
             self._speed_mps,
             movers,
             goal,
-            None,
+            arrival,
             field,
             gait.step_s,
             self._config.gaze.attention.map.evaluation,

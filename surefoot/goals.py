@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
+
+from perception.primitives.pose import wrap_angle
 
 from .config import MissionConfig
 from .pipeline import Estimate
@@ -63,16 +66,24 @@ class GoalSeeker:
 class Goals:
     """A list of places that is worked off by the estimated pose."""
 
-    def __init__(self, goals: Sequence[tuple[float, float]], config: MissionConfig) -> None:
+    def __init__(
+        self,
+        goals: Sequence[tuple[float, float]],
+        config: MissionConfig,
+        headings_deg: Sequence[float] = (),
+    ) -> None:
         """Set out.
 
         Args:
             goals: Where to walk, one after the other, map frame, m.
-            config: Tolerance and time limit.
+            config: Tolerances and time limit.
+            headings_deg: th_tg, with which to arrive at each; NaN, or none given for it: with any.
         """
         self._goals = [np.array(goal) for goal in goals]
+        self._headings = [math.radians(heading) for heading in headings_deg]
         self._config = config
         self._reached = 0
+        self._there = False
 
     @property
     def reached(self) -> int:
@@ -84,6 +95,19 @@ class Goals:
         """The place to walk to now, map frame, m; None when all are reached."""
         return self._goals[self._reached] if self._reached < len(self._goals) else None
 
+    @property
+    def heading(self) -> float | None:
+        """th_tg of the present goal, map frame, rad; None for any."""
+        if self._reached >= min(len(self._headings), len(self._goals)):
+            return None
+        heading = self._headings[self._reached]
+        return None if math.isnan(heading) else heading
+
+    @property
+    def turning(self) -> bool:
+        """Whether the place of the present goal is reached, and only its heading is not."""
+        return self._there
+
     def distance(self, estimate: Estimate) -> float:
         """From the estimated pose to the present goal, m; 0 when all are reached."""
         if self.present is None or estimate.pose is None:
@@ -92,6 +116,15 @@ class Goals:
 
     def finished(self, estimate: Estimate) -> bool:
         """Count the present goal if it is reached; whether all are, or the time is up."""
-        if self.present is not None and self.distance(estimate) <= self._config.tolerance_m:
-            self._reached += 1
+        near = estimate.pose is not None and self.distance(estimate) <= self._config.tolerance_m
+        self._there = self.present is not None and (self._there or near)
+        if self._there and self._faces(estimate):
+            self._reached, self._there = self._reached + 1, False
         return self.present is None or estimate.stamp_s >= self._config.time_limit_s
+
+    def _faces(self, estimate: Estimate) -> bool:
+        """Whether the robot has the heading of the present goal."""
+        if self.heading is None or estimate.pose is None:
+            return True
+        off = wrap_angle(float(estimate.pose.mean[2]) - self.heading)
+        return abs(off) <= math.radians(self._config.heading_tolerance_deg)

@@ -90,7 +90,7 @@ class Navigator:
         self._config = config
         self._guard = Guard(config.guard)
         self._stepper: Stepper = self._guard if stepper is None else stepper
-        self._goals = Goals(goals, config.mission)
+        self._goals = Goals(goals, config.mission, config.mission.headings_deg)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route)
         self._gaze = GazePolicy(config.gaze)
@@ -178,21 +178,29 @@ class Navigator:
     ) -> WalkCommand:
         """The field's step among what moves; what stands is the path's business."""
         config, gait = self._config.via_field, self._config.guard.gait
+        x, y, yaw = (float(v) for v in pose.mean)
+        arrival = self._goals.heading if _same(via, self._goals.present) else None
+        if arrival is not None and self._goals.turning:
+            return footsteps.footstep(arrival, 0.0, Pose2(x, y, yaw), gait)
         movers = [o for o in obstacles if o.moving >= MOVER]
         advice = motion.advise(
             pose,
             self._speed_mps,
             movers,
             via,
-            None,
+            arrival,
             config,
             gait.step_s,
             self._config.gaze.attention.map.evaluation,
             gait.cruise_mps,
         )
         speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
-        x, y, yaw = (float(v) for v in pose.mean)
         return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
+
+
+def _same(via: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"] | None) -> bool:
+    """Whether the way leads straight to the goal."""
+    return goal is not None and np.array_equal(via, goal)
 
 
 def _as_ground(
