@@ -25,7 +25,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
 from . import _grid_kernels, _kernels
-from .evidence import EvidenceConfig, age, fold, kinds_of, let_fade, log_odds, probability_of
+from .evidence import EvidenceConfig, age, fold, kinds_of, let_fade, probability_of
 from .heights import HeightConfig, floor_form, pose_form
 from .scrolling import Window
 
@@ -255,18 +255,6 @@ class EgocentricGrid(Window):
         self._updated_s[forgotten] = 0.0
         self._forget_heights(forgotten)
 
-    def clear_disc(self, centre: Float[np.ndarray, "2"], radius_m: float) -> None:
-        """Free the cells whose middle is in a disc, world frame, m: where the robot stands, nothing else does.
-
-        Source: seed 003, section 3 (the disc of 0.35 m at the start).
-        """
-        disc = self.rolled(self._within(centre, radius_m))
-        free = np.float32(log_odds(self.config.evidence.first_floor))
-        self._log_odds[disc] = np.minimum(self._log_odds[disc], free)
-        self._moving[disc] = False
-        self._forget_heights(disc & self._raised)
-        self._stamp(disc)
-
     def let_fade(self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]) -> None:
         """What was marked in these discs has turned out to move: one floor sighting frees it, or time.
 
@@ -291,7 +279,3 @@ class EgocentricGrid(Window):
         self._height_m[cells] = np.nan
         self._variance_m2[cells] = np.nan
         self._raised[cells] = False
-
-    def _stamp(self, cells: np.ndarray) -> None:
-        if np.isfinite(self._latest_s):
-            self._updated_s[cells] = self._latest_s

@@ -333,15 +333,6 @@ def test_a_ray_never_frees_a_cell_in_which_something_was_seen():
     assert grid.probability[row, column - 1] == pytest.approx(0.85, abs=1e-6)
 
 
-def test_the_disc_under_the_robot_is_free():
-    grid = EgocentricGrid(SMALL, np.zeros(2))
-    see(grid, 7, 7, 1.0, obstacle=True)
-    grid.clear_disc(np.zeros(2), 0.12)
-    distance = np.linalg.norm(grid.centres(), axis=-1)
-    np.testing.assert_array_equal(grid.known, distance <= 0.12)
-    np.testing.assert_allclose(grid.probability[distance <= 0.12], 0.15, atol=1e-6)
-
-
 def test_what_turns_out_to_move_fades_where_it_stood_and_nowhere_else():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     for stamp in (1.0, 2.0, 3.0):

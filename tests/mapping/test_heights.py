@@ -250,13 +250,12 @@ def test_points_without_heights_leave_heights_as_they_are():
     assert np.isfinite(grid.height_m).sum() == 1
 
 
-def test_what_is_forgotten_or_cleared_has_no_height():
+def test_what_is_forgotten_has_no_height():
     grid = EgocentricGrid(SMALL, np.zeros(2))
-    for row in (3, 7):
-        points = at(grid, row, 7, [0.2] * 3)
-        see(grid, points, True, is_moving=np.full(3, row == 3))
+    see(grid, at(grid, 3, 7, [0.2] * 3), True, is_moving=np.ones(3, np.bool_))
+    see(grid, at(grid, 7, 7, [0.2] * 3), True)
     see(grid, at(grid, 0, 0, [0.0]), False, 2.0)
-    grid.clear_disc(grid.centre_of(7, 7), 0.06)
+    grid.let_fade(grid.centre_of(7, 7)[None], np.array([0.06]))
     grid.age(100.0)
     assert np.isfinite(grid.height_m).sum() == 1
     assert np.isfinite(grid.height_m[0, 0])
