@@ -99,22 +99,30 @@ class Line:
     turn_low: float = math.nan
     turn_high: float = math.nan
     sums: np.ndarray = field(default_factory=lambda: np.zeros(6))  # n, x, y, xx, xy, yy
+    plain: tuple[float, ...] = field(init=False)  # origin and direction
+
+    def __post_init__(self) -> None:
+        self.turned_to(self.origin, self.direction)
+
+    def turned_to(self, origin: np.ndarray, direction: np.ndarray) -> None:
+        """Lie here from now on; arguments as of the line."""
+        self.origin, self.direction = origin, direction
+        self.plain = (*origin.tolist(), *direction.tolist())  # two numbers need no arrays
 
     def along(self, place: np.ndarray) -> float:
         """Coordinate of a place."""
-        x, y = self._offset(place)
-        dx, dy = self.direction.tolist()
+        x, y, dx, dy = self._offset(place)
         return float(x * dx + y * dy)
 
     def aside(self, place: np.ndarray) -> float:
         """Distance of a place from the line."""
-        x, y = self._offset(place)
-        dx, dy = self.direction.tolist()
+        x, y, dx, dy = self._offset(place)
         return abs(float(x * dy - y * dx))
 
-    def _offset(self, place: np.ndarray) -> tuple[float, float]:
-        (x, y), (x0, y0) = place.tolist(), self.origin.tolist()
-        return x - x0, y - y0
+    def _offset(self, place: np.ndarray) -> tuple[float, float, float, float]:
+        """From the origin, and the direction."""
+        (x, y), (x0, y0, dx, dy) = place.tolist(), self.plain
+        return x - x0, y - y0, dx, dy
 
 
 class Habits:
@@ -263,17 +271,16 @@ class Habits:
     def _line_of(self, obstacle: Obstacle, place: np.ndarray) -> Line | None:
         """The line that it is on: of those near and along, the nearest."""
         config, least = self.config, math.cos(math.radians(self.config.askew_deg))
-        (x, y), (vx, vy) = place.tolist(), obstacle.velocity.tolist()  # two numbers need no arrays
+        (x, y), (vx, vy) = place.tolist(), obstacle.velocity.tolist()
         speed = max(math.hypot(vx, vy), 1e-9)
         best, found = math.inf, None
         for line in self.lines:
-            dx, dy = line.direction.tolist()
+            x0, y0, dx, dy = line.plain
             if abs(vx * dx + vy * dy) < least * speed:
                 continue
             same = line.track == obstacle.track
             if not same and abs(speed - line.speed_mps) > config.speed_share * line.speed_mps:
                 continue
-            x0, y0 = line.origin.tolist()
             aside = abs((x - x0) * dy - (y - y0) * dx)
             at = (x - x0) * dx + (y - y0) * dy
             reach = 2.0 * config.beyond_m if same else config.beyond_m
@@ -343,9 +350,9 @@ def _straighten(line: Line, place: np.ndarray) -> None:
     a, b, c = sxx - sx * sx / n, sxy - sx * sy / n, syy - sy * sy / n
     angle = 0.5 * math.atan2(2.0 * b, a - c)
     direction = np.array([math.cos(angle), math.sin(angle)])
-    line.direction = direction if float(direction @ line.direction) >= 0.0 else -direction
+    direction = direction if float(direction @ line.direction) >= 0.0 else -direction
     middle = np.array([sx, sy]) / n
-    line.origin = line.origin + middle - float(middle @ line.direction) * line.direction
+    line.turned_to(line.origin + middle - float(middle @ direction) * direction, direction)
     shift = float(middle @ line.direction) * line.direction - middle  # back into the sums
     line.sums = np.array(
         [

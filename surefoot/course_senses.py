@@ -9,6 +9,7 @@ as that of the localiser does, and with its covariance.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -75,6 +76,8 @@ class CourseSenses:
         self.world = WorldMap(config.world_map)
         self.truth = Truth(robot)
         self.followed: dict[int, Followed] = {}
+        self.tracking_ms = 0.0
+        """Time that the tracks of the latest frame took; 0 without sensors."""
         self._robot, self._truly = robot, truly
         self._walls = np.array(robot.world.scene.extent, float)
         error, look = (
@@ -159,8 +162,12 @@ class CourseSenses:
         for one in seen:
             self._note(one.index, frame.stamp_s)
         detections = [Detection(one.position, one.covariance, one.radius_m, 0.4) for one in seen]
-        self.tracker.update(frame.stamp_s, detections, pose, self._visible(pose, pan, tilt))
-        return self.tracker.obstacles
+        visible = self._visible(pose, pan, tilt)
+        began = time.thread_time()
+        self.tracker.update(frame.stamp_s, detections, pose, visible)
+        obstacles = self.tracker.obstacles
+        self.tracking_ms = 1e3 * (time.thread_time() - began)
+        return obstacles
 
     def _note(self, index: int, stamp_s: float) -> None:
         record = self.followed.setdefault(index, Followed())

@@ -131,6 +131,7 @@ class Track:
         self._travelled = self._age_s = 0.0
         self._state: Gaussian | None = None
         self._seen: tuple[float, np.ndarray, np.ndarray] | None = None
+        self._moves: float | None = None
 
     @property
     def moving(self) -> float:
@@ -252,8 +253,10 @@ class Track:
 
     def _may_move(self) -> float:
         """Probability that it moves as far as its velocity tells, in (0, 1): before it has left its place."""
-        evidence = max(self._evidence, self._weigh())
-        return _probability(_log_odds(self.config.moving_prior) + evidence)
+        if self._moves is None:
+            evidence = max(self._evidence, self._weigh())
+            self._moves = _probability(_log_odds(self.config.moving_prior) + evidence)
+        return self._moves
 
     def update(self, seen: Detection) -> Innovation:
         """Learn from a detection; returns how it surprised.
@@ -275,6 +278,7 @@ class Track:
         _track_kernels.learn(self._x, self._P, self._robot, position, noise)
         self._forget_derived()
         self._evidence = max(self._weigh(), min(self._evidence, _REMEMBERED))
+        self._moves = None
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         away = math.hypot(self._x[0] - self._first_x, self._x[1] - self._first_y)
         grown = max(self.radius_m - self._first_radius_m, 0.0)
@@ -336,7 +340,7 @@ class Track:
 
     def _forget_derived(self) -> None:
         """What was derived from an older state is void."""
-        self._state = self._seen = None
+        self._state = self._seen = self._moves = None
 
 
 _REMEMBERED = 5.0
