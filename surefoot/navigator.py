@@ -7,6 +7,7 @@ where the robot will step.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from functools import cache
 from typing import Protocol, runtime_checkable
@@ -37,6 +38,7 @@ from .config import Config
 from .goals import Goals
 from .pipeline import Estimate
 from .planners import Decision
+from .stopwatch import Stopwatch
 
 MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
 CELL_M = 0.05  # half a cell's diagonal and the position error of a track
@@ -119,23 +121,31 @@ class Navigator:
         goal = self._goal(estimate, pipeline)
         if estimate.pose is None or pipeline.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
-        grid, robot = pipeline.grid, estimate.pose2
+        grid, robot, watch = pipeline.grid, estimate.pose2, Stopwatch(time.thread_time)
         obstacles = _supposed(estimate.obstacles)
-        probability, unknown, occupied = _as_ground(grid)
-        via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
-        known = Known(
-            estimate.pose,
-            grid,
-            pipeline.confidence,
-            pipeline.landmarks,
-            estimate.sightings,
-            estimate.clusters,
-        )
-        expected = self._guard.expected(obstacles, estimate.stamp_s)
-        gaze = self._gaze.next(estimate.stamp_s, robot, via, expected, known)
-        standing = _not_movers(grid.centres()[occupied], obstacles)
-        walk, why = self._step(estimate, via, obstacles, standing)
-        return Decision(walk, gaze, why)
+        with watch.stage("route"):
+            probability, unknown, occupied = _as_ground(grid)
+            via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
+        with watch.stage("gaze"):
+            known = Known(
+                estimate.pose,
+                grid,
+                pipeline.confidence,
+                pipeline.landmarks,
+                estimate.sightings,
+                estimate.clusters,
+            )
+            expected = self._guard.expected(obstacles, estimate.stamp_s)
+            gaze = self._gaze.next(estimate.stamp_s, robot, via, expected, known)
+        with watch.stage("field"):
+            desired, why = self._wanted(estimate.pose, via, obstacles)
+        with watch.stage("guard"):
+            standing = _not_movers(grid.centres()[occupied], obstacles)
+            walk = self._stepper.choose(
+                desired, estimate.pose, obstacles, standing, via, estimate.stamp_s
+            )
+        self._speed_mps = walk.forward_m / self._config.guard.gait.step_s
+        return Decision(walk, gaze, why if walk == desired else "guard", watch.milliseconds)
 
     def _goal(self, estimate: Estimate, pipeline: Memory) -> Float[np.ndarray, "2"] | None:
         """The place to walk to at present; None if there is none."""
@@ -153,25 +163,15 @@ class Navigator:
             self._gaze.survey()
         return goal
 
-    def _step(
-        self,
-        estimate: Estimate,
-        via: Float[np.ndarray, "2"],
-        obstacles: Sequence[Obstacle],
-        standing: Float[np.ndarray, "n 2"],
+    def _wanted(
+        self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
     ) -> tuple[WalkCommand, str]:
-        """The field's step towards the via point, if the guard lets it pass."""
-        assert estimate.pose is not None
-        desired, why = WalkCommand(), "survey"
-        if not self._gaze.surveying:
-            why = "blocked" if self._route.path is None else "walk"
-        if why == "walk":
-            desired = self._desired(estimate.pose, via, obstacles)
-        walk = self._stepper.choose(
-            desired, estimate.pose, obstacles, standing, via, estimate.stamp_s
-        )
-        self._speed_mps = walk.forward_m / self._config.guard.gait.step_s
-        return walk, why if walk == desired else "guard"
+        """The step before the guard is asked, and why in a word."""
+        if self._gaze.surveying:
+            return WalkCommand(), "survey"
+        if self._route.path is None:
+            return WalkCommand(), "blocked"
+        return self._desired(pose, via, obstacles), "walk"
 
     def _desired(
         self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]

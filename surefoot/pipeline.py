@@ -7,9 +7,7 @@ cycle runs live and over a recording; deciding where to step is `navigator`'s pa
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -38,6 +36,7 @@ from perception.primitives.pose import Pose2
 from .config import Config, ReachConfig
 from .odometer import Tracked
 from .recordings.recording import RecordingInfo
+from .stopwatch import Stopwatch
 from .traces import Traces
 from .view import (
     OBSTACLES,
@@ -89,21 +88,6 @@ class Estimate:
             return Pose2()
         x, y, yaw = (float(v) for v in self.pose.mean)
         return Pose2(x, y, yaw)
-
-
-class Stopwatch:
-    """Wall time per stage of one cycle, ms."""
-
-    def __init__(self) -> None:
-        self.milliseconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Add the time of the block to a stage."""
-        start = time.perf_counter()
-        yield
-        spent = 1e3 * (time.perf_counter() - start)
-        self.milliseconds[name] = self.milliseconds.get(name, 0.0) + spent
 
 
 class Pipeline:

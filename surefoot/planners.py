@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, cast, runtime_checkable
 
 from perception.primitives.frame import Frame
@@ -30,11 +30,13 @@ class Decision:
         walk: The next footstep.
         gaze: Where to look meanwhile.
         why: "survey", "walk", "guard", "blocked", or a planner's own word.
+        timing_ms: Time of each stage, of planners that tell them apart.
     """
 
     walk: WalkCommand
     gaze: GazeCommand
     why: str
+    timing_ms: dict[str, float] = field(default_factory=dict, compare=False)
 
 
 @runtime_checkable

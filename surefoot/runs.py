@@ -23,6 +23,7 @@ from .recordings.mcap_format import RecordingWriter
 from .recordings.open import open_recording
 from .recordings.recording import Recording, RecordingInfo
 from .run_folder import RunFolder
+from .stopwatch import Stopwatch
 
 Say = Callable[[str], None]
 
@@ -218,11 +219,14 @@ def _cycle(
     while (frame := body.read()) is not None:
         after(frame.stamp_s)
         estimate = pipeline.cycle(frame)
-        decision = None
+        decision, watch = None, Stopwatch()
         if planner is not None:
-            planner.notice(frame, estimate, pipeline)
-        if planner is not None and frame.footstep_due:
-            decision = planner.decide(frame, estimate, pipeline)
+            with watch.stage("decide"):
+                planner.notice(frame, estimate, pipeline)
+                if frame.footstep_due:
+                    decision = planner.decide(frame, estimate, pipeline)
+        estimate.timing_ms.update(watch.milliseconds)
+        if decision is not None:
             body.walk(decision.walk)
             body.look(decision.gaze)
         journal.note(frame, estimate, decision)

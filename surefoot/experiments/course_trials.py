@@ -86,6 +86,7 @@ def figures(walks: Sequence[Walk], suffix: str = "") -> dict[str, float]:
         "turning_deg_mean": float(np.degrees(np.mean([one.turning_rad for one in walks]))),
         "position_rmse_mm": 1e3 * float(np.sqrt(np.mean(off[:, :2] ** 2))),
         "heading_rmse_deg": float(np.degrees(np.sqrt(np.mean(off[:, 2] ** 2)))),
+        "cycle_ms_p99": float(np.percentile([t for w in walks for t in w.cycle_ms], 99)),
         "decision_ms_p99": float(np.percentile([t for w in walks for t in w.decision_ms], 99)),
     }
     for kind in CLASSES:
