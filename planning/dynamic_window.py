@@ -1,7 +1,8 @@
 """A dynamic window among movers: the usual local planner, kept as a peer of field and guard.
 
 Every speed and turn that the next step allows is held for a while; those that keep clear of everything, each
-mover going straight on, are valued by heading, clearance and speed.
+mover going straight on, are valued by heading, clearance and speed. Cruising speed is fast enough: a peer that
+walks faster than the others is compared with nobody. Faster is for getting out of the way.
 
 Source: Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance" (IEEE Robotics and Automation
 Magazine 4, 1997); movers at constant velocity as in Seder, Petrovic, "Dynamic window based approach to mobile
@@ -31,7 +32,7 @@ class DynamicWindowConfig:
     """Samples, horizon and weights."""
 
     gait: GaitConfig = field(default_factory=GaitConfig)
-    speeds: int = 9  # ours: from back to top
+    speeds: int = 9  # ours: from back to cruise, and top speed
     turns: int = 15  # ours: from right to left
     horizon_s: float = 5.2  # ours: eight steps
     body_radius_m: float = 0.15  # S_r, seed 001
@@ -76,7 +77,8 @@ class DynamicWindow:
         discs = np.array(
             [[*o.position, *o.velocity, o.radius_m + config.body_radius_m] for o in movers]
         ).reshape(-1, 5)
-        speeds = np.linspace(-gait.max_back_mps, gait.max_speed_mps, config.speeds)
+        slow = np.linspace(-gait.max_back_mps, gait.cruise_mps, config.speeds)
+        speeds = np.append(slow, gait.max_speed_mps)  # linspace ends at cruise exactly
         turns = np.linspace(-gait.max_turn_rad, gait.max_turn_rad, config.turns)
         pairs = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
         found = np.empty((len(pairs), 3))
@@ -96,6 +98,9 @@ class DynamicWindow:
         worth = config.w_heading * (1.0 - off / math.pi)
         worth += config.w_clear * np.clip(gap / config.clear_m, 0.0, 1.0)
         worth += config.w_speed * pairs[:, 0] / gait.max_speed_mps
+        worth -= (
+            pairs[:, 0] > gait.cruise_mps
+        )  # more than all else together: only if nothing slower keeps clear
         admissible = gap > config.margin_m
         best = int(np.argmax(np.where(admissible, worth, -10.0 + clear_s + gap)))
         speed, turn = (float(v) for v in pairs[best])

@@ -42,8 +42,12 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     truth = figures(found["fast, true perception"], "_truth")
     result |= {name: truth[name] for name in ("contact_free_share_truth", "time_s_mean_truth")}
     ours = figures(found["fast, sensors"][:quarter])
-    peers = [figures(found[f"fast, sensors: {peer}"]) for peer in PEERS]
-    result["contacts_over_best_peer"] = ours["contacts"] - min(p["contacts"] for p in peers)
+    peers = {peer: figures(found[f"fast, sensors: {peer}"]) for peer in PEERS}
+    fewest = min(p["contacts"] for p in peers.values())
+    result["contacts_over_best_peer"] = ours["contacts"] - fewest
+    for peer, theirs in peers.items():
+        ratio = ours["time_s_mean"] / theirs["time_s_mean"]
+        result[f"time_over_{peer.replace(' ', '_')}"] = ratio
     for name, trials in kinds.items():
         for trial, one in zip(trials, found[name], strict=True):
             table += [f"  {name}, seed {trial.seed}: {_told(contact)}" for contact in one.contacts]
