@@ -156,16 +156,13 @@ class WorldMap:
         """What was marked in these discs has turned out to move; world frame, m (see `EgocentricGrid`)."""
         shape = self._log_odds.shape
         for centre, radius_m in zip(centres, radii_m, strict=True):
-            low, high = self.cell_of(np.array([centre - radius_m, centre + radius_m]))
-            rows, columns = (
-                np.arange(max(first, 0), min(last + 1, size))
-                for first, last, size in zip(low, high, shape, strict=True)
-            )
-            y, x = ((self._first[1] + rows + 0.5), (self._first[0] + columns + 0.5))
-            away = np.hypot(x * self.cell_m - centre[0], (y * self.cell_m - centre[1])[:, None])
-            where = np.zeros(shape, np.bool_)
-            where[np.ix_(rows, columns)] = away <= radius_m
-            let_fade(self._log_odds, self._moving, where, self.config.evidence)
+            corners = self.cell_of(np.array([centre - radius_m, centre + radius_m + self.cell_m]))
+            (row, column), (end, edge) = np.clip(corners, 0, shape).tolist()
+            y, x = self.cell_m * (self._first[::-1] + 0.5 + [row, column])
+            along, up = (self.cell_m * np.arange(n) for n in (edge - column, end - row))
+            near = np.hypot(x + along - centre[0], (y + up - centre[1])[:, None]) <= radius_m
+            part = np.s_[row:end, column:edge]
+            let_fade(self._log_odds[part], self._moving[part], near, self.config.evidence)
 
     def age(self, seconds: float) -> None:
         """Let what moves fade where the latest frame did not see it; seconds since the last call."""

@@ -98,9 +98,7 @@ class DynamicWindow:
         worth = config.w_heading * (1.0 - off / math.pi)
         worth += config.w_clear * np.clip(gap / config.clear_m, 0.0, 1.0)
         worth += config.w_speed * pairs[:, 0] / gait.max_speed_mps
-        worth -= (
-            pairs[:, 0] > gait.cruise_mps
-        )  # more than all else together: only if nothing slower keeps clear
+        worth -= pairs[:, 0] > gait.cruise_mps  # faster only where nothing slower keeps clear
         admissible = gap > config.margin_m
         best = int(np.argmax(np.where(admissible, worth, -10.0 + clear_s + gap)))
         speed, turn = (float(v) for v in pairs[best])

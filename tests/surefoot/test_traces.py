@@ -62,3 +62,20 @@ def test_discs_beyond_the_edge_of_the_world_map_do_no_harm() -> None:
     world.update(np.zeros((3, 2)), np.ones(3, bool), 1.0)
     world.let_fade(np.array([[0.0, 0.0], [-50.0, 40.0]]), np.array([0.3, 0.3]))
     assert world.probability[tuple(world.cell_of(np.zeros(2)))] < 0.8
+
+
+def test_just_the_cells_whose_middle_is_in_the_disc_fade() -> None:
+    """In both maps alike, wherever they begin."""
+    rng = np.random.default_rng(2)
+    centre, radius = np.array([0.13, -0.31]), 0.17
+    points = np.repeat(rng.uniform(-0.6, 0.6, (800, 2)), 3, axis=0)
+    world = WorldMap()
+    world.update(np.concatenate([points, [[-3.0, 2.0]]]), np.ones(2401, bool), 1.0)
+    world.let_fade(centre[None], np.array([radius]))
+    rows, columns = np.indices(world.probability.shape)
+    middles = world.origin + world.cell_m * (np.stack([columns, rows], axis=-1) + 0.5)
+    inside = np.hypot(*np.moveaxis(middles - centre, -1, 0)) <= radius
+    occupied = world.known & (world.probability > 0.5)
+    faded = world.probability < 0.8
+    np.testing.assert_array_equal(faded[occupied], inside[occupied])
+    assert (inside & occupied).sum() > 20
