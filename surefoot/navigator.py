@@ -169,6 +169,10 @@ class Navigator:
         """The step before the guard is asked, and why in a word."""
         if self._gaze.surveying:
             return WalkCommand(), "survey"
+        if self._goals.turning and self._goals.heading is not None:
+            x, y, yaw = (float(v) for v in pose.mean)
+            gait = self._config.guard.gait
+            return footsteps.footstep(self._goals.heading, 0.0, Pose2(x, y, yaw), gait), "walk"
         if self._route.path is None:
             return WalkCommand(), "blocked"
         return self._desired(pose, via, obstacles), "walk"
@@ -180,8 +184,6 @@ class Navigator:
         config, gait = self._config.via_field, self._config.guard.gait
         x, y, yaw = (float(v) for v in pose.mean)
         arrival = self._goals.heading if _same(via, self._goals.present) else None
-        if arrival is not None and self._goals.turning:
-            return footsteps.footstep(arrival, 0.0, Pose2(x, y, yaw), gait)
         movers = [o for o in obstacles if o.moving >= MOVER]
         advice = motion.advise(
             pose,

@@ -53,6 +53,14 @@ def test_a_goal_with_a_heading_holds_until_the_robot_faces_there() -> None:
     assert not goals.turning
 
 
+def test_who_is_driven_off_while_it_turns_must_come_back() -> None:
+    goals = Goals([(1.0, 0.0)], MissionConfig(), [90.0])
+    assert not goals.finished(at(1.05, 0.0, 10.0))
+    assert not goals.finished(at(1.30, 0.0, 90.0))
+    assert not goals.turning
+    assert goals.finished(at(1.05, 0.0, 88.0))
+
+
 def test_nobody_arrives_who_does_not_know_where_he_is() -> None:
     goals = Goals([(1.0, 0.0)], MissionConfig())
     assert not goals.finished(replace(at(0.0, 0.0, 0.0), pose=None))

@@ -65,7 +65,7 @@ def test_discs_beyond_the_edge_of_the_world_map_do_no_harm() -> None:
 
 
 def test_just_the_cells_whose_middle_is_in_the_disc_fade() -> None:
-    """In both maps alike, wherever they begin."""
+    """Wherever the map begins: a far point has made it grow."""
     rng = np.random.default_rng(2)
     centre, radius = np.array([0.13, -0.31]), 0.17
     points = np.repeat(rng.uniform(-0.6, 0.6, (800, 2)), 3, axis=0)

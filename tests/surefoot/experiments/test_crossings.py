@@ -1,11 +1,19 @@
-"""Encounters with one mover: nothing is touched that is known well, and doubt keeps the robot farther away."""
+"""Encounters with one mover: they are drawn as meant, and doubt keeps the robot farther away."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from surefoot.config import BESIDE_GUARD
-from surefoot.experiments.crossings import MEETS_S, RADIUS_M, SPEED_MPS, _mover, cross, cross_all
+from surefoot.experiments.crossings import (
+    LIMIT_S,
+    MEETS_S,
+    RADIUS_M,
+    SPEED_MPS,
+    _mover,
+    cross,
+    cross_all,
+)
 
 SEEDS = range(40)
 
@@ -30,6 +38,7 @@ def test_doubt_keeps_the_robot_farther_from_movers_and_costs_little_time() -> No
     times = [np.mean([one.time_s for one in some]) for some in (certain, doubtful)]
     assert near[1] < near[0]
     assert times[1] < 1.2 * times[0]
+    assert all(one.time_s < LIMIT_S for one in (*certain, *doubtful))
 
 
 def test_an_encounter_comes_out_the_same_again() -> None:
