@@ -80,9 +80,8 @@ class Guard:
             stamp_s: Now, in the clock of `Obstacle.seen_s`.
         """
         self.habits.learn(obstacles)
-        long_ago = (
-            stamp_s - self._last_s > 1.5 * self.config.gait.step_s
-        )  # others have decided since
+        # others have decided since, if the last step of its own is long ago
+        long_ago = stamp_s - self._last_s > 1.5 * self.config.gait.step_s
         robot = _half_a_step_on(robot, WalkCommand() if long_ago else self._last)
         scene = _Scene(robot, obstacles, occupied, target, self.config, stamp_s, self.habits)
         self._last, self._last_s = self._safest(desired, scene), stamp_s

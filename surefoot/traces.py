@@ -17,9 +17,7 @@ from jaxtyping import Float
 from perception.primitives.obstacle import Obstacle
 
 MOVES = 0.5  # ours: probability of moving from which the map takes a thing for a mover
-SURELY = (
-    0.9  # ours: and from which what it drew before is taken back: posts may look moving for moments
-)
+SURELY = 0.9  # ours: from which what it drew is taken back; posts may look moving for moments
 MARGIN_M = 0.06  # ours: position error of a track and noise of the points
 APART = 0.5  # ours: share of its radius that a thing goes between two remembered places
 

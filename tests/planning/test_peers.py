@@ -84,3 +84,12 @@ def test_too_few_samples_are_refused():
         DynamicWindowConfig(speeds=1)
     with pytest.raises(ConfigError, match="directions"):
         VelocityObstacleConfig(directions=2)
+
+
+@pytest.mark.parametrize("peer", PEERS)
+def test_with_nothing_about_they_cruise_as_everybody_does(peer):
+    """Else their times could be compared with nobody's."""
+    wish = footstep(0.0, 0.07, Pose2(), GAIT)
+    believed = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
+    step = peer().choose(wish, believed, [], NOTHING, np.array([3.0, 0.0]), 0.0)
+    assert step.forward_m == pytest.approx(GAIT.cruise_mps * GAIT.step_s)
