@@ -13,6 +13,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -41,6 +42,9 @@ from .planners import Decision
 MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
 BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
 GLANCE_RAD = math.radians(10.0)  # ours: the head this far aside, the picture is one of a glance
+GLANCE_EVERY = (
+    2  # steps: one camera that looks ahead as well notices a turn beside it so much later
+)
 STRAIGHT = 0.9  # ours: share of the cruising step from which a step goes about straight ahead
 AROUND_M = 0.10 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Ours: floor must show this far round a track's place before the track counts as not there."""
@@ -68,7 +72,8 @@ class SwarmPlanner(GoalSeeker):
         self._config, self._settings = config, config.swarm
         self._monocular = Monocular(config.monocular)
         self._corners = Corners()
-        self._guard = Guard(config.guard)
+        react_s = config.guard.react_s + GLANCE_EVERY * config.guard.gait.step_s
+        self._guard = Guard(replace(config.guard, react_s=react_s))
         self._standing = Standing(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None

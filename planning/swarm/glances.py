@@ -2,7 +2,8 @@
 
 A camera that always looks ahead loses who crosses, and what was lost may have turned back: the guard then
 waits for phantoms. A glance tells. Every other step at most is one, and walks on to the place that was chosen
-before it: the picture of a glance chooses none.
+before it: the picture of a glance chooses none. Of several it goes to whoever could be here first, had it
+turned back when it was last seen.
 
 Source: ours; the seed's head stays ahead.
 """
@@ -25,7 +26,9 @@ class GlanceConfig:
     """Whom to look for, and how far round."""
 
     enabled: bool = True
-    unseen_s: float = 0.7  # ours: a step
+    unseen_s: float = (
+        0.5  # ours: who shows in the second picture of the last step is not looked for
+    )
     reach_m: float = 1.3  # ours: farther, nobody comes within ten seconds
     from_deg: float = (
         35.0  # ours: nearer to the axis the picture ahead shows it, or something hides it
@@ -33,6 +36,8 @@ class GlanceConfig:
     to_deg: float = 120.0  # ours: who is farther round is behind
     spare_deg: float = 20.0  # ours: the head stops short of it; where it is, is not known well
     most_deg: float = 75.0  # ours: the head turns no further
+    body_m: float = 0.15  # as the guard has it: this robot's radius
+    robot_mps: float = 0.10  # as the guard has it: this robot's top speed
 
     def __post_init__(self) -> None:
         for name in ("unseen_s", "reach_m", "from_deg", "to_deg", "spare_deg", "most_deg"):
@@ -65,8 +70,11 @@ class Glances:
             away = math.hypot(mover.position[0] - robot.x, mover.position[1] - robot.y)
             side = angle_to(mover.position, robot)
             beside = config.from_deg <= abs(math.degrees(side)) <= config.to_deg
-            if beside and away < config.reach_m and stamp_s - mover.seen_s > config.unseen_s:
-                wanted.append((away, side))
+            unseen = stamp_s - mover.seen_s
+            if beside and away < config.reach_m and unseen > config.unseen_s:
+                closing = config.robot_mps + math.hypot(*mover.velocity)
+                left = (away - config.body_m - mover.radius_m) / closing - unseen
+                wanted.append((left, side))
         if not wanted:
             return 0.0
         self._aside = True

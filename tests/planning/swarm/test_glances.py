@@ -52,6 +52,16 @@ def test_the_nearest_is_looked_for_first():
     assert pan(mover(1.0, 1.2), mover(0.5, -1.2)) < 0.0
 
 
+def test_who_is_near_is_looked_for_before_who_was_lost_for_longer():
+    near, lost = mover(0.35, -1.0, seen_s=1.35), mover(0.75, 1.0, seen_s=0.05)
+    assert pan(near, lost) < 0.0
+
+
+def test_who_was_lost_for_long_is_looked_for_before_who_is_somewhat_nearer():
+    near, lost = mover(0.6, -1.0, seen_s=1.35), mover(0.75, 1.0, seen_s=-1.0)
+    assert pan(near, lost) > 0.0
+
+
 def test_it_can_be_switched_off():
     assert Glances(GlanceConfig(enabled=False)).next(ROBOT, [mover(0.8, 1.2)], 2.0) == 0.0
 
