@@ -185,14 +185,14 @@ def roll_out(
         cells_needed: (k, 2): least distance to each; less than this is a contact.
         prices: Width of the uneasy band, m; price of its inner edge, m; price of missing distance, m/m;
             missing distance that is a contact, m; price of a contact, m; time in which prices fall by
-            e, s; time to react, s.
+            e, s; time to react, s; whether who is within the band may turn back as well (1 or 0).
         prune: Whether a plan that costs more than one before it already is given up (harm infinite).
         results: (c, 4) output: harm by movers, harm by cells, distance to the target (least, and a
             little of the last), angle off it at the end.
     """
     max_turn, step_s, top, side = gait[0], gait[1], gait[2], gait[3]
     soft, ease, steep, touch, hard = prices[0], prices[1], prices[2], prices[3], prices[4]
-    fade_s, react_s = prices[5], prices[6]
+    fade_s, react_s, at_heels = prices[5], prices[6], prices[7] > 0.0
     many, samples = needed.shape[0], needed.shape[1]
     worst = np.empty(many)
     late = np.empty(many)
@@ -254,12 +254,13 @@ def roll_out(
                     ax = x - places[h, sample, 0]
                     ay = y - places[h, sample, 1]
                     square = ax * ax + ay * ay
-                    if square < (need + soft) ** 2:
+                    close = square < (need + soft) ** 2
+                    if close:
                         gap = need - math.sqrt(square)
                         cost = fade * _harm(gap, soft, ease, steep, touch, hard)
                         if cost > worst[h]:
                             worst[h] = cost
-                    elif half == 1 and turning[h, sample] > 0.0:
+                    if half == 1 and (at_heels or not close) and turning[h, sample] > 0.0:
                         missing = _too_late(
                             ax,
                             ay,

@@ -46,6 +46,23 @@ def line_blocked(blocked: np.ndarray, a: float, b: float, first_row: float) -> b
 
 
 @njit(cache=True, inline="always")
+def between_blocked(
+    integral: np.ndarray, a: float, b: float, c: float, d: float, first_row: float
+) -> bool:
+    """Whether a pixel is blocked between the lines u = a + b v and u = c + d v, from a row down to the lowest."""
+    height, width = integral.shape[0] - 1, integral.shape[1] - 1
+    for y in range(height - 1, max(math.ceil(first_row), 0) - 1, -1):
+        left = max(math.floor(a + b * y + 0.5), 0)
+        end = min(math.floor(c + d * y + 0.5), width - 1) + 1
+        if left >= end:
+            continue
+        lower, upper = integral[y + 1], integral[y]
+        if lower[end] - lower[left] > upper[end] - upper[left]:
+            return True
+    return False
+
+
+@njit(cache=True, inline="always")
 def edge_line(shape: np.ndarray, tangent: float, secant: float, side: float) -> tuple[float, float]:
     """(a, b) of the corridor's left (+1) or right (-1) edge towards a direction."""
     k = side * shape[7] * secant - shape[2]
@@ -80,9 +97,15 @@ def footprint_blocked(integral: np.ndarray, boxes: np.ndarray, u: int, v: int) -
 
 @njit(cache=True, inline="always")
 def way_blocked(
-    blocked: np.ndarray, shape: np.ndarray, u: int, v: int, ahead: float, left: float
+    blocked: np.ndarray,
+    integral: np.ndarray,
+    shape: np.ndarray,
+    u: int,
+    v: int,
+    ahead: float,
+    left: float,
 ) -> bool:
-    """p2: whether an edge of the corridor from the robot to the pixel touches a blocked pixel."""
+    """p2: whether the corridor from the robot to the pixel covers a blocked pixel."""
     if shape[22] > 0.0:
         return printed_way_blocked(blocked, shape, u, v)
     reach = math.hypot(ahead, left)
@@ -93,7 +116,10 @@ def way_blocked(
         a, b = edge_line(shape, tangent, secant, side)
         if line_blocked(blocked, a, b, row_of(shape, ahead - side * shape[7] * sine)):
             return True
-    return False
+    a, b = edge_line(shape, tangent, secant, 1.0)
+    c, d = edge_line(shape, tangent, secant, -1.0)
+    nearer = row_of(shape, ahead - shape[7] * abs(sine))  # of the two corners at its end
+    return between_blocked(integral, a, b, c, d, nearer)
 
 
 @njit(cache=True, inline="always")
@@ -148,7 +174,7 @@ def value(
     if cost + penalty * count >= bound:
         return cost + penalty * count
     if count == 0 or shape[22] > 0.0:
-        if way_blocked(blocked, shape, u, v, ahead, left):
+        if way_blocked(blocked, integral, shape, u, v, ahead, left):
             count += 1
     else:
         count += 1  # a pixel that is forbidden anyhow has no way: its lines need not be followed

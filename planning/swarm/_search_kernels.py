@@ -16,6 +16,7 @@ from ._objective_kernels import (
     value,
 )
 
+ALONG = (1.0, 0.5, 0.0, -0.5, -1.0)  # lines swept: both edges of the corridor and three between them
 FANS = 512  # directions swept, even in the tangent: about two columns each
 
 
@@ -106,8 +107,8 @@ def sweep(
 ) -> np.ndarray:
     """How far ahead each fan of directions may be open, at most: from the lowest row upwards.
 
-    A fan is closed by a row in which every column that an edge of the corridor may pass, in any direction
-    of the fan, is blocked. Nothing that is open is called closed; the reverse happens.
+    A fan is closed by a row in which every column that an edge of the corridor, or another line along it,
+    may pass, in any direction of the fan, is blocked. Nothing that is open is called closed; the reverse happens.
 
     Args:
         blocked, rows, shape: The objective.
@@ -120,7 +121,7 @@ def sweep(
     limit = np.full(FANS, np.inf)
     a, b = np.empty(FANS + 1), np.empty(FANS + 1)
     closed = np.empty(FANS, np.bool_)
-    for side in (1.0, -1.0):
+    for side in ALONG:
         for k in range(FANS + 1):
             tangent = first + k * step
             a[k], b[k] = edge_line(shape, tangent, math.sqrt(1.0 + tangent * tangent), side)
@@ -150,7 +151,8 @@ def sweep(
                 closed[k] = True
                 lateral = 0.0
                 for tangent in (first + k * step, first + (k + 1) * step):
-                    lateral = max(lateral, side * tangent / math.sqrt(1.0 + tangent * tangent))
+                    sine = tangent / math.sqrt(1.0 + tangent * tangent)
+                    lateral = max(lateral, side * sine if abs(side) == 1.0 else abs(sine))
                 limit[k] = min(limit[k], ahead + shape[7] * lateral + 1e-6)
     return limit
 

@@ -32,17 +32,19 @@ def at(pose):
     return Gaussian(pose.vector, np.diag([1e-4, 1e-4, 1e-4]))
 
 
-def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07):
+def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07, noticed_s=0.0, config=CONFIG):
     """Walk to the target past a mover whose place and velocity are known; least gap and end.
 
     The body follows its feet half a step later. With the guard's memory, as a robot walks: without it, dead
-    ahead of a mover, left and right are equally good at every step anew.
+    ahead of a mover, left and right are equally good at every step anew. What the mover does is noticed so
+    much later; until then it seems to go straight on.
     """
-    guard, last = Guard(CONFIG), GAIT.command(0.0, 0.0, 0.0)
+    guard, last = Guard(config), GAIT.command(0.0, 0.0, 0.0)
     pose, gap, wall = start, math.inf, math.inf
     for k in range(steps):
         now = 0.65 * k
-        x, y, vx, vy = mover_at(now)
+        x, y, vx, vy = mover_at(now - noticed_s)
+        x, y = x + vx * noticed_s, y + vy * noticed_s
         heading = math.atan2(target[1] - pose.y, target[0] - pose.x)
         close = math.hypot(target[0] - pose.x, target[1] - pose.y) < 0.1
         wish = footstep(heading, 0.0 if close else cruise, pose, GAIT)
@@ -178,6 +180,19 @@ def test_the_mover_that_may_turn_back_keeps_the_robot_from_its_heels():
     assert choose(wish, at(Pose2()), [away], NOTHING, target, doubting, 0.0) is not wish
     trusting = replace(CONFIG, sigmas=0.0, turn_weight=0.0, learnt_weight=0.0)
     assert choose(wish, at(Pose2()), [away], NOTHING, target, trusting, 0.0) is wish
+
+
+@pytest.mark.parametrize("start", [-0.2, 0.0])
+@pytest.mark.parametrize("turns_s", range(1, 14))
+def test_who_turns_back_before_the_robot_that_follows_it_closely_is_not_touched(start, turns_s):
+    def to_and_fro(now):
+        gone = min(now, 2.0 * turns_s - now)
+        return start + 0.06 * gone, -0.55, math.copysign(0.06, turns_s - now), 0.0
+
+    ahead = Pose2(0.0, 0.0, -math.pi / 2)
+    target, heedful = np.array([0.3, -1.6]), replace(CONFIG, at_heels=True)
+    gap, _, _ = play(ahead, target, to_and_fro, steps=45, noticed_s=0.65, config=heedful)
+    assert gap > 0.0
 
 
 def test_a_mover_lost_from_sight_may_be_anywhere_on_its_line():

@@ -58,7 +58,7 @@ def test_plans_that_begin_alike_are_judged_as_if_each_came_alone():
     cells = np.column_stack([np.linspace(-0.5, 0.5, 20), np.full(20, 0.4)])
     cells = cells[np.argsort(np.hypot(*cells.T))]
     needed = np.tile([0.185, 0.15], (20, 1))
-    prices = np.array([0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3])
+    prices = np.array([0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3, 1.0])
     fixed = (np.array([0.1, 0.65, 0.1, 0.05]), *movers, cells, needed, prices, False)
 
     def judged(some):
