@@ -86,6 +86,7 @@ PLANNERS = {
 
 
 ARRIVING = ("search", "field")
+WANDERING = ("search",)
 """Those of them that walk by the univector field, which can arrive with a given heading."""
 
 
@@ -112,6 +113,11 @@ class MissionConfig:
         for name in ("tolerance_m", "time_limit_s", "heading_tolerance_deg"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"mission: {name}={getattr(self, name)} must be positive")
+        if self.wander and self.planner not in WANDERING:
+            raise ConfigError(
+                f"mission: planner={self.planner!r} walks to goals; leave wander off, or choose "
+                f"{' or '.join(WANDERING)}"
+            )
         if any(math.isinf(heading) for heading in self.headings_deg):
             raise ConfigError(
                 f"mission: headings_deg={self.headings_deg} must be finite; nan stands for any heading"
@@ -185,6 +191,13 @@ class Config:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise ConfigError(f"seed={self.seed} must not be negative")
+        if self.swarm.as_walked.prediction == "flow" and not self.robot.image_pairs:
+            raise ConfigError(
+                "swarm: prediction by flow compares two pictures of one step, and the robot takes only one; "
+                "set robot.image_pairs=true"
+            )
+        if self.mission.planner == "swarm" and not self.robot.colour:
+            raise ConfigError("mission: planner='swarm' walks by colour; set robot.colour=true")
         if self.renderer not in ("auto", "egl", "tiny"):
             raise ConfigError(f"renderer={self.renderer!r} is unknown; choose auto, egl or tiny")
 

@@ -155,6 +155,16 @@ class Pipeline:
             registration,
         )
 
+    def told(self, estimate: Estimate) -> Estimate:
+        """The estimate of this frame with what the planner has shown the tracker since."""
+        if estimate.pose is None:
+            return estimate
+        return replace(
+            estimate,
+            obstacles=tuple(self.tracker.obstacles),
+            innovations=tuple(self.tracker.innovations),
+        )
+
     def footprints(self) -> list[Footprint]:
         """Ground plans of what stands, from the obstacle points that the world map believes in."""
         points, _ = self.obstacle_cloud.cloud()

@@ -223,6 +223,7 @@ def _cycle(
         if planner is not None:
             with watch.stage("decide"):
                 planner.notice(frame, estimate, pipeline)
+                estimate = pipeline.told(estimate)
                 if frame.footstep_due:
                     decision = planner.decide(frame, estimate, pipeline)
         estimate.timing_ms.update(watch.milliseconds)

@@ -20,7 +20,6 @@ from jaxtyping import Float
 
 from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
-from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
@@ -49,7 +48,9 @@ STRAIGHT = 0.9  # ours: share of the cruising step from which a step goes about 
 AROUND_M = 0.10 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Ours: floor must show this far round a track's place before the track counts as not there."""
 MADE_UP_S = 5.0  # ours: what giving way has cost is made up in about this long
-NEAR_GOAL_M = 0.45  # ours: a goal this near lies before the picture's lowest rows
+NEAR_GOAL_M = (
+    0.25  # ours: a goal this near lies before the picture's lowest rows, or the feet there do
+)
 
 
 class SwarmPlanner(GoalSeeker):
@@ -62,18 +63,13 @@ class SwarmPlanner(GoalSeeker):
             config: Of everything.
             goals: Where to walk, map frame, m.
         """
-        if config.swarm.prediction == "flow" and not config.robot.image_pairs:
-            raise ConfigError(
-                "swarm: prediction='flow' compares two pictures of one step, and the robot takes only one; "
-                "set robot.image_pairs=true, or swarm.prediction='tracks'"
-            )
         by_clock = bool(config.swarm.goal_times_s)
         super().__init__(MovingGoals(goals, config) if by_clock else Goals(goals, config.mission))
-        self._config, self._settings = config, config.swarm
+        self._config, self._settings = config, config.swarm.as_walked
         self._monocular = Monocular(config.monocular)
-        self._corners = Corners()
+        self._corners = Corners(self._settings.objective.literal)
         react_s = config.guard.react_s + GLANCE_EVERY * config.guard.gait.step_s
-        self._guard = Guard(replace(config.guard, react_s=react_s))
+        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=True))
         self._standing = Standing(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None
@@ -163,7 +159,7 @@ class SwarmPlanner(GoalSeeker):
             self._place = None if self.best is None else objective.place(self.best.pixel)
         place = self._place
         desired, target, why = self._wish(place, robot, goal)
-        if self._settings.guarded and not self._settings.objective.literal:
+        if self._settings.guarded:
             desired = self._schedule.make_up(desired, goal, robot, frame.stamp_s)
         if not self._settings.guarded:
             return Decision(desired, gaze, why)
@@ -175,6 +171,10 @@ class SwarmPlanner(GoalSeeker):
     ) -> tuple[WalkCommand, Float[np.ndarray, "2"], str]:
         """The step that is wanted, where to, and why; place is that of the best pixel, if there is one."""
         gait = self._config.guard.gait
+        if self._settings.objective.literal:
+            if place is None:
+                return command.turning(goal, robot, gait, literal=True), goal, "blocked"
+            return command.printed(place, robot, gait), place, "walk"
         here = np.array([robot.x, robot.y])
         if abs(command.angle_to(goal, robot)) > self._settings.objective.window_rad:
             return command.turning(goal, robot, gait), goal, "turn"
@@ -182,8 +182,6 @@ class SwarmPlanner(GoalSeeker):
             return command.towards(goal, robot, gait), goal, "walk"
         if place is None:
             return command.turning(goal, robot, gait), goal, "blocked"
-        if self._settings.objective.literal:
-            return command.printed(place, robot, gait), place, "walk"
         return command.towards(place, robot, gait), place, "walk"
 
     def _guarded(
@@ -260,8 +258,8 @@ class MovingGoals:
             goals: One for each of `config.swarm.goal_times_s`; more of them never hold.
             config: Times, tolerance, time limit.
         """
-        self._goals = [np.array(goal) for goal in goals]
         self._times = config.swarm.goal_times_s[: len(goals)]
+        self._goals = [np.array(goal) for goal in goals[: len(self._times)]]
         self._mission = config.mission
         self._reached: set[int] = set()
         self._index = 0

@@ -136,13 +136,15 @@ class ObstacleTracker:
             partly: Things cut off by the edge of the view or half hidden, body frame: where one lies over a
                 track the thing is still there, and its middle somewhere in what is seen.
         """
-        dt = 0.0 if self._stamp_s is None else max(stamp_s - self._stamp_s, 0.0)
+        before_s = self._stamp_s
+        dt = 0.0 if before_s is None else max(stamp_s - before_s, 0.0)
         self._stamp_s = stamp_s
         for life in self._lives:
             life.track.predict(dt, robot)
         usable = [seen for seen in detections if self._usable(seen)]
         given = self._associate(usable)
-        self.innovations = []
+        if stamp_s != before_s:  # two cameras of one instant tell one after the other
+            self.innovations = []
         for index, choice in given.items():
             life = self._lives[index]
             surprise = life.track.update(usable[choice])

@@ -16,7 +16,13 @@ from ._objective_kernels import (
     value,
 )
 
-ALONG = (1.0, 0.5, 0.0, -0.5, -1.0)  # lines swept: both edges of the corridor and three between them
+ALONG = (
+    1.0,
+    0.5,
+    0.0,
+    -0.5,
+    -1.0,
+)  # lines swept: both edges of the corridor and three between them
 FANS = 512  # directions swept, even in the tangent: about two columns each
 
 

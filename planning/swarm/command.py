@@ -52,9 +52,13 @@ def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> Wa
     return gait.command(PRINTED_STEP_M / gait.step_s, 0.0, turn)
 
 
-def turning(goal: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> WalkCommand:
-    """C_w,penalty: on the spot towards the goal; printed: always the same way.
+def turning(
+    goal: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig, literal: bool = False
+) -> WalkCommand:
+    """C_w,penalty: on the spot towards the goal; as printed always by +14 deg.
 
     Source: seed 000, section 5; the sign is ours.
     """
+    if literal:
+        return gait.command(0.0, 0.0, gait.max_turn_rad)
     return gait.command(0.0, 0.0, math.copysign(gait.max_turn_rad, angle_to(goal, robot)))

@@ -17,7 +17,13 @@ from perception.primitives.errors import InputError
 class Corners:
     """Counts for both sides; lives from step to step."""
 
-    def __init__(self) -> None:
+    def __init__(self, printed: bool = False) -> None:
+        """Nothing lost yet.
+
+        Args:
+            printed: One counter, of the side seen last, and both sides may be closed.
+        """
+        self._printed = printed
         self.steps = (0, 0)
         """S_m of the left and of the right, steps still to go."""
 
@@ -25,14 +31,14 @@ class Corners:
     def blocked(self) -> tuple[bool, bool]:
         """Whether the left and the right half are closed, p3; with both closed neither is."""
         left, right = (count > 0 for count in self.steps)
-        return (False, False) if left and right else (left, right)
+        return (False, False) if left and right and not self._printed else (left, right)
 
     def update(self, seen: tuple[bool, bool], unseen_m: float, step_m: float) -> None:
         """Once per footstep.
 
         Args:
             seen: Whether an obstacle shows in the lower left and the lower right corner.
-            unseen_m: From the body to the nearest floor that it sees (0.16 in the seed).
+            unseen_m: From the body to the nearest floor that it sees (0.16 in the seed); NaN if it sees none.
             step_m: S_F.
 
         Raises:
@@ -40,9 +46,11 @@ class Corners:
         """
         if not step_m > 0.0:
             raise InputError(f"corners: step_m={step_m} must be positive")
-        fresh = max(0, math.ceil(unseen_m / step_m - 1e-9))
+        fresh = max(0, math.ceil(unseen_m / step_m - 1e-9)) if math.isfinite(unseen_m) else 0
         left, right = (
             fresh if shows else max(0, count - 1)
             for shows, count in zip(seen, self.steps, strict=True)
         )
+        if self._printed and any(seen) and not all(seen):  # the counter begins anew, for this side
+            left, right = (left, 0) if seen[0] else (0, right)
         self.steps = (left, right)

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from perception.primitives.errors import ConfigError
 
 from .glances import GlanceConfig
-from .objective import ObjectiveConfig
+from .objective import PRINTED, ObjectiveConfig
 from .search import SwarmConfig
 from .standing import StandingConfig
 
 PREDICTIONS = ("tracks", "flow")
+VERSIONS = ("ours", "published", "printed")
 
 
 @dataclass(frozen=True)
 class SwarmWalkerConfig:
-    """Objective, search and memory, and when which goal holds."""
+    """Objective, search and memory, and when which goal holds.
 
+    Args:
+        version: "ours": as the values below say. "published": the seed's walker, its misprints mended: a
+            swarm with constriction, prediction by flow, neither guard nor glances. "printed": to the letter.
+    """
+
+    version: str = "ours"
     objective: ObjectiveConfig = field(default_factory=ObjectiveConfig)
     search: SwarmConfig = field(default_factory=SwarmConfig)
     standing: StandingConfig = field(default_factory=StandingConfig)
@@ -31,7 +38,30 @@ class SwarmWalkerConfig:
         float, ...
     ] = ()  # from when each goal holds; none: when the last is reached
 
+    @property
+    def as_walked(self) -> SwarmWalkerConfig:
+        """The same with what the version means put in."""
+        if self.version == "ours":
+            return self
+        printed = self.version == "printed"
+        return replace(
+            self,
+            objective=PRINTED if printed else self.objective,
+            search=replace(self.search, mode="literal" if printed else "constriction"),
+            glance=replace(self.glance, enabled=False),
+            prediction="flow",
+            guarded=False,
+        )
+
     def __post_init__(self) -> None:
+        if self.version not in VERSIONS:
+            raise ConfigError(
+                f"swarm: version={self.version!r} is unknown; choose {', '.join(VERSIONS)}"
+            )
+        if not 0.0 <= self.tilt_deg <= 60.0:
+            raise ConfigError(
+                f"swarm: tilt_deg={self.tilt_deg} must lie in [0, 60], where the head can look"
+            )
         if self.prediction not in PREDICTIONS:
             raise ConfigError(
                 f"swarm: prediction={self.prediction!r} is unknown; choose {', '.join(PREDICTIONS)}"

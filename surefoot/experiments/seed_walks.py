@@ -14,6 +14,7 @@ from ..config import Config, MissionConfig, on_body
 from ..run_folder import RunFolder
 from .people_home import falls_and_contacts
 
+PRINTED_MPS = 0.04 / 0.65  # seed 000: S_F in T_SS + T_DS
 REACHED_M = 0.15  # tolerance of 0.10 m by the estimate, and 5 cm that the estimate may be off
 
 
@@ -23,6 +24,7 @@ def config_of(
     limit_s: float,
     cruise_mps: float = GaitConfig().cruise_mps,
     body: str = "kinematic",
+    version: str = "ours",
 ) -> Config:
     """The colour camera alone, two pictures a step, goals by the clock.
 
@@ -30,18 +32,21 @@ def config_of(
         scene: "robots_room" or "narrow_course".
         seed: Of the world.
         limit_s: When the mission ends at the latest.
-        cruise_mps: Walking speed.
+        cruise_mps: Walking speed; at the printed one nothing is ever faster.
         body: "kinematic" or "dynamic".
+        version: Of the walker, see `SwarmWalkerConfig`.
     """
     config = Config(scene=scene, seed=seed)
     robot = replace(config.robot, tof=False, stereo=False, image_pairs=True)
     gait = replace(config.guard.gait, cruise_mps=cruise_mps)
+    if cruise_mps <= PRINTED_MPS:
+        gait = replace(gait, max_speed_mps=cruise_mps)
     times = GOAL_TIMES_S[scene]
     config = replace(
         config,
         robot=robot,
         guard=replace(config.guard, gait=gait),
-        swarm=replace(config.swarm, goal_times_s=times),
+        swarm=replace(config.swarm, goal_times_s=times, version=version),
         mission=MissionConfig(planner="swarm", goals=len(times), time_limit_s=limit_s),
     )
     return on_body(config, body)
@@ -52,7 +57,7 @@ def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
 
     Returns:
         goal<k>_s (when it was reached while it held, NaN if it was not), goal<k>_approach_m (how much
-        nearer the robot came while it held), footsteps, falls, contacts_<class>.
+        nearer it was when the next one held, or when it was reached), footsteps, falls, contacts_<class>.
     """
     figures = falls_and_contacts(folder, config)
     walked = folder.read_trajectory("truth/trajectory.txt")
@@ -66,7 +71,8 @@ def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
         there = np.flatnonzero(away <= REACHED_M)
         reached = float(walked.stamps[held][there[0]]) if len(there) else np.nan
         figures[f"goal{k + 1}_s"] = reached
-        figures[f"goal{k + 1}_approach_m"] = float(away[0] - away.min()) if len(away) else np.nan
+        last = there[0] if len(there) else -1
+        figures[f"goal{k + 1}_approach_m"] = float(away[0] - away[last]) if len(away) else np.nan
     moved = np.hypot(*np.diff(walked.positions[:, :2], axis=0).T)
     step_s = config.guard.gait.step_s
     figures["footsteps"] = float(np.ceil((walked.stamps[-1] - walked.stamps[0]) / step_s))

@@ -32,7 +32,9 @@ def at(pose):
     return Gaussian(pose.vector, np.diag([1e-4, 1e-4, 1e-4]))
 
 
-def play(start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07, noticed_s=0.0, config=CONFIG):
+def play(
+    start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07, noticed_s=0.0, config=CONFIG
+):
     """Walk to the target past a mover whose place and velocity are known; least gap and end.
 
     The body follows its feet half a step later. With the guard's memory, as a robot walks: without it, dead

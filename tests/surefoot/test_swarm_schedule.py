@@ -9,10 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
 from planning.footsteps import GaitConfig
 from surefoot.config import Config
-from surefoot.swarm_planner import Schedule, SwarmPlanner
+from surefoot.pipeline import Estimate
+from surefoot.swarm_planner import MovingGoals, Schedule
 
 GAIT = GaitConfig()
 GOAL = np.array([4.0, 0.0])
@@ -69,7 +71,37 @@ def test_a_new_goal_forgives_what_was_late():
 
 def test_prediction_by_flow_is_refused_without_two_pictures_a_step():
     config = Config()
-    flow = replace(config, swarm=replace(config.swarm, prediction="flow"))
+    pairs = replace(config.robot, image_pairs=True)
+    flow = replace(config.swarm, prediction="flow")
     with pytest.raises(ConfigError, match="image_pairs"):
-        SwarmPlanner(flow, [(1.0, 0.0)])
-    SwarmPlanner(replace(flow, robot=replace(flow.robot, image_pairs=True)), [(1.0, 0.0)])
+        replace(config, swarm=flow)
+    replace(config, swarm=flow, robot=pairs)
+    with pytest.raises(ConfigError, match="image_pairs"):
+        replace(config, swarm=replace(config.swarm, version="published"))
+
+
+def test_a_walker_by_colour_needs_colour_and_does_not_wander():
+    config = Config()
+    mission = replace(config.mission, planner="swarm")
+    with pytest.raises(ConfigError, match="robot.colour=true"):
+        replace(config, mission=mission, robot=replace(config.robot, colour=False))
+    with pytest.raises(ConfigError, match="leave wander off"):
+        replace(mission, wander=True)
+
+
+def at(stamp_s, x, y):
+    pose = Gaussian(np.array([x, y, 0.0]), np.eye(3) * 1e-6)
+    return Estimate(stamp_s, pose, (), (), (), None)
+
+
+def test_each_goal_holds_in_its_time_and_only_the_last_one_ends_the_walk():
+    config = Config()
+    config = replace(config, swarm=replace(config.swarm, goal_times_s=(0.0, 70.0)))
+    goals = MovingGoals([(1.0, 0.0), (0.0, 2.0), (5.0, 5.0)], config)
+    assert not goals.finished(at(10.0, 1.0, 0.05))
+    assert goals.present is not None and goals.present.tolist() == [1.0, 0.0]
+    assert not goals.finished(at(69.9, 0.0, 2.0))
+    assert not goals.finished(at(70.0, 0.0, 1.0))
+    assert goals.present.tolist() == [0.0, 2.0]
+    assert goals.finished(at(80.0, 0.0, 1.95))
+    assert goals.reached == 2

@@ -529,3 +529,19 @@ def test_a_lost_mover_is_not_found_again_in_furniture_of_another_size():
     numbers = {o.track: o.radius_m for o in tracker.obstacles}
     assert len(numbers) == 2
     assert numbers[mover.track] == pytest.approx(RADIUS_M, abs=0.01)
+
+
+def test_two_cameras_of_one_instant_tell_one_after_the_other():
+    tracker = ObstacleTracker()
+    robot = Gaussian(np.zeros(3), np.eye(3) * 1e-6)
+
+    def seen(x):
+        return [Detection(np.array([x, 0.0]), np.eye(2) * 1e-4, RADIUS_M)]
+
+    tracker.update(0.0, [*seen(1.0), *seen(3.0)], robot)
+    tracker.update(1.0, seen(1.0), robot)
+    assert len(tracker.innovations) == 1
+    tracker.update(1.0, seen(3.0), robot)
+    assert len({one.identity for one in tracker.innovations}) == 2
+    tracker.update(2.0, [], robot)
+    assert tracker.innovations == []

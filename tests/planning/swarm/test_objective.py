@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from planning.swarm.floor_rows import FloorRows, upright
 from planning.swarm import search
+from planning.swarm.floor_rows import FloorRows, upright
 from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
 
 CAMERA = Camera.from_view(160, 160, math.pi / 2, math.pi / 2)
@@ -142,6 +142,7 @@ def test_a_place_behind_an_obstacle_is_forbidden():
     assert objective(disc_floor((1.0, 0.0), 0.1)).value(pixel)[0] >= CONFIG.penalty
 
 
+@settings(deadline=None)
 @given(st.floats(0.03, 0.09), st.floats(0.45, 1.2), st.floats(-0.06, 0.06))
 def test_who_stands_between_the_edges_of_the_corridor_blocks_it(radius, ahead, left):
     """A robot of 74 mm fits between them; the nearest free pixel to a goal behind it goes round."""

@@ -12,6 +12,7 @@ from perception.primitives.pose import Pose2
 from planning.footsteps import GaitConfig
 from planning.swarm import command
 from planning.swarm.corners import Corners
+from planning.swarm.settings import SwarmWalkerConfig
 from planning.swarm.standing import Standing, StandingConfig
 
 GAIT = GaitConfig()
@@ -81,6 +82,43 @@ def test_with_both_sides_closed_the_picture_stays_open():
     corners = Corners()
     corners.update((True, True), 0.16, 0.04)
     assert corners.blocked == (False, False)
+
+
+def test_as_printed_one_counter_begins_anew_for_the_side_seen_last_and_both_may_be_closed():
+    corners = Corners(printed=True)
+    corners.update((True, False), 0.16, 0.04)
+    corners.update((False, True), 0.16, 0.04)
+    assert corners.steps == (0, 4)
+    corners.update((True, True), 0.16, 0.04)
+    assert corners.blocked == (True, True)
+
+
+def test_where_no_floor_is_seen_nothing_is_counted():
+    corners = Corners()
+    corners.update((True, False), math.nan, 0.04)
+    assert corners.blocked == (False, False)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_as_printed_a_blocked_robot_always_turns_the_same_way(side):
+    goal = np.array([0.5, side])
+    turns = [command.turning(goal, Pose2(), GAIT, literal).turn_rad for literal in (False, True)]
+    assert turns[0] == pytest.approx(side * math.radians(14.0))
+    assert turns[1] == pytest.approx(math.radians(14.0))
+
+
+@pytest.mark.parametrize("version", ["published", "printed"])
+def test_the_seeds_own_walker_swarms_by_flow_without_guard_or_glances(version):
+    walked = SwarmWalkerConfig(version=version).as_walked
+    assert (walked.prediction, walked.guarded, walked.glance.enabled) == ("flow", False, False)
+    assert walked.search.mode != "exact"
+    assert walked.objective.literal == (version == "printed") == (walked.objective.penalty == 1.0)
+
+
+@pytest.mark.parametrize("wrong", [{"version": "new"}, {"tilt_deg": 85.0}, {"tilt_deg": math.nan}])
+def test_a_walker_that_cannot_be_is_refused(wrong):
+    with pytest.raises(ConfigError, match=next(iter(wrong))):
+        SwarmWalkerConfig(**wrong)
 
 
 def test_a_step_of_no_length_is_refused():
