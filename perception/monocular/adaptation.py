@@ -10,6 +10,7 @@ Source: seed 000, section 3.1 (a patch in front of the feet); growth, memory and
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import cv2
@@ -33,6 +34,9 @@ class AdaptationConfig:
     )
     known_share: float = 0.8  # ours: of a tile that must be known floor; half would be an edge
     walked_m: float = 0.30  # ours: over an unknown patch for this long, and the robot stands on it
+    least_value: float = (
+        16.0  # ours: of 255; a darker patch is a covered lens or no light, not a floor
+    )
     ranges: RangeConfig = field(default_factory=RangeConfig)
 
     def __post_init__(self) -> None:
@@ -42,6 +46,14 @@ class AdaptationConfig:
             raise ConfigError(f"adaptation: rate={self.rate} must lie in [0, 1]")
         if self.tiles_across < 4:
             raise ConfigError(f"adaptation: tiles_across={self.tiles_across} must be at least 4")
+        if not 0.0 <= self.known_share <= 1.0:
+            raise ConfigError(f"adaptation: known_share={self.known_share} must lie in [0, 1]")
+        if not 0.0 <= self.least_value < 255.0:
+            raise ConfigError(f"adaptation: least_value={self.least_value} must lie in [0, 255)")
+        for name in ("value_step", "chroma_step", "walked_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"adaptation: {name}={value} must be finite and not negative")
 
 
 def grown(
@@ -82,8 +94,8 @@ class FloorColours:
 
     def learn(
         self, rgb: UInt8[np.ndarray, "h w 3"], place: np.ndarray | None = None
-    ) -> ColourRange:
-        """The range after this picture.
+    ) -> ColourRange | None:
+        """The range after this picture; None if no picture yet showed a floor bright enough to have a colour.
 
         Args:
             rgb: Picture whose lowest part shows the floor ahead of the feet, if anything does.
@@ -92,18 +104,18 @@ class FloorColours:
         config = self.config
         patch, side = _patch(rgb, config)
         tiles = _means(patch, side)
-        begin = self._begin(patch, tiles, side)
-        if begin is None:
+        known = self._begin(patch, tiles, side)
+        begin = _commonest(tiles) if known is None else known
+        if tiles[-1, begin].max() < config.least_value:
+            return self.range
+        if known is None:
             if place is None:
-                assert self.range is not None
                 return self.range
             if self._unknown_since is None:
                 self._unknown_since = place.copy()
             if np.hypot(*(place - self._unknown_since)) < config.walked_m:
-                assert self.range is not None
                 return self.range
             self.range = None  # it walks on what it does not know
-            begin = _commonest(tiles)
         self._unknown_since = None
         joined = grown(tiles, begin, config.value_step, config.chroma_step)
         step = max(1, side // 5)
@@ -137,7 +149,7 @@ class FloorColours:
 
 def _patch(rgb: np.ndarray, config: AdaptationConfig) -> tuple[np.ndarray, int]:
     height, width = rgb.shape[:2]
-    side = max(2, width // config.tiles_across)
+    side = min(max(2, width // config.tiles_across), height)
     rows = max(1, int(height * config.patch_share) // side) * side
     left = (width % side) // 2
     return rgb[height - rows :, left : left + width // side * side], side

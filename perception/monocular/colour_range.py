@@ -47,6 +47,11 @@ class RangeConfig:
             raise ConfigError(
                 f"floor colours: shade={self.shade} must lie in (0, 1] and shine={self.shine} be 1 or more"
             )
+        margins = ("hue_margin_deg", "saturation_margin", "widen", "grain", "shine", "value_margin")
+        for name in (*margins, "least_chroma"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"floor colours: {name}={value} must be finite and not negative")
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ Source: seed 000, section 5, steps 1 to 7.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import cv2
@@ -36,10 +37,16 @@ class MonocularConfig:
     flow: FlowConfig = field(default_factory=FlowConfig)
 
     def __post_init__(self) -> None:
-        if not self.horizon_s >= 0.0:
-            raise ConfigError(f"monocular: horizon_s={self.horizon_s} must not be negative")
-        if not self.static_mps >= 0.0:
-            raise ConfigError(f"monocular: static_mps={self.static_mps} must not be negative")
+        for name in ("horizon_s", "static_mps", "noise_px"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ConfigError(f"monocular: {name}={value} must be finite and not negative")
+        if not (math.isfinite(self.farthest_m) and self.farthest_m > 0.0):
+            raise ConfigError(
+                f"monocular: farthest_m={self.farthest_m} must be positive and finite"
+            )
+        if self.corner_px < 1:
+            raise ConfigError(f"monocular: corner_px={self.corner_px} must be at least 1")
 
 
 class Monocular:
@@ -57,19 +64,20 @@ class Monocular:
             current: Taken at T_SS.
 
         Raises:
-            InputError: the pair is not in the order of time, or of two sizes.
+            InputError: the pair is not in the order of time, or of two cameras.
         """
         if previous is not None:
             _check(previous, current)
         config = self.config
-        place = current.T_world_camera.position[:2]
-        self.colours.learn(current.rgb, place)
-        ground = self.ground_of(current)
+        nearest_m = nearest_distance_m(current.camera, current.T_world_camera)
+        if math.isfinite(nearest_m):  # the lowest rows look at the floor
+            self.colours.learn(current.rgb, current.T_world_camera.position[:2])
+        ground = self._ground(current)
         edges = find_edges(ground)
         flows = _no_flows()
         if previous is not None and edges.groups:
             begin, end = follow(
-                previous.rgb, current.rgb, self.ground_of(previous), ground, config.flow
+                previous.rgb, current.rgb, self._ground(previous), ground, config.flow
             )
             owners = edges.owners(end, float(config.flow.band_px))
             flows = floor_flows(begin, end, previous, current, owners, config.farthest_m)
@@ -94,7 +102,7 @@ class Monocular:
             predicted=predicted,
             movable=np.asarray(movable, dtype=np.uint8),
             horizon_s=config.horizon_s,
-            nearest_m=nearest_distance_m(current.camera, current.T_world_camera),
+            nearest_m=nearest_m,
             corners_blocked=_corners_blocked(movable, config.corner_px),
         )
 
@@ -105,6 +113,12 @@ class Monocular:
         if previous is None or not len(flows):
             return np.zeros(0)
         return least_speeds(flows, previous, current, self.config.static_mps, self.config.noise_px)
+
+    def _ground(self, picture: Picture) -> UInt8[np.ndarray, "h w"]:
+        """I_g; nothing as long as no floor was seen to learn from."""
+        if self.colours.range is None:
+            return np.zeros(picture.rgb.shape[:2], np.uint8)
+        return self.ground_of(picture)
 
     def ground_of(self, picture: Picture) -> UInt8[np.ndarray, "h w"]:
         """I_g of a picture by the colours as they are remembered now.
@@ -123,10 +137,10 @@ def _check(previous: Picture, current: Picture) -> None:
             f"the current picture, at {current.stamp_s} s, must be later than the previous one, "
             f"at {previous.stamp_s} s; swap them"
         )
-    if previous.rgb.shape != current.rgb.shape:
+    if previous.camera != current.camera:
         raise InputError(
-            f"the pictures of a pair are {previous.rgb.shape[1::-1]} and {current.rgb.shape[1::-1]} px; "
-            "both must have one size"
+            f"the pictures of a pair are of two cameras, {previous.camera} and {current.camera}; "
+            "give two of one camera"
         )
 
 

@@ -9,6 +9,7 @@ Source: seed 000, section 3.3 (Shi-Tomasi, pyramidal Lucas-Kanade); the painted 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -33,8 +34,15 @@ class FlowConfig:
     def __post_init__(self) -> None:
         if self.window_px < 5 or self.window_px % 2 == 0:
             raise ConfigError(f"flow: window_px={self.window_px} must be odd and at least 5")
-        if self.levels < 1 or self.corners < 1:
-            raise ConfigError("flow: levels and corners must be at least 1")
+        for name in ("levels", "corners", "band_px"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"flow: {name}={getattr(self, name)} must be at least 1")
+        if not 0.0 < self.quality <= 1.0:
+            raise ConfigError(f"flow: quality={self.quality} must lie in (0, 1]")
+        for name in ("apart_px", "agree_px"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"flow: {name}={value} must be positive and finite")
 
 
 def follow(

@@ -34,18 +34,26 @@ class GroundConfig:
     def __post_init__(self) -> None:
         if self.least_px < 0 or not self.speck_m2 >= 0.0:
             raise ConfigError("ground: least_px and speck_m2 must not be negative")
+        if not math.isfinite(self.speck_m2):
+            raise ConfigError(f"ground: speck_m2={self.speck_m2} must be finite")
+        if not 0.0 <= self.core_share <= 1.0:
+            raise ConfigError(f"ground: core_share={self.core_share} must lie in [0, 1]")
 
 
 def horizon_rows(camera: Camera, T_world_camera: Pose3) -> tuple[float, float]:
     """Rows of the horizon at the left and right border; beyond the picture if it is not seen there.
 
-    Pixels above (smaller v; for a camera held upside down there is no such thing) never show the floor.
+    Pixels above (smaller v; for a camera held upside down there is no such thing) never show the floor. A camera
+    that looks straight up sees none: both are infinite.
     """
     up = T_world_camera.rotation[2]  # world z in camera axes
     rows = []
     for u in (0.0, camera.width - 1.0):
         level = up[0] * (u - camera.cx) / camera.fx + up[2]
-        rows.append(camera.cy - camera.fy * level / up[1] if abs(up[1]) > 1e-6 else -math.inf)
+        upright = abs(up[1]) > 1e-6
+        rows.append(
+            camera.cy - camera.fy * level / up[1] if upright else math.copysign(math.inf, level)
+        )
     return rows[0], rows[1]
 
 
@@ -67,7 +75,9 @@ def ground_image(
     rgb = picture.rgb
     horizon = horizon_rows(picture.camera, picture.T_world_camera)
     mask = np.zeros(rgb.shape[:2], np.uint8)
-    top = min(max(math.floor(min(horizon)), 0), rgb.shape[0]) if min(horizon) > 0 else 0
+    if min(horizon) > len(rgb) - 1:
+        return mask  # nothing below the horizon is in view
+    top = max(math.floor(min(horizon)), 0) if min(horizon) > 0 else 0
     below = mask[top:]
     mark(rgb[top:], colours, below)
     _clear_above(mask, horizon)

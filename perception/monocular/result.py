@@ -9,13 +9,18 @@ Source: seed 000, section 2 and section 3, Fig. 2 and Fig. 8.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..primitives.camera import Camera
+from ..primitives.errors import InputError
 from ..primitives.pose import Pose3
+
+LEAST_PX = 16  # ours: a side; fewer show neither a patch of floor nor an edge of five columns
+OVERTURNED = 1e-6  # ours: rounding of a camera that looks straight down
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +32,59 @@ class Picture:
         camera: Its pinhole; h and w are those of `rgb`.
         T_world_camera: Pose of the camera above the floor z = 0 (M_C or M_P of the seed, times R_opt).
         stamp_s: When, s.
+
+    Raises:
+        InputError: The image is no (h, w, 3) of whole numbers to 255, too small, or not of its camera's size;
+            the pose is not finite, below the floor, or of a camera held upside down.
     """
 
     rgb: UInt8[np.ndarray, "h w 3"]
     camera: Camera
     T_world_camera: Pose3
     stamp_s: float
+
+    def __post_init__(self) -> None:
+        self._check_image()
+        self._check_place()
+
+    def _check_image(self) -> None:
+        rgb, camera = self.rgb, self.camera
+        if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
+            raise InputError(
+                f"picture: an image of shape {rgb.shape} and {rgb.dtype} must be (h, w, 3) of uint8, red first; "
+                "convert it"
+            )
+        height, width = rgb.shape[:2]
+        if (width, height) != (camera.width, camera.height):
+            raise InputError(
+                f"picture: the image is {width}x{height} px, its camera {camera.width}x{camera.height}; "
+                "give the camera of that image"
+            )
+        if min(width, height) < LEAST_PX:
+            raise InputError(
+                f"picture: the image is {width}x{height} px; both sides must be at least {LEAST_PX}"
+            )
+
+    def _check_place(self) -> None:
+        pose = self.T_world_camera
+        turn = math.hypot(*pose.quat_xyzw)
+        if (
+            not all(map(math.isfinite, (*pose.translation, self.stamp_s)))
+            or not 0.0 < turn < math.inf
+        ):
+            raise InputError(
+                f"picture: its pose {pose.translation} m, {pose.quat_xyzw} at {self.stamp_s} s must be finite; "
+                "leave such a frame out"
+            )
+        if not pose.translation[2] > 0.0:
+            raise InputError(
+                f"picture: its camera at z={pose.translation[2]} m must be above the floor z = 0; check the pose"
+            )
+        if pose.rotation[2, 1] > OVERTURNED:
+            raise InputError(
+                f"picture: its camera is held upside down (world z is {pose.rotation[2, 1]:+.2f} along its "
+                "downward axis); turn the image and the pose by half a turn"
+            )
 
 
 @dataclass(frozen=True, eq=False)

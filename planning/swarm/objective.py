@@ -52,8 +52,8 @@ class ObjectiveConfig:
             raise ConfigError(f"swarm: window_steps={self.window_steps} must be at least 1")
         if not 0.0 <= self.top_share < 1.0:
             raise ConfigError(f"swarm: top_share={self.top_share} must lie in [0, 1)")
-        if self.margin_m < 0.0:
-            raise ConfigError(f"swarm: margin_m={self.margin_m} must not be negative")
+        if not (math.isfinite(self.margin_m) and self.margin_m >= 0.0):
+            raise ConfigError(f"swarm: margin_m={self.margin_m} must be finite and not negative")
 
     @property
     def window_rad(self) -> float:

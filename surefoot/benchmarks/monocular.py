@@ -156,6 +156,7 @@ def run() -> Comparison:
     memory = FloorColours(CONFIG.adaptation)
     colours = memory.learn(current.rgb)
     core = memory.core
+    assert colours is not None
     assert core is not None
     times = race(
         {

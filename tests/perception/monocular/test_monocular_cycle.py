@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from perception.monocular.back_projection import camera_pose, floor_points
 from perception.monocular.cycle import Monocular, MonocularConfig
-from perception.monocular.edges import REACH_PX, find_edges
+from perception.monocular.edges import LEAST_COLUMNS, REACH_PX, find_edges
 from perception.monocular.result import Picture
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
@@ -56,11 +56,37 @@ def cycle(speed_mps):
     return Monocular(MonocularConfig()).cycle(*pair), left + speed_mps * STEP_S
 
 
-@settings(max_examples=40)
-@given(st.integers(0, 10_000), st.integers(4, 30), st.integers(4, 30))
-def test_edges_are_no_ground_above_ground_and_groups_are_what_lies_together(seed, height, width):
+def strips(rng, height, width):
+    """Floor with strips and specks of no floor: some touch, some lie apart by less or more than the reach."""
+    ground = np.full((height, width), 255, np.uint8)
+    for _ in range(int(rng.integers(1, 2 + height * width // 150))):
+        v, u, long = rng.integers((0, 0, 1), (height - 1, width, 14))
+        ground[v : v + int(rng.integers(1, 4)), u : u + long] = 0
+    return ground
+
+
+def lying_together(pixels):
+    """The pixels in sets, grown one neighbour at a time."""
+    left, found = set(pixels), []
+    while left:
+        grown = [left.pop()]
+        for x, y in grown:
+            near = {p for p in left if max(abs(p[0] - x), abs(p[1] - y)) <= REACH_PX}
+            left -= near
+            grown += near
+        found.append(frozenset(grown))
+    return found
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.integers(0, 10_000), st.integers(4, 60), st.integers(4, 60), st.booleans())
+def test_edges_are_no_ground_above_ground_and_groups_are_what_lies_together(
+    seed, height, width, rugged
+):
     rng = np.random.default_rng(seed)
-    ground = np.where(rng.random((height, width)) < 0.8, 255, 0).astype(np.uint8)
+    ground = strips(rng, height, width)
+    if rugged:
+        ground = np.where(rng.random((height, width)) < 0.8, 255, 0).astype(np.uint8)
     edges = find_edges(ground)
     expected = {
         (x, y)
@@ -70,11 +96,20 @@ def test_edges_are_no_ground_above_ground_and_groups_are_what_lies_together(seed
     }
     assert set(zip(*np.nonzero(edges.image)[::-1], strict=True)) == expected
     pixels = list(zip(edges.columns.tolist(), edges.rows.tolist(), strict=True))
-    assert set(pixels) == expected
-    for i, a in enumerate(pixels):
-        for j, b in enumerate(pixels[:i]):
-            if max(abs(a[0] - b[0]), abs(a[1] - b[1])) <= REACH_PX:
-                assert edges.labels[i] == edges.labels[j]
+    assert len(pixels) == len(expected)
+    together = lying_together(expected)
+    wide = {one for one in together if len({x for x, _ in one}) >= LEAST_COLUMNS}
+    grouped = {
+        frozenset(p for p, label in zip(pixels, edges.labels, strict=True) if label == k)
+        for k in range(len(edges.groups))
+    }
+    assert grouped == wide
+    specks = {p for p, label in zip(pixels, edges.labels, strict=True) if label < 0}
+    assert specks == expected - set().union(*wide)
+    for k, group in enumerate(edges.groups):
+        mine = [p for p, label in zip(pixels, edges.labels, strict=True) if label == k]
+        lowest = {u: max(y for x, y in mine if x == u) for u, _ in mine}
+        assert group.tolist() == [[u, lowest[u]] for u in sorted(lowest)]
 
 
 @pytest.mark.parametrize("speed", [0.06, -0.06, 0.15])
