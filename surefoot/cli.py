@@ -187,28 +187,51 @@ def process(
 
 @main.command()
 @click.argument("recording", type=click.Path(path_type=Path))
+@click.option(
+    "--description", type=click.Path(path_type=Path), help="A recording.toml kept elsewhere."
+)
 @out_option
+@config_option
+@set_option
 @json_option
-def monocular(recording: Path, out: Path | None, as_json: bool) -> None:
-    """Find the floor of RECORDING by its colour alone, as seed 000 does; depth judges it.
+def monocular(
+    recording: Path,
+    description: Path | None,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Find the floor of RECORDING by its colour alone, as seed 000 does; depth judges it where there is any.
 
     Writes the eight stages of every frame as one picture, and monocular.json.
+
+    \b
+    Examples:
+      surefoot monocular data/walk
+      surefoot monocular ~/rgbd_dataset_freiburg3_cabinet --set monocular.farthest_m=4
     """
+    from .config import load
     from .monocular_run import process_monocular
     from .recordings.open import open_recording
     from .run_folder import RunFolder
 
-    opened = open_recording(recording)
-    folder = RunFolder.create(out, name=f"{opened.info.name}-monocular")
+    config = load(config_path, overrides)
+    opened = open_recording(recording, description)
+    folder = RunFolder.create(out, name=f"{opened.info.name}-monocular", reads=recording)
     with progress() as say:
-        figures = process_monocular(opened, folder.root, say)
+        figures = process_monocular(opened, folder.root, say, config)
     if as_json:
         click.echo(json.dumps(figures, indent=2))
         return
-    judged = f", floor IoU {figures['iou']:.3f}" if "iou" in figures else ""
-    click.echo(
-        f"{figures['frames']:.0f} frames with colour, depth and a floor{judged}: {folder.root}"
+    judged = (
+        f"{figures['judged']} judged by depth, floor IoU {figures['iou']:.3f}"
+        if figures["judged"]
+        else "no depth to judge them by"
     )
+    for reason, count in figures["skipped"].items():
+        click.echo(f"skipped {count}: {reason}")
+    click.echo(f"{figures['frames']} frames, {judged}: {folder.root}")
 
 
 @main.command()

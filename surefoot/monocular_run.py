@@ -1,8 +1,7 @@
 """The monocular cycle on a recording, and the picture of its eight stages.
 
-A recording gives colour pictures; where the camera stood above the floor comes from its given poses, or,
-where there are none, from the floor that the depth camera sees. The depth floor is also what the colour floor
-is judged by.
+A recording gives colour pictures; `colour_eye` tells where the camera stood above the floor. Where a depth image is
+registered to the picture, the floor in it is what the colour floor is judged by.
 
 Source: seed 000, Fig. 8.
 """
@@ -11,25 +10,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from perception.monocular.cycle import Monocular, MonocularConfig
+from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
+from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.plane import Plane
-from perception.primitives.pose import Pose3
 
+from .colour_eye import T_floor_colour, registered
 from .config import Config
-from .pipeline import Pipeline
-from .recordings.recording import Recording
+from .pipeline import Estimate, Pipeline
+from .recordings.recording import FrameError, Journal, Recording
 
 NEAR_FLOOR_M = 0.015  # a depth point so near the plane is floor
 NEAR_FLOOR_SHARE = 0.01  # and the same again for every square metre of its depth squared
+ODD = "its picture or its pose cannot be used"
+
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,18 +43,20 @@ class ColourFloor:
     Args:
         number: Of the frame, from 0.
         result: The cycle.
-        depth_floor: Where the depth camera sees the floor.
-        depth_known: Where it sees anything.
+        depth_floor: Where the depth camera sees the floor; None where no depth is registered to the colours.
+        depth_known: Where it sees anything; None likewise.
     """
 
     number: int
     result: MonocularResult
-    depth_floor: Bool[np.ndarray, "h w"]
-    depth_known: Bool[np.ndarray, "h w"]
+    depth_floor: Bool[np.ndarray, "h w"] | None = None
+    depth_known: Bool[np.ndarray, "h w"] | None = None
 
     @property
-    def iou(self) -> float:
-        """Of the colour floor and the depth floor, over the pixels with depth."""
+    def iou(self) -> float | None:
+        """Of the colour floor and the depth floor, over the pixels with depth; None without depth."""
+        if self.depth_floor is None or self.depth_known is None:
+            return None
         colour = self.result.ground > 0
         both = np.count_nonzero(colour & self.depth_floor)
         either = np.count_nonzero((colour | self.depth_floor) & self.depth_known)
@@ -58,28 +64,78 @@ class ColourFloor:
 
 
 def colour_floors(
-    recording: Recording, config: MonocularConfig | None = None
+    recording: Recording,
+    config: Config | None = None,
+    journal: Journal | None = None,
+    say: Say = lambda text: None,
 ) -> Iterator[ColourFloor]:
-    """Every frame of a recording with colour, depth and a floor; the pair is this frame and the one before.
+    """Every frame with a colour picture over a floor; the pair is this picture and the one before.
 
-    Without given poses there is no pair: what moved, camera or obstacle, cannot be told.
+    Where nobody knows how the camera moved there is no pair: what moved, camera or obstacle, cannot be told.
+
+    Args:
+        recording: Of any kind.
+        config: Of pipeline and cycle.
+        journal: Gets the frames that cannot be used, and why.
+        say: Gets what is wrong with an odd picture, in detail.
     """
-    monocular = Monocular(config or MonocularConfig())
-    pipeline = Pipeline(Config(), recording.info)
+    config = config or Config()
+    journal = journal or Journal()
+    monocular, pipeline = Monocular(config.monocular), Pipeline(config, recording.info)
     before: Picture | None = None
     for number, frame in enumerate(recording.frames()):
-        estimate = pipeline.cycle(frame)
-        if frame.colour is None or frame.depth is None or not estimate.views:
+        name = f"frame {number}"
+        try:
+            _check_pose(frame)
+            estimate = pipeline.cycle(_without_odd_colour(frame))
+            picture = _picture(frame, estimate, recording)
+            if before is not None and before.camera != picture.camera:
+                before = None
+            result = monocular.cycle(before, picture)
+        except FrameError as error:
+            journal.skip(name, str(error))
+            if frame.colour is not None:
+                before = None
             continue
-        plane = estimate.views[0].floor
-        picture = Picture(
-            frame.colour.rgb, frame.colour.camera, _above_floor(frame, plane), frame.stamp_s
-        )
-        result = monocular.cycle(before, picture)
-        if frame.T_world_camera is not None:
-            before = picture
-        known = np.isfinite(frame.depth.depth)
-        yield ColourFloor(number, result, depth_floor(frame.depth, plane), known)
+        except InputError as error:
+            say(f"{name}: {error}")
+            journal.skip(name, ODD)
+            before = None
+            continue
+        before = picture if estimate.pose is not None else None
+        yield ColourFloor(number, result, *_judge(frame, estimate))
+
+
+def _check_pose(frame: Frame) -> None:
+    """Refuse a given pose that is not a number, before the pipeline takes it."""
+    pose = frame.T_world_camera
+    if pose is not None and not np.isfinite([*pose.translation, *pose.quat_xyzw]).all():
+        raise FrameError(ODD)
+
+
+def _without_odd_colour(frame: Frame) -> Frame:
+    """The frame for the pipeline: footsteps and depth count also if the picture is not its camera's."""
+    colour = frame.colour
+    if colour is None or colour.rgb.shape == (colour.camera.height, colour.camera.width, 3):
+        return frame
+    return replace(frame, colour=None)
+
+
+def _picture(frame: Frame, estimate: Estimate, recording: Recording) -> Picture:
+    pose = T_floor_colour(frame, estimate, recording.info)
+    assert frame.colour is not None, "there is no place without a picture"
+    return Picture(frame.colour.rgb, frame.colour.camera, pose, frame.stamp_s)
+
+
+def _judge(frame: Frame, estimate: Estimate) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Where depth registered to the picture shows floor, and where anything; None twice without it."""
+    depth = frame.depth
+    if depth is None or frame.colour is None or not registered(depth, frame.colour):
+        return None, None
+    for view in estimate.views:
+        if view.sensor == "depth":
+            return depth_floor(depth, view.floor), np.isfinite(depth.depth)
+    return None, None
 
 
 def depth_floor(view: DepthView, plane: Plane) -> Bool[np.ndarray, "h w"]:
@@ -93,26 +149,41 @@ def depth_floor(view: DepthView, plane: Plane) -> Bool[np.ndarray, "h w"]:
 
 
 def process_monocular(
-    recording: Recording,
-    folder: Path,
-    say: Callable[[str], None],
-    config: MonocularConfig | None = None,
-) -> dict[str, float]:
+    recording: Recording, folder: Path, say: Say, config: Config | None = None
+) -> dict[str, Any]:
     """Run the monocular cycle over a recording; one picture of stages a frame, and `monocular.json`.
 
     Returns:
-        `frames`, and median and least of `iou`; only `frames` if there was none.
+        `frames`, how many `skipped` by reason, how many were `judged` by depth, and if any were, median and least of
+        `iou`.
+
+    Raises:
+        RecordingError: Not a single frame could be used.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    found = []
-    for floor in colour_floors(recording, config):
-        found.append(floor.iou)
+    for old in (*folder.glob("stages-*.png"), folder / "monocular.json"):
+        old.unlink(missing_ok=True)
+    journal, judged, frames = Journal(), [], 0
+    for floor in colour_floors(recording, config, journal, say):
+        frames += 1
         name = folder / f"stages-{floor.number:06d}.png"
         cv2.imwrite(str(name), cv2.cvtColor(stages(floor.result), cv2.COLOR_RGB2BGR))
-        say(f"frame {floor.number}: {len(floor.result.obstacles)} obstacles, IoU {floor.iou:.3f}")
-    summary: dict[str, float] = {"frames": float(len(found))}
-    if found:
-        summary |= {"iou": float(np.median(found)), "iou_min": float(np.min(found))}
+        told = f"frame {floor.number}: {len(floor.result.obstacles)} obstacles"
+        if floor.iou is not None:
+            judged.append(floor.iou)
+            told += f", IoU {floor.iou:.3f}"
+        say(told)
+    reasons = [one.reason for one in (*recording.skipped, *journal.skipped)]
+    skipped = {reason: reasons.count(reason) for reason in sorted(set(reasons))}
+    if not frames:
+        why = "; ".join(f"{count}: {reason}" for reason, count in skipped.items()) or "it is empty"
+        raise RecordingError(
+            f"{recording.info.name}: none of its frames could be used ({why}); "
+            "give a recording with colour pictures and a floor, or poses, or footsteps"
+        )
+    summary: dict[str, Any] = {"frames": frames, "skipped": skipped, "judged": len(judged)}
+    if judged:
+        summary |= {"iou": float(np.median(judged)), "iou_min": float(np.min(judged))}
     (folder / "monocular.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
 
@@ -165,21 +236,3 @@ def stages(result: MonocularResult, side_px: int = 360) -> UInt8[np.ndarray, "h 
         cv2.putText(pane, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 1, cv2.LINE_AA)
         shown.append(cv2.copyMakeBorder(pane, 2, 2, 2, 2, cv2.BORDER_CONSTANT, value=(90, 90, 90)))
     return np.asarray(np.vstack([np.hstack(shown[:4]), np.hstack(shown[4:])]), dtype=np.uint8)
-
-
-def _above_floor(frame: Frame, plane: Plane) -> Pose3:
-    """The camera in a world whose floor is z = 0: tilt and height by the plane, the rest as it is given.
-
-    The given pose keeps heading and place on the floor; the plane in the camera's own frame keeps the floor
-    where it is seen, whatever world the recording uses.
-    """
-    up = plane.normal
-    if frame.T_world_camera is None:
-        ahead, place = np.array([0.0, 0.0, 1.0]), np.zeros(2)
-    else:
-        ahead = frame.T_world_camera.rotation[0]  # world x in camera axes
-        place = frame.T_world_camera.position[:2]
-    x = ahead - up * float(ahead @ up)
-    x /= np.linalg.norm(x)
-    rotation = np.stack([x, np.cross(up, x), up])
-    return Pose3.from_rotation(rotation, np.array([*place, plane.offset_m]))

@@ -25,6 +25,7 @@ def run(seeds: int, say: Say) -> Outcome:
     for name, folder in SETS.items():
         found = []
         for floor in colour_floors(open_recording(real_data.folder(folder))):
+            assert floor.iou is not None, "both sets have depth"
             found.append(floor.iou)
             say(f"{folder} frame {floor.number}: IoU {floor.iou:.3f}")
         figures[f"{name}_iou"] = float(np.mean(found))

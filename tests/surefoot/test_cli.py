@@ -20,6 +20,7 @@ VERBS = (
     "simulate",
     "process",
     "panorama",
+    "monocular",
     "evaluate",
     "experiment",
     "bench",
