@@ -188,8 +188,8 @@ def process_monocular(
     return summary
 
 
-def stages(result: MonocularResult, side_px: int = 360) -> UInt8[np.ndarray, "h w 3"]:
-    """The eight pictures of a cycle as one: A, B the pair, C ground, D edges, E flow, F least flow,
+def panes(result: MonocularResult) -> tuple[tuple[str, UInt8[np.ndarray, "h w 3"]], ...]:
+    """Title and image of the eight stages of a cycle: A, B the pair, C ground, D edges, E flow, F least flow,
     G prediction, H result.
     """
     current = result.current.rgb
@@ -219,7 +219,7 @@ def stages(result: MonocularResult, side_px: int = 360) -> UInt8[np.ndarray, "h 
             result.movable,
         )
     ]
-    panes = (
+    return (
         ("A previous", previous),
         ("B current", current),
         ("C ground", grey[0]),
@@ -229,8 +229,12 @@ def stages(result: MonocularResult, side_px: int = 360) -> UInt8[np.ndarray, "h 
         ("G prediction", predicted),
         ("H result", grey[2]),
     )
+
+
+def stages(result: MonocularResult, side_px: int = 360) -> UInt8[np.ndarray, "h w 3"]:
+    """The panes of a cycle as one picture, four beside each other."""
     shown = []
-    for title, image in panes:
+    for title, image in panes(result):
         pane = cv2.resize(image, (side_px, side_px * image.shape[0] // image.shape[1]))
         cv2.rectangle(pane, (0, 0), (side_px // 2, 24), (255, 255, 255), -1)
         cv2.putText(pane, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 1, cv2.LINE_AA)

@@ -9,6 +9,7 @@ Beside it stands what the printed penalties of 1 do: how often their optimum is 
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 
@@ -23,6 +24,7 @@ from .experiment import Experiment, Outcome, Say, Target
 
 PARTICLES, EPOCHS = (20, 30, 50), (50, 100, 150)  # seed 000, section 6.4
 CHOSEN = (50, 100)  # seed 000
+MISSED_M = 0.05  # specification
 DEFAULT = "spread"  # the mode that measures best
 PRINTED_CYCLES = 20  # of the printed objective: each takes a second
 
@@ -39,7 +41,8 @@ def run(seeds: int, say: Say) -> Outcome:
     say("exact search done; now every pixel")
     every = [search.brute_force(o) for o in objectives]
     least = np.array([np.inf if b is None else b.value for b in every])
-    figures = {"gap_m_max": float(np.max(_gaps(optimum, least))), "exact_ms": exact_ms}
+    exact_gaps = _gaps(optimum, least)
+    figures = {"gap_m_max": float(np.max(exact_gaps)), "exact_ms": exact_ms}
     table = [
         "mode          particles  epochs   gap m p50    p85    p95      max  missed > 5 cm     ms"
     ]
@@ -48,20 +51,24 @@ def run(seeds: int, say: Say) -> Outcome:
             for epochs in EPOCHS:
                 config = search.SwarmConfig(mode, particles, epochs)
                 gaps, spent_ms = _fly(objectives, least, config)
-                p50, p85, p95 = np.percentile(gaps, [50, 85, 95])
-                missed = float(np.mean(gaps > 0.05))
-                table.append(
-                    f"{mode:<14}{particles:9d}{epochs:8d}{p50:12.3f}{p85:7.3f}{p95:7.3f}"
-                    f"{np.max(gaps):9.3f}{100 * missed:13.1f} %{spent_ms:8.2f}"
-                )
+                table.append(f"{mode:<14}{particles:9d}{epochs:8d}{_told(gaps, spent_ms)}")
                 if (particles, epochs) == CHOSEN:
+                    missed = float(np.mean(gaps > MISSED_M))
                     figures |= {f"missed_share_{mode}": missed, f"ms_{mode}": spent_ms}
                     if mode == DEFAULT:
+                        p85, p95 = np.percentile(gaps, [85, 95])
                         figures |= {"gap_m_p85": float(p85), "gap_m_p95": float(p95)}
         say(f"{mode}: done")
-    table.append(f"exact{'':>67}{0.0:13.1f} %{exact_ms:8.2f}")
+    table.append(f"{'exact':<31}{_told(exact_gaps, exact_ms)}")
     figures["printed_forbidden_share"] = _forbidden_share(floors[:PRINTED_CYCLES], objectives)
     return Outcome(figures, table)
+
+
+def _told(gaps: np.ndarray, spent_ms: float) -> str:
+    """The part of a table line that is measured."""
+    p50, p85, p95 = np.percentile(gaps, [50, 85, 95])
+    missed = 100 * np.mean(gaps > MISSED_M)
+    return f"{p50:12.3f}{p85:7.3f}{p95:7.3f}{np.max(gaps):9.3f}{missed:13.1f} %{spent_ms:8.2f}"
 
 
 def _objective(floor: random_floors.RandomFloor, config: ObjectiveConfig) -> Objective:
@@ -91,12 +98,19 @@ def _gaps(found: np.ndarray, optimum: np.ndarray) -> np.ndarray:
         return np.where(both, 0.0, np.minimum(np.abs(found - optimum), 1e3))
 
 
+def printed(floor: random_floors.RandomFloor) -> Objective:
+    """Eq. (9) as printed in one room. It measures angles from the y axis, so the robot faces along it."""
+    robot = Pose2(yaw=math.pi / 2)
+    config = replace(PRINTED, margin_m=ObjectiveConfig().margin_m)
+    goal = robot.apply(floor.goal)
+    return Objective.of(floor.movable, floor.camera, floor.T_body_camera, robot, goal, config)
+
+
 def _forbidden_share(floors: list[random_floors.RandomFloor], objectives: list[Objective]) -> float:
     """How often the best pixel by eq. (9) as printed is one that the robot must not walk to."""
-    config = replace(PRINTED, margin_m=ObjectiveConfig().margin_m)
     forbidden = []
     for floor, objective in zip(floors, objectives[: len(floors)], strict=True):
-        best = search.exact(_objective(floor, config))
+        best = search.exact(printed(floor))
         assert best is not None, "without refusal there is always a least sum"
         value = float(objective.value(np.array([best.pixel], float))[0])
         forbidden.append(value >= objective.config.penalty)
