@@ -2,7 +2,8 @@
 
 Sixteen obstacles, four of them moving, are what survives of the paper's experiment; size of the room, places,
 lines and via points are drawn by the seed. What moves is blind to the robot and to everything else, so its
-lines keep clear of what stands and of each other: nothing is drawn that could not be walked.
+lines keep clear of what stands and of each other: nothing is drawn that could not be walked. A harder course has
+more of both, closer together, and what moves is faster.
 
 Source: seed 001, section V-C; speeds and the hard course from a study of such walks.
 """
@@ -10,7 +11,7 @@ Source: seed 001, section V-C; speeds and the hard course from a study of such w
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +19,7 @@ from jaxtyping import Float
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
+from .difficulty import USUAL, count, graded
 from .rooms import walls
 from .scenes import FloorArea, Mover, Scene, Thing
 from .shapes import Cylinder
@@ -42,6 +44,7 @@ class CourseKind:
         standing, moving: How many obstacles.
         speeds_mps: Of movers, least and most.
         length_m: Of the straight lines from the start through all via points.
+        between_m: Between middles of standing obstacles.
     """
 
     name: str
@@ -50,6 +53,7 @@ class CourseKind:
     moving: int
     speeds_mps: tuple[float, float]
     length_m: float
+    between_m: float = 0.60  # ours: the robot passes between any two
 
 
 SLOW = CourseKind("course", 6.0, 12, 4, (0.03, 0.06), 30.0)
@@ -57,8 +61,7 @@ FAST = CourseKind("fast_course", 6.0, 12, 4, (0.03, 0.15), 30.0)
 HARD = CourseKind("hard_course", 8.0, 18, 12, (0.05, 0.20), 30.0)
 
 REVERSAL_S = (12.0, 25.0)  # seed 000: 18 to 25 s; ours: some turn sooner
-BETWEEN_M = 0.60  # middles of standing obstacles: the robot passes between any two
-TO_WALL_M = 0.55  # the same, to a wall
+TO_WALL_M = 0.55  # middles of standing obstacles: the robot passes
 LINE_TO_STANDING_M = 0.30  # from a mover's line to a standing middle
 LINE_TO_LINE_M = 0.25  # from line to line
 LINE_TO_WALL_M = 0.30
@@ -67,28 +70,29 @@ VIA_TO_STANDING_M = 0.45
 LEG_M = (1.5, 4.5)
 
 
-def course(seed: int) -> Scene:
+def course(seed: int, difficulty: float = USUAL) -> Scene:
     """Sixteen obstacles, four of them moving at up to 0.06 m/s."""
-    return draw(SLOW, seed)
+    return draw(SLOW, seed, difficulty)
 
 
-def fast_course(seed: int) -> Scene:
+def fast_course(seed: int, difficulty: float = USUAL) -> Scene:
     """The same with movers of up to 0.15 m/s: half again as fast as the robot."""
-    return draw(FAST, seed)
+    return draw(FAST, seed, difficulty)
 
 
-def hard_course(seed: int) -> Scene:
+def hard_course(seed: int, difficulty: float = USUAL) -> Scene:
     """Thirty obstacles, twelve of them moving at up to 0.20 m/s, twice as fast as the robot."""
-    return draw(HARD, seed)
+    return draw(HARD, seed, difficulty)
 
 
-def draw(kind: CourseKind, seed: int) -> Scene:
+def draw(kind: CourseKind, seed: int, difficulty: float = USUAL) -> Scene:
     """A course of a kind.
 
     Raises:
         SurefootError: None of many draws fitted the room.
     """
     rng = np.random.default_rng([seed, 5, kind.moving, round(1e3 * kind.speeds_mps[1])])
+    kind = _graded(kind, difficulty)
     for _ in range(DRAWS):
         posts = _posts(kind, rng)
         start = None if posts is None else _start(kind, posts, rng)
@@ -103,11 +107,25 @@ def draw(kind: CourseKind, seed: int) -> Scene:
     )
 
 
+def _graded(kind: CourseKind, difficulty: float) -> CourseKind:
+    """The kind made easier or harder; the closest pair still lets a disc of 15 cm through."""
+    number = graded(difficulty, 2 / 3, 1.0, 4 / 3)
+    speed = graded(difficulty, 0.7, 1.0, 1.3)
+    slow, fast = kind.speeds_mps
+    return replace(
+        kind,
+        standing=round(number * kind.standing),
+        moving=count(difficulty, kind.moving // 2, kind.moving, kind.moving * 3 // 2),
+        speeds_mps=(speed * slow, speed * fast),
+        between_m=kind.between_m * graded(difficulty, 1.2, 1.0, 0.9),
+    )
+
+
 def _posts(kind: CourseKind, rng: np.random.Generator) -> Float[np.ndarray, "n 2"] | None:
     found: list[np.ndarray] = []
     for _ in range(60 * kind.standing):
         place = rng.uniform(TO_WALL_M, kind.side_m - TO_WALL_M, 2)
-        if all(math.dist(place, other) >= BETWEEN_M for other in found):
+        if all(math.dist(place, other) >= kind.between_m for other in found):
             found.append(place)
         if len(found) == kind.standing:
             return np.round(np.array(found), 3)
@@ -119,7 +137,7 @@ def _start(
 ) -> tuple[float, float] | None:
     for _ in range(60):
         place = rng.uniform(0.5, kind.side_m - 0.5, 2)
-        if np.hypot(*(posts - place).T).min() >= BETWEEN_M:
+        if np.hypot(*(posts - place).T).min() >= kind.between_m:
             return round(float(place[0]), 3), round(float(place[1]), 3)
     return None
 

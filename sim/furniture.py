@@ -164,12 +164,25 @@ CATALOGUE: tuple[Model, ...] = (
 
 
 def furnish(
-    extent: Extent, partition: Thing, models: tuple[Model, ...], rng: np.random.Generator
+    extent: Extent,
+    partition: Thing,
+    models: tuple[Model, ...],
+    rng: np.random.Generator,
+    passage_m: float = PASSAGE_M,
+    least: int = LEAST_PIECES,
 ) -> list[Piece] | None:
     """Put furniture into a room, piece by piece, leaving out what finds no place.
 
     Pieces of the wall stand with their backs 2 cm from it; the others keep a passage to everything, or
     stand close to a wall.
+
+    Args:
+        extent: Of the room, m.
+        partition: What stands in it already.
+        models: What is wanted, in this order.
+        rng: Of places and colours.
+        passage_m: Kept free between pieces.
+        least: With fewer pieces it is no furnished room.
 
     Returns:
         The pieces, or None if too few found a place.
@@ -180,12 +193,12 @@ def furnish(
     for model in models:
         for _ in range(40):
             piece = _draw(model, extent, rng)
-            if _fits(piece, extent, taken, rims):
+            if _fits(piece, extent, taken, rims, passage_m):
                 placed.append(piece)
                 taken += piece.thing.parts
                 rims = np.concatenate([rims, *(_rim(part) for part in piece.thing.parts)])
                 break
-    return placed if len(placed) >= LEAST_PIECES else None
+    return placed if len(placed) >= least else None
 
 
 def _draw(model: Model, extent: Extent, rng: np.random.Generator) -> Piece:
@@ -221,28 +234,30 @@ def place_piece(
     return Thing(model.name, parts, model.albedo)
 
 
-def _fits(piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray) -> bool:
+def _fits(
+    piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray, passage_m: float
+) -> bool:
     x0, y0, x1, y1 = extent
     corners = np.concatenate([outline(part) for part in piece.thing.parts])
     if corners[:, 0].min() < x0 or corners[:, 0].max() > x1:
         return False
     if corners[:, 1].min() < y0 or corners[:, 1].max() > y1:
         return False
-    passage = PASSAGE_M if not piece.model.wall else 0.06
+    passage = passage_m if not piece.model.wall else 0.06
     gap = min(_gap(part, rims) for part in piece.thing.parts)
     if gap < passage:
         return False
     own = np.concatenate([_rim(part) for part in piece.thing.parts])
     gap = min(gap, *(_gap(shape, own) for shape in taken))
     if piece.model.wall:
-        return gap >= passage and (gap >= PASSAGE_M or gap < 0.30)
+        return gap >= passage and (gap >= passage_m or gap < 0.30)
     to_wall = min(
         corners[:, 0].min() - x0,
         x1 - corners[:, 0].max(),
         corners[:, 1].min() - y0,
         y1 - corners[:, 1].max(),
     )
-    return bool(gap >= PASSAGE_M and (to_wall >= PASSAGE_M or to_wall < 0.15))
+    return bool(gap >= passage_m and (to_wall >= passage_m or to_wall < 0.15))
 
 
 def _gap(shape: Shape, points: np.ndarray) -> float:

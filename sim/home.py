@@ -1,7 +1,8 @@
 """The furnished home: a living and a dining room with a wide opening, another one for every seed.
 
 Furniture goes along the walls first, then into the rooms; little robots go to and fro across the way.
-A draw that cannot be crossed by a body of 28 cm radius, whatever the robots do, is drawn again.
+A draw that cannot be crossed by a body of 28 cm radius, whatever the robots do, is drawn again. A harder home
+has more pieces and narrower passages between them, a longer partition, and more and faster robots.
 Everything is solid down to the floor. Source: ours.
 """
 
@@ -15,8 +16,9 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
+from .difficulty import USUAL, count, graded, span
 from .free_space import ClearanceMap, clearance_map
-from .furniture import CATALOGUE, Piece, furnish
+from .furniture import CATALOGUE, LEAST_PIECES, PASSAGE_M, Model, Piece, furnish
 from .rooms import little_robot, towards, walls
 from .scenes import FloorArea, Mover, Scene, Thing
 from .shapes import Box, distance
@@ -26,6 +28,7 @@ EXTENT = (0.0, 0.0, 6.4, 5.0)
 WALKER_RADIUS_M = 0.28  # 0.15 of the body, the rest to plan with
 DRAWS = 200  # seeds 0 to 19 take one to three
 _MOVER_RADIUS_M = 0.10
+_COLOURS = ("orange", "lime", "violet", "navy", "red")
 
 
 @dataclass(frozen=True)
@@ -37,13 +40,15 @@ class _Layout:
     goals: tuple[tuple[float, float], ...]
 
 
-def furnished(seed: int) -> Scene:
+def furnished(seed: int, difficulty: float = USUAL) -> Scene:
     """The home of a seed."""
     rng = np.random.default_rng([seed, 1])
     for _ in range(DRAWS):
-        layout = _lay_out(rng)
-        movers = None if layout is None else _set_going(layout, rng)
-        if layout is None or movers is None or not _worth_crossing(layout, movers):
+        layout = _lay_out(rng, difficulty)
+        movers = None if layout is None else _set_going(layout, rng, difficulty)
+        if layout is None or movers is None:
+            continue
+        if not _worth_crossing(layout, movers, difficulty):
             continue
         heading = towards(layout.start, tuple(layout.way[min(12, len(layout.way) - 1)]))
         start = Pose2(*layout.start, heading)
@@ -73,9 +78,9 @@ def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
     )
 
 
-def _lay_out(rng: np.random.Generator) -> _Layout | None:
+def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
     """Furniture, start and goals; None if they do not go together."""
-    partition_y = float(rng.uniform(1.0, 1.5))
+    partition_y = float(rng.uniform(*span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0))))
     partition_x = float(rng.uniform(3.1, 3.7))
     from_south = bool(rng.integers(2))
     middle = partition_y / 2 if from_south else EXTENT[3] - partition_y / 2
@@ -89,7 +94,14 @@ def _lay_out(rng: np.random.Generator) -> _Layout | None:
         *walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")),
         partition,
     )
-    pieces = furnish(EXTENT, partition, CATALOGUE, rng)
+    pieces = furnish(
+        EXTENT,
+        partition,
+        _models(difficulty),
+        rng,
+        graded(difficulty, 0.80, PASSAGE_M, 0.60),
+        count(difficulty, 6, LEAST_PIECES, 11),
+    )
     if pieces is None:
         return None
     things = building + tuple(_numbered(pieces))
@@ -108,6 +120,13 @@ def _lay_out(rng: np.random.Generator) -> _Layout | None:
         return None
     goals = (first, *(spot for spot in others if spot is not None))
     return _Layout(things, space, way, start, goals)
+
+
+def _models(difficulty: float) -> tuple[Model, ...]:
+    """What a home is furnished with: the hard one with the small things once more."""
+    small = tuple(model for model in CATALOGUE[7:12])
+    most = len(CATALOGUE)
+    return (CATALOGUE + small)[: count(difficulty, 8, most, most + len(small))]
 
 
 def _numbered(pieces: list[Piece]) -> list[Thing]:
@@ -138,12 +157,14 @@ def _spot(
     return None
 
 
-def _set_going(layout: _Layout, rng: np.random.Generator) -> tuple[Mover, ...] | None:
-    """Three little robots whose lines keep clear of furniture, start and goals, and never lock the way."""
+def _set_going(
+    layout: _Layout, rng: np.random.Generator, difficulty: float
+) -> tuple[Mover, ...] | None:
+    """Little robots, usually three: their lines keep clear of furniture, start, goals, and never lock the way."""
     movers: list[Mover] = []
-    for k, colour in enumerate(("orange", "lime", "violet")):
+    for k, colour in enumerate(_COLOURS[: count(difficulty, 1, 3, 5)]):
         for _ in range(60):
-            candidate = _draw_mover(k, colour, layout, rng)
+            candidate = _draw_mover(k, colour, layout, rng, difficulty)
             if _keeps_clear(candidate, layout, movers):
                 movers.append(candidate)
                 break
@@ -152,9 +173,12 @@ def _set_going(layout: _Layout, rng: np.random.Generator) -> tuple[Mover, ...] |
     return tuple(movers)
 
 
-def _draw_mover(k: int, colour: str, layout: _Layout, rng: np.random.Generator) -> Mover:
-    """The first two cross or follow the way, the third is anywhere."""
-    speed, reversal = float(rng.uniform(0.03, 0.06)), float(rng.uniform(15.0, 25.0))
+def _draw_mover(
+    k: int, colour: str, layout: _Layout, rng: np.random.Generator, difficulty: float
+) -> Mover:
+    """The first two cross or follow the way, the others are anywhere."""
+    speeds = span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
+    speed, reversal = float(rng.uniform(*speeds)), float(rng.uniform(15.0, 25.0))
     heading = float(rng.uniform(-math.pi, math.pi))
     if k < 2:
         share = rng.uniform(0.25, 0.5) if k == 0 else rng.uniform(0.5, 0.75)
@@ -193,8 +217,8 @@ def _keeps_clear(mover: Mover, layout: _Layout, others: list[Mover]) -> bool:
     return True
 
 
-def _worth_crossing(layout: _Layout, movers: tuple[Mover, ...]) -> bool:
-    """At least six obstacles within a metre of the way, two of them moving."""
+def _worth_crossing(layout: _Layout, movers: tuple[Mover, ...], difficulty: float) -> bool:
+    """Usually at least six obstacles within a metre of the way, two of them moving."""
     standing = sum(
         min(float(distance(part, layout.way).min()) for part in thing.parts) < 1.0
         for thing in layout.things
@@ -208,4 +232,5 @@ def _worth_crossing(layout: _Layout, movers: tuple[Mover, ...]) -> bool:
         < 1.0
         for mover in movers
     )
-    return standing + moving >= 6 and moving >= 2
+    enough = count(difficulty, 3, 6, 8), count(difficulty, 1, 2, 2)
+    return standing + moving >= enough[0] and moving >= enough[1]

@@ -9,6 +9,7 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
+from .difficulty import USUAL, Span, count, graded, span
 from .free_space import clearance_map
 from .furniture import CATALOGUE, place_piece
 from .rooms import walls
@@ -34,14 +35,18 @@ _SHELF = next(model for model in CATALOGUE if model.name == "bookshelf")
 _CLOTHES = ("navy", "rust", "plum", "teal", "mustard")
 
 
-def office(seed: int) -> Scene:
-    """Two rows of desks with chairs pushed about, shelves at the walls, cartons and bins in the aisles."""
+def office(seed: int, difficulty: float = USUAL) -> Scene:
+    """Two rows of desks with chairs pushed about, shelves at the walls, cartons and bins in the aisles.
+
+    In a harder one the rows stand closer to the walls and more bins lie between them.
+    """
     rng = np.random.default_rng([seed, 40])
     extent = OFFICE_M
     start, goals = Pose2(0.5, 2.5, 0.0), ((6.5, 2.5), (6.4, 0.5), (0.6, 4.5))
+    rows = span(difficulty, (1.25, 3.75), (1.15, 3.85), (1.05, 3.95))
     for _ in range(DRAWS):
         things = [*walls(extent, ("wall/white", "wall/sky", "wall/cream", "wall/sage"))]
-        for k, (x, y) in enumerate((x, y) for y in (1.15, 3.85) for x in (1.7, 3.5, 5.3)):
+        for k, (x, y) in enumerate((x, y) for y in rows for x in (1.7, 3.5, 5.3)):
             shift = rng.uniform(-0.12, 0.12, 2)
             place = (x + float(shift[0]), y + float(shift[1]))
             things.append(Thing(f"desk {k + 1}", _desk(place)))
@@ -50,7 +55,7 @@ def office(seed: int) -> Scene:
             chair = place_piece(_CHAIR, seat, float(rng.uniform(-math.pi, math.pi)), rng)
             things.append(Thing(f"chair {k + 1}", chair.parts, chair.albedo))
         things.append(place_piece(_SHELF, (3.5, extent[3] - 0.18), -math.pi / 2, rng))
-        for k in range(3):
+        for k in range(count(difficulty, 1, 3, 5)):
             place = (float(rng.uniform(1.2, 5.8)), float(rng.uniform(2.2, 2.8)))
             litter = place_piece(_BIN, place, float(rng.uniform(-math.pi, math.pi)), rng)
             things.append(Thing(f"bin {k + 1}", litter.parts, litter.albedo))
@@ -61,22 +66,29 @@ def office(seed: int) -> Scene:
     )
 
 
-def hall(seed: int) -> Scene:
-    """A bare hall with two pillars and a bench that people cross, to and fro, from wall to wall."""
+def hall(seed: int, difficulty: float = USUAL) -> Scene:
+    """A bare hall with two pillars and a bench that people cross, to and fro, from wall to wall.
+
+    In a harder one more people walk between more pillars, closer together and faster.
+    """
     rng = np.random.default_rng([seed, 41])
     extent = HALL_M
     start, goals = Pose2(0.6, 2.5, 0.0), ((7.4, 2.5), (7.2, 0.6))
     things = [*walls(extent, ("wall/cream", "wall/white", "wall/sky", "wall/white"))]
-    for k, x in enumerate((2.6, 5.4)):
+    for k, x in enumerate(np.linspace(2.6, 5.4, count(difficulty, 1, 2, 3))):
         y = float(rng.uniform(1.8, 3.2))
-        things.append(Thing(f"pillar {k + 1}", (Cylinder((x, y, 1.2), 0.18, 2.4, "plaster/grey"),)))
+        things.append(
+            Thing(f"pillar {k + 1}", (Cylinder((float(x), y, 1.2), 0.18, 2.4, "plaster/grey"),))
+        )
     bench = Box((4.0, 4.6, 0.21), (1.4, 0.38, 0.42), 0.0, "wood/walnut")
     things.append(Thing("bench", (bench,)))
     people: list[Mover] = []
-    for k in range(PEOPLE):
+    speeds = span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
+    apart_m = graded(difficulty, 0.8, 0.6, 0.5)
+    for k in range(count(difficulty, 2, PEOPLE, 7)):
         for _ in range(DRAWS):
-            one = _person(k, extent, rng)
-            if _keeps_apart(one, people, things, (start.x, start.y), goals):
+            one = _person(k, extent, rng, speeds)
+            if _keeps_apart(one, people, things, (start.x, start.y), goals, apart_m):
                 people.append(one)
                 break
     return _finished("hall", seed, extent, "tiles/grey", things, tuple(people), start, goals)
@@ -90,7 +102,7 @@ def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
     return (top, *sides)
 
 
-def _person(k: int, extent: tuple[float, ...], rng: np.random.Generator) -> Mover:
+def _person(k: int, extent: tuple[float, ...], rng: np.random.Generator, speeds_mps: Span) -> Mover:
     """From one long wall to the other, more or less straight across."""
     x = float(rng.uniform(1.4, extent[2] - 1.4))
     margin = PERSON_RADIUS_M + 0.15
@@ -98,7 +110,7 @@ def _person(k: int, extent: tuple[float, ...], rng: np.random.Generator) -> Move
     y = margin if upwards else extent[3] - margin
     heading = (1.0 if upwards else -1.0) * (math.pi / 2 + float(rng.uniform(-0.3, 0.3)))
     length = (extent[3] - 2 * margin - 0.8) / abs(math.sin(heading))
-    speed = float(rng.uniform(SLOWEST_MPS, FASTEST_MPS))
+    speed = float(rng.uniform(*speeds_mps))
     trunk = Cylinder(
         (0.0, 0.0, 0.72), PERSON_RADIUS_M, 1.44, f"fabric/{_CLOTHES[k % len(_CLOTHES)]}"
     )
@@ -112,6 +124,7 @@ def _keeps_apart(
     things: list[Thing],
     start: tuple[float, float],
     goals: tuple[tuple[float, float], ...],
+    apart_m: float,
 ) -> bool:
     """No two lines share a place, and none leads over the start, a goal or a thing."""
     line = _line(one)
@@ -121,7 +134,7 @@ def _keeps_apart(
     space = clearance_map(HALL_M, shapes)
     if any(space.at(place) < PERSON_RADIUS_M + 0.1 for place in line):
         return False
-    return all(math.dist(a, b) > 0.6 for other in others for a in line for b in _line(other))
+    return all(math.dist(a, b) > apart_m for other in others for a in line for b in _line(other))
 
 
 def _line(mover: Mover) -> list[tuple[float, float]]:

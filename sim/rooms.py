@@ -8,6 +8,7 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
+from .difficulty import USUAL, count, graded, span
 from .scenes import FloorArea, Mover, Scene, Thing
 from .shapes import Box, Cylinder
 from .tags import place_tags
@@ -64,29 +65,38 @@ def empty_room(seed: int) -> Scene:
     )
 
 
-def corridor(seed: int) -> Scene:
-    """A corridor of 8 x 1.6 m with boxes at alternating sides and one robot going along it."""
+def corridor(seed: int, difficulty: float = USUAL) -> Scene:
+    """A corridor of 8 x 1.6 m with boxes at alternating sides and one robot going along it.
+
+    A harder one has more and wider boxes, a faster robot and at last a second one.
+    """
     rng = np.random.default_rng([seed, 2])
     extent = (0.0, 0.0, 8.0, 1.6)
     things = list(walls(extent, ("wall/cream",) * 4))
     side = bool(rng.integers(2))
-    for k, x in enumerate(np.arange(1.8, 6.8, 1.5)):
-        width, height = float(rng.uniform(0.3, 0.42)), float(rng.uniform(0.3, 0.6))
+    for k, x in enumerate(np.arange(1.8, 6.8, graded(difficulty, 2.2, 1.5, 1.2))):
+        widths = span(difficulty, (0.22, 0.30), (0.3, 0.42), (0.45, 0.6))
+        width, height = float(rng.uniform(*widths)), float(rng.uniform(0.3, 0.6))
         y = width / 2 + 0.02 if side else extent[3] - width / 2 - 0.02
         place = (float(x + rng.uniform(-0.15, 0.15)), y, height / 2)
         things.append(
             Thing(f"carton {k + 1}", (Box(place, (0.35, width, height), 0.0, "cardboard/kraft"),))
         )
         side = not side
-    speed = float(rng.uniform(0.03, 0.05))
-    mover = little_robot("robot 1", (4.2, 0.8), 0.0, speed, 20.0, "orange")
+    movers = []
+    for name, x, heading, colour in (
+        ("robot 1", 4.2, 0.0, "orange"),
+        ("robot 2", 3.4, math.pi, "lime"),
+    )[: count(difficulty, 1, 1, 2)]:
+        speed = float(rng.uniform(*span(difficulty, (0.02, 0.03), (0.03, 0.05), (0.05, 0.08))))
+        movers.append(little_robot(name, (x, 0.8), heading, speed, 20.0, colour))
     return _finished(
         "corridor",
         seed,
         extent,
         "tiles/grey",
         tuple(things),
-        (mover,),
+        tuple(movers),
         Pose2(0.6, 0.8, 0.0),
         ((7.3, 0.8), (0.7, 0.8)),
     )

@@ -72,6 +72,9 @@ config_option = click.option(
 @click.argument("scene", required=False)
 @click.option("--seed", type=click.IntRange(min=0), help="Of scene, noise and choices.")
 @click.option(
+    "--difficulty", type=click.FloatRange(0.0, 1.0), help="Of the scene: 0 easy, 0.5 usual, 1 hard."
+)
+@click.option(
     "--planner",
     metavar="NAME",
     help="Who decides the steps: search (the joint stack), field, swarm or avoidance.",
@@ -96,6 +99,7 @@ config_option = click.option(
 def simulate(
     scene: str | None,
     seed: int | None,
+    difficulty: float | None,
     planner: str | None,
     body: str | None,
     record: bool,
@@ -113,11 +117,14 @@ def simulate(
       surefoot simulate                      the furnished home, seed 0
       surefoot simulate home --seed 7 --record --out runs/seven
       surefoot simulate home --wander 300    explore it for five minutes
+      surefoot simulate home --difficulty 1  more in the way, narrower and faster
       surefoot simulate --config runs/seven/config.toml     the same again
     """
     from .config import load
     from .runs import simulate as run
 
+    if difficulty is not None:
+        overrides = (*overrides, f"difficulty={difficulty}")
     if planner is not None:
         overrides = (*overrides, f"mission.planner={planner}")
     if body is not None:

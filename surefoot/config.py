@@ -39,6 +39,7 @@ from planning.route import RouteConfig
 from planning.search.potential import SearchConfig
 from planning.swarm.settings import SwarmWalkerConfig
 from planning.univector.fields import FieldConfig
+from sim.difficulty import USUAL
 from sim.robot import RobotConfig
 
 from . import config_file
@@ -149,6 +150,7 @@ class Config:
 
     scene: str = "home"
     seed: int = 0
+    difficulty: float = USUAL  # ours: of the scene, in [0, 1]; see `sim.difficulty`
     renderer: str = "auto"  # egl where it works, else tiny; a run writes down which it was
     mission: MissionConfig = field(default_factory=MissionConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
@@ -198,6 +200,10 @@ class Config:
             )
         if self.mission.planner == "swarm" and not self.robot.colour:
             raise ConfigError("mission: planner='swarm' walks by colour; set robot.colour=true")
+        if not 0.0 <= self.difficulty <= 1.0:
+            raise ConfigError(
+                f"difficulty={self.difficulty} must lie in [0, 1]; 0.5 is the scene as usual"
+            )
         if self.renderer not in ("auto", "egl", "tiny"):
             raise ConfigError(f"renderer={self.renderer!r} is unknown; choose auto, egl or tiny")
 

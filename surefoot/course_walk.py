@@ -92,7 +92,7 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
         truly: With true perception instead of the sensors'.
         stepper: Who checks and makes the steps; None: the guard.
     """
-    scene = scenes.load(config.scene, config.seed)
+    scene = scenes.load(config.scene, config.seed, config.difficulty)
     robot_config: RobotConfig = config.robot
     result, touching = Walk(), Touch()
     pictures = robot_config.tof

@@ -104,7 +104,7 @@ def simulate(
 
     from .truth_log import TruthLog
 
-    scene = scenes.load(config.scene, config.seed)
+    scene = scenes.load(config.scene, config.seed, config.difficulty)
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
     with contextlib.ExitStack() as stack:

@@ -162,7 +162,7 @@ def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
 
 def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], number: int) -> None:
     """The scene from above, the ways of all planners in it."""
-    scene = scenes.load(config.scene, config.seed)
+    scene = scenes.load(config.scene, config.seed, config.difficulty)
     with plot_style.styled():
         x0, y0, x1, y1 = scene.extent
         figure, axes = plot_style.sheet(height_in=1.0 + 7.0 * min((y1 - y0) / (x1 - x0), 1.2))

@@ -25,7 +25,7 @@ def coverage(run: RunFolder, config: Config) -> dict[str, float]:
     from sim import scenes
     from sim.free_space import clearance_map
 
-    scene = scenes.load(config.scene, config.seed)
+    scene = scenes.load(config.scene, config.seed, config.difficulty)
     parts = [part for thing in scene.things for part in thing.parts]
     space = clearance_map(scene.extent, parts)
     assert scene.start is not None

@@ -22,7 +22,7 @@ def test_a_course_has_its_obstacles_its_length_and_room_to_pass(kind, seed):
     way = np.array([[scene.start.x, scene.start.y], *scene.goals])
     assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(30.0, abs=1e-9)
     apart = np.linalg.norm(posts[:, None] - posts[None], axis=-1) + 9.0 * np.eye(len(posts))
-    assert apart.min() >= course.BETWEEN_M - 2e-3
+    assert apart.min() >= kind.between_m - 2e-3
     assert np.linalg.norm(posts[:, None] - way[None, 1:], axis=-1).min() >= 0.45 - 2e-3
     for mover in scene.movers:
         assert kind.speeds_mps[0] <= mover.speed_mps <= kind.speeds_mps[1]

@@ -51,6 +51,7 @@ def test_every_value_is_written_so_that_no_default_can_change_a_run():
         ({"robot": {"tof_mount_m": [0.0, 0.1]}}, "expected 3 values"),
         ({"robot": {"tof_mount_m": 0.1}}, "expected a list"),
         ({"renderer": "gpu"}, "choose auto, egl or tiny"),
+        ({"difficulty": 1.1}, r"difficulty=1.1 must lie in \[0, 1\]"),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_place(table, said):
