@@ -104,16 +104,16 @@ def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
     )
     if pieces is None:
         return None
-    things = building + tuple(_numbered(pieces))
+    things = building + tuple(numbered(pieces))
     space = clearance_map(EXTENT, [*partition.parts, *(p for t in pieces for p in t.thing.parts)])
-    start = _spot(space, (0.4, 1.9), (0.4, 4.6), 0.36, rng)
-    first = _spot(space, (4.9, 6.0), (0.4, 4.6), 0.36, rng)
+    start = free_spot(space, (0.4, 1.9), (0.4, 4.6), 0.36, rng)
+    first = free_spot(space, (4.9, 6.0), (0.4, 4.6), 0.36, rng)
     if start is None or first is None or math.dist(start, first) < 4.0:
         return None
     way = space.walk(start, first, WALKER_RADIUS_M)
     reach = space.reachable(start, WALKER_RADIUS_M)
     others = [
-        _spot(space, *box, 0.36, rng)
+        free_spot(space, *box, 0.36, rng)
         for box in (((2.2, 4.6), (1.6, 4.4)), ((0.4, 2.2), (0.4, 4.6)))
     ]
     if way is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
@@ -129,7 +129,7 @@ def _models(difficulty: float) -> tuple[Model, ...]:
     return (CATALOGUE + small)[: count(difficulty, 8, most, most + len(small))]
 
 
-def _numbered(pieces: list[Piece]) -> list[Thing]:
+def numbered(pieces: list[Piece]) -> list[Thing]:
     """The pieces as things; of several of a kind each gets its number."""
     names = [piece.thing.name for piece in pieces]
     found = []
@@ -143,13 +143,14 @@ def _numbered(pieces: list[Piece]) -> list[Thing]:
     return found
 
 
-def _spot(
+def free_spot(
     space: ClearanceMap,
     x_range: tuple[float, float],
     y_range: tuple[float, float],
     clearance_m: float,
     rng: np.random.Generator,
 ) -> tuple[float, float] | None:
+    """Somewhere within the ranges with that much room about it; None if chance finds nothing."""
     for _ in range(60):
         place = (round(float(rng.uniform(*x_range)), 2), round(float(rng.uniform(*y_range)), 2))
         if space.at(place) >= clearance_m:

@@ -111,11 +111,23 @@ def _person(k: int, extent: tuple[float, ...], rng: np.random.Generator, speeds_
     heading = (1.0 if upwards else -1.0) * (math.pi / 2 + float(rng.uniform(-0.3, 0.3)))
     length = (extent[3] - 2 * margin - 0.8) / abs(math.sin(heading))
     speed = float(rng.uniform(*speeds_mps))
+    return person(k, (x, y), heading, speed, length / speed)
+
+
+def person(
+    k: int,
+    start: tuple[float, float],
+    heading_rad: float,
+    speed_mps: float,
+    reversal_s: float,
+) -> Mover:
+    """Number k, from 0, of the people of a scene, who goes to and fro; its clothes are its own."""
     trunk = Cylinder(
         (0.0, 0.0, 0.72), PERSON_RADIUS_M, 1.44, f"fabric/{_CLOTHES[k % len(_CLOTHES)]}"
     )
     head = Cylinder((0.0, 0.0, PERSON_HEIGHT_M - 0.08), 0.09, 0.16, "plaster/clay")
-    return Mover(f"person {k + 1}", (x, y), heading, speed, length / speed, (trunk, head), 0.5)
+    name = f"person {k + 1}"
+    return Mover(name, start, heading_rad, speed_mps, reversal_s, (trunk, head), 0.5)
 
 
 def _keeps_apart(

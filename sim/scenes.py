@@ -176,6 +176,7 @@ def _registry() -> dict[str, Callable[[int, float], Scene]]:
     from . import (
         avoidance_scenes,
         course,
+        flat,
         home,
         plain_room,
         public_places,
@@ -185,6 +186,7 @@ def _registry() -> dict[str, Callable[[int, float], Scene]]:
 
     known: dict[str, Callable[[int, float], Scene]] = {
         "home": home.furnished,
+        "flat": flat.flat,
         "corridor": rooms.corridor,
         "office": public_places.office,
         "hall": public_places.hall,

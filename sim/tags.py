@@ -39,6 +39,7 @@ def place_tags(
     things: tuple[Thing, ...],
     start: Pose2,
     count: int,
+    others: tuple[tuple[float, float], ...] = (),
 ) -> tuple[tuple[Thing, ...], tuple[Landmark, ...]]:
     """Tag plates and what the robot is told of them.
 
@@ -47,6 +48,7 @@ def place_tags(
         things: Walls and furniture; tags hang on faces of boxes that are wide and high enough.
         start: Where the robot begins; only places it can reach count.
         count: How many tags at most (the dictionary has 50).
+        others: Places that it will reach too, through doorways finer than the grain of 25 cm.
     """
     shapes = [part for thing in things for part in thing.parts]
     space = clearance_map(extent, [s for t in things if not t.wall for s in t.parts], 0.25)
@@ -55,6 +57,8 @@ def place_tags(
         extent, [s for t in things if not t.wall for s in t.parts] + inside, 0.25
     )
     reachable = space_all.reachable((start.x, start.y), 0.15).ravel()
+    for place in others:
+        reachable |= space_all.reachable(place, 0.15).ravel()
     places = space.centres[reachable]
     spots = _spots(extent, shapes)
     seen = _visible(places, spots, shapes)

@@ -11,7 +11,7 @@ from sim.difficulty import count, graded, span
 from sim.free_space import clearance_map
 
 SEEDS = range(3)
-GRADED = ("home", "corridor", "office", "hall", "course", "fast_course", "hard_course")
+GRADED = ("home", "flat", "corridor", "office", "hall", "course", "fast_course", "hard_course")
 SAME = ("empty_room", "boxes", "plain_room", "robots_room", "narrow_course", "avoidance_ss")
 PLANNED_M = 0.15  # radius of the disc that planning moves
 
