@@ -12,10 +12,9 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from .rooms import walls
-from .scenes import FloorArea, Scene, Thing
+from .rooms import finished, walls
+from .scenes import Scene, Thing
 from .shapes import Box
-from .tags import place_tags
 
 MOTIONS = ("ST", "SS", "SF", "RS", "RF", "TS", "TF")
 FRONT_M, DEPTH_M, HEIGHT_M = 1.55, 0.24, 0.32
@@ -40,17 +39,14 @@ def avoidance(motion: str, seed: int) -> Scene:
         centre = (FRONT_M + DEPTH_M / 2, side * (left + right) / 2, height / 2)
         box = Box(centre, (DEPTH_M, left - right, height), 0.0, "cardboard/kraft")
         things.append(Thing(name, (box,)))
-    start = Pose2(0.3, 0.0, 0.0)
-    plates, landmarks = place_tags(extent, tuple(things), start, count=16)
-    return Scene(
+    return finished(
         f"avoidance_{motion.lower()}",
         seed,
         extent,
-        (FloorArea("planks/pine", extent),),
-        (*things, *plates),
+        "planks/pine",
+        tuple(things),
         (),
-        landmarks,
-        start,
+        Pose2(0.3, 0.0, 0.0),
         ((2.6, 0.0),),
     )
 

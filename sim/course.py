@@ -20,10 +20,9 @@ from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
 from .difficulty import USUAL, count, graded
-from .rooms import walls
-from .scenes import FloorArea, Mover, Scene, Thing
+from .rooms import finished, walls
+from .scenes import Mover, Scene, Thing
 from .shapes import Cylinder
-from .tags import place_tags
 
 STANDING, MOVING = "teal", "violet"
 COLOURS = ("#347a80", "#8654b0")
@@ -101,7 +100,7 @@ def draw(kind: CourseKind, seed: int, difficulty: float = USUAL) -> Scene:
         movers = _movers(kind, posts, start, rng)
         vias = _via_points(kind, posts, start, rng)
         if movers is not None and vias is not None:
-            return _finished(kind, seed, posts, start, movers, vias)
+            return _built(kind, seed, posts, start, movers, vias)
     raise SurefootError(
         f"{kind.name}: no draw of {DRAWS} with seed {seed} fitted the room; take another"
     )
@@ -221,7 +220,7 @@ def _via_points(
     return None
 
 
-def _finished(
+def _built(
     kind: CourseKind,
     seed: int,
     posts: np.ndarray,
@@ -231,10 +230,8 @@ def _finished(
 ) -> Scene:
     extent = (0.0, 0.0, kind.side_m, kind.side_m)
     heading = math.atan2(vias[0][1] - start[1], vias[0][0] - start[0])
-    pose = Pose2(*start, heading)
     building = walls(extent, ("wall/sky", "wall/cream", "wall/sage", "wall/white"))
-    plates, landmarks = place_tags(extent, building, pose, count=24)
-    things = tuple(
+    standing = tuple(
         Thing(
             f"post {k + 1}",
             (
@@ -245,14 +242,15 @@ def _finished(
         )
         for k, (x, y) in enumerate(posts)
     )
-    return Scene(
+    return finished(
         kind.name,
         seed,
         extent,
-        (FloorArea("planks/oak", extent),),
-        building + things + plates,
+        "planks/oak",
+        building + standing,
         movers,
-        landmarks,
-        pose,
+        Pose2(*start, heading),
         vias,
+        tags=24,
+        low=True,
     )

@@ -11,10 +11,9 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from .rooms import walls
-from .scenes import FloorArea, Scene, Thing
+from .rooms import finished, walls
+from .scenes import Scene, Thing
 from .shapes import Box
-from .tags import place_tags
 
 BOX_M = (0.28, 0.28, 0.30)
 
@@ -40,16 +39,14 @@ def plain_room(seed: int) -> Scene:
         )
         for k, (middle, colour) in enumerate(zip(middles, ("teal", "plum", "navy"), strict=True))
     )
-    start = Pose2(0.6, 1.5, 0.0)
-    plates, landmarks = place_tags(extent, building, start, count=16)
-    return Scene(
+    return finished(
         "plain_room",
         seed,
         extent,
-        (FloorArea("plain/oak", extent),),
-        building + boxes + plates,
+        "plain/oak",
+        building + boxes,
         (),
-        landmarks,
-        start,
+        Pose2(0.6, 1.5, 0.0),
         ((3.0, 1.5),),
+        low=True,
     )

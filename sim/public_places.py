@@ -10,18 +10,17 @@ from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
 from .difficulty import USUAL, Span, count, graded, span
-from .free_space import clearance_map
+from .free_space import ClearanceMap, clearance_map
 from .furniture import CATALOGUE, place_piece
-from .rooms import walls
-from .scenes import FloorArea, Mover, Scene, Thing
+from .rooms import finished, walls
+from .scenes import Mover, Scene, Thing
 from .shapes import Box, Cylinder, Shape
-from .tags import place_tags
 
 OFFICE_M = (0.0, 0.0, 7.0, 5.0)
 HALL_M = (0.0, 0.0, 8.0, 5.0)
 DRAWS = 60
 WALKER_RADIUS_M = 0.28  # a body of 15 cm radius that sways, and room to pass
-PEOPLE = 5
+PEOPLE = (2, 5, 7)  # ours: who crosses the hall, by its difficulty
 PERSON_RADIUS_M = 0.18
 PERSON_HEIGHT_M = 1.60
 SLOWEST_MPS, FASTEST_MPS = (
@@ -60,7 +59,9 @@ def office(seed: int, difficulty: float = USUAL) -> Scene:
             litter = place_piece(_BIN, place, float(rng.uniform(-math.pi, math.pi)), rng)
             things.append(Thing(f"bin {k + 1}", litter.parts, litter.albedo))
         if _can_be_walked(extent, things, start, goals):
-            return _finished("office", seed, extent, "tiles/grey", things, (), start, goals)
+            return finished(
+                "office", seed, extent, "tiles/grey", tuple(things), (), start, goals, tags=24
+            )
     raise SurefootError(
         f"office: no draw of {DRAWS} with seed {seed} could be walked; take another"
     )
@@ -82,16 +83,16 @@ def hall(seed: int, difficulty: float = USUAL) -> Scene:
         )
     bench = Box((4.0, 4.6, 0.21), (1.4, 0.38, 0.42), 0.0, "wood/walnut")
     things.append(Thing("bench", (bench,)))
-    people: list[Mover] = []
-    speeds = span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
-    apart_m = graded(difficulty, 0.8, 0.6, 0.5)
-    for k in range(count(difficulty, 2, PEOPLE, 7)):
-        for _ in range(DRAWS):
-            one = _person(k, extent, rng, speeds)
-            if _keeps_apart(one, people, things, (start.x, start.y), goals, apart_m):
-                people.append(one)
-                break
-    return _finished("hall", seed, extent, "tiles/grey", things, tuple(people), start, goals)
+    spots = ((start.x, start.y), *goals)
+    for _ in range(DRAWS):
+        people = _people(things, spots, difficulty, rng)
+        if len(people) == count(difficulty, *PEOPLE):
+            return finished(
+                "hall", seed, extent, "tiles/grey", tuple(things), people, start, goals, tags=24
+            )
+    raise SurefootError(
+        f"hall: in none of {DRAWS} draws with seed {seed} did all people keep apart; take another"
+    )
 
 
 def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
@@ -100,6 +101,29 @@ def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
     top = Box((x, y, 0.70), (1.2, 0.6, 0.04), 0.0, "wood/pine")
     sides = (Box((x + s * 0.57, y, 0.34), (0.04, 0.56, 0.68), 0.0, "wood/pine") for s in (-1, 1))
     return (top, *sides)
+
+
+def _people(
+    things: list[Thing],
+    spots: tuple[tuple[float, float], ...],
+    difficulty: float,
+    rng: np.random.Generator,
+) -> tuple[Mover, ...]:
+    """One after the other where there is room for them; fewer than wanted where the first ones bar it."""
+    shapes = [part for thing in things if not thing.wall for part in thing.parts]
+    space = clearance_map(HALL_M, shapes)
+    speeds = span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
+    apart_m = graded(difficulty, 0.8, 0.6, 0.5)
+    people: tuple[Mover, ...] = ()
+    for k in range(count(difficulty, *PEOPLE)):
+        for _ in range(DRAWS):
+            one = _person(k, HALL_M, rng, speeds)
+            if _keeps_apart(one, people, space, spots, apart_m):
+                people = (*people, one)
+                break
+        else:
+            break
+    return people
 
 
 def _person(k: int, extent: tuple[float, ...], rng: np.random.Generator, speeds_mps: Span) -> Mover:
@@ -132,21 +156,20 @@ def person(
 
 def _keeps_apart(
     one: Mover,
-    others: list[Mover],
-    things: list[Thing],
-    start: tuple[float, float],
-    goals: tuple[tuple[float, float], ...],
+    others: tuple[Mover, ...],
+    space: ClearanceMap,
+    spots: tuple[tuple[float, float], ...],
     apart_m: float,
 ) -> bool:
-    """No two lines share a place, and none leads over the start, a goal or a thing."""
+    """No two lines share a place, and none leads over a spot or a thing."""
     line = _line(one)
-    if any(math.dist(place, spot) < 0.7 for place in line for spot in (start, *goals)):
+    if any(math.dist(place, spot) < 0.7 for place in line for spot in spots):
         return False
-    shapes = [part for thing in things if not thing.wall for part in thing.parts]
-    space = clearance_map(HALL_M, shapes)
     if any(space.at(place) < PERSON_RADIUS_M + 0.1 for place in line):
         return False
-    return all(math.dist(a, b) > apart_m for other in others for a in line for b in _line(other))
+    return all(
+        math.dist(a, b) > apart_m for other in map(_line, others) for a in line for b in other
+    )
 
 
 def _line(mover: Mover) -> list[tuple[float, float]]:
@@ -163,18 +186,3 @@ def _can_be_walked(
     reach = clearance_map(extent, shapes).reachable((start.x, start.y), WALKER_RADIUS_M)
     space = clearance_map(extent, shapes)
     return all(bool(reach[space.cell(goal)]) for goal in goals)
-
-
-def _finished(
-    name: str,
-    seed: int,
-    extent: tuple[float, float, float, float],
-    flooring: str,
-    things: list[Thing],
-    movers: tuple[Mover, ...],
-    start: Pose2,
-    goals: tuple[tuple[float, float], ...],
-) -> Scene:
-    plates, landmarks = place_tags(extent, tuple(things), start, count=24)
-    area = FloorArea(flooring, extent)
-    return Scene(name, seed, extent, (area,), (*things, *plates), movers, landmarks, start, goals)

@@ -1,4 +1,4 @@
-"""The plain scenes: an empty room, a corridor, boxes in an arena; and the walls that all rooms have."""
+"""The plain scenes: an empty room, a corridor, boxes in an arena; and the walls and tags all rooms have."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def little_robot(
 def empty_room(seed: int) -> Scene:
     """Four walls and a floor, 5 x 4 m: for measuring sensors and walking without anything in the way."""
     extent = (0.0, 0.0, 5.0, 4.0)
-    return _finished(
+    return finished(
         "empty_room",
         seed,
         extent,
@@ -90,7 +90,7 @@ def corridor(seed: int, difficulty: float = USUAL) -> Scene:
     )[: count(difficulty, 1, 1, 2)]:
         speed = float(rng.uniform(*span(difficulty, (0.02, 0.03), (0.03, 0.05), (0.05, 0.08))))
         movers.append(little_robot(name, (x, 0.8), heading, speed, 20.0, colour))
-    return _finished(
+    return finished(
         "corridor",
         seed,
         extent,
@@ -117,7 +117,7 @@ def boxes(seed: int) -> Scene:
         for name, y in (("low", y_low - 0.12 - 0.24 * k), ("high", y_high + 0.12 + 0.24 * k)):
             box = Box((2.0, y, 0.16), (0.32, 0.24, 0.32), 0.0, "cardboard/kraft")
             things.append(Thing(f"box {name} {k + 1}", (box,)))
-    return _finished(
+    return finished(
         "boxes",
         seed,
         extent,
@@ -129,7 +129,7 @@ def boxes(seed: int) -> Scene:
     )
 
 
-def _finished(
+def finished(
     name: str,
     seed: int,
     extent: Extent,
@@ -138,8 +138,19 @@ def _finished(
     movers: tuple[Mover, ...],
     start: Pose2,
     goals: tuple[tuple[float, float], ...],
+    tags: int = 16,
+    low: bool = False,
 ) -> Scene:
-    plates, landmarks = place_tags(extent, things, start, count=16)
+    """A scene of one flooring with its tags hung.
+
+    Args:
+        name, seed, extent, things, movers, start, goals: As of the scene.
+        flooring: Material of all the floor.
+        tags: How many at most.
+        low: Whether only walls carry and hide tags: what else stands there is too low to.
+    """
+    around = tuple(thing for thing in things if thing.wall) if low else things
+    plates, landmarks = place_tags(extent, around, start, tags)
     return Scene(
         name,
         seed,

@@ -16,10 +16,9 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from .rooms import walls
-from .scenes import FloorArea, Mover, Scene, Thing
+from .rooms import finished, walls
+from .scenes import Mover, Scene, Thing
 from .shapes import Box, Cylinder, Shape
-from .tags import place_tags
 
 GOAL_TIMES_S = {
     "robots_room": (0.0, 70.0, 130.0, 150.0, 200.0),  # seed 000, section 6.5.1
@@ -44,14 +43,16 @@ def robots_room(seed: int) -> Scene:
         _epuck("d2", (0.0, 0.7), math.pi / 2, 18.0, "violet"),
         _epuck("d3", (-0.2, 3.3), math.pi / 4, 18.0, "leaf"),
     )
-    return _finished(
+    return finished(
         "robots_room",
         seed,
         extent,
+        "planks/oak",
         walls(extent, ("wall/sage", "wall/sky", "wall/cream", "wall/sky")),
         movers,
         Pose2(0.0, -0.3, math.pi / 2),
         ((0.0, 4.0), (-1.0, -0.2), (1.0, 0.1), (-1.0, 4.0), (1.0, 0.0)),
+        low=True,
     )
 
 
@@ -88,8 +89,16 @@ def narrow_course(seed: int) -> Scene:
             )
         )
     goals = tuple(place(*goal) for goal in ((2.2, 0.65), (3.9, 0.65), end))
-    return _finished(
-        "narrow_course", seed, extent, tuple(things), (), Pose2(*place(*start), 0.0), goals
+    return finished(
+        "narrow_course",
+        seed,
+        extent,
+        "planks/oak",
+        tuple(things),
+        (),
+        Pose2(*place(*start), 0.0),
+        goals,
+        low=True,
     )
 
 
@@ -144,27 +153,3 @@ def _epuck(
         (0.0, 0.0, EPUCK_HEIGHT_M / 2), EPUCK_RADIUS_M, EPUCK_HEIGHT_M, f"stripes/{colour}"
     )
     return Mover(name, start, heading_rad, 0.06, reversal_s, (body,))
-
-
-def _finished(
-    name: str,
-    seed: int,
-    extent: tuple[float, float, float, float],
-    things: tuple[Thing, ...],
-    movers: tuple[Mover, ...],
-    start: Pose2,
-    goals: tuple[tuple[float, float], ...],
-) -> Scene:
-    building = tuple(thing for thing in things if thing.wall)  # what stands here hides no tag
-    plates, landmarks = place_tags(extent, building, start, count=16)
-    return Scene(
-        name,
-        seed,
-        extent,
-        (FloorArea("planks/oak", extent),),
-        things + plates,
-        movers,
-        landmarks,
-        start,
-        goals,
-    )

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from sim import scenes
+from perception.primitives.errors import SurefootError
+from sim import public_places, scenes
 from sim.free_space import clearance_map
 from sim.shapes import distance
 
@@ -29,10 +30,22 @@ def test_an_office_is_cluttered():
     assert names.count("bin") == 3
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_a_hall_has_all_its_people(seed):
+    scene = scenes.load("hall", seed)
+    assert [mover.name for mover in scene.movers] == [f"person {k}" for k in range(1, 6)]
+
+
+def test_a_hall_without_room_for_its_people_is_refused(monkeypatch):
+    monkeypatch.setattr(public_places, "DRAWS", 10)
+    monkeypatch.setattr(public_places, "PEOPLE", 12)  # 0.6 m apart on 5.2 m there is no room
+    with pytest.raises(SurefootError, match=r"hall: .* seed 3 .* 12 people"):
+        scenes.load("hall", 3)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_people_cross_the_hall_and_never_meet_anything(seed):
     scene = scenes.load("hall", seed)
-    assert len(scene.movers) >= 3
     times = np.linspace(0.0, 200.0, 81)
     ways = [np.array([mover.state(t)[:2] for t in times]) for mover in scene.movers]
     for k, way in enumerate(ways):
