@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..shapes import Box, Cylinder, Solid
+from ..shapes import Box, Cylinder
 from .anatomy import Anatomy, Link, links
 
 REACH_RAD = 2.6  # of every joint: the gait, not the servo, keeps them apart
@@ -36,9 +36,6 @@ def still_urdf(solids: Iterable[Box | Cylinder]) -> str:
     for solid in solids:
         if isinstance(solid, Box):
             lines += _solid(solid.centre, solid.size, solid.yaw_rad)
-        elif isinstance(solid, Solid):  # as for contact: the box around it
-            low, high = solid.vertices.min(axis=0), solid.vertices.max(axis=0)
-            lines += _solid(solid.centre, tuple(float(v) for v in high - low), 0.0)
         else:
             lines += [
                 f'<collision><origin xyz="{_text(solid.centre)}"/><geometry>',
