@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3
 from planning.commands import WalkCommand
 
 from .gait import Gait, GaitConfig, Step
+from .ranges import check_ranges
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,15 @@ class SlipConfig:
     turn_sigma_deg: float = 0.6  # measured
 
     def __post_init__(self) -> None:
-        for name in ("forward_sigma_m", "lateral_sigma_m", "turn_bias_deg", "turn_sigma_deg"):
-            if getattr(self, name) < 0.0:
-                raise ConfigError(f"slip: {name}={getattr(self, name)} must not be negative")
+        check_ranges(
+            "slip",
+            self,
+            forward_mean_m=(-0.1, 0.1),
+            forward_sigma_m=(0.0, 0.1),
+            lateral_sigma_m=(0.0, 0.1),
+            turn_bias_deg=(0.0, 45.0),
+            turn_sigma_deg=(0.0, 45.0),
+        )
 
 
 @dataclass(frozen=True)
@@ -55,9 +61,15 @@ class TrembleConfig:
     standing_share: float = 0.2  # ours: a standing body trembles less
 
     def __post_init__(self) -> None:
-        for name in ("roll_deg", "pitch_deg", "yaw_deg", "height_m", "standing_share"):
-            if getattr(self, name) < 0.0:
-                raise ConfigError(f"tremble: {name}={getattr(self, name)} must not be negative")
+        check_ranges(
+            "tremble",
+            self,
+            roll_deg=(0.0, 45.0),
+            pitch_deg=(0.0, 45.0),
+            yaw_deg=(0.0, 45.0),
+            height_m=(0.0, 0.1),
+            standing_share=(0.0, 1.0),
+        )
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 
+from .ranges import check_ranges
 from .world import World
 
 
@@ -30,8 +31,14 @@ class ImageConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.across_deg < 170.0:
             raise ConfigError(f"camera: across_deg={self.across_deg} must lie in (0, 170)")
-        if self.noise_grey < 0.0:
-            raise ConfigError(f"camera: noise_grey={self.noise_grey} must not be negative")
+        check_ranges(
+            "camera",
+            self,
+            width=(1.0, 1e4),
+            height=(1.0, 1e4),
+            mount_m=(-2.0, 2.0),
+            noise_grey=(0.0, 127.0),
+        )
 
     @property
     def camera(self) -> Camera:

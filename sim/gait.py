@@ -24,6 +24,8 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
+from .ranges import check_ranges
+
 GRAVITY_MPS2 = 9.81
 
 
@@ -59,8 +61,25 @@ class GaitConfig:
                 f"gait: narrowest_m={self.narrowest_m} must lie between 0 and "
                 f"stance_width_m={self.stance_width_m}"
             )
-        if self.preview_steps < 2:
-            raise ConfigError(f"gait: preview_steps={self.preview_steps} must be at least 2")
+        check_ranges(
+            "gait",
+            self,
+            stance_width_m=(0.0, 1.0),
+            lift_m=(0.0, 0.3),
+            com_height_m=(0.02, 3.0),
+            preview_steps=(2.0, 50.0),
+            backward_limit_m=(0.0, 1.0),
+            forward_limit_m=(0.0, 1.0),
+            lateral_limit_m=(0.0, 1.0),
+            turn_limit_deg=(0.0, 90.0),
+            single_support_s=(self.tick_s, 10.0),
+            double_support_s=(self.tick_s, 10.0),
+        )
+        if not abs(self.zmp_inward_m) < self.narrowest_m / 2:
+            raise ConfigError(
+                f"gait: zmp_inward_m={self.zmp_inward_m} must be less than half of "
+                f"narrowest_m={self.narrowest_m}"
+            )
         for name in ("single_support_s", "double_support_s"):
             shortest, longest = getattr(self, name)
             if not 0.0 < shortest <= longest:

@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from perception.primitives.errors import ConfigError
 
 from . import _visibility_kernels as kernels
+from .ranges import check_ranges
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,10 @@ class GeometricSensorConfig:
         for name, value in self.__dict__.items():
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"geometric sensor: {name}={value} must be positive and finite")
+        view = (0.0, 170.0)
+        check_ranges(
+            "geometric sensor", self, tof_across_deg=view, tof_down_deg=view, colour_deg=view
+        )
 
 
 @dataclass(frozen=True)

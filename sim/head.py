@@ -11,6 +11,8 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3, head_rotation
 from planning.commands import GazeCommand
 
+from .ranges import check_ranges
+
 
 @dataclass(frozen=True)
 class HeadConfig:
@@ -39,10 +41,19 @@ class HeadConfig:
     def __post_init__(self) -> None:
         if not self.speed_radps > 0.0:
             raise ConfigError(f"head: speed_radps={self.speed_radps} must be positive")
+        check_ranges(
+            "head",
+            self,
+            hip_m=(0.02, 3.0),
+            neck_m=(0.0, 2.0),
+            tilt_m=(0.0, 1.0),
+            pan_deg=(0.0, 180.0),
+            tilt_deg=(-90.0, 90.0),
+            encoder_deg=(0.0, 10.0),
+            offset_deg=(0.0, 10.0),
+        )
         if not self.tilt_deg[0] <= self.tilt_deg[1]:
             raise ConfigError(f"head: tilt_deg={self.tilt_deg} must be (highest, lowest)")
-        if self.encoder_deg < 0.0 or self.offset_deg < 0.0:
-            raise ConfigError("head: encoder_deg and offset_deg must not be negative")
 
 
 class Head:

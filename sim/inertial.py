@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Imu
 from perception.primitives.pose import wrap_angle
 
 from .body import Tremble
 from .gait import GRAVITY_MPS2
+from .ranges import check_ranges
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,14 @@ class ImuConfig:
     force_bias_mps2: float = 0.03  # ours
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if value < 0.0:
-                raise ConfigError(f"imu: {name}={value} must not be negative")
+        check_ranges(
+            "imu",
+            self,
+            gyro_sigma_radps=(0.0, 10.0),
+            gyro_bias_radps=(0.0, 10.0),
+            force_sigma_mps2=(0.0, 100.0),
+            force_bias_mps2=(0.0, 100.0),
+        )
 
 
 @dataclass(frozen=True, eq=False)

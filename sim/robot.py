@@ -35,6 +35,7 @@ from .dynamic.walker import DynamicBody, DynamicConfig
 from .gait import GaitConfig
 from .head import Head, HeadConfig
 from .inertial import ImuConfig, InertialSensor, TrunkState
+from .ranges import check_ranges
 from .tof_camera import TofCamera, TofConfig
 from .world import World
 
@@ -86,6 +87,7 @@ class RobotConfig:
             )
         if not self.baseline_m > 0.0:
             raise ConfigError(f"robot: baseline_m={self.baseline_m} must be positive")
+        check_ranges("robot", self, tof_mount_m=(-2.0, 2.0), baseline_m=(0.0, 1.0))
 
 
 class SimulatedRobot:

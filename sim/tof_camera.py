@@ -22,6 +22,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 
+from .ranges import check_ranges
 from .rays import RayCaster
 
 LIGHT_MPS = 299_792_458.0
@@ -50,14 +51,29 @@ class TofConfig:
     bits: int = 14  # SR-4000
 
     def __post_init__(self) -> None:
-        if self.sub_rays < 1:
-            raise ConfigError(f"tof: sub_rays={self.sub_rays} must be at least 1")
-        for name in ("modulation_hz", "reference_m", "full_scale_m"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"tof: {name}={getattr(self, name)} must be positive")
-        for name in ("noise_m", "ambient", "floor_noise_m", "stray_share", "pattern_m", "dark"):
-            if getattr(self, name) < 0.0:
-                raise ConfigError(f"tof: {name}={getattr(self, name)} must not be negative")
+        for name in ("across_deg", "down_deg"):
+            if not 0.0 < getattr(self, name) < 170.0:
+                raise ConfigError(f"tof: {name}={getattr(self, name)} must lie in (0, 170)")
+        for name in ("modulation_hz", "reference_m", "full_scale_m", "stray_px"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"tof: {name}={value} must be positive and finite")
+        check_ranges(
+            "tof",
+            self,
+            width=(4.0, 1e4),  # stray light is blurred at a quarter of the size
+            height=(4.0, 1e4),
+            sub_rays=(1.0, 16.0),
+            noise_m=(0.0, math.inf),
+            ambient=(0.0, math.inf),
+            floor_noise_m=(0.0, math.inf),
+            stray_share=(0.0, 1.0),
+            stray_px=(0.1, 1000.0),
+            wiggling_m=(-1.0, 1.0),
+            pattern_m=(0.0, math.inf),
+            dark=(0.0, math.inf),
+            bits=(1.0, 32.0),
+        )
 
     @property
     def camera(self) -> Camera:

@@ -21,6 +21,7 @@ from jaxtyping import Float
 from perception.primitives.errors import ConfigError
 
 from ..gait import Step
+from ..ranges import check_ranges
 from ._legs_kernels import attend
 
 
@@ -48,6 +49,19 @@ class BalanceConfig:
         for name in ("blend_s", "attitude_s", "forget_s"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"balance: {name}={getattr(self, name)} must be positive")
+        check_ranges(
+            "balance",
+            self,
+            tilt_gain=(0.0, 10.0),
+            gyro_gain_s=(0.0, 10.0),
+            due_share=(0.0, 1.0),
+            touch_n=(0.0, math.inf),
+            hold_most_m=(0.0, 0.1),
+            light_n=(0.0, math.inf),
+            lower_mps=(0.0, 10.0),
+            lower_most_m=(0.0, 0.1),
+            wait_s=(0.0, 10.0),
+        )
         if not 0.0 <= self.tilt_memory < 1.0:
             raise ConfigError(f"balance: tilt_memory={self.tilt_memory} must lie in [0, 1)")
 

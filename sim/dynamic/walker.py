@@ -24,6 +24,7 @@ from ..body import Advance
 from ..gait import Gait, GaitConfig, Step
 from ..head import Head
 from ..inertial import ImuConfig
+from ..ranges import check_ranges
 from ..world import World
 from ._legs_kernels import engage
 from .anatomy import ANATOMIES, DARWIN, Anatomy
@@ -66,9 +67,10 @@ class DynamicConfig:
             raise ConfigError(
                 f"dynamic: anatomy={self.anatomy!r} is unknown; choose {', '.join(ANATOMIES)}"
             )
-        for name in ("play_deg", "offset_deg", "bump_m"):
-            if getattr(self, name) < 0.0:
-                raise ConfigError(f"dynamic: {name}={getattr(self, name)} must not be negative")
+        ANATOMIES[self.anatomy].scaled(self.scale)
+        check_ranges(
+            "dynamic", self, play_deg=(0.0, 10.0), offset_deg=(0.0, 10.0), bump_m=(0.0, 0.05)
+        )
         if not all(abs(value) < 0.3 for value in self.slope_rad):
             raise ConfigError(f"dynamic: slope_rad={self.slope_rad} must be below 0.3 rad")
 
