@@ -43,7 +43,7 @@ class RayCaster:
     """The scene as triangles; movers are put where they are before each cast."""
 
     def __init__(self, scene: Scene) -> None:
-        self._o3d = _open3d()
+        self._o3d = open3d_library()
         floor = floor_patch(scene)
         still = [(floor, scene.floor_albedo)]
         for thing in scene.things:
@@ -123,7 +123,12 @@ def _mesh(surfaces: list[tuple[Patch, float]]) -> _Mesh:
     )
 
 
-def _open3d() -> Any:
+def open3d_library() -> Any:
+    """Open3D, imported late: it takes a second.
+
+    Raises:
+        SurefootError: It does not load; says what to install.
+    """
     try:
         import open3d
     except ImportError as error:

@@ -54,7 +54,7 @@ _KEYS: dict[str, dict[str, str]] = {
     "box": dict.fromkeys(("name", "at", "size", "yaw", "above", "material", "albedo"), ""),
     "cylinder": dict.fromkeys(("name", "at", "radius", "height", "above", "material", "albedo"), ""),
     "furniture": dict.fromkeys(("kind", "at", "yaw", "name"), ""),
-    "model": dict.fromkeys(("name", "file", "at", "yaw", "scale", "above", "material", "albedo"), ""),
+    "model": dict.fromkeys(("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""),
     "mover": dict.fromkeys(("name", "from", "to", "speed", "height", "colour"), ""),
     "area": dict.fromkeys(("extent", "material"), ""),
 }  # fmt: skip
@@ -124,10 +124,14 @@ def _things(reader: _Reader, table: Mapping[str, Any], rng: np.random.Generator)
         found.append(dataclasses.replace(piece, name=reader.word(item, "name", kind)))
     for number, item in enumerate(reader.tables(table, "model")):
         file = reader.path.parent / reader.word(item, "file")
-        solids = read_model(file, reader.material(item, "material", "plaster/grey"))
+        up = reader.word(item, "up") if "up" in item else ""
+        if up not in ("", "y", "z"):
+            raise reader.refusal("model.up", up, '"y" or "z", the axis of the file that points up')
+        scale = reader.number(item, "scale", 1.0)
+        solids = read_model(file, reader.material(item, "material", "plaster/grey"), scale, up)
         place = (*reader.place(item, "at"), reader.number(item, "above", 0.0))
         yaw = math.radians(reader.number(item, "yaw", 0.0))
-        parts = placed(solids, place, yaw, reader.number(item, "scale", 1.0))
+        parts = placed(solids, place, yaw)
         found.append(reader.thing(item, f"{file.stem} {number + 1}", parts))
     return found
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from perception.primitives.pose import Pose2, Pose3
 
@@ -28,6 +28,7 @@ from .urdf import robot_urdf, still_urdf
 
 POSITION_GAIN = 0.3  # per tick: with 5 sub-steps a tick it would fall
 FRICTION = 1.0
+THINNEST_M = 0.01  # ours: of the box in place of a solid without a volume
 SPIN_M = 0.01  # ours: rubber soles touch by patches of about a centimetre, not by points
 
 
@@ -224,7 +225,12 @@ class Physics:
     def _hull(self, solid: Solid) -> int:
         """A solid of any form, taken as convex."""
         b, c = self._bullet, self.client
-        points = solid.vertices[ConvexHull(solid.vertices).vertices]
+        try:
+            points = solid.vertices[ConvexHull(solid.vertices).vertices]
+        except QhullError:  # without a volume: the box around it
+            half = np.maximum(np.ptp(solid.vertices, axis=0), THINNEST_M) / 2
+            box = b.createCollisionShape(b.GEOM_BOX, halfExtents=half.tolist(), physicsClientId=c)
+            return int(b.createMultiBody(0, box, basePosition=solid.centre, physicsClientId=c))
         hull = b.createCollisionShape(b.GEOM_MESH, vertices=points.tolist(), physicsClientId=c)
         return int(b.createMultiBody(0, hull, physicsClientId=c))
 
