@@ -40,6 +40,7 @@ class Walk:
     Args:
         contacts: Every one.
         arrived: Whether all via points were passed in time.
+        fell: Whether the robot fell, which ends a walk.
         time_s: When it ended.
         clearance_m: Least gap to anything.
         turning_rad: Sum of all turns.
@@ -52,6 +53,7 @@ class Walk:
 
     contacts: list[Contact] = field(default_factory=list)
     arrived: bool = False
+    fell: bool = False
     time_s: float = 0.0
     clearance_m: float = np.inf
     turning_rad: float = 0.0
@@ -109,6 +111,9 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
             if pictures:
                 senses.watch(frame.stamp_s, estimate.obstacles)
             _judge(scene, senses, touching, frame.stamp_s, result)
+            if robot.fallen:
+                result.fell = True
+                break
             if frame.footstep_due:
                 decision = planner.decide(frame, estimate, pipeline)
                 spent = decision.timing_ms | {"tracks": senses.tracking_ms}
@@ -126,7 +131,7 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
                 touching.step(decision.walk)
             if planner.finished(estimate):
                 break
-        result.arrived = planner.reached == len(scene.goals)
+        result.arrived = planner.reached == len(scene.goals) and not result.fell
         result.time_s = world.stamp_s
     return result
 

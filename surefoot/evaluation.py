@@ -82,6 +82,7 @@ TARGETS = (
     Target("floor_tof_height_mm_median", "floor height error (TOF), median", "<=", 5.0, "mm"),
     Target("goals_missed", "goals not reached", "==", 0.0),
     Target("contacts", "contacts", "==", 0.0),
+    Target("falls", "falls", "==", 0.0),
 )
 
 
@@ -129,6 +130,8 @@ def evaluate(
         metrics |= _smoothed(run, true)
     if true is not None and truth is None:
         metrics |= _goals(true, summary)
+    if summary.get("body") == "dynamic":
+        metrics["falls"] = float(summary.get("fell_at_s") is not None)
     metrics |= _against_tables(run)
     if surface is not None:
         moved = None

@@ -146,6 +146,7 @@ def cards(metrics: dict[str, Any], summary: dict[str, Any]) -> list[Card]:
         shown = f"{metrics['goals_passed']:.0f} of {metrics['goals']:.0f}"
         note = f"stopped {metrics['goal_final_m']:.2f} m from the last"
         listed.append(Card("Goals reached", shown, note, met.get("goals_missed")))
+    add("falls", "Falls", "{:.0f}", "a fall ends the run")
     add("path_m", "Way", "{:.2f} m", f"in {metrics.get('duration_s') or 0:.0f} s")
     total = (metrics.get("timing_ms") or {}).get("total")
     if total:

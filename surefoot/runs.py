@@ -41,6 +41,7 @@ class Summary:
         reached: Goals reached, and of how many; None for a recording.
         seconds: Length in the recording's clock.
         fell_at_s: When the robot fell, which ends a run; None if it stood to the end.
+        body: Who walked, "kinematic" or "dynamic", which alone can fall; None for a recording.
         notes: Anything else the user should know.
     """
 
@@ -51,6 +52,7 @@ class Summary:
     reached: tuple[int, int] | None = None
     notes: tuple[str, ...] = ()
     fell_at_s: float | None = None
+    body: str | None = None
 
     @property
     def succeeded(self) -> bool:
@@ -69,6 +71,7 @@ class Summary:
             "goals": None if self.reached is None else self.reached[1],
             "notes": list(self.notes),
             "fell_at_s": self.fell_at_s,
+            "body": self.body,
         }
 
     def lines(self) -> list[str]:
@@ -137,6 +140,7 @@ def simulate(
         reached=(planner.reached, len(goals)) if goals else None,
         notes=() if fell is None else (f"the robot fell after {fell:.1f} s",),
         fell_at_s=fell,
+        body=config.robot.body,
     )
     _keep_looks(planner, journal)
     journal.finish(pipeline, summary.as_dict())

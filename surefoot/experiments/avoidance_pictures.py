@@ -28,7 +28,7 @@ from ..run_folder import RunFolder
 from .avoidance_walks import config_of
 from .experiment import Experiment, Outcome, Say, Target
 from .panorama_scenes import nine_views
-from .walks import walk_all
+from .walks import falls_of, walk_all
 
 SHOWN = ("SS", "SF", "RS", "RF")
 INSTANTS = 12
@@ -94,6 +94,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         "panes": float(len(configs)),
         "blocked_share": blocked / len(configs),
         "contacts": float(sum(m["contacts"] for m in walked)),
+        "falls": falls_of(walked),
     }
     return Outcome(figures, [f"pictures: {PICTURES}"])
 

@@ -15,7 +15,7 @@ from sim.avoidance_scenes import MOTIONS
 from ..config import Config, MissionConfig, on_body
 from ..run_folder import RunFolder
 from .experiment import Experiment, Outcome, Say, Target
-from .walks import walk_all
+from .walks import falls_of, walk_all
 
 LIMIT_S, STOP_LIMIT_S = 200.0, 40.0  # ours: the longest passage, slips at 3 cm/s, takes 150 s
 
@@ -46,7 +46,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     todo = [(motion, seed) for motion in MOTIONS for seed in range(seeds)]
     walked = walk_all([config_of(*one, body) for one in todo], say, first_motion)
     figures: dict[str, float] = {}
-    table = ["motion  success  as meant  arrived  contacts  clearance"]
+    table = ["motion  success  as meant  arrived  contacts  falls  clearance"]
     good_of: list[int] = []
     for motion in MOTIONS:
         mine = [m for (name, _), m in zip(todo, walked, strict=True) if name == motion]
@@ -60,12 +60,13 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         figures[f"success_{motion.lower()}"] = float(good)
         table.append(
             f"{motion:<6}  {good:3d}/{seeds:<3d}  {sum(meant):8d}  {sum(arrived):7d}"
-            f"  {sum(m['contacts'] for m in mine):8.0f}  {1e3 * clearance:6.0f} mm"
+            f"  {sum(m['contacts'] for m in mine):8.0f}  {falls_of(mine):5.0f}  {1e3 * clearance:6.0f} mm"
         )
     figures["walks_per_configuration"] = float(seeds)
     figures["success_min_of_15"] = 15.0 * min(good_of) / seeds
     figures["success_pct"] = 100.0 * sum(good_of) / len(todo)
     figures["contacts"] = float(sum(m["contacts"] for m in walked))
+    figures["falls"] = falls_of(walked)
     return Outcome(figures, table)
 
 

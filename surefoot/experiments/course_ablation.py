@@ -69,12 +69,14 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
             in (
                 "contact_free_share",
                 "contacts",
+                "falls",
                 "time_s_mean",
                 "min_clearance_mm",
                 "turning_deg_mean",
             )
         }
     result["contacts_saved_by_guard"] = result["contacts_field_alone"] - result["contacts_guard"]
+    result["falls"] = float(sum(one.fell for one in walks))
     met, lines = _crossings(CROSSINGS * seeds, say)
     return Outcome(result | met, [*table, *lines])
 

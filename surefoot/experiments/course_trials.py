@@ -79,6 +79,7 @@ def figures(walks: Sequence[Walk], suffix: str = "") -> dict[str, float]:
     found = {
         "contact_free_share": float(np.mean([not one.contacts for one in walks])),
         "contacts": float(len(kinds)),
+        "falls": float(sum(one.fell for one in walks)),
         "arrived_share": float(np.mean([one.arrived for one in walks])),
         "on_time_share": float(np.mean([one.arrived and one.time_s <= PAPER_S for one in walks])),
         "time_s_mean": float(np.mean([one.time_s for one in walks])),
@@ -97,9 +98,7 @@ def figures(walks: Sequence[Walk], suffix: str = "") -> dict[str, float]:
     return {name + suffix: value for name, value in found.items()}
 
 
-HEADER = (
-    f"{'':34}  n  free %  contacts  avoidable  arrived %  on time %  time s  clear mm  turning deg"
-)
+HEADER = f"{'':34}  n  free %  contacts  avoidable  falls  arrived %  on time %  time s  clear mm  turning deg"
 
 
 def row(name: str, walks: Sequence[Walk]) -> str:
@@ -107,7 +106,7 @@ def row(name: str, walks: Sequence[Walk]) -> str:
     f = figures(walks)
     return (
         f"{name:34}{len(walks):3d}  {100 * f['contact_free_share']:6.1f}  {f['contacts']:8.0f}"
-        f"  {f['avoidable_contacts']:9.0f}  {100 * f['arrived_share']:9.1f}"
+        f"  {f['avoidable_contacts']:9.0f}  {f['falls']:5.0f}  {100 * f['arrived_share']:9.1f}"
         f"  {100 * f['on_time_share']:9.1f}  {f['time_s_mean']:6.1f}"
         f"  {f['min_clearance_mm']:8.0f}  {f['turning_deg_mean']:11.0f}"
     )

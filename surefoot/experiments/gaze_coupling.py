@@ -62,6 +62,7 @@ class Looked:
         contacts: With anything.
         time_s: When it ended.
         arrived: Whether all legs were walked.
+        fell: Whether the robot fell, which ends a walk.
     """
 
     sigma_m: float
@@ -70,6 +71,7 @@ class Looked:
     contacts: int
     time_s: float
     arrived: bool
+    fell: bool = False
 
 
 class LocatedSenses(CourseSenses):
@@ -149,6 +151,8 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
             now = set(np.flatnonzero(gaps - senses.discs[:, 2] - BODY_M <= 0.0).tolist())
             contacts += len(now - touching)
             touching = now
+            if robot.fallen:
+                break
             if frame.footstep_due:
                 decision = planner.decide(frame, estimate, cast(Pipeline, senses))
                 robot.walk(decision.walk)
@@ -157,14 +161,15 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
                     found.append(_measures(senses, estimate, true, len(scene.movers), config))
             if planner.finished(estimate):
                 break
-        sigma, mover, stale = np.array(found).T
+        sigma, mover, stale = np.array(found or [(math.nan,) * 3]).T
         return Looked(
             float(sigma.mean()),
             float(np.nanmean(mover)) if np.isfinite(mover).any() else math.nan,
             float(stale.mean()),
             contacts,
             world.stamp_s,
-            planner.reached == len(goals),
+            planner.reached == len(goals) and not robot.fallen,
+            robot.fallen,
         )
 
 
@@ -212,19 +217,24 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
             key = name if name == "stale" else f"{name}_m"
             less = 1.0 - mean["evaluations"][key] / mean[other][key]
             figures[f"{name}_reduction{ending}_pct"] = 100.0 * less
-    table = ["             sigma mm  movers mm  stale %  contacts  free %  arrived %  time s"]
+    table = [
+        "             sigma mm  movers mm  stale %  contacts  falls  free %  arrived %  time s"
+    ]
     for mode, values in mean.items():
         walks = found[mode]
         figures[f"contacts_{mode}"] = float(sum(one.contacts for one in walks))
+        figures[f"falls_{mode}"] = float(sum(one.fell for one in walks))
         figures[f"contact_free_share_{mode}"] = float(np.mean([w.contacts == 0 for w in walks]))
         figures[f"arrived_share_{mode}"] = values["arrived"]
         figures[f"time_s_{mode}"] = values["time_s"]
         table.append(
             f"{mode:<12} {1e3 * values['sigma_m']:8.1f}  {1e3 * values['mover_sigma_m']:9.0f}"
             f"  {100 * values['stale']:7.1f}  {figures[f'contacts_{mode}']:8.0f}"
+            f"  {figures[f'falls_{mode}']:5.0f}"
             f"  {100 * figures[f'contact_free_share_{mode}']:6.0f}  {100 * values['arrived']:9.0f}"
             f"  {values['time_s']:6.1f}"
         )
+    figures["falls"] = float(sum(one.fell for walks in found.values() for one in walks))
     figures["contacts_above_sweep"] = figures["contacts_evaluations"] - figures["contacts_sweep"]
     return Outcome(figures, table)
 

@@ -11,7 +11,7 @@ from scipy import stats
 
 from ..config import Config, on_body
 from .experiment import Experiment, Outcome, Say, Target
-from .walks import walk_all
+from .walks import falls_of, walk_all
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
@@ -26,6 +26,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     low, high = (float(stats.chi2.ppf(p, 3 * seeds)) / seeds for p in (0.025, 0.975))
     figures = {
         "contact_free_share": float(np.mean(all_of("contacts") == 0)),
+        "falls": falls_of(found),
         "arrived_share": float(np.mean(all_of("goals_missed") == 0)),
         "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
         "heading_rmse_deg": float(np.sqrt(np.mean(all_of("heading_rmse_deg") ** 2))),
@@ -40,13 +41,13 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         "path_m_mean": float(np.mean(all_of("path_m"))),
     }
     table = [
-        "seed  contacts  clearance  missed  rmse cm  deg   NEES  grid %  floor deg mm   time s"
+        "seed  contacts  clearance  missed  fell  rmse cm  deg   NEES  grid %  floor deg mm   time s"
     ]
     for seed, metrics in enumerate(found):
         table.append(
             f"{seed:4d}  {metrics.get('contacts', -1):8.0f}"
             f"  {1e3 * metrics.get('min_clearance_m', np.nan):6.0f} mm"
-            f"  {metrics.get('goals_missed', -1):6.0f}"
+            f"  {metrics.get('goals_missed', -1):6.0f}  {metrics.get('falls', 0):4.0f}"
             f"  {100 * metrics.get('position_rmse_m', np.nan):7.2f}"
             f"  {metrics.get('heading_rmse_deg', np.nan):4.2f}"
             f"  {metrics.get('pose_anees', np.nan):5.2f}"

@@ -40,7 +40,10 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     result = figures(found["slow, sensors"])
     result |= figures(found["fast, sensors"], "_fast")
     truth = figures(found["fast, true perception"], "_truth")
-    result |= {name: truth[name] for name in ("contact_free_share_truth", "time_s_mean_truth")}
+    result |= {
+        name: truth[name]
+        for name in ("contact_free_share_truth", "falls_truth", "time_s_mean_truth")
+    }
     ours = figures(found["fast, sensors"][:quarter])
     peers = {peer: figures(found[f"fast, sensors: {peer}"]) for peer in PEERS}
     fewest = min(p["contacts"] for p in peers.values())

@@ -36,6 +36,11 @@ def walk(config: Config, extra: Extra | None = None) -> dict[str, Any]:
         return metrics if extra is None else metrics | extra(folder, config)
 
 
+def falls_of(found: Iterable[dict[str, Any]]) -> float:
+    """Of so many runs; the kinematic body, whose metrics know no falls, has none."""
+    return float(sum(one.get("falls", 0.0) for one in found))
+
+
 def walk_all(
     configs: Iterable[Config], say: Say, extra: Extra | None = None
 ) -> list[dict[str, Any]]:

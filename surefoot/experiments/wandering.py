@@ -14,7 +14,7 @@ from ..config import Config, MissionConfig, on_body
 from ..metrics.maps import UNKNOWN, read_map
 from ..run_folder import RunFolder
 from .experiment import Experiment, Outcome, Say, Target
-from .walks import walk_all
+from .walks import falls_of, walk_all
 
 SECONDS = 600.0
 BODY_M = 0.20  # of the planning disc 0.15 m, and what the guard keeps from furniture
@@ -50,15 +50,17 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     found = walk_all(configs, say, coverage)
     share = 100.0 * np.array([metrics["coverage"] for metrics in found])
     contacts = np.array([metrics["contacts"] for metrics in found])
-    table = ["seed  contacts  clearance  seen %   way m  rmse cm"]
+    table = ["seed  contacts  fell  clearance  seen %   way m  rmse cm"]
     for seed, metrics in enumerate(found):
         table.append(
-            f"{seed:4d}  {metrics['contacts']:8.0f}  {1e3 * metrics['min_clearance_m']:6.0f} mm"
+            f"{seed:4d}  {metrics['contacts']:8.0f}  {metrics.get('falls', 0):4.0f}"
+            f"  {1e3 * metrics['min_clearance_m']:6.0f} mm"
             f"  {share[seed]:6.1f}  {metrics['path_m']:6.1f}  {100 * metrics['position_rmse_m']:7.2f}"
         )
     return Outcome(
         {
             "collisions": float(contacts.sum()),
+            "falls": falls_of(found),
             "coverage_pct": float(share.min()),
             "coverage_pct_mean": float(share.mean()),
             "path_m_mean": float(np.mean([metrics["path_m"] for metrics in found])),

@@ -9,7 +9,10 @@ import pytest
 
 from planning.commands import WalkCommand
 from planning.stepping import Trusting
-from surefoot.course_walk import course_config, walk
+from surefoot.config import on_body
+from surefoot.course_walk import Walk, course_config, walk
+from surefoot.experiments import gaze_coupling
+from surefoot.experiments.course_trials import HEADER, figures, row
 from surefoot.metrics.contacts import Contact, Touch, class_of
 
 
@@ -30,6 +33,33 @@ def test_twenty_seconds_among_fast_movers_is_walked_without_contact(truly):
 def test_the_same_seed_walks_the_same_way():
     one, two = (walk(short("course", 1, 10.0)) for _ in range(2))
     assert one.trace == two.trace
+
+
+def too_steep(config):
+    """On the body that can fall, where it does: eleven degrees."""
+    config = on_body(config, "dynamic")
+    dynamic = replace(config.robot.dynamic, slope_rad=(0.2, 0.0))
+    return replace(config, robot=replace(config.robot, dynamic=dynamic))
+
+
+def test_a_fall_ends_the_walk_and_is_counted():
+    result = walk(too_steep(short("course", 0, 60.0)), True)
+    assert result.fell
+    assert not result.arrived
+    assert result.time_s < 30.0
+    stood = Walk(time_s=9.0, cycle_ms=[1.0], decision_ms=[1.0], pose_errors=[(0.0, 0.0, 0.0)])
+    assert figures([result, stood])["falls"] == 1.0
+    assert row("x", [result, stood])[: HEADER.index("falls") + len("falls")].endswith("  1")
+
+
+def test_a_fall_ends_a_walk_that_tries_ways_of_looking(monkeypatch):
+    monkeypatch.setattr(
+        gaze_coupling, "course_config", lambda scene, seed: too_steep(course_config(scene, seed))
+    )
+    looked = gaze_coupling.look(0, "fixed", "dynamic")
+    assert looked.fell
+    assert not looked.arrived
+    assert looked.time_s < 60.0
 
 
 def test_another_stepper_makes_the_steps():

@@ -419,6 +419,24 @@ def test_a_run_with_known_errors_has_those_figures(tmp_path):
     assert run.read_json("metrics.json") == found
 
 
+@pytest.mark.parametrize(
+    ("summary", "falls"),
+    [
+        ({"body": "dynamic", "fell_at_s": 12.5}, 1.0),
+        ({"body": "dynamic", "fell_at_s": None}, 0.0),
+        ({"body": "kinematic", "fell_at_s": None}, None),
+        ({"body": None, "fell_at_s": None}, None),
+    ],
+)
+def test_falls_are_told_of_a_body_that_can_fall(tmp_path, summary, falls):
+    run = straight_run(tmp_path, (0.0, 0.0, 0.0))
+    run.write_json("summary.json", summary)
+    found = evaluate(run)
+    assert found.get("falls") == falls
+    told = [line for line in closing_table(found).splitlines() if line.startswith("falls")]
+    assert [line.endswith("MISSED") for line in told] == ([] if falls is None else [falls > 0.0])
+
+
 def test_figures_without_truth_are_absent(tmp_path):
     run = RunFolder.create(tmp_path)
     run.write_estimates(
