@@ -20,7 +20,7 @@ from jaxtyping import Float
 from perception.localisation.consistency import band
 from sim import scenes
 
-from ..config import Config
+from ..config import Config, on_body
 from ..metrics.ospa import ospa
 from . import localisation_trial as trials
 from .experiment import Experiment, Outcome, Say, Target
@@ -36,9 +36,9 @@ FAULTS = ("outliers", "blackout", "jump", "clock")
 Figures = dict[str, float]
 
 
-def one_walk(seed: int) -> Figures:
-    """All figures of one seed; those of faults only where the seed has its turn."""
-    config = Config()
+def one_walk(seed: int, body: str = "kinematic") -> Figures:
+    """All figures of one seed walked by a body; those of faults only where the seed has its turn."""
+    config = on_body(Config(), body)
     scene = scenes.load("home", seed)
     rng = np.random.default_rng([seed, 51])
     start, marks = scene.start, scene.landmarks
@@ -51,10 +51,11 @@ def one_walk(seed: int) -> Figures:
         runs["tags"] = trials.begin(start, marks, config, rng, registration=False)
         for name, fault in faults(rng).items():
             runs[name] = trials.begin(start, marks, config, rng, fault=fault)
-    following = Following(config)
+    following, fell = Following(config), False
     for moment in walk(seed, config):
         step(moment, runs, following)
-    found = summary(runs, following)
+        fell = moment.fell
+    found = summary(runs, following) | {"falls": float(fell)}
     if "tags" in runs:
         found["filter_rmse_m"] = rms(runs["tags"].position_m)
         found["fixed_lag_rmse_m"] = rms(trials.looked_back(runs["tags"], marks, config))
@@ -107,13 +108,15 @@ def summary(runs: dict[str, Trial], following: Following) -> Figures:
     return found
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1."""
     found: list[Figures] = []
-    for figures in each(one_walk, [(seed,) for seed in range(seeds)]):
+    for figures in each(one_walk, [(seed, body) for seed in range(seeds)]):
         found.append(figures)
         say(f"{len(found)} of {seeds} walks")
-    return Outcome(together(found), list(_table(found)))
+    fallen = [seed for seed, one in enumerate(found) if one["falls"]]
+    lines = [f"seed {seed} fell" for seed in fallen]
+    return Outcome(together(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])
 
 
 def together(found: list[Figures]) -> Figures:
@@ -175,6 +178,7 @@ EXPERIMENT = Experiment(
     id="localisation",
     title="Pose and movers over walks of 10 m: errors and consistency (NEES per degree of freedom)",
     run=run,
+    body="kinematic",
     targets={
         "anees_pose_in_band": Target(">=", 1.0),
         "anees_obstacle_in_band": Target(">=", 1.0),

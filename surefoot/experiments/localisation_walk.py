@@ -39,7 +39,7 @@ from sim import scenes
 from sim.cameras import ImageConfig
 from sim.free_space import clearance_map
 from sim.rays import RayCaster
-from sim.robot import RobotConfig, SimulatedRobot
+from sim.robot import SimulatedRobot
 from sim.scenes import Scene
 from sim.shapes import Box
 from sim.tof_camera import TofConfig
@@ -81,6 +81,7 @@ class Moment:
         detections: Of whole things, body frame.
         pose: True.
         movers: True; identity, x, y, vx, vy, radius, height.
+        fell: Whether the robot lies on the floor, which ends the walk.
     """
 
     frame: Frame
@@ -89,6 +90,7 @@ class Moment:
     detections: list[Detection]
     pose: Pose2
     movers: list[ObstacleTruth]
+    fell: bool = False
 
 
 class TagSensor:
@@ -166,20 +168,17 @@ def _reached(rays: RayCaster, origin: Float[np.ndarray, "3"], places: np.ndarray
     return bool(np.all(hits.distance_m > lengths - 0.02))
 
 
-def walk(seed: int, config: Config, robot: RobotConfig | None = None) -> Iterator[Moment]:
-    """Survey the room, then follow a free way through it for ten metres.
+def walk(seed: int, config: Config) -> Iterator[Moment]:
+    """Survey the room, then follow a free way through it for ten metres, or until the robot falls.
 
     Args:
         seed: Of home, body and sensors.
-        config: Of perception.
-        robot: Its sensors; the depth camera alone, one ray a pixel, if None.
+        config: Of perception and of the body; of the cameras only the depth camera is on, one ray a pixel.
     """
     scene = scenes.load("home", seed)
-    if robot is None:
-        robot = RobotConfig(stereo=False, colour=False, tof_camera=TofConfig(sub_rays=1))
+    robot = replace(config.robot, stereo=False, colour=False, tof_camera=TofConfig(sub_rays=1))
     rng = np.random.default_rng([seed, 50])
-    with World(scene, "tiny", seed) as world:
-        body = SimulatedRobot(world, robot, seed)
+    with World(scene, "tiny", seed) as world, SimulatedRobot(world, robot, seed) as body:
         truth = Truth(body)
         tags = TagSensor(scene, TagNoise(), config.landmarks, rng)
         guide = _Guide(scene)
@@ -192,12 +191,14 @@ def walk(seed: int, config: Config, robot: RobotConfig | None = None) -> Iterato
             assert frame.tof.T_body_camera is not None
             sightings = []
             if frame.footstep_due:  # as often as the colour camera looks
-                image = robot.colour_camera
+                image = body.config.colour_camera
                 true = body.camera_in_world(image.mount_m)
                 sightings = tags.look(world.rays, image, true, frame.tof.T_body_camera)
             views, detections = understood(frame, config, rng)
             blind = replace(frame, tof=None, colour=None, stereo=None)
-            yield Moment(blind, sightings, views, detections, pose, movers)
+            yield Moment(blind, sightings, views, detections, pose, movers, body.fallen)
+            if body.fallen:
+                return
             walked += math.hypot(pose.x - before.x, pose.y - before.y)
             before = pose
             if walked >= LENGTH_M:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
@@ -102,8 +103,17 @@ def walk(trial: Trial, seed: int) -> Walked:
     return Walked(trial.name, seed, steps, fallen, errors, sway, walked / seconds)
 
 
-def run(seeds: int, say: Say) -> Outcome:
-    """Every kind of ground, seeds 0 to n - 1."""
+def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
+    """Every kind of ground, seeds 0 to n - 1.
+
+    Raises:
+        InputError: a body that cannot fall.
+    """
+    if body != "dynamic":
+        raise InputError(
+            f"experiment walking: body={body} makes exact footsteps and cannot fall; "
+            "take --body dynamic, or leave it out"
+        )
     todo = [(trial, seed) for trial in TRIALS for seed in range(seeds)]
     found: list[Walked] = []
     for one in each(walk, todo):
@@ -238,6 +248,7 @@ EXPERIMENT = Experiment(
     id="walking",
     title="The dynamic walk: bumps, slope, pushes; what becomes of commands; sway of the head",
     run=run,
+    body="dynamic",
     targets={
         "falls": Target("==", 0.0),
         "falls_4mm": Target("<=", 1.0),

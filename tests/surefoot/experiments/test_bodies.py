@@ -36,8 +36,16 @@ def test_both_are_held_to_the_same_targets_and_stand_beside_each_other():
 
 
 def test_where_nothing_walks_no_body_can_be_asked_for():
-    with pytest.raises(InputError, match=r"nothing walks .* these do: .*INT-1, 004-E3"):
+    with pytest.raises(InputError, match=r"nothing walks .* these do: .*INT-1, localisation, 004-E3"):
         experiment.measure(experiment.load("004-E2"), quiet, body="dynamic")
+
+
+@pytest.mark.parametrize("body", ["kinematic", "both"])
+def test_the_trial_of_the_walk_itself_takes_no_body_that_cannot_fall(body):
+    chosen = experiment.load("walking")
+    assert chosen.body == "dynamic"
+    with pytest.raises(InputError, match=r"body=kinematic .* cannot fall; take --body dynamic"):
+        experiment.measure(chosen, quiet, 1, body)
 
 
 @pytest.mark.parametrize("name", experiment.names())

@@ -19,8 +19,10 @@ from planning.commands import GazeCommand, WalkCommand
 from sim import scenes
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.world import World
-from surefoot.config import Config
+from surefoot.config import Config, on_body
+from surefoot.experiments import localisation
 from surefoot.experiments import localisation_trial as trials
+from surefoot.experiments.experiment import load, measure
 from surefoot.experiments.localisation import together
 from surefoot.experiments.localisation_walk import Moment, TagNoise, TagSensor, walk
 
@@ -66,6 +68,33 @@ def test_a_walk_is_the_same_every_time() -> None:
         assert [s.measured.tolist() for s in a.sightings] == [
             s.measured.tolist() for s in b.sightings
         ]
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.25])
+def test_the_body_that_can_fall_walks_it_too_and_a_fall_ends_the_walk(slope: float) -> None:
+    config = on_body(Config(), "dynamic")
+    dynamic = replace(config.robot.dynamic, slope_rad=(slope, 0.0))
+    config = replace(config, robot=replace(config.robot, dynamic=dynamic))
+    moments = list(itertools.islice(walk(3, config), 40 if slope else 6))
+    assert [moment.fell for moment in moments[:-1]] == [False] * (len(moments) - 1)
+    assert moments[-1].fell == (slope > 0.0)
+
+
+def test_localisation_is_walked_by_the_body_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def fell(seed: int, body: str) -> dict[str, float]:
+        asked.append((seed, body))
+        return {"falls": float(seed)}
+
+    monkeypatch.setattr(localisation, "one_walk", fell)
+    monkeypatch.setattr(localisation, "each", itertools.starmap)
+    monkeypatch.setattr(localisation, "together", lambda found: {})
+    monkeypatch.setattr(localisation, "_table", lambda found: [])
+    _, outcome = measure(load("localisation"), lambda text: None, 2, "dynamic")
+    assert asked == [(0, "dynamic"), (1, "dynamic")]
+    assert outcome.figures == {"falls": 1.0}
+    assert outcome.table == ["seed 1 fell"]
 
 
 def told(stamp_s: float, turn_rad: float = 0.1) -> Moment:
