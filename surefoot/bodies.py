@@ -48,11 +48,15 @@ class LiveBody:
         self.fell_at_s: float | None = None
 
     def read(self) -> Frame | None:
-        """The next instant of the sensors, as a recording holds it; None once the robot has fallen."""
-        if self._robot.fallen:
+        """The next instant of the sensors, as a recording holds it; None once the robot has fallen.
+
+        What the sensors of a robot say that lies on the floor means nothing to who takes it for upright.
+        """
+        frame = None if self._robot.fallen else self._robot.read()
+        if frame is None or self._robot.fallen:
             self.fell_at_s = self._robot.world.stamp_s
             return None
-        encoded = encode(self._robot.read())
+        encoded = encode(frame)
         if self._writer is not None:
             self._writer.write(encoded)
         return decode(encoded)

@@ -107,13 +107,13 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
         planner = Navigator(config, scene.goals, stepper)
         while True:
             frame = robot.read()
+            if robot.fallen:
+                result.fell = True
+                break
             estimate = pipeline.cycle(frame)
             if pictures:
                 senses.watch(frame.stamp_s, estimate.obstacles)
             _judge(scene, senses, touching, frame.stamp_s, result)
-            if robot.fallen:
-                result.fell = True
-                break
             if frame.footstep_due:
                 decision = planner.decide(frame, estimate, pipeline)
                 spent = decision.timing_ms | {"tracks": senses.tracking_ms}

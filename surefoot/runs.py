@@ -131,8 +131,10 @@ def simulate(
         journal = Journal(folder, config.resolved(renderer=world.renderer), info, goals)
         page = _page(watch, say)
         _cycle(body, pipeline, planner, journal, say, truth.note, page)
+        fell = body.fell_at_s
+        if fell is not None:
+            truth.note(fell)
         truth.write(folder)
-    fell = body.fell_at_s
     summary = Summary(
         folder.root,
         journal.frames,

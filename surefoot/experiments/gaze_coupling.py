@@ -145,14 +145,14 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
         planner = Navigator(config, goals)
         while True:
             frame = robot.read()
+            if robot.fallen:
+                break
             estimate = senses.cycle(frame)
             true = senses.truth.robot_pose()
             gaps = np.hypot(senses.discs[:, 0] - true.x, senses.discs[:, 1] - true.y)
             now = set(np.flatnonzero(gaps - senses.discs[:, 2] - BODY_M <= 0.0).tolist())
             contacts += len(now - touching)
             touching = now
-            if robot.fallen:
-                break
             if frame.footstep_due:
                 decision = planner.decide(frame, estimate, cast(Pipeline, senses))
                 robot.walk(decision.walk)

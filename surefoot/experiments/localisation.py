@@ -53,8 +53,9 @@ def one_walk(seed: int, body: str = "kinematic") -> Figures:
             runs[name] = trials.begin(start, marks, config, rng, fault=fault)
     following, fell = Following(config), False
     for moment in walk(seed, config):
-        step(moment, runs, following)
         fell = moment.fell
+        if not fell:
+            step(moment, runs, following)
     found = summary(runs, following) | {"falls": float(fell)}
     if "tags" in runs:
         found["filter_rmse_m"] = rms(runs["tags"].position_m)

@@ -187,6 +187,10 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
             frame = body.read()
             pose = truth.robot_pose()
             movers = [one for one in truth.obstacles() if one[0] < STILL]
+            if body.fallen:  # what its cameras see now means nothing
+                blind = replace(frame, tof=None, colour=None, stereo=None)
+                yield Moment(blind, [], (), [], pose, movers, fell=True)
+                return
             assert frame.tof is not None
             assert frame.tof.T_body_camera is not None
             sightings = []
@@ -196,9 +200,7 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
                 sightings = tags.look(world.rays, image, true, frame.tof.T_body_camera)
             views, detections = understood(frame, config, rng)
             blind = replace(frame, tof=None, colour=None, stereo=None)
-            yield Moment(blind, sightings, views, detections, pose, movers, body.fallen)
-            if body.fallen:
-                return
+            yield Moment(blind, sightings, views, detections, pose, movers)
             walked += math.hypot(pose.x - before.x, pose.y - before.y)
             before = pose
             if walked >= LENGTH_M:

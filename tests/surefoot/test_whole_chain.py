@@ -105,6 +105,16 @@ def test_a_run_leaves_what_other_tools_open(walked, part):
     assert (walked / part).stat().st_size > 0
 
 
+def test_a_fall_ends_a_run_and_is_told(tmp_path):
+    steep = ("robot.body=dynamic", "robot.dynamic.slope_rad=[0.25, 0.0]", "robot.stereo=false")
+    config = load(None, steep, scene="home", seed=3)
+    summary = runs.simulate(config, tmp_path / "fell", False, quiet)
+    assert summary.fell_at_s is not None
+    assert 0.0 < summary.fell_at_s < 10.0
+    assert not summary.succeeded
+    assert evaluate(RunFolder.open(tmp_path / "fell"))["falls"] == 1.0
+
+
 def test_the_summary_says_how_to_make_the_run_again(walked):
     summary = json.loads((walked / "summary.json").read_text())
     assert summary["command"].startswith("surefoot simulate --config")

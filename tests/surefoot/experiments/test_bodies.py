@@ -36,7 +36,9 @@ def test_both_are_held_to_the_same_targets_and_stand_beside_each_other():
 
 
 def test_where_nothing_walks_no_body_can_be_asked_for():
-    with pytest.raises(InputError, match=r"nothing walks .* these do: .*INT-1, localisation, 004-E3"):
+    with pytest.raises(
+        InputError, match=r"nothing walks .* these do: .*INT-1, localisation, 004-E3"
+    ):
         experiment.measure(experiment.load("004-E2"), quiet, body="dynamic")
 
 
