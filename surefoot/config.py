@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from mapping.clouds import CloudConfig
 from mapping.confidence import ConfidenceConfig
@@ -40,6 +41,7 @@ from planning.search.potential import SearchConfig
 from planning.swarm.settings import SwarmWalkerConfig
 from planning.univector.fields import FieldConfig
 from sim.difficulty import USUAL
+from sim.dynamic.anatomy import DARWIN
 from sim.robot import RobotConfig
 
 from . import config_file
@@ -219,11 +221,65 @@ WALKED_LOCALISER = LocaliserConfig(
 """What the odometry of the dynamic body needs: its steps come out a millimetre longer and turn to one side."""
 
 
+SCALED = {
+    "search": {"wide": ("body_radius_m", "margin_m", "start_radius_m"), "long": ("turn_radius_m",)},
+    "univector": {"wide": ("body_radius_m",), "long": ("cruise_mps", "top_speed_mps")},
+    "via_field": {"wide": ("body_radius_m",), "long": ("cruise_mps", "top_speed_mps")},
+    "guard": {"wide": ("body_radius_m", "cell_distance_m", "cell_contact_m"), "long": ()},
+    "guard.gait": {
+        "wide": (),
+        "long": ("cruise_mps", "max_speed_mps", "max_back_mps", "max_side_mps"),
+    },
+    "gaze.attention": {"wide": (), "long": ("eye_m",)},
+}
+"""What plans by the measures of the body: grows with its width, or with the length of its legs."""
+
+
+def needs(robot: RobotConfig) -> dict[str, Any]:
+    """What this body needs otherwise than the defaults have it, as nested tables.
+
+    Odometry of steps that are really walked, and the measures of another anatomy or scale: radii as the
+    circle round the trunk, steps and eye as the legs.
+    """
+    found: dict[str, Any] = {}
+    if robot.body == "dynamic":
+        found["localiser"] = _differing(WALKED_LOCALISER, LocaliserConfig())
+    body = robot.dynamic.body
+    if body == DARWIN:
+        return found
+    grown = {
+        "wide": math.hypot(*body.trunk_m[:2]) / math.hypot(*DARWIN.trunk_m[:2]),
+        "long": body.hip_m / DARWIN.hip_m,
+    }
+    plain = Config()
+    for place, names in SCALED.items():
+        table, part = found, plain
+        for key in place.split("."):
+            table, part = table.setdefault(key, {}), getattr(part, key)
+        table |= {name: grown[way] * getattr(part, name) for way in grown for name in names[way]}
+    return found
+
+
 def fitted(config: Config) -> Config:
     """The same with what its body needs, where nothing else was asked for."""
-    if config.robot.body == "dynamic" and config.localiser == LocaliserConfig():
-        return dataclasses.replace(config, localiser=WALKED_LOCALISER)
-    return config
+    return config_file.changed(config, _unasked(needs(config.robot), config, Config()))
+
+
+def _unasked(wanted: dict[str, Any], config: Any, plain: Any) -> dict[str, Any]:
+    """Of nested values those that the configuration still has as the plain one."""
+    found: dict[str, Any] = {}
+    for name, value in wanted.items():
+        have, default = getattr(config, name), getattr(plain, name)
+        if isinstance(value, dict):
+            found[name] = _unasked(value, have, default)
+        elif have == default:
+            found[name] = value
+    return found
+
+
+def _differing(one: Any, other: Any) -> dict[str, Any]:
+    """Names and values of one dataclass where another of its kind has others."""
+    return {name: value for name, value in vars(one).items() if value != getattr(other, name)}
 
 
 def on_body(config: Config, body: str) -> Config:
@@ -237,7 +293,7 @@ def load(
     scene: str | None = None,
     seed: int | None = None,
 ) -> Config:
-    """The configuration of a run: defaults, then the file, then single values, then scene and seed.
+    """The configuration of a run: defaults for its body, then the file, then single values, scene and seed.
 
     Args:
         path: TOML file; None for the defaults.
@@ -248,10 +304,14 @@ def load(
     Raises:
         InputError, ConfigError: The file cannot be read, a key is unknown, a value impossible.
     """
-    config = Config() if path is None else config_file.read(Config, path)
+    walker = Config() if path is None else config_file.read(Config, path, part="robot")
+    about = [one for one in overrides if one.partition(".")[0].strip() == "robot"]
+    config = fitted(Config(robot=config_file.override(walker, about).robot))
+    if path is not None:
+        config = config_file.read(Config, path, config)
     config = config_file.override(config, overrides)
     if scene is not None:
         config = dataclasses.replace(config, scene=scene)
     if seed is not None:
         config = dataclasses.replace(config, seed=seed)
-    return fitted(config)
+    return config

@@ -24,8 +24,14 @@ C = TypeVar("C")
 WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text in quotes"}
 
 
-def read(kind: type[C], path: Path) -> C:
+def read(kind: type[C], path: Path, base: C | None = None, part: str = "") -> C:
     """A configuration from a TOML file, of which any part may be left out.
+
+    Args:
+        kind: Of what.
+        path: The file.
+        base: What holds where the file says nothing; None: the defaults.
+        part: Only this table of the file counts; empty: all.
 
     Raises:
         InputError: The file is missing or not TOML.
@@ -42,8 +48,10 @@ def read(kind: type[C], path: Path) -> C:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"configuration {path} is not TOML: {error}") from error
+    if part:
+        values = {key: value for key, value in values.items() if key == part}
     try:
-        return parse(kind, values)
+        return _merge(kind, base, values, "")
     except ConfigError as error:
         raise ConfigError(f"configuration {path}: {error}") from error
 
@@ -55,6 +63,15 @@ def parse(kind: type[C], values: Mapping[str, Any], where: str = "") -> C:
         ConfigError: A key is unknown or a value impossible.
     """
     return _merge(kind, None, values, where)
+
+
+def changed(config: C, values: Mapping[str, Any]) -> C:
+    """The same configuration with the values of nested tables, all at once.
+
+    Raises:
+        ConfigError: A key is unknown or a value impossible.
+    """
+    return _merge(type(config), config, values, "")
 
 
 def override(config: C, assignments: Sequence[str]) -> C:

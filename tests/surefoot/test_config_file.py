@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import tomllib
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from perception.localisation.filter import LocaliserConfig
 from perception.primitives.errors import ConfigError, InputError
+from sim.dynamic.anatomy import gait_for
 from surefoot import config_file
-from surefoot.config import Config, MissionConfig, load
+from surefoot.config import WALKED_LOCALISER, Config, MissionConfig, load, on_body
 
 
 @settings(deadline=None)
@@ -83,3 +86,58 @@ def test_an_error_in_a_file_begins_with_the_file(tmp_path):
     path.write_text("[tracker]\nhits_to_show = 0\n")
     with pytest.raises(ConfigError, match=r"mine\.toml: \[tracker\]"):
         load(path)
+
+
+def test_with_the_dynamic_body_only_the_value_named_changes(tmp_path):
+    plain = load(None, ["robot.body=dynamic"])
+    assert plain.localiser == WALKED_LOCALISER
+    path = tmp_path / "some.toml"
+    path.write_text('[robot]\nbody = "dynamic"\n[localiser]\nrejected_frames = 7\n')
+    named = load(None, ["localiser.rejected_frames=7", "robot.body=dynamic"])
+    for config in (load(path), named):
+        assert config.localiser == dataclasses.replace(WALKED_LOCALISER, rejected_frames=7)
+        assert dataclasses.replace(config, localiser=WALKED_LOCALISER) == plain
+    coded = dataclasses.replace(Config(), localiser=LocaliserConfig(rejected_frames=7))
+    assert on_body(coded, "dynamic") == named
+
+
+def test_a_value_asked_for_stays_even_where_it_is_the_other_bodys():
+    slip_m = LocaliserConfig().slip_m
+    config = load(None, ["robot.body=dynamic", f"localiser.slip_m={slip_m}"])
+    assert config.localiser == dataclasses.replace(WALKED_LOCALISER, slip_m=slip_m)
+
+
+def test_what_was_written_with_another_body_reads_back_to_the_same(tmp_path):
+    for overrides in (["robot.body=dynamic"], ["robot.dynamic.anatomy=tall"], []):
+        config = load(None, [*overrides, "guard.body_radius_m=0.2"])
+        path = tmp_path / "config.toml"
+        path.write_text(config_file.dumps(config))
+        assert load(path) == config
+
+
+@pytest.mark.parametrize("body", ["kinematic", "dynamic"])
+def test_planning_knows_how_large_the_body_is(body):
+    config = load(None, [f"robot.body={body}", "robot.dynamic.scale=2.0", "search.margin_m=0.5"])
+    plain = on_body(Config(), body)
+    for part in ("search", "univector", "via_field", "guard"):
+        assert getattr(config, part).body_radius_m == 2.0 * getattr(plain, part).body_radius_m
+    assert config.search.margin_m == 0.5
+    assert config.search.turn_radius_m == 2.0 * plain.search.turn_radius_m
+    assert config.gaze.attention.eye_m == 2.0 * plain.gaze.attention.eye_m
+    gait, most = config.guard.gait, gait_for(config.robot.dynamic.body, config.robot.gait)
+    assert gait.max_speed_mps * gait.step_s <= most.forward_limit_m
+    assert gait.cruise_mps == 2.0 * plain.guard.gait.cruise_mps
+    tall = load(None, [f"robot.body={body}", "robot.dynamic.anatomy=tall"])
+    assert tall.search.body_radius_m > math.hypot(0.30, 0.20) / 2  # seed 004: wide and deep
+    assert tall.localiser == plain.localiser
+    small = load(None, [f"robot.body={body}", "robot.dynamic.scale=0.5"])
+    least = gait_for(small.robot.dynamic.body, small.robot.gait)
+    assert small.guard.gait.max_speed_mps * small.guard.gait.step_s <= least.forward_limit_m
+
+
+@pytest.mark.parametrize("body", ["kinematic", "dynamic"])
+def test_the_body_planned_for_by_default_has_the_measures_printed(body):
+    config = load(None, [f"robot.body={body}"])
+    assert (
+        dataclasses.replace(config, robot=Config().robot, localiser=Config().localiser) == Config()
+    )
