@@ -11,7 +11,7 @@ Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (camera
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import TracebackType
 
 import numpy as np
@@ -30,7 +30,7 @@ from planning.commands import GazeCommand, WalkCommand
 
 from .body import Advance, KinematicBody, SlipConfig, TrembleConfig
 from .cameras import ImageConfig, colour_picture, stereo_pair
-from .dynamic.anatomy import gait_for, head_for
+from .dynamic.anatomy import DARWIN, gait_for, head_for
 from .dynamic.walker import DynamicBody, DynamicConfig
 from .gait import GaitConfig
 from .head import Head, HeadConfig
@@ -51,7 +51,9 @@ class RobotConfig:
     A camera that is switched off is not rendered; its part of the frame is None.
 
     Args:
-        body: "kinematic" or "dynamic"; slip and tremble are the first one's, dynamic the second's.
+        body: "kinematic" or "dynamic"; slip and tremble are the first one's, dynamic the second's, of which
+            anatomy and scale hold for both. Mounts, baseline, gait and head are those of a DARwIn-OP, and
+            grow with the body.
     """
 
     body: str = "kinematic"
@@ -90,21 +92,44 @@ class RobotConfig:
         check_ranges("robot", self, tof_mount_m=(-2.0, 2.0), baseline_m=(0.0, 1.0))
 
 
+def grown(config: RobotConfig) -> RobotConfig:
+    """The same with gait, head and cameras where this body has them."""
+    body = config.dynamic.body
+    factor = body.hip_m / DARWIN.hip_m
+    if factor == 1.0:
+        return config
+
+    def times(mount_m: tuple[float, float, float]) -> tuple[float, float, float]:
+        x, y, z = mount_m
+        return factor * x, factor * y, factor * z
+
+    colour, stereo = config.colour_camera, config.stereo_camera
+    return replace(
+        config,
+        gait=gait_for(body, config.gait),
+        head=head_for(body, config.head),
+        tof_mount_m=times(config.tof_mount_m),
+        colour_camera=replace(colour, mount_m=times(colour.mount_m)),
+        stereo_camera=replace(stereo, mount_m=times(stereo.mount_m)),
+        baseline_m=factor * config.baseline_m,
+    )
+
+
 class SimulatedRobot:
     """Drives like a real one: read, walk, look."""
 
     def __init__(self, world: World, config: RobotConfig, seed: int = 0) -> None:
-        self.world, self.config = world, config
+        self.world, self.config = world, grown(config)
+        config = self.config
         streams = np.random.SeedSequence([seed, 30]).spawn(6)
         body, head, imu, tof, colour, stereo = (np.random.default_rng(s) for s in streams)
         self.body: KinematicBody | DynamicBody
+        self._head = Head(config.head, head)
         if config.body == "dynamic":
-            measures = config.dynamic.body
-            self._head = Head(head_for(measures, config.head), head)
-            gait = gait_for(measures, config.gait)
-            self.body = DynamicBody(world, gait, config.dynamic, config.imu, self._head, body)
+            self.body = DynamicBody(
+                world, config.gait, config.dynamic, config.imu, self._head, body
+            )
         else:
-            self._head = Head(config.head, head)
             self.body = KinematicBody(
                 world.scene.start, config.gait, config.slip, config.tremble, body
             )

@@ -17,6 +17,7 @@ from planning.commands import GazeCommand, WalkCommand
 from sim import scenes
 from sim.body import SlipConfig, TrembleConfig
 from sim.cameras import ImageConfig
+from sim.dynamic.walker import DynamicConfig
 from sim.head import HeadConfig
 from sim.inertial import ImuConfig
 from sim.robot import RobotConfig, SimulatedRobot
@@ -264,3 +265,26 @@ def test_sensors_never_pass_through_the_truth(expected_digest, monkeypatch):
     for name in ("robot_pose", "camera_pose", "floor", "obstacles", "clearance_m", "occupied"):
         monkeypatch.setattr(Truth, name, lambda self, *args: Pose2(9.0, 9.0, 9.0))
     assert run_digest() == expected_digest
+
+
+@pytest.mark.parametrize(
+    ("dynamic", "factor"),
+    [
+        (DynamicConfig(), 1.0),
+        (DynamicConfig(anatomy="tall"), 0.600 / 0.455),  # seed 004's height over the DARwIn-OP's
+        (DynamicConfig(scale=2.0), 2.0),
+    ],
+)
+def test_both_bodies_have_the_measures_of_their_anatomy(room, dynamic, factor):
+    found = []
+    for body in ("kinematic", "dynamic"):
+        still = replace(EXACT, tof=True, stereo=True, body=body, dynamic=dynamic)
+        still = replace(still, dynamic=replace(dynamic, play_deg=0.0, offset_deg=0.0, bump_m=0.0))
+        with World(room, "tiny") as world, SimulatedRobot(world, still, 0) as robot:
+            truth = Truth(robot)
+            heights = [truth.camera_pose(name).translation[2] for name in ("tof", "stereo")]
+            left, right = (foot for foot, _ in robot.body.feet_body)
+            found.append([*heights, left.y - right.y, robot.config.baseline_m])
+    nominal = factor * np.array([0.4055, 0.4055, 0.090, 0.040])  # DARwIn-OP, head level
+    np.testing.assert_allclose(found[0], nominal, rtol=1e-9)
+    np.testing.assert_allclose(found[1], nominal, rtol=0.01)
