@@ -20,7 +20,7 @@ OFFICE_M = (0.0, 0.0, 7.0, 5.0)
 HALL_M = (0.0, 0.0, 8.0, 5.0)
 DRAWS = 60
 WALKER_RADIUS_M = 0.28  # a body of 15 cm radius that sways, and room to pass
-PEOPLE = (2, 5, 7)  # ours: who crosses the hall, by its difficulty
+PEOPLE = (2, 5, 6)  # ours: who crosses the hall, by its difficulty
 PERSON_RADIUS_M = 0.18
 PERSON_HEIGHT_M = 1.60
 SLOWEST_MPS, FASTEST_MPS = (
@@ -113,7 +113,7 @@ def _people(
     shapes = [part for thing in things if not thing.wall for part in thing.parts]
     space = clearance_map(HALL_M, shapes)
     speeds = span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
-    apart_m = graded(difficulty, 0.8, 0.6, 0.5)
+    apart_m = graded(difficulty, 0.8, 0.6, 0.42)
     people: tuple[Mover, ...] = ()
     for k in range(count(difficulty, *PEOPLE)):
         for _ in range(DRAWS):
