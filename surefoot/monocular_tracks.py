@@ -23,14 +23,15 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from perception.localisation.track import Detection
 from perception.monocular.back_projection import FARTHEST_M, floor_points, project
+from perception.monocular.deviations import DeviationConfig
 from perception.monocular.edges import find_edges
 from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 
-PITCH_RAD, YAW_RAD, ROLL_RAD = (math.radians(v) for v in (0.7, 0.5, 0.7))  # walking trials
-HEIGHT_M = 0.004  # walking trials: of the eye
-EDGE_PX = 1.0  # ours: of a contact edge
+DEVIATIONS = DeviationConfig()
+PITCH_RAD, YAW_RAD, ROLL_RAD, HEIGHT_M = np.sqrt(np.diag(DEVIATIONS.eye_covariance)).tolist()
+EDGE_PX = DEVIATIONS.edge_px
 LEAST_M = 0.02  # ours: radius; a robot of 37 mm, half of it hidden
 WIDEST_M = 0.12  # ours: radius; robots that move have up to 0.10, and part of a box is none of them
 ROUND_PX = 2.0  # ours: ragged edges

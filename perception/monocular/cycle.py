@@ -15,6 +15,7 @@ from jaxtyping import Float, UInt8
 from ..primitives.errors import ConfigError, InputError
 from .adaptation import AdaptationConfig, FloorColours
 from .back_projection import FARTHEST_M, nearest_distance_m
+from .deviations import DeviationConfig, Sureness
 from .edges import find_edges
 from .flow import FlowConfig, follow
 from .ground import GroundConfig, ground_image
@@ -35,6 +36,7 @@ class MonocularConfig:
     adaptation: AdaptationConfig = field(default_factory=AdaptationConfig)
     ground: GroundConfig = field(default_factory=GroundConfig)
     flow: FlowConfig = field(default_factory=FlowConfig)
+    deviations: DeviationConfig = field(default_factory=DeviationConfig)
 
     def __post_init__(self) -> None:
         for name in ("horizon_s", "static_mps", "noise_px"):
@@ -88,6 +90,7 @@ class Monocular:
             config.horizon_s,
             config.farthest_m,
             self._least_speeds(previous, current, flows),
+            Sureness(previous, current, config.horizon_s, config.noise_px, config.deviations),
         )
         predicted = predicted_image(ground, obstacles, current)
         movable = cv2.subtract(ground, predicted)

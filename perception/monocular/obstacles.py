@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .back_projection import floor_points
+from .deviations import Sureness
 from .edges import Edges
 from .result import Flows, Picture, SeenObstacle
 
@@ -57,10 +58,11 @@ def seen_obstacles(
     horizon_s: float,
     farthest_m: float,
     threshold_mps: Float[np.ndarray, "n"],
+    sureness: Sureness,
 ) -> tuple[SeenObstacle, ...]:
     """Every group of edges with its least flow and where that takes it within the horizon.
 
-    `threshold_mps` is what each flow must reach to count as motion.
+    `threshold_mps` is what each flow must reach to count as motion, `sureness` whence the covariances come.
     """
     speed = np.hypot(*flows.velocity_world.T)
     found = []
@@ -77,9 +79,7 @@ def seen_obstacles(
         moving = least >= 0 and bool(speed[least] >= threshold_mps[least])
         if not moving:
             velocity = np.zeros(2)
-        found.append(
-            SeenObstacle(
-                edge, contact, least, velocity, median, moving, contact + velocity * horizon_s
-            )
-        )
+        predicted = contact + velocity * horizon_s
+        sure = sureness.of_obstacle(edge.astype(np.float64), contact, flows, least, velocity)
+        found.append(SeenObstacle(edge, contact, least, velocity, median, moving, predicted, *sure))
     return tuple(found)

@@ -117,10 +117,13 @@ class SeenObstacle:
             ground. Columns rise by one or more.
         contact_world: (m, 2), the same on the floor, m; NaN beyond `MonocularConfig.farthest_m`.
         flow: Index into `Flows` of the flow of least speed, I_of^min; -1 if no corner was followed.
+        contact_covariance: (m, 2, 2), of each of these, m^2; the eye's share is one for all.
         velocity_world: (2,), m/s, by that flow; zero if the obstacle counts as standing.
+        velocity_covariance: (2, 2), (m/s)^2; of what counts as standing it holds the speed that was not believed.
         median_velocity_world: (2,), m/s, of all its flows: the least one is biased low. Zero without flows.
         moving: Whether the speed reaches the threshold.
         predicted_world: (m, 2), contact_world after `MonocularResult.horizon_s`, m; equal to it if standing.
+        predicted_covariance: (m, 2, 2), of each of these, m^2.
     """
 
     edge: Int[np.ndarray, "m 2"]
@@ -130,6 +133,9 @@ class SeenObstacle:
     median_velocity_world: Float[np.ndarray, "2"]
     moving: bool
     predicted_world: Float[np.ndarray, "m 2"]
+    contact_covariance: Float[np.ndarray, "m 2 2"]
+    velocity_covariance: Float[np.ndarray, "2 2"]
+    predicted_covariance: Float[np.ndarray, "m 2 2"]
 
 
 @dataclass(frozen=True, eq=False)

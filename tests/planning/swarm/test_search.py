@@ -143,10 +143,13 @@ class Looker:
                 hidden |= touched & (y >= v) & (v < last)
         return hidden
 
-    def least(self):
-        """The least cost of a pixel that nothing forbids, m; infinite if there is none. As printed: least sum."""
+    def cost(self):
+        """Distance of each pixel's place to the goal, m; NaN above the horizon."""
+        return np.hypot(*(self.places - self.goal).transpose(2, 0, 1))
+
+    def penalties(self):
+        """How many of p1, p3 and p4 each pixel violates, and which pixels see the floor ahead."""
         config, e = self.config, self.slack
-        cost = np.hypot(*(self.places - self.goal).transpose(2, 0, 1))
         bearing = np.arctan2(self.places[..., 1], self.places[..., 0])
         if config.literal:  # measured from the y axis, and the robot looks along x
             bearing = bearing - math.pi / 2
@@ -154,16 +157,24 @@ class Looker:
         turned = (np.abs(bearing) > config.window_rad + e) | far
         half = CAMERA.width / 2
         lost = ((self.u < half) & self.sides[0]) | ((self.u >= half) & self.sides[1])
-        seen = np.isfinite(cost) & np.isfinite(self.ahead)[:, None] & (self.ahead > 0.0)[:, None]
-        penalties = 1 * self.footprint() + turned + lost
-        if not config.literal:
-            seen &= penalties == 0
-        pixels = np.stack([self.u[seen], self.v[seen]], axis=1)
-        if not len(pixels):
-            return math.inf
-        if config.literal:
-            return float((cost[seen] + penalties[seen] + self.printed_way(pixels)).min())
-        return float(np.where(self.way(pixels), math.inf, cost[seen]).min())
+        seen = np.isfinite(self.places[..., 0]) & (np.nan_to_num(self.ahead) > 0.0)[:, None]
+        return 1 * self.footprint() + turned + lost, seen
+
+    def free(self):
+        """Which pixels nothing forbids."""
+        penalties, seen = self.penalties()
+        found = seen & (penalties == 0)
+        found[found] = ~self.way(np.stack([self.u[found], self.v[found]], axis=1))
+        return found
+
+    def least(self):
+        """The least cost of a pixel that nothing forbids, m; infinite if there is none. As printed: least sum."""
+        if not self.config.literal:
+            free = self.free()
+            return float(self.cost()[free].min()) if free.any() else math.inf
+        penalties, seen = self.penalties()
+        ways = self.printed_way(np.stack([self.u[seen], self.v[seen]], axis=1))
+        return float((self.cost()[seen] + penalties[seen] + ways).min())
 
 
 @functools.cache
@@ -183,6 +194,21 @@ def test_the_exact_search_finds_what_a_look_at_every_pixel_finds(seed, pan, side
         assert value <= high + 1e-9
         if found is not None:
             assert np.linalg.norm(o.place(found.pixel) - random_goal(seed)) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("seed", [0, 5, 11, 17])
+@pytest.mark.parametrize(("pan", "sides"), [(0.0, (False, False)), (-25.0, (True, False))])
+def test_every_pixel_is_forbidden_or_free_as_rays_at_the_floor_say(seed, pan, sides):
+    o = objective(seed, pan_deg=pan, sides=sides)
+    looks = [Looker(seed, None, pan, sides, slack) for slack in (1e-6, -1e-6)]
+    pixels = np.stack([looks[0].u.ravel(), looks[0].v.ravel()], axis=1).astype(float)
+    value = o.value(pixels).reshape(CAMERA.height, CAMERA.width)
+    lenient, strict = (look.free() for look in looks)
+    free = value < o.config.penalty
+    assert not np.any(free & ~lenient)
+    assert not np.any(strict & ~free)
+    assert np.count_nonzero(lenient & ~strict) < 20
+    np.testing.assert_allclose(value[free], looks[0].cost()[free], atol=1e-9)
 
 
 def test_the_look_at_every_pixel_leaves_hardly_any_doubt():

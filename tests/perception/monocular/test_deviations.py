@@ -1,0 +1,156 @@
+"""Covariances of places, velocities and predictions against drawn pixels and eyes."""
+
+import math
+
+import numpy as np
+import pytest
+
+from perception.monocular.back_projection import camera_pose, floor_points, project
+from perception.monocular.cycle import Monocular, MonocularConfig
+from perception.monocular.deviations import (
+    DeviationConfig,
+    Sureness,
+    eye_jacobian,
+    pixel_jacobian,
+)
+from perception.monocular.obstacles import floor_flows
+from perception.monocular.result import Picture
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose3
+
+CAMERA = Camera.from_view(720, 720, math.pi / 2, math.pi / 2)
+LENS = Camera(720, 720, 360.0, 350.0, 359.5, 359.5, (-0.1, 0.02, 0.001, -0.001, 0.0))
+SMALL = DeviationConfig(0.2, 0.15, 0.2, 0.002, 0.5)  # small enough for the floor to be flat in them
+PLACES = np.array([[0.8, 0.0], [1.2, 0.5], [1.6, -0.7]])
+STEP_S, NOISE_PX, HORIZON_S = 0.2, 0.25, 0.65
+
+
+def eye(off=(0.0, 0.0, 0.0, 0.0), x=0.3, yaw=0.4, roll=0.05):
+    """The camera, turned by pitch down and roll right about level axes, and yaw, and raised."""
+    pose = camera_pose(np.array([x, -0.2, 0.42]), yaw, math.radians(30.0), roll)
+    pitch, turn, sway, up = off
+    level = turned((0.0, 0.0, 1.0), yaw_of(pose))
+    axes = level @ np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]).T
+    R = np.eye(3)
+    for axis, angle in zip(axes.T, (pitch, turn, sway), strict=True):
+        R = turned(axis, angle) @ R
+    return Pose3.from_rotation(R @ pose.rotation, pose.position + np.array([0.0, 0.0, up]))
+
+
+def yaw_of(pose):
+    return math.atan2(pose.rotation[1, 2], pose.rotation[0, 2])
+
+
+def turned(axis, angle):
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + math.sin(angle) * K + (1.0 - math.cos(angle)) * K @ K
+
+
+def eyes(count, rng):
+    return rng.normal(size=(count, 4)) * np.sqrt(np.diag(SMALL.eye_covariance))
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
+def test_the_slopes_are_those_of_small_steps(camera):
+    pose = eye()
+    pixels = project(PLACES + np.array([0.3, -0.2]), camera, pose)
+    places = floor_points(pixels, camera, pose)
+    of_eye, of_pixel = eye_jacobian(places, pose), pixel_jacobian(pixels, places, camera, pose)
+    for k, step in enumerate(1e-5 * np.eye(4)):
+        slope = floor_points(pixels, camera, eye(step)) - floor_points(pixels, camera, eye(-step))
+        np.testing.assert_allclose(of_eye[..., k], slope / 2e-5, rtol=1e-4, atol=1e-6)
+    for k, step in enumerate(1e-3 * np.eye(2)):
+        slope = floor_points(pixels + step, camera, pose) - floor_points(
+            pixels - step, camera, pose
+        )
+        np.testing.assert_allclose(of_pixel[..., k], slope / 2e-3, rtol=2e-3, atol=1e-7)
+
+
+def test_a_camera_that_looks_straight_down_has_slopes_too():
+    pose = camera_pose(np.array([0.0, 0.0, 1.0]), 0.0, math.pi / 2, 0.0)
+    slopes = eye_jacobian(np.zeros((1, 2)), pose)[0]
+    np.testing.assert_allclose(
+        slopes[:, 0], [-1.0, 0.0], atol=1e-9
+    )  # a metre per rad, back to the feet
+    np.testing.assert_allclose(slopes[:, [1, 3]], 0.0, atol=1e-9)
+
+
+def drawn(count=20_000):
+    """Contacts, velocities and predictions of a contact at 1.2 m with a corner beside it, drawn; and the true ones."""
+    rng = np.random.default_rng(6)
+    black = np.zeros((720, 720, 3), np.uint8)
+    before, now = (Picture(black, CAMERA, eye(x=x), t) for x, t in ((0.29, 0.0), (0.30, STEP_S)))
+    foot, corner = np.array([[1.5, 0.2]]), np.array([[1.5, 0.24]])
+    moved = np.array([0.0, 0.10]) * STEP_S
+    edge = project(foot, CAMERA, now.T_world_camera)
+    begin = project(corner - moved, CAMERA, before.T_world_camera)
+    end = project(corner, CAMERA, now.T_world_camera)
+    flows = floor_flows(begin, end, before, now, np.zeros(1, np.int32), 6.0)
+    contacts, velocities = [], []
+    for old, new in zip(eyes(count, rng), eyes(count, rng), strict=True):
+        was, here = eye(old, x=0.29), eye(new, x=0.30)
+        pixel = edge + rng.normal(0.0, SMALL.edge_px, (1, 2))
+        ended = end + rng.normal(0.0, NOISE_PX, (1, 2))
+        contacts.append(floor_points(pixel, CAMERA, here)[0])
+        gone = floor_points(ended, CAMERA, here) - floor_points(begin, CAMERA, was)
+        velocities.append(gone[0] / STEP_S)
+    return before, now, edge, foot, flows, np.array(contacts), np.array(velocities)
+
+
+def close(claimed, samples, tolerance=0.06):
+    """Whether a covariance is that of samples: both deviations along every direction agree."""
+    found = np.cov(samples.T)
+    lower = np.linalg.inv(np.linalg.cholesky(found))
+    ratios = np.linalg.eigvalsh(lower @ claimed @ lower.T)
+    np.testing.assert_allclose(ratios, 1.0, atol=2 * tolerance)
+
+
+def test_covariances_are_those_of_drawn_pixels_and_eyes():
+    before, now, edge, foot, flows, contacts, velocities = drawn()
+    sure = Sureness(before, now, HORIZON_S, NOISE_PX, SMALL)
+    contact, velocity, predicted = sure.of_obstacle(edge, foot, flows, 0, flows.velocity_world[0])
+    close(contact[0], contacts)
+    close(velocity, velocities)
+    close(predicted[0], contacts + HORIZON_S * velocities)
+
+
+def test_a_speed_that_is_not_believed_stays_in_the_covariance():
+    before, now, edge, foot, flows, _, _ = drawn(2)
+    sure = Sureness(before, now, HORIZON_S, NOISE_PX, SMALL)
+    moving = sure.of_obstacle(edge, foot, flows, 0, flows.velocity_world[0])
+    standing = sure.of_obstacle(edge, foot, flows, 0, np.zeros(2))
+    unbelieved = np.outer(flows.velocity_world[0], flows.velocity_world[0])
+    np.testing.assert_allclose(standing[0], moving[0])
+    np.testing.assert_allclose(standing[1] - moving[1], unbelieved, atol=1e-12)
+    np.testing.assert_allclose(standing[2] - moving[2], HORIZON_S**2 * unbelieved[None], atol=1e-12)
+
+
+def test_without_a_flow_the_speed_is_what_those_about_may_have():
+    before, now, edge, foot, flows, _, _ = drawn(2)
+    for previous, flow in ((before, -1), (None, -1)):
+        sure = Sureness(previous, now, HORIZON_S, NOISE_PX, SMALL)
+        contact, velocity, predicted = sure.of_obstacle(edge, foot, flows, flow, np.zeros(2))
+        np.testing.assert_allclose(velocity, SMALL.unseen_mps**2 * np.eye(2))
+        np.testing.assert_allclose(predicted - contact, HORIZON_S**2 * velocity[None])
+
+
+def test_every_obstacle_of_a_cycle_has_covariances_that_are_symmetric_and_positive():
+    v = np.mgrid[0:720, 0:720][0]
+    rgb = np.where((v < 400)[..., None], (60, 80, 180), (190, 150, 105)).astype(np.uint8)
+    result = Monocular(MonocularConfig()).cycle(None, Picture(rgb, CAMERA, eye(roll=0.0), 0.0))
+    assert result.obstacles
+    for obstacle in result.obstacles:
+        for many in (obstacle.contact_covariance, obstacle.predicted_covariance):
+            assert many.shape == (len(obstacle.edge), 2, 2)
+            known = many[np.isfinite(obstacle.contact_world).all(axis=1)]
+            np.testing.assert_allclose(known, known.transpose(0, 2, 1), atol=1e-12)
+            assert (np.linalg.eigvalsh(known) > 0.0).all()
+
+
+@pytest.mark.parametrize("name", ["pitch_deg", "height_m", "edge_px", "unseen_mps"])
+def test_a_deviation_that_is_none_is_refused(name):
+    for value in (-0.1, math.nan):
+        with pytest.raises(ConfigError, match=f"{name}={value}"):
+            DeviationConfig(**{name: value})
