@@ -22,6 +22,8 @@ from .textures import paint
 FLOOR_GRAIN_M = 0.0016  # of a stereo pixel's size at 0.9 m; finer costs start-up time
 SURFACE_GRAIN_M = 0.002
 WALL_GRAIN_M = 0.0025
+MOST_PX = 26e6  # ours: 8 x 8 m of floor at its grain, 75 MB; of what is larger the grain is coarser
+MOST_SIDE_PX = 8000  # within what any renderer takes as a texture
 _LIGHT = np.array([0.35, -0.25, 0.90]) / math.hypot(0.35, 0.25, 0.90)
 _WIDTH_UNIT = 4  # the EGL renderer shears textures whose rows are no multiple of 4 px
 _RIM_PX = 8  # each patch is surrounded by its own colours, so that mipmaps do not mix neighbours
@@ -66,7 +68,8 @@ def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
     for k, thing in enumerate(scene.things):
         rng = np.random.default_rng([scene.seed, 11, k])
         surfaces = [p for part in thing.parts for p in patches(part) if _is_inside(p, scene.extent)]
-        still.append(_paint(surfaces, rng, WALL_GRAIN_M if thing.wall else SURFACE_GRAIN_M))
+        if surfaces:
+            still.append(_paint(surfaces, rng, WALL_GRAIN_M if thing.wall else SURFACE_GRAIN_M))
     movers = []
     for k, mover in enumerate(scene.movers):
         rng = np.random.default_rng([scene.seed, 12, k])
@@ -128,7 +131,7 @@ def _shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], t
 
 def _lit(patch: Patch, rng: np.random.Generator, grain_m: float) -> UInt8[np.ndarray, "h w 3"]:
     """The patch's material under the room's light."""
-    image = paint(patch.material, patch.size_m, grain_m, rng)
+    image = paint(patch.material, patch.size_m, _affordable(patch.size_m, grain_m), rng)
     if patch.material.startswith("tag/"):
         return image
     height, width = image.shape[:2]
@@ -151,31 +154,43 @@ def _floor_image(
 ) -> UInt8[np.ndarray, "h w 3"]:
     """All flooring, with soft shadows where things meet it."""
     x0, y0, x1, y1 = scene.extent
-    width = _WIDTH_UNIT * round((x1 - x0) / FLOOR_GRAIN_M / _WIDTH_UNIT)
-    size = (round((y1 - y0) / FLOOR_GRAIN_M), width)
+    grain = _affordable((x1 - x0, y1 - y0), FLOOR_GRAIN_M)
+    width = _WIDTH_UNIT * round((x1 - x0) / grain / _WIDTH_UNIT)
+    size = (round((y1 - y0) / grain), width)
     image = np.zeros((*size, 3), np.uint8)
     for area in scene.floor:
-        rows, columns = _window(area, scene.extent, size)
+        rows, columns = _window(area, scene.extent, size, grain)
         a, b, c, d = area.extent
-        piece = paint(area.material, (c - a, d - b), FLOOR_GRAIN_M, rng)
+        piece = paint(area.material, (c - a, d - b), grain, rng)
         wide = (columns.stop - columns.start, rows.stop - rows.start)
+        if min(wide) < 1:  # less than a pixel of it is inside
+            continue
         image[rows, columns] = cv2.resize(piece, wide, interpolation=cv2.INTER_LINEAR)
     shade = _contact_shade(scene.extent, standing, size)
     return np.clip(image * shade[..., None], 0, 255).astype(np.uint8)
 
 
+def _affordable(size_m: tuple[float, float], grain_m: float) -> float:
+    """The grain, coarser where a surface is so large that its image would be too."""
+    width, height = size_m
+    return max(grain_m, math.sqrt(width * height / MOST_PX), max(size_m) / MOST_SIDE_PX)
+
+
 def _window(
-    area: FloorArea, extent: tuple[float, float, float, float], size: tuple[int, int]
+    area: FloorArea,
+    extent: tuple[float, float, float, float],
+    size: tuple[int, int],
+    grain: float,
 ) -> tuple[slice, slice]:
     """Rows and columns of a floor area; row 0 is the far side, y_max."""
     a, b, c, d = area.extent
     rows = slice(
-        max(0, round((extent[3] - d) / FLOOR_GRAIN_M)),
-        min(size[0], round((extent[3] - b) / FLOOR_GRAIN_M)),
+        max(0, round((extent[3] - d) / grain)),
+        min(size[0], round((extent[3] - b) / grain)),
     )
     columns = slice(
-        max(0, round((a - extent[0]) / FLOOR_GRAIN_M)),
-        min(size[1], round((c - extent[0]) / FLOOR_GRAIN_M)),
+        max(0, round((a - extent[0]) / grain)),
+        min(size[1], round((c - extent[0]) / grain)),
     )
     return rows, columns
 

@@ -6,7 +6,6 @@ its nearest.
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import math
 import tomllib
@@ -21,11 +20,21 @@ from perception.primitives.pose import Pose2
 
 from .furniture import CATALOGUE, place_piece
 from .model_files import placed, read_model
-from .rooms import little_robot, walls
+from .rooms import WALL_HEIGHT_M, little_robot, walls
+from .scene_checks import (
+    Extent,
+    check_area,
+    check_extent,
+    check_mover,
+    check_places,
+    check_thing,
+    check_ways,
+)
+from .scene_table import LEAST_M, Reader
 from .scenes import FloorArea, Mover, Scene, Thing
-from .shapes import Box, Cylinder, Shape, distance
+from .shapes import Box, Cylinder, Shape
 from .tags import place_tags
-from .textures import KINDS, PALETTE
+from .textures import PALETTE
 
 EXAMPLE = """\
 extent = [0, 0, 5, 4]        # x_min, y_min, x_max, y_max of the floor inside the walls
@@ -42,7 +51,8 @@ to = [3.6, 3.0]
 speed = 0.05
 """
 
-_ROBOT_RADIUS_M = 0.15  # seed 001: S_r
+ALBEDO = 0.6  # ours: of a thing that says nothing of it
+MOST_TAGS = 50  # in the dictionary, see `textures`
 _TAGS = 16
 _KEYS: dict[str, dict[str, str]] = {
     "": {
@@ -54,7 +64,9 @@ _KEYS: dict[str, dict[str, str]] = {
     "box": dict.fromkeys(("name", "at", "size", "yaw", "above", "material", "albedo"), ""),
     "cylinder": dict.fromkeys(("name", "at", "radius", "height", "above", "material", "albedo"), ""),
     "furniture": dict.fromkeys(("kind", "at", "yaw", "name"), ""),
-    "model": dict.fromkeys(("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""),
+    "model": dict.fromkeys(
+        ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""
+    ),
     "mover": dict.fromkeys(("name", "from", "to", "speed", "height", "colour"), ""),
     "area": dict.fromkeys(("extent", "material"), ""),
 }  # fmt: skip
@@ -68,15 +80,14 @@ def read_scene(path: Path, seed: int) -> Scene:
         seed: Of colours, textures and where movers are on their lines.
 
     Raises:
-        InputError: naming the key, its value and what was expected.
+        InputError: naming file, entry and value, what was expected and what would mend it.
     """
+    if seed < 0:
+        raise InputError(f"{path}: seed {seed} must not be negative; choose 0 or more")
     table = _load(path)
-    reader = _Reader(path)
+    reader = Reader(path, EXAMPLE)
     extent = reader.numbers(table, "extent", 4)
-    if not (extent[0] < extent[2] and extent[1] < extent[3]):
-        raise InputError(
-            f"{path}: extent = {list(extent)} must be x_min, y_min, x_max, y_max, rising"
-        )
+    check_extent(reader.where, extent)
     x, y, heading = reader.numbers(table, "start", 3)
     start = Pose2(x, y, math.radians(heading))
     goals = tuple(reader.place({"goal": goal}, "goal") for goal in reader.items(table, "goals"))
@@ -84,91 +95,101 @@ def read_scene(path: Path, seed: int) -> Scene:
         raise InputError(f"{path}: goals is missing; give at least one place, goals = [[4.4, 2.0]]")
     rng = np.random.default_rng([seed, 30])
     wall = reader.material(table, "walls", "wall/cream")
-    things = (*walls(extent, (wall,) * 4), *_things(reader, table, rng))
-    movers = tuple(_mover(reader, item, k) for k, item in enumerate(reader.tables(table, "mover")))
+    things = (*walls(extent, (wall,) * 4), *_things(reader, table, extent, rng))
+    places = [("start", (x, y)), *((f"goal {k}", goal) for k, goal in enumerate(goals, 1))]
+    check_places(reader.where, extent, things, places)
+    check_ways(reader.where, extent, things, (x, y), goals)
+    movers = []
+    for number, item in reader.entries(table, "mover"):
+        movers.append(_mover(reader, item, number))
+        check_mover(reader.where, movers[-1], extent, things, (x, y))
     areas = [FloorArea(reader.material(table, "floor", "planks/oak"), extent)]
-    areas += [
-        FloorArea(reader.material(item, "material", "rug/teal"), reader.numbers(item, "extent", 4))
-        for item in reader.tables(table, "area")
-    ]
-    _free(path, extent, things, (("start", (x, y)), *(("goal", goal) for goal in goals)))
-    count = int(reader.number(table, "tags", float(_TAGS)))
+    for _, item in reader.entries(table, "area"):
+        material = reader.material(item, "material", "rug/teal")
+        areas.append(FloorArea(material, reader.numbers(item, "extent", 4)))
+        check_area(reader.where, areas[-1], extent)
+    count = reader.count(table, "tags", _TAGS, MOST_TAGS)
     plates, landmarks = place_tags(extent, things, start, count) if count else ((), ())
     return Scene(
-        path.stem, seed, extent, tuple(areas), things + plates, movers, landmarks, start, goals
+        path.stem,
+        seed,
+        extent,
+        tuple(areas),
+        things + plates,
+        tuple(movers),
+        landmarks,
+        start,
+        goals,
     )
 
 
-def _things(reader: _Reader, table: Mapping[str, Any], rng: np.random.Generator) -> list[Thing]:
+def _things(
+    reader: Reader, table: Mapping[str, Any], extent: Extent, rng: np.random.Generator
+) -> list[Thing]:
     found = []
-    for number, item in enumerate(reader.tables(table, "box")):
-        size = reader.numbers(item, "size", 3)
-        above = reader.number(item, "above", 0.0)
+
+    def add(item: Mapping[str, Any], name: str, parts: tuple[Shape, ...], albedo: float) -> None:
+        shown = reader.word(item, "name", name)
+        found.append(Thing(shown, parts, reader.number(item, "albedo", albedo, 0.0, 1.0)))
+        check_thing(reader.where, found[-1], extent, reader.number(item, "above", 0.0))
+
+    for number, item in reader.entries(table, "box"):
+        size = reader.size(item, "size")
         yaw = math.radians(reader.number(item, "yaw", 0.0))
-        place = (*reader.place(item, "at"), above + size[2] / 2)
+        bottom = reader.number(item, "above", 0.0, 0.0)
+        place = (*reader.place(item, "at"), bottom + size[2] / 2)
         material = reader.material(item, "material", "cardboard/kraft")
-        found.append(reader.thing(item, f"box {number + 1}", (Box(place, size, yaw, material),)))
-    for number, item in enumerate(reader.tables(table, "cylinder")):
-        radius, height = reader.number(item, "radius"), reader.number(item, "height")
-        place = (*reader.place(item, "at"), reader.number(item, "above", 0.0) + height / 2)
+        add(item, f"box {number}", (Box(place, size, yaw, material),), ALBEDO)
+    for number, item in reader.entries(table, "cylinder"):
+        radius = reader.number(item, "radius", least=LEAST_M)
+        height = reader.number(item, "height", least=LEAST_M)
+        bottom = reader.number(item, "above", 0.0, 0.0)
+        place = (*reader.place(item, "at"), bottom + height / 2)
         shape = Cylinder(place, radius, height, reader.material(item, "material", "plaster/clay"))
-        found.append(reader.thing(item, f"cylinder {number + 1}", (shape,)))
-    for item in reader.tables(table, "furniture"):
+        add(item, f"cylinder {number}", (shape,), ALBEDO)
+    for _, item in reader.entries(table, "furniture"):
         kind = reader.word(item, "kind")
         model = next((one for one in CATALOGUE if one.name == kind), None)
         if model is None:
             names = list(dict.fromkeys(one.name for one in CATALOGUE))
-            raise reader.refusal("furniture.kind", kind, f"one of {', '.join(names)}")
+            raise reader.refusal("kind", kind, f"one of {', '.join(names)}")
         yaw = math.radians(reader.number(item, "yaw", 0.0))
         piece = place_piece(model, reader.place(item, "at"), yaw, rng)
-        found.append(dataclasses.replace(piece, name=reader.word(item, "name", kind)))
-    for number, item in enumerate(reader.tables(table, "model")):
-        file = reader.path.parent / reader.word(item, "file")
-        up = reader.word(item, "up") if "up" in item else ""
-        if up not in ("", "y", "z"):
-            raise reader.refusal("model.up", up, '"y" or "z", the axis of the file that points up')
-        scale = reader.number(item, "scale", 1.0)
-        solids = read_model(file, reader.material(item, "material", "plaster/grey"), scale, up)
-        place = (*reader.place(item, "at"), reader.number(item, "above", 0.0))
-        yaw = math.radians(reader.number(item, "yaw", 0.0))
-        parts = placed(solids, place, yaw)
-        found.append(reader.thing(item, f"{file.stem} {number + 1}", parts))
+        add(item, kind, piece.parts, piece.albedo)
+    for number, item in reader.entries(table, "model"):
+        add(item, *_model(reader, item, number), ALBEDO)
     return found
 
 
-def _mover(reader: _Reader, item: Mapping[str, Any], number: int) -> Mover:
+def _model(reader: Reader, item: Mapping[str, Any], number: int) -> tuple[str, tuple[Shape, ...]]:
+    """What a model is called unless it has a name, and its parts."""
+    file = reader.path.parent / reader.word(item, "file")
+    up = reader.word(item, "up") if "up" in item else ""
+    if up not in ("", "y", "z"):
+        raise reader.refusal("up", up, '"y" or "z", the axis of the file that points up')
+    scale = reader.number(item, "scale", 1.0, 1e-6)
+    try:
+        solids = read_model(file, reader.material(item, "material", "plaster/grey"), scale, up)
+    except InputError as error:
+        raise InputError(f"{reader.where}{error}") from error
+    place = (*reader.place(item, "at"), reader.number(item, "above", 0.0))
+    yaw = math.radians(reader.number(item, "yaw", 0.0))
+    return f"{file.stem} {number}", placed(solids, place, yaw)
+
+
+def _mover(reader: Reader, item: Mapping[str, Any], number: int) -> Mover:
     first, last = reader.place(item, "from"), reader.place(item, "to")
     speed = reader.number(item, "speed")
     length = math.dist(first, last)
     if not (speed > 0.0 and length > 0.0):
-        raise reader.refusal("mover.speed", speed, "a positive speed, m/s, between two places")
+        raise reader.refusal("speed", speed, "a positive speed, m/s, between two places")
     colour = reader.word(item, "colour", "orange")
     if colour not in PALETTE:
-        raise reader.refusal("mover.colour", colour, f"one of {', '.join(PALETTE)}")
+        raise reader.refusal("colour", colour, f"one of {', '.join(PALETTE)}")
     heading = math.atan2(last[1] - first[1], last[0] - first[0])
-    height = reader.number(item, "height", 0.45)
-    name = reader.word(item, "name", f"robot {number + 1}")
+    height = reader.number(item, "height", 0.45, 0.1, WALL_HEIGHT_M)
+    name = reader.word(item, "name", f"robot {number}")
     return little_robot(name, first, heading, speed, length / speed, colour, height)
-
-
-def _free(
-    path: Path,
-    extent: tuple[float, ...],
-    things: tuple[Thing, ...],
-    places: tuple[tuple[str, tuple[float, float]], ...],
-) -> None:
-    """Start and goals are where the robot can stand."""
-    shapes: list[tuple[str, Shape]] = [(t.name, part) for t in things for part in t.parts]
-    for what, (x, y) in places:
-        if not (extent[0] < x < extent[2] and extent[1] < y < extent[3]):
-            raise InputError(f"{path}: {what} ({x}, {y}) lies outside the extent {list(extent)}")
-        for name, shape in shapes:
-            gap = float(distance(shape, np.array([[x, y]]))[0])
-            if shape.bottom_m < 0.5 and gap < _ROBOT_RADIUS_M:
-                raise InputError(
-                    f"{path}: {what} ({x}, {y}) is {gap:.2f} m from {name!r}; the robot needs "
-                    f"{_ROBOT_RADIUS_M} m"
-                )
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -198,71 +219,3 @@ def _refuse_unknown(path: Path, table: Mapping[str, Any], where: str) -> None:
             hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
             place = f"[[{where}]] {key}" if where else key
             raise InputError(f"{path}: unknown key {place}; {hint}")
-
-
-class _Reader:
-    """Takes values out of tables; complaints name the file and the key."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def refusal(self, key: str, value: object, expected: str) -> InputError:
-        """What to say of a value that cannot be."""
-        return InputError(f"{self.path}: {key} = {value!r}; expected {expected}")
-
-    def tables(self, table: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
-        """Entries of [[key]]."""
-        return list(table.get(key, []))
-
-    def items(self, table: Mapping[str, Any], key: str) -> list[Any]:
-        """A list of anything."""
-        value = table.get(key, [])
-        if not isinstance(value, list):
-            raise self.refusal(key, value, "a list")
-        return value
-
-    def number(self, table: Mapping[str, Any], key: str, default: float | None = None) -> float:
-        """A finite number; sizes and heights are positive by the shapes' nature."""
-        value = table.get(key, default)
-        good = isinstance(value, int | float) and not isinstance(value, bool)
-        if not good or not math.isfinite(value):
-            raise self.refusal(key, value, "a finite number")
-        if key in ("radius", "height", "scale") and value <= 0.0:
-            raise self.refusal(key, value, "a positive number")
-        return float(value)
-
-    def numbers(self, table: Mapping[str, Any], key: str, count: int) -> tuple[Any, ...]:
-        """So many finite numbers."""
-        value = table.get(key)
-        if not isinstance(value, list) or len(value) != count:
-            raise self.refusal(key, value, f"a list of {count} numbers; for example\n{EXAMPLE}")
-        found = tuple(self.number({key: v}, key) for v in value)
-        if key == "size" and min(found) <= 0.0:
-            raise self.refusal(key, value, "positive lengths")
-        return found
-
-    def place(self, table: Mapping[str, Any], key: str) -> tuple[float, float]:
-        """A place on the floor."""
-        x, y = self.numbers(table, key, 2)
-        return x, y
-
-    def word(self, table: Mapping[str, Any], key: str, default: str | None = None) -> str:
-        """A text."""
-        value = table.get(key, default)
-        if not isinstance(value, str) or not value:
-            raise self.refusal(key, value, "a text in quotes")
-        return value
-
-    def material(self, table: Mapping[str, Any], key: str, default: str) -> str:
-        """A material that can be painted."""
-        value = self.word(table, key, default)
-        kind, _, colour = value.partition("/")
-        if kind not in KINDS or colour not in PALETTE:
-            raise self.refusal(
-                key, value, f"kind/colour, of {', '.join(KINDS)} and {', '.join(PALETTE)}"
-            )
-        return value
-
-    def thing(self, table: Mapping[str, Any], name: str, parts: tuple[Shape, ...]) -> Thing:
-        """A named thing of some parts."""
-        return Thing(self.word(table, "name", name), parts, self.number(table, "albedo", 0.6))

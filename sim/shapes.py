@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
+_PORTION = 10_000  # points at a time against all corners of an outline: some 10 MB
 SEGMENTS = 32  # sides of a drawn cylinder; at 10 cm radius the polygon is 0.5 mm inside the circle
 
 
@@ -171,7 +172,11 @@ def distance(shape: Shape, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray
     if isinstance(shape, Cylinder):
         return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) - shape.radius)
     if isinstance(shape, Solid):
-        return _polygon_distance(outline(shape), points)
+        corners = outline(shape)
+        portions = range(0, max(len(points), 1), _PORTION)
+        return np.concatenate(
+            [_polygon_distance(corners, points[k : k + _PORTION]) for k in portions]
+        )
     c, s = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
     local = np.abs(offset @ np.array([[c, -s], [s, c]])) - np.array(shape.size[:2]) / 2
     outside = np.hypot(np.maximum(local[:, 0], 0.0), np.maximum(local[:, 1], 0.0))
