@@ -103,7 +103,7 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
         SimulatedRobot(world, robot_config, config.seed) as robot,
     ):
         senses = CourseSenses(config, robot, config.seed, truly)
-        pipeline = Pipeline(config, _told(scene)) if pictures else senses
+        pipeline = Pipeline(config, _told(scene, robot.up)) if pictures else senses
         planner = Navigator(config, scene.goals, stepper)
         while True:
             frame = robot.read()
@@ -162,8 +162,8 @@ def _judge(
         result.contacts.append(replace(contact, kind=class_of(contact)))
 
 
-def _told(scene: Scene) -> RecordingInfo:
-    """What the robot is told beforehand: its start and the tags."""
+def _told(scene: Scene, up: tuple[float, float, float]) -> RecordingInfo:
+    """What the robot is told beforehand: its start, the tags, and what is up."""
     return RecordingInfo(
         name=f"{scene.name}-{scene.seed}",
         kind="simulation",
@@ -172,7 +172,7 @@ def _told(scene: Scene) -> RecordingInfo:
         scene=scene.name,
         start_covariance=START_COVARIANCE,
         floor_height_world_m=0.0,
-        gravity_up_world=(0.0, 0.0, 1.0),
+        gravity_up_world=up,
     )
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from perception.primitives.errors import RecordingError
 from perception.primitives.frame import Frame
+from perception.primitives.pose import Pose2, wrap_angle
 
 from . import checkpoint
 from .bodies import Body, LiveBody, Playback
@@ -25,8 +27,12 @@ from .recordings.recording import Recording, RecordingInfo
 from .run_folder import RunFolder
 from .stopwatch import Stopwatch
 
+if TYPE_CHECKING:
+    from sim.scenes import Scene
+
 Say = Callable[[str], None]
 
+DRAWS = 100  # ours: more means that there is no room
 START_COVARIANCE = np.diag(np.square([0.01, 0.01, np.radians(1.0)]))  # put down on its mark by hand
 
 
@@ -85,6 +91,27 @@ class Summary:
         return shown
 
 
+def put_down(scene: Scene, config: Config) -> Pose2:
+    """Where the robot really stands: drawn about its mark as `START_COVARIANCE` has it, clear of all things.
+
+    A mark that has no such place about it is met exactly.
+    """
+    from sim.free_space import ROBOT_TOP_M
+    from sim.shapes import distance
+
+    rng = np.random.default_rng([config.seed, 34])
+    radius = math.hypot(*config.robot.dynamic.body.trunk_m[:2]) / 2
+    parts = [part for thing in scene.things for part in thing.parts if part.bottom_m < ROBOT_TOP_M]
+    x0, y0, x1, y1 = scene.extent
+    for _ in range(DRAWS):
+        x, y, yaw = rng.multivariate_normal(scene.start.vector, START_COVARIANCE)
+        gaps = [x - x0, y - y0, x1 - x, y1 - y]
+        gaps += [float(distance(part, np.array([[x, y]]))[0]) for part in parts]
+        if min(gaps) >= radius:
+            return Pose2(float(x), float(y), wrap_angle(float(yaw)))
+    return scene.start
+
+
 def simulate(
     config: Config, out: Path | None, record: bool, say: Say, watch: bool = False
 ) -> Summary:
@@ -111,7 +138,8 @@ def simulate(
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
     with contextlib.ExitStack() as stack:
-        world = stack.enter_context(World(scene, config.renderer, config.seed))
+        placed = replace(scene, start=put_down(scene, config))
+        world = stack.enter_context(World(placed, config.renderer, config.seed))
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
         info = RecordingInfo(
@@ -122,7 +150,7 @@ def simulate(
             scene=config.scene,
             start_covariance=START_COVARIANCE,
             floor_height_world_m=0.0,
-            gravity_up_world=(0.0, 0.0, 1.0),
+            gravity_up_world=robot.up,
         )
         body = LiveBody(robot, begin(info))
         pipeline = Pipeline(config, info)

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from perception.primitives.plane import Plane
-from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.pose import Pose2, Pose3, wrap_angle
+from sim.scenes import FloorArea, Scene, Thing
+from sim.shapes import Box
 from surefoot import runs
 from surefoot.config import Config, load
 from surefoot.evaluation import evaluate
@@ -113,6 +115,41 @@ def test_a_fall_ends_a_run_and_is_told(tmp_path):
     assert 0.0 < summary.fell_at_s < 10.0
     assert not summary.succeeded
     assert evaluate(RunFolder.open(tmp_path / "fell"))["falls"] == 1.0
+
+
+def scene_with(*things: Thing) -> Scene:
+    extent = (-1.0, -1.0, 1.0, 1.0)
+    floor = (FloorArea("plaster/white", extent),)
+    return Scene("floor", 0, extent, floor, things, (), (), Pose2(0.1, -0.2, 3.14), ())
+
+
+def test_a_robot_stands_about_its_mark_as_its_prior_says():
+    scene = scene_with()
+    placed = [runs.put_down(scene, dataclasses.replace(Config(), seed=s)) for s in range(400)]
+    off = np.array([(p.x - 0.1, p.y + 0.2, wrap_angle(p.yaw - 3.14)) for p in placed])
+    sigma = np.sqrt(np.diag(runs.START_COVARIANCE))
+    assert np.all(np.abs(off.mean(axis=0)) < 4.0 * sigma / np.sqrt(400))
+    np.testing.assert_allclose(off.std(axis=0), sigma, rtol=4.0 / np.sqrt(800))
+    assert runs.put_down(scene, Config()) == placed[0]
+
+
+def test_a_robot_is_put_down_clear_of_what_stands_there():
+    box = Thing("box", (Box((0.1, -0.052, 0.2), (0.4, 0.1, 0.4), 0.0),))  # 98 mm from the mark
+    placed = [
+        runs.put_down(scene_with(box), dataclasses.replace(Config(), seed=s)) for s in range(50)
+    ]
+    assert max(p.y for p in placed) <= -0.102 - np.hypot(0.110, 0.164) / 2
+    tight = Thing("box", (Box((0.1, -0.15, 0.2), (0.4, 0.1, 0.4), 0.0),))
+    assert runs.put_down(scene_with(tight), Config()) == scene_with().start
+
+
+def test_the_run_starts_off_the_mark_that_it_was_told(walked):
+    told = np.array(json.loads((walked / "summary.json").read_text())["start"])
+    true = RunFolder.open(walked).read_trajectory("truth/trajectory.txt")
+    off = np.append(true.positions[0, :2] - told[:2], wrap_angle(true.yaws[0] - told[2]))
+    sigma = np.sqrt(np.diag(runs.START_COVARIANCE))
+    assert np.all(off != 0.0)
+    assert np.all(np.abs(off) < 4.5 * sigma)
 
 
 def test_the_summary_says_how_to_make_the_run_again(walked):
