@@ -66,7 +66,7 @@ class Head:
         self._pan = 0.0
         self._tilt = math.radians(min(max(0.0, config.tilt_deg[0]), config.tilt_deg[1]))
         self._aim = (self._pan, self._tilt)
-        self._play = (0.0, 0.0)
+        self._play = self._lag = (0.0, 0.0)
 
     @property
     def zeros(self) -> tuple[float, float]:
@@ -78,9 +78,14 @@ class Head:
         """Pan and tilt that the servos hold now, rad."""
         return self._pan, self._tilt
 
-    def deflected(self, pan_rad: float, tilt_rad: float) -> None:
-        """A body with dynamics tells how far the joints are from where the servos hold them."""
-        self._play = (pan_rad, tilt_rad)
+    def deflected(self, joints_rad: tuple[float, float], motors_rad: tuple[float, float]) -> None:
+        """A body with dynamics tells how far pan and tilt are from where the servos shall hold them.
+
+        Args:
+            joints_rad: Of the joints themselves.
+            motors_rad: On the motors' side of the gears, where the encoders sit.
+        """
+        self._play, self._lag = joints_rad, motors_rad
 
     def look(self, gaze: GazeCommand) -> None:
         """Clipped to the reach of the joints."""
@@ -97,7 +102,7 @@ class Head:
     def camera_by_encoders(self, mount: tuple[float, float, float]) -> Pose3:
         """A camera on the pelvis as the encoders have it; the mount is its place in the head, m."""
         grain = math.radians(self.config.encoder_deg)
-        pan, tilt = self._pan, self._tilt
+        pan, tilt = self._pan + self._lag[0], self._tilt + self._lag[1]
         if grain > 0.0:
             pan, tilt = round(pan / grain) * grain, round(tilt / grain) * grain
         return self._chain(pan, tilt, mount)

@@ -144,6 +144,11 @@ class SimulatedRobot:
         """Whether the robot lies on the floor, by its own inertial sensor: nothing goes on from there."""
         return isinstance(self.body, DynamicBody) and self.body.fallen
 
+    @property
+    def up(self) -> tuple[float, float, float]:
+        """Against gravity, unit vector in the world."""
+        return self.config.dynamic.up if isinstance(self.body, DynamicBody) else (0.0, 0.0, 1.0)
+
     def close(self) -> None:
         """Give the physics back, where there is one; a second time does nothing."""
         if isinstance(self.body, DynamicBody):

@@ -22,7 +22,7 @@ from perception.primitives.pose import Pose2, Pose3
 
 from ..gait import GRAVITY_MPS2
 from ..pictures import quiet
-from ..shapes import Cylinder, Shape, Solid
+from ..shapes import Box, Cylinder, Shape, Solid
 from .anatomy import Anatomy, links
 from .urdf import robot_urdf, still_urdf
 
@@ -42,7 +42,7 @@ class Physics:
         stance: dict[str, float],
         hip_m: float,
         tick_s: float,
-        slope: tuple[float, float] = (0.0, 0.0),
+        up: tuple[float, float, float] = (0.0, 0.0, 1.0),
     ) -> None:
         """Put the robot down.
 
@@ -52,7 +52,7 @@ class Physics:
             stance: Joint angles by name; the others are zero.
             hip_m: Height of the pelvis in that posture.
             tick_s: Of the control, and of the physics.
-            slope: By how much gravity leans along x and y of the world: the floor rises that way, rad.
+            up: Against gravity, unit vector in the world.
         """
         with quiet():
             import pybullet
@@ -60,8 +60,7 @@ class Physics:
             self._bullet: Any = pybullet
             self.client = pybullet.connect(pybullet.DIRECT)
         b, c = pybullet, self.client
-        self.up = np.array([-math.sin(slope[0]), -math.sin(slope[1]), 0.0])
-        self.up[2] = math.sqrt(1.0 - float(self.up @ self.up))
+        self.up = np.array(up)
         b.setGravity(*(-GRAVITY_MPS2 * self.up), physicsClientId=c)
         b.setPhysicsEngineParameter(
             fixedTimeStep=tick_s,
@@ -74,6 +73,7 @@ class Physics:
         plane = b.createCollisionShape(b.GEOM_PLANE, physicsClientId=c)
         floor = b.createMultiBody(0, plane, physicsClientId=c)
         b.changeDynamics(floor, -1, lateralFriction=FRICTION, physicsClientId=c)
+        self._ground = {int(floor)}
         self._movers: list[int] = []
         place = [start.x, start.y, hip_m]
         turn = [0.0, 0.0, math.sin(start.yaw / 2), math.cos(start.yaw / 2)]
@@ -171,11 +171,14 @@ class Physics:
         return Pose3((x, y, z), (qx, qy, qz, qw))
 
     def load_on(self, name: str) -> float:
-        """What the sensors below a sole feel, N."""
+        """What the sensors below a sole feel, N: what floor and bumps press up against it.
+
+        A toe that runs into something is pressed, too, but not from below: it has not landed.
+        """
         touched = self._bullet.getContactPoints(
             bodyA=self.robot, linkIndexA=self.index[name], physicsClientId=self.client
         )
-        return float(sum(point[9] for point in touched))
+        return float(sum(point[9] * point[7][2] for point in touched if point[2] in self._ground))
 
     def push(self, force: Float[np.ndarray, "3"]) -> None:
         """At the pelvis for the coming tick, world axes, N."""
@@ -189,11 +192,17 @@ class Physics:
             physicsClientId=self.client,
         )
 
-    def furnish(self, still: Sequence[Shape], movers: Sequence[Sequence[Cylinder]]) -> None:
+    def furnish(
+        self,
+        rough: Sequence[Box],
+        still: Sequence[Shape],
+        movers: Sequence[Sequence[Cylinder]],
+    ) -> None:
         """Make things solid.
 
         Args:
-            still: What stands where it is, world frame: bumps, walls, furniture.
+            rough: Bumps of the floor, world frame.
+            still: What stands where it is, world frame: walls, furniture.
             movers: Parts of each mover about its origin; they go where `place` puts them.
         """
         self._movers = [
@@ -201,8 +210,10 @@ class Physics:
             for parts in movers
         ]
         rest = [0.0, 0.0, 0.0]
+        bodies = [self._load(still_urdf(rough), rest, [*rest, 1.0], fixed=True)] if rough else []
+        self._ground |= set(bodies)
         plain = [shape for shape in still if not isinstance(shape, Solid)]
-        bodies = [self._load(still_urdf(plain), rest, [*rest, 1.0], fixed=True)] if plain else []
+        bodies += [self._load(still_urdf(plain), rest, [*rest, 1.0], fixed=True)] if plain else []
         bodies += [self._hull(shape) for shape in still if isinstance(shape, Solid)]
         for body in bodies + self._movers:
             self._bullet.changeDynamics(

@@ -49,6 +49,7 @@ class DynamicConfig:
         scale: All lengths of it times this.
         play_deg: Of the gears, from flank to flank.
         offset_deg: Deviation of each joint's zero, one value a run.
+        encoder_deg: Grain of the legs' encoders.
         bump_m: Highest bump of the floor.
         slope_rad: How the floor rises along x and y of the world.
         balance: Gains.
@@ -58,6 +59,7 @@ class DynamicConfig:
     scale: float = 1.0
     play_deg: float = 0.5  # hobby servos; without it the walk is unrealistically smooth
     offset_deg: float = 0.3  # ours: zeros set by eye
+    encoder_deg: float = 360.0 / 4096.0  # MX-28: 4096 to the turn
     bump_m: float = 0.002  # ours: floorboards, seams of carpets
     slope_rad: tuple[float, float] = (0.0, 0.0)
     balance: BalanceConfig = field(default_factory=BalanceConfig)
@@ -69,7 +71,12 @@ class DynamicConfig:
             )
         ANATOMIES[self.anatomy].scaled(self.scale)
         check_ranges(
-            "dynamic", self, play_deg=(0.0, 10.0), offset_deg=(0.0, 10.0), bump_m=(0.0, 0.05)
+            "dynamic",
+            self,
+            play_deg=(0.0, 10.0),
+            offset_deg=(0.0, 10.0),
+            encoder_deg=(0.0, 10.0),
+            bump_m=(0.0, 0.05),
         )
         if not all(abs(value) < 0.3 for value in self.slope_rad):
             raise ConfigError(f"dynamic: slope_rad={self.slope_rad} must be below 0.3 rad")
@@ -78,6 +85,12 @@ class DynamicConfig:
     def body(self) -> Anatomy:
         """The measures meant."""
         return ANATOMIES[self.anatomy].scaled(self.scale)
+
+    @property
+    def up(self) -> tuple[float, float, float]:
+        """Against gravity, unit vector in the world, whose floor is z = 0 on a slope too."""
+        x, y = (math.sin(rise) for rise in self.slope_rad)
+        return x, y, math.sqrt(1.0 - x * x - y * y)
 
 
 class DynamicBody:
@@ -128,21 +141,21 @@ class DynamicBody:
             stance,
             body.hip_m + config.bump_m,
             tick_s,
-            config.slope_rad,
+            config.up,
         )
         rough = bumps(world.scene.extent, config.bump_m, rng) if config.bump_m > 0.0 else []
         self._world = world
         low = [
             part for thing in world.scene.things for part in thing.parts if part.bottom_m < TOP_M
         ]
-        self.physics.furnish(rough + low, [mover.parts for mover in world.scene.movers])
+        self.physics.furnish(rough, low, [mover.parts for mover in world.scene.movers])
         self._imu = imu
         self._gyro_bias = imu.gyro_bias_radps * rng.standard_normal(3)
         self._force_bias = imu.force_bias_mps2 * rng.standard_normal(3)
         self._attitude = Attitude(config.balance, tick_s)
         self._ankles = Ankles(config.balance, tick_s)
         self._landing = Landing(config.balance, tick_s, self._scale)
-        self._encoders = self._angles.copy()
+        self._encoders = self._rounded(self._angles)
         self._command: WalkCommand | None = None
         self._push: tuple[np.ndarray, int] = (np.zeros(3), 0)
         self._sums: tuple[np.ndarray, np.ndarray, int] = (np.zeros(3), np.zeros(3), 0)
@@ -342,16 +355,20 @@ class DynamicBody:
         """After a tick: encoders on the motors' side of the gears, the foot that stands, the fall."""
         found = self.physics.angles(self._steered)
         motor = np.clip(self._wanted, found - self._half_play, found + self._half_play)
-        self._encoders = (motor - self._offset)[:12]
-        self._head.deflected(
-            float(found[12] - self._wanted[12]), float(found[13] - self._wanted[13])
-        )
+        self._encoders = self._rounded((motor - self._offset)[:12])
+        pan, tilt = (found - self._wanted)[12:].tolist()
+        self._head.deflected((pan, tilt), tuple((motor - self._wanted)[12:].tolist()))
         step = self._step
         if step.stepping and 2 * tick >= step.double_support_ticks:
             self._odometry.read(self._encoders, -step.swing)
         self._sense(tick)
         if self._attitude.up[2] < FALLEN:
             self.fallen = True
+
+    def _rounded(self, angles: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """To the grain of the encoders."""
+        grain = math.radians(self.config.encoder_deg)
+        return np.round(angles / grain) * grain if grain > 0.0 else angles
 
     def _sense(self, tick: int) -> None:
         """The inertial sensor in the trunk, with bias and noise."""

@@ -11,7 +11,7 @@ import pytest
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
-from sim.dynamic.walker import DynamicBody, DynamicConfig
+from sim.dynamic.walker import NECK, DynamicBody, DynamicConfig
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import FloorArea, Scene, Thing
 from sim.shapes import Box, Solid
@@ -128,6 +128,84 @@ def test_the_tall_body_of_seed_004_stands_and_steps():
     _, poses, fallen, _ = walked(6, config=config, command=WalkCommand(0.04))
     assert not fallen
     assert (poses[0].inverse() @ poses[-1]).x > 0.12
+
+
+def test_encoders_sit_on_the_motors_and_follow_a_head_that_turns_fast():
+    steady = replace(BLIND, dynamic=DynamicConfig(offset_deg=0.0))
+    steady = replace(steady, head=replace(steady.head, offset_deg=0.0))
+    play, grain = steady.dynamic.play_deg, steady.head.encoder_deg
+    off, late = [], []
+    with World(room(), "tiny", 0) as world, SimulatedRobot(world, steady, 0) as robot:
+        for pan in (0.9, -0.9):
+            robot.look(GazeCommand(pan, 0.5))
+            for _ in range(60):
+                robot.body.advance(1)
+                true = robot.body.physics.angles(NECK)
+                ahead, up = robot._head.camera_by_encoders((0.0, 0.0, 0.0)).rotation[:, [2, 1]].T
+                told = (math.atan2(ahead[1], ahead[0]), math.acos(-up[2]))
+                off.append(np.degrees(np.abs(told - true)))
+                late.append(np.degrees(np.abs(robot._head.aims - true)))
+    assert np.max(off) <= play / 2 + grain
+    assert np.max(late) > 2.0 * np.max(off)  # what is commanded is not where the joint is
+
+
+def test_leg_encoders_count_in_whole_grains():
+    with World(room(), "tiny", 0) as world, SimulatedRobot(world, BLIND, 0) as robot:
+        robot.walk(WalkCommand(0.04))
+        for _ in range(3):
+            robot.read()
+        counts = robot.body._encoders / (2.0 * math.pi / 4096)
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
+
+
+def test_a_sole_feels_the_floor_and_not_what_its_toe_runs_into():
+    sill = Thing("sill", (Box((0.11, 0.0, 0.03), (0.04, 0.8, 0.06), 0.0),))
+    scene = replace(room(sill), start=Pose2())
+    smooth = replace(BLIND, dynamic=DynamicConfig(bump_m=0.0))
+    met = 0
+    with World(scene, "tiny", 0) as world, SimulatedRobot(world, smooth, 0) as robot:
+        physics = robot.body.physics
+        weight = [
+            sum(physics.load_on(f"{side}_ankle_roll") for side in ("left", "right"))
+            for _ in range(100)
+            if robot.body.advance(1)
+        ]
+        assert np.mean(weight) == pytest.approx(2.92 * 9.81, rel=0.02)
+        for _ in range(500):
+            robot.walk(WalkCommand(0.05))
+            robot.body.advance(1)
+            for (_, height), side in zip(robot.body.feet_body, ("left", "right"), strict=True):
+                name = f"{side}_ankle_roll"
+                if height < 0.006 or robot.fallen:
+                    continue
+                aloft = physics._bullet.getContactPoints(
+                    bodyA=physics.robot,
+                    linkIndexA=physics.index[name],
+                    physicsClientId=physics.client,
+                )
+                met += any(point[9] > 0.0 for point in aloft)
+                assert physics.load_on(name) == 0.0
+    assert met > 0
+
+
+def test_up_is_against_gravity_where_the_floor_rises():
+    flat, steep = DynamicConfig(), DynamicConfig(slope_rad=(0.05, -0.03), bump_m=0.0, play_deg=0.0)
+    assert flat.up == (0.0, 0.0, 1.0)
+    assert steep.up[:2] == pytest.approx(
+        (math.sin(0.05), -math.sin(0.03))
+    )  # a metre on, so much higher
+    with (
+        World(room(), "tiny", 0) as world,
+        SimulatedRobot(world, replace(BLIND, dynamic=steep), 0) as robot,
+    ):
+        felt = []
+        for _ in range(200):
+            robot.body.advance(1)
+            _, force = robot.body.physics.felt()
+            felt.append(robot.body.physics.pelvis().rotation @ force)
+        np.testing.assert_allclose(np.mean(felt, axis=0) / 9.81, robot.up, atol=2e-3)
+    with World(room(), "tiny", 0) as world:
+        assert SimulatedRobot(world, replace(BLIND, body="kinematic"), 0).up == (0.0, 0.0, 1.0)
 
 
 def test_an_unknown_body_is_refused():
