@@ -12,7 +12,7 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,14 +24,14 @@ C = TypeVar("C")
 WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text in quotes"}
 
 
-def read(kind: type[C], path: Path, base: C | None = None, part: str = "") -> C:
+def read(kind: type[C], path: Path, base: C | None = None, parts: Collection[str] = ()) -> C:
     """A configuration from a TOML file, of which any part may be left out.
 
     Args:
         kind: Of what.
         path: The file.
         base: What holds where the file says nothing; None: the defaults.
-        part: Only this table of the file counts; empty: all.
+        parts: Only these keys and tables of the file count; none: all.
 
     Raises:
         InputError: The file is missing or not TOML.
@@ -48,8 +48,8 @@ def read(kind: type[C], path: Path, base: C | None = None, part: str = "") -> C:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"configuration {path} is not TOML: {error}") from error
-    if part:
-        values = {key: value for key, value in values.items() if key == part}
+    if parts:
+        values = {key: value for key, value in values.items() if key in parts}
     try:
         return _merge(kind, base, values, "")
     except ConfigError as error:

@@ -141,3 +141,18 @@ def test_the_body_planned_for_by_default_has_the_measures_printed(body):
     assert (
         dataclasses.replace(config, robot=Config().robot, localiser=Config().localiser) == Config()
     )
+
+
+def test_the_walker_by_colour_has_one_camera_and_its_worlds_goals_unless_told_otherwise(tmp_path):
+    swarm = "mission.planner=swarm"
+    config = load(None, [swarm], scene="robots_room")
+    assert (config.robot.tof, config.robot.stereo, config.robot.image_pairs) == (False, False, True)
+    assert config.swarm.goal_times_s == (0.0, 70.0, 130.0, 150.0, 200.0)
+    assert config.mission.goals == 5
+    assert load(None, [swarm], scene="home").swarm.goal_times_s == ()
+    told = load(None, [swarm, "robot.tof=true", "mission.goals=2"], scene="robots_room")
+    assert (told.robot.tof, told.robot.stereo, told.mission.goals) == (True, False, 2)
+    published = load(None, [swarm, "swarm.version=published"], scene="robots_room")
+    file = tmp_path / "run.toml"
+    file.write_text(config_file.dumps(published), encoding="utf-8")
+    assert load(file) == published
