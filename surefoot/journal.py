@@ -46,6 +46,7 @@ COMMAND_HEADER = (
 VIEW_EVERY_S = 4.0  # pictures for the report: about twenty of a minute's walk
 VIEWS_AT_MOST = 60
 VIEW_WIDTH_PX = 360
+DRAWN_WIDTH_PX = 960  # of several panes
 
 
 class Journal:
@@ -113,7 +114,7 @@ class Journal:
             walk, gaze = decision.walk, decision.gaze
             step = (walk.forward_m, walk.lateral_m, walk.turn_rad)
             self._commands.append((stamp, *step, gaze.pan_rad, gaze.tilt_rad, decision.why))
-        self._keep_views(frame, estimate)
+        self._keep_views(frame, estimate, decision)
 
     def keep_picture(self, stamp_s: float, name: str, png: bytes) -> None:
         """One more picture of what the robot saw, for the report."""
@@ -213,18 +214,23 @@ class Journal:
             times.append(row)
         times.close()
 
-    def _keep_views(self, frame: Frame, estimate: Estimate) -> None:
-        """Every few seconds the camera views as small pictures."""
+    def _keep_views(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
+        """Every few seconds the camera views as small pictures, and what was decided by."""
         due = not self._views or estimate.stamp_s - self._views[-1]["stamp"] >= VIEW_EVERY_S
         if not due or len(self._views) >= VIEWS_AT_MOST:
             return
         pictures = []
         if frame.colour is not None:
-            pictures.append(("colour", cv2.cvtColor(frame.colour.rgb, cv2.COLOR_RGB2BGR)))
-        pictures += [(view.sensor, _depth_picture(view.depth.z)) for view in estimate.views]
-        for name, picture in pictures:
-            height = round(picture.shape[0] * VIEW_WIDTH_PX / picture.shape[1])
-            small = cv2.resize(picture, (VIEW_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+            colour = cv2.cvtColor(frame.colour.rgb, cv2.COLOR_RGB2BGR)
+            pictures.append(("colour", colour, VIEW_WIDTH_PX))
+        for view in estimate.views:
+            pictures.append((view.sensor, _depth_picture(view.depth.z), VIEW_WIDTH_PX))
+        if decision is not None and decision.drawn is not None:
+            drawn = cv2.cvtColor(decision.drawn(), cv2.COLOR_RGB2BGR)
+            pictures.append((f"stages, then {decision.why}", drawn, DRAWN_WIDTH_PX))
+        for name, picture, width in pictures:
+            height = round(picture.shape[0] * width / picture.shape[1])
+            small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
             file = f"views/{len(self._views):03d}.jpg"
             done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])
             if done:

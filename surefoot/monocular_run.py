@@ -188,9 +188,11 @@ def process_monocular(
     return summary
 
 
-def panes(result: MonocularResult) -> tuple[tuple[str, UInt8[np.ndarray, "h w 3"]], ...]:
+def panes(
+    result: MonocularResult, chosen_px: tuple[int, int] | None = None
+) -> tuple[tuple[str, UInt8[np.ndarray, "h w 3"]], ...]:
     """Title and image of the eight stages of a cycle: A, B the pair, C ground, D edges, E flow, F least flow,
-    G prediction, H result.
+    G prediction, H result, with the pixel (u, v) that is walked to, if there is one.
     """
     current = result.current.rgb
     previous = current if result.previous is None else result.previous.rgb
@@ -219,6 +221,8 @@ def panes(result: MonocularResult) -> tuple[tuple[str, UInt8[np.ndarray, "h w 3"
             result.movable,
         )
     ]
+    if chosen_px is not None:
+        cv2.drawMarker(grey[2], chosen_px, (200, 0, 0), cv2.MARKER_TILTED_CROSS, 30, 5)
     return (
         ("A previous", previous),
         ("B current", current),
@@ -231,10 +235,12 @@ def panes(result: MonocularResult) -> tuple[tuple[str, UInt8[np.ndarray, "h w 3"
     )
 
 
-def stages(result: MonocularResult, side_px: int = 360) -> UInt8[np.ndarray, "h w 3"]:
+def stages(
+    result: MonocularResult, side_px: int = 360, chosen_px: tuple[int, int] | None = None
+) -> UInt8[np.ndarray, "h w 3"]:
     """The panes of a cycle as one picture, four beside each other."""
     shown = []
-    for title, image in panes(result):
+    for title, image in panes(result, chosen_px):
         pane = cv2.resize(image, (side_px, side_px * image.shape[0] // image.shape[1]))
         cv2.rectangle(pane, (0, 0), (side_px // 2, 24), (255, 255, 255), -1)
         cv2.putText(pane, title, (6, 18), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (0, 0, 0), 1, cv2.LINE_AA)

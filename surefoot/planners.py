@@ -8,9 +8,12 @@ before what blocks it, looks about and chooses a motion.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, cast, runtime_checkable
+
+import numpy as np
+from jaxtyping import UInt8
 
 from perception.primitives.frame import Frame
 from planning.commands import GazeCommand, WalkCommand
@@ -31,12 +34,14 @@ class Decision:
         gaze: Where to look meanwhile.
         why: "survey", "walk", "guard", "blocked", or a planner's own word.
         timing_ms: Time of each stage, of planners that tell them apart.
+        drawn: Draws what it was decided by, for people: RGB; None: nothing to show.
     """
 
     walk: WalkCommand
     gaze: GazeCommand
     why: str
     timing_ms: dict[str, float] = field(default_factory=dict, compare=False)
+    drawn: Callable[[], UInt8[np.ndarray, "h w 3"]] | None = field(default=None, compare=False)
 
 
 @runtime_checkable

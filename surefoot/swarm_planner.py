@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
@@ -73,12 +73,12 @@ class SwarmPlanner(GoalSeeker):
         self._standing = Standing(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None
-        """Of the last picture, for display."""
+        """Of the last picture."""
         self.sight: monocular_tracks.Sight | None = None
         """What was made of it."""
         self._previous: Picture | None = None
-        self.best: search.Best | None = None
-        """The pixel last chosen, for display."""
+        self._best: search.Best | None = None  # the pixel last chosen, of an upright picture
+        self._movable: np.ndarray | None = None  # what was searched for it
         self._schedule = Schedule(config.guard.gait)
         self._glances = Glances(config.swarm.glance)
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
@@ -116,6 +116,20 @@ class SwarmPlanner(GoalSeeker):
 
     def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
         """The next footstep; the head stays bowed, and looks aside for who is lost there."""
+        decision = self._decide(frame, estimate, pipeline)
+        return decision if self.result is None else replace(decision, drawn=self._drawn)
+
+    def _drawn(self) -> UInt8[np.ndarray, "h w 3"]:
+        """The stages of the last cycle, with what may be walked on as it was searched, and the pixel found."""
+        assert self.result is not None
+        from .monocular_run import stages  # only who draws needs it
+
+        result = (
+            self.result if self._movable is None else replace(self.result, movable=self._movable)
+        )
+        return stages(result, chosen_px=None if self._best is None else self._best.pixel)
+
+    def _decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
         gaze = GazeCommand(0.0, math.radians(self._settings.tilt_deg))
         goal = self._goals.present
         colour, result = frame.colour, self.result
@@ -145,6 +159,7 @@ class SwarmPlanner(GoalSeeker):
                 self.sight.ground, result.current, movers, result.horizon_s
             )
         )
+        self._movable = movable
         objective = Objective.of(
             movable,
             colour.camera,
@@ -155,8 +170,8 @@ class SwarmPlanner(GoalSeeker):
             self._corners.blocked,
         )
         if ahead:
-            self.best = search.find(objective, self._settings.search, self._rng)
-            self._place = None if self.best is None else objective.place(self.best.pixel)
+            self._best = search.find(objective, self._settings.search, self._rng)
+            self._place = None if self._best is None else objective.place(self._best.pixel)
         place = self._place
         desired, target, why = self._wish(place, robot, goal)
         if self._settings.guarded:
