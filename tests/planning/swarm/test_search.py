@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from perception.monocular.back_projection import floor_points
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
@@ -24,9 +25,20 @@ def camera_on_body(pan_deg):
     )
 
 
-def objective(seed, config=None, pan_deg=0.0, sides=(False, False)):
+def room(seed):
+    """A random room, and stones in it that are narrower than the robot: one edge of its way passes on each side."""
     rng = np.random.default_rng([seed, 1])
     floor = random_floors.make(rng, CAMERA)
+    v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width].astype(float)
+    places = floor_points(np.stack([u, v], axis=-1), CAMERA, camera_on_body(0.0))
+    for _ in range(2):
+        stone = np.array([rng.uniform(0.4, 1.2), rng.uniform(-0.4, 0.4)])
+        floor.movable[np.hypot(*(places - stone).transpose(2, 0, 1)) < 0.03] = False
+    return floor
+
+
+def objective(seed, config=None, pan_deg=0.0, sides=(False, False)):
+    floor = room(seed)
     T = camera_on_body(pan_deg)
     return Objective.of(
         floor.movable, CAMERA, T, Pose2(), floor.goal, config or ObjectiveConfig(), sides
@@ -34,7 +46,7 @@ def objective(seed, config=None, pan_deg=0.0, sides=(False, False)):
 
 
 def random_goal(seed):
-    return random_floors.make(np.random.default_rng([seed, 1]), CAMERA).goal
+    return room(seed).goal
 
 
 class Looker:
@@ -44,8 +56,7 @@ class Looker:
     """
 
     def __init__(self, seed, config=None, pan_deg=0.0, sides=(False, False), slack=1e-6):
-        rng = np.random.default_rng([seed, 1])
-        floor = random_floors.make(rng, CAMERA)
+        floor = room(seed)
         self.config, self.slack, self.sides = config or ObjectiveConfig(), slack, sides
         self.blocked, self.goal = ~np.asarray(floor.movable, bool), floor.goal
         self.count = np.pad(np.cumsum(self.blocked, axis=1), ((0, 0), (1, 0)))
