@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -73,6 +74,17 @@ class Rectification:
         )
 
 
+def straightened(view: StereoView) -> StereoView:
+    """A rectified pair: itself, or by the distortion that its camera states, of two parallel, equal lenses.
+
+    Raises:
+        InputError: As `rectification`, or an image has not the size that the camera states.
+    """
+    if not view.camera.is_distorted:
+        return view
+    return _parallel(view.camera, view.baseline_m).apply(view.left, view.right, view.T_body_camera)
+
+
 def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectification:
     """Prepare the rectification of a calibrated rig.
 
@@ -129,3 +141,8 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
         maps[0],
         maps[1],
     )
+
+
+@cache
+def _parallel(camera: Camera, baseline_m: float) -> Rectification:
+    return rectification(camera, camera, Pose3((baseline_m, 0.0, 0.0)))

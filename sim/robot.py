@@ -35,6 +35,7 @@ from .dynamic.walker import DynamicBody, DynamicConfig
 from .gait import GaitConfig
 from .head import Head, HeadConfig
 from .inertial import ImuConfig, InertialSensor, TrunkState
+from .motion import STILL, Motion, motion_between
 from .ranges import check_ranges
 from .tof_camera import TofCamera, TofConfig
 from .world import World
@@ -136,6 +137,7 @@ class SimulatedRobot:
         self._inertial = InertialSensor(config.imu, imu)
         self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
         self._colour_rng, self._stereo_rng = colour, stereo
+        self._motions: dict[tuple[float, float, float], Motion] = {}  # of cameras that take time
         self._began_s = world.stamp_s
         self._state = self._trunk_state()
 
@@ -214,7 +216,37 @@ class SimulatedRobot:
         return self.body.trunk_by_joints() @ self._head.camera_by_encoders(mount)
 
     def _pass(self, ticks: int) -> Advance:
-        """Body, head and world go on together."""
+        """Body, head and world go on together; for cameras that take time the last tick on its own."""
+        taking = [
+            mount
+            for mount, camera in (
+                (self.config.colour_camera.mount_m, self.config.colour_camera),
+                (self.config.stereo_camera.mount_m, self.config.stereo_camera),
+            )
+            if camera.exposure_s > 0.0
+        ]
+        if not taking:
+            return self._go_on(ticks)
+        rest = self._go_on(ticks - 1) if ticks > 1 else None
+        before = [self._untrembling(mount) for mount in taking]
+        last = self._go_on(1)
+        self._motions = {
+            mount: motion_between(pose, self._untrembling(mount), last.seconds)
+            for mount, pose in zip(taking, before, strict=True)
+        }
+        if rest is None:
+            return last
+        motion, steps = rest.motion @ last.motion, rest.steps + last.steps
+        return Advance(motion, steps, rest.seconds + last.seconds)
+
+    def _untrembling(self, mount: tuple[float, float, float]) -> Pose3:
+        """Where a camera is without the kinematic body's tremble, which is drawn anew at every look."""
+        if isinstance(self.body, DynamicBody):
+            return self.camera_in_world(mount)
+        trunk = self.body.true_pose.lifted() @ self.body.trunk_by_joints()
+        return trunk @ self._head.camera_truly(mount)
+
+    def _go_on(self, ticks: int) -> Advance:
         advance = self.body.advance(ticks)
         if isinstance(self.body, KinematicBody):
             self._head.advance(advance.seconds)
@@ -249,7 +281,8 @@ class SimulatedRobot:
             return None
         config = self.config.colour_camera
         true = self.camera_in_world(config.mount_m)
-        rgb = colour_picture(self.world, config, true, self._colour_rng)
+        motion = self._motions.get(config.mount_m, STILL)
+        rgb = colour_picture(self.world, config, true, self._colour_rng, motion)
         return ColourView(rgb, config.camera, self._camera_by_joints(config.mount_m))
 
     def _stereo_view(self) -> StereoView | None:
@@ -257,7 +290,8 @@ class SimulatedRobot:
             return None
         config, baseline = self.config.stereo_camera, self.config.baseline_m
         true = self.camera_in_world(config.mount_m)
-        left, right = stereo_pair(self.world, config, baseline, true, self._stereo_rng)
+        motion = self._motions.get(config.mount_m, STILL)
+        left, right = stereo_pair(self.world, config, baseline, true, self._stereo_rng, motion)
         return StereoView(
             left, right, baseline, config.camera, self._camera_by_joints(config.mount_m)
         )

@@ -57,31 +57,37 @@ class World:
             raise InputError(f"world: cannot go to {stamp_s} s; it is {self.stamp_s} s already")
         self.stamp_s = stamp_s
 
-    def movers(self) -> list[tuple[float, float, float, float]]:
-        """(x, y, vx, vy) of every mover now, m and m/s."""
+    def movers(self, after_s: float = 0.0) -> list[tuple[float, float, float, float]]:
+        """(x, y, vx, vy) of every mover now, or so long after now, m and m/s."""
         pairs = zip(self.scene.movers, self._phases, strict=True)
-        return [mover.state(phase + self.stamp_s) for mover, phase in pairs]
+        return [mover.state(phase + (self.stamp_s + after_s)) for mover, phase in pairs]
 
     @property
     def rays(self) -> RayCaster:
         """Rays through the world as it is now; built when first asked for."""
+        return self.rays_after(0.0)
+
+    def rays_after(self, after_s: float) -> RayCaster:
+        """The same caster with the movers where they are so long after now."""
         if self._caster is None:
             self._caster = RayCaster(self.scene)
-        self._caster.place([(x, y) for x, y, _, _ in self.movers()])
+        self._caster.place([(x, y) for x, y, _, _ in self.movers(after_s)])
         return self._caster
 
-    def picture(self, camera: Camera, T_world_camera: Pose3) -> UInt8[np.ndarray, "h w 3"]:
-        """What an ideal camera sees now, red first; the renderer starts when first asked."""
-        return self._placed_pictures().colour(camera, T_world_camera)
+    def picture(
+        self, camera: Camera, T_world_camera: Pose3, after_s: float = 0.0
+    ) -> UInt8[np.ndarray, "h w 3"]:
+        """What an ideal camera sees now, or so long after now, red first; the renderer starts when first asked."""
+        return self._placed_pictures(after_s).colour(camera, T_world_camera)
 
     def rendered_depth(self, camera: Camera, T_world_camera: Pose3) -> Float32[np.ndarray, "h w"]:
         """The renderer's own depth along the axis, m: a check on its geometry, not a sensor."""
         return self._placed_pictures().depth(camera, T_world_camera)
 
-    def _placed_pictures(self) -> Pictures:
+    def _placed_pictures(self, after_s: float = 0.0) -> Pictures:
         if self._pictures is None:
             self._pictures = Pictures(self.scene, self.renderer)
-        self._pictures.place([(x, y) for x, y, _, _ in self.movers()])
+        self._pictures.place([(x, y) for x, y, _, _ in self.movers(after_s)])
         return self._pictures
 
     def close(self) -> None:

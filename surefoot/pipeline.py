@@ -32,6 +32,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Sighting
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
+from perception.rectification import straightened
 
 from .config import Config, ReachConfig
 from .odometer import Tracked
@@ -188,7 +189,7 @@ class Pipeline:
             yield "depth", structured_light.depth(frame.depth, self.config.structured_light)
         if frame.stereo is not None:
             with watch.stage("stereo"):
-                pair = stereo.depth(frame.stereo, self.config.stereo)
+                pair = stereo.depth(straightened(frame.stereo), self.config.stereo)
             yield "stereo", pair
 
     def _understand(self, sensor: str, depth: Depth) -> View | None:

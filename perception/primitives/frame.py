@@ -40,7 +40,11 @@ class RangeView:
 
 @dataclass(frozen=True)
 class StereoView:
-    """A rectified grey pair; the camera is the left one, the right one `baseline_m` to its right."""
+    """A rectified grey pair; the camera is the left one, the right one `baseline_m` to its right.
+
+    A camera with distortion says that both are still as two parallel, equal lenses drew them; see
+    `rectification.straightened`.
+    """
 
     left: UInt8[np.ndarray, "h w"]
     right: UInt8[np.ndarray, "h w"]

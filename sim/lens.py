@@ -1,0 +1,71 @@
+"""A lens before a renderer that knows only pinholes: a wider ideal picture, looked up where every ray goes.
+
+Source: Brown-Conrady, as `perception.primitives.camera` has it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError
+
+WIDEST = 3.0  # ours: times the picture that an ideal camera may need; more is no lens to walk with
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """What bends an ideal picture.
+
+    Args:
+        ideal: The pinhole to render: the same pixels and more around them, enough for every bent ray.
+        columns, rows: Where in its picture the ray of each pixel is, px.
+    """
+
+    ideal: Camera
+    columns: Float32[np.ndarray, "h w"]
+    rows: Float32[np.ndarray, "h w"]
+
+    def bent(self, picture: UInt8[np.ndarray, "h2 w2 3"]) -> UInt8[np.ndarray, "h w 3"]:
+        """The picture that the ideal one becomes."""
+        seen = cv2.remap(picture, self.columns, self.rows, cv2.INTER_LINEAR)
+        return np.asarray(seen, dtype=np.uint8)
+
+
+@cache
+def lens_of(camera: Camera) -> Lens:
+    """The lens of a camera with distortion; made once."""
+    x = camera.rays[..., 0] * camera.fx + camera.cx  # px of the same picture without a lens
+    y = camera.rays[..., 1] * camera.fy + camera.cy
+    left, top = math.floor(x.min()) - 1, math.floor(y.min()) - 1
+    width, height = math.ceil(x.max()) + 2 - left, math.ceil(y.max()) + 2 - top
+    ideal = Camera(width, height, camera.fx, camera.fy, camera.cx - left, camera.cy - top)
+    return Lens(ideal, (x - left).astype(np.float32), (y - top).astype(np.float32))
+
+
+def check(camera: Camera) -> None:
+    """Refuse a lens that folds the picture over or needs far too wide a view.
+
+    Raises:
+        ConfigError: Away from the middle rays do not keep their order, or a corner looks too far aside.
+    """
+    w, h = camera.width - 1.0, camera.height - 1.0
+    corners = np.array([[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]])
+    rays = camera.back_project(corners, np.ones(4))
+    with np.errstate(invalid="ignore", over="ignore"):
+        outward = rays[:, None] * np.append(np.ones(2), 0.0) * np.linspace(0, 1, 41)[:, None]
+        places = camera.project(outward + np.array([0.0, 0.0, 1.0]))
+        away = np.linalg.norm(places - places[:, :1], axis=-1)
+        kept = (np.diff(away, axis=1) > 0.0).all() and np.abs(places[:, -1] - corners).max() < 0.01
+        wide = (np.ptp(rays[:, :2], axis=0) * (camera.fx, camera.fy)).max() / max(w, h)
+    if not (kept and wide <= WIDEST):
+        raise ConfigError(
+            f"camera: lens={camera.distortion} folds the picture over or looks more than {WIDEST:g} times as "
+            "wide as without; choose smaller coefficients (k1, k2, p1, p2, k3)"
+        )
