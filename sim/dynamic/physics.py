@@ -171,14 +171,15 @@ class Physics:
         return Pose3((x, y, z), (qx, qy, qz, qw))
 
     def load_on(self, name: str) -> float:
-        """What the sensors below a sole feel, N: what floor and bumps press up against it.
+        """What the sensors below a sole feel, N: what floor and bumps press against it.
 
-        A toe that runs into something is pressed, too, but not from below: it has not landed.
+        A toe that runs into furniture is pressed, too, but has not landed. One that runs into a bump has: who
+        counts only what presses from below falls over bumps of 4 mm.
         """
         touched = self._bullet.getContactPoints(
             bodyA=self.robot, linkIndexA=self.index[name], physicsClientId=self.client
         )
-        return float(sum(point[9] * point[7][2] for point in touched if point[2] in self._ground))
+        return float(sum(point[9] for point in touched if point[2] in self._ground))
 
     def push(self, force: Float[np.ndarray, "3"]) -> None:
         """At the pelvis for the coming tick, world axes, N."""

@@ -123,7 +123,7 @@ def test_a_recording_states_the_lens_by_which_the_pair_is_straightened():
     ("changed", "said"),
     [
         ({"lens": (-1.5, 0.0, 0.0, 0.0, 0.0)}, "folds the picture over"),
-        ({"gain": 0.0}, "gain=0.0 must be positive"),
+        ({"gain": 0.0}, "gain=0.0 must be at least"),
         ({"exposure_s": -0.01}, "exposure_s=-0.01 must not be negative"),
         ({"exposure_parts": 0}, "exposure_parts=0 must be at least 1"),
     ],
