@@ -11,6 +11,7 @@ Source: seed 000, sections 2 to 5; tracks and guard are ours.
 from __future__ import annotations
 
 import bisect
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,6 +21,7 @@ from jaxtyping import Float, UInt8
 
 from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
+from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
@@ -37,6 +39,8 @@ from .config import Config
 from .goals import Goals, GoalSeeker
 from .pipeline import Estimate, Pipeline
 from .planners import Decision
+
+LOG = logging.getLogger(__name__)
 
 MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
 BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
@@ -89,9 +93,13 @@ class SwarmPlanner(GoalSeeker):
         if colour is None or colour.T_body_camera is None or estimate.pose is None:
             return
         robot = estimate.pose2
-        picture = Picture(
-            colour.rgb, colour.camera, robot.lifted() @ colour.T_body_camera, frame.stamp_s
-        )
+        try:
+            placed = robot.lifted() @ colour.T_body_camera
+            picture = Picture(colour.rgb, colour.camera, placed, frame.stamp_s)
+        except InputError as error:
+            LOG.warning("%.1f s: picture not used: %s", frame.stamp_s, error)
+            self.result = None  # what was seen before is no ground to walk on
+            return
         paired = self._settings.prediction == "flow" and self._previous is not None
         self.result = self._monocular.cycle(self._previous if paired else None, picture)
         self._previous = picture
