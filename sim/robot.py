@@ -217,13 +217,15 @@ class SimulatedRobot:
 
     def _pass(self, ticks: int) -> Advance:
         """Body, head and world go on together; for cameras that take time the last tick on its own."""
+        config = self.config
         taking = [
             mount
-            for mount, camera in (
-                (self.config.colour_camera.mount_m, self.config.colour_camera),
-                (self.config.stereo_camera.mount_m, self.config.stereo_camera),
+            for mount, seconds in (
+                (config.tof_mount_m, config.tof_camera.integration_s),
+                (config.colour_camera.mount_m, config.colour_camera.exposure_s),
+                (config.stereo_camera.mount_m, config.stereo_camera.exposure_s),
             )
-            if camera.exposure_s > 0.0
+            if seconds > 0.0
         ]
         if not taking:
             return self._go_on(ticks)
@@ -273,7 +275,14 @@ class SimulatedRobot:
         if self._tof is None or 0.0 < fails_s <= self.world.stamp_s - self._began_s:
             return None
         mount = self.config.tof_mount_m
-        range_m, amplitude = self._tof.measure(self.world.rays, self.camera_in_world(mount))
+        true = self.camera_in_world(mount)
+        if self._tof.config.integration_s > 0.0:
+            motion = self._motions.get(mount, STILL)
+            range_m, amplitude = self._tof.measure_moving(
+                (self.world.rays_after(s), motion.moved(true, s)) for s in self._tof.instants
+            )
+        else:
+            range_m, amplitude = self._tof.measure(self.world.rays, true)
         return RangeView(range_m, amplitude, self._tof.camera, self._camera_by_joints(mount))
 
     def _colour_view(self) -> ColourView | None:

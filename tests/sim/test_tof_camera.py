@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim import scenes
+from sim.motion import STILL, Motion
 from sim.rays import RayCaster
 from sim.scenes import FloorArea, Scene, Thing
 from sim.shapes import Box
@@ -164,3 +166,53 @@ def test_ranges_are_whole_units_of_14_bits():
     measured, _ = camera.measure(wall_at(1.0), AHEAD)
     units = measured[np.isfinite(measured)].astype(np.float64) / (5.0 / 2**14)
     assert np.abs(units - np.rint(units)).max() < 1e-3
+
+
+def through(caster, camera, motion, pose=AHEAD):
+    return camera.measure_moving((caster, motion.moved(pose, s)) for s in camera.instants)
+
+
+def test_four_pictures_of_a_camera_at_rest_are_one_instant():
+    caster, config = wall_at(2.5, step=True), replace(EXACT, sub_rays=2, integration_s=0.03)
+    one, other = (TofCamera(config, np.random.default_rng(0)) for _ in range(2))
+    moving = through(caster, one, STILL)
+    for measured, expected in zip(moving, other.measure(caster, AHEAD), strict=True):
+        np.testing.assert_allclose(measured, expected, atol=1e-5)
+
+
+def test_towards_a_wall_the_four_pictures_make_the_phase_that_their_ranges_say():
+    config = replace(EXACT, integration_s=0.05)
+    camera = TofCamera(config, np.random.default_rng(0))
+    speed = 1.5
+    moving, _ = through(wall_at(2.0), camera, Motion(np.array([speed, 0.0, 0.0]), np.zeros(3)))
+    slant = np.linalg.norm(camera.camera.rays, axis=-1)
+    samples = []
+    for quarter in range(4):
+        seconds = config.integration_s * (quarter - 1.5) / 4
+        distance = (2.0 - speed * seconds) * slant
+        returned = 0.8 / slant * (config.reference_m / distance) ** 2
+        phase = 2.0 * np.pi * distance / config.wrap_m - quarter * np.pi / 2.0
+        samples.append(returned * (1.0 + np.cos(phase)))
+    phase = np.arctan2(samples[1] - samples[3], samples[0] - samples[2]) % (2.0 * np.pi)
+    np.testing.assert_allclose(moving, phase / (2.0 * np.pi) * config.wrap_m, atol=1e-4)
+    assert np.abs(moving - 2.0 * slant).max() > 1e-3  # it is no range that was there
+
+
+def test_a_turning_camera_sees_wrong_ranges_at_edges_and_right_ones_between():
+    caster, config = wall_at(2.5, step=True), replace(EXACT, integration_s=0.04)
+    camera = TofCamera(config, np.random.default_rng(0))
+    turning = 1.0
+    moving, _ = through(caster, camera, Motion(np.zeros(3), np.array([0.0, 0.0, turning])))
+    still, _ = TofCamera(EXACT, np.random.default_rng(0)).measure(caster, AHEAD)
+    edge = int(np.argmax(np.abs(np.diff(still[20]))))
+    wrong = np.flatnonzero(np.abs(moving[20] - still[20]) > 0.05)
+    swept = camera.camera.fx * turning * config.integration_s * 3 / 4  # first to last picture
+    assert abs(wrong - edge).max() <= swept / 2 + 2
+    assert 0.5 * swept <= len(wrong) <= swept + 2
+    far = np.abs(np.arange(still.shape[1]) - edge) > swept
+    assert np.abs(moving - still)[:, far].max() < 0.02
+
+
+def test_a_negative_integration_is_refused():
+    with pytest.raises(ConfigError, match=r"integration_s=-0\.1 must not be negative"):
+        TofConfig(integration_s=-0.1)
