@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.frame import Frame, StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from perception.rectification import rectification, straightened
 from planning.commands import WalkCommand
@@ -21,7 +22,11 @@ from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import FloorArea, Mover, Scene, Thing
 from sim.shapes import Box, Cylinder
 from sim.world import World
+from surefoot.config import Config
+from surefoot.pipeline import Pipeline
 from surefoot.recordings.codec import decode, encode
+from surefoot.recordings.recording import RecordingInfo
+from surefoot.stopwatch import Stopwatch
 
 LENS = (-0.28, 0.07, 0.001, -0.0008, 0.0)  # as calibrated cameras of this opening have
 PLAIN = ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035), noise_grey=0.0)
@@ -117,6 +122,23 @@ def test_a_recording_states_the_lens_by_which_the_pair_is_straightened():
     assert not stereo.camera.is_distorted
     assert stereo.baseline_m == pytest.approx(0.04)
     np.testing.assert_allclose(stereo.T_body_camera.matrix, frame.stereo.T_body_camera.matrix)
+
+
+def test_the_pipeline_measures_depth_with_a_straightened_pair():
+    plain = replace(BENT, lens=PLAIN.lens, noise_grey=2.0)
+    with World(tags()) as world:
+        pairs = [
+            stereo_pair(world, config, 0.04, AHEAD, np.random.default_rng(0))
+            for config in (plain, replace(plain, lens=LENS))
+        ]
+    pipeline = Pipeline(Config(), RecordingInfo("test", "simulation"))
+    for pair, camera in zip(pairs, (PLAIN.camera, BENT.camera), strict=True):
+        frame = Frame(0.0, stereo=StereoView(*pair, 0.04, camera))
+        ((sensor, depth),) = pipeline._depths(frame, Stopwatch())
+        assert (sensor, depth.camera.is_distorted) == ("stereo", False)
+        u, v = 20, 20  # a corner, where the lens bends most: the upper left tag is there
+        patch = depth.z[v : v + 100, u : u + 100]
+        assert np.nanmedian(patch) == pytest.approx(1.2 - 0.003, abs=0.02)
 
 
 @pytest.mark.parametrize(

@@ -24,4 +24,6 @@ def test_far_ranges_wrap_and_edges_fly(tmp_path, monkeypatch):
     assert found.figures["wrapped_share"] == pytest.approx(1.0, abs=0.01)
     # the right edge of the box alone, before a wall 1.5 m behind it, is some 60 pixels high
     assert found.figures["flying_pixels"] > 50
+    # turning sweeps 5 px between first and last picture, along that edge and as much along others
+    assert 300 < found.figures["motion_pixels"] < 3000
     assert (tmp_path / sensors.PICTURES / "time-of-flight.png").stat().st_size > 5000
