@@ -204,7 +204,8 @@ class SwarmPlanner(GoalSeeker):
         if float(np.hypot(*(goal - here))) < NEAR_GOAL_M:
             return command.towards(goal, robot, gait), goal, "walk"
         if place is None:
-            return command.turning(goal, robot, gait), goal, "blocked"
+            seen = self.result is not None and bool(self.result.ground.any())
+            return command.turning(goal, robot, gait), goal if seen else here, "blocked"
         return command.towards(place, robot, gait), place, "walk"
 
     def _guarded(

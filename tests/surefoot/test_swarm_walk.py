@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from perception.primitives.frame import ColourView
 from sim import scenes
 from sim.robot import SimulatedRobot
 from sim.world import World
@@ -62,25 +62,44 @@ def test_the_stages_are_in_the_report(walked):
     assert "stages, then" in (walked.root / "report.html").read_text()
 
 
-def test_a_picture_that_is_not_its_cameras_is_not_walked_by(caplog):
+@contextlib.contextmanager
+def walker():
+    """Planner, pipeline and robot in the seed's room."""
     config = load(None, ["mission.planner=swarm"], scene="robots_room")
     scene = scenes.load("robots_room", 0)
-    pipeline = Pipeline(
-        config, RecordingInfo("x", "simulation", start=scene.start, start_covariance=np.eye(3))
-    )
-    planner = SwarmPlanner(config, scene.goals)
+    told = RecordingInfo("x", "simulation", start=scene.start, start_covariance=1e-4 * np.eye(3))
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, config.robot, 0) as robot:
+        yield SwarmPlanner(config, scene.goals), Pipeline(config, told), robot
+
+
+def test_a_picture_that_is_not_its_cameras_is_not_walked_by(caplog):
+    with walker() as (planner, pipeline, robot):
         frame = robot.read()
-    assert frame.colour is not None
-    halved = ColourView(
-        np.ascontiguousarray(frame.colour.rgb[::2, ::2]),
-        frame.colour.camera,
-        frame.colour.T_body_camera,
-    )
-    frame = replace(frame, colour=halved)
-    estimate = pipeline.cycle(replace(frame, colour=None))
-    planner.notice(frame, estimate, pipeline)
-    decision = planner.decide(frame, estimate, pipeline)
+        assert frame.colour is not None
+        halved = np.ascontiguousarray(frame.colour.rgb[::2, ::2])
+        frame = replace(frame, colour=replace(frame.colour, rgb=halved))
+        estimate = pipeline.cycle(replace(frame, colour=None))
+        planner.notice(frame, estimate, pipeline)
+        decision = planner.decide(frame, estimate, pipeline)
     assert decision.why == "blocked"
     assert decision.walk.forward_m == decision.walk.turn_rad == 0.0
     assert "picture not used" in caplog.text
+
+
+def test_in_the_dark_it_does_not_leave_its_place():
+    blocked = 0
+    with walker() as (planner, pipeline, robot):
+        for _ in range(14):
+            frame = robot.read()
+            assert frame.colour is not None
+            black = replace(frame.colour, rgb=np.zeros_like(frame.colour.rgb))
+            frame = replace(frame, colour=black)
+            estimate = pipeline.cycle(frame)
+            planner.notice(frame, estimate, pipeline)
+            if frame.footstep_due:
+                decision = planner.decide(frame, estimate, pipeline)
+                blocked += decision.why in ("blocked", "guard")
+                assert decision.walk.forward_m == decision.walk.lateral_m == 0.0
+                robot.walk(decision.walk)
+                robot.look(decision.gaze)
+    assert blocked > 3
