@@ -10,6 +10,7 @@ import difflib
 import math
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,7 @@ _KEYS: dict[str, dict[str, str]] = {
     "model": dict.fromkeys(
         ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""
     ),
-    "mover": dict.fromkeys(("name", "from", "to", "speed", "height", "colour"), ""),
+    "mover": dict.fromkeys(("name", "from", "to", "speed", "height", "colour", "under_way"), ""),
     "area": dict.fromkeys(("extent", "material"), ""),
 }  # fmt: skip
 
@@ -189,7 +190,10 @@ def _mover(reader: Reader, item: Mapping[str, Any], number: int) -> Mover:
     heading = math.atan2(last[1] - first[1], last[0] - first[0])
     height = reader.number(item, "height", 0.45, 0.1, WALL_HEIGHT_M)
     name = reader.word(item, "name", f"robot {number}")
-    return little_robot(name, first, heading, speed, length / speed, colour, height)
+    robot = little_robot(name, first, heading, speed, length / speed, colour, height)
+    if "under_way" not in item:
+        return robot
+    return replace(robot, under_way_s=reader.number(item, "under_way", least=0.0))
 
 
 def _load(path: Path) -> dict[str, Any]:

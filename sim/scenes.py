@@ -50,6 +50,7 @@ class Mover:
         reversal_s: Time from one end to the other.
         parts: Shapes about the origin of the mover, upright cylinders.
         albedo: As of a thing.
+        under_way_s: How long it has walked when the world begins; None: the world draws it.
 
     Source: seed 000, section 6 (robots d1 to d3).
     """
@@ -61,6 +62,7 @@ class Mover:
     reversal_s: float
     parts: tuple[Cylinder, ...]
     albedo: float = 0.6
+    under_way_s: float | None = None
 
     @property
     def radius_m(self) -> float:
@@ -194,6 +196,7 @@ def _registry() -> dict[str, Callable[[int, float], Scene]]:
         "boxes": _always(rooms.boxes),
         "plain_room": _always(plain_room.plain_room),
         "robots_room": _always(seed_rooms.robots_room),
+        "printed_room": _always(seed_rooms.printed_room),
         "narrow_course": _always(seed_rooms.narrow_course),
         "course": course.course,
         "fast_course": course.fast_course,

@@ -1,8 +1,8 @@
 """The two worlds of seed 000: a room with three moving robots and five goals, and a narrow course.
 
 The room is printed in full: its size, the lines of the robots d1 to d3, their speed and the times between
-reversals, and when which goal holds. A world starts each robot anywhere on its line, by its seed; the
-printed start is phase 0 of `Mover.state`. Of the course only "polygons and hemispheres" and the length
+reversals, and when which goal holds. A world starts each robot anywhere on its line, by its seed, or as
+printed (`printed_room`). Of the course only "polygons and hemispheres" and the length
 walked survive; gates and places are ours. The y axis of the seed points ahead, as ours does here.
 
 Source: seed 000, sections 6.1, 6.2, 6.5.1 and 6.5.2.
@@ -11,6 +11,7 @@ Source: seed 000, sections 6.1, 6.2, 6.5.1 and 6.5.2.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from .shapes import Box, Cylinder, Shape
 
 GOAL_TIMES_S = {
     "robots_room": (0.0, 70.0, 130.0, 150.0, 200.0),  # seed 000, section 6.5.1
+    "printed_room": (0.0, 70.0, 130.0, 150.0, 200.0),
     "narrow_course": (0.0, 18.0, 38.0),  # ours: each moves on before it is reached
 }
 """From when on each goal of a scene holds, s after the start."""
@@ -54,6 +56,13 @@ def robots_room(seed: int) -> Scene:
         ((0.0, 4.0), (-1.0, -0.2), (1.0, 0.1), (-1.0, 4.0), (1.0, 0.0)),
         low=True,
     )
+
+
+def printed_room(seed: int) -> Scene:
+    """The same with every robot where it is printed at the start; the seed draws the textures alone."""
+    room = robots_room(seed)
+    movers = tuple(replace(mover, under_way_s=0.0) for mover in room.movers)
+    return replace(room, name="printed_room", movers=movers)
 
 
 def narrow_course(seed: int) -> Scene:

@@ -25,7 +25,7 @@ class World:
     Args:
         scene: What stands and moves.
         renderer: "egl", "tiny", or "auto" for EGL where it works.
-        seed: Of chance in the world: where on its line each mover is at the start.
+        seed: Of chance in the world: where on its line each mover is at the start, unless it says so itself.
     """
 
     def __init__(self, scene: Scene, renderer: str = "auto", seed: int = 0) -> None:
@@ -33,7 +33,11 @@ class World:
         self.stamp_s = 0.0
         self.renderer = choose_renderer(renderer)
         rng = np.random.default_rng([seed, 20])
-        self._phases = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.movers]
+        drawn = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.movers]
+        self._phases = [
+            phase if mover.under_way_s is None else mover.under_way_s
+            for phase, mover in zip(drawn, scene.movers, strict=True)
+        ]
         self._caster: RayCaster | None = None
         self._pictures: Pictures | None = None
 
