@@ -14,6 +14,9 @@ from jaxtyping import Bool, Float32, Int
 
 from ..primitives.errors import ConfigError
 
+SAME = 1e-5
+"""Squared distance that single precision may make of none: two rivals as near are the same to everybody."""
+
 
 @dataclass(frozen=True)
 class MatchConfig:
@@ -59,7 +62,7 @@ def match(
     back = np.argmax(likeness, axis=0) if config.mutual else None
     likeness[rows, best] = -np.inf
     runner_up = np.maximum(2.0 - 2.0 * likeness.max(axis=1), 0.0)
-    kept = nearest < config.ratio**2 * runner_up
+    kept = (nearest < config.ratio**2 * runner_up) & (runner_up > SAME)
     if allowed is not None:
         kept &= np.isfinite(runner_up) | (nearest < config.alone)
     if back is not None:

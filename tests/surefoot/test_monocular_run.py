@@ -291,7 +291,9 @@ def test_the_walker_by_colour_survives_pictures_without_a_floor(kind):
         estimate = Estimate(frame.stamp_s, pose, (), (), (), None)
         planner.notice(frame, estimate, pipeline)
         planner.decide(frame, estimate, pipeline)
-        assert planner.best is None  # no pixel to walk to
+        assert (
+            planner.decide(frame, estimate, pipeline).walk.forward_m == 0.0
+        )  # no pixel to walk to
         assert not planner.result.movable.any()
 
 
