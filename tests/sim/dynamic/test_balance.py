@@ -82,11 +82,12 @@ def test_a_sole_that_meets_the_floor_early_stays_where_it_is():
 
 
 def test_a_sole_in_the_air_is_let_down_no_further_than_allowed():
-    step, landing = walking_step(), Landing(BalanceConfig(), TICK_S)
+    step, most = walking_step(), BalanceConfig().lower_most_m
+    landing = Landing(BalanceConfig(), TICK_S)
     standing = 1 if step.swing > 0 else 0
     for tick in range(step.double_support_ticks):
         landing.advance(step, tick, 0.0)
-        lowered = -min(0.03 * TICK_S * (tick + 1), 0.006)  # what fades of it meanwhile comes off
+        lowered = -min(0.03 * TICK_S * (tick + 1), most)  # what fades of it meanwhile comes off
         assert lowered - 1e-12 <= landing.heights[standing] <= 0.85 * lowered
     assert landing.waits(step, 0, 0.0)
     assert not landing.waits(step, 0, 10.0)
