@@ -78,4 +78,5 @@ EXPERIMENT = Experiment(
         "arrived_share": Target(">=", 0.95),
         "falls": Target("==", 0.0),
     },
+    seeds=20,
 )
