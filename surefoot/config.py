@@ -215,10 +215,12 @@ WALKED_LOCALISER = LocaliserConfig(
     slip_sigma_m=0.001,
     drift_sigma_rad=math.radians(0.25),
     step_y_sigma_m=0.0008,
-    still_sigma_m=0.001,
-    still_sigma_rad=math.radians(0.1),
+    still_sigma_m=0.003,
+    still_sigma_rad=math.radians(4.0),
 )
-"""What the odometry of the dynamic body needs: its steps come out a millimetre longer and turn to one side."""
+"""What the odometry of the dynamic body needs: its steps come out a millimetre longer and turn to one side, and
+standing it may twist by degrees a second until its soles are at rest: taken for standing still, that would be taken
+for a bias of the gyro, and mislead it for minutes."""
 
 
 SCALED = {

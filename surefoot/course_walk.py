@@ -25,7 +25,7 @@ from .metrics.contacts import BODY_RADIUS_M, Contact, Touch, class_of
 from .navigator import Navigator
 from .pipeline import Pipeline
 from .recordings.recording import RecordingInfo
-from .runs import START_COVARIANCE
+from .runs import start_covariance
 
 PASSED_M = 0.30  # navigation study: a via point counts as reached when passed within 0.3 m
 TIME_LIMIT_S = 900.0  # ours: half as long again as the paper's 560.2 s
@@ -103,7 +103,7 @@ def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) ->
         SimulatedRobot(world, robot_config, config.seed) as robot,
     ):
         senses = CourseSenses(config, robot, config.seed, truly)
-        pipeline = Pipeline(config, _told(scene, robot.up)) if pictures else senses
+        pipeline = Pipeline(config, _told(scene, robot)) if pictures else senses
         planner = Navigator(config, scene.goals, stepper)
         while True:
             frame = robot.read()
@@ -162,7 +162,7 @@ def _judge(
         result.contacts.append(replace(contact, kind=class_of(contact)))
 
 
-def _told(scene: Scene, up: tuple[float, float, float]) -> RecordingInfo:
+def _told(scene: Scene, robot: SimulatedRobot) -> RecordingInfo:
     """What the robot is told beforehand: its start, the tags, and what is up."""
     return RecordingInfo(
         name=f"{scene.name}-{scene.seed}",
@@ -170,9 +170,9 @@ def _told(scene: Scene, up: tuple[float, float, float]) -> RecordingInfo:
         landmarks=scene.landmarks,
         start=scene.start,
         scene=scene.name,
-        start_covariance=START_COVARIANCE,
+        start_covariance=start_covariance(robot.config),
         floor_height_world_m=0.0,
-        gravity_up_world=up,
+        gravity_up_world=robot.up,
     )
 
 
