@@ -4,7 +4,7 @@
 the eye, 3 to 6 the lines, 7 half width of the corridor, 8 least and 9 greatest angle of the window as seen
 from the robot, 10 tilt sine, 11 tilt cosine, 12 ahead of the eye, 13 height of the eye, 14 fy, 15 cy,
 16 goal ahead, 17 goal left, 18 first column, 19 end of the columns, 20 farthest range, 21 first row,
-22 whether as printed, 23 heading by which the printed angle is wrong.
+22 whether as printed, 23 heading by which the printed angle is wrong, 24 whether the corridor's inside counts.
 """
 
 from __future__ import annotations
@@ -116,6 +116,8 @@ def way_blocked(
         a, b = edge_line(shape, tangent, secant, side)
         if line_blocked(blocked, a, b, row_of(shape, ahead - side * shape[7] * sine)):
             return True
+    if shape[24] == 0.0:
+        return False
     a, b = edge_line(shape, tangent, secant, 1.0)
     c, d = edge_line(shape, tangent, secant, -1.0)
     nearer = row_of(shape, ahead - shape[7] * abs(sine))  # of the two corners at its end

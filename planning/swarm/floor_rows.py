@@ -105,7 +105,10 @@ def lean(T_body_camera: Pose3) -> float:
 def upright(
     movable: UInt8[np.ndarray, "h w"], camera: Camera, T_body_camera: Pose3
 ) -> UInt8[np.ndarray, "h w"]:
-    """The mask as the same camera would see it without its lean; what comes from outside is 0.
+    """The mask as the same camera would see it without its lean.
+
+    The wedges that come from outside are as the border beside them: taken for blocked, a degree of lean would lay
+    a bar before the feet.
 
     Raises:
         InputError: for a camera that lies on its side.
@@ -122,7 +125,10 @@ def upright(
     turned = K @ _leaning(-angle).rotation.T @ np.linalg.inv(K)
     size = (camera.width, camera.height)
     return np.asarray(
-        cv2.warpPerspective(movable, turned, size, flags=cv2.INTER_NEAREST, borderValue=0), np.uint8
+        cv2.warpPerspective(
+            movable, turned, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE
+        ),
+        np.uint8,
     )
 
 

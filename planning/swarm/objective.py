@@ -41,6 +41,9 @@ class ObjectiveConfig:
     farthest_m: float = 6.0  # d_max, own (specification)
     top_share: float = 120.0 / 720.0  # seed 000: rows from 120 of 720 on
     penalty: float = 1e3  # ours, for infinity: keeps a slope for the swarm; seed 000 prints 1
+    inside: bool = (
+        True  # ours: nothing between the edges of the corridor either; seed 000: its edges
+    )
     literal: bool = False  # as printed: narrowing corridor, absolute angles; with penalty 1
 
     def __post_init__(self) -> None:
@@ -84,7 +87,7 @@ class Objective:
     integral: Int[np.ndarray, "h1 w1"]
     rows: Float[np.ndarray, "h 2"]
     boxes: Int[np.ndarray, "h 3"]
-    packed: Float[np.ndarray, "24"]
+    packed: Float[np.ndarray, "25"]
     floor: FloorRows
     robot: Pose2
     config: ObjectiveConfig
@@ -212,5 +215,6 @@ def _pack(
             config.top_share * camera.height,
             float(config.literal),
             floor.heading_rad + turned,
+            float(config.inside),
         ]
     )

@@ -46,7 +46,7 @@ class SwarmWalkerConfig:
         printed = self.version == "printed"
         return replace(
             self,
-            objective=PRINTED if printed else self.objective,
+            objective=PRINTED if printed else replace(self.objective, inside=False),
             search=replace(self.search, mode="literal" if printed else "constriction"),
             glance=replace(self.glance, enabled=False),
             prediction="flow",

@@ -30,6 +30,7 @@ from planning.swarm.corners import Corners
 from planning.swarm.objective import Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
 
+from .. import monocular_tracks
 from ..stopwatch import Stopwatch
 from .experiment import Experiment, Outcome, Say, Target
 from .monocular_cycle import walk
@@ -47,7 +48,7 @@ STAGES = {
 """Names of the plot, and the functions of the cycle that they time; what is left over is "colours"."""
 
 SWARM = SwarmConfig("constriction", 50, 100)  # seed 000, section 6.4
-DECIDING = ("counters", "objective", "search", "command")
+DECIDING = ("counters", "specks", "objective", "search", "command")
 GOAL_M = 3.0  # ours: ahead of where the walk begins
 
 
@@ -111,9 +112,14 @@ class Thinking:
         with watch.stage("counters"):
             step_m = gait.cruise_mps * gait.step_s
             self._corners.update(result.corners_blocked, result.nearest_m, step_m)
+        with watch.stage(
+            "specks"
+        ):  # as our walker fills them; full of them, the search would take long
+            ground = monocular_tracks.sight(result).ground
+            movable = np.where(result.predicted > 0, np.uint8(0), ground)
         with watch.stage("objective"):
             objective = Objective.of(
-                result.movable,
+                movable,
                 result.current.camera,
                 robot.inverse().lifted() @ result.current.T_world_camera,
                 robot,

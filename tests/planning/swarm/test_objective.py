@@ -80,6 +80,15 @@ def test_a_leaning_camera_is_turned_upright_first():
     assert np.mean(turned[middle] != straight[middle]) < 0.01
 
 
+@pytest.mark.parametrize("roll_deg", [-3.0, -1.0, 1.0, 3.0])
+def test_on_bare_floor_a_lean_bars_no_way(roll_deg):
+    straight = search.exact(objective(all_floor(), goal=(1.5, 0.2)))
+    leaning = objective(all_floor(), goal=(1.5, 0.2), T=eye(roll=math.radians(roll_deg)))
+    found = search.exact(leaning)
+    assert found is not None
+    assert found.value == pytest.approx(straight.value, abs=0.02)
+
+
 def test_on_bare_floor_the_value_is_the_distance_to_the_goal():
     o = objective(all_floor(), goal=(2.0, 0.5), robot=Pose2(0.3, -0.2, 0.2))
     pixel = (90, 100)
