@@ -89,8 +89,10 @@ PLANNERS = {
 
 
 ARRIVING = ("search", "field")
-WANDERING = ("search",)
 """Those of them that walk by the univector field, which can arrive with a given heading."""
+
+WANDERING = ("search",)
+"""Those of them that explore."""
 
 
 @dataclass(frozen=True)

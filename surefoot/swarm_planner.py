@@ -81,10 +81,10 @@ class SwarmPlanner(GoalSeeker):
         self.sight: monocular_tracks.Sight | None = None
         """What was made of it."""
         self._previous: Picture | None = None
-        self._best: search.Best | None = None  # the pixel last chosen, of an upright picture
+        self._best: search.Best | None = None  # the pixel chosen in this picture, turned upright
         self._movable: np.ndarray | None = None  # what was searched for it
         self._schedule = Schedule(config.guard.gait)
-        self._glances = Glances(config.swarm.glance)
+        self._glances = Glances(self._settings.glance)
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
@@ -138,6 +138,7 @@ class SwarmPlanner(GoalSeeker):
         return stages(result, chosen_px=None if self._best is None else self._best.pixel)
 
     def _decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
+        self._best = self._movable = None
         gaze = GazeCommand(0.0, math.radians(self._settings.tilt_deg))
         goal = self._goals.present
         colour, result = frame.colour, self.result

@@ -83,7 +83,7 @@ def _edge(
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-    """Slope and level of the least-squares line; `np.polyfit` takes ten times as long for it."""
+    """Slope and level of the least-squares line; with `np.polyfit` a tag takes 2.0 ms instead of 1.4."""
     middle, height = x.sum() / len(x), y.sum() / len(y)
     away = x - middle
     slope = float(away @ (y - height)) / float(away @ away)

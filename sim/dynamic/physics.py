@@ -173,8 +173,7 @@ class Physics:
     def load_on(self, name: str) -> float:
         """What the sensors below a sole feel, N: what floor and bumps press against it.
 
-        A toe that runs into furniture is pressed, too, but has not landed. One that runs into a bump has: who
-        counts only what presses from below falls over bumps of 4 mm.
+        A toe that runs into furniture is pressed, too, but has not landed; one that runs into a bump has.
         """
         touched = self._bullet.getContactPoints(
             bodyA=self.robot, linkIndexA=self.index[name], physicsClientId=self.client

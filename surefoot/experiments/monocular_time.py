@@ -112,9 +112,7 @@ class Thinking:
         with watch.stage("counters"):
             step_m = gait.cruise_mps * gait.step_s
             self._corners.update(result.corners_blocked, result.nearest_m, step_m)
-        with watch.stage(
-            "specks"
-        ):  # as our walker fills them; full of them, the search would take long
+        with watch.stage("specks"):  # as our walker fills them
             ground = monocular_tracks.sight(result).ground
             movable = np.where(result.predicted > 0, np.uint8(0), ground)
         with watch.stage("objective"):

@@ -1,12 +1,13 @@
 """The simulated cameras against rays: depth of each renderer, stereo by three matchers, time of flight.
 
-Views are taken from the start and the goals of furnished homes, in random directions of the head. A renderer's
-depth is compared where a pixel and its neighbours lie on one surface: on an outline the two may meet different
-things. Told is how much of the picture that is, and how much of it is right to a millimetre, at any range. Stereo and
-time of flight are told as two figures a range, in the notes' own form; the figures in parentheses are those of the
-notes that the models were built from, and `_off` is the share by which ours differ from them. A picture shows what a time-of-flight camera cannot
-see rightly: ranges beyond c / 2f come back that much too near, pixels on an edge fly between both sides, and while the
-camera turns the four pictures of one measurement do not belong together.
+Views are taken from the start and the goals of furnished homes, in random directions of the head. A
+renderer's depth is compared where a pixel and its neighbours lie on one surface: on an outline the two may
+meet different things. Told is how much of the picture that is, and how much of it is right to a millimetre,
+at any range. Stereo and time of flight are told as two figures a range, in the notes' own form; the figures
+in parentheses are those of the notes that the models were built from, and `_off` is the share by which ours
+differ from them. A picture shows what a time-of-flight camera cannot see rightly: ranges beyond c / 2f come
+back that much too near, pixels on an edge fly between both sides, and while the camera turns the four
+pictures of one measurement do not belong together.
 
 Source: seed 003, E2 (ranges); seed 004, Table 3 (SR-4000).
 """

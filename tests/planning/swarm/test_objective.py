@@ -80,6 +80,13 @@ def test_a_leaning_camera_is_turned_upright_first():
     assert np.mean(turned[middle] != straight[middle]) < 0.01
 
 
+def test_what_a_wide_lean_brings_in_is_not_walked_on():
+    """Twenty degrees turn in a corner of the picture that nobody saw."""
+    turned = upright(all_floor(), CAMERA, eye(roll=math.radians(20.0)))
+    assert (turned[-1, [0, -1]] == 0).any()
+    assert turned[80, 80] > 0
+
+
 @pytest.mark.parametrize("roll_deg", [-3.0, -1.0, 1.0, 3.0])
 def test_on_bare_floor_a_lean_bars_no_way(roll_deg):
     straight = search.exact(objective(all_floor(), goal=(1.5, 0.2)))
