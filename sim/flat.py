@@ -22,7 +22,7 @@ from .difficulty import USUAL, count, graded, span
 from .free_space import ClearanceMap, clearance_map
 from .furniture import CATALOGUE, Model, Piece, furnish
 from .home import free_spot, numbered
-from .public_places import PERSON_RADIUS_M, person
+from .public_places import PERSON_RADIUS_M, line_of, person
 from .rooms import WALL_HEIGHT_M, WALL_THICKNESS_M, Extent, towards, walls
 from .scenes import FloorArea, Mover, Scene, Thing
 from .shapes import Box, Shape
@@ -312,7 +312,7 @@ def _people(
 
 def _keeps_clear(one: Mover, layout: _Layout, others: list[Mover]) -> bool:
     """Its line is free, not at the start or a goal, and wherever it is there is another way."""
-    line = _line(one)
+    line = line_of(one)
     start = (layout.start.x, layout.start.y)
     if any(layout.space.at(place) < PERSON_RADIUS_M + 0.01 for place in line):
         return False
@@ -320,7 +320,7 @@ def _keeps_clear(one: Mover, layout: _Layout, others: list[Mover]) -> bool:
         return False
     if any(math.dist(place, goal) < 0.65 for place in line for goal in layout.goals):
         return False
-    if any(math.dist(a, b) < 0.6 for other in others for a in line for b in _line(other)):
+    if any(math.dist(a, b) < 0.6 for other in others for a in line for b in line_of(other)):
         return False
     for place in line[::2]:
         blocked = layout.space.with_disc(place, PERSON_RADIUS_M)
@@ -328,10 +328,6 @@ def _keeps_clear(one: Mover, layout: _Layout, others: list[Mover]) -> bool:
         if not all(reach[blocked.cell(goal)] for goal in layout.goals):
             return False
     return True
-
-
-def _line(mover: Mover) -> list[tuple[float, float]]:
-    return [mover.state(float(s))[:2] for s in np.linspace(0.0, mover.reversal_s, 25)]
 
 
 def _flooring(plan: _Plan, names: list[str], rng: np.random.Generator) -> tuple[FloorArea, ...]:

@@ -162,17 +162,18 @@ def _keeps_apart(
     apart_m: float,
 ) -> bool:
     """No two lines share a place, and none leads over a spot or a thing."""
-    line = _line(one)
+    line = line_of(one)
     if any(math.dist(place, spot) < 0.7 for place in line for spot in spots):
         return False
     if any(space.at(place) < PERSON_RADIUS_M + 0.1 for place in line):
         return False
     return all(
-        math.dist(a, b) > apart_m for other in map(_line, others) for a in line for b in other
+        math.dist(a, b) > apart_m for other in map(line_of, others) for a in line for b in other
     )
 
 
-def _line(mover: Mover) -> list[tuple[float, float]]:
+def line_of(mover: Mover) -> list[tuple[float, float]]:
+    """Places along its way from one end to the other, (x, y), m."""
     return [mover.state(float(s))[:2] for s in np.linspace(0.0, mover.reversal_s, 25)]
 
 
