@@ -84,7 +84,9 @@ class SwarmPlanner(GoalSeeker):
         self._best: search.Best | None = None  # the pixel chosen in this picture, turned upright
         self._movable: np.ndarray | None = None  # what was searched for it
         self._schedule = Schedule(config.guard.gait)
-        self._glances = Glances(self._settings.glance)
+        self._glances = Glances(
+            self._settings.glance, config.guard.body_radius_m, config.guard.gait.max_speed_mps
+        )
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:

@@ -36,8 +36,6 @@ class GlanceConfig:
     to_deg: float = 120.0  # ours: who is farther round is behind
     spare_deg: float = 20.0  # ours: the head stops short of it; where it is, is not known well
     most_deg: float = 75.0  # ours: the head turns no further
-    body_m: float = 0.15  # as the guard has it: this robot's radius
-    robot_mps: float = 0.10  # as the guard has it: this robot's top speed
 
     def __post_init__(self) -> None:
         for name in ("unseen_s", "reach_m", "from_deg", "to_deg", "spare_deg", "most_deg"):
@@ -49,8 +47,15 @@ class GlanceConfig:
 class Glances:
     """Lives from step to step."""
 
-    def __init__(self, config: GlanceConfig) -> None:
+    def __init__(self, config: GlanceConfig, body_radius_m: float, top_speed_mps: float) -> None:
+        """Look ahead.
+
+        Args:
+            config: Whom to look for.
+            body_radius_m, top_speed_mps: Of this robot.
+        """
         self._config = config
+        self._radius_m, self._top_mps = body_radius_m, top_speed_mps
         self._aside = False
 
     def next(self, robot: Pose2, movers: Sequence[Obstacle], stamp_s: float) -> float:
@@ -72,8 +77,8 @@ class Glances:
             beside = config.from_deg <= abs(math.degrees(side)) <= config.to_deg
             unseen = stamp_s - mover.seen_s
             if beside and away < config.reach_m and unseen > config.unseen_s:
-                closing = config.robot_mps + math.hypot(*mover.velocity)
-                left = (away - config.body_m - mover.radius_m) / closing - unseen
+                closing = self._top_mps + math.hypot(*mover.velocity)
+                left = (away - self._radius_m - mover.radius_m) / closing - unseen
                 wanted.append((left, side))
         if not wanted:
             return 0.0

@@ -23,8 +23,12 @@ def mover(away, bearing, seen_s=0.0):
     )
 
 
+def glancing(**changed):
+    return Glances(GlanceConfig(**changed), 0.15, 0.10)
+
+
 def pan(*movers, stamp_s=2.0):
-    return Glances(GlanceConfig()).next(ROBOT, movers, stamp_s)
+    return glancing().next(ROBOT, movers, stamp_s)
 
 
 @given(st.floats(0.3, 1.2), st.floats(40.0, 115.0), st.sampled_from([-1.0, 1.0]))
@@ -43,7 +47,7 @@ def test_for_nobody_else_the_head_turns(calm):
 
 
 def test_after_a_glance_the_head_looks_ahead_for_a_step():
-    glances = Glances(GlanceConfig())
+    glances = glancing()
     pans = [glances.next(ROBOT, [mover(0.8, 1.2)], 2.0 + 0.65 * k) for k in range(6)]
     assert [value > 0.0 for value in pans] == [True, False] * 3
 
@@ -63,7 +67,7 @@ def test_who_was_lost_for_long_is_looked_for_before_who_is_somewhat_nearer():
 
 
 def test_it_can_be_switched_off():
-    assert Glances(GlanceConfig(enabled=False)).next(ROBOT, [mover(0.8, 1.2)], 2.0) == 0.0
+    assert glancing(enabled=False).next(ROBOT, [mover(0.8, 1.2)], 2.0) == 0.0
 
 
 def test_an_angle_that_is_none_is_refused():
