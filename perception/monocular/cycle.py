@@ -30,6 +30,7 @@ class MonocularConfig:
 
     horizon_s: float = 0.65  # seed 000: T_DS + T_SS
     static_mps: float = 0.02  # seed 000: slower counts as standing
+    fastest_mps: float = 0.5  # ours: a faster flow took one corner for another
     noise_px: float = 0.25  # ours: what corners are followed to; a flow that this explains is none
     farthest_m: float = FARTHEST_M
     corner_px: int = 20  # ours: side of the squares that are looked at for S_m; 2.5 cm of floor
@@ -43,10 +44,10 @@ class MonocularConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"monocular: {name}={value} must be finite and not negative")
-        if not (math.isfinite(self.farthest_m) and self.farthest_m > 0.0):
-            raise ConfigError(
-                f"monocular: farthest_m={self.farthest_m} must be positive and finite"
-            )
+        for name in ("farthest_m", "fastest_mps"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"monocular: {name}={value} must be positive and finite")
         if self.corner_px < 1:
             raise ConfigError(f"monocular: corner_px={self.corner_px} must be at least 1")
 
@@ -90,6 +91,7 @@ class Monocular:
             config.horizon_s,
             config.farthest_m,
             self._least_speeds(previous, current, flows),
+            config.fastest_mps,
             Sureness(previous, current, config.horizon_s, config.noise_px, config.deviations),
         )
         predicted = predicted_image(ground, obstacles, current)

@@ -112,13 +112,16 @@ class Sureness:
         flows: Flows,
         flow: int,
         told: Float[np.ndarray, "2"],
+        said: Float[np.ndarray, "k 2"],
     ) -> tuple[Float[np.ndarray, "m 2 2"], Float[np.ndarray, "2 2"], Float[np.ndarray, "m 2 2"]]:
         """Covariance of each contact, m^2, of the velocity, (m/s)^2, and of each predicted contact, m^2.
 
         Args:
             edge, contact: Pixels and the places on the floor they stand for, m.
             flows, flow: All of them, and which one tells the velocity; -1 for none.
-            told: The velocity that is told, m/s: what it leaves out of the measured one is error as well.
+            told: The velocity that is told, m/s.
+            said: What each corner of the obstacle says of it, m/s, `flow` among them: what they say otherwise than
+                told is error as well, of a speed that is not believed and of corners that do not agree.
         """
         current, config, horizon = self.current, self.config, self.horizon_s
         E = config.eye_covariance
@@ -130,12 +133,12 @@ class Sureness:
             velocity = config.unseen_mps**2 * np.eye(2)
             return seen, velocity, seen + horizon**2 * velocity
         seconds = current.stamp_s - self.previous.stamp_s
-        left_out = flows.velocity_world[flow] - told
+        otherwise = said - told
         now, own = self._of_flow(flows, flow, seconds)
-        velocity = now @ E @ now.T + own + np.outer(left_out, left_out)
+        own = own + otherwise.T @ otherwise / len(said)
+        velocity = now @ E @ now.T + own
         both = of_eye + horizon * now  # one eye sees the edge and the corner
-        predicted = of_edge + both @ E @ both.transpose(0, 2, 1)
-        predicted = predicted + horizon**2 * (own + np.outer(left_out, left_out))
+        predicted = of_edge + both @ E @ both.transpose(0, 2, 1) + horizon**2 * own
         return seen, velocity, predicted
 
     def _of_flow(

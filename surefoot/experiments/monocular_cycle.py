@@ -5,8 +5,8 @@ turns is drawn by the seed. Poses of the camera are those the simulator gives, a
 the predictions with the head's own joints. A prediction is right if the edge of a moving robot on the floor
 is, 0.65 s later, where it was said to be: column by column along the edge, mean offset. NEES holds that offset
 against the covariance that came with it, the mean over the edge; 2 is right for two coordinates, more is
-overconfident, and 95 % should lie inside 5.99. Flows that took one corner for another are no noise and spoil the
-mean. The simulator's poses are claimed exact, the joints' as sure as a walking trunk's.
+overconfident, and 95 % should lie inside 5.99. The simulator's poses are claimed exact, the joints' as sure as a
+walking trunk's.
 
 Source: seed 000, section 6.3, Fig. 8.
 """
@@ -220,6 +220,10 @@ EXPERIMENT = Experiment(
     targets={
         "floor_iou": Target(">=", 0.97),
         "prediction_error_m": Target("<=", 0.03),
+        "prediction_nees": Target("<=", 2.0),
+        "prediction_nees_inside": Target(">=", 0.95),
+        "prediction_nees_joints": Target("<=", 2.0),
+        "prediction_nees_joints_inside": Target(">=", 0.95),
         "stages": Target("==", 8.0),
     },
     seeds=10,

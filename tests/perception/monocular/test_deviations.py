@@ -106,10 +106,15 @@ def ratios(claimed, samples):
     return np.linalg.eigvalsh(lower @ claimed @ lower.T)
 
 
+def agreeing(flows):
+    """The velocity that the first flow tells, and all that is said of it: the same."""
+    return flows.velocity_world[0], flows.velocity_world[:1]
+
+
 def test_covariances_are_those_of_drawn_pixels_and_eyes():
     before, now, edge, foot, flows, contacts, velocities = drawn()
     sure = Sureness(before, now, HORIZON_S, NOISE_PX, SMALL)
-    contact, velocity, predicted = sure.of_obstacle(edge, foot, flows, 0, flows.velocity_world[0])
+    contact, velocity, predicted = sure.of_obstacle(edge, foot, flows, 0, *agreeing(flows))
     for claimed, samples in (
         (contact[0], contacts),
         (velocity, velocities),
@@ -121,19 +126,32 @@ def test_covariances_are_those_of_drawn_pixels_and_eyes():
 def test_a_speed_that_is_not_believed_stays_in_the_covariance():
     before, now, edge, foot, flows, _, _ = drawn(2)
     sure = Sureness(before, now, HORIZON_S, NOISE_PX, SMALL)
-    moving = sure.of_obstacle(edge, foot, flows, 0, flows.velocity_world[0])
-    standing = sure.of_obstacle(edge, foot, flows, 0, np.zeros(2))
+    told, said = agreeing(flows)
+    moving = sure.of_obstacle(edge, foot, flows, 0, told, said)
+    standing = sure.of_obstacle(edge, foot, flows, 0, np.zeros(2), said)
     unbelieved = np.outer(flows.velocity_world[0], flows.velocity_world[0])
     np.testing.assert_allclose(standing[0], moving[0])
     np.testing.assert_allclose(standing[1] - moving[1], unbelieved, atol=1e-12)
     np.testing.assert_allclose(standing[2] - moving[2], HORIZON_S**2 * unbelieved[None], atol=1e-12)
 
 
+def test_corners_that_do_not_agree_are_as_sure_as_they_are_apart():
+    before, now, edge, foot, flows, _, _ = drawn(2)
+    sure = Sureness(before, now, HORIZON_S, NOISE_PX, SMALL)
+    told, said = agreeing(flows)
+    rng = np.random.default_rng(5)
+    many = told + rng.multivariate_normal([0, 0], np.diag([0.03**2, 0.01**2]), 4000)
+    alone, apart = (sure.of_obstacle(edge, foot, flows, 0, told, each)[1] for each in (said, many))
+    np.testing.assert_allclose(apart - alone, np.diag([0.03**2, 0.01**2]), atol=4e-5)
+
+
 def test_without_a_flow_the_speed_is_what_those_about_may_have():
     before, now, edge, foot, flows, _, _ = drawn(2)
     for previous, flow in ((before, -1), (None, -1)):
         sure = Sureness(previous, now, HORIZON_S, NOISE_PX, SMALL)
-        contact, velocity, predicted = sure.of_obstacle(edge, foot, flows, flow, np.zeros(2))
+        contact, velocity, predicted = sure.of_obstacle(
+            edge, foot, flows, flow, np.zeros(2), np.zeros((0, 2))
+        )
         np.testing.assert_allclose(velocity, SMALL.unseen_mps**2 * np.eye(2))
         np.testing.assert_allclose(predicted - contact, HORIZON_S**2 * velocity[None])
 

@@ -50,10 +50,10 @@ def box_of(result):
     return min(result.obstacles, key=lambda o: abs(np.nanmean(o.contact_world[:, 0]) - BOX_M[0]))
 
 
-def cycle(speed_mps):
+def cycle(speed_mps, config=None):
     left = -0.05
     pair = picture(0.0, left, 1), picture(STEP_S, left + speed_mps * STEP_S, 2)
-    return Monocular(MonocularConfig()).cycle(*pair), left + speed_mps * STEP_S
+    return Monocular(config or MonocularConfig()).cycle(*pair), left + speed_mps * STEP_S
 
 
 def strips(rng, height, width):
@@ -130,6 +130,16 @@ def test_a_standing_box_stands_while_the_robot_walks():
     np.testing.assert_array_equal(box.predicted_world, box.contact_world)
     np.testing.assert_allclose(np.nanmean(box.contact_world, axis=0), [BOX_M[0], left], atol=0.015)
     assert not result.predicted.any()
+
+
+def test_a_corner_faster_than_anything_about_tells_no_speed():
+    config = MonocularConfig(fastest_mps=0.1)
+    box = box_of(cycle(0.3, config)[0])
+    assert box.flow == -1 and not box.moving
+    np.testing.assert_array_equal(box.predicted_world, box.contact_world)
+    unseen = config.deviations.unseen_mps**2 * np.eye(2)
+    np.testing.assert_allclose(box.velocity_covariance, unseen)
+    assert box_of(cycle(0.3)[0]).moving
 
 
 def test_what_a_moving_box_will_take_is_not_movable_and_all_else_is():
