@@ -135,7 +135,8 @@ def test_a_standing_box_stands_while_the_robot_walks():
 def test_a_corner_faster_than_anything_about_tells_no_speed():
     config = MonocularConfig(fastest_mps=0.1)
     box = box_of(cycle(0.3, config)[0])
-    assert box.flow == -1 and not box.moving
+    assert box.flow == -1
+    assert not box.moving
     np.testing.assert_array_equal(box.predicted_world, box.contact_world)
     unseen = config.deviations.unseen_mps**2 * np.eye(2)
     np.testing.assert_allclose(box.velocity_covariance, unseen)
