@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import cv2
@@ -19,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.pose import Pose2
+from perception.primitives.pose import Pose2, wrap_angle
 
 from .search.astar import Path, prepare, search
 from .search.potential import SearchConfig
@@ -35,6 +36,10 @@ class RouteConfig:
     passed_m: float = 0.15  # ours: a way point this near is passed
     patience_steps: int = 15  # own: 10 s at 0.65 s a step without progress
     progress_m: float = 0.10  # ours: less than this is no progress
+    stride_m: float = (
+        0.35  # ours: who came so far in that time walks on; half of what cruise would bring
+    )
+    turn_deg: float = 60.0  # ours: who turned so far in that time is about to
     memory_steps: int = 200  # ours: 130 s, for a stuck place to stay dear until the detour is made
     block_ahead_m: float = 0.30  # ours: where the trouble is taken to be; farther each time
     block_radius_m: float = 0.35  # ours
@@ -66,6 +71,7 @@ class Route:
         self._blocks: list[_Block] = []
         self._best = math.inf  # least straight-line-of-path distance left so far
         self._waited = 0
+        self._poses: deque[Pose2] = deque(maxlen=self._config.patience_steps)
         self.path: Path | None = None
         """The path being walked, for display; None while there is none. Its costs include loyalty."""
 
@@ -93,7 +99,7 @@ class Route:
         here = np.array([robot.x, robot.y])
         if self._goal is None or not np.array_equal(goal, self._goal):
             self._start_anew(goal)
-        self._watch_progress(here, goal)
+        self._watch_progress(robot, goal)
         probability, unknown, origin = self._widened(probability, unknown, origin, cell_m, goal)
         penalty = self._penalty(probability.shape, origin, cell_m, here)
         ground = prepare(probability, unknown, origin, cell_m, here, self._search, penalty)
@@ -106,9 +112,12 @@ class Route:
         self._blocks = []
         self._best = math.inf
         self._waited = 0
+        self._poses.clear()
 
-    def _watch_progress(self, here: np.ndarray, goal: np.ndarray) -> None:
+    def _watch_progress(self, robot: Pose2, goal: np.ndarray) -> None:
         """Count the steps since the way left last became shorter; remember the place if too many."""
+        here = np.array([robot.x, robot.y])
+        self._poses.append(robot)
         for block in self._blocks:
             block.left -= 1
         self._blocks = [block for block in self._blocks if block.left > 0]
@@ -119,11 +128,18 @@ class Route:
             self._best, self._waited = left, 0
             return
         self._waited += 1
-        if self._waited >= self._config.patience_steps:
+        if self._waited >= self._config.patience_steps and not self._gets_on():
             place = _along(self._rest(here), self._config.block_ahead_m * (1 + self.detours))
             self._blocks.append(_Block(place, self._config.memory_steps))
             self._best, self._waited = math.inf, 0
             self.path = None  # no loyalty to a path that does not lead on
+
+    def _gets_on(self) -> bool:
+        """Whether it walks or turns, though the way left is no shorter: it may just have been found to be longer."""
+        began, ends = self._poses[0], self._poses[-1]
+        came = math.hypot(ends.x - began.x, ends.y - began.y)
+        turned = abs(wrap_angle(ends.yaw - began.yaw))
+        return came >= self._config.stride_m or turned >= math.radians(self._config.turn_deg)
 
     def _widened(
         self,

@@ -98,6 +98,26 @@ def test_without_progress_for_ten_seconds_it_takes_the_longer_way():
     assert not 0.9 < crossings[-1] < 1.6
 
 
+def test_who_walks_a_way_just_found_to_be_longer_is_not_stuck():
+    # walls appear one after the other: each makes the way left longer than it has ever been
+    route, robot = Route(SearchConfig()), START
+    for step in range(60):
+        probability = empty()
+        for n in range(1 + step // 20):
+            low, high = ((-1.775, 1.2), (-1.2, 1.775))[n % 2]
+            probability = fill(probability, -0.9 + 0.6 * n, low, -0.8 + 0.6 * n, high)
+        robot = towards(robot, route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL), 0.045)
+        assert route.detours == 0
+
+
+def test_who_turns_to_the_goal_is_not_stuck():
+    route = Route(SearchConfig())
+    for step in range(25):
+        robot = Pose2(START.x, START.y, math.radians(170.0 - 7.0 * step))
+        route.update(empty(), KNOWN, ORIGIN, CELL_M, robot, GOAL)
+    assert route.detours == 0
+
+
 def test_a_detour_is_forgotten_after_a_while():
     config = RouteConfig(memory_steps=5)
     route, robot = Route(SearchConfig(), config), START
