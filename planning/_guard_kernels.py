@@ -185,17 +185,17 @@ def roll_out(
         cells_needed: (k, 2): least distance to each; less than this is a contact.
         prices: Width of the uneasy band, m; price of its inner edge, m; price of missing distance, m/m;
             missing distance that is a contact, m; price of a contact, m; time in which prices fall by
-            e, s; time to react, s; whether who is within the band may turn back as well (1 or 0).
+            e, s; time to react, s; what a step within the band of who may turn back there counts.
         prune: Whether a plan that costs more than one before it already is given up (harm infinite).
         results: (c, 4) output: harm by movers, harm by cells, distance to the target (least, and a
             little of the last), angle off it at the end.
     """
     max_turn, step_s, top, side = gait[0], gait[1], gait[2], gait[3]
     soft, ease, steep, touch, hard = prices[0], prices[1], prices[2], prices[3], prices[4]
-    fade_s, react_s, at_heels = prices[5], prices[6], prices[7] > 0.0
+    fade_s, react_s, at_heels = prices[5], prices[6], prices[7]
     many, samples = needed.shape[0], needed.shape[1]
     worst = np.empty(many)
-    late = np.empty(many)
+    late, heels = np.empty(many), np.empty(many)
     fades = np.empty(samples)
     cheapest = math.inf
     near, counts = _within_reach(robot, plans, places, needed, turning, soft)
@@ -206,7 +206,8 @@ def roll_out(
     for sample in range(samples):
         fades[sample] = math.exp(-(sample + 1) * 0.5 * step_s / fade_s)
     away = _distance(target[0] - robot[0], target[1] - robot[1])
-    begun, begun_worst, begun_late = np.empty(6), np.empty(many), np.empty(many)
+    begun, begun_worst = np.empty(6), np.empty(many)
+    begun_late, begun_heels = np.empty(many), np.empty(many)
     given_up, done = False, 0
     for i in range(plans.shape[0]):
         first = min(int(plans[i, 3]), samples // 2)
@@ -219,11 +220,13 @@ def roll_out(
             walls, nearest, last = float(begun[3]), float(begun[4]), float(begun[5])
             worst[:] = begun_worst
             late[:] = begun_late
+            heels[:] = begun_heels
         else:
             x, y, yaw = float(robot[0]), float(robot[1]), float(robot[2])
             walls, nearest, last = 0.0, away, away
             worst[:] = 0.0
             late[:] = 0.0
+            heels[:] = 0.0
         given_up = False
         for step in range(first if alike else 0, samples // 2):
             if step < first:
@@ -260,7 +263,8 @@ def roll_out(
                         cost = fade * _harm(gap, soft, ease, steep, touch, hard)
                         if cost > worst[h]:
                             worst[h] = cost
-                    if half == 1 and (at_heels or not close) and turning[h, sample] > 0.0:
+                    heeds = at_heels > 0.0 or not close
+                    if half == 1 and heeds and turning[h, sample] > 0.0:
                         missing = _too_late(
                             ax,
                             ay,
@@ -279,7 +283,9 @@ def roll_out(
                                 * turning[h, sample]
                                 * _harm(missing, soft, ease, steep, touch, hard)
                             )
-                            if cost > late[h]:
+                            if close:
+                                heels[h] += at_heels * cost
+                            elif cost > late[h]:
                                 late[h] = cost
                 gone = _distance(x - robot[0], y - robot[1]) + widest
                 for k in range(cells.shape[0]):
@@ -299,7 +305,7 @@ def roll_out(
             if prune:
                 harm = walls
                 for h in range(many):
-                    harm += weights[h] * (worst[h] + late[h])
+                    harm += weights[h] * (worst[h] + late[h] + heels[h])
                 left = (samples // 2 - 1 - step) * step_s * top
                 if harm + max(nearest - left, 0.0) > cheapest:
                     given_up, done = True, step
@@ -308,6 +314,7 @@ def roll_out(
                 begun[:] = np.array((x, y, yaw, walls, nearest, last))
                 begun_worst[:] = worst
                 begun_late[:] = late
+                begun_heels[:] = heels
         if given_up:
             results[i, 0], results[i, 1] = math.inf, 0.0
             results[i, 2], results[i, 3] = nearest, 0.0
@@ -335,7 +342,7 @@ def roll_out(
         off = abs((error + math.pi) % (2.0 * math.pi) - math.pi)
         harm = 0.0
         for h in range(many):
-            harm += weights[h] * (worst[h] + late[h])
+            harm += weights[h] * (worst[h] + late[h] + heels[h])
         results[i, 0] = harm
         results[i, 1] = walls
         results[i, 2] = nearest + 0.1 * (last - nearest)

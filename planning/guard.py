@@ -197,7 +197,7 @@ class _Scene:
                 config.contact_m,
                 config.fade_s,
                 config.react_s,
-                float(config.at_heels),
+                config.at_heels,
             ]
         )
 

@@ -43,10 +43,10 @@ class GuardConfig:
     learnt_weight: float = 0.04  # ours: the same where it was never seen to turn
     lost_weight: float = 0.3  # ours: of what was lost somewhere on its line
     react_s: float = 1.3  # ours: until a turn is noticed and the robot makes its next step
-    at_heels: bool = (
-        False  # ours: who is within the uneasy band may turn back as well; for movers as
+    at_heels: float = (
+        0.0  # ours: share of the price of being late for each step in the band of who may turn back
     )
-    # slow as the robot: among faster ones, followed with doubt, it dawdles (22 for 30 of 40 hard courses)
+    # there; for movers as slow as the robot: among faster ones it dawdles (22 for 30 of 40 hard courses)
     soft_m: float = 0.10  # ours: band beyond the margin that is avoided if it costs little
     uneasy_m: float = 0.15  # ours: m of detour that leaving the band is worth
     steep: float = 40.0  # ours: m of detour that each m of missing distance is worth

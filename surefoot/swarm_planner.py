@@ -43,11 +43,14 @@ from .planners import Decision
 LOG = logging.getLogger(__name__)
 
 MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
+DOUBTED = 0.05  # ours: from here on the eyes look for it: who has just turned seems to stand
 BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
 GLANCE_RAD = math.radians(10.0)  # ours: the head this far aside, the picture is one of a glance
+AT_HEELS = 0.04  # ours: three times that, it goes along with who crosses its way
 GLANCE_EVERY = (
     2  # steps: one camera that looks ahead as well notices a turn beside it so much later
 )
+WAITS = 0.6  # ours: share of the cruising step below which who gives way waits
 STRAIGHT = 0.9  # ours: share of the cruising step from which a step goes about straight ahead
 AROUND_M = 0.10 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
 """Ours: floor must show this far round a track's place before the track counts as not there."""
@@ -73,7 +76,7 @@ class SwarmPlanner(GoalSeeker):
         self._monocular = Monocular(config.monocular)
         self._corners = Corners(self._settings.objective.literal)
         react_s = config.guard.react_s + GLANCE_EVERY * config.guard.gait.step_s
-        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=True))
+        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS))
         self._standing = Standing(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None
@@ -88,6 +91,7 @@ class SwarmPlanner(GoalSeeker):
             self._settings.glance, config.guard.body_radius_m, config.guard.gait.max_speed_mps
         )
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
+        self._waits = False  # whether the guard let it hardly move
 
     def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
         """See where floor and obstacles are, tell the tracker, remember contacts."""
@@ -156,13 +160,13 @@ class SwarmPlanner(GoalSeeker):
         if ahead:
             unseen_m = result.nearest_m + _ahead_m(result.current, robot)
             self._corners.update(result.corners_blocked, unseen_m, gait.cruise_mps * gait.step_s)
-        obstacles = [
-            o.gone_straight() if o.moving >= MOVER else o for o in pipeline.tracker.obstacles
-        ]
-        movers = [o for o in obstacles if o.moving >= MOVER]
+        tracks = pipeline.tracker.obstacles
+        movers = [o.gone_straight() for o in tracks if o.moving >= MOVER]
         if self._settings.guarded:
             expected = self._guard.expected(movers, frame.stamp_s)
-            gaze = GazeCommand(self._glances.next(robot, expected, frame.stamp_s), gaze.tilt_rad)
+            expected += [o for o in tracks if DOUBTED <= o.moving < MOVER]
+            pan_rad = self._glances.next(robot, expected, frame.stamp_s, self._waits)
+            gaze = GazeCommand(pan_rad, gaze.tilt_rad)
         movable = (
             result.movable
             if self._settings.prediction == "flow"
@@ -189,7 +193,9 @@ class SwarmPlanner(GoalSeeker):
             desired = self._schedule.make_up(desired, goal, robot, frame.stamp_s)
         if not self._settings.guarded:
             return Decision(desired, gaze, why)
-        walk = self._guarded(desired, target, estimate, movers)
+        walk = self._guarded(desired, target, goal if why == "walk" else target, estimate, movers)
+        step_m = math.hypot(walk.forward_m, walk.lateral_m)
+        self._waits = walk != desired and step_m < WAITS * gait.cruise_mps * gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard")
 
     def _wish(
@@ -215,16 +221,24 @@ class SwarmPlanner(GoalSeeker):
         self,
         desired: WalkCommand,
         target: Float[np.ndarray, "2"],
+        beyond: Float[np.ndarray, "2"],
         estimate: Estimate,
         movers: Sequence[Obstacle],
     ) -> WalkCommand:
-        """The step that the guard lets pass; what stands it knows by the places of contact."""
+        """The step that the guard lets pass; what stands it knows by the places of contact.
+
+        The target is cut off by whoever is in the way just now, and to go there is to go along with it. So plans are
+        judged by the goal beyond it, unless something that stands bars the straight way there.
+        """
         assert estimate.pose is not None
+        here = estimate.pose.mean[:2]
         standing = self._standing.apart_from(
             np.array([o.position for o in movers]).reshape(-1, 2),
             np.array([o.radius_m + BESIDE_M for o in movers]),
         )
-        unknown = self._standing.never_seen(estimate.stamp_s, estimate.pose.mean[:2])
+        unknown = self._standing.never_seen(estimate.stamp_s, here)
+        if not barred(here, beyond, standing, self._config.guard.cell_distance_m):
+            target = beyond
         return self._guard.choose(
             desired,
             estimate.pose,
@@ -314,6 +328,20 @@ class MovingGoals:
             self._reached.add(self._index)
         done = len(self._goals) - 1 in self._reached
         return done or not self._goals or estimate.stamp_s >= self._mission.time_limit_s
+
+
+def barred(
+    here: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+    standing: Float[np.ndarray, "n 2"],
+    distance_m: float,
+) -> bool:
+    """Whether any of the places lies so near to the straight way between here and the goal."""
+    way, there = goal - here, standing - here
+    length = max(float(np.hypot(*way)), 1e-9)
+    along = there @ way / length
+    aside = np.abs(there[:, 0] * way[1] - there[:, 1] * way[0]) / length
+    return bool(((along > 0.0) & (along < length) & (aside < distance_m)).any())
 
 
 def _pan(picture: Picture, robot: Pose2) -> float:

@@ -3,7 +3,7 @@
 A camera that always looks ahead loses who crosses, and what was lost may have turned back: the guard then
 waits for phantoms. A glance tells. Every other step at most is one, and walks on to the place that was chosen
 before it: the picture of a glance chooses none. Of several it goes to whoever could be here first, had it
-turned back when it was last seen.
+turned back when it was last seen. Who waits and looks for nobody looks to both sides by turns.
 
 Source: ours; the seed's head stays ahead.
 """
@@ -57,14 +57,18 @@ class Glances:
         self._config = config
         self._radius_m, self._top_mps = body_radius_m, top_speed_mps
         self._aside = False
+        self._side = 1.0  # where who waits looked last
 
-    def next(self, robot: Pose2, movers: Sequence[Obstacle], stamp_s: float) -> float:
+    def next(
+        self, robot: Pose2, movers: Sequence[Obstacle], stamp_s: float, waits: bool = False
+    ) -> float:
         """Where to turn the head for the next step: pan, left positive, rad; 0 ahead.
 
         Args:
             robot: Where it stands, world frame.
             movers: Where they should be by now, world frame.
             stamp_s: Now, in the clock of `Obstacle.seen_s`.
+            waits: Whether the robot gives way and hardly moves.
         """
         config = self._config
         if self._aside or not config.enabled:
@@ -80,9 +84,10 @@ class Glances:
                 closing = self._top_mps + math.hypot(*mover.velocity)
                 left = (away - self._radius_m - mover.radius_m) / closing - unseen
                 wanted.append((left, side))
+        self._aside = bool(wanted) or waits
         if not wanted:
-            return 0.0
-        self._aside = True
+            self._side = -self._side if waits else self._side
+            return self._side * math.radians(config.most_deg) if waits else 0.0
         _, side = min(wanted)
         pan = max(abs(side) - math.radians(config.spare_deg), 0.0)
         return wrap_angle(math.copysign(min(pan, math.radians(config.most_deg)), side))

@@ -192,7 +192,7 @@ def test_who_turns_back_before_the_robot_that_follows_it_closely_is_not_touched(
         return start + 0.06 * gone, -0.55, math.copysign(0.06, turns_s - now), 0.0
 
     ahead = Pose2(0.0, 0.0, -math.pi / 2)
-    target, heedful = np.array([0.3, -1.6]), replace(CONFIG, at_heels=True)
+    target, heedful = np.array([0.3, -1.6]), replace(CONFIG, at_heels=0.04)
     gap, _, _ = play(ahead, target, to_and_fro, steps=45, noticed_s=0.65, config=heedful)
     assert gap > 0.0
 

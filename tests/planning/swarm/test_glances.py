@@ -73,3 +73,17 @@ def test_it_can_be_switched_off():
 def test_an_angle_that_is_none_is_refused():
     with pytest.raises(ConfigError, match="from_deg"):
         GlanceConfig(from_deg=0.0)
+
+
+def test_who_waits_looks_to_both_sides_by_turns_and_ahead_between():
+    looks = glancing()
+    pans = [looks.next(ROBOT, [], 0.65 * k, waits=True) for k in range(8)]
+    assert all(pan == 0.0 for pan in pans[1::2])
+    aside = np.degrees(pans[::2])
+    np.testing.assert_allclose(np.abs(aside), GlanceConfig().most_deg)
+    assert (np.sign(aside[1:]) == -np.sign(aside[:-1])).all()
+
+
+def test_who_waits_looks_first_for_whom_it_has_lost():
+    found = glancing().next(ROBOT, [mover(0.8, -1.2)], 2.0, waits=True)
+    assert -1.2 <= found < -0.6
