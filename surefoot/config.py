@@ -235,6 +235,7 @@ SCALED = {
         "long": ("cruise_mps", "max_speed_mps", "max_back_mps", "max_side_mps"),
     },
     "gaze.attention": {"wide": (), "long": ("eye_m",)},
+    "swarm.objective": {"wide": ("width_m", "depth_m"), "long": ()},
 }
 """What plans by the measures of the body: grows with its width, or with the length of its legs."""
 

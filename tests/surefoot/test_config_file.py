@@ -124,6 +124,7 @@ def test_planning_knows_how_large_the_body_is(body):
     assert config.search.margin_m == 0.5
     assert config.search.turn_radius_m == 2.0 * plain.search.turn_radius_m
     assert config.gaze.attention.eye_m == 2.0 * plain.gaze.attention.eye_m
+    assert config.swarm.objective.width_m == 2.0 * plain.swarm.objective.width_m
     gait, most = config.guard.gait, gait_for(config.robot.dynamic.body, config.robot.gait)
     assert gait.max_speed_mps * gait.step_s <= most.forward_limit_m
     assert gait.cruise_mps == 2.0 * plain.guard.gait.cruise_mps
