@@ -88,21 +88,23 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
                 "(rows, columns); check the intrinsics"
             )
     with np.errstate(invalid="ignore"):
-        valid = (view.range_m > 0.0) & np.isfinite(view.range_m)
+        lit = valid = (view.range_m > 0.0) & np.isfinite(view.range_m)
         if view.amplitude is not None:
-            valid &= view.amplitude >= config.least_amplitude * config.white_amplitude
+            valid = lit & (view.amplitude >= config.least_amplitude * config.white_amplitude)
     measured = np.where(valid, view.range_m, np.float32(np.nan))
     if view.amplitude is not None:
         relative = view.amplitude / np.float32(config.white_amplitude)
         far = wrapped(measured, relative, config.wrap_m, config.wrap)
         measured = np.where(far, np.float32(np.nan), measured)
     sigma = deviation(measured, view.amplitude, config)
-    measured = np.where(flying(measured, sigma, view.camera, config), np.float32(np.nan), measured)
+    trusted = np.isfinite(measured) & ~flying(measured, sigma, view.camera, config)
+    straight = np.where(lit, view.range_m, np.float32(np.nan))
     if config.wiggle_m > 0.0:
-        phase = np.float32(2.0 * math.pi / config.wrap_m) * measured
-        measured = measured - np.float32(config.wiggle_m) * np.sin(4.0 * phase)
+        phase = np.float32(2.0 * math.pi / config.wrap_m) * straight
+        straight = straight - np.float32(config.wiggle_m) * np.sin(4.0 * phase)
     if config.stray_share > 0.0 and view.amplitude is not None:
-        measured = without_stray_light(measured, view.amplitude, config)
+        straight = without_stray_light(straight, view.amplitude, config)
+    measured = np.where(trusted, straight, np.float32(np.nan))
     x, y = view.camera.slopes
     along = (1.0 / np.sqrt(1.0 + x * x + y * y)).astype(np.float32)  # z of a ray of length 1
     z = measured * along
@@ -117,8 +119,13 @@ def without_stray_light(
     """Range with the light taken off that the lens scattered here from everything else in view.
 
     Each pixel's return is a phasor A exp(j phi); the lens adds a wide blur of all of them, which pulls
-    dark and far pixels towards what is bright and near. The blur of what was measured is, to first order
-    in the share, the blur that was added.
+    dark and far pixels towards what is bright and near. The blur of what was measured, less the share of its own
+    blur, is the blur that was added, to second order in the share: to first order a floor beside something that
+    fills half of the view would lie up to 3 mm too low.
+
+    Args:
+        range_m: Of every pixel that light came from, trusted or not; NaN of others.
+        amplitude: Of the return.
 
     Source: scattering compensation after Mure-Dubois and Huegli 2007.
     """
@@ -127,9 +134,7 @@ def without_stray_light(
     phase = np.where(known, range_m, 0.0) * per_m
     strength = np.where(known, amplitude, 0.0)
     real, imaginary = strength * np.cos(phase), strength * np.sin(phase)
-    stray_real = config.stray_share * _wide_blur(real, config.stray_px)
-    stray_imaginary = config.stray_share * _wide_blur(imaginary, config.stray_px)
-    clean_real, clean_imaginary = real - stray_real, imaginary - stray_imaginary
+    clean_real, clean_imaginary = (part - _scattered(part, config) for part in (real, imaginary))
     turn = np.arctan2(
         clean_imaginary * real - clean_real * imaginary,
         clean_real * real + clean_imaginary * imaginary,
@@ -137,11 +142,13 @@ def without_stray_light(
     return (range_m + turn / per_m).astype(np.float32)
 
 
-def _wide_blur(image: np.ndarray, sigma_px: float) -> np.ndarray:
-    """A Gaussian so wide that a quarter of the resolution loses nothing."""
+def _scattered(image: np.ndarray, config: TofConfig) -> np.ndarray:
+    """What the lens added to one part of the phasor; its blur is so wide that a quarter of the resolution loses nothing."""
     small = cv2.resize(image, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), sigma_px / 4.0, borderType=cv2.BORDER_REFLECT)
-    return cv2.resize(small, image.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    width, border = config.stray_px / 4.0, cv2.BORDER_REFLECT
+    once = config.stray_share * cv2.GaussianBlur(small, (0, 0), width, borderType=border)
+    twice = config.stray_share * cv2.GaussianBlur(once, (0, 0), width, borderType=border)
+    return cv2.resize(once - twice, image.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
 def deviation(

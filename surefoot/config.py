@@ -137,7 +137,7 @@ class MissionConfig:
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
 """The robot's own camera as its calibration found it; another camera needs its own figures."""
 
-CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0005, 0.0008)))
+CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0002, 0.0003)))
 """With that calibration little is left that all points of a TOF view have wrong alike (NEES of walks)."""
 
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from perception.floor.choose import find
 from perception.floor.prior import kinematic_prior
@@ -13,7 +16,7 @@ from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import RangeView
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3, head_rotation
-from perception.time_of_flight import TofConfig, depth, deviation
+from perception.time_of_flight import TofConfig, depth, deviation, without_stray_light
 
 SR4000 = Camera(176, 144, 217.8, 228.4, 87.5, 71.5)  # seed 004: 44 x 35 deg
 LENGTH = np.linalg.norm(SR4000.rays, axis=-1)
@@ -124,3 +127,23 @@ def test_what_does_not_fit_is_refused_in_words():
         TofConfig(sigma_m=0.0)
     with pytest.raises(ConfigError, match=r"graze_deg=60\.0"):
         TofConfig(graze_deg=60.0)
+
+
+def test_light_scattered_from_a_near_thing_that_fills_half_the_view_is_taken_off():
+    # a carton 0.35 m ahead, fifty times as bright as the wall beside it 1.8 m off
+    config = TofConfig(stray_share=0.02)
+    true = np.full((144, 176), 1.8)
+    true[:, 40:130] = 0.35
+    amplitude = np.where(true < 1.0, 25.0, 0.5)
+    phasor = amplitude * np.exp(2j * math.pi * true / config.wrap_m)
+    blurred = [gaussian_filter(part, config.stray_px) for part in (phasor.real, phasor.imag)]
+    seen = phasor + config.stray_share * (blurred[0] + 1j * blurred[1])
+    range_m = (np.angle(seen) % (2.0 * math.pi)) * config.wrap_m / (2.0 * math.pi)
+    wall = np.zeros(true.shape, dtype=bool)
+    wall[:, 10:34] = wall[:, 136:166] = True
+    assert np.abs(range_m - true)[wall].min() > 0.05
+    cleaned = without_stray_light(
+        range_m.astype(np.float32), np.abs(seen).astype(np.float32), config
+    )
+    assert np.abs(cleaned - true)[wall].max() < 0.002
+    assert np.abs(np.median((cleaned - true)[wall])) < 0.0005
