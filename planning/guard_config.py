@@ -43,10 +43,8 @@ class GuardConfig:
     learnt_weight: float = 0.04  # ours: the same where it was never seen to turn
     lost_weight: float = 0.3  # ours: of what was lost somewhere on its line
     react_s: float = 1.3  # ours: until a turn is noticed and the robot makes its next step
-    at_heels: float = (
-        0.0  # ours: share of the price of being late for each step in the band of who may turn back
-    )
-    # there; for movers as slow as the robot: among faster ones it dawdles (22 for 30 of 40 hard courses)
+    at_heels: float = 0.0  # ours: what each step close to who may turn back adds, as a share of
+    # being late; for movers as slow as the robot: among faster ones it dawdles (22 for 30 of 40 hard courses)
     soft_m: float = 0.10  # ours: band beyond the margin that is avoided if it costs little
     uneasy_m: float = 0.15  # ours: m of detour that leaving the band is worth
     steep: float = 40.0  # ours: m of detour that each m of missing distance is worth
@@ -65,6 +63,8 @@ class GuardConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"guard: {name}={value} must be positive and finite")
+        if not (math.isfinite(self.at_heels) and self.at_heels >= 0.0):
+            raise ConfigError(f"guard: at_heels={self.at_heels} must be finite and not negative")
         if not 0.0 <= self.keep_share < 1.0:
             raise ConfigError(f"guard: keep_share={self.keep_share} must lie in [0, 1)")
         if self.cell_contact_m > self.cell_distance_m:

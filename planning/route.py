@@ -51,6 +51,10 @@ class RouteConfig:
                 f"route: patience_steps={self.patience_steps} and memory_steps={self.memory_steps} "
                 "must be at least 1"
             )
+        for name in ("stride_m", "turn_deg"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"route: {name}={value} must be positive and finite")
 
 
 @dataclass

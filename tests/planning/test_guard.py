@@ -237,6 +237,11 @@ def test_every_plan_can_be_walked():
         assert abs(plan.command.turn_rad) <= math.radians(14) + 1e-12
 
 
+def test_a_negative_price_at_the_heels_is_refused():
+    with pytest.raises(ConfigError, match="at_heels"):
+        replace(CONFIG, at_heels=-0.1)
+
+
 def test_a_contact_distance_above_the_wanted_one_is_refused():
     with pytest.raises(ConfigError, match="cell_contact_m"):
         GuardConfig(cell_contact_m=0.3)

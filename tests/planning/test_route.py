@@ -159,6 +159,10 @@ def test_a_new_goal_is_walked_to_at_once():
     np.testing.assert_allclose(via, other)
 
 
-def test_patience_below_one_step_is_refused():
-    with pytest.raises(ConfigError, match="patience_steps"):
-        RouteConfig(patience_steps=0)
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("patience_steps", 0), ("memory_steps", 0), ("stride_m", 0.0), ("turn_deg", math.nan)],
+)
+def test_an_impossible_patience_is_refused_by_name(name, value):
+    with pytest.raises(ConfigError, match=name):
+        RouteConfig(**{name: value})
