@@ -44,7 +44,8 @@ class GuardConfig:
     lost_weight: float = 0.3  # ours: of what was lost somewhere on its line
     react_s: float = 1.3  # ours: until a turn is noticed and the robot makes its next step
     at_heels: float = 0.0  # ours: what each step close to who may turn back adds, as a share of
-    # being late; for movers as slow as the robot: among faster ones it dawdles (22 for 30 of 40 hard courses)
+    # being late; for movers as slow as the robot: among faster ones, heeded at its worst moment alone, it
+    # dawdled (22 for 30 of 40 hard courses)
     soft_m: float = 0.10  # ours: band beyond the margin that is avoided if it costs little
     uneasy_m: float = 0.15  # ours: m of detour that leaving the band is worth
     steep: float = 40.0  # ours: m of detour that each m of missing distance is worth
