@@ -6,7 +6,7 @@ Source: ours.
 
 from __future__ import annotations
 
-from perception.primitives.errors import InputError
+from perception.primitives.errors import ConfigError
 
 USUAL = 0.5
 
@@ -17,10 +17,10 @@ def check(difficulty: float) -> None:
     """Refuse what is no difficulty.
 
     Raises:
-        InputError: It lies outside [0, 1].
+        ConfigError: It lies outside [0, 1].
     """
     if not 0.0 <= difficulty <= 1.0:
-        raise InputError(f"difficulty={difficulty} must lie in [0, 1]; 0.5 is the scene as usual")
+        raise ConfigError(f"difficulty={difficulty} must lie in [0, 1]; 0.5 is the scene as usual")
 
 
 def graded(difficulty: float, easy: float, usual: float, hard: float) -> float:

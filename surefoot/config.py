@@ -41,6 +41,7 @@ from planning.search.potential import SearchConfig
 from planning.swarm.settings import SwarmWalkerConfig
 from planning.univector.fields import FieldConfig
 from sim.difficulty import USUAL
+from sim.difficulty import check as check_difficulty
 from sim.dynamic.anatomy import DARWIN
 from sim.robot import RobotConfig
 
@@ -204,10 +205,7 @@ class Config:
             )
         if self.mission.planner == "swarm" and not self.robot.colour:
             raise ConfigError("mission: planner='swarm' walks by colour; set robot.colour=true")
-        if not 0.0 <= self.difficulty <= 1.0:
-            raise ConfigError(
-                f"difficulty={self.difficulty} must lie in [0, 1]; 0.5 is the scene as usual"
-            )
+        check_difficulty(self.difficulty)
         if self.renderer not in ("auto", "egl", "tiny"):
             raise ConfigError(f"renderer={self.renderer!r} is unknown; choose auto, egl or tiny")
 

@@ -31,7 +31,7 @@ class MonocularConfig:
     horizon_s: float = 0.65  # seed 000: T_DS + T_SS
     static_mps: float = 0.02  # seed 000: slower counts as standing
     fastest_mps: float = 0.5  # ours: robots have 0.1, corners taken for others 0.8 to 2;
-    # where people walk, raise it, and `deviations.unseen_mps` with it
+    # what is faster is predicted to stand, and its covariance tells how fast it may be: where people walk, raise it
     noise_px: float = 0.25  # ours: what corners are followed to; a flow that this explains is none
     farthest_m: float = FARTHEST_M
     corner_px: int = 20  # ours: side of the squares that are looked at for S_m; 2.5 cm of floor

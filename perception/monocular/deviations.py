@@ -120,8 +120,9 @@ class Sureness:
             edge, contact: Pixels and the places on the floor they stand for, m.
             flows, flow: All of them, and which one tells the velocity; -1 for none.
             told: The velocity that is told, m/s.
-            said: What each corner of the obstacle says of it, m/s, `flow` among them: what they say otherwise than
-                told is error as well, of a speed that is not believed and of corners that do not agree.
+            said: What each corner of the obstacle says of it, m/s, `flow` among them, or what those too fast to be
+                taken say: what they say otherwise than told is error as well, of a speed that is not believed and
+                of corners that do not agree.
         """
         current, config, horizon = self.current, self.config, self.horizon_s
         E = config.eye_covariance
@@ -129,13 +130,14 @@ class Sureness:
         px = pixel_jacobian(edge, contact, current.camera, current.T_world_camera)
         of_edge = config.edge_px**2 * px @ px.transpose(0, 2, 1)
         seen = of_edge + of_eye @ E @ of_eye.transpose(0, 2, 1)
+        otherwise = said - told
+        doubt = otherwise.T @ otherwise / max(len(said), 1)
         if flow < 0 or self.previous is None:
-            velocity = config.unseen_mps**2 * np.eye(2)
+            velocity = config.unseen_mps**2 * np.eye(2) + doubt
             return seen, velocity, seen + horizon**2 * velocity
         seconds = current.stamp_s - self.previous.stamp_s
-        otherwise = said - told
-        now, own = self._of_flow(flows, flow, seconds)
-        own = own + otherwise.T @ otherwise / len(said)
+        now, of_flow = self._of_flow(flows, flow, seconds)
+        own = of_flow + doubt
         velocity = now @ E @ now.T + own
         both = of_eye + horizon * now  # one eye sees the edge and the corner
         predicted = of_edge + both @ E @ both.transpose(0, 2, 1) + horizon**2 * own

@@ -63,8 +63,9 @@ def seen_obstacles(
 ) -> tuple[SeenObstacle, ...]:
     """Every group of edges with its least flow and where that takes it within the horizon.
 
-    `threshold_mps` is what each flow must reach to count as motion, beyond `fastest_mps` it took one corner for
-    another and tells nothing; `sureness` is whence the covariances come.
+    `threshold_mps` is what each flow must reach to count as motion; beyond `fastest_mps` it took one corner for
+    another, or somebody ran past: where no other flow is left, nothing is known of the speed but that it may be
+    that great. `sureness` is whence the covariances come.
     """
     speed = np.hypot(*flows.velocity_world.T)
     found = []
@@ -72,7 +73,8 @@ def seen_obstacles(
         contact = floor_points(
             edge.astype(np.float64), current.camera, current.T_world_camera, farthest_m
         )
-        mine = np.flatnonzero((flows.obstacle == index) & (speed <= fastest_mps))
+        owned = np.flatnonzero(flows.obstacle == index)
+        mine = owned[speed[owned] <= fastest_mps]
         least, velocity, median = -1, np.zeros(2), np.zeros(2)
         if len(mine):
             least = int(mine[np.argmin(speed[mine])])
@@ -82,7 +84,7 @@ def seen_obstacles(
         if not moving:
             velocity = np.zeros(2)
         predicted = contact + velocity * horizon_s
-        said = flows.velocity_world[mine]
+        said = flows.velocity_world[mine if len(mine) else owned]
         sure = sureness.of_obstacle(edge.astype(np.float64), contact, flows, least, velocity, said)
         found.append(SeenObstacle(edge, contact, least, velocity, median, moving, predicted, *sure))
     return tuple(found)
