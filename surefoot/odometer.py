@@ -168,6 +168,10 @@ class Tracked:
         start = self.odometer.T_world_start
         assert start is not None
         covariance = turned_covariance(self._covariance, start.rotation)
+        if self._step is not None and self._step.state != FIRST:
+            covariance += (
+                2.0 * self.odometer.config.back_end.distortion
+            )  # this image's, the first's
         planar = np.ix_([0, 1, 5], [0, 1, 5])
         floor = np.diag([1e-4**2, 1e-4**2, 1e-4**2])  # where the world begins is known
         return Gaussian(mean, covariance[planar] + floor)

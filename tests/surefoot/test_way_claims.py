@@ -169,6 +169,21 @@ def test_an_image_beside_a_pose_of_the_graph_has_that_and_its_step():
     np.testing.assert_allclose(told[0], 0.0, atol=1e-12)
 
 
+def test_what_images_distort_is_as_if_each_hung_on_its_pose_by_a_motion_so_unsure():
+    way = true_way()[:4]
+    own = np.diag(np.square([0.005] * 3 + [0.009] * 3))
+    motions = [Motion(n, n + 1, way[n].inverse() @ way[n + 1], STEP) for n in range(3)]
+    nothing = np.zeros((6, 6))
+    told = claims(motions, dict(enumerate(way)), [Hung(p, n, own) for n, p in enumerate(way)])
+    hung = [Motion(n, 10 + n, Pose3(), own) for n in range(4)]
+    poses = {**dict(enumerate(way)), **{10 + n: pose for n, pose in enumerate(way)}}
+    images = [Hung(pose, 10 + n, nothing) for n, pose in enumerate(way)]
+    expected = claims([*motions, *hung], poses, images)
+    np.testing.assert_allclose(told.from_start, expected.from_start, atol=1e-12)
+    np.testing.assert_allclose(told.aligned, expected.aligned, atol=1e-12)
+    np.testing.assert_allclose(told.from_start[0], 0.0, atol=1e-12)
+
+
 def planar_walk(rng: np.random.Generator, bold: float = 1.0) -> tuple[np.ndarray, ...]:
     """True and estimated (x, y, yaw) of an odometry, and what it claims; bold ones claim too little."""
     n = 120
