@@ -2,8 +2,9 @@
 
 The lowest part of the picture is cut into tiles. From one at the bottom the patch grows to neighbours of
 nearly the same colour: over a gradient of light it goes on, at the foot of an obstacle it stops, so that an
-obstacle in the patch teaches nothing. What the patch says moves the remembered range a little; where nothing
-in the patch is known floor, the memory stays, and only what the robot then walks over is learnt anew.
+obstacle in the patch teaches nothing. Nor does a wall whose foot fades into the floor: a tile that has not the
+floor's colours, in whatever light, is not grown to. What the patch says moves the remembered range a little; where
+nothing in the patch is known floor, the memory stays, and only what the robot then walks over is learnt anew.
 
 Source: seed 000, section 3.1 (a patch in front of the feet); growth, memory and gate are ours.
 """
@@ -15,7 +16,7 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32, Float64, UInt8
 
 from ..primitives.errors import ConfigError
 from .colour_range import ColourRange, RangeConfig, core_of, mark, range_of
@@ -61,8 +62,12 @@ def grown(
     begin: int,
     value_step: float,
     chroma_step: float,
+    allowed: Bool[np.ndarray, "rows columns"] | None = None,
 ) -> Bool[np.ndarray, "rows columns"]:
-    """The tiles that are reached from the one in the lowest row at column `begin` by small steps of colour."""
+    """The tiles that are reached from the one in the lowest row at column `begin` by small steps of colour.
+
+    Over those that are allowed, if that is given.
+    """
     value = tiles.max(axis=2) + 1.0
     chroma, bright = tiles / value[..., None], np.log(value)
     across = (np.abs(np.diff(bright, axis=1)) < value_step) & (
@@ -71,6 +76,9 @@ def grown(
     down = (np.abs(np.diff(bright, axis=0)) < value_step) & (
         np.abs(np.diff(chroma, axis=0)).max(axis=2) < chroma_step
     )
+    if allowed is not None:
+        across &= allowed[:, 1:] & allowed[:, :-1]
+        down &= allowed[1:] & allowed[:-1]
     joined = np.zeros(tiles.shape[:2], bool)
     joined[-1, begin] = True
     count = 0
@@ -117,7 +125,10 @@ class FloorColours:
                 return self.range
             self.range = None  # it walks on what it does not know
         self._unknown_since = None
-        joined = grown(tiles, begin, config.value_step, config.chroma_step)
+        allowed = None
+        if self.range is not None:
+            allowed = _share(patch, side, self.range.in_any_light) >= config.known_share
+        joined = grown(tiles, begin, config.value_step, config.chroma_step, allowed)
         step = max(1, side // 5)
         owner = cv2.resize(
             joined.astype(np.uint8),
@@ -137,10 +148,7 @@ class FloorColours:
         """Column of the lowest tile to grow from; None if no tile there is known floor."""
         if self.range is None:
             return _commonest(tiles)
-        lowest = np.ascontiguousarray(patch[-side:])
-        known = np.zeros(lowest.shape[:2], np.uint8)
-        mark(lowest, self.range, known)
-        share = known.reshape(side, -1, side).mean(axis=(0, 2)) / 255
+        share = _share(patch[-side:], side, self.range)[0]
         middle = len(share) // 2
         order = np.argsort(np.abs(np.arange(len(share)) - middle), kind="stable")
         good = order[share[order] >= self.config.known_share]
@@ -153,6 +161,16 @@ def _patch(rgb: np.ndarray, config: AdaptationConfig) -> tuple[np.ndarray, int]:
     rows = max(1, int(height * config.patch_share) // side) * side
     left = (width % side) // 2
     return rgb[height - rows :, left : left + width // side * side], side
+
+
+def _share(
+    patch: np.ndarray, side: int, colours: ColourRange
+) -> Float64[np.ndarray, "rows columns"]:
+    """Of each tile's pixels, how many lie in the range."""
+    marked = np.zeros(patch.shape[:2], np.uint8)
+    mark(np.ascontiguousarray(patch), colours, marked)
+    rows, columns = (length // side for length in marked.shape)
+    return np.asarray(marked.reshape(rows, side, columns, side).mean(axis=(1, 3)) / 255)
 
 
 def _means(patch: np.ndarray, side: int) -> Float32[np.ndarray, "rows columns 3"]:

@@ -1,16 +1,18 @@
 """The colours of the floor as a range of hue, saturation and value.
 
-A pixel with hardly any chroma has no hue to speak of, so it is asked for saturation and value alone. Between
-two hues less than half a circle apart lies a wedge of the plane of colours, bounded by two half planes through
-grey: that is how the test does without a division and without a branch for each colour of the rainbow.
+A pixel with hardly any chroma has no hue to speak of, so on a floor that has one it is asked for saturation and
+value alone. Between two hues less than half a circle apart lies a wedge of the plane of colours, bounded by two half
+planes through grey: that is how the test does without a division and without a branch for each colour of the rainbow.
+A grey floor has no hue; what bounds it instead is how warm it is, (r - b) / (r + g + b), between two half planes
+as well: a cream wall in its own shade is as unsaturated as grey tiles are, and yet warmer.
 
-Source: seed 000, section 3.1 ("floor by colour"; mean +- k sigma); quantiles and the wedge are ours.
+Source: seed 000, section 3.1 ("floor by colour"; mean +- k sigma); quantiles, wedge and warmth are ours.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -30,7 +32,9 @@ class RangeConfig:
         0.02  # ours: quantiles of the patch instead of mean +- k sigma; tails are not floor
     )
     hue_margin_deg: float = 16.0  # ours: jpeg and lamps of two colours
-    saturation_margin: float = 22.0  # ours: of 255
+    saturation_margin: float = (
+        22.0  # ours: of 255; a third of it for the warmth, which is a share of r + g + b
+    )
     widen: float = 0.5  # ours: of the spread itself, added on both sides
     grain: float = 0.35  # ours: of the spread of the brightness: knots and joints of boards
     shade: float = 0.80  # ours: a soft shadow leaves this share of the light
@@ -56,16 +60,20 @@ class RangeConfig:
 
 @dataclass(frozen=True)
 class ColourRange:
-    """Hue in deg (0 red, 120 green), half its width (180: any), saturation and value in [0, 255]."""
+    """Hue in deg (0 red, 120 green), half its width (180: any), saturation and value in [0, 255].
+
+    Where any hue will do, the warmth (r - b) / (r + g + b) bounds the colours.
+    """
 
     hue_deg: float
     hue_half_deg: float
     saturation: tuple[float, float]
     value: tuple[float, float]
     least_chroma: float
+    warmth: tuple[float, float] = (-1.0, 1.0)
 
     def __post_init__(self) -> None:
-        for name in ("saturation", "value"):
+        for name in ("saturation", "value", "warmth"):
             low, high = getattr(self, name)
             if not low <= high:
                 raise ConfigError(f"colour range: {name}={(low, high)} must be (low, high)")
@@ -91,7 +99,13 @@ class ColourRange:
             ),
             (mix(self.value[0], other.value[0]), mix(self.value[1], other.value[1])),
             self.least_chroma,
+            (mix(self.warmth[0], other.warmth[0]), mix(self.warmth[1], other.warmth[1])),
         )
+
+    @property
+    def in_any_light(self) -> ColourRange:
+        """The same colours, however bright."""
+        return replace(self, value=(0.0, 255.0))
 
 
 def range_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRange:
@@ -123,7 +137,16 @@ def range_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRa
         float(max(high + config.value_margin, high * config.shine, high + spread)),
     )
     hue = math.degrees(middle) % 360.0
-    return ColourRange(hue, float(min(hue_half, 180.0)), saturation, value, config.least_chroma)
+    half = float(min(hue_half, 180.0))
+    return ColourRange(hue, half, saturation, value, config.least_chroma, _warmth(colours, config))
+
+
+def _warmth(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> tuple[float, float]:
+    rgb = colours.astype(np.float64)
+    warmth = (rgb[:, 0] - rgb[:, 2]) / np.maximum(rgb.sum(axis=1), 1.0)
+    low, high = np.quantile(warmth, [config.share, 1 - config.share])
+    margin = max((high - low) * config.widen, config.saturation_margin / (3 * 255.0))
+    return float(low - margin), float(high + margin)
 
 
 def core_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRange:
@@ -144,16 +167,26 @@ def mark(
             math.floor(colours.value[1]),
             math.ceil(colours.saturation[0]),
             math.floor(colours.saturation[1]),
-            math.ceil(colours.least_chroma),
+            0 if colours.any_hue else math.ceil(colours.least_chroma),
         ],
         np.int32,
     )
-    low, high = np.zeros(3, np.int32), np.zeros(3, np.int32)
-    if not colours.any_hue:
+    if colours.any_hue:
+        low, high = (
+            _warmer_than(colours.warmth[0], 1.0),
+            _warmer_than(colours.warmth[1], -1.0),
+        )
+    else:
         low = _half_plane(colours.hue_deg - colours.hue_half_deg, 1.0)
         high = _half_plane(colours.hue_deg + colours.hue_half_deg, -1.0)
     red, green, blue = cv2.split(rgb)
     kernels.mark_range(red, green, blue, limits, low, high, mask)
+
+
+def _warmer_than(warmth: float, side: float) -> np.ndarray:
+    """Normal (r, g, b) of the half plane of colours that are warmer (+1), or colder (-1)."""
+    normal = np.array([1.0, 0.0, -1.0]) - warmth
+    return np.rint(side * _SCALE * normal).astype(np.int32)
 
 
 def _half_plane(hue_deg: float, side: float) -> np.ndarray:
