@@ -169,8 +169,8 @@ def _share(
     """Of each tile's pixels, how many lie in the range."""
     marked = np.zeros(patch.shape[:2], np.uint8)
     mark(np.ascontiguousarray(patch), colours, marked)
-    rows, columns = (length // side for length in marked.shape)
-    return np.asarray(marked.reshape(rows, side, columns, side).mean(axis=(1, 3)) / 255)
+    tiles = marked.reshape(len(marked) // side, side, -1, side)
+    return np.asarray(tiles.mean(axis=(1, 3)) / 255)
 
 
 def _means(patch: np.ndarray, side: int) -> Float32[np.ndarray, "rows columns 3"]:

@@ -47,6 +47,36 @@ def test_a_soft_shadow_is_floor_and_another_colour_is_not():
     assert mask.tolist() == [[255, 0, 255]]
 
 
+GREY_TILES, CREAM_WALL = np.array([118.0, 121.0, 126.0]), np.array([128.0, 121.0, 107.0])
+
+
+def test_a_cream_wall_in_its_own_shade_is_no_grey_floor():
+    """Both have less chroma than a hue needs; the wall's saturation lies in the range of the tiles'."""
+    rng = np.random.default_rng(6)
+    tiles = np.clip(rng.normal(GREY_TILES, 5, (500, 3)), 0, 255).astype(np.uint8)
+    limits = range_of(tiles, RangeConfig())
+    picture = np.array([[GREY_TILES, 0.8 * GREY_TILES, CREAM_WALL, 0.9 * CREAM_WALL]])
+    mask = np.zeros((1, 4), np.uint8)
+    mark(picture.astype(np.uint8), limits, mask)
+    assert mask.tolist() == [[255, 255, 0, 0]]
+    low, high = limits.saturation
+    assert low < 255 * np.ptp(CREAM_WALL) / CREAM_WALL.max() < high
+
+
+@pytest.mark.parametrize("warmth", [(-0.05, 0.02), (0.1, 0.3)])
+def test_colours_of_any_hue_are_bounded_by_their_warmth(warmth):
+    rng = np.random.default_rng(7)
+    limits = ColourRange(0.0, 180.0, (0.0, 255.0), (0.0, 255.0), 28.0, warmth)
+    rgb = rng.integers(1, 256, (40, 50, 3), dtype=np.uint8)
+    mask = np.zeros((40, 50), np.uint8)
+    mark(rgb, limits, mask)
+    r, g, b = rgb.astype(float).transpose(2, 0, 1)
+    found = (r - b) / (r + g + b)
+    near = np.abs(found[..., None] - np.array(warmth)).min(axis=-1) < 1e-3
+    inside = (found > warmth[0]) & (found < warmth[1])
+    np.testing.assert_array_equal(mask[~near] > 0, inside[~near])
+
+
 def test_a_gradient_is_followed_and_an_edge_is_not_crossed():
     tiles = np.zeros((4, 12, 3), np.float32)
     tiles[:, :8] = (np.linspace(90, 220, 8)[:, None] * np.array([1.0, 0.9, 0.8]))[None]
@@ -85,6 +115,24 @@ def test_an_obstacle_in_the_patch_teaches_nothing():
     mark(seen, colours.range, mask)
     assert np.mean(mask[:, :60] > 0) > 0.95
     assert not mask[:, 60:].any()
+
+
+def test_a_wall_whose_foot_runs_aslant_through_the_tiles_teaches_nothing():
+    """From one tile to the next only a little more of it is wall."""
+    rng = np.random.default_rng(8)
+    colours = FloorColours(AdaptationConfig())
+    colours.learn(floor_picture(GREY_TILES, rng))
+    v, u = np.mgrid[0:240, 0:240]
+    wall = u > 90 + v / 4
+    for _ in range(60):
+        seen = np.where(
+            wall[..., None], floor_picture(CREAM_WALL, rng), floor_picture(GREY_TILES, rng)
+        )
+        colours.learn(seen)
+    mask = np.zeros((240, 240), np.uint8)
+    mark(seen, colours.range, mask)
+    assert np.mean(mask[~wall] > 0) > 0.95
+    assert np.mean(mask[wall] > 0) < 0.05
 
 
 def test_a_rug_becomes_floor_by_walking_on_it_and_not_by_standing_before_it():
