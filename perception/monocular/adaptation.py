@@ -4,7 +4,8 @@ The lowest part of the picture is cut into tiles. From one at the bottom the pat
 nearly the same colour: over a gradient of light it goes on, at the foot of an obstacle it stops, so that an
 obstacle in the patch teaches nothing. Nor does a wall whose foot fades into the floor: a tile that has not the
 floor's colours, in whatever light, is not grown to. What the patch says moves the remembered range a little; where
-nothing in the patch is known floor, the memory stays, and only what the robot then walks over is learnt anew.
+nothing in the patch is known floor, the memory stays, and only what the robot then walks over is learnt anew: who
+walks along a wall has not walked over it.
 
 Source: seed 000, section 3.1 (a patch in front of the feet); growth, memory and gate are ours.
 """
@@ -19,6 +20,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, UInt8
 
 from ..primitives.errors import ConfigError
+from ..primitives.pose import Pose3
+from .back_projection import ahead_of
 from .colour_range import ColourRange, RangeConfig, core_of, mark, range_of
 
 
@@ -34,7 +37,7 @@ class AdaptationConfig:
         0.2  # ours: share of the way to the patch per cycle; half a minute of light in 5 cycles
     )
     known_share: float = 0.8  # ours: of a tile that must be known floor; half would be an edge
-    walked_m: float = 0.30  # ours: over an unknown patch for this long, and the robot stands on it
+    walked_m: float = 0.30  # ours: so far on towards an unknown patch, and the robot stands on it
     least_value: float = (
         16.0  # ours: of 255; a darker patch is a covered lens or no light, not a floor
     )
@@ -98,16 +101,16 @@ class FloorColours:
         self.config = config
         self.range: ColourRange | None = None
         self.core: ColourRange | None = None
-        self._unknown_since: np.ndarray | None = None
+        self._unknown_since: Pose3 | None = None
 
     def learn(
-        self, rgb: UInt8[np.ndarray, "h w 3"], place: np.ndarray | None = None
+        self, rgb: UInt8[np.ndarray, "h w 3"], T_world_camera: Pose3 | None = None
     ) -> ColourRange | None:
         """The range after this picture; None if no picture yet showed a floor bright enough to have a colour.
 
         Args:
             rgb: Picture whose lowest part shows the floor ahead of the feet, if anything does.
-            place: (x, y) of the camera, m; None if nobody knows how far it went.
+            T_world_camera: None if nobody knows how far it went.
         """
         config = self.config
         patch, side = _patch(rgb, config)
@@ -117,11 +120,11 @@ class FloorColours:
         if tiles[-1, begin].max() < config.least_value:
             return self.range
         if known is None:
-            if place is None:
+            if T_world_camera is None:
                 return self.range
-            if self._unknown_since is None:
-                self._unknown_since = place.copy()
-            if np.hypot(*(place - self._unknown_since)) < config.walked_m:
+            since = self._unknown_since = self._unknown_since or T_world_camera
+            walked = (T_world_camera.position - since.position)[:2]
+            if walked @ ahead_of(since) < config.walked_m:
                 return self.range
             self.range = None  # it walks on what it does not know
         self._unknown_since = None

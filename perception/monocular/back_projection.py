@@ -15,6 +15,7 @@ from ..primitives.camera import Camera
 from ..primitives.pose import CAMERA_IN_BODY_AXES, Pose3
 
 FARTHEST_M = 6.0  # seed 000: d_max; beyond, a pixel is a quarter of a metre
+_LEVEL = 1e-6  # shorter, the shadow of the optical axis has no direction
 
 
 def camera_pose(
@@ -89,3 +90,11 @@ def nearest_distance_m(camera: Camera, T_world_camera: Pose3) -> float:
     lowest = np.array([camera.cx, camera.height - 1.0])
     point = floor_points(lowest, camera, T_world_camera, math.inf)
     return float(np.hypot(*(point - T_world_camera.position[:2])))
+
+
+def ahead_of(T_world_camera: Pose3) -> Float[np.ndarray, "2"]:
+    """Where a camera looks, on the floor: unit (x, y); straight down, that is where the top of its picture lies."""
+    ahead = T_world_camera.rotation[:2, 2]
+    if np.hypot(*ahead) < _LEVEL:
+        ahead = -T_world_camera.rotation[:2, 1]
+    return np.asarray(ahead / np.hypot(*ahead))

@@ -75,7 +75,7 @@ class Monocular:
         config = self.config
         nearest_m = nearest_distance_m(current.camera, current.T_world_camera)
         if math.isfinite(nearest_m):  # the lowest rows look at the floor
-            self.colours.learn(current.rgb, current.T_world_camera.position[:2])
+            self.colours.learn(current.rgb, current.T_world_camera)
         ground = self._ground(current)
         edges = find_edges(ground)
         flows = _no_flows()

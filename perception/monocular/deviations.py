@@ -18,10 +18,8 @@ from jaxtyping import Float
 from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
-from .back_projection import floor_points
+from .back_projection import ahead_of, floor_points
 from .result import Flows, Picture
-
-_LEVEL = 1e-6  # shorter, the shadow of the optical axis has no direction
 
 
 @dataclass(frozen=True)
@@ -58,10 +56,7 @@ def eye_jacobian(
     Pitch and roll are about level axes, to the left of and along where the camera looks, as a trunk sways.
     """
     c = T_world_camera.position
-    ahead = T_world_camera.rotation[:2, 2]
-    if np.hypot(*ahead) < _LEVEL:
-        ahead = -T_world_camera.rotation[:2, 1]
-    x, y = ahead / np.hypot(*ahead)
+    x, y = ahead_of(T_world_camera)
     axes = np.array([[-y, x, 0.0], [0.0, 0.0, 1.0], [x, y, 0.0]])
     down = np.concatenate([places - c[:2], np.full((len(places), 1), -c[2])], axis=1)
     turned = np.cross(axes[None], down[:, None])

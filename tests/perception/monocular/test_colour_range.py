@@ -1,11 +1,13 @@
 """The compiled colour test against HSV computed pixel by pixel; what ranges take in and leave out."""
 
 import colorsys
+import math
 
 import numpy as np
 import pytest
 
 from perception.monocular.adaptation import AdaptationConfig, FloorColours, grown
+from perception.monocular.back_projection import camera_pose
 from perception.monocular.colour_range import ColourRange, RangeConfig, mark, range_of
 from perception.primitives.errors import ConfigError
 
@@ -86,6 +88,11 @@ def test_a_gradient_is_followed_and_an_edge_is_not_crossed():
     assert not joined[:, 8:].any()
 
 
+def eye(x=0.0, y=0.0):
+    """Of a robot that has walked so far ahead and aside, m; it looks ahead and down."""
+    return camera_pose(np.array([x, y, 0.42]), 0.0, math.radians(30.0), 0.0)
+
+
 def floor_picture(tone, rng, obstacle=False):
     image = rng.normal(np.array(tone), 3.0, (240, 240, 3))
     if obstacle:
@@ -107,10 +114,10 @@ def test_light_that_fades_slowly_is_followed():
 def test_an_obstacle_in_the_patch_teaches_nothing():
     rng = np.random.default_rng(3)
     colours = FloorColours(AdaptationConfig())
-    colours.learn(floor_picture([200, 180, 150], rng), np.zeros(2))
+    colours.learn(floor_picture([200, 180, 150], rng), eye())
     for _ in range(20):
         seen = floor_picture([200, 180, 150], rng, obstacle=True)
-        colours.learn(seen, np.zeros(2))
+        colours.learn(seen, eye())
     mask = np.zeros((240, 240), np.uint8)
     mark(seen, colours.range, mask)
     assert np.mean(mask[:, :60] > 0) > 0.95
@@ -135,20 +142,26 @@ def test_a_wall_whose_foot_runs_aslant_through_the_tiles_teaches_nothing():
     assert np.mean(mask[wall] > 0) < 0.05
 
 
-def test_a_rug_becomes_floor_by_walking_on_it_and_not_by_standing_before_it():
+def test_a_rug_becomes_floor_by_walking_on_it_and_not_by_standing_before_it_or_walking_along_it():
     rng = np.random.default_rng(4)
     rug = floor_picture([30, 130, 140], rng)
-    standing, walking = FloorColours(AdaptationConfig()), FloorColours(AdaptationConfig())
-    for colours in (standing, walking):
-        colours.learn(floor_picture([200, 180, 150], rng), np.zeros(2))
-    for k in range(20):
-        standing.learn(rug, np.zeros(2))
-        walking.learn(rug, np.array([0.04 * k, 0.0]))
-    on, off = np.zeros((240, 240), np.uint8), np.zeros((240, 240), np.uint8)
-    mark(rug, walking.range, on)
-    mark(rug, standing.range, off)
-    assert np.mean(on > 0) > 0.95
-    assert not off.any()
+    ways = {
+        "stands": (0.0, 0.0),
+        "walks on": (0.04, 0.0),
+        "along": (0.0, 0.04),
+        "back": (-0.04, 0.0),
+    }
+    for way, (ahead, aside) in ways.items():
+        colours = FloorColours(AdaptationConfig())
+        colours.learn(floor_picture([200, 180, 150], rng), eye())
+        for k in range(20):
+            colours.learn(rug, eye(k * ahead, k * aside))
+        mask = np.zeros((240, 240), np.uint8)
+        mark(rug, colours.range, mask)
+        if way == "walks on":
+            assert np.mean(mask > 0) > 0.95
+        else:
+            assert not mask.any(), way
 
 
 def test_a_range_upside_down_is_refused():

@@ -155,9 +155,10 @@ def test_in_the_dark_nothing_is_learnt_and_nothing_is_floor(level):
 
 def test_darkness_is_not_learnt_by_walking_on_in_it():
     colours = FloorColours(AdaptationConfig())
-    known = colours.learn(picture().rgb, np.zeros(2))
+    known = colours.learn(picture().rgb, POSE)
     for k in range(30):
-        colours.learn(np.zeros((120, 160, 3), np.uint8), np.array([0.04 * k, 0.0]))
+        ahead = Pose3((0.04 * k, 0.0, 0.0)) @ POSE
+        colours.learn(np.zeros((120, 160, 3), np.uint8), ahead)
     assert colours.range == known
 
 
