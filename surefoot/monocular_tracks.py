@@ -19,10 +19,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
 from perception.localisation.track import Detection
 from perception.monocular.back_projection import FARTHEST_M, floor_points, project
+from perception.monocular.components import components
 from perception.monocular.deviations import DeviationConfig
 from perception.monocular.edges import find_edges
 from perception.monocular.result import MonocularResult, Picture
@@ -76,9 +77,7 @@ def sight(result: MonocularResult) -> Sight:
     picture = result.current
     ground = _without_specks(result.ground, picture)
     edges = find_edges(ground).groups
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(
-        cv2.bitwise_not(ground), connectivity=8, ltype=cv2.CV_32S
-    )
+    labels, boxes, _ = components(np.asarray(cv2.bitwise_not(ground), np.uint8), 8)
     contacts = tuple(_contact(edge, labels, boxes, picture) for edge in edges)
     return Sight(picture, ground, edges, contacts)
 
@@ -133,9 +132,7 @@ def _without_specks(ground: UInt8[np.ndarray, "h w"], picture: Picture) -> UInt8
     """The ground with everything filled that is too thin, too narrow or too flat to be an obstacle."""
     filled = cv2.morphologyEx(ground, cv2.MORPH_CLOSE, np.ones((THIN_PX, THIN_PX), np.uint8))
     height, width = filled.shape
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(
-        cv2.bitwise_not(filled), connectivity=8, ltype=cv2.CV_16U
-    )
+    labels, boxes, _ = components(np.asarray(cv2.bitwise_not(filled), np.uint8), 8)
     left, top, wide, high = (boxes[:, k] for k in range(4))
     feet = np.stack([left + wide / 2.0, (top + high).astype(np.float64)], axis=1)
     reach = floor_points(feet, picture.camera, picture.T_world_camera, math.inf)
@@ -148,14 +145,14 @@ def _without_specks(ground: UInt8[np.ndarray, "h w"], picture: Picture) -> UInt8
     border = (left == 0) | (top == 0) | (left + wide == width) | (top + high == height)
     small &= ~border
     small[0] = False
-    if count > 1 and small.any():
+    if small.any():
         filled[small[labels]] = 255
     return np.asarray(filled, np.uint8)
 
 
 def _contact(
     edge: Int[np.ndarray, "m 2"],
-    labels: Int[np.ndarray, "h w"],
+    labels: UInt16[np.ndarray, "h w"],
     boxes: Int[np.ndarray, "k 5"],
     picture: Picture,
 ) -> Float[np.ndarray, "n 2"]:

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float32, Float64, UInt8
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from .back_projection import ahead_of
-from .colour_range import ColourRange, RangeConfig, core_of, mark, range_of
+from .colour_range import CORE, ColourRange, RangeConfig, mark, spread_of
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,8 @@ class FloorColours:
             interpolation=cv2.INTER_NEAREST,
         )
         colours = patch[::step, ::step][owner[::step, ::step] > 0]
-        seen, core = range_of(colours, config.ranges), core_of(colours, config.ranges)
+        spread = spread_of(colours, config.ranges)
+        seen, core = spread.with_margins(config.ranges), spread.with_margins(CORE)
         if self.range is None or self.core is None:
             self.range, self.core = seen, core
         else:

@@ -108,53 +108,86 @@ class ColourRange:
         return replace(self, value=(0.0, 255.0))
 
 
-def range_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRange:
-    """The range that a floor of these colours has, in its own light and a little shade.
+@dataclass(frozen=True)
+class Spread:
+    """How the colours of a floor are spread, lowest to highest but for a few: what margins are added to.
+
+    Args:
+        hue_deg: Their middle.
+        hue_half_deg: Half the spread of hues; None if there are hardly any.
+        saturation, value: In [0, 255].
+        warmth: See `ColourRange`.
+        least_chroma: Below it a pixel has no hue, of 255.
+    """
+
+    hue_deg: float
+    hue_half_deg: float | None
+    saturation: tuple[float, float]
+    value: tuple[float, float]
+    warmth: tuple[float, float]
+    least_chroma: float
+
+    def with_margins(self, config: RangeConfig) -> ColourRange:
+        """The range that a floor of these colours has, in its own light and a little shade."""
+        hue_half = 180.0
+        if self.hue_half_deg is not None:
+            half = self.hue_half_deg
+            hue_half = half + max(2 * half * config.widen, config.hue_margin_deg)
+        saturation = _widened(self.saturation, config.widen, config.saturation_margin)
+        warmth = _widened(self.warmth, config.widen, config.saturation_margin / (3 * 255.0))
+        low, high = self.value
+        spread = config.grain * (high - low)
+        value = (
+            float(min(low - config.value_margin, low * config.shade, low - spread)),
+            float(max(high + config.value_margin, high * config.shine, high + spread)),
+        )
+        half = float(min(hue_half, 180.0))
+        return ColourRange(self.hue_deg, half, saturation, value, self.least_chroma, warmth)
+
+
+def spread_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> Spread:
+    """How colours are spread.
 
     Args:
         colours: (n, 3), red first; n at least 1.
-        config: Margins.
+        config: Quantiles, and from where on a pixel has a hue.
     """
+    ends = [config.share, 1 - config.share]
     hsv = cv2.cvtColor(colours[None], cv2.COLOR_RGB2HSV_FULL)[0].astype(np.float64)
     angle = hsv[:, 0] * (2 * math.pi / 256)
     chroma = hsv[:, 1] * hsv[:, 2] / 255
     middle = math.atan2(float(chroma @ np.sin(angle)), float(chroma @ np.cos(angle)))
-    hue_half = 180.0
+    half = None
     vivid = chroma >= config.least_chroma
     if np.mean(vivid) > 0.01:
         off = np.degrees((angle[vivid] - middle + math.pi) % (2 * math.pi) - math.pi)
-        low, high = np.quantile(off, [config.share, 1 - config.share])
+        low, high = np.quantile(off, ends)
         middle += math.radians((low + high) / 2)
-        half = (high - low) / 2
-        hue_half = half + max(2 * half * config.widen, config.hue_margin_deg)
-    low, high = np.quantile(hsv[:, 1], [config.share, 1 - config.share])
-    margin = max((high - low) * config.widen, config.saturation_margin)
-    saturation = (float(low - margin), float(high + margin))
-    low, high = np.quantile(hsv[:, 2], [config.share, 1 - config.share])
-    spread = config.grain * (high - low)
-    value = (
-        float(min(low - config.value_margin, low * config.shade, low - spread)),
-        float(max(high + config.value_margin, high * config.shine, high + spread)),
-    )
-    hue = math.degrees(middle) % 360.0
-    half = float(min(hue_half, 180.0))
-    return ColourRange(hue, half, saturation, value, config.least_chroma, _warmth(colours, config))
-
-
-def _warmth(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> tuple[float, float]:
+        half = float(high - low) / 2
     rgb = colours.astype(np.float64)
     warmth = (rgb[:, 0] - rgb[:, 2]) / np.maximum(rgb.sum(axis=1), 1.0)
-    low, high = np.quantile(warmth, [config.share, 1 - config.share])
-    margin = max((high - low) * config.widen, config.saturation_margin / (3 * 255.0))
-    return float(low - margin), float(high + margin)
-
-
-def core_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRange:
-    """The range of these colours themselves, without the margins for other light."""
-    return range_of(
-        colours,
-        RangeConfig(config.share, 2.0, 2.0, 0.0, 0.0, 1.0, 1.0, 2.0, config.least_chroma),
+    saturation, value, warm = (
+        tuple(np.quantile(part, ends).tolist()) for part in (hsv[:, 1], hsv[:, 2], warmth)
     )
+    return Spread(math.degrees(middle) % 360.0, half, saturation, value, warm, config.least_chroma)
+
+
+def _widened(ends: tuple[float, float], widen: float, least: float) -> tuple[float, float]:
+    low, high = ends
+    margin = max((high - low) * widen, least)
+    return low - margin, high + margin
+
+
+def range_of(colours: UInt8[np.ndarray, "n 3"], config: RangeConfig) -> ColourRange:
+    """The range that a floor of these colours, (n, 3), has in its own light and a little shade."""
+    return spread_of(colours, config).with_margins(config)
+
+
+CORE = RangeConfig(
+    hue_margin_deg=2.0, saturation_margin=2.0, widen=0.0, grain=0.0, shade=1.0, shine=1.0,
+    value_margin=2.0,
+)  # fmt: skip
+"""Margins of a range of the colours themselves, without those for other light."""
 
 
 def mark(

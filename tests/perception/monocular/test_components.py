@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.monocular.ground import _components
+from perception.monocular.components import components
 
 
 @pytest.mark.parametrize("connectivity", [4, 8])
@@ -14,7 +14,7 @@ def test_boxes_areas_and_middles_are_opencvs(seed, connectivity):
     height, width = rng.integers(1, 80, 2)
     noise = cv2.GaussianBlur(rng.random((height, width)), (0, 0), rng.uniform(0.3, 2.0))
     mask = (noise > rng.uniform(0.3, 0.7)).astype(np.uint8) * 255
-    labels, boxes, middles = _components(mask, connectivity)
+    labels, boxes, middles = components(mask, connectivity)
     _, expected, stats, centroids = cv2.connectedComponentsWithStats(
         mask, connectivity=connectivity, ltype=cv2.CV_16U
     )
