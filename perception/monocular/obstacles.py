@@ -73,7 +73,7 @@ def seen_obstacles(
         contact = floor_points(
             edge.astype(np.float64), current.camera, current.T_world_camera, farthest_m
         )
-        owned = np.flatnonzero(flows.obstacle == index)
+        owned = np.flatnonzero((flows.obstacle == index) & np.isfinite(speed))
         mine = owned[speed[owned] <= fastest_mps]
         least, velocity, median = -1, np.zeros(2), np.zeros(2)
         if len(mine):

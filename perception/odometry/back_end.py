@@ -50,10 +50,8 @@ class BackEndConfig:
     least_visible: float = 0.35  # ours: less in common is a ledge, not a place
     floor_factor: float = 10.0  # ours: floors of one recording err alike, by about so many images
     floors: bool = True
-    image_m: float = 0.005  # ours: what an image distorts moves its pose so far, see `claims`; three recordings whose
-    image_deg: float = (
-        0.5  # ... loops agree to 3 mm and 0.1 deg are off by 4 to 25 mm and 0.3 to 1.1 deg
-    )
+    image_m: float = 0.005  # ours: what an image distorts moves its pose so far, see `claims`
+    image_deg: float = 0.5  # ours: likewise
 
     def __post_init__(self) -> None:
         for name in ("image_m", "image_deg"):

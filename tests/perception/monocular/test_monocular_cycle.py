@@ -145,6 +145,17 @@ def test_a_corner_faster_than_anything_about_tells_no_speed_but_how_great_it_may
     assert box_of(cycle(speed)[0]).moving
 
 
+def test_a_flow_beyond_the_farthest_place_says_nothing_of_a_speed():
+    config = MonocularConfig(farthest_m=0.8)
+    result = cycle(0.15, config)[0]
+    owned = result.flows.obstacle >= 0
+    assert np.isnan(result.flows.velocity_world[owned]).any()
+    unseen = config.deviations.unseen_mps**2 * np.eye(2)
+    for obstacle in result.obstacles:
+        if obstacle.flow < 0:
+            np.testing.assert_allclose(obstacle.velocity_covariance, unseen)
+
+
 def test_what_a_moving_box_will_take_is_not_movable_and_all_else_is():
     result, left = cycle(0.15)
     assert not np.any(result.movable & ~result.ground)
