@@ -63,17 +63,18 @@ def _figures(found: list[dict[str, float]]) -> dict[str, float]:
     def all_of(name: str) -> np.ndarray:
         return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)
 
+    first = all_of("goal1_s")
     nearer = np.column_stack([all_of(f"goal{k}_approach_m") for k in (2, 3, 4)])
     return {
         "contact_free_share": float(np.mean(all_of("contacts") == 0)),
         "contacts": float(np.sum(all_of("contacts"))),
         "avoidable_contacts": float(np.sum(all_of("contacts_avoidable"))),
         **{f"contacts_{kind}": float(np.sum(all_of(f"contacts_{kind}"))) for kind in CLASSES},
-        "goal1_in_time_share": float(np.mean(all_of("goal1_s") < FIRST_HOLDS_S)),
+        "goal1_in_time_share": float(np.mean(first < FIRST_HOLDS_S)),
         "goal5_share": float(np.mean(np.isfinite(all_of("goal5_s")))),
         "approach_share": float(np.mean((nearer > NEARER_M).all(axis=1))),
         "falls": float(np.sum(all_of("falls"))),
-        "goal1_s_mean": float(np.nanmean(all_of("goal1_s"))),
+        "goal1_s_mean": float(np.nanmean(first)) if np.isfinite(first).any() else np.nan,
         "goal5_s_max": float(np.max(np.nan_to_num(all_of("goal5_s"), nan=np.inf))),
         "min_clearance_mm": 1e3 * float(np.min(all_of("min_clearance_m"))),
         "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
