@@ -124,7 +124,7 @@ class FloorColours:
                 return self.range
             since = self._unknown_since = self._unknown_since or T_world_camera
             walked = (T_world_camera.position - since.position)[:2]
-            if walked @ ahead_of(since) < config.walked_m:
+            if walked @ ahead_of(T_world_camera) < config.walked_m:
                 return self.range
             self.range = None  # it walks on what it does not know
         self._unknown_since = None

@@ -164,6 +164,20 @@ def test_a_rug_becomes_floor_by_walking_on_it_and_not_by_standing_before_it_or_w
             assert not mask.any(), way
 
 
+def test_a_rug_first_seen_by_a_glance_aside_becomes_floor_too():
+    rng = np.random.default_rng(9)
+    rug = floor_picture([30, 130, 140], rng)
+    colours = FloorColours(AdaptationConfig())
+    colours.learn(floor_picture([200, 180, 150], rng), eye())
+    for k in range(20):
+        x, y, z = eye(0.04 * k).translation
+        aside = 0.0 if k % 2 else math.radians(75.0)
+        colours.learn(rug, camera_pose(np.array([x, y, z]), aside, math.radians(30.0), 0.0))
+    mask = np.zeros((240, 240), np.uint8)
+    mark(rug, colours.range, mask)
+    assert np.mean(mask > 0) > 0.95
+
+
 def test_a_range_upside_down_is_refused():
     with pytest.raises(ConfigError, match="value"):
         ColourRange(0.0, 10.0, (0.0, 1.0), (200.0, 100.0), 28.0)
