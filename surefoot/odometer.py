@@ -167,11 +167,10 @@ class Tracked:
         mean = np.array([T.translation[0], T.translation[1], math.atan2(ahead[1], ahead[0])])
         start = self.odometer.T_world_start
         assert start is not None
-        covariance = turned_covariance(self._covariance, start.rotation)
-        if self._step is not None and self._step.state != FIRST:
-            covariance += (
-                2.0 * self.odometer.config.back_end.distortion
-            )  # this image's, the first's
+        distortion = (
+            self.odometer.config.back_end.distortion
+        )  # this image's; the first's is carried along
+        covariance = turned_covariance(self._covariance + distortion, start.rotation)
         planar = np.ix_([0, 1, 5], [0, 1, 5])
         floor = np.diag([1e-4**2, 1e-4**2, 1e-4**2])  # where the world begins is known
         return Gaussian(mean, covariance[planar] + floor)
@@ -182,7 +181,8 @@ class Tracked:
             return None
         number = len(self.odometer.states)
         step = self._step = self.odometer.take(frame)
-        before = self._covariances.get(step.reference, np.zeros((6, 6)))
+        first = self.odometer.config.back_end.distortion
+        before = self._covariances.get(step.reference, first)
         reference = step.T_start_camera @ step.motion.inverse()
         self._covariance = joined(before, reference, step.motion, step.covariance)
         self._covariances[number] = self._covariance

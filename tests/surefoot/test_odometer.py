@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,7 @@ from perception.odometry.odometry import FIRST, LOST, TRACKED
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
 from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3, wrap_angle
 from surefoot.config import Config
 from surefoot.odometer import Odometer, OdometerConfig, Tracked
 from surefoot.pipeline import Pipeline
@@ -42,6 +44,33 @@ def test_the_map_frame_is_upright_and_the_way_agrees_with_the_true_one(recording
         assert np.linalg.norm(off.position) < 0.005
         assert np.linalg.eigvalsh(estimate.pose.covariance)[0] > 0.0
     assert tracked.odometer.states == [FIRST] + [TRACKED] * 4
+
+
+@pytest.mark.parametrize("name", ["sevenscenes_redkitchen/pan", "tum_fr3_cabinet"])
+def test_poses_on_the_way_are_as_sure_as_they_claim_from_the_start(
+    recordings: Path, name: str
+) -> None:
+    """Twice the three degrees of freedom: deviations are at most 1.4 times the claimed ones."""
+    tracked = Tracked(np.random.default_rng(0), Config().prior)
+    start: Pose3 | None = None  # of the truth's world in the map
+    squares = []
+    for frame in open_recording(recordings / name).frames():
+        true = frame.T_world_camera
+        assert true is not None
+        tracked.update(replace(frame, T_world_camera=None), [])
+        found, pose = tracked.T_map_camera, tracked.pose
+        if found is None or pose is None:
+            continue
+        if start is None:
+            start = found @ true.inverse()
+            continue
+        there = start @ true
+        ahead = there.rotation[:, 2]
+        off = pose.mean - np.array([*there.position[:2], math.atan2(ahead[1], ahead[0])])
+        off[2] = wrap_angle(off[2])
+        squares.append(off @ np.linalg.solve(pose.covariance, off))
+    assert len(squares) > 20
+    assert 0.3 < np.mean(squares) < 6.0
 
 
 def test_single_pictures_stand_alone(recordings: Path) -> None:
