@@ -25,9 +25,11 @@ from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
 
 from . import _guard_kernels
 from .commands import WalkCommand
+from .footsteps import footstep
 from .guard_config import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
 from .prediction import Habits
@@ -98,7 +100,7 @@ class Guard:
             cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]
         best = int(np.argmin(cost))
         self._begun = plans[best].copy()
-        return desired if best == 0 else _step(plans[best], self.config)
+        return desired if best == 0 else scene.step(plans[best])
 
     def expected(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Obstacle]:
         """The tracks where they should be by now, and what is remembered but followed no more: for the eyes."""
@@ -157,7 +159,7 @@ def assess(
     if harm[0] <= config.pass_m:
         order = np.concatenate([[0], order[order != 0]])
     return [
-        Assessment(desired if i == 0 else _step(plans[i], config), float(harm[i]), float(cost[i]))
+        Assessment(desired if i == 0 else scene.step(plans[i]), float(harm[i]), float(cost[i]))
         for i in order
     ]
 
@@ -181,7 +183,7 @@ class _Scene:
             where.add(obstacle)
         for line in habits.lost(obstacles, stamp_s):
             where.add_lost(line)
-        self._w_heading = config.w_heading
+        self._w_heading, self._limits = config.w_heading, gait
         self._robot, self._target = robot.mean.astype(np.float64), target.astype(np.float64)
         self._gait = np.array(
             [gait.max_turn_rad, gait.step_s, gait.max_speed_mps, max(gait.max_side_mps, 1e-3)]
@@ -225,6 +227,18 @@ class _Scene:
         harm = results[:, 0] + results[:, 1]
         return harm, harm + results[:, 2] + self._w_heading * results[:, 3]
 
+    def step(self, plan: np.ndarray) -> WalkCommand:
+        """The first step of a plan, as it was judged: a plan whose first part is over may pursue the target."""
+        gait = self._limits
+        begins = plan[3] > 0.0
+        forward, left, turn = (plan[:3] if begins else plan[4:7]).tolist()
+        if begins or plan[7] == 0.0:
+            return gait.command(forward / gait.step_s, left / gait.step_s, turn)
+        dx, dy = (self._target - self._robot[:2]).tolist()
+        if math.hypot(dx, dy) < 0.5 * forward:
+            return gait.command(0.0, 0.0, 0.0)
+        return footstep(math.atan2(dy, dx), forward / gait.step_s, Pose2(*self._robot.tolist()), gait)
+
 
 def _half_a_step_on(robot: Gaussian, last: WalkCommand) -> Gaussian:
     """Where the body is when the step now asked for begins to move it: it follows its feet half a step later."""
@@ -233,13 +247,6 @@ def _half_a_step_on(robot: Gaussian, last: WalkCommand) -> Gaussian:
     c, s = math.cos(yaw), math.sin(yaw)
     there = np.array([x + c * ahead - s * left, y + s * ahead + c * left, yaw + turn])
     return Gaussian(there, robot.covariance)
-
-
-def _step(plan: np.ndarray, config: GuardConfig) -> WalkCommand:
-    gait = config.gait
-    first = plan[:3] if plan[3] > 0.0 else plan[4:7]
-    forward, left, turn = (float(v) for v in first)
-    return gait.command(forward / gait.step_s, left / gait.step_s, turn)
 
 
 def _wishes(desired: WalkCommand, config: GuardConfig) -> np.ndarray:

@@ -100,6 +100,23 @@ def test_who_comes_a_little_faster_than_it_backs_away_is_let_by(place, velocity,
     assert math.hypot(pose.x - target[0], pose.y - target[1]) < 0.15
 
 
+@pytest.mark.parametrize("bearing", np.radians([-120, -90, 90, 120]))
+def test_who_made_room_turns_to_its_target_as_its_plan_was_judged(bearing):
+    """One that wants to stand is driven off by somebody who comes from ahead, and goes on to a target aside."""
+    target, stand = 1.2 * np.array([math.cos(bearing), math.sin(bearing)]), GAIT.command(0, 0, 0)
+    guard, last, pose = Guard(CONFIG), stand, Pose2()
+    for k in range(12):
+        now = 0.65 * k
+        comes = mover(0.6 - 0.06 * now, 0.0, -0.06, 0.0, now)
+        step = guard.choose(stand, at(pose), [comes], NOTHING, target, now)
+        for walk in (last, step):
+            pose = pose @ Pose2(walk.forward_m / 2, walk.lateral_m / 2, walk.turn_rad / 2)
+        last = step
+    off = math.atan2(target[1] - pose.y, target[0] - pose.x) - pose.yaw
+    assert abs(math.remainder(off, 2.0 * math.pi)) < 0.05
+    assert math.hypot(target[0] - pose.x, target[1] - pose.y) < 1.0
+
+
 def test_with_nothing_near_the_desired_step_is_kept():
     wish = footstep(0.3, 0.07, Pose2(), GAIT)
     far = mover(4.0, 4.0, 0.05, 0.0)
