@@ -14,7 +14,7 @@ from perception.localisation.filter import LocaliserConfig
 from perception.primitives.errors import ConfigError, InputError
 from sim.dynamic.anatomy import gait_for
 from surefoot import config_file
-from surefoot.config import WALKED_LOCALISER, Config, MissionConfig, load, on_body
+from surefoot.config import WALKED_LANDMARKS, WALKED_LOCALISER, Config, MissionConfig, load, on_body
 
 
 @settings(deadline=None)
@@ -91,6 +91,7 @@ def test_an_error_in_a_file_begins_with_the_file(tmp_path):
 def test_with_the_dynamic_body_only_the_value_named_changes(tmp_path):
     plain = load(None, ["robot.body=dynamic"])
     assert plain.localiser == WALKED_LOCALISER
+    assert plain.landmarks == WALKED_LANDMARKS
     path = tmp_path / "some.toml"
     path.write_text('[robot]\nbody = "dynamic"\n[localiser]\nrejected_frames = 7\n')
     named = load(None, ["localiser.rejected_frames=7", "robot.body=dynamic"])
