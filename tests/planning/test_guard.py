@@ -103,7 +103,8 @@ def test_who_comes_a_little_faster_than_it_backs_away_is_let_by(place, velocity,
 @pytest.mark.parametrize("bearing", np.radians([-120, -90, 90, 120]))
 def test_who_made_room_turns_to_its_target_as_its_plan_was_judged(bearing):
     """One that wants to stand is driven off by somebody who comes from ahead, and goes on to a target aside."""
-    target, stand = 1.2 * np.array([math.cos(bearing), math.sin(bearing)]), GAIT.command(0, 0, 0)
+    target = 1.2 * np.array([math.cos(bearing), math.sin(bearing)])
+    stand = GAIT.command(0.0, 0.0, 0.0)
     guard, last, pose = Guard(CONFIG), stand, Pose2()
     for k in range(12):
         now = 0.65 * k
