@@ -108,7 +108,15 @@ class Route:
         penalty = self._penalty(probability.shape, origin, cell_m, here)
         ground = prepare(probability, unknown, origin, cell_m, here, self._search, penalty)
         self.path = search(ground, here, goal, self._search)
-        return here if self.path is None else self._via(here)
+        return np.asarray(self.ahead(here)[0])
+
+    def ahead(self, here: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 2"]:
+        """Way points still to come, the via point first, world frame, m; without a path the place itself."""
+        if self.path is None:
+            return here[None]
+        points = self.path.waypoints[1:]
+        away = np.hypot(*(points[:-1] - here).T) > self._config.passed_m
+        return np.asarray(points[int(np.argmax(np.append(away, True))) :])
 
     def _start_anew(self, goal: np.ndarray) -> None:
         self._goal = goal.copy()
@@ -202,13 +210,6 @@ class Route:
                 break
             points = points[1:]
         return np.vstack([here, points[1:]])
-
-    def _via(self, here: np.ndarray) -> np.ndarray:
-        assert self.path is not None
-        for point in self.path.waypoints[1:-1]:
-            if float(np.hypot(*(point - here))) > self._config.passed_m:
-                return np.asarray(point)
-        return np.asarray(self.path.waypoints[-1])
 
 
 def _framed(values: np.ndarray, sides: tuple[tuple[int, int], tuple[int, int]]) -> np.ndarray:

@@ -32,6 +32,7 @@ from planning.gaze.policy import GazePolicy
 from planning.guard import Guard
 from planning.route import Route
 from planning.stepping import Stepper
+from planning.straight_way import farthest
 from planning.univector import motion
 
 from .config import Config
@@ -141,8 +142,11 @@ class Navigator:
             desired, why = self._wanted(estimate.pose, via, obstacles)
         with watch.stage("guard"):
             standing = _not_movers(grid.centres()[occupied], obstacles)
+            here = estimate.pose.mean[:2]
+            near_m = self._config.guard.cell_distance_m
+            target = farthest(here, self._route.ahead(here), standing, near_m)
             walk = self._stepper.choose(
-                desired, estimate.pose, obstacles, standing, via, estimate.stamp_s
+                desired, estimate.pose, obstacles, standing, target, estimate.stamp_s
             )
         self._speed_mps = walk.forward_m / self._config.guard.gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard", watch.milliseconds)

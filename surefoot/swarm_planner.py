@@ -28,6 +28,7 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
 from planning.footsteps import GaitConfig
 from planning.guard import Guard
+from planning.straight_way import farthest
 from planning.swarm import command, search
 from planning.swarm.corners import Corners
 from planning.swarm.glances import Glances
@@ -227,8 +228,7 @@ class SwarmPlanner(GoalSeeker):
     ) -> WalkCommand:
         """The step that the guard lets pass; what stands it knows by the places of contact.
 
-        The target is cut off by whoever is in the way just now, and to go there is to go along with it. So plans are
-        judged by the goal beyond it, unless something that stands bars the straight way there.
+        Plans are judged by the goal beyond the target, unless something that stands bars the straight way there.
         """
         assert estimate.pose is not None
         here = estimate.pose.mean[:2]
@@ -237,8 +237,9 @@ class SwarmPlanner(GoalSeeker):
             np.array([o.radius_m + BESIDE_M for o in movers]),
         )
         unknown = self._standing.never_seen(estimate.stamp_s, here)
-        if not barred(here, beyond, standing, self._config.guard.cell_distance_m):
-            target = beyond
+        target = farthest(
+            here, np.stack([target, beyond]), standing, self._config.guard.cell_distance_m
+        )
         return self._guard.choose(
             desired,
             estimate.pose,
@@ -328,20 +329,6 @@ class MovingGoals:
             self._reached.add(self._index)
         done = len(self._goals) - 1 in self._reached
         return done or not self._goals or estimate.stamp_s >= self._mission.time_limit_s
-
-
-def barred(
-    here: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    standing: Float[np.ndarray, "n 2"],
-    distance_m: float,
-) -> bool:
-    """Whether any of the places lies so near to the straight way between here and the goal."""
-    way, there = goal - here, standing - here
-    length = max(float(np.hypot(*way)), 1e-9)
-    along = there @ way / length
-    aside = np.abs(there[:, 0] * way[1] - there[:, 1] * way[0]) / length
-    return bool(((along > 0.0) & (along < length) & (aside < distance_m)).any())
 
 
 def _pan(picture: Picture, robot: Pose2) -> float:

@@ -58,6 +58,18 @@ def test_following_the_via_points_leads_round_a_wall_to_the_goal():
     assert nearest > 0.12
 
 
+def test_the_way_points_ahead_begin_with_the_via_point_and_end_at_the_goal():
+    route = Route(SearchConfig())
+    here = np.array([START.x, START.y])
+    np.testing.assert_array_equal(route.ahead(here), here[None])
+    wall = fill(empty(), -0.2, -1.2, 0.0, 1.775)
+    via = route.update(wall, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    ahead = route.ahead(here)
+    assert len(ahead) > 2
+    np.testing.assert_array_equal(ahead[0], via)
+    np.testing.assert_allclose(ahead[-1], GOAL, atol=1e-12)
+
+
 def test_two_equal_ways_do_not_make_it_dither():
     """An obstacle in the middle; the map flickers in favour of one side, then of the other."""
     rng = np.random.default_rng(2)

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from planning.commands import WalkCommand
 from planning.stepping import Trusting
+from planning.straight_way import barred
+from sim import scenes
 from surefoot.config import on_body
 from surefoot.course_walk import Walk, course_config, walk
 from surefoot.experiments import gaze_coupling
@@ -28,6 +31,31 @@ def test_twenty_seconds_among_fast_movers_is_walked_without_contact(truly):
     assert result.clearance_m > 0.0
     (_, x0, y0, _), (_, x1, y1, _) = result.trace[0], result.trace[-1]
     assert math.hypot(x1 - x0, y1 - y0) > 0.4
+
+
+class Listening(Trusting):
+    """Makes every step wanted, and remembers what it was to be judged by."""
+
+    def __init__(self):
+        self.heard = []
+
+    def choose(self, desired, robot, obstacles, occupied, target, stamp_s):
+        self.heard.append((robot.mean[:2], occupied, target))
+        return super().choose(desired, robot, obstacles, occupied, target, stamp_s)
+
+
+def test_steps_are_judged_by_the_goal_where_only_movers_are_in_the_way():
+    """A mover bends the path; the point that it bends round goes where the mover goes."""
+    config, stepper = short("fast_course", 2, 40.0), Listening()
+    goal = np.array(scenes.load("fast_course", 2, config.difficulty).goals[0])
+    walk(config, True, stepper)
+    clear = [
+        target
+        for here, standing, target in stepper.heard
+        if not barred(here, goal, standing, config.guard.cell_distance_m)
+    ]
+    assert len(clear) > 20
+    np.testing.assert_allclose(clear, np.broadcast_to(goal, (len(clear), 2)), atol=1e-9)
 
 
 def test_the_same_seed_walks_the_same_way():
