@@ -237,7 +237,9 @@ class _Scene:
         dx, dy = (self._target - self._robot[:2]).tolist()
         if math.hypot(dx, dy) < 0.5 * forward:
             return gait.command(0.0, 0.0, 0.0)
-        return footstep(math.atan2(dy, dx), forward / gait.step_s, Pose2(*self._robot.tolist()), gait)
+        return footstep(
+            math.atan2(dy, dx), forward / gait.step_s, Pose2(*self._robot.tolist()), gait
+        )
 
 
 def _half_a_step_on(robot: Gaussian, last: WalkCommand) -> Gaussian:
