@@ -213,15 +213,17 @@ class Config:
 WALKED_LOCALISER = LocaliserConfig(
     slip_m=0.001,
     slip_sigma_m=0.001,
+    crab_sigma_m=0.0008,
     drift_sigma_rad=math.radians(0.25),
-    step_y_sigma_m=0.0008,
+    step_y_sigma_m=0.001,
+    step_yaw_sigma_rad=math.radians(1.2),
     still_sigma_m=0.003,
     still_sigma_rad=math.radians(4.0),
     shared_bearing_sigma_rad=math.radians(0.2),
 )
-"""What the odometry of the dynamic body needs: its steps come out a millimetre longer and turn to one side, and
-standing it may twist by degrees a second until its soles are at rest: taken for standing still, that would be taken
-for a bias of the gyro, and mislead it for minutes."""
+"""What the odometry of the dynamic body needs: its steps come out a millimetre longer, turn and lead to one
+side, left ones otherwise than right ones, and standing it may twist by degrees a second until its soles are at rest:
+taken for standing still, that would be taken for a bias of the gyro, and mislead it for minutes."""
 
 
 WALKED_LANDMARKS = LandmarkConfig(

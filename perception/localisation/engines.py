@@ -17,7 +17,7 @@ from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2
 from . import models
-from .models import DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+from .models import CRAB, DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .square_root import SquareRootFilter
 
 ENGINES = ("compiled", "filterpy")
@@ -29,12 +29,12 @@ class Engine(Protocol):
 
     @property
     def belief(self) -> Gaussian:
-        """Mean and covariance, (9,) and (9, 9)."""
+        """Mean and covariance, (10,) and (10, 10)."""
 
     def reset(self, belief: Gaussian) -> None:
         """Believe this from now on."""
 
-    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "9 9"]) -> None:
+    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
         """Advance by the motion that the joints tell."""
 
     def turned(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
@@ -70,7 +70,7 @@ class Compiled:
     """By `SquareRootFilter`."""
 
     def __init__(self, start: Gaussian) -> None:
-        """Begin at a belief (9,)."""
+        """Begin at a belief (10,)."""
         self._filter = SquareRootFilter(start, angles=(YAW,))
 
     @property
@@ -82,7 +82,7 @@ class Compiled:
         """Believe this from now on."""
         self._filter.reset(belief)
 
-    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "9 9"]) -> None:
+    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
         """Advance by the motion that the joints tell."""
         self._filter.predict(lambda points: walk_all(points, motion, steps), noise)
 
@@ -118,7 +118,7 @@ class Filterpy:
     """By filterpy's filter; the only place of the walker's localisation that knows that library."""
 
     def __init__(self, start: Gaussian) -> None:
-        """Begin at a belief (9,)."""
+        """Begin at a belief (10,)."""
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
 
         points = MerweScaledSigmaPoints(
@@ -154,7 +154,7 @@ class Filterpy:
         self._filter.x, self._filter.P = np.array(belief.mean), np.array(belief.covariance)
         self._settle()
 
-    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "9 9"]) -> None:
+    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
         """Advance by the motion that the joints tell."""
         self._filter.Q = noise
         self._filter.predict(0.0, motion=motion, steps=steps)
@@ -194,8 +194,9 @@ class Filterpy:
 
 
 def walk_all(points: np.ndarray, motion: Pose2, steps: float) -> np.ndarray:
-    """`models.walk` of all states (k, 9) at once."""
-    ahead, left = motion.x + points[:, SLIP] * steps, motion.y
+    """`models.walk` of all states (k, 10) at once."""
+    ahead = motion.x + points[:, SLIP] * steps
+    left = motion.y + points[:, CRAB] * steps
     turn = motion.yaw + points[:, DRIFT] * steps
     c, s = np.cos(points[:, YAW]), np.sin(points[:, YAW])
     after = points.copy()
@@ -207,7 +208,7 @@ def walk_all(points: np.ndarray, motion: Pose2, steps: float) -> np.ndarray:
 
 
 def sighted_all(points: np.ndarray, places: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """`models.sighted` of all states (k, 9) at once: (k, 2 m)."""
+    """`models.sighted` of all states (k, 10) at once: (k, 2 m)."""
     x = places[:, 0] - points[:, X : X + 1]
     y = places[:, 1] - points[:, Y : Y + 1]
     seen = np.empty((len(points), 2 * len(places)))

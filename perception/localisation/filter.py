@@ -28,7 +28,7 @@ from ..primitives.pose import Pose2
 from . import models
 from .consistency import Innovation, chi_square_quantile
 from .engines import ENGINES, engine
-from .models import DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+from .models import CRAB, DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .relocation import pose_from_sightings
 
 log = logging.getLogger(__name__)
@@ -40,6 +40,7 @@ class LocaliserConfig:
 
     slip_m: float = -0.0012  # walking trials: mean forward slip of a step
     slip_sigma_m: float = 0.0005  # ours: how far a floor's mean slip may lie from that
+    crab_sigma_m: float = 0.0002  # ours: mean slip of a step to the left; joint zeros, one a run
     drift_sigma_rad: float = math.radians(0.15)  # walking trials: -0.3 to 0.2 deg a step, per run
     step_x_sigma_m: float = 0.0015  # walking trials, per step
     step_y_sigma_m: float = 0.0006  # walking trials: 0.4 to 0.8 mm
@@ -70,6 +71,7 @@ class LocaliserConfig:
     def __post_init__(self) -> None:
         for name in (
             "slip_sigma_m",
+            "crab_sigma_m",
             "drift_sigma_rad",
             "step_x_sigma_m",
             "step_y_sigma_m",
@@ -269,7 +271,7 @@ class PoseFilter:
 
 def process_noise(
     config: LocaliserConfig, yaw: float, steps: float, dt: float, blind: bool
-) -> Float[np.ndarray, "9 9"]:
+) -> Float[np.ndarray, "10 10"]:
     """Covariance that one interval adds to the walker's state.
 
     Args:
@@ -283,16 +285,17 @@ def process_noise(
         along = across = config.blind_sigma_m**2 * dt
         turn = config.blind_sigma_rad**2 * dt
     else:
-        still = config.still_sigma_m**2 * dt
+        standing_s = dt if steps == 0.0 else 0.0
+        still = config.still_sigma_m**2 * standing_s
         along = config.step_x_sigma_m**2 * steps + still
         across = config.step_y_sigma_m**2 * steps + still
-        turn = config.step_yaw_sigma_rad**2 * steps + config.still_sigma_rad**2 * dt
+        turn = config.step_yaw_sigma_rad**2 * steps + config.still_sigma_rad**2 * standing_s
     turn = max(turn, 1e-12)  # a turn known exactly would make the covariance singular
     rotation = Pose2(yaw=yaw).rotation
     Q = np.zeros((WALKER_SIZE, WALKER_SIZE))
     Q[:2, :2] = rotation @ np.diag([along, across]) @ rotation.T
     Q[YAW, YAW] = Q[TURN, TURN] = Q[YAW, TURN] = Q[TURN, YAW] = turn  # one and the same turn
-    Q[SLIP, SLIP] = config.slip_walk_m**2 * steps
+    Q[SLIP, SLIP] = Q[CRAB, CRAB] = config.slip_walk_m**2 * steps
     Q[DRIFT, DRIFT] = config.drift_walk_rad**2 * steps
     Q[GYRO_BIAS, GYRO_BIAS] = config.gyro_bias_walk_radps**2 * dt
     Q[PAN, PAN] = 1e-14  # a constant
@@ -342,6 +345,7 @@ def _first_belief(start: Gaussian, config: LocaliserConfig) -> Gaussian:
             0.0,
             0.0,
             config.slip_sigma_m**2,
+            config.crab_sigma_m**2,
             config.drift_sigma_rad**2,
             config.gyro_bias_sigma_radps**2,
             config.pan_offset_sigma_rad**2,

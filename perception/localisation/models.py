@@ -1,15 +1,16 @@
 """What the sigma-point filters believe of the world: how a walker moves, what its sensors say.
 
 The walker's state holds, beside its pose, what spoils dead reckoning systematically, so that landmarks
-teach it: the forward slip and the turn that every step adds, the bias of the gyro, and the angle by which
-the head's pan joint sits askew, and what all ranges have in common. The last entry is the turn made since the frame before; it lets the gyro be
-what it is, a measurement of that turn.
+teach it: the slip forward, the slip to the left (legs whose joints are off by tenths of a degree walk like a
+crab) and the turn that every step adds, the bias of the gyro, the angle by which the head's pan joint sits askew, and
+what all ranges have in common. The last entry is the turn made since the frame before; it lets the gyro be what
+it is, a measurement of that turn.
 
 Here are also the few operations that a filter over angles needs: mean and difference on the circle, and
 a matrix square root that cannot fail. Functions that run once per sigma point tell their shapes in words:
 a check of shapes at run time would cost ten times what they do.
 
-Source: seed 001, section 3 (sigma-point filter); slip and drift as states are ours.
+Source: seed 001, section 3 (sigma-point filter); slip, crab and drift as states are ours.
 """
 
 from __future__ import annotations
@@ -21,29 +22,29 @@ from jaxtyping import Float
 
 from ..primitives.pose import Pose2, wrap_angle
 
-X, Y, YAW, SLIP, DRIFT, GYRO_BIAS, PAN, RANGE, TURN = range(9)
-"""Entries of the walker's state: m, m, rad, m per step, rad per step, rad/s, rad, 1, rad.
+X, Y, YAW, SLIP, CRAB, DRIFT, GYRO_BIAS, PAN, RANGE, TURN = range(10)
+"""Entries of the walker's state: m, m, rad, m per step, m per step, rad per step, rad/s, rad, 1, rad.
 
 RANGE is by how many of their own deviations all ranges are too long alike: a lens, a printer or a renderer
 that makes every tag a little smaller.
 """
 
-WALKER_SIZE = 9
+WALKER_SIZE = 10
 
 
 def walk(state: np.ndarray, dt: float, motion: Pose2, steps: float) -> np.ndarray:
     """The walker after the motion that its joints report.
 
     Args:
-        state: (9,), see the entries above.
+        state: (10,), see the entries above.
         dt: Time passed, s; unused, the filter hands it over.
         motion: Body now in the body frame before, by step odometry.
         steps: How much of a footstep it was.
 
     Returns:
-        The state after it; slip and drift are added in proportion to the steps made.
+        The state after it; slip, crab and drift are added in proportion to the steps made.
     """
-    ahead, left = motion.x + state[SLIP] * steps, motion.y
+    ahead, left = motion.x + state[SLIP] * steps, motion.y + state[CRAB] * steps
     turn = motion.yaw + state[DRIFT] * steps
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     after = state.copy()
@@ -55,7 +56,7 @@ def walk(state: np.ndarray, dt: float, motion: Pose2, steps: float) -> np.ndarra
 
 
 def gyro_turn(state: np.ndarray, dt: float) -> np.ndarray:
-    """What the gyro, summed over dt seconds, says of the turn just made in a state (9,): (1,), rad."""
+    """What the gyro, summed over dt seconds, says of the turn just made in a state (10,): (1,), rad."""
     return state[TURN : TURN + 1] + state[GYRO_BIAS] * dt
 
 
@@ -80,7 +81,7 @@ def sighted(state: np.ndarray, places: np.ndarray, sigmas: np.ndarray) -> np.nda
     """What a walker sees of places: `range_bearing`, through a head askew and a lens not quite right.
 
     Args:
-        state: (9,), see the entries above.
+        state: (10,), see the entries above.
         places: (k, 2), world frame, m.
         sigmas: (k,), deviation claimed for each range, m.
 
@@ -104,8 +105,8 @@ def circular_mean(angles_rad: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def walker_mean(
-    points: Float[np.ndarray, "k 9"], weights: Float[np.ndarray, "k"]
-) -> Float[np.ndarray, "9"]:
+    points: Float[np.ndarray, "k 10"], weights: Float[np.ndarray, "k"]
+) -> Float[np.ndarray, "10"]:
     """Mean of sigma points of the walker, its yaw averaged on the circle."""
     mean = weights @ points
     mean[YAW] = circular_mean(points[:, YAW], weights)
@@ -113,14 +114,14 @@ def walker_mean(
 
 
 def walker_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a - b of states (9,), the yaw the short way round."""
+    """a - b of states (10,), the yaw the short way round."""
     difference = a - b
     difference[YAW] = (difference[YAW] + math.pi) % (2.0 * math.pi) - math.pi
     return difference
 
 
 def walker_sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a + b of states (9,), the yaw in [-pi, pi)."""
+    """a + b of states (10,), the yaw in [-pi, pi)."""
     total = a + b
     total[YAW] = wrap_angle(total[YAW])
     return total

@@ -29,7 +29,7 @@ from . import models
 from .consistency import chi_square_quantile
 from .filter import LocaliserConfig, process_noise
 from .keyframes import POSE, Viewpoints
-from .models import DRIFT, PAN, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+from .models import CRAB, DRIFT, PAN, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .registration_config import RegistrationConfig as RegistrationConfig
 from .scan import Scan
 
@@ -354,7 +354,7 @@ class _Fit:
 
 def motion(
     config: LocaliserConfig, before: Gaussian, odometry: StepOdometry | None, dt: float
-) -> tuple[Float[np.ndarray, "9 9"], Gaussian]:
+) -> tuple[Float[np.ndarray, "10 10"], Gaussian]:
     """The walker's motion to first order: its Jacobian, and the state after it.
 
     Args:
@@ -371,10 +371,11 @@ def motion(
     dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
     x = before.mean
     c, s = math.cos(x[YAW]), math.sin(x[YAW])
-    ahead, left = made.x + x[SLIP] * steps, made.y
+    ahead, left = made.x + x[SLIP] * steps, made.y + x[CRAB] * steps
     F = np.eye(WALKER_SIZE)
     F[X, YAW], F[Y, YAW] = -s * ahead - c * left, c * ahead - s * left
     F[X, SLIP], F[Y, SLIP] = c * steps, s * steps
+    F[X, CRAB], F[Y, CRAB] = -s * steps, c * steps
     F[YAW, DRIFT] = F[TURN, DRIFT] = steps
     F[TURN, TURN] = 0.0
     Q = process_noise(config, float(x[YAW]), steps, dt, blind)

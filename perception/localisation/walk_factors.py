@@ -61,7 +61,10 @@ def walk_systematics(config: LocaliserConfig) -> tuple[Systematic, ...]:
 
     return (
         Systematic(
-            SLIP, ahead(config.slip_m), ahead(config.slip_sigma_m), ahead(config.slip_walk_m)
+            SLIP,
+            ahead(config.slip_m),
+            np.array([config.slip_sigma_m, config.crab_sigma_m, 0.0]),
+            np.array([config.slip_walk_m, config.slip_walk_m, 0.0]),
         ),
         Systematic(DRIFT, none, turn(config.drift_sigma_rad), turn(config.drift_walk_rad)),
         Systematic(

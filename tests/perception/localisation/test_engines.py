@@ -76,9 +76,10 @@ def test_all_points_at_once_move_and_see_as_one_by_one(seed, turn, steps):
 
 @pytest.mark.parametrize("name", ENGINES)
 def test_what_it_believes_is_what_it_was_told(name):
-    P = np.diag(np.arange(1.0, 10.0)) * 1e-4
-    believed = engine(name, Gaussian(np.arange(9.0) / 10.0, P)).belief
-    np.testing.assert_allclose(believed.mean, np.arange(9.0) / 10.0)
+    mean = np.arange(float(models.WALKER_SIZE)) / 10.0
+    P = np.diag(mean + 0.1) * 1e-3
+    believed = engine(name, Gaussian(mean, P)).belief
+    np.testing.assert_allclose(believed.mean, mean)
     np.testing.assert_allclose(believed.covariance, P, rtol=1e-12)
 
 
@@ -86,7 +87,7 @@ def test_an_unknown_engine_is_refused():
     with pytest.raises(ConfigError, match="engine='fast' is unknown; choose one of"):
         LocaliserConfig(engine="fast")
     with pytest.raises(ConfigError, match="unknown"):
-        engine("fast", Gaussian(np.zeros(9), np.eye(9)))
+        engine("fast", Gaussian(np.zeros(models.WALKER_SIZE), np.eye(models.WALKER_SIZE)))
 
 
 def test_the_compiled_engine_lives_through_what_is_nearly_singular():

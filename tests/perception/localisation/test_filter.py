@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from perception.localisation import models
 from perception.localisation.consistency import band, nees, whiteness, whiteness_bound
 from perception.localisation.filter import (
+    ENGINES,
     LocaliserConfig,
     PoseFilter,
     UpdateReport,
@@ -64,6 +65,7 @@ class Walker:
         self.gyro_bias = self.rng.normal() * 0.005
         self.askew = self.rng.normal() * 0.3 * DEG
         self.common = self.rng.normal() * 0.7
+        self.crab = 0.0  # m a step to the left
         self.frame = 0
 
     def step(self) -> tuple[StepOdometry, Imu, float]:
@@ -76,7 +78,7 @@ class Walker:
             root = math.sqrt(steps)
             slip = Pose2(
                 -0.0012 * steps + 0.0015 * root * self.rng.normal(),
-                0.0006 * root * self.rng.normal(),
+                self.crab * steps + 0.0006 * root * self.rng.normal(),
                 self.drift * steps + 0.6 * DEG * root * self.rng.normal(),
             )
         now = self.true @ told @ slip
@@ -190,6 +192,45 @@ def test_landmarks_teach_it_the_drift_and_standing_teaches_it_the_gyro_bias():
         assert abs(state.mean[entry] - true) < 3.5 * sigma
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("crab_m", [-0.001, 0.001])
+def test_landmarks_teach_it_that_it_walks_like_a_crab(crab_m, engine):
+    """Steps that lead to one side: not taken for a heading that is off."""
+    config = LocaliserConfig(crab_sigma_m=0.0008, engine=engine)
+    learnt, errors, covariances = [], [], []
+    for seed in range(8):
+        walker = Walker(seed)
+        walker.crab = crab_m
+        robot = PoseFilter(Gaussian(np.zeros(3), STARTING), MARKS, config)
+        for _ in range(120):
+            odometry, imu, dt = walker.step()
+            robot.predict(odometry, imu, dt)
+            robot.update(walker.look())
+        state = robot.state
+        errors.append(robot.pose.mean - walker.true.vector)
+        errors[-1][2] = wrap_angle(float(errors[-1][2]))
+        covariances.append(robot.pose.covariance)
+        learnt.append(
+            (state.mean[models.CRAB], math.sqrt(state.covariance[models.CRAB, models.CRAB]))
+        )
+    means, sigmas = np.array(learnt).T
+    assert (sigmas < 0.8 * config.crab_sigma_m).all()
+    assert (np.abs(means - crab_m) < 3.5 * sigmas).all()
+    assert np.mean(np.sign(means) == np.sign(crab_m)) >= 0.75
+    assert np.mean(nees(np.array(errors), np.array(covariances))) < 7.5  # 3, of eight; 99.9 % below
+
+
+def test_noise_of_standing_is_not_that_of_walking():
+    """Soles that settle say nothing of soles that bear."""
+    config = LocaliserConfig(still_sigma_m=0.01, still_sigma_rad=0.1)
+    walking = process_noise(config, 0.0, 0.5, 0.325, blind=False)
+    standing = process_noise(config, 0.0, 0.0, 0.325, blind=False)
+    assert walking[0, 0] == pytest.approx(0.5 * config.step_x_sigma_m**2)
+    assert walking[2, 2] == pytest.approx(0.5 * config.step_yaw_sigma_rad**2)
+    assert standing[0, 0] == pytest.approx(0.325 * 0.01**2)
+    assert standing[2, 2] == pytest.approx(0.325 * 0.1**2)
+
+
 def test_it_walks_across_the_seam_of_the_circle_without_noticing():
     robot = PoseFilter(Gaussian(np.array([0.0, 0.0, math.pi - 0.02]), STARTING), MARKS)
     for _ in range(6):
@@ -207,7 +248,9 @@ def test_a_prediction_is_what_many_walkers_do():
     motion, n = Pose2(0.3, 0.05, 0.2), 20000
     cloud = rng.multivariate_normal(before.mean, before.covariance, size=n)
     moved = np.array([models.walk(s, 0.3, motion, 1.0) for s in cloud])
-    moved += rng.multivariate_normal(np.zeros(9), process_noise(config, 0.0, 1.0, 0.3, False), n)
+    moved += rng.multivariate_normal(
+        np.zeros(models.WALKER_SIZE), process_noise(config, 0.0, 1.0, 0.3, False), n
+    )
     robot.predict(StepOdometry(motion, 1.0), None, 0.3)
     P = robot.pose.covariance
     sigma = np.sqrt(np.diag(P))

@@ -229,7 +229,7 @@ def test_legs_and_gyro_together_turn_as_the_surer_one_says():
     imu = Imu(np.array([0.0, 0.0, 0.1]), np.zeros(3))
     motion = step(CONFIG, 1, told, imu, 0.3).motion
     assert isinstance(motion, Pose2)
-    legs, gyro = CONFIG.step_yaw_sigma_rad**2 * 0.5 + CONFIG.still_sigma_rad**2 * 0.3, 0.0006**2
+    legs, gyro = CONFIG.step_yaw_sigma_rad**2 * 0.5, 0.0006**2
     expected = (0.05 / legs + 0.03 / gyro) / (1 / legs + 1 / gyro)
     assert wrap_angle(motion.yaw - expected) == pytest.approx(0.0, abs=1e-9)
 
