@@ -22,7 +22,7 @@ from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from mapping.panorama.views import View, view_of_depth
 from perception.primitives.frame import Depth, Frame
-from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from planning import footsteps
 from planning.avoidance import primitives
 from planning.avoidance.choice import Choice, choose
@@ -102,6 +102,7 @@ class AvoidancePlanner(GoalSeeker):
         self._phase = "walk"
         self._urged = False
         self._views: list[View] = []
+        self._stand = Pose2()  # where it looks about from, heading to the goal: frame of the views
         self._legs: list[Leg] = []
         self._wait_s = 0.0
         self._settle = 0
@@ -136,7 +137,8 @@ class AvoidancePlanner(GoalSeeker):
         if depth is None or depth.T_body_camera is None:
             return
         if _off_aim(depth, DIRECTIONS[len(self._views)]) <= AIMED_RAD:
-            view = view_of_depth(depth, FARTHEST_M, None, depth.T_body_camera, frame.stamp_s)
+            T_stand_camera = self._as_stood(estimate.pose2, depth.T_body_camera)
+            view = view_of_depth(depth, FARTHEST_M, None, T_stand_camera, frame.stamp_s)
             self._views.append(view)
 
     def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
@@ -146,12 +148,12 @@ class AvoidancePlanner(GoalSeeker):
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         robot = estimate.pose2
         if self._phase == "scan" and len(self._views) == len(DIRECTIONS):
-            self._conclude(robot, goal, estimate.stamp_s)
+            self._conclude(goal, estimate.stamp_s)
         if self._phase == "scan":
             return Decision(WalkCommand(), GazeCommand(*DIRECTIONS[len(self._views)]), "scan")
         if self._phase == "stop":
             if estimate.stamp_s >= self._wait_s:
-                self._phase, self._views = "scan", []
+                self._scan(robot, math.atan2(goal[1] - robot.y, goal[0] - robot.x))
             return Decision(WalkCommand(), GazeCommand(), "ST")
         if self._phase == "pass":
             step = self._pass(estimate, pipeline.grid, goal)
@@ -192,9 +194,22 @@ class AvoidancePlanner(GoalSeeker):
         """Turn to where the way is blocked; once it does, begin to look about."""
         turn = wrap_angle(heading - robot.yaw)
         if abs(turn) <= FACING_RAD:
-            self._phase, self._views, self._urged = "scan", [], False
+            self._scan(robot, heading)
+            self._urged = False
         walk = self._config.guard.gait.command(0.0, 0.0, turn)
         return Decision(walk, gaze, "blocked")
+
+    def _scan(self, robot: Pose2, heading: float) -> None:
+        """Begin to look about from here, towards that heading."""
+        self._phase, self._views = "scan", []
+        self._stand = Pose2(robot.x, robot.y, heading)
+
+    def _as_stood(self, robot: Pose2, T_body_camera: Pose3) -> Pose3:
+        """A camera of the robot of now in the frame of the views.
+
+        Who stands and turns its head is turned by it, by some degrees in nine views.
+        """
+        return (self._stand.inverse() @ robot).lifted() @ T_body_camera
 
     def _blocked(
         self,
@@ -211,8 +226,9 @@ class AvoidancePlanner(GoalSeeker):
         ahead = (there[:, 0] > 0.1) & (there[:, 0] < reach) & (np.abs(there[:, 1]) < half)
         return bool(np.count_nonzero(ahead) >= 2)
 
-    def _conclude(self, robot: Pose2, goal: Float[np.ndarray, "2"], stamp_s: float) -> None:
+    def _conclude(self, goal: Float[np.ndarray, "2"], stamp_s: float) -> None:
         """From the views to what is done next."""
+        robot = self._stand
         panorama = stitch(self._views, self._rng)
         around = surroundings(panorama, self._views)
         reach = min(REACH_M, float(np.hypot(goal[0] - robot.x, goal[1] - robot.y)))

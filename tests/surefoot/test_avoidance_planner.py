@@ -9,7 +9,7 @@ import pytest
 
 from mapping.egocentric_grid import EgocentricGrid, GridConfig
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.pose import Pose2
+from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.avoidance.choice import Choice
 from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import passage
@@ -50,6 +50,20 @@ def test_nine_views_leave_no_stripe_of_the_ground_ahead_unseen():
     for pan in np.linspace(-60.0, 60.0, 61):
         for away in np.linspace(0.75, 2.5, 8):
             assert _sees(float(pan), math.degrees(math.atan2(HEAD_M, away)))
+
+
+def test_views_of_who_is_turned_by_its_own_head_show_things_where_they_stand():
+    """A thing in the world, seen by a body that has turned by eight degrees meanwhile."""
+    thing, heading = np.array([1.4, 0.8, 0.2]), 0.3
+    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner._scan(Pose2(0.5, 0.1, heading + 0.05), heading)
+    stood = Pose2(0.5, 0.1, heading).inverse().apply(thing[None, :2])[0]
+    for k, (pan, tilt) in enumerate(DIRECTIONS):
+        now = Pose2(0.5 + 0.001 * k, 0.1 - 0.002 * k, heading + math.radians(k - 3.0))
+        T_body_camera = Pose3.from_rotation(head_rotation(pan, tilt), np.array([0.03, 0.0, 0.4]))
+        in_camera = (now.lifted() @ T_body_camera).inverse().apply(thing[None])
+        found = planner._as_stood(now, T_body_camera).apply(in_camera)[0]
+        np.testing.assert_allclose(found, [*stood, 0.2], atol=1e-12)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
