@@ -255,8 +255,8 @@ SCALED = {
 def needs(robot: RobotConfig) -> dict[str, Any]:
     """What this body needs otherwise than the defaults have it, as nested tables.
 
-    Odometry of steps that are really walked and the sway of their cameras, and the measures of another anatomy or scale: radii as the
-    circle round the trunk, steps and eye as the legs.
+    Odometry of steps that are really walked, the sway of their cameras, and the measures of another anatomy or
+    scale: radii as the circle round the trunk, steps and eye as the legs.
     """
     found: dict[str, Any] = {}
     if robot.body == "dynamic":
