@@ -167,9 +167,8 @@ class Tracked:
         mean = np.array([T.translation[0], T.translation[1], math.atan2(ahead[1], ahead[0])])
         start = self.odometer.T_world_start
         assert start is not None
-        distortion = (
-            self.odometer.config.back_end.distortion
-        )  # this image's; the first's is carried along
+        # this image's; the first's is carried along
+        distortion = self.odometer.config.back_end.distortion
         covariance = turned_covariance(self._covariance + distortion, start.rotation)
         planar = np.ix_([0, 1, 5], [0, 1, 5])
         floor = np.diag([1e-4**2, 1e-4**2, 1e-4**2])  # where the world begins is known
