@@ -21,32 +21,39 @@ def _distance(x: float, y: float) -> float:
 
 
 @njit(cache=True)
-def deviations(
+def relative_places(
     mover: np.ndarray,
     robot: np.ndarray,
     times: np.ndarray,
     sure_s: float,
     acceleration: float,
-    most: float,
     result: np.ndarray,
 ) -> None:
-    """Deviation of the relative place along its worst axis, going straight on.
+    """Covariance of the relative place, going straight on.
 
     Args:
         mover, robot: Covariances of (x, y, vx, vy) and of (x, y, yaw).
         times: (n,) from now, s; what is later than `sure_s` counts as if it were then.
         acceleration: Of the mover, random, m/s^2.
-        most: No deviation is told as larger, m.
-        result: (n,), written.
+        result: (n, 3), written: variances of x and of y, covariance of the two, m^2.
     """
     for k in range(len(times)):
         t = min(times[k], sure_s)
+        noise = 0.5 * acceleration * t * t
         xx = mover[0, 0] + robot[0, 0] + 2.0 * t * mover[0, 2] + t * t * mover[2, 2]
         yy = mover[1, 1] + robot[1, 1] + 2.0 * t * mover[1, 3] + t * t * mover[3, 3]
-        xy = mover[0, 1] + robot[0, 1] + t * (mover[0, 3] + mover[1, 2]) + t * t * mover[2, 3]
-        worst = 0.5 * (xx + yy) + _distance(0.5 * (xx - yy), xy)
-        noise = 0.5 * acceleration * t * t
-        result[k] = min(math.sqrt(max(worst, 0.0) + noise * noise), most)
+        result[k, 0], result[k, 1] = xx + noise * noise, yy + noise * noise
+        result[k, 2] = (
+            mover[0, 1] + robot[0, 1] + t * (mover[0, 3] + mover[1, 2]) + t * t * mover[2, 3]
+        )
+
+
+@njit(cache=True)
+def _need(base: float, doubt: np.ndarray, most: float, x: float, y: float) -> float:
+    """Distance to be kept in a direction: the base and a deviation, no larger than `most`, along it."""
+    square = max(x * x + y * y, 1e-18)
+    along = (x * x * doubt[0] + y * y * doubt[1] + 2.0 * x * y * doubt[2]) / square
+    return base + min(math.sqrt(max(along, 0.0)), most)
 
 
 @njit(cache=True)
@@ -68,7 +75,8 @@ def _too_late(
     yaw: float,
     vx: float,
     vy: float,
-    need: float,
+    beside: float,
+    lead: float,
     react_s: float,
     top: float,
     side: float,
@@ -80,7 +88,7 @@ def _too_late(
         ax, ay: Robot minus mover.
         yaw: Of the robot.
         vx, vy: Of the mover, before it turns.
-        need: Distance to be kept.
+        beside, lead: Distances to be kept across its way and along it.
         react_s: Until a turn is noticed and the robot moves.
         top, side: Speeds ahead, and aside or back.
         turn_rate: rad/s.
@@ -91,10 +99,10 @@ def _too_late(
     ex, ey = vx / speed, vy / speed
     along = ax * ex + ay * ey
     across = ex * ay - ey * ax
-    if along >= 0.0 or abs(across) >= need:
+    if along >= 0.0 or abs(across) >= beside:
         return 0.0
-    lateral = need - abs(across)
-    free = -along - math.sqrt(need * need - across * across)
+    lateral = beside - abs(across)
+    free = -along - lead * math.sqrt(1.0 - (across / beside) ** 2)
     sign = 1.0 if across >= 0.0 else -1.0
     c, s = math.cos(yaw), math.sin(yaw)
     outward = sign * (c * -ey + s * ex)
@@ -104,7 +112,7 @@ def _too_late(
     off = math.acos(min(max(outward, -1.0), 1.0))
     ahead_s = max(off - 0.6, 0.0) / turn_rate + lateral / (0.9 * top)
     aside_s = lateral / max(side * max(abs(outward) if outward < 0.0 else abs(away), 0.1), 1e-3)
-    through_s = max(math.pi - off - 0.6, 0.0) / turn_rate + (need + abs(across)) / (0.9 * top)
+    through_s = max(math.pi - off - 0.6, 0.0) / turn_rate + (beside + abs(across)) / (0.9 * top)
     late = react_s + min(ahead_s, aside_s, through_s) - arrives
     if late <= 0.0:
         return 0.0
@@ -116,7 +124,7 @@ def _within_reach(
     robot: np.ndarray,
     plans: np.ndarray,
     places: np.ndarray,
-    needed: np.ndarray,
+    most: np.ndarray,
     turning: np.ndarray,
     soft: float,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -125,12 +133,12 @@ def _within_reach(
     for i in range(plans.shape[0]):
         longest = max(longest, _distance(plans[i, 0], plans[i, 1]))
         longest = max(longest, _distance(plans[i, 4], plans[i, 5]))
-    many, samples = needed.shape
+    many, samples = most.shape
     near, counts = np.empty((samples, many), np.int64), np.zeros(samples, np.int64)
     for sample in range(samples):
         reach = 0.5 * (sample + 1) * longest + soft + 1e-6
         for h in range(many):
-            need = needed[h, sample]
+            need = most[h, sample]
             if need <= 0.0:
                 continue
             x, y = places[h, sample, 0] - robot[0], places[h, sample, 1] - robot[1]
@@ -138,6 +146,27 @@ def _within_reach(
                 near[sample, counts[sample]] = h
                 counts[sample] += 1
     return near, counts
+
+
+@njit(cache=True)
+def _distances(
+    velocities: np.ndarray, needed: np.ndarray, doubts: np.ndarray, widest: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each disc and sample the largest distance to be kept, that across its way, and that along it."""
+    many, samples = needed.shape
+    most, beside, lead = np.zeros_like(needed), np.zeros_like(needed), np.zeros_like(needed)
+    for h in range(many):
+        for sample in range(samples):
+            base, doubt = needed[h, sample], doubts[h, sample]
+            if base <= 0.0:
+                continue
+            middle, half = 0.5 * (doubt[0] + doubt[1]), 0.5 * (doubt[0] - doubt[1])
+            worst = max(middle + _distance(half, doubt[2]), 0.0)
+            most[h, sample] = base + min(math.sqrt(worst), widest)
+            vx, vy = velocities[h, sample, 0], velocities[h, sample, 1]
+            beside[h, sample] = _need(base, doubt, widest, -vy, vx)
+            lead[h, sample] = _need(base, doubt, widest, vx, vy)
+    return most, beside, lead
 
 
 @njit(cache=True)
@@ -157,6 +186,7 @@ def roll_out(
     places: np.ndarray,
     velocities: np.ndarray,
     needed: np.ndarray,
+    doubts: np.ndarray,
     weights: np.ndarray,
     turning: np.ndarray,
     cells: np.ndarray,
@@ -179,26 +209,30 @@ def roll_out(
         places: (h, 2 steps, 2) of moving discs at the samples.
         velocities: (h, 2 steps, 2) of these.
         needed: (h, 2 steps) least distance to each; 0 where the hypothesis says nothing.
+        doubts: (h, 2 steps, 3) covariance of its place as `relative_places` writes it, m^2: one deviation
+            towards the robot is added to the distance.
         weights: (h,) of each.
         turning: (h, 2 steps) probability that it turns back at that time.
         cells: (k, 2) middles of occupied cells, the nearest to the robot first.
         cells_needed: (k, 2): least distance to each; less than this is a contact.
         prices: Width of the uneasy band, m; price of its inner edge, m; price of missing distance, m/m;
             missing distance that is a contact, m; price of a contact, m; time in which prices fall by
-            e, s; time to react, s; what a step within the band of who may turn back there counts.
+            e, s; time to react, s; what a step within the band of who may turn back there counts; the
+            largest deviation that is added, m.
         prune: Whether a plan that costs more than one before it already is given up (harm infinite).
         results: (c, 4) output: harm by movers, harm by cells, distance to the target (least, and a
             little of the last), angle off it at the end.
     """
     max_turn, step_s, top, side = gait[0], gait[1], gait[2], gait[3]
     soft, ease, steep, touch, hard = prices[0], prices[1], prices[2], prices[3], prices[4]
-    fade_s, react_s, at_heels = prices[5], prices[6], prices[7]
+    fade_s, react_s, at_heels, doubtful = prices[5], prices[6], prices[7], prices[8]
     many, samples = needed.shape[0], needed.shape[1]
+    most, beside, lead = _distances(velocities, needed, doubts, doubtful)
     worst = np.empty(many)
     late, heels = np.empty(many), np.empty(many)
     fades = np.empty(samples)
     cheapest = math.inf
-    near, counts = _within_reach(robot, plans, places, needed, turning, soft)
+    near, counts = _within_reach(robot, plans, places, most, turning, soft)
     apart, widest = np.empty(cells.shape[0]), 0.0
     for k in range(cells.shape[0]):
         apart[k] = _distance(cells[k, 0] - robot[0], cells[k, 1] - robot[1]) - 1e-6
@@ -253,11 +287,13 @@ def roll_out(
                 fade = fades[sample]
                 for one in range(counts[sample]):
                     h = near[sample, one]
-                    need = needed[h, sample]
                     ax = x - places[h, sample, 0]
                     ay = y - places[h, sample, 1]
                     square = ax * ax + ay * ay
-                    close = square < (need + soft) ** 2
+                    close = square < (most[h, sample] + soft) ** 2
+                    if close:
+                        need = _need(needed[h, sample], doubts[h, sample], doubtful, ax, ay)
+                        close = square < (need + soft) ** 2
                     if close:
                         gap = need - math.sqrt(square)
                         cost = fade * _harm(gap, soft, ease, steep, touch, hard)
@@ -271,7 +307,8 @@ def roll_out(
                             yaw,
                             velocities[h, sample, 0],
                             velocities[h, sample, 1],
-                            need,
+                            beside[h, sample],
+                            lead[h, sample],
                             react_s,
                             top,
                             side,
@@ -320,8 +357,7 @@ def roll_out(
             results[i, 2], results[i, 3] = nearest, 0.0
             continue
         for h in range(many):  # who is caught up with after the end is charged at the end
-            need = needed[h, samples - 1]
-            if need <= 0.0:
+            if needed[h, samples - 1] <= 0.0:
                 continue
             missing = _too_late(
                 x - places[h, samples - 1, 0],
@@ -329,7 +365,8 @@ def roll_out(
                 yaw,
                 -velocities[h, samples - 1, 0],
                 -velocities[h, samples - 1, 1],
-                need,
+                beside[h, samples - 1],
+                lead[h, samples - 1],
                 0.0,
                 top,
                 side,

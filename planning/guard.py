@@ -200,12 +200,13 @@ class _Scene:
                 config.fade_s,
                 config.react_s,
                 config.at_heels,
+                config.sigmas * config.max_sigma_m,
             ]
         )
 
     def judge(self, plans: np.ndarray, prune: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Harm and cost of every plan, m; infinite for one given up early."""
-        places, velocities, needed, weights, turning = self._movers
+        places, velocities, needed, doubts, weights, turning = self._movers
         cells, cells_needed = self._cells
         results = np.empty((len(plans), 4))
         _guard_kernels.roll_out(
@@ -216,6 +217,7 @@ class _Scene:
             places,
             velocities,
             needed,
+            doubts,
             weights,
             turning,
             cells,

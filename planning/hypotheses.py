@@ -42,6 +42,7 @@ class Hypotheses:
         self._places = [np.zeros((0, samples, 2))]
         self._velocities = [np.zeros((0, samples, 2))]
         self._needed = [np.zeros((0, samples))]
+        self._doubts, self._certain = [np.zeros((0, samples, 3))], np.zeros((samples, 3))
         self._turning = [np.zeros((0, samples))]
         self._weights: list[float] = []
 
@@ -51,6 +52,7 @@ class Hypotheses:
             np.concatenate(self._places),
             np.concatenate(self._velocities),
             np.concatenate(self._needed),
+            np.concatenate(self._doubts),
             np.array(self._weights, np.float64),
             np.concatenate(self._turning),
         )
@@ -73,12 +75,26 @@ class Hypotheses:
             need = min(near + config.still_margin_m + doubt, max(here, near))
             places = np.empty((len(times), 2))
             places[:] = place
-            self._put(places, self._rest, np.full(len(times), need), 1.0 - moves, self._never)
+            self._put(
+                places,
+                self._rest,
+                np.full(len(times), need),
+                self._certain,
+                1.0 - moves,
+                self._never,
+            )
         if moves > 1.0 - SURE:
             going = obstacle.gone_straight()
-            doubts = _deviation(self._robot, going, times, config)
-            distance = near + config.margin_m + config.sigmas * doubts
-            self._add_mover(going, distance, moves)
+            doubts = np.empty((len(times), 3))
+            _guard_kernels.relative_places(
+                going.state.covariance,
+                self._robot.covariance,
+                times,
+                config.sure_s,
+                config.acceleration_mps2,
+                doubts,
+            )
+            self._add_mover(going, near + config.margin_m, config.sigmas**2 * doubts, moves)
 
     def _last_seen(self, obstacle: Obstacle) -> np.ndarray:
         unseen = max(self._stamp_s - obstacle.seen_s, 0.0)
@@ -89,12 +105,14 @@ class Hypotheses:
         places: np.ndarray,
         velocities: np.ndarray,
         needed: np.ndarray,
+        doubts: np.ndarray,
         weight: float,
         turning: np.ndarray,
     ) -> None:
         self._places.append(places[None])
         self._velocities.append(velocities[None])
         self._needed.append(needed[None])
+        self._doubts.append(doubts[None])
         self._weights.append(weight)
         self._turning.append(turning[None])
 
@@ -113,15 +131,25 @@ class Hypotheses:
             for sense in (1.0, -1.0):
                 at = start + sense * line.speed_mps * times
                 places = line.origin + at[:, None] * line.direction
-                self._put(places, self._rest, need, config.lost_weight / pieces, self._never)
+                self._put(
+                    places,
+                    self._rest,
+                    need,
+                    self._certain,
+                    config.lost_weight / pieces,
+                    self._never,
+                )
 
-    def _add_mover(self, obstacle: Obstacle, distance: np.ndarray, moves: float) -> None:
+    def _add_mover(
+        self, obstacle: Obstacle, distance: float, doubts: np.ndarray, moves: float
+    ) -> None:
         """It goes on as forecast; if it was lost, it may have turned or stopped at any time since."""
         config, times = self._config, self._times
         unseen = min(max(self._stamp_s - obstacle.seen_s, 0.0), config.longest_unseen_s)
         forecast = self._habits.forecast(obstacle, self._stamp_s, times)
         turning = np.where(forecast.learnt, config.learnt_weight, config.turn_weight)
-        self._put(forecast.places, forecast.velocities, distance, moves, turning)
+        always = np.full(len(times), distance)
+        self._put(forecast.places, forecast.velocities, always, doubts, moves, turning)
         if forecast.since_seen or unseen <= config.gait.step_s:
             return
         velocity = obstacle.velocity
@@ -129,33 +157,16 @@ class Hypotheses:
         velocity = velocity * min(1.0, config.prediction.most_mps / max(speed, 1e-9))
         seen_at = obstacle.position - obstacle.velocity * unseen
         early = np.where(times <= config.doubt_s, distance, 0.0)
-        pieces = 1 + int(speed * unseen / float(distance.min()))
+        pieces = 1 + int(speed * unseen / distance)
         weight = -math.expm1(-unseen / config.turns_every_s)
         for k in range(1, 2 * pieces + 1):
             share = 1.0 - k / pieces  # below 1, ..., 0, ..., -1
             places = seen_at + share * velocity * (unseen + times[:, None])
-            self._put(places, self._rest, early, moves * max(weight, 0.2), self._never)
-
-
-def _deviation(
-    robot: Gaussian, obstacle: Obstacle, times: np.ndarray, config: GuardConfig
-) -> np.ndarray:
-    """Deviation of a mover's relative position along its worst axis at the times, m, capped."""
-    deviations = np.empty(len(times))
-    _guard_kernels.deviations(
-        obstacle.state.covariance,
-        robot.covariance,
-        times,
-        config.sure_s,
-        config.acceleration_mps2,
-        config.max_sigma_m,
-        deviations,
-    )
-    return deviations
+            self._put(places, self._rest, early, doubts, moves * max(weight, 0.2), self._never)
 
 
 def _place_deviation(robot: Gaussian, obstacle: Obstacle) -> float:
-    """The same of a thing that stands."""
+    """Deviation of the relative place of a thing that stands, along its worst axis, m."""
     P = obstacle.state.covariance[:2, :2] + robot.covariance[:2, :2]
     middle, spread = (P[0, 0] + P[1, 1]) / 2, math.hypot((P[0, 0] - P[1, 1]) / 2, P[0, 1])
     return math.sqrt(max(float(middle) + spread, 0.0))
