@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
+from ..gait import GRAVITY_MPS2
+
 
 @njit(cache=True)
 def solve_leg(pelvis: np.ndarray, foot: np.ndarray, size: np.ndarray, angles: np.ndarray) -> None:
@@ -168,10 +170,11 @@ def attend(
 ) -> None:
     """Turn the vertical in the trunk (up, (3,)) on by the gyro, and a little towards the accelerometer.
 
-    What the accelerometer keeps asking for is learnt as the gyro's bias, (3,). Force (3,) is at rest.
+    What the accelerometer keeps asking for is learnt as the gyro's bias, (3,). Force (3,) is at rest. It
+    is taken in multiples of gravity, not of its own length: gears that chatter shake it by half a gravity
+    ahead and up at once, and of directions that mean would lean by degrees.
     """
-    length = math.sqrt(force[0] ** 2 + force[1] ** 2 + force[2] ** 2)
-    fx, fy, fz = force[0] / length, force[1] / length, force[2] / length
+    fx, fy, fz = force[0] / GRAVITY_MPS2, force[1] / GRAVITY_MPS2, force[2] / GRAVITY_MPS2
     wx, wy, wz = rate[0] - bias[0], rate[1] - bias[1], rate[2] - bias[2]
     bias[0] -= learn * (fy * up[2] - fz * up[1])
     bias[1] -= learn * (fz * up[0] - fx * up[2])

@@ -51,6 +51,17 @@ def test_planned_acceleration_does_not_lean_the_vertical():
     assert attitude.tilt == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
+@pytest.mark.parametrize("upward_share", [0.5, -0.5])
+def test_gears_that_chatter_do_not_lean_the_vertical(upward_share):
+    """Ahead and up at once, 5 m/s^2: each blow leans, their mean does not."""
+    attitude = Attitude(BalanceConfig(), TICK_S)
+    for k in range(4000):
+        blow = 5.0 * (-1.0) ** k
+        force = np.array([blow, 0.3 * blow, GRAVITY_MPS2 + upward_share * blow])
+        attitude.feel(np.zeros(3), force, np.zeros(2))
+    assert attitude.tilt == pytest.approx((0.0, 0.0), abs=math.radians(0.1))
+
+
 def test_levelled_axes_undo_the_tilt():
     attitude = Attitude(BalanceConfig(), TICK_S)
     attitude.up = upward(0.1, -0.2)
