@@ -44,6 +44,8 @@ MOVER = 0.3  # probability of moving from which a track counts as a mover, as th
 OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 FACING_RAD = math.radians(5.0)  # ours: so nearly towards the goal it begins to look
 AIMED_RAD = math.radians(1.5)  # ours: head where it was told to look
+LEANS_RAD = math.radians(10.0)  # ours: so far off at most a head may rest, on a trunk that leans
+RESTS_RAD = math.radians(0.5)  # ours: a head that has moved less since the last frame rests
 BEYOND_M = 0.60  # ours: a carton's depth, and the body clear of it
 FARTHEST_M = 5.0  # range that is white in the pictures
 PATIENCE_S = 8.0  # ours: after a stop, how long to wait before it looks again
@@ -102,6 +104,7 @@ class AvoidancePlanner(GoalSeeker):
         self._phase = "walk"
         self._urged = False
         self._views: list[View] = []
+        self._off_rad = math.inf
         self._stand = Pose2()  # where it looks about from, heading to the goal: frame of the views
         self._legs: list[Leg] = []
         self._wait_s = 0.0
@@ -136,10 +139,18 @@ class AvoidancePlanner(GoalSeeker):
         depth = next((view.depth for view in estimate.views), None)
         if depth is None or depth.T_body_camera is None:
             return
-        if _off_aim(depth, DIRECTIONS[len(self._views)]) <= AIMED_RAD:
+        if self._aimed(_off_aim(depth, DIRECTIONS[len(self._views)])):
             T_stand_camera = self._as_stood(estimate.pose2, depth.T_body_camera)
             view = view_of_depth(depth, FARTHEST_M, None, T_stand_camera, frame.stamp_s)
             self._views.append(view)
+
+    def _aimed(self, off_rad: float) -> bool:
+        """Whether the head is where it was told to look, or rests as near as a leaning trunk lets it."""
+        moved, self._off_rad = abs(off_rad - self._off_rad), off_rad
+        aimed = off_rad <= AIMED_RAD or (off_rad <= LEANS_RAD and moved <= RESTS_RAD)
+        if aimed:
+            self._off_rad = math.inf  # the next direction is another
+        return aimed
 
     def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
         """The next footstep of what is being done."""
@@ -201,7 +212,7 @@ class AvoidancePlanner(GoalSeeker):
 
     def _scan(self, robot: Pose2, heading: float) -> None:
         """Begin to look about from here, towards that heading."""
-        self._phase, self._views = "scan", []
+        self._phase, self._views, self._off_rad = "scan", [], math.inf
         self._stand = Pose2(robot.x, robot.y, heading)
 
     def _as_stood(self, robot: Pose2, T_body_camera: Pose3) -> Pose3:

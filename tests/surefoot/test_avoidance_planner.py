@@ -66,6 +66,23 @@ def test_views_of_who_is_turned_by_its_own_head_show_things_where_they_stand():
         np.testing.assert_allclose(found, [*stood, 0.2], atol=1e-12)
 
 
+def test_a_head_counts_as_aimed_where_it_was_told_to_look_or_where_it_comes_to_rest():
+    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+
+    def aimed(*offs_deg: float) -> list[bool]:
+        planner._scan(Pose2(), 0.0)
+        return [planner._aimed(math.radians(off)) for off in offs_deg]
+
+    assert aimed(30.0, 1.0) == [False, True]
+    # a trunk that leans by three degrees: the head turns, comes there, and stays there
+    assert aimed(30.0, 12.0, 3.2, 3.0) == [False, False, False, True]
+    # one that leans as much at the last frame of another direction has not come to rest in this one
+    assert aimed(1.2, 1.3) == [True, True]
+    assert aimed(4.0, 4.0, 4.0) == [False, True, False]
+    # a head that is held fast far away is not aimed, however still it keeps
+    assert aimed(20.0, 20.0, 20.0) == [False, False, False]
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_out_of_a_closed_passage_the_robot_backs_before_it_looks_again(side):
     planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
