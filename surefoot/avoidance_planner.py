@@ -107,6 +107,7 @@ class AvoidancePlanner(GoalSeeker):
         self._off_rad = math.inf
         self._stand = Pose2()  # where it looks about from, heading to the goal: frame of the views
         self._legs: list[Leg] = []
+        self._trim = primitives.Trim()
         self._wait_s = 0.0
         self._settle = 0
         self._faces = np.zeros((0, 2, 2))
@@ -278,7 +279,7 @@ class AvoidancePlanner(GoalSeeker):
             self._phase = "walk"
             return None
         leg = self._legs[0]
-        desired = primitives.step(leg, robot, gait)
+        desired = primitives.step(leg, robot, gait, self._trim)
         if self._closed(leg, robot, grid, estimate.stamp_s):
             return Decision(WalkCommand(), GazeCommand(0.0, DOWN_RAD), "closed")
         others = [o for o in estimate.obstacles if not self._stood_there(o.position)]

@@ -24,6 +24,8 @@ NEAR_M = 0.02  # ours: about the slip of one step
 STRAIGHT_RAD = math.radians(3.0)  # ours
 CALM = 0.3  # ours: share of the drift taken back by one step; the pose lags a step, and a whole share swings
 HURRY = 0.6  # ours: likewise of a turn on the spot, where little is lost by swinging
+LEARN = 0.02  # ours: share of what is left of it that each step adds to what all have to make up for ...
+LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ours: ... while it is on its line but for this
 QUICK_S = (
     0.25,
     0.15,
@@ -44,6 +46,29 @@ class Leg:
 
     primitive: str
     target: Pose2
+
+
+@dataclass
+class Trim:
+    """What every step makes up for, as far as learnt: feet that slip, or turn, slip alike with every step.
+
+    Args:
+        forward_m, left_m, turn_rad: Added to each step.
+    """
+
+    forward_m: float = 0.0
+    left_m: float = 0.0
+    turn_rad: float = 0.0
+
+    def learn(self, off_m: float, turn_rad: float, sideways: bool) -> None:
+        """Take in how far off its line, and its heading, a leg is; sideways: what it walks, so that it drifts ahead."""
+        if abs(off_m) > LEARN_M or abs(turn_rad) > LEARN_RAD:
+            return
+        self.turn_rad += LEARN * turn_rad
+        if sideways:
+            self.forward_m -= LEARN * off_m
+        else:
+            self.left_m -= LEARN * off_m
 
 
 def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Leg]:
@@ -142,30 +167,39 @@ def reached(leg: Leg, robot: Pose2) -> bool:
     return False
 
 
-def step(leg: Leg, robot: Pose2, gait: GaitConfig) -> WalkCommand:
+def step(leg: Leg, robot: Pose2, gait: GaitConfig, trim: Trim | None = None) -> WalkCommand:
     """The next footstep of a leg, within the gait's limits.
 
     Along the leg the robot goes as fast as the gait lets it and no farther than its end; of what it has drifted
     off its line and its heading each step takes a share back. Ahead it goes in short quick steps: a body that
     sways less needs less room, which what is passed may not leave.
+
+    Args:
+        leg: What is being walked.
+        robot: Where the robot is.
+        gait: Limits.
+        trim: What was learnt of its steps, which this step adds to; None: nothing.
     """
     if leg.primitive == "ST":
         return gait.command(0.0, 0.0, 0.0)
+    trim = Trim() if trim is None else trim
     here = leg.target.inverse() @ robot
     turn = wrap_angle(-here.yaw)
     if leg.primitive in ("R", "T"):
         return gait.command(0.0, 0.0, HURRY * turn)
     # In the leg's own frame: to aim at its end instead would make of a little turn a long way off its line.
     if leg.primitive == "S":
+        trim.learn(here.x, turn, sideways=True)
         fastest = gait.max_side_mps * gait.step_s
-        wish = (-CALM * here.x, min(max(-here.y, -fastest), fastest))
+        wish = (trim.forward_m - CALM * here.x, min(max(-here.y, -fastest), fastest))
     else:
+        trim.learn(here.y, turn, sideways=False)
         single, double = QUICK_S
         gait = replace(
             gait,
             single_support_s=min(single, gait.single_support_s),
             double_support_s=min(double, gait.double_support_s),
         )
-        wish = (min(-here.x, gait.cruise_mps * gait.step_s), -CALM * here.y)
+        wish = (min(-here.x, gait.cruise_mps * gait.step_s), trim.left_m - CALM * here.y)
     ahead, aside = Pose2(0.0, 0.0, turn).apply(np.array(wish)) / gait.step_s
-    return gait.command(float(ahead), float(aside), CALM * turn)
+    return gait.command(float(ahead), float(aside), CALM * turn + trim.turn_rad)

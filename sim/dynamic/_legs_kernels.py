@@ -11,6 +11,9 @@ from numba import njit
 
 from ..gait import GRAVITY_MPS2
 
+BLOW = 1.0
+"""Multiples of gravity: so much at most of what the accelerometer feels beside the vertical; soles land harder."""
+
 
 @njit(cache=True)
 def solve_leg(pelvis: np.ndarray, foot: np.ndarray, size: np.ndarray, angles: np.ndarray) -> None:
@@ -172,9 +175,13 @@ def attend(
 
     What the accelerometer keeps asking for is learnt as the gyro's bias, (3,). Force (3,) is at rest. It
     is taken in multiples of gravity, not of its own length: gears that chatter shake it by half a gravity
-    ahead and up at once, and of directions that mean would lean by degrees.
+    ahead and up at once, and the mean of such directions would lean by degrees.
     """
-    fx, fy, fz = force[0] / GRAVITY_MPS2, force[1] / GRAVITY_MPS2, force[2] / GRAVITY_MPS2
+    ex = force[0] / GRAVITY_MPS2 - up[0]
+    ey = force[1] / GRAVITY_MPS2 - up[1]
+    ez = force[2] / GRAVITY_MPS2 - up[2]
+    most = 1.0 / max(1.0, math.sqrt(ex * ex + ey * ey + ez * ez) / BLOW)
+    fx, fy, fz = up[0] + most * ex, up[1] + most * ey, up[2] + most * ez
     wx, wy, wz = rate[0] - bias[0], rate[1] - bias[1], rate[2] - bias[2]
     bias[0] -= learn * (fy * up[2] - fz * up[1])
     bias[1] -= learn * (fz * up[0] - fx * up[2])

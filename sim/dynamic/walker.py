@@ -330,7 +330,9 @@ class DynamicBody:
         self._planned[:] = angles
         self._tick += 0 if waits else 1
         self._ticks += 1
-        self._ankles.correct(angles, self._attitude.tilt, self._rate, self.swinging)
+        self._ankles.correct(
+            angles, self._attitude.tilt, self._rate, self.swinging, self._step.stepping
+        )
         self._head.advance(self._tick_s)
         self._drive(np.append(angles, self._head.aims))
         strength, left_over = self._push

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from perception.primitives.pose import Pose2
 from planning.avoidance.choice import AvoidanceConfig, Things, choose
 from planning.avoidance.pivot import Pivot
-from planning.avoidance.primitives import Leg, in_the_way, passage, reached, retreat, step
+from planning.avoidance.primitives import Leg, Trim, in_the_way, passage, reached, retreat, step
 from planning.footsteps import GaitConfig
+from sim import gait as walk
 
 GAIT = GaitConfig()
 START = Pose2(0.4, -0.2, 0.3)
@@ -55,6 +56,48 @@ def test_drift_off_the_line_of_a_slip_dies_out_although_the_pose_lags(off, turne
     assert (
         max(abs(p.x) for p in poses) < abs(off) + 0.012
     )  # a few steps askew before the pose tells of them
+
+
+@pytest.mark.parametrize("lag", [0, 1])
+@pytest.mark.parametrize(("primitive", "begin"), [("S", (0.0, -2.0)), ("F", (-2.0, 0.0))])
+def test_feet_that_slip_alike_with_every_step_are_made_up_for(primitive, begin, lag):
+    """1.2 mm and 0.3 deg a step, as measured on walkers: without learning 4 mm off the line, 1 deg askew."""
+    leg, slip = Leg(primitive, Pose2()), Pose2(-0.0012, 0.0012, math.radians(0.3))
+
+    def late(trim: Trim | None) -> tuple[float, float]:
+        poses = [Pose2(*begin)] * (lag + 1)
+        while not reached(leg, poses[-1 - lag]):
+            command = step(leg, poses[-1 - lag], GAIT, trim)
+            made = Pose2(command.forward_m, command.lateral_m, command.turn_rad)
+            poses.append(poses[-1] @ made @ slip)
+        off = [pose.x if primitive == "S" else pose.y for pose in poses[-20:]]
+        return max(map(abs, off)), max(abs(pose.yaw) for pose in poses[-20:])
+
+    off_m, off_rad = late(Trim())
+    assert off_m < 0.0015
+    assert off_rad < math.radians(0.3)
+    off_m, off_rad = late(None)
+    assert off_m > 0.003
+    assert off_rad > math.radians(0.8)
+
+
+def test_what_led_far_astray_once_teaches_nothing():
+    trim = Trim()
+    for off, turn in ((0.03, 0.0), (0.0, 0.1), (-0.011, 0.0)):
+        trim.learn(off, turn, sideways=True)
+    assert trim == Trim()
+
+
+def test_through_a_gap_the_body_goes_as_fast_as_ever_and_sways_less():
+    command = step(Leg("F", Pose2(2.0, 0.0, 0.0)), Pose2(), GAIT)
+    usual = GAIT.command(GAIT.cruise_mps, 0.0, 0.0)
+    assert command.forward_m / command.duration_s == pytest.approx(GAIT.cruise_mps)
+
+    def sway(one) -> float:
+        gait = walk.Gait(walk.GaitConfig())
+        return max(float(np.abs(gait.step(one).com[:, 1]).max()) for _ in range(12))
+
+    assert sway(command) < 0.7 * sway(usual)
 
 
 def test_a_cell_beside_the_line_closes_no_passage_and_one_on_it_does():

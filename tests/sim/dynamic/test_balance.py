@@ -8,7 +8,7 @@ import pytest
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 from sim.dynamic.anatomy import DARWIN
-from sim.dynamic.balance import Attitude, BalanceConfig, Landing
+from sim.dynamic.balance import Ankles, Attitude, BalanceConfig, Landing
 from sim.dynamic.legs import Legs
 from sim.dynamic.odometry import FootToFoot
 from sim.gait import GRAVITY_MPS2, Gait, GaitConfig
@@ -60,6 +60,26 @@ def test_gears_that_chatter_do_not_lean_the_vertical(upward_share):
         force = np.array([blow, 0.3 * blow, GRAVITY_MPS2 + upward_share * blow])
         attitude.feel(np.zeros(3), force, np.zeros(2))
     assert attitude.tilt == pytest.approx((0.0, 0.0), abs=math.radians(0.1))
+
+
+def test_a_sole_that_lands_hard_does_not_throw_the_vertical():
+    attitude = Attitude(BalanceConfig(), TICK_S)
+    attitude.feel(np.zeros(3), np.array([60.0, -80.0, GRAVITY_MPS2]), np.zeros(2))
+    assert math.hypot(*attitude.tilt) < math.radians(0.2)
+
+
+def test_the_gyro_takes_its_full_part_only_while_the_body_walks():
+    config, ticks = BalanceConfig(), 100
+
+    def turned(walks: bool) -> float:
+        ankles = Ankles(config, TICK_S)
+        for _ in range(ticks):
+            angles = np.zeros(12)
+            ankles.correct(angles, (0.0, 0.0), np.array([0.0, 0.2, 0.0]), 0, walks)
+        return float(angles[4])
+
+    assert turned(True) == pytest.approx(0.2 * config.gyro_gain_s)
+    assert turned(False) == pytest.approx(0.2 * config.gyro_gain_s * config.standing_share)
 
 
 def test_levelled_axes_undo_the_tilt():
