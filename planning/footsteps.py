@@ -65,6 +65,16 @@ class GaitConfig:
         )
 
 
+def half_a_step_on(robot: Pose2, last: WalkCommand) -> Pose2:
+    """Where the body will be when the step now asked for begins to move it: it follows its feet half a step later.
+
+    Args:
+        robot: Where it is while its last step ends.
+        last: That step.
+    """
+    return robot @ Pose2(last.forward_m / 2, last.lateral_m / 2, last.turn_rad / 2)
+
+
 def footstep(heading_rad: float, speed_mps: float, robot: Pose2, config: GaitConfig) -> WalkCommand:
     """The next step towards a heading at a speed.
 

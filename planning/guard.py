@@ -29,7 +29,7 @@ from perception.primitives.pose import Pose2
 
 from . import _guard_kernels
 from .commands import WalkCommand
-from .footsteps import footstep
+from .footsteps import footstep, half_a_step_on
 from .guard_config import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
 from .prediction import Habits
@@ -84,7 +84,10 @@ class Guard:
         self.habits.learn(obstacles)
         # others have decided since, if the last step of its own is long ago
         long_ago = stamp_s - self._last_s > 1.5 * self.config.gait.step_s
-        robot = _half_a_step_on(robot, WalkCommand() if long_ago else self._last)
+        ahead = half_a_step_on(
+            Pose2(*robot.mean.tolist()), WalkCommand() if long_ago else self._last
+        )
+        robot = Gaussian(ahead.vector, robot.covariance)
         scene = _Scene(robot, obstacles, occupied, target, self.config, stamp_s, self.habits)
         self._last, self._last_s = self._safest(desired, scene), stamp_s
         return self._last
@@ -152,7 +155,6 @@ def assess(
     if stamp_s is None:
         stamp_s = max((obstacle.seen_s for obstacle in obstacles), default=0.0)
     habits = Habits(config.prediction)
-    robot = _half_a_step_on(robot, WalkCommand())
     scene = _Scene(robot, obstacles, occupied, target, config, stamp_s, habits)
     harm, cost = scene.judge(plans)
     order = np.argsort(cost, kind="stable")
@@ -242,15 +244,6 @@ class _Scene:
         return footstep(
             math.atan2(dy, dx), forward / gait.step_s, Pose2(*self._robot.tolist()), gait
         )
-
-
-def _half_a_step_on(robot: Gaussian, last: WalkCommand) -> Gaussian:
-    """Where the body is when the step now asked for begins to move it: it follows its feet half a step later."""
-    x, y, yaw = robot.mean.tolist()
-    ahead, left, turn = last.forward_m / 2, last.lateral_m / 2, last.turn_rad / 2
-    c, s = math.cos(yaw), math.sin(yaw)
-    there = np.array([x + c * ahead - s * left, y + s * ahead + c * left, yaw + turn])
-    return Gaussian(there, robot.covariance)
 
 
 def _wishes(desired: WalkCommand, config: GuardConfig) -> np.ndarray:

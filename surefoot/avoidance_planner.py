@@ -108,6 +108,7 @@ class AvoidancePlanner(GoalSeeker):
         self._stand = Pose2()  # where it looks about from, heading to the goal: frame of the views
         self._legs: list[Leg] = []
         self._trim = primitives.Trim()
+        self._last, self._last_s = WalkCommand(), -math.inf
         self._wait_s = 0.0
         self._settle = 0
         self._faces = np.zeros((0, 2, 2))
@@ -155,6 +156,13 @@ class AvoidancePlanner(GoalSeeker):
 
     def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
         """The next footstep of what is being done."""
+        if estimate.stamp_s - self._last_s > 1.5 * self._config.guard.gait.step_s:
+            self._last = WalkCommand()  # others have decided since
+        decision = self._decide(estimate, pipeline)
+        self._last, self._last_s = decision.walk, estimate.stamp_s
+        return decision
+
+    def _decide(self, estimate: Estimate, pipeline: Pipeline) -> Decision:
         goal = self._goals.present
         if estimate.pose is None or pipeline.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
@@ -279,7 +287,7 @@ class AvoidancePlanner(GoalSeeker):
             self._phase = "walk"
             return None
         leg = self._legs[0]
-        desired = primitives.step(leg, robot, gait, self._trim)
+        desired = primitives.step(leg, robot, gait, self._trim, self._last)
         if self._closed(leg, robot, grid, estimate.stamp_s):
             return Decision(WalkCommand(), GazeCommand(0.0, DOWN_RAD), "closed")
         others = [o for o in estimate.obstacles if not self._stood_there(o.position)]

@@ -17,20 +17,19 @@ from jaxtyping import Bool, Float
 from perception.primitives.pose import Pose2, wrap_angle
 
 from ..commands import WalkCommand
-from ..footsteps import GaitConfig
+from ..footsteps import GaitConfig, half_a_step_on
 from .pivot import Pivot
 
 NEAR_M = 0.02  # ours: about the slip of one step
 STRAIGHT_RAD = math.radians(3.0)  # ours
-CALM = 0.3  # ours: share of the drift taken back by one step; the pose lags a step, and a whole share swings
-HURRY = 0.6  # ours: likewise of a turn on the spot, where little is lost by swinging
+CALM = (
+    0.6  # ours: share of the drift taken back by one step; a whole share of a pose that lags swings
+)
 LEARN = 0.02  # ours: share of what is left of it that each step adds to what all have to make up for ...
 LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ours: ... while it is on its line but for this
-QUICK_S = (
-    0.25,
-    0.15,
-)  # ours: single and double support where it is narrow: who steps as quickly sways by
-# 30 mm to each side, not by 50 (body of seed 004, dynamic), and a gap may leave 40
+# ours: single and double support where it is narrow: who steps as quickly sways by 30 mm to each side, not by
+# 50 (body of seed 004, dynamic), and a gap may leave 40
+QUICK_S = (0.25, 0.15)
 AHEAD_M = 0.10  # ours: looked ahead along a leg; five side steps
 BODY_M = (0.055, 0.082)  # seed 000: half of the body's depth and width
 
@@ -167,7 +166,13 @@ def reached(leg: Leg, robot: Pose2) -> bool:
     return False
 
 
-def step(leg: Leg, robot: Pose2, gait: GaitConfig, trim: Trim | None = None) -> WalkCommand:
+def step(
+    leg: Leg,
+    robot: Pose2,
+    gait: GaitConfig,
+    trim: Trim | None = None,
+    last: WalkCommand | None = None,
+) -> WalkCommand:
     """The next footstep of a leg, within the gait's limits.
 
     Along the leg the robot goes as fast as the gait lets it and no farther than its end; of what it has drifted
@@ -179,14 +184,15 @@ def step(leg: Leg, robot: Pose2, gait: GaitConfig, trim: Trim | None = None) -> 
         robot: Where the robot is.
         gait: Limits.
         trim: What was learnt of its steps, which this step adds to; None: nothing.
+        last: The step before, which the body is still about to follow; None: it stands.
     """
     if leg.primitive == "ST":
         return gait.command(0.0, 0.0, 0.0)
     trim = Trim() if trim is None else trim
-    here = leg.target.inverse() @ robot
+    here = leg.target.inverse() @ half_a_step_on(robot, last or WalkCommand())
     turn = wrap_angle(-here.yaw)
     if leg.primitive in ("R", "T"):
-        return gait.command(0.0, 0.0, HURRY * turn)
+        return gait.command(0.0, 0.0, CALM * turn)
     # In the leg's own frame: to aim at its end instead would make of a little turn a long way off its line.
     if leg.primitive == "S":
         trim.learn(here.x, turn, sideways=True)

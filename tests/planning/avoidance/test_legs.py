@@ -22,7 +22,7 @@ START = Pose2(0.4, -0.2, 0.3)
 
 def _walk(legs: list[Leg], start: Pose2, lag: int = 1, most: int = 400) -> list[Pose2]:
     """Poses of an exact body whose planner knows where it was some steps ago."""
-    poses = [start] * (lag + 1)
+    poses, last = [start] * (lag + 1), None
     legs = list(legs)
     for _ in range(most):
         known = poses[-1 - lag]
@@ -30,7 +30,7 @@ def _walk(legs: list[Leg], start: Pose2, lag: int = 1, most: int = 400) -> list[
             legs.pop(0)
         if not legs:
             return poses
-        command = step(legs[0], known, GAIT)
+        last = command = step(legs[0], known, GAIT, last=last)
         poses.append(poses[-1] @ Pose2(command.forward_m, command.lateral_m, command.turn_rad))
     pytest.fail("the legs never end")
 
@@ -61,13 +61,13 @@ def test_drift_off_the_line_of_a_slip_dies_out_although_the_pose_lags(off, turne
 @pytest.mark.parametrize("lag", [0, 1])
 @pytest.mark.parametrize(("primitive", "begin"), [("S", (0.0, -2.0)), ("F", (-2.0, 0.0))])
 def test_feet_that_slip_alike_with_every_step_are_made_up_for(primitive, begin, lag):
-    """1.2 mm and 0.3 deg a step, as measured on walkers: without learning 4 mm off the line, 1 deg askew."""
+    """1.2 mm and 0.3 deg a step, as measured on walkers: without learning 2 mm off the line, 0.7 deg askew."""
     leg, slip = Leg(primitive, Pose2()), Pose2(-0.0012, 0.0012, math.radians(0.3))
 
     def late(trim: Trim | None) -> tuple[float, float]:
-        poses = [Pose2(*begin)] * (lag + 1)
+        poses, last = [Pose2(*begin)] * (lag + 1), None
         while not reached(leg, poses[-1 - lag]):
-            command = step(leg, poses[-1 - lag], GAIT, trim)
+            last = command = step(leg, poses[-1 - lag], GAIT, trim, last)
             made = Pose2(command.forward_m, command.lateral_m, command.turn_rad)
             poses.append(poses[-1] @ made @ slip)
         off = [pose.x if primitive == "S" else pose.y for pose in poses[-20:]]
@@ -77,8 +77,8 @@ def test_feet_that_slip_alike_with_every_step_are_made_up_for(primitive, begin, 
     assert off_m < 0.0015
     assert off_rad < math.radians(0.3)
     off_m, off_rad = late(None)
-    assert off_m > 0.003
-    assert off_rad > math.radians(0.8)
+    assert off_m > 0.002
+    assert off_rad > math.radians(0.6)
 
 
 def test_what_led_far_astray_once_teaches_nothing():
