@@ -22,9 +22,8 @@ from .pivot import Pivot
 
 NEAR_M = 0.02  # ours: about the slip of one step
 STRAIGHT_RAD = math.radians(3.0)  # ours
-CALM = (
-    0.6  # ours: share of the drift taken back by one step; a whole share of a pose that lags swings
-)
+# ours: share of the drift taken back by one step; a whole share of a pose that lags swings
+CALM = 0.6
 LEARN = 0.02  # ours: share of what is left of it that each step adds to what all have to make up for ...
 LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ours: ... while it is on its line but for this
 # ours: single and double support where it is narrow: who steps as quickly sways by 30 mm to each side, not by
