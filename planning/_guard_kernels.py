@@ -32,7 +32,7 @@ def relative_places(
     """Covariance of the relative place, going straight on.
 
     Args:
-        mover, robot: Covariances of (x, y, vx, vy) and of (x, y, yaw).
+        mover, robot: Covariances of (x, y, vx, vy) and of (x, y, yaw), world frame, m, m/s and rad.
         times: (n,) from now, s; what is later than `sure_s` counts as if it were then.
         acceleration: Of the mover, random, m/s^2.
         result: (n, 3), written: variances of x and of y, covariance of the two, m^2.
