@@ -211,20 +211,21 @@ class Config:
 
 
 WALKED_LOCALISER = LocaliserConfig(
-    slip_m=0.001,
-    slip_sigma_m=0.001,
-    crab_sigma_m=0.0008,
+    slip_m=0.0014,
+    slip_sigma_m=0.0006,
+    crab_m=-0.0003,
+    crab_sigma_m=0.0006,
     drift_sigma_rad=math.radians(0.25),
-    step_x_sigma_m=0.0022,
-    step_y_sigma_m=0.0018,
-    step_yaw_sigma_rad=math.radians(2.0),
-    still_sigma_m=0.003,
-    still_sigma_rad=math.radians(4.0),
+    step_x_sigma_m=0.0019,
+    step_y_sigma_m=0.0015,
+    step_yaw_sigma_rad=math.radians(1.4),
+    still_sigma_m=0.002,
+    still_sigma_rad=math.radians(0.5),
     shared_bearing_sigma_rad=math.radians(0.2),
 )
 """What the odometry of the dynamic body needs: its steps come out a millimetre longer, turn and lead to one
-side, left ones otherwise than right ones, and standing it may twist by degrees a second until its soles are at rest:
-taken for standing still, that would be taken for a bias of the gyro, and mislead it for minutes."""
+side, left ones otherwise than right ones, and for two seconds after a stop its soles still settle by tenths of a
+degree: taken for standing still, that would be taken for a bias of the gyro, and mislead it for minutes."""
 
 
 WALKED_LANDMARKS = LandmarkConfig(

@@ -40,7 +40,8 @@ class LocaliserConfig:
 
     slip_m: float = -0.0012  # walking trials: mean forward slip of a step
     slip_sigma_m: float = 0.0005  # ours: how far a floor's mean slip may lie from that
-    crab_sigma_m: float = 0.0002  # ours: mean slip of a step to the left; joint zeros, one a run
+    crab_m: float = 0.0  # ours: mean slip of a step to the left
+    crab_sigma_m: float = 0.0002  # ours: how far a run's may lie from that; joint zeros
     drift_sigma_rad: float = math.radians(0.15)  # walking trials: -0.3 to 0.2 deg a step, per run
     step_x_sigma_m: float = 0.0015  # walking trials, per step
     step_y_sigma_m: float = 0.0006  # walking trials: 0.4 to 0.8 mm
@@ -338,7 +339,7 @@ def _first_belief(start: Gaussian, config: LocaliserConfig) -> Gaussian:
     """The whole state at the start, from a pose."""
     mean = np.zeros(WALKER_SIZE)
     mean[:3] = start.mean
-    mean[SLIP] = config.slip_m
+    mean[SLIP], mean[CRAB] = config.slip_m, config.crab_m
     covariance = np.diag(
         [
             0.0,

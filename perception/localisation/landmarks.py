@@ -11,6 +11,7 @@ Source: seed 001, section 3 (landmarks for self-localisation); tags and their er
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -102,21 +103,31 @@ def detect(
 
 
 def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
-    """Tags of DICT_4X4_50: identity and corners (u, v) in px, clockwise from the tag's upper left."""
+    """Tags of DICT_4X4_50 wholly in sight: identity and corners (u, v) in px, clockwise from the upper left."""
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-    detector = cv2.aruco.ArucoDetector(dictionary, parameters)
+    detector = cv2.aruco.ArucoDetector(_dictionary(), parameters)
     corners, identities, _ = detector.detectMarkers(grey)
     if identities is None:
         return []
     found = []
     for identity, four in zip(np.asarray(identities).reshape(-1), corners, strict=True):
         refined = tag_edges.refine(grey, np.asarray(four, np.float64).reshape(4, 2))
-        if refined is not None:
+        if refined is None:
+            continue
+        if not tag_edges.is_cut(grey, refined, _looks(int(identity))):
             found.append((int(identity), refined))
     return found
+
+
+def _dictionary() -> cv2.aruco.Dictionary:
+    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+
+
+@functools.cache
+def _looks(identity: int) -> Float[np.ndarray, "p p 17"]:
+    return tag_edges.cut_tags(_dictionary().generateImageMarker(identity, tag_edges.CELLS))
 
 
 def tag_centre(

@@ -3,6 +3,9 @@
 A blurred corner looks rounder, so a corner finder places it inside the square, and the tag seems smaller
 and farther than it is: by 2 cm at 2 m. A blurred straight edge stays where it is.
 
+What stands before a tag can end it in a straight light edge, too: then it is read all the same, looks
+shorter, and is taken to be farther by a tenth. Its cells give that away, they are not where they should be.
+
 Source: ours.
 """
 
@@ -19,6 +22,9 @@ REACH_PX = 2.5  # half of a profile across an edge: beyond any lens blur
 REACH_CELLS = 0.8  # ... and short of the next cell
 SAMPLES = 24  # profiles along an edge
 MARGIN = 0.12  # share of an edge left out at either end, where the corner rounds it
+STRIPS = (0.04, 0.08, 0.12, 0.16)  # of a side; with more missing a tag cannot be read
+SEEN_PX = 36  # side of the picture in which a tag is compared
+FINE = 25  # pixels of a cell, of which strips are taken
 
 
 def refine(
@@ -44,6 +50,46 @@ def refine(
         if float(np.abs(found - corners).max()) > REACH_PX:
             return None
     return found
+
+
+def cut_tags(cells: UInt8[np.ndarray, "6 6"]) -> Float[np.ndarray, "p p 17"]:
+    """A tag, its black border included, as it looks whole and without a strip at each of its ends."""
+    fine = cells.repeat(FINE, axis=0).repeat(FINE, axis=1)
+    looks = [fine]
+    for strip in STRIPS:
+        lost = round(strip * len(fine))
+        rest = len(fine) - lost
+        looks += [fine[:rest], fine[lost:], fine[:, :rest], fine[:, lost:]]
+    small = [cv2.resize(look, (SEEN_PX, SEEN_PX), interpolation=cv2.INTER_AREA) for look in looks]
+    return np.stack(small, axis=-1).astype(np.float32)
+
+
+def is_cut(
+    grey: UInt8[np.ndarray, "h w"],
+    corners: Float[np.ndarray, "4 2"],
+    looks: Float[np.ndarray, "p p 17"],
+) -> bool:
+    """Whether what lies between the corners found resembles a tag that lacks a strip, more than a whole one.
+
+    Args:
+        grey: The image.
+        corners: (u, v) in px, clockwise from the tag's upper left.
+        looks: From `cut_tags`.
+    """
+    square = np.array([[0, 0], [SEEN_PX, 0], [SEEN_PX, SEEN_PX], [0, SEEN_PX]], np.float32) - 0.5
+    seen = cv2.warpPerspective(
+        grey,
+        cv2.getPerspectiveTransform(square, corners.astype(np.float32)),
+        (SEEN_PX, SEEN_PX),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    ).astype(np.float32)
+    side_px = float(np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).mean())
+    blur = max(0.5 * SEEN_PX / side_px, 0.5)  # of half a pixel of the image
+    ideal = cv2.GaussianBlur(looks, (0, 0), blur).reshape(-1, looks.shape[-1])
+    ideal = ideal - ideal.mean(axis=0)
+    alike = (seen - seen.mean()).reshape(-1) @ ideal / np.linalg.norm(ideal, axis=0)
+    return bool(np.argmax(alike) > 0)
 
 
 def _edge(

@@ -62,7 +62,7 @@ def walk_systematics(config: LocaliserConfig) -> tuple[Systematic, ...]:
     return (
         Systematic(
             SLIP,
-            ahead(config.slip_m),
+            np.array([config.slip_m, config.crab_m, 0.0]),
             np.array([config.slip_sigma_m, config.crab_sigma_m, 0.0]),
             np.array([config.slip_walk_m, config.slip_walk_m, 0.0]),
         ),

@@ -103,6 +103,32 @@ def test_a_square_without_clear_edges_has_no_corners():
     assert tag_edges.refine(flat, corners) is None
 
 
+@pytest.mark.parametrize("side", range(4))
+def test_a_tag_that_something_light_covers_a_little_is_not_taken_for_one_farther_off(side):
+    """The edge of what stands before it is straight, and passes for the tag's own."""
+    rng = np.random.default_rng(side)
+    T_camera_tag = head().inverse() @ tag_in_body(1.2, 0.0, 0.45, 0.0)
+    rgb = draw(CAMERA, [(3, T_camera_tag)], rng)
+    assert [identity for identity, _ in find_corners(rgb)] == [3]
+    left, top, right, bottom = (
+        extreme(CAMERA.project(T_camera_tag.apply(square()))[:, axis])
+        for extreme in (np.min, np.max)
+        for axis in (0, 1)
+    )
+    covered = round(0.08 * (right - left))
+    u, v = np.meshgrid(np.arange(CAMERA.width), np.arange(CAMERA.height))
+    before = (
+        (u < left + covered, v < top + covered, u > right - covered, v > bottom - covered)[side]
+        & (abs(u - (left + right) / 2) < 60)
+        & (abs(v - (top + bottom) / 2) < 60)
+    )
+    rgb[before] = 215
+    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
+    _, identities, _ = detector.detectMarkers(np.ascontiguousarray(rgb[..., 0]))
+    assert np.ravel(identities).tolist() == [3]  # it can still be read
+    assert find_corners(rgb) == []
+
+
 def test_several_tags_come_in_order_and_strangers_are_ignored():
     rng = np.random.default_rng(3)
     tags = [(9, 0.25), (4, 0.0), (30, -0.25)]
