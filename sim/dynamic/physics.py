@@ -33,7 +33,7 @@ POSITION_GAIN = 0.3  # per tick: with 5 sub-steps a tick it would fall
 FRICTION = 1.0
 THINNEST_M = 0.01  # ours: of the box in place of a solid without a volume
 SPIN_M = 0.01  # ours: rubber soles touch by patches of about a centimetre, not by points
-HOLD = 0.05  # ours: share of a creep that a sole at rest takes back per tick; with 0.2 more walks fall
+HOLD = 0.05  # ours: share of a creep that a sole at rest takes back per tick; 0.2 falls more often
 
 
 class Physics:
