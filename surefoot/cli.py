@@ -174,6 +174,8 @@ def process(
       surefoot process data/walk
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
       surefoot process ~/recordings --out runs/all --workers 8
+    \b
+    A single run of `simulate --record` is processed with the settings it was walked with.
     """
     from .config import load
     from .recordings.open import holds_recording
@@ -181,8 +183,10 @@ def process(
 
     if resume and out is None:
         raise InputError("--resume needs --out, the folder of the run that was killed")
-    config = load(config_path, overrides)
     one = recordings[0]
+    if config_path is None and len(recordings) == 1 and _is_recorded_run(one):
+        config_path = one / "config.toml"  # they fit the body that walked
+    config = load(config_path, overrides)
     several = one.is_dir() and not holds_recording(one) and description is None and _holds_more(one)
     if len(recordings) > 1 or several or workers or scheduler:
         _process_all(recordings, out, config, workers, scheduler, as_json)
@@ -508,6 +512,10 @@ def completion(shell: str) -> None:
     found = get_completion_class(shell)
     assert found is not None
     click.echo(found(main, {}, "surefoot", "_SUREFOOT_COMPLETE").source())
+
+
+def _is_recorded_run(place: Path) -> bool:
+    return all((place / name).is_file() for name in ("recording.mcap", "config.toml"))
 
 
 def _holds_more(place: Path) -> bool:

@@ -8,12 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from sim.scenes import FloorArea, Scene, Thing
 from sim.shapes import Box
 from surefoot import runs
+from surefoot.cli import main
 from surefoot.config import Config, load
 from surefoot.evaluation import evaluate
 from surefoot.run_folder import RunFolder
@@ -51,6 +53,22 @@ def test_a_recording_processed_gives_the_same_to_the_last_bit(walked, tmp_path):
     runs.process(walked, None, Config(), tmp_path / "offline", quiet)
     for name in SAME:
         assert (walked / name).read_bytes() == (tmp_path / "offline" / name).read_bytes(), name
+
+
+def test_a_walk_is_processed_with_its_own_settings_unless_others_are_given(tmp_path):
+    """The localiser of the walking body is another one than that of the kinematic body."""
+    walked, ours, plain = (tmp_path / name for name in ("walked", "ours", "plain"))
+    asked = load(None, ["robot.body=dynamic", "mission.time_limit_s=5.0"])
+    runs.simulate(asked, walked, True, quiet)
+    call = CliRunner().invoke
+    assert call(main, ["process", str(walked), "--out", str(ours)]).exit_code == 0
+    for name in SAME:
+        assert (walked / name).read_bytes() == (ours / name).read_bytes(), name
+    (tmp_path / "none.toml").write_text("")
+    words = ["process", str(walked), "--config", str(tmp_path / "none.toml"), "--out", str(plain)]
+    assert call(main, words).exit_code == 0
+    claimed = "trajectory_covariance.csv"
+    assert (walked / claimed).read_bytes() != (plain / claimed).read_bytes()
 
 
 def test_the_configuration_that_a_run_wrote_runs_again_to_the_same_numbers(walked, tmp_path):
