@@ -198,6 +198,22 @@ def test_a_hard_push_ends_in_a_fall_that_is_told():
         assert robot.fallen
 
 
+@pytest.mark.parametrize("seed", [0, 4, 13])
+def test_who_stands_and_turns_its_head_stays_where_it_stands(seed):
+    """Soles that stand on their edges tremble; friction must not give way to that (it did by 5 degrees)."""
+    poses = []
+    with World(room(), "tiny", seed) as world, SimulatedRobot(world, BLIND, seed) as robot:
+        for number in range(30):
+            robot.body.walk(WalkCommand(0.04) if number < 5 else WalkCommand())
+            robot.look(GazeCommand(1.0 if number % 2 else -1.0, 0.4))
+            robot.body.take_up()
+            robot.body.advance(robot.body.ticks_left)
+            poses.append(Truth(robot).robot_pose())
+    crept = poses[8].inverse() @ poses[-1]  # 14 seconds, once it has settled
+    assert abs(math.degrees(crept.yaw)) < 1.0
+    assert math.hypot(crept.x, crept.y) < 0.001
+
+
 def test_the_tall_body_of_seed_004_stands_and_steps():
     config = replace(BLIND, dynamic=DynamicConfig(anatomy="tall"))
     _, poses, fallen, _ = walked(6, config=config, command=WalkCommand(0.04))
