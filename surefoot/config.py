@@ -219,13 +219,13 @@ WALKED_LOCALISER = LocaliserConfig(
     step_x_sigma_m=0.0019,
     step_y_sigma_m=0.0015,
     step_yaw_sigma_rad=math.radians(1.4),
-    still_sigma_m=0.002,
-    still_sigma_rad=math.radians(0.5),
+    still_sigma_m=0.003,
+    still_sigma_rad=math.radians(4.0),
     shared_bearing_sigma_rad=math.radians(0.2),
 )
 """What the odometry of the dynamic body needs: its steps come out a millimetre longer, turn and lead to one
-side, left ones otherwise than right ones, and for two seconds after a stop its soles still settle by tenths of a
-degree: taken for standing still, that would be taken for a bias of the gyro, and mislead it for minutes."""
+side, left ones otherwise than right ones, and a body that stands may be twisted on its soles by whoever touches it:
+taken for standing still, that would be taken for a bias of the gyro, and mislead it for minutes."""
 
 
 WALKED_LANDMARKS = LandmarkConfig(
