@@ -175,7 +175,8 @@ def process(
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
       surefoot process ~/recordings --out runs/all --workers 8
     \b
-    A single run of `simulate --record` is processed with the settings it was walked with.
+    A single run of `simulate --record` is processed with the settings it was walked with (its config.toml);
+    --config takes others.
     """
     from .config import load
     from .recordings.open import holds_recording

@@ -224,8 +224,10 @@ WALKED_LOCALISER = LocaliserConfig(
     shared_bearing_sigma_rad=math.radians(0.2),
 )
 """What the odometry of the dynamic body needs: its steps come out a millimetre longer, turn and lead to one
-side, left ones otherwise than right ones, and a body that stands may be twisted on its soles by whoever touches it:
-taken for standing still, that would be taken for a bias of the gyro, and mislead it for minutes."""
+side, left ones otherwise than right ones. Slip, crab and steps are measured on 64 walks of 34 steps; deviations are
+wider, for left and right differ. After a stop the soles settle by .4 deg, yet the standing deviation lets the gyro
+follow a twist of ten degrees a second: taken for standing still, that would be taken for a bias of the gyro, and
+mislead it for minutes."""
 
 
 WALKED_LANDMARKS = LandmarkConfig(
