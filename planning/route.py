@@ -1,9 +1,9 @@
 """The route: via points kept from one cycle to the next.
 
 Every step the path is searched anew, but off the old path the ground counts as a little dearer: two ways
-round an obstacle that cost the same would make the robot dither. If it does not get
-on for ten seconds, the place where it is stuck is made dear for a while, so that the search leads another
-way.
+round an obstacle that cost the same would make the robot dither. If it does not get on for ten seconds, or
+walks to and fro for a minute, the place where it is stuck is made dear for a while, so that the search
+leads another way.
 
 Source: ours, from the rules of cooperation of the four papers; search by seed 003.
 """
@@ -40,18 +40,18 @@ class RouteConfig:
         0.35  # ours: who came so far in that time walks on; half of what cruise would bring
     )
     turn_deg: float = 60.0  # ours: who turned so far in that time is about to
+    to_and_fro_steps: int = 90  # ours: a minute; in which ...
+    range_m: float = 1.0  # ours: ... the way left was never shorter or longer than this: stuck too
     memory_steps: int = 200  # ours: 130 s, for a stuck place to stay dear until the detour is made
     block_ahead_m: float = 0.30  # ours: where the trouble is taken to be; farther each time
     block_radius_m: float = 0.35  # ours
     block_penalty: float = 4.0  # ours: potential added there: dear, not forbidden
 
     def __post_init__(self) -> None:
-        if self.patience_steps < 1 or self.memory_steps < 1:
-            raise ConfigError(
-                f"route: patience_steps={self.patience_steps} and memory_steps={self.memory_steps} "
-                "must be at least 1"
-            )
-        for name in ("stride_m", "turn_deg"):
+        for name in ("patience_steps", "memory_steps", "to_and_fro_steps"):
+            if getattr(self, name) < 1:
+                raise ConfigError(f"route: {name}={getattr(self, name)} must be at least 1")
+        for name in ("stride_m", "turn_deg", "range_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"route: {name}={value} must be positive and finite")
@@ -76,6 +76,7 @@ class Route:
         self._best = math.inf  # least straight-line-of-path distance left so far
         self._waited = 0
         self._poses: deque[Pose2] = deque(maxlen=self._config.patience_steps)
+        self._lefts: deque[float] = deque(maxlen=self._config.to_and_fro_steps)
         self.path: Path | None = None
         """The path being walked, for display; None while there is none. Its costs include loyalty."""
 
@@ -125,6 +126,7 @@ class Route:
         self._best = math.inf
         self._waited = 0
         self._poses.clear()
+        self._lefts.clear()
 
     def _watch_progress(self, robot: Pose2, goal: np.ndarray) -> None:
         """Count the steps since the way left last became shorter; remember the place if too many."""
@@ -136,14 +138,17 @@ class Route:
         if self.path is None:
             return
         left = _length(self._rest(here)) + float(np.hypot(*(goal - self.path.waypoints[-1])))
+        self._lefts.append(left)
         if left < self._best - self._config.progress_m:
             self._best, self._waited = left, 0
-            return
-        self._waited += 1
-        if self._waited >= self._config.patience_steps and not self._gets_on():
+        else:
+            self._waited += 1
+        stuck = self._waited >= self._config.patience_steps and not self._gets_on()
+        if stuck or self._walks_to_and_fro():
             place = _along(self._rest(here), self._config.block_ahead_m * (1 + self.detours))
             self._blocks.append(_Block(place, self._config.memory_steps))
             self._best, self._waited = math.inf, 0
+            self._lefts.clear()
             self.path = None  # no loyalty to a path that does not lead on
 
     def _gets_on(self) -> bool:
@@ -152,6 +157,11 @@ class Route:
         came = math.hypot(ends.x - began.x, ends.y - began.y)
         turned = abs(wrap_angle(ends.yaw - began.yaw))
         return came >= self._config.stride_m or turned >= math.radians(self._config.turn_deg)
+
+    def _walks_to_and_fro(self) -> bool:
+        """Whether, for all its walking, the way left has been much the same."""
+        lefts = self._lefts
+        return len(lefts) == lefts.maxlen and max(lefts) - min(lefts) < self._config.range_m
 
     def _widened(
         self,

@@ -15,7 +15,7 @@ Source: seed 000, section 2.1 (footstep command); Kajita et al. 2001 (pendulum);
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -46,6 +46,8 @@ class GaitConfig:
     backward_limit_m: float = 0.03  # ours: heels
     forward_limit_m: float = 0.08  # ours: longest step seen stable in dynamic walking
     lateral_limit_m: float = 0.04  # ours
+    rescue_back_m: float = 0.10  # ours: limits of a step that answers a push ...
+    rescue_forward_m: float = 0.10  # ... which may fail where not to make it would
     turn_limit_deg: float = 14.0  # seed 000: theta_safety
     single_support_s: tuple[float, float] = (
         0.25,
@@ -71,6 +73,8 @@ class GaitConfig:
             backward_limit_m=(0.0, 1.0),
             forward_limit_m=(0.0, 1.0),
             lateral_limit_m=(0.0, 1.0),
+            rescue_back_m=(0.0, 1.0),
+            rescue_forward_m=(0.0, 1.0),
             turn_limit_deg=(0.0, 90.0),
             single_support_s=(self.tick_s, 10.0),
             double_support_s=(self.tick_s, 10.0),
@@ -202,11 +206,15 @@ class Gait:
         self._capture = np.zeros(2)
         self._omega = math.sqrt(GRAVITY_MPS2 / config.com_height_m)
 
-    def step(self, command: WalkCommand) -> Step:
+    def step(self, command: WalkCommand, astray_m: float = 0.0) -> Step:
         """Take up a command at the start of a double support, and make the whole step.
 
         A zero command with the feet side by side is standing still: no foot swings. Beyond the limits
         the command is clipped; a sideways step towards the standing foot ends where the feet would touch.
+
+        Args:
+            command: Of the footstep.
+            astray_m: How far ahead of the plan the weight is being carried: the step goes so much further.
         """
         config = self.config
         double, single = (
@@ -216,8 +224,8 @@ class Gait:
                 (command.single_support_s, config.single_support_s),
             )
         )
-        frame, target, stepping = self._next(self._frame, self._feet, command)
-        phases = self._preview(command, double, single)
+        frame, target, stepping = self._next(self._frame, self._feet, command, astray_m)
+        phases = self._preview(command, double, single, astray_m)
         capture = self._capture_points(phases, double, single)
         com, velocity = self._follow(capture)
         swing = self._feet.swing if stepping else 0
@@ -239,10 +247,21 @@ class Gait:
             progress,
         )
 
-    def _next(self, frame: Pose2, feet: Feet, command: WalkCommand) -> tuple[Pose2, Pose2, bool]:
+    def land(self, step: Step, tick: int) -> None:
+        """The swing foot of this step, the last one made, was put down early, at this tick of it."""
+        x, y, yaw = (float(v) for v in (step.left if step.swing > 0 else step.right)[tick])
+        self._feet = replace(
+            self._feet, **{"left" if step.swing > 0 else "right": Pose2(x, y, yaw)}
+        )
+
+    def _next(
+        self, frame: Pose2, feet: Feet, command: WalkCommand, astray_m: float = 0.0
+    ) -> tuple[Pose2, Pose2, bool]:
         """The walking frame after a command, where the swing foot goes, and whether it has to move."""
         config = self.config
         forward = min(max(command.forward_m, -config.backward_limit_m), config.forward_limit_m)
+        if astray_m:
+            forward = min(max(forward + astray_m, -config.rescue_back_m), config.rescue_forward_m)
         lateral = min(max(command.lateral_m, -config.lateral_limit_m), config.lateral_limit_m)
         limit = math.radians(config.turn_limit_deg)
         turn = min(max(command.turn_rad, -limit), limit)
@@ -260,13 +279,16 @@ class Gait:
         square = max(abs(apart.x), abs(apart.y), abs(apart.yaw)) < 1e-9
         return moved, target, not (still and square)
 
-    def _preview(self, command: WalkCommand, double: int, single: int) -> list[Phase]:
+    def _preview(
+        self, command: WalkCommand, double: int, single: int, astray_m: float
+    ) -> list[Phase]:
         """How the ZMP moves over this step and the ones after it, the command repeated."""
         tick = self.config.tick_s
         phases: list[Phase] = []
         frame, feet, zmp = self._frame, self._feet, self._zmp
         for _ in range(self.config.preview_steps):
-            frame, target, stepping = self._next(frame, feet, command)
+            frame, target, stepping = self._next(frame, feet, command, astray_m)
+            astray_m = 0.0
             if stepping:
                 side = -feet.swing
                 inward = Pose2(0.0, -side * self.config.zmp_inward_m)

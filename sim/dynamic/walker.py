@@ -10,7 +10,7 @@ Source: seed 000, section 2.1 (command); seed 001, section V-A (period 5 ms); ga
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -29,6 +29,7 @@ from ..world import World
 from ._legs_kernels import engage
 from .anatomy import ANATOMIES, DARWIN, Anatomy
 from .balance import Ankles, Attitude, BalanceConfig, Landing
+from .capture import CapturePoint
 from .legs import Legs
 from .odometry import FootToFoot, body_over
 from .physics import Physics
@@ -118,9 +119,11 @@ class DynamicBody:
             head: Turned along, tick by tick.
             rng: Of zeros, bumps and noise.
         """
-        self.config, self._gait_config, self._head = config, gait, head
         body = config.body
         self._scale = body.hip_m / DARWIN.hip_m
+        inward = gait.zmp_inward_m + config.balance.inward_m * self._scale
+        gait = replace(gait, zmp_inward_m=inward)
+        self.config, self._head = config, head
         self._rng = rng
         self._legs = Legs(body)
         self._gait = Gait(gait)
@@ -155,6 +158,7 @@ class DynamicBody:
         self._attitude = Attitude(config.balance, tick_s)
         self._ankles = Ankles(config.balance, tick_s)
         self._landing = Landing(config.balance, tick_s, self._scale)
+        self._weight = CapturePoint(config.balance, gait.com_height_m, self._scale)
         self._encoders = self._rounded(self._angles)
         self._command: WalkCommand | None = None
         self._push: tuple[np.ndarray, int] = (np.zeros(3), 0)
@@ -289,7 +293,8 @@ class DynamicBody:
 
     def _begin_step(self) -> None:
         self._walking = self._tick > 0 and self._step.stepping
-        self._step: Step = self._gait.step(self._command or WalkCommand())
+        astray = self._weight.ahead if self._tick > 0 else 0.0
+        self._step: Step = self._gait.step(self._command or WalkCommand(), astray)
         self._command = None
         self._tick = 0
         self._pelvis = self._legs.carry(self._step, self._planned)
@@ -317,11 +322,19 @@ class DynamicBody:
         """Plan, balance, servos, physics, sensors."""
         step, tick = self._step, self._tick
         physics = self.physics
+        self._weight.feel(self._attitude.tilt, self._rate)
+        if self.swinging and self._weight.tips_to(self.swinging):
+            self._landing.hurry()
         asked = self._landing.asks(step, tick)
         load = 0.0
         if asked:
             load = physics.load_on(f"{'left' if asked > 0 else 'right'}_ankle_roll")
+        stood = self._landing.stays(step)
         self._landing.advance(step, tick, load)
+        if self._landing.stays(step) and not stood:
+            swung = self._left if step.swing > 0 else self._right
+            swung[tick:, (0, 1, 3)] = swung[tick, (0, 1, 3)]
+            self._gait.land(step, tick)
         waits = self._walking and self._landing.waits(step, tick, load)
         left, right = self._left[tick].copy(), self._right[tick].copy()
         left[2] += self._landing.heights[0]

