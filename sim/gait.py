@@ -250,9 +250,7 @@ class Gait:
     def land(self, step: Step, tick: int) -> None:
         """The swing foot of this step, the last one made, was put down early, at this tick of it."""
         x, y, yaw = (float(v) for v in (step.left if step.swing > 0 else step.right)[tick])
-        self._feet = replace(
-            self._feet, **{"left" if step.swing > 0 else "right": Pose2(x, y, yaw)}
-        )
+        self._feet = replace(self._feet, swing=step.swing).placed(Pose2(x, y, yaw))
 
     def _next(
         self, frame: Pose2, feet: Feet, command: WalkCommand, astray_m: float = 0.0
