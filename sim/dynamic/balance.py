@@ -51,11 +51,9 @@ class BalanceConfig:
         0.25  # ours: longest wait for a sole that has not met the floor; then on regardless
     )
     inward_m: float = 0.006  # ours: the weight is planned so much further inside the standing sole
-    astray_m: float = 0.020  # ours: of the capture point; one step in fifty unpushed is further off
+    astray_m: float = 0.020  # ours: unpushed, 1 step in 20 is 15 mm astray, 1 in 100 is 24 mm
     answer: float = 2.0  # ours: footsteps go so many times further; it grows until they are made
-    tipping_m: float = (
-        0.045  # ours: with 0.030 more walks fell over bumps of 5 mm, with 0.020 of all
-    )
+    tipping_m: float = 0.045  # ours: with 0.030 more walks fell over bumps, with 0.020 when pushed
     put_down_mps: float = 0.3  # ours
 
     def __post_init__(self) -> None:

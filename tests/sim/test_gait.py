@@ -183,6 +183,10 @@ def test_a_foot_put_down_early_is_where_the_walk_goes_on_from():
     assert following.swing == -step.swing
     stands = following.left if step.swing > 0 else following.right
     assert stands == pytest.approx(np.tile(there, (following.ticks, 1)), abs=1e-12)
-    # ... and the weight goes over it: a steady walk's capture point is a centimetre inside of its ankle
-    halfway = following.com[-1] - there[:2]
-    assert abs(halfway[1]) < 0.045
+    # ... and the zero moment point rests in it, xi' = w (xi - p), a little inside of its ankle
+    omega = math.sqrt(GRAVITY_MPS2 / CONFIG.com_height_m)
+    before, after = (following.com + following.com_velocity / omega)[-2:]
+    growth = math.exp(omega * CONFIG.tick_s)
+    zmp = (after - growth * before) / (1.0 - growth)
+    inside = there[:2] - [0.0, step.swing * CONFIG.zmp_inward_m]
+    assert zmp == pytest.approx(inside, abs=1e-9)
