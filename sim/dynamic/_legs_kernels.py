@@ -16,31 +16,44 @@ BLOW = 1.0
 
 
 @njit(cache=True)
-def solve_leg(pelvis: np.ndarray, foot: np.ndarray, size: np.ndarray, angles: np.ndarray) -> None:
-    """Angles (6,) that put the ankle at foot (x, y, z, yaw) with a level sole under a level pelvis (same)."""
+def solve_leg(
+    pelvis: np.ndarray, bend: np.ndarray, foot: np.ndarray, size: np.ndarray, angles: np.ndarray
+) -> None:
+    """Angles (6,) that put the ankle at foot (x, y, z, yaw) with a level sole under a pelvis (same).
+
+    Bend (3, 3) turns the pelvis's axes into upright ones of its heading.
+    """
     c, s = math.cos(pelvis[3]), math.sin(pelvis[3])
     # hip seen from the ankle, in world axes, then in the foot's
-    dx = pelvis[0] - s * size[0] - foot[0]
-    dy = pelvis[1] + c * size[0] - foot[1]
-    rz = pelvis[2] - foot[2]
+    ahead, aside = bend[0, 1] * size[0], bend[1, 1] * size[0]
+    dx = pelvis[0] + c * ahead - s * aside - foot[0]
+    dy = pelvis[1] + s * ahead + c * aside - foot[1]
+    rz = pelvis[2] + bend[2, 1] * size[0] - foot[2]
     cf, sf = math.cos(foot[3]), math.sin(foot[3])
     rx, ry = cf * dx + sf * dy, cf * dy - sf * dx
     a, b = size[1], size[2]
     reach = math.sqrt(rx * rx + ry * ry + rz * rz)
-    bend = (reach * reach - a * a - b * b) / (2.0 * a * b)
-    knee = math.acos(min(max(bend, -1.0), 1.0))
+    cosine = (reach * reach - a * a - b * b) / (2.0 * a * b)
+    knee = math.acos(min(max(cosine, -1.0), 1.0))
     above = math.asin(min(max(a / reach * math.sin(knee), -1.0), 1.0))
     if reach * reach < a * a - b * b:  # a long thigh folded past the right angle
         above = math.pi - above
     roll = math.atan2(ry, rz)
     pitch = -math.atan2(rx, math.sqrt(ry * ry + rz * rz)) - above
-    # what is left for the hip: R = Rz(foot - pelvis) Rx(-roll) Ry(-pitch - knee)
+    # the thigh in upright axes of the pelvis's heading: Rz(foot - pelvis) Rx(-roll) Ry(-pitch - knee)
     turn = foot[3] - pelvis[3]
     ct, st = math.cos(turn), math.sin(turn)
     cr, sr = math.cos(-roll), math.sin(-roll)
     cp, sp = math.cos(-pitch - knee), math.sin(-pitch - knee)
-    r01, r11, r21 = -st * cr, ct * cr, sr
-    r20, r22 = -cr * sp, cr * cp
+    side = (-st * cr, ct * cr, sr)
+    front = (ct * cp - st * sr * sp, st * cp + ct * sr * sp, -cr * sp)
+    up = (ct * sp + st * sr * cp, st * sp - ct * sr * cp, cr * cp)
+    # what is left for the hip, in the pelvis
+    r01 = bend[0, 0] * side[0] + bend[1, 0] * side[1] + bend[2, 0] * side[2]
+    r11 = bend[0, 1] * side[0] + bend[1, 1] * side[1] + bend[2, 1] * side[2]
+    r21 = bend[0, 2] * side[0] + bend[1, 2] * side[1] + bend[2, 2] * side[2]
+    r20 = bend[0, 2] * front[0] + bend[1, 2] * front[1] + bend[2, 2] * front[2]
+    r22 = bend[0, 2] * up[0] + bend[1, 2] * up[1] + bend[2, 2] * up[2]
     yaw = math.atan2(-r01, r11)
     angles[0] = yaw
     angles[1] = math.atan2(r21, -r01 * math.sin(yaw) + r11 * math.cos(yaw))
@@ -146,7 +159,7 @@ def carry(
     The weight in the pelvis is that of the tick before; two rounds a tick bring it home. Angles (12,) hold
     the solution before the first tick and that of the last one after.
     """
-    offset, leg = np.empty(3), size.copy()
+    offset, leg, level = np.empty(3), size.copy(), np.eye(3)
     for k in range(len(com)):
         for _ in range(2):
             weigh(angles, size, masses, sole, upper, offset)
@@ -156,9 +169,9 @@ def carry(
             pelvis[k, 2] = hip
             pelvis[k, 3] = yaw[k]
             leg[0] = size[0]
-            solve_leg(pelvis[k], left[k], leg, angles[:6])
+            solve_leg(pelvis[k], level, left[k], leg, angles[:6])
             leg[0] = -size[0]
-            solve_leg(pelvis[k], right[k], leg, angles[6:])
+            solve_leg(pelvis[k], level, right[k], leg, angles[6:])
 
 
 @njit(cache=True)

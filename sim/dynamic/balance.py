@@ -5,12 +5,11 @@ it was due is held where it is; one that has not met it when the weight comes is
 memories fade while the foot stands.
 
 Source: walking trials: gains 0.3 and 0.05 drift for metres, the opposite sign falls at once, feedback to
-the hips falls, soft soles do not help. A push of 1 N s throws the capture point 5 cm off, which is half a
-sole. Of 100 such pushes, at any instant and from anywhere, 9 end in a fall where none is answered. Half of
-these lead outward over the standing foot, where no step can come between: with the weight planned 6 mm
-further inward there are 6. What `capture` does takes the falls towards the foot in the air (9 of 41 there,
-then 1), and 6 are left all the same, or 4 with gains hardly different: 600 pushes tell no more. Of 48 walks
-over bumps of 5 mm two fall with both, and four with neither.
+the hips at all times falls, soft soles do not help. A push of 1 N s throws the capture point 5 cm off, which
+is half a sole. Of 100 such pushes, at any instant and from anywhere, 9 end in a fall where none is answered.
+Half of these lead outward over the standing foot, where no step can come between: with the weight planned
+6 mm further inward there are 6. What `capture` does takes the falls towards the foot in the air (9 of 41
+there, then 1), and 4 to 6 are left all the same; 3 with what the hips do (`hip_strategy`).
 """
 
 from __future__ import annotations
@@ -26,6 +25,7 @@ from perception.primitives.errors import ConfigError
 from ..gait import Step
 from ..ranges import check_ranges
 from ._legs_kernels import attend
+from .legs import tilted
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,13 @@ class BalanceConfig:
     answer: float = 2.0  # ours: footsteps go so many times further; it grows until they are made
     tipping_m: float = 0.045  # ours: with 0.030 more walks fell over bumps, with 0.020 when pushed
     put_down_mps: float = 0.3  # ours
+    bend_rad_per_m: float = 12.0  # ours: of the trunk, beyond `astray_m`; 10 and 14 do as well
+    bend_most_rad: tuple[float, float] = (0.4, 0.8)  # ours: roll, until a leg is stretched; pitch
+    bend_radps: float = 6.0  # ours: what servos of this size can do
+    bend_radps2: float = (
+        100.0  # ours: 200 does as well; unbounded the trunk shakes, and more walks fall
+    )
+    unbend_radps: float = 0.4  # ours: slow, or the fall gets back what was taken from it
 
     def __post_init__(self) -> None:
         for name in ("blend_s", "attitude_s", "forget_s"):
@@ -78,6 +85,11 @@ class BalanceConfig:
             answer=(0.0, 10.0),
             tipping_m=(0.0, 1.0),
             put_down_mps=(0.0, 10.0),
+            bend_rad_per_m=(0.0, 100.0),
+            bend_most_rad=(0.0, 1.0),
+            bend_radps=(0.0, 20.0),
+            bend_radps2=(0.0, math.inf),
+            unbend_radps=(0.0, 20.0),
         )
         if not 0.0 <= self.tilt_memory < 1.0:
             raise ConfigError(f"balance: tilt_memory={self.tilt_memory} must lie in [0, 1)")
@@ -116,21 +128,19 @@ class Attitude:
         attend(self.up, self._bias, rate, rest, self._tick_s, self._share, self._learn)
 
     @property
-    def tilt(self) -> tuple[float, float]:
+    def tilt(self) -> Float[np.ndarray, "2"]:
         """Roll and pitch, rad."""
         x, y, z = (float(v) for v in self.up)
-        return math.atan2(y, z), math.atan2(-x, math.hypot(y, z))
+        return np.array([math.atan2(y, z), math.atan2(-x, math.hypot(y, z))])
 
     def turning(self, rate: Float[np.ndarray, "3"]) -> float:
         """How fast the heading changes, rad/s, at a rate in trunk axes."""
-        roll, pitch = self.tilt
+        roll, pitch = self.tilt.tolist()
         return float((math.sin(roll) * rate[1] + math.cos(roll) * rate[2]) / math.cos(pitch))
 
     def level(self) -> Float[np.ndarray, "3 3"]:
         """Rotation from the trunk to upright axes of the same heading."""
-        roll, pitch = self.tilt
-        cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-        return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+        return tilted(self.tilt)
 
 
 class Ankles:
@@ -146,8 +156,8 @@ class Ankles:
     def correct(
         self,
         angles: Float[np.ndarray, "12"],
-        tilt: tuple[float, float],
-        rate: Float[np.ndarray, "3"],
+        tilt: Float[np.ndarray, "2"],
+        rate: Float[np.ndarray, "2"],
         swinging: int,
         walks: bool,
     ) -> None:
@@ -157,17 +167,16 @@ class Ankles:
 
         Args:
             angles: Of the legs.
-            tilt: Roll and pitch of the trunk, rad.
-            rate: Of the trunk, rad/s.
+            tilt, rate: Roll and pitch of the body, but for what its trunk is bent at the hips, rad and rad/s.
             swinging: The side in the air, +1 left, -1 right, 0 none.
             walks: Whether this step steps.
         """
         full = 1.0 if walks else self._config.standing_share
         self._damped += min(max(full - self._damped, -self._pace), self._pace)
         keep = self._config.tilt_memory
-        self._tilt = keep * self._tilt + (1.0 - keep) * np.array(tilt)
+        self._tilt = keep * self._tilt + (1.0 - keep) * tilt
         damping = self._damped * self._config.gyro_gain_s
-        roll, pitch = self._config.tilt_gain * self._tilt + damping * rate[:2]
+        roll, pitch = self._config.tilt_gain * self._tilt + damping * rate
         for k, side in enumerate((1, -1)):
             wanted = 0.0 if swinging == side else 1.0
             step = min(max(wanted - self._part[k], -self._pace), self._pace)

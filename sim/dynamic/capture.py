@@ -3,7 +3,7 @@
 A body that servos hold stiff turns as one about an edge of its sole when it is pushed, while its joints
 go on as planned. So its tilt, and how fast that grows, say how far its capture point has left the plan:
 h (tilt + tilt'/w), in the direction in which it tips. Ahead or back of the plan, the coming footstep goes
-along; towards a foot that is in the air, this foot is put down at once.
+along; towards a foot that is in the air, this foot is put down at once; the trunk bends (`hip_strategy`).
 
 Source: Pratt et al. 2006 (capture point of a pushed pendulum).
 """
@@ -36,16 +36,13 @@ class CapturePoint:
         self._astray, self._tipping = config.astray_m * scale, config.tipping_m * scale
         self.error = np.zeros(2)  # ahead and to the left, m
 
-    def feel(self, tilt: tuple[float, float], rate: Float[np.ndarray, "3"]) -> None:
+    def feel(self, tilt: Float[np.ndarray, "2"], rate: Float[np.ndarray, "2"]) -> None:
         """One tick.
 
         Args:
-            tilt: Roll and pitch of the trunk, rad.
-            rate: Of the trunk, rad/s.
+            tilt, rate: Roll and pitch of the body, but for what its trunk is bent at the hips, rad and rad/s.
         """
-        roll, pitch = (
-            angle + self._lag * float(r) for angle, r in zip(tilt, rate[:2], strict=True)
-        )
+        roll, pitch = (tilt + self._lag * rate).tolist()
         found = self._height * np.array([pitch, -roll])
         self.error = self._keep * self.error + (1.0 - self._keep) * found
 

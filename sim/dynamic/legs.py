@@ -1,13 +1,15 @@
 """Legs: from where the feet shall be to joint angles, in closed form, and back.
 
 Hip axes meet in a point, ankle axes too, so the knee follows from the distance of the two, the ankle from
-the direction of the hip, and the hip from what is left. Pelvis and soles stay level; what tilts them is
-added later by the balance.
+the direction of the hip, and the hip from what is left. Soles stay level, and the pelvis unless it is bent;
+what tilts them besides is added later by the balance.
 
 Source: Kajita et al., Introduction to Humanoid Robotics, section 2.5.2 (analytical inverse kinematics).
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from jaxtyping import Float
@@ -18,7 +20,15 @@ from ..gait import Step
 from ._legs_kernels import carry, find_leg, solve_leg, weigh
 from .anatomy import LEG_JOINTS, Anatomy, links
 
+UPRIGHT = np.zeros(2)
 _LEGS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in LEG_JOINTS)
+
+
+def tilted(tilt: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation from what is tilted by that roll and pitch (rad) to upright axes of the same heading."""
+    roll, pitch = tilt.tolist()
+    cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
+    return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 class Legs:
@@ -39,16 +49,19 @@ class Legs:
         pelvis: Float[np.ndarray, "4"],
         left: Float[np.ndarray, "4"],
         right: Float[np.ndarray, "4"],
+        bend: Float[np.ndarray, "2"] = UPRIGHT,
     ) -> Float[np.ndarray, "12"]:
-        """Angles for level soles under a level pelvis.
+        """Angles for level soles.
 
         Args:
             pelvis, left, right: (x, y, z, yaw), m and rad; a foot is its ankle. Out of reach the leg is
                 stretched towards it.
+            bend: Roll and pitch of the pelvis, rad.
         """
         angles = np.empty(12)
-        solve_leg(pelvis, left, self.size, angles[:6])
-        solve_leg(pelvis, right, self._other, angles[6:])
+        turned = tilted(bend)
+        solve_leg(pelvis, turned, left, self.size, angles[:6])
+        solve_leg(pelvis, turned, right, self._other, angles[6:])
         return angles
 
     def feet(self, angles: Float[np.ndarray, "12"]) -> tuple[Pose3, Pose3]:
@@ -60,15 +73,27 @@ class Legs:
             found.append(Pose3.from_rotation(rotation, points[2].copy()))
         return found[0], found[1]
 
-    def footprints(self, angles: Float[np.ndarray, "12"]) -> tuple[Pose2, Pose2]:
-        """Left and right foot below a level pelvis, as seen from above."""
+    def footprints(
+        self, angles: Float[np.ndarray, "12"], bend: Float[np.ndarray, "2"] = UPRIGHT
+    ) -> tuple[Pose2, Pose2]:
+        """Left and right foot, as seen from above, from a pelvis of that roll and pitch (rad)."""
         prints = []
-        for own, size in ((angles[:6], self.size), (angles[6:], self._other)):
-            rotation, points = np.empty((3, 3)), np.empty((3, 3))
-            find_leg(own, size, rotation, points)
-            yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
-            prints.append(Pose2(float(points[2, 0]), float(points[2, 1]), yaw))
+        turned = tilted(bend)
+        for foot in self.feet(angles):
+            x, y, _ = (turned @ foot.translation).tolist()
+            ahead = turned @ foot.rotation[:, 0]
+            prints.append(Pose2(x, y, float(np.arctan2(ahead[1], ahead[0]))))
         return prints[0], prints[1]
+
+    def aside(self, bend: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """How far the whole body's weight goes along and across when only the pelvis bends so, m.
+
+        Args:
+            bend: Roll and pitch, rad.
+        """
+        above = self._upper[1:]
+        share = self._upper[0] / (self._upper[0] + 2.0 * self._masses.sum())
+        return np.asarray(share * (tilted(bend) @ above - above)[:2])
 
     def centre_of_mass(self, angles: Float[np.ndarray, "12"]) -> Float[np.ndarray, "3"]:
         """Of the whole body, head and arms at rest, pelvis frame, m."""

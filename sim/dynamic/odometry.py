@@ -11,44 +11,38 @@ Source: seed 003, section 2.2 (foot-to-foot odometry).
 
 from __future__ import annotations
 
-import numpy as np
-from jaxtyping import Float
-
 from perception.primitives.pose import Pose2
 
-from .legs import Legs
+Footprints = tuple[Pose2, Pose2]
 
 
 class FootToFoot:
-    """The body in the frame where it began, by encoders alone; angles are those of the legs, rad."""
+    """The body in the frame where it began, by footprints alone: (left, right) below an upright pelvis."""
 
-    def __init__(self, legs: Legs, encoders: Float[np.ndarray, "12"]) -> None:
-        self._legs = legs
-        self._standing = 1
-        self._foot = self.pelvis(encoders) @ self.sole(encoders)
+    def __init__(self, prints: Footprints) -> None:
+        self.standing = 1  # +1 left, -1 right
+        self._foot = self.pelvis(prints) @ self.sole(prints)
 
-    def read(self, encoders: Float[np.ndarray, "12"], standing: int) -> None:
+    def read(self, prints: Footprints, standing: int) -> None:
         """The foot that bears the weight now: +1 left, -1 right."""
-        if standing == self._standing:
-            return
-        before = self.sole(encoders)
-        self._standing = standing
-        self._foot = self._foot @ before.inverse() @ self.sole(encoders)
+        before = self.sole(prints)
+        self.standing = standing
+        self._foot = self._foot @ before.inverse() @ self.sole(prints)
 
-    def body(self, encoders: Float[np.ndarray, "12"]) -> Pose2:
+    def body(self, prints: Footprints) -> Pose2:
         """The body frame, from the foot that stands."""
-        pelvis = self._foot @ self.sole(encoders).inverse()
-        return pelvis @ self.pelvis(encoders).inverse()
+        pelvis = self._foot @ self.sole(prints).inverse()
+        return pelvis @ self.pelvis(prints).inverse()
 
-    def pelvis(self, encoders: Float[np.ndarray, "12"]) -> Pose2:
+    def pelvis(self, prints: Footprints) -> Pose2:
         """The pelvis in the body frame."""
-        left, right = self._legs.footprints(encoders)
+        left, right = prints
         return Pose2(-(left.x + right.x) / 2, -(left.y + right.y) / 2)
 
-    def sole(self, encoders: Float[np.ndarray, "12"]) -> Pose2:
+    def sole(self, prints: Footprints) -> Pose2:
         """The foot that stands, as seen from the pelvis."""
-        left, right = self._legs.footprints(encoders)
-        return left if self._standing > 0 else right
+        left, right = prints
+        return left if self.standing > 0 else right
 
 
 def body_over(left: Pose2, right: Pose2, heading_rad: float) -> Pose2:

@@ -30,8 +30,9 @@ from ._legs_kernels import engage
 from .anatomy import ANATOMIES, DARWIN, Anatomy
 from .balance import Ankles, Attitude, BalanceConfig, Landing
 from .capture import CapturePoint
-from .legs import Legs
-from .odometry import FootToFoot, body_over
+from .hip_strategy import Hips
+from .legs import Legs, tilted
+from .odometry import Footprints, FootToFoot, body_over
 from .physics import Physics
 from .urdf import bumps
 
@@ -159,6 +160,7 @@ class DynamicBody:
         self._ankles = Ankles(config.balance, tick_s)
         self._landing = Landing(config.balance, tick_s, self._scale)
         self._weight = CapturePoint(config.balance, gait.com_height_m, self._scale)
+        self._hips = Hips(config.balance, tick_s, self._scale)
         self._encoders = self._rounded(self._angles)
         self._command: WalkCommand | None = None
         self._push: tuple[np.ndarray, int] = (np.zeros(3), 0)
@@ -169,11 +171,11 @@ class DynamicBody:
         self._ticks = -round(SETTLE_S / tick_s)
         self._last = np.append(self._angles, [0.0, 0.0])
         self._tick = 0
-        self._odometry = FootToFoot(self._legs, self._encoders)
+        self._odometry = FootToFoot(self._footprints)
         self._begin_step()
         while self._ticks < 0:
             self._settle()
-        self._odometry = FootToFoot(self._legs, self._encoders)
+        self._odometry = FootToFoot(self._footprints)
         self._begin_step()
 
     def walk(self, command: WalkCommand) -> None:
@@ -205,7 +207,7 @@ class DynamicBody:
         Args:
             ticks: Of the plan, at least 1; may reach into the following steps.
         """
-        before, steps, began = self._odometry.body(self._encoders), 0.0, self._ticks
+        before, steps, began = self._odometry.body(self._footprints), 0.0, self._ticks
         movers = self._world.movers()
         while ticks > 0:
             self.take_up()
@@ -215,20 +217,21 @@ class DynamicBody:
             self._advance_tick()
             ticks -= self._tick - tick
             steps += self._done - done
-        motion = before.inverse() @ self._odometry.body(self._encoders)
+        motion = before.inverse() @ self._odometry.body(self._footprints)
         return Advance(motion, steps, (self._ticks - began) * self._tick_s)
 
     def trunk_by_joints(self) -> Pose3:
         """The pelvis in the body frame as the robot has it, lowered by the height it has while walking.
 
-        Encoders know legs without play on a level sole. What the inertial sensor finds tilted is taken
-        to lean about the foot that stands.
+        Encoders know legs without play on a level sole. What the inertial sensor finds tilted, and the
+        hips have not bent, is taken to lean about the foot that stands.
         """
-        pelvis, sole = self._odometry.pelvis(self._encoders), self._odometry.sole(self._encoders)
+        prints = self._footprints
+        pelvis, sole = self._odometry.pelvis(prints), self._odometry.sole(prints)
         hip = np.array([0.0, 0.0, self.config.body.hip_m])
-        level = self._attitude.level()
+        level, leaning = self._attitude.level(), tilted(self._attitude.tilt - self._hips.bend)
         foot = np.array([sole.x, sole.y, 0.0])  # below the pelvis, pelvis axes
-        place = pelvis.lifted().translation + foot + level @ (hip - foot) - level @ hip
+        place = pelvis.lifted().translation + foot + leaning @ (hip - foot) - level @ hip
         return Pose3.from_rotation(level, place)
 
     @property
@@ -287,6 +290,11 @@ class DynamicBody:
         self.physics.close()
 
     @property
+    def _footprints(self) -> Footprints:
+        """Left and right foot as the robot has them, from an upright pelvis."""
+        return self._legs.footprints(self._encoders, self._hips.bend)
+
+    @property
     def _done(self) -> float:
         """Share of the step's motion that is planned to be done by now."""
         return float(self._step.progress[self._tick - 1]) if self._tick > 0 else 0.0
@@ -322,7 +330,9 @@ class DynamicBody:
         """Plan, balance, servos, physics, sensors."""
         step, tick = self._step, self._tick
         physics = self.physics
-        self._weight.feel(self._attitude.tilt, self._rate)
+        tilt, rate = self._attitude.tilt - self._hips.bend, self._rate[:2] - self._hips.rate
+        self._weight.feel(tilt, rate)
+        self._hips.advance(self._weight.error)
         if self.swinging and self._weight.tips_to(self.swinging):
             self._landing.hurry()
         asked = self._landing.asks(step, tick)
@@ -339,13 +349,14 @@ class DynamicBody:
         left, right = self._left[tick].copy(), self._right[tick].copy()
         left[2] += self._landing.heights[0]
         right[2] += self._landing.heights[1]
-        angles = self._legs.solve(self._pelvis[tick], left, right)
+        bend = self._hips.bend
+        pelvis = self._pelvis[tick].copy()
+        pelvis[:2] -= _turned(pelvis[3]) @ self._legs.aside(bend)
+        angles = self._legs.solve(pelvis, left, right, bend)
         self._planned[:] = angles
         self._tick += 0 if waits else 1
         self._ticks += 1
-        self._ankles.correct(
-            angles, self._attitude.tilt, self._rate, self.swinging, self._step.stepping
-        )
+        self._ankles.correct(angles, tilt, rate, self.swinging, self._step.stepping)
         self._head.advance(self._tick_s)
         self._drive(np.append(angles, self._head.aims))
         strength, left_over = self._push
@@ -374,10 +385,11 @@ class DynamicBody:
         pan, tilt = (found - self._wanted)[12:].tolist()
         self._head.deflected((pan, tilt), tuple((motor - self._wanted)[12:].tolist()))
         step = self._step
-        if step.stepping and 2 * tick >= step.double_support_ticks:
-            self._odometry.read(self._encoders, -step.swing)
+        weighed = step.stepping and 2 * tick >= step.double_support_ticks
+        if weighed and self._odometry.standing != -step.swing:
+            self._odometry.read(self._footprints, -step.swing)
         self._sense(tick)
-        if self._attitude.up[2] < FALLEN:
+        if tilted(self._attitude.tilt - self._hips.bend)[2, 2] < FALLEN:
             self.fallen = True
 
     def _rounded(self, angles: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
@@ -398,6 +410,12 @@ class DynamicBody:
         upright[2] = attitude.turning(rate)
         turned, pushed, count = self._sums
         self._sums = (turned + upright, pushed + level @ force, count + 1)
+
+
+def _turned(yaw: float) -> Float[np.ndarray, "2 2"]:
+    """Rotation from the body's axes to those in which it is planned."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s], [s, c]])
 
 
 def _below(pose: Pose3) -> Pose2:

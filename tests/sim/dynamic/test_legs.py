@@ -15,6 +15,7 @@ from sim.gait import Gait, GaitConfig
 BODIES = (DARWIN, TALL)
 small = st.floats(-0.04, 0.04)
 turn = st.floats(-0.5, 0.5)
+bend = st.one_of(st.just((0.0, 0.0)), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.8, 0.8)))
 foot = st.tuples(small, st.floats(-0.02, 0.03), st.floats(0.0, 0.03), turn)
 
 
@@ -37,11 +38,12 @@ def chain(body, angles):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.sampled_from(BODIES), foot, foot, turn)
-def test_feet_are_where_they_were_asked_to_be(body, left, right, yaw):
+@given(st.sampled_from(BODIES), foot, foot, turn, bend)
+def test_feet_are_where_they_were_asked_to_be(body, left, right, yaw, bend):
     legs, half = Legs(body), 1.2 * body.hip_half_m
     scale = body.hip_m / DARWIN.hip_m
-    pelvis = np.array([0.01, -0.02, 0.99 * body.hip_m, yaw])
+    height = 0.99 if bend == (0.0, 0.0) else 0.9  # a hip that rolls up must stay in reach
+    pelvis = np.array([0.01, -0.02, height * body.hip_m, yaw])
     c, s = math.cos(yaw), math.sin(yaw)
     asked = []
     for side, (x, y, z, turned_by) in ((1, left), (-1, right)):
@@ -50,9 +52,10 @@ def test_feet_are_where_they_were_asked_to_be(body, left, right, yaw):
         asked.append(
             np.array([0.01 + c * x - s * y, -0.02 + s * x + c * y, height, yaw + turned_by])
         )
-    angles = legs.solve(pelvis, *asked)
+    angles = legs.solve(pelvis, *asked, np.array(bend))
+    roll, pitch = bend
     for found, wanted in zip(legs.feet(angles), asked, strict=True):
-        R = turned((0, 0, 1), yaw)
+        R = turned((0, 0, 1), yaw) @ turned((0, 1, 0), pitch) @ turned((1, 0, 0), roll)
         place = pelvis[:3] + R @ found.translation
         np.testing.assert_allclose(place, wanted[:3], atol=1e-12)
         np.testing.assert_allclose(R @ found.rotation, turned((0, 0, 1), wanted[3]), atol=1e-12)

@@ -90,12 +90,12 @@ def tight_walk(seed, balance):
             return [below(body.physics.link(f"{side}_ankle_roll")) for side in ("left", "right")]
 
         start = told = body.true_pose
-        planned, standing = body.planned_pose.inverse(), body._odometry._standing
+        planned, standing = body.planned_pose.inverse(), body._odometry.standing
         foot = soles()[standing < 0]
         for _ in range(130 * 8):
             body.walk(TURNING)
             told = told @ body.advance(1).motion
-            now, before = body._odometry._standing, soles()[standing < 0]
+            now, before = body._odometry.standing, soles()[standing < 0]
             if now != standing:  # the way by the true feet, as if none slipped while it stood
                 foot, standing = foot @ before.inverse() @ soles()[now < 0], now
             true = foot @ soles()[standing < 0].inverse() @ body.true_pose
