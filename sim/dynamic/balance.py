@@ -36,7 +36,7 @@ class BalanceConfig:
     gyro_gain_s: float = 0.025  # ... over bumps of 5 mm 3 of 24 walks fell with these, with ours 1
     standing_share: float = 1.0 / 3.0  # ours: of the gyro's gain, for a body that stands
     tilt_memory: float = 0.5  # walking trials: share of the last tilt kept each tick
-    blend_s: float = 0.03  # ours: an ankle takes part, and ceases to, over so long
+    blend_s: float = 0.03  # ours: an ankle takes part, and ceases to, over so long; hips follow so
     attitude_s: float = 2.0  # ours: the accelerometer corrects the gyro's vertical this slowly
     due_share: float = 0.55  # walking trials: of the swing, before which no landing is believed
     touch_n: float = 2.0  # walking trials

@@ -31,7 +31,7 @@ class Hips:
     def __init__(self, config: BalanceConfig, tick_s: float, scale: float = 1.0) -> None:
         self._config = config
         self._tick_s = tick_s
-        self._jerk = config.bend_radps2 * tick_s
+        self._change = config.bend_radps2 * tick_s  # of the rate, at most, rad/s
         self._gain = config.bend_rad_per_m / scale
         self._astray = config.astray_m * scale
         self.bend = np.zeros(2)  # roll and pitch of the trunk against legs that stand upright, rad
@@ -52,5 +52,5 @@ class Hips:
             fastest = config.bend_radps if further else config.unbend_radps
             pace = min(max((wanted - bent) / config.blend_s, -fastest), fastest)
             change = pace - float(self.rate[k])
-            self.rate[k] += min(max(change, -self._jerk), self._jerk)
+            self.rate[k] += min(max(change, -self._change), self._change)
         self.bend += self.rate * self._tick_s
