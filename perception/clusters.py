@@ -3,7 +3,8 @@
 On a plan of small cells, points that hang together are one thing. Things that touch lower down but stand
 apart higher up (people side by side) are parted where their tops are. Only the near side of a thing is
 seen, so its middle lies behind the mean of its points: by pi/4 of its radius if it is round and far, which
-is the mean over the visible half of a circle; near by, where less than half is seen, by more.
+is the mean over the visible half of a circle; near by, where less than half is seen, by more. What the view cuts off has its middle elsewhere, but for
+round things close by, of which a part is enough (`round_front`).
 
 What reaches down to where the robot walks is a thing; a shelf above it is not. Walls and long furniture
 come out as large clusters, and it is for the reader to leave those to the map.
@@ -15,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import cv2
@@ -23,7 +24,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from . import round_front
 from .primitives.errors import ConfigError, InputError
+from .round_front import FrontConfig
 
 NEIGHBOURS = np.ones((3, 3), dtype=bool)
 ENOUGH = 1000  # points that measure a thing as well as all of them
@@ -53,12 +56,13 @@ class ClusterConfig:
     shape_per_m: float = 0.6  # ours: middle of a flat, round or edgy front: times radius squared, m
     place_sigma_m: float = 0.004  # ours: error that all points of a thing share, near the sensor
     place_sigma_per_m: float = 0.006  # ours: and growing with range; half a pixel at either edge
+    front_m: float = 1.0  # ours: what is cut off further away can be looked at whole
+    front: FrontConfig = field(default_factory=FrontConfig)
 
     def __post_init__(self) -> None:
-        for field in self.__dataclass_fields__:
-            value = getattr(self, field)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"clusters: {field}={value} must be positive and finite")
+        for name, value in vars(self).items():
+            if name != "front" and not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"clusters: {name}={value} must be positive and finite")
 
 
 class Footprint(NamedTuple):
@@ -80,7 +84,8 @@ class Cluster:
         height_m: Its top above the floor.
         points: How many it was seen with.
         footprint: Rectangle of least area round what was seen of it.
-        whole: Whether all of it is in view; of one that is cut off or half hidden the centre is elsewhere.
+        whole: Whether all of it is in view.
+        round: Whether it is cut off or half hidden, but its front tells where its middle is.
     """
 
     centre: Float[np.ndarray, "2"]
@@ -90,6 +95,12 @@ class Cluster:
     points: int
     footprint: Footprint
     whole: bool = True
+    round: bool = False
+
+    @property
+    def placed(self) -> bool:
+        """Whether centre and radius are those of all of it; else the centre is elsewhere."""
+        return self.whole or self.round
 
     @property
     def length_m(self) -> float:
@@ -146,7 +157,9 @@ def cluster(
         if height < config.least_height_m:
             continue
         measured = _measure(thing, sigma[mine], int(last - first), sensor_xy, height, config)
-        found.append(replace(measured, whole=bool(whole)))
+        if not whole:
+            measured = _by_its_front(replace(measured, whole=False), thing, sensor_xy, config)
+        found.append(measured)
     return sorted(found, key=lambda c: float(np.hypot(*(c.centre - sensor_xy))))
 
 
@@ -259,6 +272,29 @@ def _measure(
         height_m,
         count,
         _rectangle(thing[:, :2]),
+    )
+
+
+def _by_its_front(
+    cut: Cluster,
+    thing: Float[np.ndarray, "n 3"],
+    sensor_xy: Float[np.ndarray, "2"],
+    config: ClusterConfig,
+) -> Cluster:
+    """The same with the middle of the circle through its front, if it is near and round."""
+    away = np.hypot(*(thing[:, :2] - sensor_xy).T)
+    if float(np.quantile(away, 0.03)) > config.front_m:
+        return cut
+    front = round_front.fit(thing[:, :2], sensor_xy, config.front)
+    if front is None:
+        return cut
+    place = math.hypot(config.place_sigma_m, config.place_sigma_per_m * float(away.mean()))
+    return replace(
+        cut,
+        centre=front.centre,
+        covariance=front.covariance + place**2 * np.eye(2),
+        radius_m=front.radius_m,
+        round=True,
     )
 
 

@@ -139,7 +139,7 @@ class Pipeline:
                     self._detections(found, frame),
                     pose,
                     visibility(views),
-                    [_detection(cluster) for cluster in found if not cluster.whole],
+                    [_detection(cluster) for cluster in found if not cluster.placed],
                 )
         with watch.stage("map"):
             self._remember(frame, views, pose)
@@ -259,17 +259,17 @@ class Pipeline:
         )
 
     def _detections(self, found: Sequence[Cluster], frame: Frame) -> list[Detection]:
-        """What the tracks learn from: whole things in depth, and by colour what depth does not show whole."""
-        whole = [_detection(cluster) for cluster in found if cluster.whole]
+        """What the tracks learn from: things in depth whose middle is known, and by colour what depth does not place."""
+        placed = [_detection(cluster) for cluster in found if cluster.placed]
         if frame.colour is None:
-            return whole
+            return placed
         by_colour = coloured.detect(frame.colour, self.config.coloured)
-        return whole + [
+        return placed + [
             seen
             for seen in by_colour
             if all(
                 np.hypot(*(seen.position - other.position)) > seen.radius_m + other.radius_m
-                for other in whole
+                for other in placed
             )
         ]
 

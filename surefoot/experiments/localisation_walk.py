@@ -243,7 +243,7 @@ def understood(
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)
         for one in things
-        if one.whole
+        if one.placed
     ]
 
 
