@@ -2,10 +2,10 @@
 
 Read in this order: `primitives` (the words everybody uses), `time_of_flight`, `structured_light` and `stereo`
 with `block_matching` and `rectification` (sensors to depth with a sigma per pixel), `floor` (the plane the
-robot stands on, and what rises above it), `clusters` (points to obstacles), `coloured` (obstacles of known
-colours in a picture), `localisation` (the robot's pose, landmarks, moving obstacles), `features` (points of a
-picture that are found again), `odometry` (the way of a camera in the hand), `monocular` (floor and moving
-obstacles by a single camera), `depth_to_colour` (two cameras made one).
+robot stands on, and what rises above it), `clusters` with `round_front` (points to obstacles), `coloured`
+(obstacles of known colours in a picture), `localisation` (the robot's pose, landmarks, moving obstacles),
+`features` (points of a picture that are found again), `odometry` (the way of a camera in the hand),
+`monocular` (floor and moving obstacles by a single camera), `depth_to_colour` (two cameras made one).
 
 Conventions, stated once for the whole project:
 

@@ -33,6 +33,8 @@ class Newcomers:
     def __init__(self, config: AttentionConfig) -> None:
         self.config = config
         self._places: list[np.ndarray] = []  # of this moment's things, world frame
+        self._points: list[np.ndarray] = []  # of them, that looks should show, world frame
+        self._whose: list[int] = []  # which thing each point is of
         self._met: list[tuple[np.ndarray, float]] = []  # what got a look, when
 
     def weigh(
@@ -55,7 +57,7 @@ class Newcomers:
         """
         config = self.config
         self._met = [(at, when) for at, when in self._met if stamp_s - when < config.met_s]
-        self._places = []
+        self._places, self._points, self._whose = [], [], []
         tracks = [obstacle.position for obstacle in obstacles]
         points: list[list[float]] = []
         worth: list[float] = []
@@ -71,6 +73,8 @@ class Newcomers:
             due = config.seek_max if away < config.close_m else config.nearness(away)
             due *= config.again_share**before
             shown = _extent(cluster, away, config.hidden_m)
+            self._whose += [len(self._places)] * len(shown)
+            self._points += [in_world(pose, at) for at in shown]
             self._places.append(place)
             points += [[*at, -config.eye_m] for at in shown]
             worth += [due / len(shown)] * len(shown)
@@ -79,10 +83,14 @@ class Newcomers:
     def looked(
         self, stamp_s: float, gaze: GazeCommand, pose: Gaussian, view: GazeMapConfig
     ) -> None:
-        """Take down which of them the look that was decided on is going to show."""
-        there = from_camera(pose, np.reshape(self._places, (-1, 2)), self.config.eye_m)
+        """Take down which of them the look that was decided on is going to show, be it in part.
+
+        What lies beyond the reach of the neck never shows more: who waited for that would stare for ever.
+        """
+        there = from_camera(pose, np.reshape(self._points, (-1, 2)), self.config.eye_m)
         shown = in_view(there, gaze, view)
-        self._met += [(at, stamp_s) for at, seen in zip(self._places, shown, strict=True) if seen]
+        met = sorted({whose for whose, seen in zip(self._whose, shown, strict=True) if seen})
+        self._met += [(self._places[k], stamp_s) for k in met]
 
 
 def _extent(cluster: Cluster, away: float, hidden_m: float) -> list[np.ndarray]:

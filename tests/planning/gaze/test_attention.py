@@ -135,6 +135,26 @@ def test_what_the_edge_of_the_view_cuts_off_is_looked_at_with_what_may_be_hidden
     )[1](0.0)
 
 
+def test_what_the_neck_cannot_turn_to_is_not_stared_at():
+    behind = Cluster(
+        np.array([-0.28, -0.63]),
+        np.eye(2) * 1e-4,
+        0.12,
+        0.4,
+        50,
+        Footprint(0.2, 0.2, 0.0),
+        whole=False,
+    )
+    attentive, known, farthest = Attentive(CONFIG), Known(SURE, clusters=(behind,)), at(-90.0)
+    gain = []
+    for k in range(4):
+        empty = values(Attentive(CONFIG), 1.0 + k)[1](-90.0)
+        gain.append(values(attentive, 1.0 + k, (), known)[1](-90.0) - empty)
+        attentive.decided(1.0 + k, farthest, VIA, [], SURE)
+    assert gain[0] > 0.0  # an end of it is in view, its middle is not
+    assert gain[3] < 0.2 * gain[0]
+
+
 def test_stale_ground_draws_the_head_to_its_side():
     grid, confidence = fresh_grid()
     confidence.decay(4.0)
