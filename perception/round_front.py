@@ -21,6 +21,7 @@ from .primitives.errors import ConfigError
 
 ROUNDS = 15  # of Gauss-Newton; four or five are enough as a rule
 DONE_M = 1e-6
+FLAT = 3.0  # ours: times the largest radius, to begin with, is a wall
 
 
 @dataclass(frozen=True)
@@ -88,19 +89,19 @@ def fit(
     if float(np.linalg.norm(front[-1] - front[0])) < config.least_m:
         return None
     circle = _algebraic(front)
+    least, most = config.radius_m
+    if float(circle[2]) > FLAT * most:  # Kasa's circle is too small, if anything
+        return None
     for _ in range(ROUNDS):
         offsets, J = _distances(front, circle)
         change = np.linalg.lstsq(J, -offsets, rcond=None)[0]
         circle = circle + change
         if float(np.abs(change).max()) < DONE_M:
             break
-    if not np.all(np.isfinite(circle)):
-        return None
     offsets, J = _distances(front, circle)
     rough = math.sqrt(float(offsets @ offsets) / len(front))
     covariance = max(rough, config.smooth_m) ** 2 * np.linalg.pinv(J.T @ J, hermitian=True)
     radius, sigma = float(circle[2]), math.sqrt(float(covariance[2, 2]))
-    least, most = config.radius_m
     if rough > config.rough_m or sigma > config.radius_sigma_m:
         return None
     if not least < radius < most - 2.0 * sigma or not _faces(circle, front, sensor_xy):
