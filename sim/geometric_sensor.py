@@ -3,7 +3,8 @@
 Rendering half a minute of a walk takes a minute; this takes milliseconds. It asks for a disc what an image
 answers: is all of it inside the view, is it hidden, is its foot in the picture; and it errs as images do:
 the time-of-flight camera by a share of the thing's radius, the colour camera by the pitch of a trembling head,
-both by its yaw, which all things of one instant have wrong alike.
+both by its yaw, which all things of one instant have wrong alike. It shows less than pictures do: of what the
+view cuts off nothing, where pictures place a round thing close by.
 
 Source: ours; fields of view of seeds 004 and 000, errors those that the detectors of `perception` claim and
 walks have confirmed.
