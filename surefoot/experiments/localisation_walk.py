@@ -214,7 +214,7 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
 def understood(
     frame: Frame, config: Config, rng: np.random.Generator
 ) -> tuple[tuple[View, ...], list[Detection]]:
-    """The depth image in the body frame: floor, what rises, and whole things."""
+    """The depth image in the body frame: floor, what rises, and things whose middle is known."""
     assert frame.tof is not None
     depth = time_of_flight.depth(frame.tof, config.tof)
     assert depth.T_body_camera is not None
