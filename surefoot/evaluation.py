@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from perception.primitives.errors import InputError
 
-from .metrics.consistency import consistency_metrics, nees
+from .metrics.consistency import consistency_metrics, whitened
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
 from .metrics.gauge import (
@@ -125,8 +125,8 @@ def evaluate(
         metrics |= _claims(run, estimate, true, truth_sigma)
     elif estimate is not None and true is not None:
         metrics |= trajectory_metrics(estimate, true)
-        claims = pose_nees(run, true)
-        metrics |= {} if claims is None else consistency_metrics(claims[1], 3, "pose")
+        claims = pose_errors(run, true)
+        metrics |= {} if claims is None else consistency_metrics(claims[1], "pose")
         metrics |= _smoothed(run, true)
     if true is not None and truth is None:
         metrics |= _goals(true, summary)
@@ -213,14 +213,17 @@ def _smoothed(run: RunFolder, true: Trajectory) -> dict[str, float | bool]:
     told: dict[str, float | bool] = {
         f"smoothed_{name}": figures[name] for name in _OWN_AXES if name in figures
     }
-    claims = pose_nees(run, true, "smoothed_covariance.csv")
-    return told if claims is None else told | consistency_metrics(claims[1], 3, "smoothed")
+    claims = pose_errors(run, true, "smoothed_covariance.csv")
+    return told if claims is None else told | consistency_metrics(claims[1], "smoothed")
 
 
-def pose_nees(
+def pose_errors(
     run: RunFolder, true: Trajectory, name: str = "trajectory_covariance.csv"
-) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]] | None:
-    """Stamps and NEES (x, y, yaw) of the poses; None if the run has no covariances or nothing matches."""
+) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 3"]] | None:
+    """Stamps of the poses and their errors (x, y, yaw) in units of their own covariance.
+
+    None if the run has no covariances or nothing matches.
+    """
     table = run.read_csv(name)
     if table is None:
         return None
@@ -230,7 +233,7 @@ def pose_nees(
         return None
     errors = poses[mine] - np.column_stack([true.positions[theirs, :2], true.yaws[theirs]])
     errors[:, 2] = wrapped(errors[:, 2])
-    return stamps[mine], nees(errors, covariances[mine])
+    return stamps[mine], whitened(errors, covariances[mine])
 
 
 def pose_claims(

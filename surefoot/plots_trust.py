@@ -6,13 +6,15 @@ one surprise foretells the next. Plan views and curves over time are in `plots_p
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from perception.localisation import consistency
 
-from .evaluation import pose_nees
-from .metrics.consistency import band, effective_samples
+from .evaluation import pose_errors
+from .metrics.consistency import band, effective_samples, squared
 from .metrics.floor import floor_errors
 from .metrics.innovations import autocorrelation, innovations
 from .metrics.obstacles import moving, track_errors
@@ -25,10 +27,10 @@ LEAST = 20  # samples below which a curve says nothing
 def nees_over_time(run: RunFolder) -> Drawn | None:
     """NEES of the pose with its band; None without truth or covariance."""
     true = run.read_trajectory("truth/trajectory.txt")
-    claims = None if true is None else pose_nees(run, true)
+    claims = None if true is None else pose_errors(run, true)
     if claims is None:
         return None
-    stamps, values = claims
+    stamps, values = claims[0], squared(claims[1])
     low, high = band(3)
     figure, axes = sheet(1, 1, 2.5)
     axes.axhspan(low, high, color=WANTED, alpha=0.12, lw=0, label="95 % band")
@@ -63,26 +65,24 @@ def calibration(run: RunFolder) -> Drawn | None:
 
     figure, axes = sheet(1, 2, 3.4)
     inner, text = axes
-    effective = min(effective_samples(values[np.isfinite(values)]) for _, values, _ in curves)
+    effective = min(curve.samples for curve in curves)
     claimed = np.linspace(0.0, 1.0, 101)
     spread = 1.96 * np.sqrt(claimed * (1.0 - claimed) / effective)
     inner.fill_between(claimed, claimed - spread, claimed + spread, color=WANTED, alpha=0.12, lw=0)
     inner.plot([0, 1], [0, 1], color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)))
-    for colour, (name, values, degrees) in zip(SERIES, curves, strict=False):
-        level, found = consistency.calibration(values, degrees, 50)
-        inner.plot(level, found, color=colour, label=name)
+    for colour, curve in zip(SERIES, curves, strict=False):
+        level, found = consistency.calibration(curve.squares, curve.degrees, 50)
+        inner.plot(level, found, color=colour, label=curve.name)
     inner.set(xlabel="claimed", ylabel="found", xlim=(0, 1), ylim=(0, 1))
     inner.set_aspect("equal")
-    means = [float(np.mean(values[np.isfinite(values)])) / degrees for _, values, degrees in curves]
+    means = [curve.mean / curve.degrees for curve in curves]
     rows = np.arange(len(curves))[::-1]
-    for row, mean, colour, (_, values, degrees) in zip(rows, means, SERIES, curves, strict=False):
-        low, high = band(degrees, effective_samples(values[np.isfinite(values)]))
-        text.plot(
-            [low / degrees, high / degrees], [row, row], color=FAINT, lw=6, solid_capstyle="butt"
-        )
+    for row, mean, colour, curve in zip(rows, means, SERIES, curves, strict=False):
+        low, high = (bound / curve.degrees for bound in band(curve.degrees, curve.samples))
+        text.plot([low, high], [row, row], color=FAINT, lw=6, solid_capstyle="butt")
         text.plot(mean, row, "o", color=colour)
     text.axvline(1.0, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)))
-    text.set_yticks(rows, [name for name, _, _ in curves])
+    text.set_yticks(rows, [curve.name for curve in curves])
     text.set_xscale("log")
     text.set(xlabel="mean normalised error squared per dimension", ylim=(-0.6, len(curves) - 0.4))
     ticks = np.array([0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 1000.0])
@@ -125,24 +125,50 @@ def whiteness(run: RunFolder) -> Drawn | None:
     return Drawn(figure, sentence)
 
 
-def _normalised(run: RunFolder) -> list[tuple[str, Float[np.ndarray, "n"], int]]:
-    """Name, normalised errors squared and degrees of freedom of every estimate that can be judged."""
-    found: list[tuple[str, np.ndarray, int]] = []
+@dataclass(frozen=True)
+class _Curve:
+    """One estimate's errors, in units of their own covariance, infinite where there was none."""
+
+    name: str
+    whitened: Float[np.ndarray, "n k"]
+
+    @property
+    def degrees(self) -> int:
+        return self.whitened.shape[1]
+
+    @property
+    def squares(self) -> Float[np.ndarray, "n"]:
+        return squared(self.whitened)
+
+    @property
+    def usable(self) -> Bool[np.ndarray, "n"]:
+        return np.isfinite(self.squares)
+
+    @property
+    def mean(self) -> float:
+        return float(np.mean(self.squares[self.usable]))
+
+    @property
+    def samples(self) -> float:
+        return effective_samples(self.whitened[self.usable])
+
+
+def _normalised(run: RunFolder) -> list[_Curve]:
+    """Every estimate that can be judged."""
+    found: list[_Curve] = []
     true = run.read_trajectory("truth/trajectory.txt")
-    claims = None if true is None else pose_nees(run, true)
+    claims = None if true is None else pose_errors(run, true)
     if claims is not None:
-        found.append(("pose", claims[1], 3))
+        found.append(_Curve("pose", claims[1]))
     floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
     if floor is not None and true_floor is not None:
         for camera, errors in floor_errors(floor, true_floor).items():
-            found.append((f"floor ({camera})", errors.nees[errors.seen], 3))
+            found.append(_Curve(f"floor ({camera})", errors.whitened[errors.seen]))
     obstacles, truth = run.read_json("obstacles.json"), run.read_csv("truth/obstacles.csv")
     if obstacles and truth is not None:
         tracks = track_errors(obstacles["tracks"], truth)
-        movers = moving(truth)
-        chosen = np.array([identity in movers for identity in tracks.identities], dtype=bool)
-        found.append(("movers", tracks.nees[chosen], 4))
+        found.append(_Curve("movers", tracks.whitened_of(moving(truth))))
     table = run.read_csv("innovations.csv")
     for one in [] if table is None else innovations(table):
-        found.append((f"sightings of {one.source}s", one.nis, 2))
-    return [entry for entry in found if np.count_nonzero(np.isfinite(entry[1])) >= LEAST]
+        found.append(_Curve(f"sightings of {one.source}s", one.whitened))
+    return [curve for curve in found if np.count_nonzero(curve.usable) >= LEAST]

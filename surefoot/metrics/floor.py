@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from perception.primitives.plane import Plane
 
 from ..run_tables import Table
-from .consistency import consistency_metrics, nees
+from .consistency import consistency_metrics, whitened
 
 NORMAL = ("nx", "ny", "nz")
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")
@@ -24,14 +24,14 @@ class FloorErrors:
         stamps: s.
         angles_deg: Between the normals; NaN where no floor was seen.
         heights_mm: Estimated minus true height of the camera over the floor; NaN likewise.
-        nees: Three degrees of freedom; NaN likewise.
+        whitened: Error of normal and height in units of its own covariance; NaN likewise.
         seen: Whether a floor was seen.
     """
 
     stamps: Float[np.ndarray, "n"]
     angles_deg: Float[np.ndarray, "n"]
     heights_mm: Float[np.ndarray, "n"]
-    nees: Float[np.ndarray, "n"]
+    whitened: Float[np.ndarray, "n 3"]
     seen: Bool[np.ndarray, "n"]
 
 
@@ -39,7 +39,7 @@ def floor_errors(estimate: Table, truth: Table) -> dict[str, FloorErrors]:
     """Errors of every camera whose floor is known, by its name in order of appearance."""
     true_planes = dict(zip(_keys(truth), _planes(truth), strict=True))
     planes, states = _planes(estimate), estimate.words("state")
-    rows: dict[str, list[tuple[float, float, float, float, bool]]] = {}
+    rows: dict[str, list[tuple[float, ...]]] = {}
     covariances = _covariances(estimate)
     for (stamp, camera), plane, state, P in zip(
         _keys(estimate), planes, states, covariances, strict=True
@@ -47,12 +47,12 @@ def floor_errors(estimate: Table, truth: Table) -> dict[str, FloorErrors]:
         true = true_planes.get((stamp, camera))
         if true is None:
             continue
-        row = (float(stamp), np.nan, np.nan, np.nan, False)
+        row = (float(stamp), *[np.nan] * 5, False)
         if state == "seen":
             angle = np.degrees(plane.angle_to(true))
             height = 1000.0 * (plane.offset_m - true.offset_m)
-            claim = nees(plane.error_to(true)[None], P[None])[0]
-            row = (float(stamp), float(angle), float(height), float(claim), True)
+            units = whitened(plane.error_to(true)[None], P[None])[0].tolist()
+            row = (float(stamp), float(angle), float(height), *units, True)
         rows.setdefault(camera, []).append(row)
     return {camera: _collect(np.array(table)) for camera, table in rows.items()}
 
@@ -82,7 +82,7 @@ def floor_metrics(estimate: Table, truth: Table | None) -> dict[str, float | boo
             f"{name}_height_mm_max": float(np.max(np.abs(heights))),
             f"{name}_height_mm_bias": float(np.median(heights)),
         }
-        figures |= consistency_metrics(errors.nees[errors.seen], 3, name)
+        figures |= consistency_metrics(errors.whitened[errors.seen], name)
     return figures
 
 
@@ -106,5 +106,5 @@ def _covariances(table: Table) -> Float[np.ndarray, "n 3 3"]:
     return full
 
 
-def _collect(rows: Float[np.ndarray, "n 5"]) -> FloorErrors:
-    return FloorErrors(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3], rows[:, 4] > 0.5)
+def _collect(rows: Float[np.ndarray, "n 7"]) -> FloorErrors:
+    return FloorErrors(rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3:6], rows[:, 6] > 0.5)

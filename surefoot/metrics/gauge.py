@@ -18,7 +18,7 @@ from perception.levelling import UP, rotation_between
 from perception.odometry.claims import TURN_M, gauge
 
 from ..run_tables import Table, Trajectory
-from .consistency import consistency_metrics, nees
+from .consistency import consistency_metrics, whitened
 from .trajectory import associate, wrapped
 
 SPACE = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
@@ -183,14 +183,14 @@ def claim_metrics(
     names, lengths = (FLOOR, 2) if dof == 3 else (SPACE, 3)
     own = np.array([truth_sigma[0]] * lengths + [truth_sigma[1]] * (dof - lengths))
     claimed = covariances + np.diag(own**2)
-    series = nees(errors, claimed)
-    figures = {"pose_dof": float(dof), **consistency_metrics(series, dof, "pose")}
+    whole = whitened(errors, claimed)
+    figures = {"pose_dof": float(dof), **consistency_metrics(whole, "pose")}
     if "pose_anees" in figures:
         figures["pose_variance_ratio"] = figures["pose_anees"] / dof
     variances = np.diagonal(claimed, axis1=1, axis2=2)
     for i, name in enumerate(names):
-        alone = nees(errors[:, i : i + 1], variances[:, i, np.newaxis, np.newaxis])
-        told = consistency_metrics(alone, 1, f"pose_{name}")
+        alone = whitened(errors[:, i : i + 1], variances[:, i, np.newaxis, np.newaxis])
+        told = consistency_metrics(alone, f"pose_{name}")
         figures |= {key: told[key] for key in (f"pose_{name}_{one}" for one in TOLD) if key in told}
     return figures
 

@@ -29,12 +29,12 @@ class Innovations:
     Args:
         source: "landmark" or "track".
         series: For each landmark or track its whitened innovations, (n, 2) each.
-        nis: Of all together; two degrees of freedom.
+        whitened: All together.
     """
 
     source: str
     series: tuple[Float[np.ndarray, "_ 2"], ...]
-    nis: Float[np.ndarray, "n"]
+    whitened: Float[np.ndarray, "n 2"]
 
 
 def innovations(table: Table) -> list[Innovations]:
@@ -51,7 +51,7 @@ def innovations(table: Table) -> list[Innovations]:
             for identity in dict.fromkeys(named)
             if identity  # sightings without a name have no successor
         )
-        found.append(Innovations(source, series, np.sum(rows**2, axis=1)))
+        found.append(Innovations(source, series, rows))
     return found
 
 
@@ -86,7 +86,7 @@ def innovation_metrics(table: Table) -> dict[str, float | bool]:
     """
     figures: dict[str, float | bool] = {}
     for one in innovations(table):
-        figures |= consistency_metrics(one.nis, 2, one.source, "nis")
+        figures |= consistency_metrics(one.whitened, one.source, "nis")
         values, bounds = autocorrelation(one.series)
         if len(values):
             figures[f"{one.source}_lag1"] = float(values[0])

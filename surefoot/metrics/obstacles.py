@@ -8,6 +8,7 @@ judged, however near a listed one passes by; one that has lost its thing is, whe
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -17,7 +18,7 @@ from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 
 from ..run_tables import Table
-from .consistency import consistency_metrics, nees
+from .consistency import consistency_metrics, whitened
 from .ospa import ospa
 from .trajectory import rms
 
@@ -39,7 +40,7 @@ class TrackErrors:
         identities: Of the true obstacle.
         tracks: Number of the track.
         errors: Estimated minus true (x, y, vx, vy), m and m/s.
-        nees: Four degrees of freedom.
+        whitened: These in units of their own covariance.
         present: For each true obstacle, at how many instants it could have been matched: from the first
             instant of the run on.
     """
@@ -48,8 +49,15 @@ class TrackErrors:
     identities: tuple[str, ...]
     tracks: tuple[int, ...]
     errors: Float[np.ndarray, "n 4"]
-    nees: Float[np.ndarray, "n"]
+    whitened: Float[np.ndarray, "n 4"]
     present: dict[str, int]
+
+    def whitened_of(self, wanted: Collection[str]) -> Float[np.ndarray, "m 4"]:
+        """Those of these true obstacles, thing by thing: what follows in time follows in order."""
+        names = np.array(self.identities, dtype=object)
+        return np.concatenate(
+            [np.zeros((0, 4)), *(self.whitened[names == name] for name in wanted)]
+        )
 
 
 def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
@@ -98,7 +106,7 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
         tuple(f[1] for f in found),
         tuple(f[2] for f in found),
         errors,
-        nees(errors, covariances),
+        whitened(errors, covariances),
         dict(present),
     )
 
@@ -141,7 +149,7 @@ def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, fl
             f"{kind}_velocity_rmse_mps": rms(np.linalg.norm(e[:, 2:], axis=1)),
             f"{kind}_track_changes": float(_changes(errors, wanted)),
         }
-        figures |= consistency_metrics(errors.nees[chosen], 4, kind)
+        figures |= consistency_metrics(errors.whitened_of(wanted), kind)
     if movers:
         figures["ospa_m"] = float(np.mean(ospa_over_time(tracks, truth)[1]))
     return figures
