@@ -21,11 +21,13 @@ from mapping.panorama.obstacles import Surroundings
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from mapping.panorama.views import View, view_of_depth
+from perception.floor import classify
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from planning import footsteps
 from planning.avoidance import primitives
 from planning.avoidance.choice import Choice, choose
+from planning.avoidance.gap_middle import GapMiddle
 from planning.avoidance.primitives import Leg
 from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.attention import Known
@@ -56,6 +58,9 @@ WAIT_STEPS = 8  # ours: so many steps it waits in a passage for what may move
 SURELY = 0.7  # ours: a cell seen once, long ago and at a grazing angle, closes no passage
 RETREAT_M = 0.45  # ours: so far back out of a closed passage, to see what closed it
 DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
+INTO_RAD = math.radians(
+    30.0
+)  # ours: shows the sides of a gap from 1 m before it until it is entered
 LEVEL_DEG = (-60.0, -30.0, 0.0, 30.0, 60.0)  # seed 004: key yaws
 DOWN_DEG = (
     -45.0,
@@ -107,6 +112,7 @@ class AvoidancePlanner(GoalSeeker):
         self._off_rad = math.inf
         self._stand = Pose2()  # where it looks about from, heading to the goal: frame of the views
         self._legs: list[Leg] = []
+        self._middle: GapMiddle | None = None  # of the gap that the leg leads through
         self._trim = primitives.Trim()
         self._last, self._last_s = WalkCommand(), -math.inf
         self._wait_s = 0.0
@@ -273,7 +279,9 @@ class AvoidancePlanner(GoalSeeker):
             return
         self._phase = "pass"
         beyond = choice.distance_m + BEYOND_M
-        self._legs = primitives.passage(choice.motion, choice.pivot, robot, beyond)
+        centred = choice.gap_m / 2 <= self._config.avoidance.pivot.half_m
+        gap = choice.gap_m if centred else 0.0
+        self._legs = primitives.passage(choice.motion, choice.pivot, robot, beyond, gap)
 
     def _pass(
         self, estimate: Estimate, grid: EgocentricGrid, goal: Float[np.ndarray, "2"]
@@ -283,10 +291,11 @@ class AvoidancePlanner(GoalSeeker):
         robot, gait = estimate.pose2, self._config.guard.gait
         while self._legs and primitives.reached(self._legs[0], robot):
             self._legs.pop(0)
+            self._middle = None
         if not self._legs:
             self._phase = "walk"
             return None
-        leg = self._legs[0]
+        leg = self._in_the_middle(self._legs[0], estimate)
         desired = primitives.step(leg, robot, gait, self._trim, self._last)
         if self._closed(leg, robot, grid, estimate.stamp_s):
             return Decision(WalkCommand(), GazeCommand(0.0, DOWN_RAD), "closed")
@@ -302,8 +311,21 @@ class AvoidancePlanner(GoalSeeker):
             walk = desired if late else gait.command(0.0, 0.0, 0.0)
         else:
             self._waited = 0
-        pan = math.copysign(math.pi / 4, desired.lateral_m) if leg.primitive == "S" else 0.0
-        return Decision(walk, GazeCommand(pan, DOWN_RAD), self.choices[-1].motion)
+        turned, tilt = (math.pi / 2, INTO_RAD) if leg.gap_m else (math.pi / 4, DOWN_RAD)
+        pan = math.copysign(turned, desired.lateral_m) if leg.primitive == "S" else 0.0
+        return Decision(walk, GazeCommand(pan, tilt), self.choices[-1].motion)
+
+    def _in_the_middle(self, leg: Leg, estimate: Estimate) -> Leg:
+        """A leg through a gap, on the line through where its middle is seen."""
+        if not leg.gap_m:
+            return leg
+        robot = estimate.pose2
+        self._middle = self._middle or GapMiddle(leg.gap_m)
+        here = primitives.on_line(leg, robot, np.array([[robot.x, robot.y]]))[0]
+        for view in estimate.views:
+            points = view.upright[view.classes == classify.OBSTACLE, :2]
+            self._middle.look(primitives.on_line(leg, robot, points), float(here[0]))
+        return primitives.beside(leg, robot, self._middle.offset_m)
 
     def _stood_there(self, place: Float[np.ndarray, "2"]) -> bool:
         """Whether a track is one of the things that stood there while the robot looked about.

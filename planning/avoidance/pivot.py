@@ -21,6 +21,11 @@ class PivotConfig:
     clearance_m: float = 0.10  # c, specification
     literal: bool = False  # the printed formulas, for comparison only
 
+    @property
+    def half_m(self) -> float:
+        """From the middle of the body to what it passes, m; less where a gap is narrower."""
+        return self.body_width_m / 2 + self.clearance_m
+
     def __post_init__(self) -> None:
         if not self.body_width_m > 0.0:
             raise ConfigError(f"pivot: body_width_m={self.body_width_m} must be positive")
@@ -73,7 +78,7 @@ def pivot(
         return Pivot(0.0, 0.0, 0.0, 0.0)
     if config.literal:
         return _printed(motion, side, gap_m, width_m, distance_m)
-    half = config.body_width_m / 2 + config.clearance_m
+    half = config.half_m
     y = edge_m + side * min(gap_m / 2, half)
     if motion[0] == "S":
         return Pivot(0.0, y, abs(y), 0.0)

@@ -40,10 +40,12 @@ class Leg:
     Args:
         primitive: "S" slip sideways, "F" forward, "B" backward, "R" rotate, "T" turn by a right angle, "ST" stop.
         target: Where it ends, and the heading kept (S, F, B) or reached (R, T).
+        gap_m: Width of the gap through whose middle it leads; 0 if it leads through none.
     """
 
     primitive: str
     target: Pose2
+    gap_m: float = 0.0
 
 
 @dataclass
@@ -69,7 +71,9 @@ class Trim:
             self.left_m -= LEARN * off_m
 
 
-def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Leg]:
+def passage(
+    motion: str, found: Pivot, start: Pose2, beyond_m: float, gap_m: float = 0.0
+) -> list[Leg]:
     """The legs of a motion.
 
     Args:
@@ -77,6 +81,7 @@ def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Le
         found: The pivot, from where the robot stands.
         start: Where the robot stands, heading along the way.
         beyond_m: How far ahead of the start the passage ends, m.
+        gap_m: Width of the gap if the pivot lies before its middle; else 0.
 
     The first letter leads to the pivot, the second through the gap: F walks through it, S turns a right angle and
     slips through it, narrow side ahead. R and T turn to the pivot, walk there, and turn back; T's lies across the
@@ -99,12 +104,12 @@ def passage(motion: str, found: Pivot, start: Pose2, beyond_m: float) -> list[Le
             Leg(motion[0], at(x, y, 0.0)),
         ]
     if motion[1] == "F":
-        return [*legs, Leg("F", at(beyond_m, y, 0.0))]
+        return [*legs, Leg("F", at(beyond_m, y, 0.0), gap_m)]
     aside = math.copysign(math.pi / 2, -y)  # faces the obstacle that is being passed
     return [
         *legs,
         Leg("R", at(x, y, aside)),
-        Leg("S", at(beyond_m, y, aside)),
+        Leg("S", at(beyond_m, y, aside), gap_m),
         Leg("R", at(beyond_m, y, 0.0)),
     ]
 
@@ -126,6 +131,28 @@ def retreat(leg: Leg, robot: Pose2, length_m: float) -> list[Leg]:
     return [Leg("S", leg.target @ Pose2(0.0, back, 0.0))]
 
 
+def on_line(leg: Leg, robot: Pose2, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """How far along a leg's line places lie, from its end on, and how far to the left of it, m."""
+    there = leg.target.inverse().apply(places)
+    if leg.primitive != "S":
+        return np.asarray(there)
+    way = _way(leg, robot)
+    return np.column_stack([way * there[:, 1], -way * there[:, 0]])
+
+
+def beside(leg: Leg, robot: Pose2, left_m: float) -> Leg:
+    """The same leg on a line so far to the left, m."""
+    move = Pose2(0.0, left_m, 0.0)
+    if leg.primitive == "S":
+        move = Pose2(-_way(leg, robot) * left_m, 0.0, 0.0)
+    return replace(leg, target=leg.target @ move)
+
+
+def _way(leg: Leg, robot: Pose2) -> float:
+    """To which side a slip leads: 1 left, -1 right."""
+    return math.copysign(1.0, -(leg.target.inverse() @ robot).y)
+
+
 def in_the_way(
     leg: Leg, robot: Pose2, cells: Float[np.ndarray, "n 2"], cell_m: float
 ) -> Bool[np.ndarray, "n"]:
@@ -140,13 +167,9 @@ def in_the_way(
     """
     if leg.primitive not in ("F", "S"):
         return np.zeros(len(cells), dtype=np.bool_)
-    here = leg.target.inverse() @ robot
-    there = leg.target.inverse().apply(cells)
-    if leg.primitive == "F":
-        gone, across, (long, half) = there[:, 0] - here.x, there[:, 1], BODY_M
-    else:
-        gone, across = math.copysign(1.0, -here.y) * (there[:, 1] - here.y), there[:, 0]
-        half, long = BODY_M
+    here = on_line(leg, robot, np.array([[robot.x, robot.y]]))[0]
+    gone, across = (on_line(leg, robot, cells) - [here[0], 0.0]).T
+    long, half = BODY_M if leg.primitive == "F" else BODY_M[::-1]
     inside = (gone > 0.0) & (gone < long + AHEAD_M) & (np.abs(across) < half - cell_m / 2)
     return np.asarray(inside)
 
