@@ -58,9 +58,8 @@ WAIT_STEPS = 8  # ours: so many steps it waits in a passage for what may move
 SURELY = 0.7  # ours: a cell seen once, long ago and at a grazing angle, closes no passage
 RETREAT_M = 0.45  # ours: so far back out of a closed passage, to see what closed it
 DOWN_RAD = math.radians(17.0)  # seed 004: key pitch
-INTO_RAD = math.radians(
-    30.0
-)  # ours: shows the sides of a gap from 1 m before it until it is entered
+# ours: shows the sides of a gap from 1 m before it until it is entered
+INTO_RAD = math.radians(30.0)
 LEVEL_DEG = (-60.0, -30.0, 0.0, 30.0, 60.0)  # seed 004: key yaws
 DOWN_DEG = (
     -45.0,
