@@ -3,8 +3,9 @@
 On a plan of small cells, points that hang together are one thing. Things that touch lower down but stand
 apart higher up (people side by side) are parted where their tops are. Only the near side of a thing is
 seen, so its middle lies behind the mean of its points: by pi/4 of its radius if it is round and far, which
-is the mean over the visible half of a circle; near by, where less than half is seen, by more. What the view cuts off has its middle elsewhere, but for
-round things close by, of which a part is enough (`round_front`).
+is the mean over the visible half of a circle; near by, where less than half is seen, by more. What the
+view cuts off has its middle elsewhere, but for round things close by, of which a part is enough
+(`round_front`).
 
 What reaches down to where the robot walks is a thing; a shelf above it is not. Walls and long furniture
 come out as large clusters, and it is for the reader to leave those to the map.

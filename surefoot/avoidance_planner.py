@@ -320,10 +320,9 @@ class AvoidancePlanner(GoalSeeker):
             return leg
         robot = estimate.pose2
         self._middle = self._middle or GapMiddle(leg.gap_m)
-        here = primitives.on_line(leg, robot, np.array([[robot.x, robot.y]]))[0]
         for view in estimate.views:
             points = view.upright[view.classes == classify.OBSTACLE, :2]
-            self._middle.look(primitives.on_line(leg, robot, points), float(here[0]))
+            self._middle.look(primitives.on_line(leg, robot, points))
         return primitives.beside(leg, robot, self._middle.offset_m)
 
     def _stood_there(self, place: Float[np.ndarray, "2"]) -> bool:

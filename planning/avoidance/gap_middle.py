@@ -40,15 +40,14 @@ class GapMiddle:
     offset_m: float = 0.0
     sigma_m: float = AWAY_M
 
-    def look(self, points: Float[np.ndarray, "n 2"], gone_m: float) -> bool:
+    def look(self, points: Float[np.ndarray, "n 2"]) -> bool:
         """Take in one view; whether it showed both sides.
 
         Args:
-            points: Of what stands, along the line and to its left, m.
-            gone_m: How far along it the robot is.
+            points: Of what stands: ahead of the robot along the line, and to the left of it, m.
         """
         self.sigma_m = math.hypot(self.sigma_m, DRIFT_M)
-        ahead, aside = points[:, 0] - gone_m, points[:, 1] - self.offset_m
+        ahead, aside = points[:, 0], points[:, 1] - self.offset_m
         near = (ahead > AHEAD_M[0]) & (ahead < AHEAD_M[1])
         near &= np.abs(aside) < self.gap_m / 2 + BESIDE_M
         left, right = near & (aside > 0.0), near & (aside < 0.0)

@@ -132,16 +132,25 @@ def retreat(leg: Leg, robot: Pose2, length_m: float) -> list[Leg]:
 
 
 def on_line(leg: Leg, robot: Pose2, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """How far along a leg's line places lie, from its end on, and how far to the left of it, m."""
-    there = leg.target.inverse().apply(places)
+    """How far ahead of the robot, along a leg's line, places lie, and how far to the left of this line.
+
+    Args:
+        leg: What is being walked.
+        robot: Where the robot is.
+        places: World frame, m.
+
+    Returns:
+        Ahead of the robot as the leg goes, and left of its line, m.
+    """
+    here, there = leg.target.inverse() @ robot, leg.target.inverse().apply(places)
     if leg.primitive != "S":
-        return np.asarray(there)
+        return np.asarray(there - [here.x, 0.0])
     way = _way(leg, robot)
-    return np.column_stack([way * there[:, 1], -way * there[:, 0]])
+    return np.column_stack([way * (there[:, 1] - here.y), -way * there[:, 0]])
 
 
 def beside(leg: Leg, robot: Pose2, left_m: float) -> Leg:
-    """The same leg on a line so far to the left, m."""
+    """The same leg on a line so far to the left of its own as it goes, m."""
     move = Pose2(0.0, left_m, 0.0)
     if leg.primitive == "S":
         move = Pose2(-_way(leg, robot) * left_m, 0.0, 0.0)
@@ -167,10 +176,9 @@ def in_the_way(
     """
     if leg.primitive not in ("F", "S"):
         return np.zeros(len(cells), dtype=np.bool_)
-    here = on_line(leg, robot, np.array([[robot.x, robot.y]]))[0]
-    gone, across = (on_line(leg, robot, cells) - [here[0], 0.0]).T
+    ahead, across = on_line(leg, robot, cells).T
     long, half = BODY_M if leg.primitive == "F" else BODY_M[::-1]
-    inside = (gone > 0.0) & (gone < long + AHEAD_M) & (np.abs(across) < half - cell_m / 2)
+    inside = (ahead > 0.0) & (ahead < long + AHEAD_M) & (np.abs(across) < half - cell_m / 2)
     return np.asarray(inside)
 
 

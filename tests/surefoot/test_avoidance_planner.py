@@ -12,10 +12,16 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.avoidance.choice import Choice
 from planning.avoidance.pivot import Pivot
-from planning.avoidance.primitives import passage
-from surefoot.avoidance_planner import DIRECTIONS, AvoidancePlanner
+from planning.avoidance.primitives import Leg, on_line, passage
+from planning.commands import GazeCommand
+from sim.robot import RobotConfig, SimulatedRobot
+from sim.scenes import FloorArea, Scene, Thing
+from sim.shapes import Box
+from sim.world import World
+from surefoot.avoidance_planner import DIRECTIONS, INTO_RAD, AvoidancePlanner
 from surefoot.config import Config
-from surefoot.pipeline import Estimate
+from surefoot.pipeline import Estimate, Pipeline
+from surefoot.recordings.recording import RecordingInfo
 
 HALF_PAN_DEG, HALF_TILT_DEG = 22.0, 17.5  # field of view of the range camera
 HEAD_M = 0.45  # height of the eyes
@@ -156,3 +162,33 @@ def test_a_track_on_what_stood_there_is_no_mover_and_one_in_the_open_may_be():
     assert not planner._stood_there(np.array([0.3, 0.0]))
     assert not planner._stood_there(np.array([1.0, 1.2]))
     assert not AvoidancePlanner(Config(), [(3.0, 0.0)])._stood_there(np.array([1.0, 0.0]))
+
+
+@pytest.mark.parametrize("primitive", ["S", "F"])
+@pytest.mark.parametrize("away_m", [0.5, 0.25])
+@pytest.mark.parametrize("astray", [Pose2(0.0, 0.012, 0.004), Pose2(0.005, -0.012, -0.004)])
+def test_who_errs_about_its_pose_still_goes_through_the_middle(primitive, away_m, astray):
+    """From pixels: pictures of two boxes 0.24 m apart, a body that believes to stand a centimetre beside."""
+    front, depth, extent = 0.5, 0.24, (-2.0, -2.0, 2.0, 2.0)
+    true = Pose2(front - away_m, 0.0, math.pi / 2 if primitive == "S" else 0.0)
+    believed = astray @ true
+    boxes = tuple(
+        Thing(name, (Box((front + depth / 2, y, height / 2), (depth, 0.3, height)),))
+        for name, y, height in (("left", 0.27, 0.25), ("right", -0.27, 0.32))
+    )
+    floor = (FloorArea("planks/pine", extent),)
+    scene = Scene("a gap", 0, extent, floor, boxes, (), (), true, ())
+    planner = AvoidancePlanner(Config(), [(2.0, 0.0)])
+    leg = Leg(primitive, Pose2(1.2, 0.0, true.yaw), 0.24)
+    with (
+        World(scene, "tiny", 0) as world,
+        SimulatedRobot(world, RobotConfig(stereo=False, colour=False), 0) as robot,
+    ):
+        pipeline = Pipeline(Config(), RecordingInfo(name="", kind="simulation", start=believed))
+        robot.look(GazeCommand(-math.pi / 2 if primitive == "S" else 0.0, INTO_RAD))
+        for _ in range(12):
+            estimate = pipeline.cycle(robot.read())
+            moved = planner._in_the_middle(leg, estimate)
+    middle = (estimate.pose2 @ true.inverse()).apply(np.array([[front + depth / 2, 0.0]]))
+    assert abs(on_line(leg, believed, middle)[0, 1]) > 0.008  # where the leg would have led
+    assert abs(on_line(moved, believed, middle)[0, 1]) < 0.004
