@@ -6,7 +6,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/.ready
 WARM := .venv/.warm
-KERNELS := $(wildcard */_*_kernels.py */*/_*_kernels.py)
+KERNELS := $(wildcard */_*kernels.py */*/_*kernels.py)
 RUNS ?= runs
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
@@ -20,7 +20,7 @@ setup: $(WARM)  ## own environment, pinned packages, compiled kernels
 
 $(READY): pyproject.toml requirements.lock
 	@test -n "$(PYTHON)" || { echo "surefoot: no Python found; run: apt-get install python3.11 python3.11-venv" >&2; exit 2; }
-	@$(PYTHON) surefoot/bootstrap.py
+	@$(PYTHON) surefoot/cli/bootstrap.py
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev]'
 	@touch $(READY)
@@ -28,7 +28,7 @@ $(READY): pyproject.toml requirements.lock
 # a kernel that others have compiled into themselves changes unnoticed by their caches
 $(WARM): $(READY) $(KERNELS)
 	@find $(sort $(dir $(KERNELS))) -name '*.nb[ic]' -delete
-	$(BIN)/python -m surefoot.warmup
+	$(BIN)/python -m surefoot.cli.warmup
 	@touch $(WARM)
 
 demo: $(WARM)  ## a live walk, its recording processed, both judged

@@ -3,7 +3,7 @@
 Frames come twice a step, 0.2 s before the end of single support and at its end, when the gait asks for
 its next command; the cameras that take pictures look at its end only, unless pairs are wanted. Everything
 in a `Frame` is what sensors give: `T_body_camera` is what the encoders say, the odometry what the joints
-say. The body is kinematic (footsteps exact, slip and tremble drawn) or dynamic (`sim.dynamic`: servos and
+say. The body is kinematic (footsteps exact, slip and tremble drawn) or dynamic (`sim.body.dynamic`: servos and
 soles in a physical world); nothing that is driven by frames can tell which.
 
 Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (cameras).
@@ -17,27 +17,20 @@ from types import TracebackType
 import numpy as np
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.frame import (
-    ColourView,
-    Frame,
-    Imu,
-    RangeView,
-    StepOdometry,
-    StereoView,
-)
+from perception.primitives.frame import ColourView, Frame, Imu, RangeView, StepOdometry, StereoView
 from perception.primitives.pose import Pose3
 from planning.commands import GazeCommand, WalkCommand
 
-from .body import Advance, KinematicBody, SlipConfig, TrembleConfig
-from .cameras import ImageConfig, colour_picture, stereo_pair
-from .dynamic.anatomy import DARWIN, gait_for, head_for
-from .dynamic.walker import DynamicBody, DynamicConfig
-from .gait import GaitConfig
-from .head import Head, HeadConfig
-from .inertial import ImuConfig, InertialSensor, TrunkState
-from .motion import STILL, Motion, motion_between
+from .body.dynamic.anatomy import DARWIN, gait_for, head_for
+from .body.dynamic.walker import DynamicBody, DynamicConfig
+from .body.gait import GaitConfig
+from .body.head import Head, HeadConfig
+from .body.inertial import ImuConfig, InertialSensor, TrunkState
+from .body.kinematic import Advance, KinematicBody, SlipConfig, TrembleConfig
 from .ranges import check_ranges
-from .tof_camera import TofCamera, TofConfig
+from .rendering.motion import STILL, Motion, motion_between
+from .sensors.cameras import ImageConfig, colour_picture, stereo_pair
+from .sensors.tof_camera import TofCamera, TofConfig
 from .world import World
 
 BODIES = ("kinematic", "dynamic")

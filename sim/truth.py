@@ -14,11 +14,11 @@ from perception.primitives.errors import InputError
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 
-from .free_space import ROBOT_TOP_M
+from .body.solid import nearest, robot_solid
 from .robot import SimulatedRobot
-from .scenes import Thing
+from .scene import StaticObject
+from .scenes.free_space import ROBOT_TOP_M
 from .shapes import Cylinder, Shape, distance, outline
-from .solid import nearest, robot_solid
 
 STILL = 101  # identities of what stands still count from here, of movers from 1
 
@@ -117,7 +117,7 @@ class Truth:
         return shapes
 
 
-def _circle(thing: Thing) -> tuple[float, float, float]:
+def _circle(thing: StaticObject) -> tuple[float, float, float]:
     """Middle and radius that cover a thing's outline below the robot's top."""
     corners = np.concatenate(
         [outline(part) for part in thing.parts if part.bottom_m < ROBOT_TOP_M]

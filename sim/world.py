@@ -14,9 +14,9 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
 
-from .pictures import Pictures, choose_renderer
-from .rays import RayCaster
-from .scenes import Scene
+from .rendering.pictures import Pictures, choose_renderer
+from .rendering.rays import RayCaster
+from .scene import Scene
 
 
 class World:

@@ -16,11 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from mapping.egocentric_grid import EgocentricGrid
+from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.panorama.obstacles import Surroundings
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from mapping.panorama.views import View, view_of_depth
+from perception.estimate import Estimate
 from perception.floor import classify
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
@@ -32,13 +33,13 @@ from planning.avoidance.primitives import Leg
 from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
-from planning.guard import Guard
+from planning.safety.guard import Guard
 
 from .avoidance_things import REACH_M, STOP_M, things_of
-from .config import Config
+from .config.schema import Config
 from .goals import Goals, GoalSeeker
-from .pipeline import Estimate, Pipeline
 from .planners import Decision
+from .run.pipeline import Pipeline
 
 LOG = logging.getLogger(__name__)
 

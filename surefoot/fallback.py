@@ -13,12 +13,13 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
+from perception.depth.health import DepthTrust
+from perception.estimate import Estimate
 from perception.primitives.frame import Frame
 
-from .config import Config
-from .depth_trust import DepthTrust
-from .pipeline import Estimate, Pipeline
+from .config.schema import Config
 from .planners import Decision, Planner
+from .run.pipeline import Pipeline
 from .swarm_planner import SwarmPlanner
 
 LOG = logging.getLogger(__name__)

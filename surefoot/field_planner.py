@@ -14,7 +14,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from mapping.egocentric_grid import EgocentricGrid
+from mapping.grid.egocentric_grid import EgocentricGrid
+from perception.estimate import Estimate
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -23,13 +24,13 @@ from planning import footsteps
 from planning.commands import GazeCommand, WalkCommand
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
-from planning.guard import Guard
+from planning.safety.guard import Guard
 from planning.univector import motion
 
-from .config import Config
+from .config.schema import Config
 from .goals import Goals, GoalSeeker
-from .pipeline import Estimate, Pipeline
 from .planners import Decision
+from .run.pipeline import Pipeline
 
 MOVER = 0.3  # probability of moving from which a track counts as a mover, as the guard has it
 OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over

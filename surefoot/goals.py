@@ -9,10 +9,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from perception.estimate import Estimate
 from perception.primitives.pose import wrap_angle
-
-from .config import MissionConfig
-from .pipeline import Estimate
+from planning.planners.mission import MissionConfig
 
 TURNING = (
     2.0  # ours: so many times its tolerance a robot may drift from its goal while it turns there

@@ -15,12 +15,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from perception.estimate import Estimate
 from perception.primitives.frame import Frame
 
 from .avoidance_planner import LOOKS, MOVER, AvoidancePlanner, Look
-from .config import Config
-from .pipeline import Estimate, Pipeline
+from .config.schema import Config
 from .planners import Decision, Planner
+from .run.pipeline import Pipeline
 
 LOG = logging.getLogger(__name__)
 

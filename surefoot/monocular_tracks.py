@@ -21,12 +21,12 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
-from perception.localisation.track import Detection
 from perception.monocular.back_projection import FARTHEST_M, floor_points, project
 from perception.monocular.components import components
 from perception.monocular.deviations import DeviationConfig
 from perception.monocular.edges import find_edges
 from perception.monocular.result import MonocularResult, Picture
+from perception.obstacles.track import Detection
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 

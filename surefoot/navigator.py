@@ -16,9 +16,10 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
-from mapping.confidence import ConfidenceLayer
-from mapping.egocentric_grid import EgocentricGrid
-from mapping.world_map import WorldMap
+from mapping.grid.confidence import ConfidenceLayer
+from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.world_map import WorldMap
+from perception.estimate import Estimate
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark
@@ -29,17 +30,16 @@ from planning.commands import GazeCommand, WalkCommand
 from planning.exploration import Explorer, Ground
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
-from planning.guard import Guard
-from planning.route import Route
-from planning.stepping import Stepper
-from planning.straight_way import farthest
+from planning.safety.guard import Guard
+from planning.safety.line_of_sight import farthest
+from planning.safety.step_filter import Stepper
+from planning.search.route import Route
 from planning.univector import motion
 
-from .config import Config
+from .config.schema import Config
 from .goals import Goals
-from .pipeline import Estimate
 from .planners import Decision
-from .stopwatch import Stopwatch
+from .run.stopwatch import Stopwatch
 
 MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
 CELL_M = 0.05  # half a cell's diagonal and the position error of a track

@@ -15,11 +15,13 @@ from typing import Protocol, cast, runtime_checkable
 import numpy as np
 from jaxtyping import UInt8
 
+from perception.estimate import Estimate
 from perception.primitives.frame import Frame
 from planning.commands import GazeCommand, WalkCommand
+from planning.planners.mission import PLANNERS
 
-from .config import PLANNERS, Config
-from .pipeline import Estimate, Pipeline
+from .config.schema import Config
+from .run.pipeline import Pipeline
 
 BY_DEPTH = ("search", "field")
 """Who is replaced by the walker by colour while depth cannot be trusted."""

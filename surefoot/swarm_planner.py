@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from perception.estimate import Estimate
 from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.errors import InputError
@@ -27,8 +28,8 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
 from planning.footsteps import GaitConfig
-from planning.guard import Guard
-from planning.straight_way import farthest
+from planning.safety.guard import Guard
+from planning.safety.line_of_sight import farthest
 from planning.swarm import command, search
 from planning.swarm.corners import Corners
 from planning.swarm.glances import Glances
@@ -36,10 +37,10 @@ from planning.swarm.objective import Objective
 from planning.swarm.standing import Standing
 
 from . import monocular_tracks
-from .config import Config
+from .config.schema import Config
 from .goals import Goals, GoalSeeker
-from .pipeline import Estimate, Pipeline
 from .planners import Decision
+from .run.pipeline import Pipeline
 
 LOG = logging.getLogger(__name__)
 
@@ -137,7 +138,7 @@ class SwarmPlanner(GoalSeeker):
     def _drawn(self) -> UInt8[np.ndarray, "h w 3"]:
         """The stages of the last cycle, with what may be walked on as it was searched, and the pixel found."""
         assert self.result is not None
-        from .monocular_run import stages  # only who draws needs it
+        from .report.plots.monocular import stages  # only who draws needs it
 
         result = (
             self.result if self._movable is None else replace(self.result, movable=self._movable)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import gammaincinv
 
-from ..points import Points
+from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from . import hough, ransac

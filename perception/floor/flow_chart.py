@@ -18,7 +18,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from ..points import Points
+from ..depth.points import Points
 from ..primitives.plane import Plane
 
 NEAREST_M, FARTHEST_M, MOST_POINTS = 0.2, 3.0, 20_000  # step 1

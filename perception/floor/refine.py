@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..points import Points
+from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from . import _fit_kernels as kernels

@@ -20,16 +20,28 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ..filtering import models
+from ..filtering.consistency import Innovation, chi_square_quantile
+from ..filtering.models import (
+    CRAB,
+    DRIFT,
+    GYRO_BIAS,
+    PAN,
+    RANGE,
+    SLIP,
+    TURN,
+    WALKER_SIZE,
+    YAW,
+    X,
+    Y,
+)
 from ..primitives.errors import ConfigError
 from ..primitives.frame import Imu, StepOdometry
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
-from . import models
-from .consistency import Innovation, chi_square_quantile
-from .engines import ENGINES, engine
-from .models import CRAB, DRIFT, GYRO_BIAS, PAN, RANGE, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .relocation import pose_from_sightings
+from .ukf_backends import ENGINES, engine
 
 log = logging.getLogger(__name__)
 

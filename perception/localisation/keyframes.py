@@ -19,9 +19,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from ..filtering.models import YAW, positive, symmetric
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import wrap_angle
-from .models import YAW, positive, symmetric
 
 POSE = 3
 """Entries of a viewpoint: x, y, yaw; m, m, rad, world frame."""

@@ -21,15 +21,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..filtering import models
+from ..filtering.consistency import chi_square_quantile
+from ..filtering.models import CRAB, DRIFT, PAN, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from ..primitives.frame import StepOdometry
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2, wrap_angle
 from . import _registration_kernels as kernels
-from . import models
-from .consistency import chi_square_quantile
 from .filter import LocaliserConfig, process_noise
 from .keyframes import POSE, Viewpoints
-from .models import CRAB, DRIFT, PAN, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from .registration_config import RegistrationConfig as RegistrationConfig
 from .scan import Scan
 

@@ -15,10 +15,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..filtering.consistency import chi_square_quantile
+from ..filtering.models import range_bearing, sighting_difference, symmetric, wrap_angles
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
-from .consistency import chi_square_quantile
-from .models import range_bearing, sighting_difference, symmetric, wrap_angles
 
 
 def pose_from_sightings(

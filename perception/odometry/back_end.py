@@ -17,16 +17,16 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from ..levelling import shadow
-from ..localisation.factors import Factor, FloorSeen, LoopClosure, Motion, Placement
-from ..localisation.smoother import SmootherConfig, Solution, solve
+from ..floor.levelling import shadow
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
+from ..smoothing.factors import Factor, FloorSeen, LoopClosure, Motion, Placement
+from ..smoothing.smoother import SmootherConfig, Solution, solve
 from .alignment import AlignConfig, Aligned, align
-from .claims import Claims, Hung, claims
 from .odometry import FIRST, LOST, RESTARTED, Step
-from .places import Place, PlacesConfig, likeness, motion_between, remember
+from .place_recognition import Place, PlacesConfig, likeness, motion_between, remember
+from .pose_uncertainty import Claims, Hung, claims
 from .pyramid import Pyramid
 
 ANCHOR_M = 1e-4  # the start is where the world begins: nothing is to be found out about it

@@ -19,8 +19,8 @@ from jaxtyping import Float
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from .alignment import AlignConfig, Aligned
+from .baselines import aligner
 from .hypotheses import HypothesesConfig, large_steps
-from .peers import aligner
 from .pyramid import Kept, Pyramid, keep
 
 FIRST, TRACKED, DOUBTFUL, RELOCALISED = "first", "tracked", "doubtful", "relocalised"

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from mapping.confidence import ConfidenceLayer
-from mapping.egocentric_grid import EgocentricGrid
-from perception.clusters import Cluster
+from mapping.grid.confidence import ConfidenceLayer
+from mapping.grid.egocentric_grid import EgocentricGrid
+from perception.obstacles.clustering import Cluster
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.obstacle import Obstacle

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from perception.clusters import Cluster
+from perception.obstacles.clustering import Cluster
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 

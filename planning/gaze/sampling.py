@@ -10,8 +10,8 @@ import math
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from mapping.confidence import ConfidenceLayer
-from mapping.egocentric_grid import EgocentricGrid
+from mapping.grid.confidence import ConfidenceLayer
+from mapping.grid.egocentric_grid import EgocentricGrid
 from perception.primitives.gaussian import Gaussian
 
 from . import _gaze_kernels

@@ -7,14 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ._objective_kernels import (
-    WIDEST,
-    column_of,
-    edge_line,
-    footprint_blocked,
-    left_of,
-    value,
-)
+from ._objective_kernels import WIDEST, column_of, edge_line, footprint_blocked, left_of, value
 
 ALONG = (1.0, -1.0, 2 / 3, 1 / 3, 0.0, -1 / 3, -2 / 3)
 """Lines swept: both edges of the corridor, and between them so many that nothing 4.5 cm wide is missed."""

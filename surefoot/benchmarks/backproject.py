@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from perception import points
+from perception.depth import points
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .. import registry
+from ..results import registry
 
 FILES = {
     "stereo": "stereo",

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mapping.egocentric_grid import EgocentricGrid, GridConfig
+from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
 from perception.primitives.camera import Camera
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane

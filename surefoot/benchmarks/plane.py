@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from perception import points
+from perception.depth import points
+from perception.depth.points import Points
 from perception.floor import choose
 from perception.floor.prior import handheld_prior
-from perception.points import Points
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from mapping.tsdf import Tsdf, TsdfConfig
-from mapping.tsdf_open3d import Open3dMap
-from perception import points, structured_light
+from mapping.surface.tsdf import Tsdf
+from mapping.surface.tsdf_config import TsdfConfig
+from mapping.surface.tsdf_open3d import Open3dMap
+from perception.depth import points, structured_light
 from perception.floor import choose
 from perception.floor.prior import handheld_prior
 from perception.odometry.odometry import Odometry
@@ -26,7 +27,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth, DepthView
 from perception.primitives.pose import Pose3
 
-from ..experiments import real_data
+from ..experiments.support import real_data
 from ..recordings.open import open_recording
 from .benchmark import Benchmark, Comparison, race
 

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from perception.localisation.factors import Factor, Glance, LandmarkSeen, Motion
-from perception.localisation.fixed_lag import FixedLagSmoother
-from perception.localisation.smoother import SmootherConfig
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
+from perception.smoothing.factors import Factor, Glance, LandmarkSeen, Motion
+from perception.smoothing.fixed_lag import FixedLagSmoother
+from perception.smoothing.smoother import SmootherConfig
 
 from .benchmark import Benchmark, Comparison
 
@@ -112,8 +112,8 @@ class Batch:
     """The whole graph in GTSAM's hands, from dead reckoning."""
 
     def __init__(self, frames: Sequence[tuple[float, list[Factor]]]) -> None:
-        from perception.localisation import graph
-        from perception.localisation.factors import PoseSeen
+        from perception.smoothing import graph
+        from perception.smoothing.factors import PoseSeen
 
         factors: list[Factor] = [PoseSeen(0, START)]
         factors += [factor for _, told in frames for factor in told]

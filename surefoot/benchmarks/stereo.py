@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from perception import stereo
+from perception.depth import stereo
 from perception.primitives.camera import Camera
 from perception.primitives.frame import StereoView
 

@@ -17,7 +17,7 @@ from perception.primitives.pose import Pose2
 from planning.swarm import search
 from planning.swarm.objective import Objective, ObjectiveConfig
 
-from ..experiments import random_floors
+from ..experiments.support import random_floors
 from .benchmark import Benchmark, Comparison, race
 
 PICTURES = 8

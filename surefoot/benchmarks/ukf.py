@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from perception.localisation.models import sighting_difference, sighting_mean, spread
-from perception.localisation.square_root import SigmaPoints, step_movers
+from perception.filtering.models import sighting_difference, sighting_mean, spread
+from perception.filtering.square_root import SigmaPoints, step_movers
 
 from .benchmark import Benchmark, Comparison, race
 

@@ -20,11 +20,11 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from perception.depth.rectification import Rectification, rectification
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.frame import Frame, Imu
 from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
-from perception.rectification import Rectification, rectification
 
 from .description import Description, complete
 from .folder import pictures

@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from perception.depth_to_colour import colours_of_depth
+from perception.depth.depth_to_colour import colours_of_depth
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
@@ -32,13 +32,7 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 from .description import Description, complete
 from .poses import ASSOCIATION_S
 from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
-from .ros_messages import (
-    camera_of_info,
-    colour_image,
-    depth_image,
-    is_depth_encoding,
-    is_rectified,
-)
+from .ros_messages import camera_of_info, colour_image, depth_image, is_depth_encoding, is_rectified
 from .ros_transforms import Transforms
 
 FIXED = ("world", "map", "odom", "vicon", "mocap")

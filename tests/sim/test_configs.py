@@ -8,17 +8,17 @@ import math
 import pytest
 
 from perception.primitives.errors import ConfigError
-from sim.body import SlipConfig, TrembleConfig
-from sim.cameras import ImageConfig
-from sim.dynamic.anatomy import ANATOMIES, gait_for, head_for
-from sim.dynamic.balance import BalanceConfig
-from sim.dynamic.walker import DynamicConfig
-from sim.gait import GaitConfig
-from sim.geometric_sensor import GeometricSensorConfig
-from sim.head import HeadConfig
-from sim.inertial import ImuConfig
+from sim.body.dynamic.anatomy import ANATOMIES, gait_for, head_for
+from sim.body.dynamic.balance import BalanceConfig
+from sim.body.dynamic.walker import DynamicConfig
+from sim.body.gait import GaitConfig
+from sim.body.head import HeadConfig
+from sim.body.inertial import ImuConfig
+from sim.body.kinematic import SlipConfig, TrembleConfig
 from sim.robot import RobotConfig
-from sim.tof_camera import TofConfig
+from sim.sensors.cameras import ImageConfig
+from sim.sensors.geometric_sensor import GeometricSensorConfig
+from sim.sensors.tof_camera import TofConfig
 
 CAMERA = ImageConfig(640, 480, 60.0, (0.0, 0.0, 0.0))
 

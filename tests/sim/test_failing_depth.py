@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from perception.primitives.errors import ConfigError
-from sim import scenes
+from sim.rendering.textures import PALETTE, paint
 from sim.robot import RobotConfig, SimulatedRobot
-from sim.textures import PALETTE, paint
+from sim.scenes import catalogue
 from sim.world import World
 
 
 def test_from_the_moment_it_fails_the_camera_is_silent_and_nothing_else_is():
     config = RobotConfig(stereo=False, colour=False, tof_fails_at_s=2.0)
     with (
-        World(scenes.load("empty_room", 0), "tiny") as world,
+        World(catalogue.load("empty_room", 0), "tiny") as world,
         SimulatedRobot(world, config) as robot,
     ):
         frames = [robot.read() for _ in range(12)]
@@ -36,7 +36,7 @@ def test_plain_paint_is_one_colour():
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_box_stands_on_the_straight_way_and_there_is_room_beside_it(seed):
-    room = scenes.load("plain_room", seed)
+    room = catalogue.load("plain_room", seed)
     first = room.obstacles[0].parts[0]
     (goal,) = room.goals
     assert room.start.x < first.centre[0] < goal[0]

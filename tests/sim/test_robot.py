@@ -14,13 +14,13 @@ import pytest
 
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
-from sim import scenes
-from sim.body import SlipConfig, TrembleConfig
-from sim.cameras import ImageConfig
-from sim.dynamic.walker import DynamicConfig
-from sim.head import HeadConfig
-from sim.inertial import ImuConfig
+from sim.body.dynamic.walker import DynamicConfig
+from sim.body.head import HeadConfig
+from sim.body.inertial import ImuConfig
+from sim.body.kinematic import SlipConfig, TrembleConfig
 from sim.robot import RobotConfig, SimulatedRobot
+from sim.scenes import catalogue
+from sim.sensors.cameras import ImageConfig
 from sim.truth import Truth
 from sim.world import World
 
@@ -41,7 +41,7 @@ SMALL = RobotConfig(
 
 @pytest.fixture(scope="module")
 def room():
-    return scenes.load("empty_room", 0)
+    return catalogue.load("empty_room", 0)
 
 
 def drive(world, config, seed, commands):
@@ -233,7 +233,7 @@ WALK = [WalkCommand(0.04, 0.0, 0.1)] * 2
 
 
 def run_digest() -> str:
-    with World(scenes.load("boxes", 2), "auto", 2) as world:
+    with World(catalogue.load("boxes", 2), "auto", 2) as world:
         return digest(drive(world, SMALL, 2, WALK)[0])
 
 

@@ -8,9 +8,9 @@ import pytest
 
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
-from sim import scenes
-from sim.dynamic.walker import DynamicConfig
+from sim.body.dynamic.walker import DynamicConfig
 from sim.robot import RobotConfig, SimulatedRobot
+from sim.scenes import catalogue
 from sim.truth import Truth
 from sim.world import World
 
@@ -19,7 +19,7 @@ BLIND = RobotConfig(tof=True, stereo=False, colour=False)
 
 @pytest.fixture
 def truth():
-    with World(scenes.load("corridor", 0), "tiny") as world:
+    with World(catalogue.load("corridor", 0), "tiny") as world:
         yield Truth(SimulatedRobot(world, BLIND, 0))
 
 
@@ -50,7 +50,7 @@ def test_touching_a_mover_is_contact(truth):
 def test_a_larger_body_touches_sooner():
     """Seed 004's robot: 0.30 m wide, 0.20 m deep."""
     tall = replace(BLIND, dynamic=DynamicConfig(anatomy="tall"))
-    with World(scenes.load("corridor", 0), "tiny") as world:
+    with World(catalogue.load("corridor", 0), "tiny") as world:
         truth = Truth(SimulatedRobot(world, tall, 0))
         x, y, _, _ = world.movers()[0]
         stand(truth, x - 0.3, y, 0.0)

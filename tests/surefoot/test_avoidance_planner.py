@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from mapping.egocentric_grid import EgocentricGrid, GridConfig
+from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
+from perception.estimate import Estimate
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.avoidance.choice import Choice
@@ -15,13 +16,13 @@ from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import Leg, on_line, passage
 from planning.commands import GazeCommand
 from sim.robot import RobotConfig, SimulatedRobot
-from sim.scenes import FloorArea, Scene, Thing
+from sim.scene import FloorArea, Scene, StaticObject
 from sim.shapes import Box
 from sim.world import World
 from surefoot.avoidance_planner import DIRECTIONS, INTO_RAD, AvoidancePlanner
-from surefoot.config import Config
-from surefoot.pipeline import Estimate, Pipeline
+from surefoot.config.schema import Config
 from surefoot.recordings.recording import RecordingInfo
+from surefoot.run.pipeline import Pipeline
 
 HALF_PAN_DEG, HALF_TILT_DEG = 22.0, 17.5  # field of view of the range camera
 HEAD_M = 0.45  # height of the eyes
@@ -173,7 +174,7 @@ def test_who_errs_about_its_pose_still_goes_through_the_middle(primitive, away_m
     true = Pose2(front - away_m, 0.0, math.pi / 2 if primitive == "S" else 0.0)
     believed = astray @ true
     boxes = tuple(
-        Thing(name, (Box((front + depth / 2, y, height / 2), (depth, 0.3, height)),))
+        StaticObject(name, (Box((front + depth / 2, y, height / 2), (depth, 0.3, height)),))
         for name, y, height in (("left", 0.27, 0.25), ("right", -0.27, 0.32))
     )
     floor = (FloorArea("planks/pine", extent),)

@@ -12,17 +12,17 @@ from mapping.panorama.pieces import pieces, seen_aside
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from planning.avoidance.choice import choose
-from sim import scenes
-from sim.avoidance_scenes import MOTIONS
-from sim.scenes import Scene
+from sim.scene import Scene
+from sim.scenes import catalogue
+from sim.scenes.avoidance_scenes import MOTIONS
 from sim.shapes import Box
 from surefoot.avoidance_things import things_of
-from surefoot.experiments.panorama_scenes import nine_views
+from surefoot.experiments.seed_004.panorama_scenes import nine_views
 
 
 @functools.cache
 def _look(motion: str, seed: int) -> tuple[Scene, Panorama, Surroundings]:
-    scene = scenes.load(f"avoidance_{motion.lower()}", seed)
+    scene = catalogue.load(f"avoidance_{motion.lower()}", seed)
     rng = np.random.default_rng([seed, 17])
     views, _ = nine_views(scene, rng)
     panorama = stitch(views, rng)

@@ -10,22 +10,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from perception.depth.health import DepthTrust, DepthTrustConfig
+from perception.estimate import Estimate
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from planning.commands import GazeCommand, WalkCommand
-from surefoot import runs
-from surefoot.config import Config, MissionConfig
-from surefoot.depth_trust import DepthTrust, DepthTrustConfig
-from surefoot.evaluation import evaluate
+from planning.planners.mission import MissionConfig
+from surefoot.config.schema import Config
+from surefoot.evaluation.evaluate import evaluate
 from surefoot.fallback import BY_COLOUR, Fallback
 from surefoot.navigator import Navigator
-from surefoot.pipeline import Estimate, Pipeline
 from surefoot.planners import Decision, make
 from surefoot.recordings.recording import RecordingInfo
-from surefoot.run_folder import RunFolder
+from surefoot.results.run_folder import RunFolder
+from surefoot.run import simulate
+from surefoot.run.pipeline import Pipeline
 
 CAMERA = Camera.from_view(80, 60, math.radians(60.0), math.radians(46.0))
 BOWED = Plane(np.array([0.0, -math.cos(0.5), -math.sin(0.5)]), 0.38)
@@ -135,7 +137,7 @@ def walked(folder: Path, fall_back: bool, limit_s: float) -> dict[str, float]:
         mission=MissionConfig(time_limit_s=limit_s),
         depth_trust=DepthTrustConfig(fall_back=fall_back),
     )
-    runs.simulate(config, folder, False, lambda text: None)
+    simulate.simulate(config, folder, False, lambda text: None)
     run = RunFolder.open(folder)
     way = run.read_trajectory("truth/trajectory.txt")
     assert way is not None

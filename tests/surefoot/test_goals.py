@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from perception.estimate import Estimate
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
-from surefoot.config import MissionConfig
-from surefoot.course_walk import course_config, walk
+from planning.planners.mission import MissionConfig
+from surefoot.experiments.support.course_runner import course_config, walk
 from surefoot.goals import Goals
-from surefoot.pipeline import Estimate
 
 ROOM = """
 extent = [0, 0, 5, 4]

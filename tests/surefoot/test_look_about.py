@@ -7,19 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from perception.estimate import Estimate
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from planning.commands import GazeCommand, WalkCommand
-from surefoot import runs
-from surefoot.config import Config, MissionConfig
-from surefoot.evaluation import evaluate
+from planning.planners.mission import MissionConfig
+from surefoot.config.schema import Config
+from surefoot.evaluation.evaluate import evaluate
 from surefoot.fallback import Fallback
 from surefoot.look_about import WORD, LookAbout
-from surefoot.pipeline import Estimate, Pipeline
 from surefoot.planners import Decision, make
 from surefoot.recordings.recording import RecordingInfo
-from surefoot.run_folder import RunFolder
+from surefoot.results.run_folder import RunFolder
+from surefoot.run import simulate
+from surefoot.run.pipeline import Pipeline
 
 CONFIG = replace(Config(), mission=MissionConfig(time_limit_s=90.0))
 SLOT = """
@@ -112,7 +114,7 @@ def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path):
     scene = tmp_path / "slot.toml"
     scene.write_text(SLOT)
     config = replace(CONFIG, scene=str(scene), robot=replace(CONFIG.robot, stereo=False))
-    runs.simulate(config, tmp_path / "run", False, lambda text: None)
+    simulate.simulate(config, tmp_path / "run", False, lambda text: None)
     run = RunFolder.open(tmp_path / "run")
     found = evaluate(run)
     assert found["contacts"] == 0

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from perception.estimate import Estimate
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
 from planning.footsteps import GaitConfig
-from surefoot.config import Config
-from surefoot.pipeline import Estimate
+from surefoot.config.schema import Config
 from surefoot.swarm_planner import MovingGoals, Schedule
 
 GAIT = GaitConfig()

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim import scenes
 from sim.robot import SimulatedRobot
+from sim.scenes import catalogue
 from sim.world import World
-from surefoot import runs
-from surefoot.config import load
-from surefoot.pipeline import Pipeline
+from surefoot.config.load import load
 from surefoot.recordings.recording import RecordingInfo
-from surefoot.run_folder import RunFolder
+from surefoot.results.run_folder import RunFolder
+from surefoot.run import simulate
+from surefoot.run.pipeline import Pipeline
 from surefoot.swarm_planner import SwarmPlanner
 
 
@@ -26,7 +26,7 @@ def walked(tmp_path_factory):
         None, ["mission.planner=swarm", "mission.time_limit_s=12"], scene="robots_room", seed=1
     )
     out = tmp_path_factory.mktemp("swarm") / "run"
-    runs.simulate(config, out, False, lambda text: None)
+    simulate.simulate(config, out, False, lambda text: None)
     return RunFolder.open(out)
 
 
@@ -66,7 +66,7 @@ def test_the_stages_are_in_the_report(walked):
 def walker():
     """Planner, pipeline and robot in the seed's room."""
     config = load(None, ["mission.planner=swarm"], scene="robots_room")
-    scene = scenes.load("robots_room", 0)
+    scene = catalogue.load("robots_room", 0)
     told = RecordingInfo("x", "simulation", start=scene.start, start_covariance=1e-4 * np.eye(3))
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, config.robot, 0) as robot:
         yield SwarmPlanner(config, scene.goals), Pipeline(config, told), robot

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from mapping.panorama.views import head_directions, view_of_depth
-from perception import time_of_flight
+from perception.depth import time_of_flight
 from perception.features.pictures import amplitude_picture
 from perception.primitives.frame import RangeView
 from perception.primitives.pose import Pose3, head_rotation
-from sim import scenes
-from sim.rays import RayCaster
-from sim.tof_camera import TofCamera, TofConfig
+from sim.rendering.rays import RayCaster
+from sim.scenes import catalogue
+from sim.sensors.tof_camera import TofCamera, TofConfig
 
 LEVER = np.array([0.0, -0.035, 0.035])  # of the camera about the neck, camera axes, m
 
@@ -30,7 +30,7 @@ def look_round():
     """Function of scene, seed and encoder error in deg to nine views and their true poses."""
 
     def look(scene_name, seed, error_deg, walk_m=0.0):
-        scene = scenes.load(scene_name, seed)
+        scene = catalogue.load(scene_name, seed)
         caster = RayCaster(scene)
         caster.place([mover.start for mover in scene.movers])
         rng = np.random.default_rng([seed, 99])

@@ -14,17 +14,17 @@ from mapping.panorama.rendering import RenderConfig, render
 from mapping.panorama.sizes import SizeConfig, surroundings
 from mapping.panorama.stitching import Panorama, StitchConfig, stitch
 from mapping.panorama.views import View, view_of_depth
-from perception import time_of_flight
+from perception.depth import time_of_flight
 from perception.features.pictures import amplitude_picture
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import RangeView
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.rays import RayCaster
-from sim.rooms import walls
-from sim.scenes import FloorArea, Scene, Thing
+from sim.rendering.rays import RayCaster
+from sim.scene import FloorArea, Scene, StaticObject
+from sim.scenes.rooms import walls
+from sim.sensors.tof_camera import TofCamera, TofConfig
 from sim.shapes import Box
-from sim.tof_camera import TofCamera, TofConfig
 
 EXTENT = (-0.8, -2.2, 3.4, 2.2)
 CALIBRATED = time_of_flight.TofConfig(wiggle_m=0.004, stray_share=0.02)
@@ -37,7 +37,7 @@ def head(pan, tilt):
 
 
 def views_of(boxes, seed=0, error_deg=0.0, yaws=(15.0, -15.0)):
-    things = tuple(Thing(f"box {k}", (box,), 0.6) for k, box in enumerate(boxes))
+    things = tuple(StaticObject(f"box {k}", (box,), 0.6) for k, box in enumerate(boxes))
     floor = (FloorArea("planks/pine", EXTENT),)
     room = walls(EXTENT, ("wall/white",) * 4)
     caster = RayCaster(Scene("test", 0, EXTENT, floor, room + things, (), (), Pose2(), ((1.0, 0.0),)))  # fmt: skip

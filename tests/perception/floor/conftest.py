@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.points import Points, from_depth
+from perception.depth.points import Points, from_depth
+from perception.depth.structured_light import depth as structured_light
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth, DepthView
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3, head_rotation
-from perception.structured_light import depth as structured_light
 
 Box = tuple[float, float, float, float, float, float]  # x, y, z ranges in the body frame, m
 

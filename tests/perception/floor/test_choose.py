@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from perception.depth.points import Points
 from perception.floor.choose import FloorConfig, find
 from perception.floor.prior import handheld_prior, kinematic_prior
-from perception.points import Points
 from perception.primitives.errors import ConfigError
 
 METHODS = ("ransac", "hough")

@@ -5,18 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from perception.depth.points import Points
 from perception.floor.choose import find
-from perception.floor.classify import (
-    FLOOR,
-    HOLE,
-    OBSTACLE,
-    OVERHANG,
-    ClassConfig,
-    band,
-    classify,
-)
+from perception.floor.classify import FLOOR, HOLE, OBSTACLE, OVERHANG, ClassConfig, band, classify
 from perception.floor.prior import handheld_prior
-from perception.points import Points
 from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from perception.depth.points import Points
 from perception.floor.flow_chart import find_as_printed
 from perception.floor.hough import HoughConfig
-from perception.points import Points
 from perception.primitives.plane import Plane
 
 

@@ -92,7 +92,7 @@ def test_with_the_floor_out_of_view_the_kitchen_has_none(recordings, read_floors
 def test_five_people_do_not_hide_the_floor(recordings, read_floors, config):
     import open3d as o3d
 
-    from perception.points import unorganised
+    from perception.depth.points import unorganised
 
     folder = recordings / "pcl_kinect"
     cloud = o3d.io.read_point_cloud(str(folder / "five_people.pcd"), remove_nan_points=True)

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from perception.depth.points import Points
 from perception.floor import _fit_kernels as kernels
 from perception.floor.refine import RefineConfig, fuse, refine
 from perception.floor.sample import Sample, ScoreConfig, score
-from perception.points import Points
 from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
 

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perception.localisation import models
-from perception.localisation.consistency import band, nees, whiteness, whiteness_bound
+from perception.filtering import models
+from perception.filtering.consistency import band, nees, whiteness, whiteness_bound
 from perception.localisation.filter import (
     ENGINES,
     LocaliserConfig,

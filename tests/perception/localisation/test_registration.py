@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from perception.localisation import models
+from perception.filtering import models
 from perception.localisation.filter import LocaliserConfig, PoseFilter, process_noise
 from perception.localisation.registration import Registration, RegistrationConfig, motion
 from perception.localisation.scan import Scan

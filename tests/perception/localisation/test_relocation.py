@@ -8,9 +8,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.localisation.consistency import band, nees
+from perception.filtering.consistency import band, nees
+from perception.filtering.models import range_bearing, wrap_angles
 from perception.localisation.filter import joint_noise
-from perception.localisation.models import range_bearing, wrap_angles
 from perception.localisation.relocation import jacobian, pose_from_sightings
 from perception.primitives.landmark import Sighting
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from perception.localisation import consistency, tag_edges
+from perception.filtering import consistency
+from perception.localisation import tag_edges
 from perception.localisation.landmarks import LandmarkConfig, detect, find_corners, tag_centre
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError

@@ -7,12 +7,7 @@ import pytest
 
 from perception.monocular.back_projection import camera_pose, floor_points, project
 from perception.monocular.cycle import Monocular, MonocularConfig
-from perception.monocular.deviations import (
-    DeviationConfig,
-    Sureness,
-    eye_jacobian,
-    pixel_jacobian,
-)
+from perception.monocular.deviations import DeviationConfig, Sureness, eye_jacobian, pixel_jacobian
 from perception.monocular.obstacles import floor_flows
 from perception.monocular.result import Picture
 from perception.primitives.camera import Camera

@@ -201,7 +201,7 @@ def test_a_pair_in_the_wrong_order_is_refused():
 
 
 def test_the_colour_floor_is_the_depth_floor_of_a_real_recording(recordings):
-    from surefoot.monocular_run import colour_floors
+    from surefoot.offline.monocular import colour_floors
     from surefoot.recordings.open import open_recording
 
     floors = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from perception import structured_light
+from perception.depth import structured_light
 from perception.odometry.alignment import AlignConfig, align
 from perception.odometry.hypotheses import large_steps
 from perception.odometry.pyramid import Pyramid, build, keep, shrunk

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from perception import structured_light
+from perception.depth import structured_light
 from perception.odometry.back_end import BackEnd
+from perception.odometry.baselines import NAMES, aligner
 from perception.odometry.odometry import (
     FIRST,
     LOST,
@@ -19,8 +20,7 @@ from perception.odometry.odometry import (
     Odometry,
     OdometryConfig,
 )
-from perception.odometry.peers import NAMES, aligner
-from perception.odometry.places import motion_between, remember
+from perception.odometry.place_recognition import motion_between, remember
 from perception.odometry.pyramid import Pyramid, build
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError

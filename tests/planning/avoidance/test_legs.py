@@ -14,7 +14,7 @@ from planning.avoidance.choice import AvoidanceConfig, Things, choose
 from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import Leg, Trim, in_the_way, passage, reached, retreat, step
 from planning.footsteps import GaitConfig
-from sim import gait as walk
+from sim.body import gait as walk
 
 GAIT = GaitConfig()
 START = Pose2(0.4, -0.2, 0.3)

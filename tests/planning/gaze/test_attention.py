@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from mapping.confidence import ConfidenceLayer
-from mapping.egocentric_grid import EgocentricGrid, GridConfig
-from perception.clusters import Cluster, Footprint
+from mapping.grid.confidence import ConfidenceLayer
+from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
+from perception.obstacles.clustering import Cluster, Footprint
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting

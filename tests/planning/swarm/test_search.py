@@ -13,7 +13,7 @@ from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.swarm import search
 from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
-from surefoot.experiments import random_floors
+from surefoot.experiments.support import random_floors
 
 CAMERA = Camera.from_view(240, 240, math.pi / 2, math.pi / 2)
 SEEDS = range(30)

@@ -3,8 +3,8 @@
 import pytest
 
 from perception.primitives.errors import InputError
-from surefoot.experiments import experiment
-from surefoot.experiments.experiment import Experiment, Outcome, Target
+from surefoot.experiments.support import experiment
+from surefoot.experiments.support.experiment import Experiment, Outcome, Target
 
 
 def quiet(text):

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from perception.points import Points
+from perception.depth.points import Points
 from perception.primitives.plane import Plane
-from surefoot.experiments import walls
-from surefoot.experiments.floor_views import head
-from surefoot.experiments.real_planes import NYU, Curve, as_depth, residual_noise
+from surefoot.experiments.real.real_planes import NYU, Curve, as_depth, residual_noise
+from surefoot.experiments.seed_003 import walls
+from surefoot.experiments.support.floor_views import head
 
 
 @pytest.mark.parametrize("kind", list(walls.KINDS))

@@ -16,14 +16,10 @@ from planning.swarm import search
 from planning.swarm.objective import ObjectiveConfig
 from surefoot.benchmarks import monocular as benchmark
 from surefoot.benchmarks.benchmark import Comparison, judge
-from surefoot.experiments import (
-    four_planners,
-    monocular_cycle,
-    monocular_time,
-    random_floors,
-    swarm_table,
-)
-from surefoot.run_folder import RunFolder
+from surefoot.experiments.joint import four_planners
+from surefoot.experiments.seed_000 import monocular_cycle, monocular_time, swarm_table
+from surefoot.experiments.support import random_floors
+from surefoot.results.run_folder import RunFolder
 
 
 @pytest.fixture(scope="module")

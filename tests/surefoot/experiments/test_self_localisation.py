@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from perception.localisation.planar import PlanarConfig, follow
+from perception.planar.planar import PlanarConfig, follow
 from perception.primitives.gaussian import Gaussian
-from surefoot.experiments.inertial import GRAVITY, TiltFilter, tilt
-from surefoot.experiments.journeys import Course, judge
-from surefoot.experiments.range_only import follow_ranges
-from surefoot.experiments.robot_tracks import RobotTracks
-from surefoot.experiments.smoothed import smooth_journey
+from surefoot.experiments.real.inertial import GRAVITY, TiltFilter, tilt
+from surefoot.experiments.real.journeys import Course, judge
+from surefoot.experiments.real.range_only import follow_ranges
+from surefoot.experiments.real.robot_tracks import RobotTracks
+from surefoot.experiments.real.smoothed import smooth_journey
 from surefoot.recordings.plaza import RangeLog
 
 SURE = Gaussian(np.zeros(3), np.diag([0.01, 0.01, 0.005]) ** 2)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from perception.primitives.errors import RecordingError
-from surefoot.batch import process_one
-from surefoot.config import Config
+from surefoot.config.schema import Config
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.ros_messages import is_rectified
+from surefoot.run.batch import process_one
 
 
 def _beside(name: str) -> Any:

@@ -1,0 +1,1 @@
+"""Occupancy: the egocentric grid, the world map, how fresh their cells are."""

@@ -1,0 +1,202 @@
+"""The coloured cloud of a run: one averaged point for each voxel that was hit.
+
+Memory stays bounded: when the voxels run out, they double in size and the cloud is thinned. Nothing else of
+mapping imports Open3D, and here only writing does.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from perception.primitives.errors import ConfigError, InputError, OutputError
+
+from ..grid import _kernels
+from .atomic_write import complete
+
+logger = logging.getLogger(__name__)
+
+FIRST_CAPACITY = 1 << 14  # voxels
+
+
+@dataclass(frozen=True)
+class CloudConfig:
+    """Grain and largest size of the cloud."""
+
+    voxel_m: float = 0.02  # ours: a depth camera's noise at 2 m
+    most_voxels: int = 1_000_000  # ours: 100 MB, 27 MB as a file
+
+    def __post_init__(self) -> None:
+        if not self.voxel_m > 0.0:
+            raise ConfigError(f"cloud: voxel_m={self.voxel_m} must be positive")
+        if self.most_voxels < 8:
+            raise ConfigError(f"cloud: most_voxels={self.most_voxels} must be at least 8")
+
+
+class CloudBuilder:
+    """Averages points voxel by voxel; the order of points is that in which voxels were first hit."""
+
+    def __init__(self, config: CloudConfig | None = None) -> None:
+        """An empty cloud."""
+        self.config = config or CloudConfig()
+        self.voxel_m = self.config.voxel_m  # grows when the voxels run out
+        self._coloured = False
+        self._calls = 0
+        self._used = 0
+        self._allocate(min(FIRST_CAPACITY, self.config.most_voxels))
+
+    def __len__(self) -> int:
+        """Voxels in use."""
+        return self._used
+
+    def add(
+        self,
+        points_world: Float[np.ndarray, "n 3"],
+        colours: UInt8[np.ndarray, "n 3"] | None = None,
+    ) -> None:
+        """Add the points of one frame, world frame, m, with their colours, red first; NaN is passed over.
+
+        Raises:
+            InputError: Not one colour a point.
+        """
+        if colours is not None and len(colours) != len(points_world):
+            raise InputError(
+                f"cloud: {len(points_world)} points but {len(colours)} colours; give one a point"
+            )
+        self._coloured = self._coloured or colours is not None
+        tints = np.zeros((0, 3), np.uint8) if colours is None else np.ascontiguousarray(colours)
+        points = np.ascontiguousarray(points_world)
+        done = 0
+        while done < len(points):
+            done, self._used = _kernels.add_to_voxels(
+                points,
+                tints,
+                1.0 / self.voxel_m,
+                self._calls,
+                done,
+                self._used,
+                self._keys,
+                self._table,
+                self._sums,
+                self._counts,
+                self._hits,
+                self._last,
+            )
+            if done < len(points):
+                self._make_room()
+        self._calls += 1
+
+    def cloud(self) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"] | None]:
+        """The mean point of each voxel, world frame, m, and its mean colour; None if none was ever given."""
+        counts = self._counts[: self._used, np.newaxis]
+        means = self._sums[: self._used] / counts
+        colours = np.rint(means[:, 3:]).astype(np.uint8) if self._coloured else None
+        return means[:, :3].copy(), colours
+
+    @property
+    def sightings(self) -> Int[np.ndarray, "n"]:
+        """In how many additions (frames) each voxel was hit, in the order of `cloud`."""
+        return self._hits[: self._used].copy()
+
+    def _allocate(self, capacity: int) -> None:
+        self._keys = np.zeros(capacity, np.int64)
+        self._sums = np.zeros((capacity, 6))
+        self._counts = np.zeros(capacity, np.int64)
+        self._hits = np.zeros(capacity, np.int64)
+        self._last = np.full(capacity, -1, np.int64)
+        self._table = np.full(1 << (2 * capacity - 1).bit_length(), -1, np.int64)
+
+    def _make_room(self) -> None:
+        """Twice the voxels; where that is too many, voxels of twice the size."""
+        used, old = self._used, (self._keys, self._sums, self._counts, self._hits, self._last)
+        capacity = min(2 * len(self._keys), self.config.most_voxels)
+        self._allocate(capacity)
+        if capacity > used:
+            new = (self._keys, self._sums, self._counts, self._hits, self._last)
+            for target, source in zip(new, old, strict=True):
+                target[:used] = source[:used]
+            _kernels.rebuild_table(self._keys, used, self._table)
+            return
+        self.voxel_m *= 2
+        logger.warning("cloud: %d voxels in use, thinned to %g m", used, self.voxel_m)
+        _, sums, counts, hits, last = old
+        cells = np.floor(sums[:used, :3] / counts[:used, np.newaxis] / self.voxel_m)
+        _, first, group = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(np.argsort(first))  # groups in the order in which they were first hit
+        group = order[group.reshape(-1)]
+        self._used = len(first)
+        half = 1 << 20
+        x, y, z = (cells[np.sort(first)].astype(np.int64) + half).T
+        self._keys[: self._used] = (x << 42) | (y << 21) | z
+        np.add.at(self._sums, group, sums[:used])
+        np.add.at(self._counts, group, counts[:used])
+        np.maximum.at(self._hits, group, hits[:used])
+        np.maximum.at(self._last, group, last[:used])
+        _kernels.rebuild_table(self._keys, self._used, self._table)
+
+
+def save_ply(
+    path: Path, points: Float[np.ndarray, "n 3"], colours: UInt8[np.ndarray, "n 3"] | None = None
+) -> None:
+    """Write a binary PLY, complete or absent.
+
+    Args:
+        path: Of the file, ending in .ply.
+        points: At least one, m.
+        colours: Red first; None writes none.
+
+    Raises:
+        OutputError: It cannot be written, or Open3D cannot be loaded.
+    """
+    try:
+        open3d = _open3d()
+    except ImportError as error:
+        raise OutputError(f"cannot write {path}: {_LIBRARIES} ({error})") from error
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    if colours is not None:
+        cloud.colors = open3d.utility.Vector3dVector(colours / 255.0)
+    with complete(path) as temporary:
+        if not open3d.io.write_point_cloud(str(temporary), cloud):
+            raise OutputError(
+                f"cannot write {path}: Open3D refused {len(points)} points; expected at least one, a path "
+                "ending in .ply and room on the disk"
+            )
+
+
+def load_ply(
+    path: Path,
+) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"] | None]:
+    """Points in m, and their colours, red first, or None.
+
+    Raises:
+        InputError: The file is missing or holds no points, or Open3D cannot be loaded.
+    """
+    if not path.is_file():
+        raise InputError(f"cloud {path} does not exist; give a .ply file")
+    try:
+        open3d = _open3d()
+    except ImportError as error:
+        raise InputError(f"cannot read {path}: {_LIBRARIES} ({error})") from error
+    cloud = open3d.io.read_point_cloud(str(path))
+    if not cloud.has_points():
+        raise InputError(f"cloud {path} holds no points that Open3D can read; expected a PLY file")
+    colours = np.rint(np.asarray(cloud.colors) * 255).astype(np.uint8)
+    return np.array(cloud.points), colours if cloud.has_colors() else None
+
+
+_LIBRARIES = (
+    "Open3D cannot be loaded; on Debian or Ubuntu: "
+    "apt-get install --no-install-recommends libegl1 libgl1 libx11-6 libusb-1.0-0"
+)
+
+
+def _open3d() -> Any:
+    """Open3D, imported late: it takes a second, and only saving and loading need it."""
+    import open3d
+
+    return open3d

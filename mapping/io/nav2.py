@@ -1,0 +1,154 @@
+"""Maps as files for ROS: the yaml and pgm pair of map_server and Nav2.
+
+The picture has row 0 on top, that is the largest y; 254 is free, 0 occupied, 205 unknown. The yaml gives
+the lower left corner of the lower left pixel.
+
+Source: the map_server format, "trinary" and "scale" modes.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt8
+
+from perception.primitives.errors import InputError
+
+from ..grid.world_map import OccupancyMap
+from .atomic_write import complete
+
+FREE, UNKNOWN, OCCUPIED = 254, 205, 0
+OCCUPIED_ABOVE = 0.65  # map_server: default occupied_thresh
+FREE_BELOW = (
+    0.196  # map_server: default free_thresh; Nav2's 0.25 would read its own unknown as free
+)
+
+
+def save(
+    folder: Path,
+    name: str,
+    probability: Float32[np.ndarray, "rows columns"],
+    known: Bool[np.ndarray, "rows columns"],
+    origin: Float[np.ndarray, "2"],
+    cell_m: float,
+) -> Path:
+    """Write `name.pgm`, then `name.yaml`; each is complete or absent. Returns the yaml's path.
+
+    A map without any cell becomes one unknown cell, so that what opens maps can open it.
+
+    Args:
+        folder: An existing folder.
+        name: Of both files, without suffix.
+        probability: p that an obstacle covers the cell; row 0 at the smallest y.
+        known: Whether the cell was ever seen; others become unknown, as does p between the thresholds.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell, m.
+
+    Raises:
+        OutputError: The folder cannot be written.
+    """
+    rows, columns = max(1, probability.shape[0]), max(1, probability.shape[1])
+    pixels = np.full((rows, columns), UNKNOWN, np.uint8)
+    if probability.size:
+        pixels[known & (probability < FREE_BELOW)] = FREE
+        pixels[known & (probability > OCCUPIED_ABOVE)] = OCCUPIED
+    with complete(folder / f"{name}.pgm") as path:
+        path.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + pixels[::-1].tobytes())
+    yaml = (
+        f"image: {name}.pgm\n"
+        "mode: trinary\n"
+        f"resolution: {cell_m!r}\n"
+        f"origin: [{float(origin[0])!r}, {float(origin[1])!r}, 0.0]\n"
+        "negate: 0\n"
+        f"occupied_thresh: {OCCUPIED_ABOVE}\n"
+        f"free_thresh: {FREE_BELOW}\n"
+    )
+    with complete(folder / f"{name}.yaml") as path:
+        path.write_text(yaml, encoding="utf-8")
+    return folder / f"{name}.yaml"
+
+
+def load(path: Path) -> OccupancyMap:
+    """Read a map by its yaml file, as map_server does.
+
+    Trinary: p is 0 (free), 0.5 (unknown) or 1 (occupied). Scale: p between the thresholds is kept.
+
+    Raises:
+        InputError: A file is missing, truncated or not of this format, or the map is rotated.
+    """
+    entries = _entries(path)
+    image = entries["image"].strip("\"'")
+    pixels = _read_pgm(path.parent / image)
+    cell_m = _number(path, entries, "resolution")
+    if not cell_m > 0.0:
+        raise InputError(f"{path}: resolution={cell_m} must be positive, metres per pixel")
+    origin = _origin(path, entries["origin"])
+    light = pixels[::-1].astype(np.float32) / 255
+    p = light if entries.get("negate", "0") in ("1", "true") else 1 - light
+    occupied = p > _number(path, entries, "occupied_thresh")
+    free = p < _number(path, entries, "free_thresh")
+    mode = entries.get("mode", "trinary")
+    if mode == "trinary":
+        trinary = np.where(occupied, 1, np.where(free, 0, 0.5)).astype(np.float32)
+        return OccupancyMap(trinary, origin, cell_m, occupied | free)
+    if mode == "scale":
+        scaled = np.where(occupied, np.float32(1), np.where(free, np.float32(0), p))
+        return OccupancyMap(scaled, origin, cell_m, np.ones(p.shape, np.bool_))
+    raise InputError(f"{path}: mode {mode!r} is not read; save the map as trinary or scale")
+
+
+def _entries(path: Path) -> dict[str, str]:
+    """The flat `key: value` lines of the yaml, comments removed."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"map {path} cannot be read: {error}; give the .yaml of a map") from error
+    entries = {}
+    for line in text.splitlines():
+        match = re.match(r"^(\w+)\s*:\s*(.*?)\s*(#.*)?$", line)
+        if match:
+            entries[match[1]] = match[2]
+    for key in ("image", "resolution", "origin", "occupied_thresh", "free_thresh"):
+        if not entries.get(key):
+            raise InputError(f"{path}: no {key}; expected the yaml of a map_server map")
+    return entries
+
+
+def _number(path: Path, entries: dict[str, str], key: str) -> float:
+    try:
+        return float(entries[key])
+    except ValueError as error:
+        raise InputError(f"{path}: {key}={entries[key]!r} must be a number") from error
+
+
+def _origin(path: Path, text: str) -> Float[np.ndarray, "2"]:
+    try:
+        x, y, yaw = (float(part) for part in text.strip("[]").split(","))
+    except ValueError as error:
+        raise InputError(f"{path}: origin={text!r} must be [x, y, yaw]") from error
+    if abs(yaw) > 1e-9:
+        raise InputError(f"{path}: origin is turned by {yaw} rad; only maps with yaw 0 are read")
+    return np.array([x, y])
+
+
+def _read_pgm(path: Path) -> UInt8[np.ndarray, "rows columns"]:
+    """A binary PGM of one byte a pixel; comments in its header are passed over."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(
+            f"map image {path} cannot be read: {error.strerror}; it belongs beside the yaml"
+        ) from error
+    gap = rb"(?:\s|#[^\n]*\n)+"
+    header = re.match(rb"P5" + gap + rb"(\d+)" + gap + rb"(\d+)" + gap + rb"(\d+)\s", content)
+    if header is None or int(header[3]) != 255:
+        raise InputError(f"map image {path}: expected a binary PGM (P5) with 255 grey levels")
+    columns, rows = int(header[1]), int(header[2])
+    body = content[header.end() :]
+    if len(body) < rows * columns or rows * columns == 0:
+        raise InputError(
+            f"map image {path}: {len(body)} bytes of pixels, expected {rows * columns}; it is truncated"
+        )
+    return np.frombuffer(body, np.uint8, rows * columns).reshape(rows, columns)

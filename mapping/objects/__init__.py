@@ -1,0 +1,1 @@
+"""Ground plans and boxes of what stands."""

@@ -1,0 +1,1 @@
+"""Surfaces: signed distance volumes, meshes, where one can walk on them."""

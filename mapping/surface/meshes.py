@@ -1,0 +1,71 @@
+"""A surface of triangles, and the file it goes to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Int, UInt8
+
+from ..io.atomic_write import complete
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles in the map frame.
+
+    Args:
+        vertices: m.
+        triangles: Indices of vertices, counter-clockwise as seen from free space.
+        normals: Of the vertices, unit length, towards free space.
+        colours: Of the vertices, red first; None where no pictures were given.
+    """
+
+    vertices: Float32[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "m 3"]
+    normals: Float32[np.ndarray, "n 3"]
+    colours: UInt8[np.ndarray, "n 3"] | None = None
+
+    @property
+    def areas(self) -> Float32[np.ndarray, "m"]:
+        """Of the triangles, m^2."""
+        a, b, c = (self.vertices[self.triangles[:, n]] for n in range(3))
+        return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
+
+    def spread(self, count: int, rng: np.random.Generator) -> Float32[np.ndarray, "count 3"]:
+        """Points all over the surface, as many for equal areas, m; none on a surface without area."""
+        areas = self.areas.astype(np.float64)
+        if not areas.sum() > 0.0:
+            return np.zeros((0, 3), np.float32)
+        chosen = self.triangles[rng.choice(len(areas), count, p=areas / areas.sum())]
+        s, t = np.sqrt(rng.random(count)), rng.random(count)
+        shares = np.stack([1.0 - s, s * (1.0 - t), s * t], axis=1)
+        return np.asarray(np.einsum("nk,nkd->nd", shares, self.vertices[chosen]), np.float32)
+
+
+def save_mesh(path: Path, mesh: Mesh) -> None:
+    """Write a binary PLY with normals, and colours if there are any; complete or absent.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    fields = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
+    columns = [*mesh.vertices.T, *mesh.normals.T]
+    kinds = ["float"] * 6
+    if mesh.colours is not None:
+        fields += [(name, "u1") for name in ("red", "green", "blue")]
+        columns += [*mesh.colours.T]
+        kinds += ["uchar"] * 3
+    vertices = np.empty(len(mesh.vertices), fields)
+    for (name, _), column in zip(fields, columns, strict=True):
+        vertices[name] = column
+    triangles = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<i4", (3,))])
+    triangles["count"], triangles["corners"] = 3, mesh.triangles
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {kind} {name}" for kind, (name, _) in zip(kinds, fields, strict=True)]
+    header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
+    with complete(path) as temporary, temporary.open("wb") as file:
+        file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
+        file.write(vertices.tobytes())
+        file.write(triangles.tobytes())

@@ -1,0 +1,222 @@
+"""Where one can walk in a place that was seen as a whole: height, slope, step and probability, cell by cell.
+
+The surface is cut into columns. What hangs higher than the robot's head is left out. Of the rest each cell keeps
+its highest point; slope is that of the plane through the heights around, step the largest difference
+of height a foot would meet there.
+
+Source: layers as in grid_map's traversability (Wermelinger et al. 2016); probability is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+from scipy import ndimage
+from scipy.special import ndtr
+
+from perception.primitives.errors import ConfigError
+
+from ..io import nav2
+from ..io.atomic_write import complete
+from .meshes import Mesh
+
+
+@dataclass(frozen=True)
+class TraversabilityConfig:
+    """Grain, and what the robot can do."""
+
+    cell_m: float = 0.025  # ours: a little more than a voxel, so that no cell is missed
+    headroom_m: float = 0.7  # ours: DARwIn-OP is 0.45 tall; what hangs higher is no obstacle
+    most_step_m: float = 0.03  # ours: what its foot can clear
+    most_slope_deg: float = 15.0  # ours: what it can stand on
+    foot_m: float = 0.075  # ours: width over which a step is felt
+    sigma_m: float = 0.008  # ours: of a fused height, less than half a voxel of 2 cm
+    sigma_deg: float = 4.0  # ours: of a slope from such heights over 12 cm
+    below_m: float = 0.15  # ours: surface farther below the floor is a mirror's, or an error
+    farthest_m: float = 50.0  # ours: cells farther from the origin are not made
+
+    def __post_init__(self) -> None:
+        for name in self.__dataclass_fields__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"traversability: {name}={value} must be positive and finite")
+
+
+@dataclass(frozen=True, eq=False)
+class Traversability:
+    """Layers over the floor; row 0 at the smallest y, column 0 at the smallest x, NaN where nothing was seen.
+
+    Args:
+        height: Of the highest surface under the headroom, m over the floor z = 0.
+        slope: Of the ground around, rad.
+        step: Largest difference of height within a foot's width, m.
+        probability: That a foot can stand there.
+        covered: Share of the cell, as seen from above, by what rises more than a step; 1 where a wall is all
+            that was seen.
+        origin: Lower left corner of cell [0, 0], map frame, m.
+        cell_m: Side of a cell, m.
+        config: What it was made with.
+    """
+
+    height: Float32[np.ndarray, "rows columns"]
+    slope: Float32[np.ndarray, "rows columns"]
+    step: Float32[np.ndarray, "rows columns"]
+    probability: Float32[np.ndarray, "rows columns"]
+    covered: Float32[np.ndarray, "rows columns"]
+    origin: Float[np.ndarray, "2"]
+    cell_m: float
+    config: TraversabilityConfig
+
+    @property
+    def known(self) -> Bool[np.ndarray, "rows columns"]:
+        """Cells that were seen."""
+        return np.isfinite(self.height)
+
+    @property
+    def occupied(self) -> Bool[np.ndarray, "rows columns"]:
+        """Ground plan of what stands: cells more than half covered. Who walks goes by `probability`."""
+        return self.known & (self.covered > 0.5)
+
+    @property
+    def centres(self) -> Float[np.ndarray, "rows columns 2"]:
+        """Of all cells, map frame, m."""
+        rows, columns = np.indices(self.height.shape)
+        places = np.stack([columns, rows], axis=-1) + 0.5
+        return np.asarray(self.origin + self.cell_m * places)
+
+
+def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Traversability:
+    """Layers of a surface in an upright frame whose floor is z = 0.
+
+    Args:
+        mesh: Of the whole place, m.
+        config: Grain and robot.
+
+    Returns:
+        Layers over all that was seen; of no rows where nothing was.
+    """
+    config = config or TraversabilityConfig()
+    points, plan = _dense(mesh)
+    near = (points[:, 2] < config.headroom_m) & (points[:, 2] > -config.below_m)
+    near &= np.abs(points[:, :2]).max(axis=1, initial=0.0) < config.farthest_m
+    points, plan = points[near], plan[near]
+    if len(points) == 0:
+        nothing = np.zeros((0, 0), np.float32)
+        return Traversability(
+            nothing, nothing, nothing, nothing, nothing, np.zeros(2), config.cell_m, config
+        )
+    first = np.floor(points[:, :2].min(axis=0) / config.cell_m).astype(int)
+    column, row = (np.floor(points[:, :2] / config.cell_m).astype(int) - first).T
+    height = np.full((row.max() + 1, column.max() + 1), -np.inf, np.float32)
+    np.maximum.at(height, (row, column), points[:, 2])
+    height[~np.isfinite(height)] = np.nan
+    rising = points[:, 2] > config.most_step_m
+    high, low = (
+        np.bincount(row[mask] * height.shape[1] + column[mask], plan[mask], height.size).reshape(
+            height.shape
+        )
+        for mask in (rising, ~rising)
+    )
+    wall = (high + low < 1e-9) & (height > config.most_step_m)
+    covered = np.where(wall, 1.0, high / np.maximum(high + low, 1e-9))
+    slope, step = _slope(height, config), _step(height, config)
+    sure_step = ndtr((config.most_step_m - step) / (math.sqrt(2.0) * config.sigma_m))
+    sure_slope = ndtr((config.most_slope_deg - np.degrees(slope)) / config.sigma_deg)
+    return Traversability(
+        height,
+        slope,
+        step,
+        (sure_step * sure_slope).astype(np.float32),
+        covered.astype(np.float32),
+        first * config.cell_m,
+        config.cell_m,
+        config,
+    )
+
+
+def save_nav2(folder: Path, name: str, layers: Traversability) -> Path:
+    """Write the map for Nav2: occupied where nobody can stand, free where one can; returns the yaml's path."""
+    blocked = 1.0 - np.nan_to_num(layers.probability, nan=0.5)
+    blocked[layers.occupied] = 1.0  # the top of a table is flat, and yet no floor
+    return nav2.save(
+        folder, name, blocked.astype(np.float32), layers.known, layers.origin, layers.cell_m
+    )
+
+
+def save_layers(path: Path, layers: Traversability) -> None:
+    """Write all layers as .npz, by the names that grid_map uses: elevation, slope, step, traversability.
+
+    `resolution` is the side of a cell and `origin` the lower left corner of cell [0, 0], m.
+
+    Raises:
+        OutputError: It cannot be written.
+    """
+    with complete(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            elevation=layers.height,
+            slope=layers.slope,
+            step=layers.step,
+            traversability=layers.probability,
+            covered=layers.covered,
+            resolution=np.array(layers.cell_m),
+            origin=layers.origin,
+        )
+
+
+def _dense(mesh: Mesh) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n"]]:
+    """Corners, edges' middles and middles of all triangles, nearer together than cells are wide.
+
+    With each the area that its triangle covers as seen from above, m^2.
+    """
+    a, b, c = (mesh.vertices[mesh.triangles[:, n]] for n in range(3))
+    middles = ((a + b) / 2, (b + c) / 2, (c + a) / 2, (a + b + c) / 3)
+    plan = 0.5 * np.abs(_turn(b - a, c - a))
+    points = np.concatenate([a, b, c, *middles]).astype(np.float32)
+    return points, np.tile(plan, 7).astype(np.float32)
+
+
+def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Twice the signed area between vectors, as seen from above."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _slope(
+    height: Float32[np.ndarray, "rows columns"], config: TraversabilityConfig
+) -> Float32[np.ndarray, "rows columns"]:
+    """Of the least-squares plane through the known cells of 5x5, rad; where they tell none, 0."""
+    known = np.isfinite(height)
+    z = np.where(known, height, 0.0).astype(np.float64)
+    w = known.astype(np.float64)
+    v, u = (g.astype(np.float64) for g in np.mgrid[-2:3, -2:3])
+
+    def total(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return np.asarray(ndimage.correlate(values, weights, mode="constant"))
+
+    n = np.maximum(total(w, np.ones((5, 5))), 1.0)
+    su, sv, sz = total(w, u), total(w, v), total(z, np.ones((5, 5)))
+    suu, suv = total(w, u * u) - su * su / n, total(w, u * v) - su * sv / n
+    svv = total(w, v * v) - sv * sv / n
+    suz, svz = total(z, u) - su * sz / n, total(z, v) - sv * sz / n
+    det = suu * svv - suv * suv
+    good = det > 1.0
+    det = np.where(good, det, 1.0)
+    a, b = (suz * svv - svz * suv) / det, (svz * suu - suz * suv) / det
+    slope = np.where(good, np.arctan(np.hypot(a, b) / config.cell_m), 0.0)
+    return np.where(known, slope, np.nan).astype(np.float32)
+
+
+def _step(
+    height: Float32[np.ndarray, "rows columns"], config: TraversabilityConfig
+) -> Float32[np.ndarray, "rows columns"]:
+    """Highest less lowest known cell within a foot's width, m."""
+    size = max(3, round(config.foot_m / config.cell_m) | 1)
+    known = np.isfinite(height)
+    highest = ndimage.maximum_filter(np.where(known, height, -np.inf), size)
+    lowest = ndimage.minimum_filter(np.where(known, height, np.inf), size)
+    with np.errstate(invalid="ignore"):
+        return np.where(known, highest - lowest, np.nan).astype(np.float32)

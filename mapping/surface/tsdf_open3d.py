@@ -1,0 +1,75 @@
+"""Open3D's VoxelBlockGrid as a surface map, for comparison and for those who know it.
+
+Source: Dong et al., "ASH: a modern framework for parallel spatial hashing" (2021).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from perception.primitives.frame import Depth
+from perception.primitives.pose import Pose3
+
+from .meshes import Mesh
+from .tsdf_config import TsdfConfig, check
+
+
+class Open3dMap:
+    """Fuses like `Tsdf`, with equal weights for all pixels."""
+
+    def __init__(self, config: TsdfConfig | None = None) -> None:
+        import open3d
+
+        self.config = config or TsdfConfig()
+        self._o3d: Any = open3d
+        core: Any = open3d.core
+        grid: Any = open3d.t.geometry.VoxelBlockGrid
+        self._grid = grid(
+            ("tsdf", "weight", "color"),
+            (core.float32, core.float32, core.float32),
+            ((1), (1), (3)),
+            self.config.voxel_m,
+            16,
+            20000,
+            core.Device("CPU:0"),
+        )
+        self._coloured = False
+
+    def integrate(
+        self, depth: Depth, T_map_camera: Pose3, rgb: UInt8[np.ndarray, "h w 3"] | None = None
+    ) -> None:
+        """Take in one image; arguments as of `Tsdf`."""
+        check(depth, rgb)
+        o3d, c = self._o3d, self.config
+        z = np.nan_to_num(depth.z)[..., None]
+        image = o3d.t.geometry.Image(np.ascontiguousarray(z))
+        K = o3d.core.Tensor(depth.camera.matrix)
+        E = o3d.core.Tensor(T_map_camera.inverse().matrix)
+        reach = (1.0, c.farthest_m, c.band_voxels)
+        blocks = self._grid.compute_unique_block_coordinates(image, K, E, *reach)
+        if rgb is None:
+            self._grid.integrate(blocks, image, K, E, *reach)
+            return
+        self._coloured = True
+        colour = o3d.t.geometry.Image(np.ascontiguousarray(rgb.astype(np.float32) / 255.0))
+        self._grid.integrate(blocks, image, colour, K, K, E, *reach)
+
+    def mesh(self) -> Mesh:
+        """The surface by marching cubes."""
+        found = self._grid.extract_triangle_mesh(1.0)
+        if "positions" not in found.vertex or "indices" not in found.triangle:
+            none = np.zeros((0, 3), np.float32)
+            return Mesh(none, np.zeros((0, 3), np.int32), none)
+        colours = None
+        if self._coloured and "colors" in found.vertex:
+            light = found.vertex.colors.numpy()
+            colours = np.clip(255.0 * light, 0.0, 255.0).astype(np.uint8)
+        return Mesh(
+            found.vertex.positions.numpy().astype(np.float32),
+            found.triangle.indices.numpy().astype(np.int32),
+            found.vertex.normals.numpy().astype(np.float32),
+            colours,
+        )

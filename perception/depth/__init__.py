@@ -1,0 +1,1 @@
+"""Depth images with a deviation per pixel, from each kind of sensor, and their points."""

@@ -1,0 +1,148 @@
+"""Raw stereo pairs to rectified ones: lens distortion undone, both images turned into one plane.
+
+After it a point stands in the same row of both images, and the disparity alone tells its depth. The maps
+are made once per pair of cameras; a frame costs two look-ups.
+
+Source: Bouguet's rectification as OpenCV has it; seed 003, section 2 (input is rectified).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Int16, UInt8, UInt16
+
+from ..primitives.camera import Camera
+from ..primitives.errors import InputError
+from ..primitives.frame import StereoView
+from ..primitives.pose import Pose3
+
+MOST_TURN_DEG = 30.0  # between the two axes; more is no pair for matching along rows
+Maps = tuple[Int16[np.ndarray, "h w 2"], UInt16[np.ndarray, "h w"]]
+
+
+@dataclass(frozen=True, eq=False)
+class Rectification:
+    """What turns raw pairs of one rig into rectified ones.
+
+    Args:
+        camera: The rectified left camera; the right one has the same intrinsics.
+        baseline_m: From the left to the right centre of projection.
+        T_left_rectified: The rectified left camera in the raw left one: a turn about its centre.
+        left_maps, right_maps: Where each rectified pixel comes from, in OpenCV's fixed point form.
+    """
+
+    camera: Camera
+    baseline_m: float
+    T_left_rectified: Pose3
+    left_maps: Maps
+    right_maps: Maps
+
+    def apply(
+        self,
+        left: UInt8[np.ndarray, "h w"],
+        right: UInt8[np.ndarray, "h2 w2"],
+        T_body_left: Pose3 | None = None,
+    ) -> StereoView:
+        """Rectify one pair.
+
+        Args:
+            left, right: Raw grey images.
+            T_body_left: The raw left camera on the body, if it is on one.
+
+        Raises:
+            InputError: An image has not the size of its calibration.
+        """
+        size = (self.camera.height, self.camera.width)
+        for name, image in (("left", left), ("right", right)):
+            if image.shape != size:
+                raise InputError(
+                    f"rectification: the {name} image is {image.shape}, its calibration says {size} "
+                    "(rows, columns); take the calibration of this camera at this resolution"
+                )
+        a, b = (
+            cv2.remap(image, *maps, cv2.INTER_LINEAR)
+            for image, maps in ((left, self.left_maps), (right, self.right_maps))
+        )
+        on_body = None if T_body_left is None else T_body_left @ self.T_left_rectified
+        return StereoView(
+            np.asarray(a, np.uint8), np.asarray(b, np.uint8), self.baseline_m, self.camera, on_body
+        )
+
+
+def straightened(view: StereoView) -> StereoView:
+    """A rectified pair: itself, or by the distortion that its camera states, of two parallel, equal lenses.
+
+    Raises:
+        InputError: As `rectification`, or an image has not the size that the camera states.
+    """
+    if not view.camera.is_distorted:
+        return view
+    return _parallel(view.camera, view.baseline_m).apply(view.left, view.right, view.T_body_camera)
+
+
+def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectification:
+    """Prepare the rectification of a calibrated rig.
+
+    Args:
+        left, right: Raw cameras with their distortion, of one size.
+        T_left_right: The right camera in the left one, m; to its right, looking much the same way.
+
+    Raises:
+        InputError: Sizes differ, or the right camera is not to the right of the left one.
+    """
+    if (left.width, left.height) != (right.width, right.height):
+        raise InputError(
+            f"rectification: left images are {left.width}x{left.height} px, right ones "
+            f"{right.width}x{right.height}; both must have one size"
+        )
+    x, y, z = T_left_right.translation
+    if not x > abs(y) + abs(z):
+        raise InputError(
+            f"rectification: the right camera is at ({x:.3f}, {y:.3f}, {z:.3f}) m of the left one; it "
+            "must be to its right (+x), check the order of the cameras and the sense of the extrinsics"
+        )
+    cosine = (float(np.trace(T_left_right.rotation)) - 1.0) / 2.0
+    turn = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+    if turn > MOST_TURN_DEG:
+        raise InputError(
+            f"rectification: the cameras are turned by {turn:.0f} deg against each other; at most "
+            f"{MOST_TURN_DEG:.0f} deg were expected, check the sense of the extrinsics"
+        )
+    T_right_left = T_left_right.inverse()
+    size = (left.width, left.height)
+    lenses = [np.array(camera.distortion) for camera in (left, right)]
+    turn_left, turn_right, ahead, beside = cv2.stereoRectify(
+        left.matrix,
+        lenses[0],
+        right.matrix,
+        lenses[1],
+        size,
+        T_right_left.rotation,
+        T_right_left.position[:, None],
+        flags=cv2.CALIB_ZERO_DISPARITY,
+        alpha=0.0,  # no pixel without an image
+    )[:4]
+    fx, fy, cx, cy = (float(ahead[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    maps = [
+        cv2.initUndistortRectifyMap(raw.matrix, lens, turned, P[:, :3], size, cv2.CV_16SC2)
+        for raw, lens, turned, P in zip(
+            (left, right), lenses, (turn_left, turn_right), (ahead, beside), strict=True
+        )
+    ]
+    return Rectification(
+        Camera(left.width, left.height, fx, fy, cx, cy),
+        float(-beside[0, 3] / beside[0, 0]),
+        Pose3.from_rotation(np.asarray(turn_left.T), np.zeros(3)),
+        maps[0],
+        maps[1],
+    )
+
+
+@cache
+def _parallel(camera: Camera, baseline_m: float) -> Rectification:
+    return rectification(camera, camera, Pose3((baseline_m, 0.0, 0.0)))

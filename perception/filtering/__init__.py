@@ -1,0 +1,1 @@
+"""Square-root sigma-point filtering, its models, and its consistency."""

@@ -1,0 +1,91 @@
+"""Pose source of a recording that comes with poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..floor.levelling import UP, rotation_between
+from ..floor.prior import handheld_prior
+from ..primitives.frame import Frame
+from ..primitives.gaussian import Gaussian
+from ..primitives.landmark import Sighting
+from ..primitives.plane import Plane
+from ..primitives.pose import Pose3
+from .filter import UpdateReport
+from .pose_source import Placed, PriorConfig
+from .registration import RegistrationReport
+from .static_points import StaticPoints
+
+
+class GivenPoses:
+    """Poses that came with the recording.
+
+    The map frame is the recording's world turned upright: about its known gravity, or else about the
+    first floor that is seen. Its floor is the running mean of the floors seen.
+    """
+
+    def __init__(self, up_world: tuple[float, float, float] | None, config: PriorConfig) -> None:
+        self._config = config
+        self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
+        self._T_map_camera: Pose3 | None = None
+        self._given: Pose3 | None = None
+        self._floors, self._floor_height_m = 0, 0.0  # how many were seen, and their mean height
+
+    @property
+    def pose(self) -> Gaussian | None:
+        """Below the camera, heading where it looks; None for a frame without a pose."""
+        if self._T_map_camera is None:
+            return None
+        ahead = self._T_map_camera.rotation[:, 2]
+        x, y, _ = self._T_map_camera.translation
+        heading = math.radians(self._config.given_heading_deg)
+        deviations = np.array([self._config.given_position_m] * 2 + [heading])
+        return Gaussian(np.array([x, y, math.atan2(ahead[1], ahead[0])]), np.diag(deviations**2))
+
+    def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
+        """Take the frame's pose."""
+        self._given = frame.T_world_camera
+        self._T_map_camera = None
+        if self._given is not None and self._R_map_world is not None:
+            upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
+            self._T_map_camera = upright @ self._given
+        return None
+
+    def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
+        """The given poses stand."""
+        return None
+
+    def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
+        """Horizontal, at the height of the floors seen so far."""
+        if self._T_map_camera is None:
+            return handheld_prior(None)
+        up_camera = self._T_map_camera.rotation.T @ UP
+        tilt = math.radians(self._config.given_tilt_deg)
+        if not self._floors:
+            weak = handheld_prior(up_camera)
+            covariance = weak.covariance.copy()
+            covariance[:2, :2] = np.eye(2) * tilt**2
+            return Plane(up_camera, weak.offset_m, covariance)
+        height = self._T_map_camera.translation[2] - self._floor_height_m
+        return Plane(up_camera, height, np.diag([tilt**2, tilt**2, self._config.given_height_m**2]))
+
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
+        """The given pose; heights are measured from the floor that is seen."""
+        if self._given is None:
+            return None
+        if self._T_map_camera is None:  # the first floor says what is up
+            if floor is None:
+                return None
+            self._R_map_world = rotation_between(self._given.rotation @ floor.normal, UP)
+            upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
+            self._T_map_camera = upright @ self._given
+        if floor is not None:
+            height = float(self._T_map_camera.translation[2]) - floor.offset_m
+            self._floors += 1
+            self._floor_height_m += (height - self._floor_height_m) / self._floors
+        elif not self._floors:
+            return None
+        return Placed(self._T_map_camera, floor or self.expected_floor(T_body_camera))

@@ -1,0 +1,35 @@
+"""Points of a view that rise from the floor and stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..floor.segmented_view import RISING, SegmentedView, near_movers
+from ..primitives.obstacle import Obstacle
+from ..primitives.pose import Pose3
+
+
+@dataclass(frozen=True)
+class StaticPoints:
+    """What one depth sensor sees rise from the floor and stand still.
+
+    Args:
+        points: Upright map frame as believed when the camera was placed, z above the floor, m.
+        sigma: Deviation of each along its ray, m.
+        T_map_camera: The camera in the same frame.
+    """
+
+    points: Float[np.ndarray, "n 3"]
+    sigma: Float[np.ndarray, "n"]
+    T_map_camera: Pose3
+
+
+def static_points(view: SegmentedView, obstacles: Sequence[Obstacle]) -> StaticPoints:
+    """What rises in a view and does not move."""
+    rising = np.isin(view.classes, RISING)
+    rising[rising] = ~near_movers(view.upright[rising, :2], obstacles)
+    return StaticPoints(view.upright[rising], view.points.sigma[rising], view.T_map_camera)

@@ -1,0 +1,250 @@
+"""What computes the walker's belief: filterpy's sigma points, or the same compiled.
+
+Both hold a Gaussian over the state of `models` and give the same numbers; `filterpy` is there to be read and
+to be compared with, `compiled` is several times faster and cannot lose its positivity.
+
+Source: seed 001, section 3 (sigma-point filter).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from ..filtering import models
+from ..filtering.models import (
+    CRAB,
+    DRIFT,
+    GYRO_BIAS,
+    PAN,
+    RANGE,
+    SLIP,
+    TURN,
+    WALKER_SIZE,
+    YAW,
+    X,
+    Y,
+)
+from ..filtering.square_root import SquareRootFilter
+from ..primitives.errors import ConfigError
+from ..primitives.gaussian import Gaussian
+from ..primitives.pose import Pose2
+
+ENGINES = ("compiled", "filterpy")
+
+
+@runtime_checkable
+class Engine(Protocol):
+    """A belief over the walker's state that moves and learns."""
+
+    @property
+    def belief(self) -> Gaussian:
+        """Mean and covariance, (10,) and (10, 10)."""
+
+    def reset(self, belief: Gaussian) -> None:
+        """Believe this from now on."""
+
+    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
+        """Advance by the motion that the joints tell."""
+
+    def turned(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
+        """Learn from the gyro's sum over dt seconds."""
+
+    def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
+        """Where a place should be seen: (range, bearing) without noise; sigma claimed for the range."""
+
+    def learn(
+        self,
+        measured: Float[np.ndarray, "m"],
+        noise: Float[np.ndarray, "m m"],
+        places: Float[np.ndarray, "k 2"],
+        sigmas: Float[np.ndarray, "k"],
+    ) -> None:
+        """Learn from (range, bearing, ...) of places."""
+
+
+def engine(name: str, start: Gaussian) -> Engine:
+    """The engine of that name, believing this.
+
+    Raises:
+        ConfigError: There is none of that name.
+    """
+    if name == "compiled":
+        return Compiled(start)
+    if name == "filterpy":
+        return Filterpy(start)
+    raise ConfigError(f"localiser: engine={name!r} is unknown; choose one of {ENGINES}")
+
+
+class Compiled:
+    """By `SquareRootFilter`."""
+
+    def __init__(self, start: Gaussian) -> None:
+        """Begin at a belief (10,)."""
+        self._filter = SquareRootFilter(start, angles=(YAW,))
+
+    @property
+    def belief(self) -> Gaussian:
+        """Mean and covariance."""
+        return self._filter.belief
+
+    def reset(self, belief: Gaussian) -> None:
+        """Believe this from now on."""
+        self._filter.reset(belief)
+
+    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
+        """Advance by the motion that the joints tell."""
+        self._filter.predict(lambda points: walk_all(points, motion, steps), noise)
+
+    def turned(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
+        """Learn from the gyro's sum over dt seconds."""
+        self._filter.update(
+            lambda points: points[:, TURN : TURN + 1] + points[:, GYRO_BIAS : GYRO_BIAS + 1] * dt,
+            np.array([turn_rad]),
+            np.array([[sigma_rad**2]]),
+        )
+
+    def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
+        """Where a place should be seen."""
+        points, weights = self._filter.sigma_points(), self._filter.points
+        seen = sighted_all(points, place[None], np.array([sigma_m]))
+        return _transformed(seen, weights.mean, weights.covariance)
+
+    def learn(
+        self,
+        measured: Float[np.ndarray, "m"],
+        noise: Float[np.ndarray, "m m"],
+        places: Float[np.ndarray, "k 2"],
+        sigmas: Float[np.ndarray, "k"],
+    ) -> None:
+        """Learn from (range, bearing, ...) of places."""
+        bearings = range(1, len(measured), 2)
+        self._filter.update(
+            lambda points: sighted_all(points, places, sigmas), measured, noise, bearings
+        )
+
+
+class Filterpy:
+    """By filterpy's filter; the only place of the walker's localisation that knows that library."""
+
+    def __init__(self, start: Gaussian) -> None:
+        """Begin at a belief (10,)."""
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
+
+        points = MerweScaledSigmaPoints(
+            WALKER_SIZE,
+            models.spread(WALKER_SIZE),
+            2.0,
+            0.0,
+            sqrt_method=models.square_root,
+            subtract=np.subtract,
+        )
+        self._filter: Any = UnscentedKalmanFilter(
+            dim_x=WALKER_SIZE,
+            dim_z=2,
+            dt=0.325,
+            hx=models.sighted,
+            fx=models.walk,
+            points=points,
+            x_mean_fn=models.walker_mean,
+            z_mean_fn=models.sighting_mean,
+            residual_x=models.walker_difference,
+            residual_z=models.sighting_difference,
+            state_add=models.walker_sum,
+        )
+        self.reset(start)
+
+    @property
+    def belief(self) -> Gaussian:
+        """Mean and covariance."""
+        return Gaussian(self._filter.x.copy(), self._filter.P.copy())
+
+    def reset(self, belief: Gaussian) -> None:
+        """Believe this from now on."""
+        self._filter.x, self._filter.P = np.array(belief.mean), np.array(belief.covariance)
+        self._settle()
+
+    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
+        """Advance by the motion that the joints tell."""
+        self._filter.Q = noise
+        self._filter.predict(0.0, motion=motion, steps=steps)
+        self._settle()
+
+    def turned(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
+        """Learn from the gyro's sum over dt seconds."""
+        self._filter.update(
+            np.array([turn_rad]),
+            R=np.array([[sigma_rad**2]]),
+            UT=_linear_transform,
+            hx=models.gyro_turn,
+            dt=dt,
+        )
+        self._settle()
+
+    def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
+        """Where a place should be seen."""
+        seen = [models.sighted(p, place[None], np.array([sigma_m])) for p in self._filter.sigmas_f]
+        return _transformed(np.array(seen), self._filter.Wm, self._filter.Wc)
+
+    def learn(
+        self,
+        measured: Float[np.ndarray, "m"],
+        noise: Float[np.ndarray, "m m"],
+        places: Float[np.ndarray, "k 2"],
+        sigmas: Float[np.ndarray, "k"],
+    ) -> None:
+        """Learn from (range, bearing, ...) of places."""
+        self._filter.update(measured, R=noise, places=places, sigmas=sigmas)
+        self._settle()
+
+    def _settle(self) -> None:
+        """Keep the covariance symmetric and positive, and draw the points that an update starts from."""
+        self._filter.P = models.positive(self._filter.P)
+        self._filter.sigmas_f = self._filter.points_fn.sigma_points(self._filter.x, self._filter.P)
+
+
+def walk_all(points: np.ndarray, motion: Pose2, steps: float) -> np.ndarray:
+    """`models.walk` of all states (k, 10) at once."""
+    ahead = motion.x + points[:, SLIP] * steps
+    left = motion.y + points[:, CRAB] * steps
+    turn = motion.yaw + points[:, DRIFT] * steps
+    c, s = np.cos(points[:, YAW]), np.sin(points[:, YAW])
+    after = points.copy()
+    after[:, X] += c * ahead - s * left
+    after[:, Y] += s * ahead + c * left
+    after[:, YAW] += turn  # averaged on the circle, wrapped by the filter
+    after[:, TURN] = turn
+    return after
+
+
+def sighted_all(points: np.ndarray, places: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
+    """`models.sighted` of all states (k, 10) at once: (k, 2 m)."""
+    x = places[:, 0] - points[:, X : X + 1]
+    y = places[:, 1] - points[:, Y : Y + 1]
+    seen = np.empty((len(points), 2 * len(places)))
+    seen[:, 0::2] = np.hypot(x, y) + points[:, RANGE : RANGE + 1] * sigmas
+    bearing = np.arctan2(y, x) - points[:, YAW : YAW + 1]
+    seen[:, 1::2] = models.wrap_angles(bearing) + points[:, PAN : PAN + 1]
+    return seen
+
+
+def _transformed(seen: np.ndarray, weights_mean: np.ndarray, weights: np.ndarray) -> Gaussian:
+    """Unscented transform of (range, bearing) of all points."""
+    mean = models.sighting_mean(seen, weights_mean)
+    spread = np.array([models.sighting_difference(row, mean) for row in seen])
+    return Gaussian(mean, spread.T @ (weights[:, None] * spread))
+
+
+def _linear_transform(
+    points: np.ndarray,
+    mean_weights: np.ndarray,
+    weights: np.ndarray,
+    noise: np.ndarray,
+    *_: object,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Unscented transform of plain numbers: nothing here is an angle on the circle."""
+    mean = mean_weights @ points
+    spread = points - mean
+    return mean, spread.T @ (weights[:, None] * spread) + noise

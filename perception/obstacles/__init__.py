@@ -1,0 +1,1 @@
+"""Obstacles: points to clusters, clusters to detections, detections to tracks."""

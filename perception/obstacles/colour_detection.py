@@ -1,0 +1,247 @@
+"""Obstacles known by their colour: where they stand, from one picture and the floor.
+
+A pixel belongs to a colour by its chromaticity, which shade hardly changes. A patch of one colour that
+reaches down to its foot stands where the ray through the foot meets the floor; its width there gives the
+radius. Errors of pixel, head and camera height go into the covariance. Patches cut off by the border of
+the picture have no foot or no width, and are passed over.
+
+Source: seed 001, section V-A (simulator, obstacles found by colour); chromaticity and errors ours.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int8, UInt8
+
+from ..primitives.camera import Camera
+from ..primitives.errors import ConfigError
+from ..primitives.frame import ColourView
+from ..primitives.pose import Pose3
+from .track import Detection
+
+
+@dataclass(frozen=True)
+class ColouredConfig:
+    """The colours, and how well a foot can be pointed at."""
+
+    colours: tuple[str, ...] = ()  # as "#e88028"; none: nothing is looked for
+    tolerance: float = 0.06  # ours: in chromaticity; orange and oak are 0.2 apart
+    darkest: float = 0.06  # ours: below this share of white, chromaticity is noise
+    least_area_px: int = 60  # ours: smaller patches are noise or too far
+    edge_sigma_px: float = 1.0  # ours: of a foot and of both sides
+    head_yaw_sigma_rad: float = math.radians(0.5)  # walking trials: offset and play
+    head_pitch_sigma_rad: float = math.radians(0.7)  # walking trials: the same, and the stride
+    camera_height_sigma_m: float = 0.004  # walking trials: trunk tilt of 0.6 deg, 0.38 m above
+    farthest_m: float = 2.5  # ours: beyond, half a degree of pitch is 15 cm
+    largest_radius_m: float = 0.35  # ours: larger is furniture of that colour
+
+    def __post_init__(self) -> None:
+        for colour in self.colours:
+            if not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
+                raise ConfigError(
+                    f"coloured: colour {colour!r} is none; write it as red, green, blue: #e88028"
+                )
+        for name in ("tolerance", "darkest", "edge_sigma_px", "head_yaw_sigma_rad",
+                     "head_pitch_sigma_rad", "camera_height_sigma_m", "farthest_m",
+                     "largest_radius_m"):  # fmt: skip
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise ConfigError(f"coloured: {name}={value} must be positive and finite")
+        if self.least_area_px < 1:
+            raise ConfigError(f"coloured: least_area_px={self.least_area_px} must be at least 1")
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A patch of one colour in a picture.
+
+    Args:
+        colour: Its number in the configuration.
+        left, right: Columns of its sides, px.
+        side: Row where these were taken, px.
+        foot: Row of its foot in the middle, px.
+        top: Row of its top, px.
+    """
+
+    colour: int
+    left: float
+    right: float
+    side: float
+    foot: float
+    top: float
+
+
+def detect(view: ColourView, config: ColouredConfig) -> list[Detection]:
+    """Obstacles of the known colours that stand on the floor in view, body frame.
+
+    Args:
+        view: Picture with the camera's place on the body; a camera in the hand (no place) finds nothing.
+        config: Colours and errors.
+    """
+    if view.T_body_camera is None or not config.colours:
+        return []
+    found = []
+    for patch in patches(view.rgb, config):
+        detection = _stand(patch, view.camera, view.T_body_camera, config)
+        if detection is not None:
+            found.append(detection)
+    return found
+
+
+def patches(rgb: UInt8[np.ndarray, "h w 3"], config: ColouredConfig) -> list[Patch]:
+    """Whole patches of each colour: those that the border cuts off are left out."""
+    height, width = rgb.shape[:2]
+    labels = nearest_colour(rgb, config)
+    found = []
+    for colour in range(len(config.colours)):
+        mask = (labels == colour).astype(np.uint8)
+        for clean in (cv2.MORPH_CLOSE, cv2.MORPH_OPEN):
+            mask = np.asarray(cv2.morphologyEx(mask, clean, np.ones((3, 3), np.uint8)))
+        count, parts, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        for part in range(1, count):
+            x, y, w, h, area = (int(v) for v in boxes[part])
+            cut = x <= 1 or x + w >= width - 1 or y + h >= height - 1
+            if cut or area < config.least_area_px:
+                continue
+            found.append(_patch(colour, parts[y : y + h, x : x + w] == part, x, y))
+    return found
+
+
+def nearest_colour(
+    rgb: UInt8[np.ndarray, "h w 3"], config: ColouredConfig
+) -> Int8[np.ndarray, "h w"]:
+    """Number of the colour of each pixel, -1 where it is none of them."""
+    parts = (rgb >> 2).astype(np.int32)
+    return _labels(config)[(parts[..., 0] << 12) | (parts[..., 1] << 6) | parts[..., 2]]
+
+
+@cache
+def _labels(config: ColouredConfig) -> Int8[np.ndarray, "262144"]:
+    """The same for every colour of six bits a channel."""
+    levels = np.indices((64, 64, 64)).reshape(3, -1).T * 4 + 1.5
+    total = levels.sum(axis=1)
+    share = levels[:, :2] / total[:, None]
+    best = np.full(len(levels), config.tolerance**2)
+    labels = np.full(len(levels), -1, np.int8)
+    for number, colour in enumerate(config.colours):
+        known = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)])
+        away = np.square(share - known[:2] / max(known.sum(), 1)).sum(axis=1)
+        labels[away < best] = number
+        best = np.minimum(best, away)
+    labels[total < 3 * 255 * config.darkest] = -1
+    return labels
+
+
+def _patch(colour: int, mask: np.ndarray, x: int, y: int) -> Patch:
+    """Sides in the third quarter of its rows, above the round of its foot; foot in its middle third."""
+    h = len(mask)
+    rows = np.arange(h // 2, max(3 * h // 4, h // 2 + 1))
+    part = mask[rows]
+    left = float(np.median(np.argmax(part, axis=1)))
+    right = float(np.median(part.shape[1] - 1 - np.argmax(part[:, ::-1], axis=1)))
+    third = round((right - left) / 3)
+    middle = mask[:, round(left) + third : max(round(right) - third, round(left) + third) + 1]
+    lowest = h - 1 - np.argmax(middle[::-1], axis=0)
+    foot = float(np.median(lowest[middle.any(axis=0)])) if middle.any() else h - 1.0
+    return Patch(
+        colour, x + left - 0.5, x + right + 0.5, y + float(rows.mean()), y + foot + 0.5, float(y)
+    )
+
+
+def _stand(
+    patch: Patch, camera: Camera, T_body_camera: Pose3, config: ColouredConfig
+) -> Detection | None:
+    """The disc that the patch stands on; None where that is not on the floor ahead, or too far or large."""
+    measured = np.array([patch.left, patch.right, patch.foot, 0.0, 0.0, 0.0])
+    disc = _disc(measured, patch.side, camera, T_body_camera)
+    if disc is None or disc[2] > config.largest_radius_m:
+        return None
+    if math.hypot(disc[0], disc[1]) > config.farthest_m:
+        return None
+    deviations = np.array(
+        [
+            *[config.edge_sigma_px] * 3,
+            config.head_yaw_sigma_rad,
+            config.head_pitch_sigma_rad,
+            config.camera_height_sigma_m,
+        ]
+    )
+    columns = []
+    for k, sigma in enumerate(deviations):
+        sides = [
+            _disc(measured + sign * sigma * np.eye(6)[k], patch.side, camera, T_body_camera)
+            for sign in (1, -1)
+        ]
+        if sides[0] is None or sides[1] is None:
+            return None
+        columns.append((sides[0][:2] - sides[1][:2]) / 2.0)
+    root = np.stack(columns, axis=1)
+    top = _top_m(patch, disc, camera, T_body_camera)
+    return Detection(disc[:2], root @ root.T, float(disc[2]), top)
+
+
+def _disc(
+    measured: np.ndarray, side: float, camera: Camera, T_body_camera: Pose3
+) -> Float[np.ndarray, "3"] | None:
+    """(x, y, radius) of the foot's disc, body frame, m; None above the horizon.
+
+    Args:
+        measured: Columns of the sides, row of the foot, px, and errors of yaw and pitch, rad, and height, m.
+        side: Row of the sides, px.
+        camera, T_body_camera: As believed.
+    """
+    left, right, foot, yaw, pitch, height = measured
+    place = T_body_camera.translation
+    eye_height = place[2] + height
+    pixels = np.array([[left, side], [right, side], [(left + right) / 2, foot]])
+    rays = np.column_stack(
+        [(pixels[:, 0] - camera.cx) / camera.fx, (pixels[:, 1] - camera.cy) / camera.fy, np.ones(3)]
+    )
+    ahead = rays @ T_body_camera.rotation.T
+    pan = math.atan2(ahead[2, 1], ahead[2, 0])
+    tilted = _turn(pan + yaw) @ _pitch(pitch) @ _turn(-pan) @ ahead.T
+    x, y, z = tilted
+    if z[2] > -1e-3:
+        return None
+    reach = eye_height / -z[2] * math.hypot(x[2], y[2])
+    bearings = np.arctan2(y, x)
+    half = 0.5 * abs(math.remainder(bearings[0] - bearings[1], math.tau))
+    if half > 1.2:
+        return None
+    distance = reach / (1.0 - math.sin(half))
+    middle = bearings[1] + 0.5 * math.remainder(bearings[0] - bearings[1], math.tau)
+    return np.array(
+        [
+            place[0] + distance * math.cos(middle),
+            place[1] + distance * math.sin(middle),
+            distance * math.sin(half),
+        ]
+    )
+
+
+def _top_m(patch: Patch, disc: np.ndarray, camera: Camera, T_body_camera: Pose3) -> float:
+    """Height of the patch's top over the floor, as if above its front, m."""
+    u = (patch.left + patch.right) / 2
+    ray = T_body_camera.rotation @ np.array(
+        [(u - camera.cx) / camera.fx, (patch.top - camera.cy) / camera.fy, 1.0]
+    )
+    place = T_body_camera.translation
+    away = math.hypot(disc[0] - place[0], disc[1] - place[1]) - float(disc[2])
+    return float(place[2] + away * ray[2] / max(math.hypot(ray[0], ray[1]), 1e-9))
+
+
+def _turn(yaw: float) -> np.ndarray:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _pitch(angle: float) -> np.ndarray:
+    """Nose down."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

@@ -1,0 +1,1 @@
+"""Localisation of wheeled robots on a plane, with known and unknown landmarks."""

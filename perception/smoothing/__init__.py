@@ -1,0 +1,1 @@
+"""Factor graphs of a whole walk or of its last seconds (GTSAM)."""

@@ -1,0 +1,1 @@
+"""Planners: from a world model to the next footstep."""

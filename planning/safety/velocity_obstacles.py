@@ -1,0 +1,105 @@
+"""Velocity obstacles: the velocity nearest to the wanted one that touches nothing soon; a peer of the guard.
+
+Each mover and each cell near by forbids the velocities that would bring the robot to it within a time horizon. The
+robot takes the rest of avoiding upon itself, since blind movers take none. Of a fan of velocities
+the one with the least penalty is chosen: distance to the wanted velocity plus the inverse of the time to contact.
+
+Source: Fiorini, Shiller, "Motion planning in dynamic environments using velocity obstacles" (IJRR 17, 1998);
+penalty by time to contact after van den Berg, Lin, Manocha, "Reciprocal velocity obstacles" (ICRA 2008).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
+
+from ..commands import WalkCommand
+from ..footsteps import GaitConfig, footstep
+from . import _peer_kernels as kernels
+
+
+@dataclass(frozen=True)
+class VelocityObstacleConfig:
+    """Samples, horizon and weight."""
+
+    gait: GaitConfig = field(default_factory=GaitConfig)
+    directions: int = 48  # ours
+    speeds: int = 4  # ours: up to top speed; and standing
+    horizon_s: float = 8.0  # ours: as far as the guard looks
+    body_radius_m: float = 0.15  # S_r, seed 001
+    margin_m: float = 0.05  # as the guard's
+    cell_distance_m: float = 0.17  # as the guard's
+    cell_horizon_s: float = 2.0  # ours: what stands is the route's business until it is near
+    moving_share: float = 0.3  # as the guard's
+    weight_m: float = 0.2  # van den Berg 2008: w, here m (speed times time to contact)
+
+    def __post_init__(self) -> None:
+        if self.directions < 4 or self.speeds < 1:
+            raise ConfigError(
+                f"velocity obstacles: directions={self.directions} must be at least 4 and "
+                f"speeds={self.speeds} at least 1"
+            )
+        if not (self.horizon_s > 0.0 and self.body_radius_m > 0.0):
+            raise ConfigError(
+                f"velocity obstacles: horizon_s={self.horizon_s} and body_radius_m="
+                f"{self.body_radius_m} must be positive"
+            )
+
+
+class VelocityObstacles:
+    """Chooses a velocity for every step; without memory."""
+
+    def __init__(self, config: VelocityObstacleConfig | None = None) -> None:
+        self._config = config or VelocityObstacleConfig()
+        angles = np.arange(self._config.directions) * 2.0 * math.pi / self._config.directions
+        rates = self._config.gait.max_speed_mps * (1 + np.arange(self._config.speeds))
+        rates = rates / self._config.speeds
+        fan = rates[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        self._fan = np.concatenate([np.zeros((1, 2)), fan.reshape(-1, 2)])
+
+    def choose(
+        self,
+        desired: WalkCommand,
+        robot: Gaussian,
+        obstacles: Sequence[Obstacle],
+        occupied: Float[np.ndarray, "n 2"],
+        target: Float[np.ndarray, "2"],
+        stamp_s: float,
+    ) -> WalkCommand:
+        """The step towards the velocity of least penalty."""
+        config, gait = self._config, self._config.gait
+        if desired == WalkCommand():
+            return desired  # it is looking round
+        wanted = target - robot.mean[:2]
+        wanted = gait.cruise_mps * wanted / max(float(np.hypot(*wanted)), 1e-9)
+        movers = [o for o in obstacles if o.moving >= config.moving_share]
+        reach = config.body_radius_m + config.margin_m
+        discs = [[*o.position, *o.velocity, o.radius_m + reach, config.horizon_s] for o in movers]
+        near = occupied[np.hypot(*(occupied - robot.mean[:2]).T) < 0.5]
+        cells = [
+            [float(x), float(y), 0.0, 0.0, config.cell_distance_m, config.cell_horizon_s]
+            for x, y in near
+        ]
+        velocities = np.concatenate([wanted[None], self._fan])
+        contact_s = np.empty(len(velocities))
+        kernels.times_to_contact(
+            robot.mean[:2].astype(np.float64),
+            velocities,
+            np.array([*discs, *cells], np.float64).reshape(-1, 6),
+            contact_s,
+        )
+        penalty = np.hypot(*(velocities - wanted).T) + config.weight_m / np.maximum(contact_s, 0.1)
+        best = velocities[int(np.argmin(penalty))]
+        speed = float(np.hypot(*best))
+        pose = Pose2(*(float(v) for v in robot.mean))
+        heading = math.atan2(best[1], best[0]) if speed > 0.0 else pose.yaw
+        return footstep(heading, speed, pose, gait)

@@ -1,0 +1,1 @@
+"""Bodies that walk: exact footsteps with drawn errors, or servos and soles."""

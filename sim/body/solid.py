@@ -1,0 +1,72 @@
+"""The robot's own solid, for contact: trunk with arms, and both feet; all upright boxes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from perception.primitives.pose import Pose2
+
+from ..shapes import Box, Cylinder, Shape, convex_gap, distance, outline
+from .dynamic.anatomy import Anatomy
+from .dynamic.walker import DynamicBody
+from .kinematic import KinematicBody
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """The nearest thing, and the gap to it, m; not above 0 means contact."""
+
+    gap_m: float
+    thing: str
+
+
+def robot_solid(body: KinematicBody | DynamicBody, measures: Anatomy) -> tuple[Box, ...]:
+    """Trunk and feet where they truly are, world frame; feet up to the ankle."""
+    x, y, _ = body.true_trunk().position
+    trunk = body.true_pose @ Pose2(float(x), float(y))
+    boxes = [_upright(trunk, measures.trunk_m, measures.trunk_bottom_m)]
+    foot_m = (measures.foot_m[0], measures.foot_m[1], measures.ankle_m)
+    for side, (foot, lift) in zip((1, -1), body.feet_body, strict=True):
+        sole = body.true_pose @ foot @ Pose2(0.0, side * measures.foot_outward_m)
+        boxes.append(_upright(sole, foot_m, lift))
+    return tuple(boxes)
+
+
+def nearest(solid: Sequence[Box], things: Sequence[tuple[str, Shape]]) -> Nearest:
+    """The thing nearest to the solid, level by level: only what shares a height can touch.
+
+    Exact, since everything is an upright prism.
+    """
+    best = Nearest(float("inf"), "nothing")
+    for name, shape in things:
+        reach = _reach(shape)
+        for box in solid:
+            apart = math.dist(box.centre[:2], shape.centre[:2]) - reach - _reach(box)
+            if apart < best.gap_m and shape.bottom_m < box.top_m and box.bottom_m < shape.top_m:
+                gap = _gap(box, shape)
+                if gap < best.gap_m:
+                    best = Nearest(gap, name)
+    return best
+
+
+def _reach(shape: Shape) -> float:
+    """Radius of a circle about the centre that holds the outline: what is apart by circles needs no more."""
+    if isinstance(shape, Cylinder):
+        return shape.radius
+    if isinstance(shape, Box):
+        return math.hypot(shape.size[0], shape.size[1]) / 2
+    return float(np.max(np.hypot(*(outline(shape) - np.array(shape.centre[:2])).T)))
+
+
+def _gap(box: Box, shape: Shape) -> float:
+    if isinstance(shape, Cylinder):
+        return float(distance(box, np.array([shape.centre[:2]]))[0]) - shape.radius
+    return convex_gap(outline(box), outline(shape))
+
+
+def _upright(pose: Pose2, size: tuple[float, float, float], bottom_m: float) -> Box:
+    return Box((pose.x, pose.y, bottom_m + size[2] / 2), size, pose.yaw)

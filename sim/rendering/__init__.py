@@ -1,0 +1,1 @@
+"""Pictures of a world: two renderers, lenses, motion."""

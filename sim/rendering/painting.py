@@ -1,0 +1,221 @@
+"""Scenes to meshes with textures: every patch painted, lit, and laid out on one image per body.
+
+Light comes from above and a little from one side; near the floor and beside furniture it is darker, as
+under a sky of lamps. That is painted on once and costs nothing when a camera looks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from ..scene import FloorArea, Scene
+from ..shapes import Patch, Shape, outline, patches
+from .rays import floor_patch
+from .textures import paint
+
+FLOOR_GRAIN_M = 0.0016  # of a stereo pixel's size at 0.9 m; finer costs start-up time
+SURFACE_GRAIN_M = 0.002
+WALL_GRAIN_M = 0.0025
+MOST_PX = 26e6  # ours: 8 x 8 m of floor at its grain, 75 MB; of what is larger the grain is coarser
+MOST_SIDE_PX = 8000  # within what any renderer takes as a texture
+_LIGHT = np.array([0.35, -0.25, 0.90]) / math.hypot(0.35, 0.25, 0.90)
+_WIDTH_UNIT = 4  # the EGL renderer shears textures whose rows are no multiple of 4 px
+_RIM_PX = 8  # each patch is surrounded by its own colours, so that mipmaps do not mix neighbours
+
+
+@dataclass(frozen=True, eq=False)
+class Painted:
+    """A mesh with one texture image.
+
+    Args:
+        vertices: m.
+        triangles: Into the vertices.
+        uv: (0, 0) the upper left corner of the texture.
+        normals: Of the vertices.
+        texture: Red first.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "m 3"]
+    uv: Float[np.ndarray, "n 2"]
+    normals: Float[np.ndarray, "n 3"]
+    texture: UInt8[np.ndarray, "h w 3"]
+
+    def wavefront(self) -> str:
+        """The mesh as the text of a Wavefront OBJ file, whose v runs upwards."""
+        lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in self.vertices]
+        lines += [f"vt {u:.7f} {1 - v:.7f}" for u, v in self.uv]
+        lines += [f"vn {x:.4f} {y:.4f} {z:.4f}" for x, y, z in self.normals]
+        lines += [
+            "f " + " ".join(f"{i + 1}/{i + 1}/{i + 1}" for i in triangle)
+            for triangle in self.triangles
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
+    """All of a scene: what stands still, and each mover about its own origin."""
+    standing: list[Shape] = [part for thing in scene.things for part in thing.parts]
+    floor = floor_patch(scene)
+    image = _floor_image(scene, standing, np.random.default_rng([scene.seed, 10]))
+    still = [Painted(floor.vertices, floor.triangles, floor.uv, _normals(floor), image)]
+    for k, thing in enumerate(scene.things):
+        rng = np.random.default_rng([scene.seed, 11, k])
+        surfaces = [p for part in thing.parts for p in patches(part) if _is_inside(p, scene.extent)]
+        if surfaces:
+            still.append(_paint(surfaces, rng, WALL_GRAIN_M if thing.wall else SURFACE_GRAIN_M))
+    movers = []
+    for k, mover in enumerate(scene.movers):
+        rng = np.random.default_rng([scene.seed, 12, k])
+        surfaces = [p for part in mover.parts for p in patches(part)]
+        movers.append(_paint(surfaces, rng, SURFACE_GRAIN_M))
+    return still, movers
+
+
+def _is_inside(patch: Patch, extent: tuple[float, float, float, float]) -> bool:
+    """Whether a patch belongs to the room: the outer sides of its walls do not."""
+    x, y, _ = patch.vertices.mean(axis=0)
+    return bool(extent[0] <= x <= extent[2] and extent[1] <= y <= extent[3])
+
+
+def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, grain_m: float) -> Painted:
+    """Patches painted and stacked below each other on one image."""
+    images = [_lit(patch, rng, grain_m) for patch in surfaces]
+    framed = [
+        np.pad(image, ((_RIM_PX, _RIM_PX), (_RIM_PX, _RIM_PX), (0, 0)), mode="edge")
+        for image in images
+    ]
+    places, size = _shelves([image.shape[:2] for image in framed])
+    sheet = np.full((*size, 3), 128, np.uint8)
+    vertices, triangles, uv, normals = [], [], [], []
+    count = 0
+    for patch, image, (top, left) in zip(surfaces, framed, places, strict=True):
+        height, width = image.shape[:2]
+        sheet[top : top + height, left : left + width] = image
+        corner = np.array([left + _RIM_PX, top + _RIM_PX])
+        inner = np.array([width - 2 * _RIM_PX, height - 2 * _RIM_PX])
+        uv.append((corner + patch.uv * inner) / np.array([size[1], size[0]]))
+        vertices.append(patch.vertices)
+        normals.append(_normals(patch))
+        triangles.append(patch.triangles + count)
+        count += len(patch.vertices)
+    return Painted(
+        np.concatenate(vertices),
+        np.concatenate(triangles),
+        np.concatenate(uv),
+        np.concatenate(normals),
+        sheet,
+    )
+
+
+def _shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Places (top, left) for rectangles in rows, tallest first, and the size of the sheet."""
+    across = max(max(w for _, w in sizes), int(math.sqrt(sum(h * w for h, w in sizes))))
+    across = -(-across // _WIDTH_UNIT) * _WIDTH_UNIT
+    places: list[tuple[int, int]] = [(0, 0)] * len(sizes)
+    top = left = row = 0
+    for index in sorted(range(len(sizes)), key=lambda i: (-sizes[i][0], i)):
+        height, width = sizes[index]
+        if left + width > across:
+            top, left, row = top + row, 0, 0
+        places[index] = (top, left)
+        left, row = left + width, max(row, height)
+    return places, (top + row, across)
+
+
+def _lit(patch: Patch, rng: np.random.Generator, grain_m: float) -> UInt8[np.ndarray, "h w 3"]:
+    """The patch's material under the room's light."""
+    image = paint(patch.material, patch.size_m, _affordable(patch.size_m, grain_m), rng)
+    if patch.material.startswith("tag/"):
+        return image
+    height, width = image.shape[:2]
+    if patch.curved:
+        angle = (np.arange(width) + 0.5) / width * 2 * math.pi
+        facing = np.cos(angle) * _LIGHT[0] + np.sin(angle) * _LIGHT[1]
+    else:
+        facing = np.full(width, float(patch.normal @ _LIGHT))
+    light = np.broadcast_to(0.84 + 0.20 * facing, (height, width))
+    if abs(float(patch.normal[2])) < 0.5:
+        top = float(patch.vertices[:, 2].max())
+        above = np.maximum(top - (np.arange(height) + 0.5) / height * patch.size_m[1], 0.0)
+        light = light * (1.0 - 0.35 * np.exp(-above / 0.12))[:, None]
+    lit = image.astype(np.float32) * light[..., None].astype(np.float32)
+    return np.clip(lit, 0, 255).astype(np.uint8)
+
+
+def _floor_image(
+    scene: Scene, standing: Sequence[Shape], rng: np.random.Generator
+) -> UInt8[np.ndarray, "h w 3"]:
+    """All flooring, with soft shadows where things meet it."""
+    x0, y0, x1, y1 = scene.extent
+    grain = _affordable((x1 - x0, y1 - y0), FLOOR_GRAIN_M)
+    width = _WIDTH_UNIT * round((x1 - x0) / grain / _WIDTH_UNIT)
+    size = (round((y1 - y0) / grain), width)
+    image = np.zeros((*size, 3), np.uint8)
+    for area in scene.floor:
+        rows, columns = _window(area, scene.extent, size, grain)
+        a, b, c, d = area.extent
+        piece = paint(area.material, (c - a, d - b), grain, rng)
+        wide = (columns.stop - columns.start, rows.stop - rows.start)
+        if min(wide) < 1:  # less than a pixel of it is inside
+            continue
+        image[rows, columns] = cv2.resize(piece, wide, interpolation=cv2.INTER_LINEAR)
+    shade = _contact_shade(scene.extent, standing, size)
+    return np.clip(image * shade[..., None], 0, 255).astype(np.uint8)
+
+
+def _affordable(size_m: tuple[float, float], grain_m: float) -> float:
+    """The grain, coarser where a surface is so large that its image would be too."""
+    width, height = size_m
+    return max(grain_m, math.sqrt(width * height / MOST_PX), max(size_m) / MOST_SIDE_PX)
+
+
+def _window(
+    area: FloorArea,
+    extent: tuple[float, float, float, float],
+    size: tuple[int, int],
+    grain: float,
+) -> tuple[slice, slice]:
+    """Rows and columns of a floor area; row 0 is the far side, y_max."""
+    a, b, c, d = area.extent
+    rows = slice(
+        max(0, round((extent[3] - d) / grain)),
+        min(size[0], round((extent[3] - b) / grain)),
+    )
+    columns = slice(
+        max(0, round((a - extent[0]) / grain)),
+        min(size[1], round((c - extent[0]) / grain)),
+    )
+    return rows, columns
+
+
+def _contact_shade(
+    extent: tuple[float, float, float, float], standing: Sequence[Shape], size: tuple[int, int]
+) -> Float32[np.ndarray, "h w"]:
+    """Factor of brightness: darker within 10 to 20 cm of walls and of what stands on the floor."""
+    grain = 0.02
+    x0, y0, x1, y1 = extent
+    small = (round((y1 - y0) / grain) + 2, round((x1 - x0) / grain) + 2)
+    free = np.zeros(small, np.uint8)
+    free[1:-1, 1:-1] = 255
+    for shape in standing:
+        if shape.bottom_m < 0.05:
+            corners = (outline(shape) - np.array([x0, y1])) / np.array([grain, -grain]) + 0.5
+            cv2.fillPoly(free, [np.rint(corners).astype(np.int32)], 0)
+    away = cv2.distanceTransform(free, cv2.DIST_L2, 5) * grain
+    shade = (1.0 - 0.40 * np.exp(-away / 0.10)).astype(np.float32)[1:-1, 1:-1]
+    return np.asarray(cv2.resize(shade, (size[1], size[0]), interpolation=cv2.INTER_LINEAR))
+
+
+def _normals(patch: Patch) -> Float[np.ndarray, "n 3"]:
+    if not patch.curved:
+        return np.tile(patch.normal, (len(patch.vertices), 1))
+    middle = (patch.vertices.max(axis=0) + patch.vertices.min(axis=0)) / 2
+    out = (patch.vertices - middle) * np.array([1.0, 1.0, 0.0])
+    return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))

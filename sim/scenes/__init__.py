@@ -1,0 +1,1 @@
+"""The scenes: generators by name, scene files, and their checks."""

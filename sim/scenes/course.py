@@ -1,0 +1,258 @@
+"""The courses of seed 001: round obstacles in a square room, some of them going to and fro, and via points.
+
+Sixteen obstacles, four of them moving, are what survives of the paper's experiment; size of the room, places,
+lines and via points are drawn by the seed. What moves is blind to the robot and to everything else, so its
+lines keep clear of what stands and of each other: nothing is drawn that could not be walked. A harder course has
+more of both, closer together, and what moves is faster.
+
+Source: seed 001, section V-C; speeds and the hard course from a study of such walks.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.errors import SurefootError
+from perception.primitives.pose import Pose2
+
+from ..scene import MovingObject, Scene, StaticObject
+from ..shapes import Cylinder
+from .difficulty import USUAL, count, graded
+from .rooms import finished, walls
+
+STANDING, MOVING = "teal", "violet"
+COLOURS = ("#347a80", "#8654b0")
+"""Of the plaster of what stands and of what moves: seed 001 finds obstacles by colour."""
+
+RADIUS_M = 0.10  # S_o, seed 001
+HEIGHT_M = 0.40  # ours: hides what is behind it from a camera at 0.38 m
+DRAWS = 400
+
+
+@dataclass(frozen=True)
+class CourseKind:
+    """What a course is drawn from.
+
+    Args:
+        name: Of the scene.
+        side_m: Of the room.
+        standing, moving: How many obstacles.
+        speeds_mps: Of movers, least and most.
+        length_m: Of the straight lines from the start through all via points.
+        between_m: Between middles of standing obstacles.
+    """
+
+    name: str
+    side_m: float
+    standing: int
+    moving: int
+    speeds_mps: tuple[float, float]
+    length_m: float
+    between_m: float = 0.60  # ours: the robot passes between any two
+
+
+SLOW = CourseKind("course", 6.0, 12, 4, (0.03, 0.06), 30.0)
+FAST = CourseKind("fast_course", 6.0, 12, 4, (0.03, 0.15), 30.0)
+HARD = CourseKind("hard_course", 8.0, 18, 12, (0.05, 0.20), 30.0)
+
+REVERSAL_S = (12.0, 25.0)  # seed 000: 18 to 25 s; ours: some turn sooner
+TO_WALL_M = 0.55  # middles of standing obstacles: the robot passes
+LINE_TO_STANDING_M = 0.30  # from a mover's line to a standing middle
+LINE_TO_LINE_M = 0.25  # from line to line
+LINE_TO_WALL_M = 0.30
+LINE_TO_START_M = 0.60
+VIA_TO_STANDING_M = 0.45
+LEG_M = (1.5, 4.5)
+
+
+def course(seed: int, difficulty: float = USUAL) -> Scene:
+    """Sixteen obstacles, four of them moving at up to 0.06 m/s."""
+    return draw(SLOW, seed, difficulty)
+
+
+def fast_course(seed: int, difficulty: float = USUAL) -> Scene:
+    """The same with movers of up to 0.15 m/s: half again as fast as the robot."""
+    return draw(FAST, seed, difficulty)
+
+
+def hard_course(seed: int, difficulty: float = USUAL) -> Scene:
+    """Thirty obstacles, twelve of them moving at up to 0.20 m/s, twice as fast as the robot."""
+    return draw(HARD, seed, difficulty)
+
+
+def draw(kind: CourseKind, seed: int, difficulty: float = USUAL) -> Scene:
+    """A course of a kind.
+
+    Raises:
+        SurefootError: None of many draws fitted the room.
+    """
+    rng = np.random.default_rng([seed, 5, kind.moving, round(1e3 * kind.speeds_mps[1])])
+    kind = _graded(kind, difficulty)
+    for _ in range(DRAWS):
+        posts = _posts(kind, rng)
+        start = None if posts is None else _start(kind, posts, rng)
+        if posts is None or start is None:
+            continue
+        movers = _movers(kind, posts, start, rng)
+        vias = _via_points(kind, posts, start, rng)
+        if movers is not None and vias is not None:
+            return _built(kind, seed, posts, start, movers, vias)
+    raise SurefootError(
+        f"{kind.name}: no draw of {DRAWS} with seed {seed} fitted the room; take another"
+    )
+
+
+def _graded(kind: CourseKind, difficulty: float) -> CourseKind:
+    """The kind made easier or harder; the closest pair still lets a disc of 15 cm through."""
+    number = graded(difficulty, 2 / 3, 1.0, 4 / 3)
+    speed = graded(difficulty, 0.7, 1.0, 1.3)
+    slow, fast = kind.speeds_mps
+    return replace(
+        kind,
+        standing=round(number * kind.standing),
+        moving=count(difficulty, kind.moving // 2, kind.moving, kind.moving * 3 // 2),
+        speeds_mps=(speed * slow, speed * fast),
+        between_m=kind.between_m * graded(difficulty, 1.2, 1.0, 0.9),
+    )
+
+
+def _posts(kind: CourseKind, rng: np.random.Generator) -> Float[np.ndarray, "n 2"] | None:
+    found: list[np.ndarray] = []
+    for _ in range(60 * kind.standing):
+        place = rng.uniform(TO_WALL_M, kind.side_m - TO_WALL_M, 2)
+        if all(math.dist(place, other) >= kind.between_m for other in found):
+            found.append(place)
+        if len(found) == kind.standing:
+            return np.round(np.array(found), 3)
+    return None
+
+
+def _start(
+    kind: CourseKind, posts: np.ndarray, rng: np.random.Generator
+) -> tuple[float, float] | None:
+    for _ in range(60):
+        place = rng.uniform(0.5, kind.side_m - 0.5, 2)
+        if np.hypot(*(posts - place).T).min() >= kind.between_m:
+            return round(float(place[0]), 3), round(float(place[1]), 3)
+    return None
+
+
+def _movers(
+    kind: CourseKind,
+    posts: np.ndarray,
+    start: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[MovingObject, ...] | None:
+    found: list[MovingObject] = []
+    lines: list[np.ndarray] = []
+    for _ in range(400 * kind.moving):
+        if len(found) == kind.moving:
+            break
+        speed = float(rng.uniform(*kind.speeds_mps))
+        reversal = float(rng.uniform(*REVERSAL_S))
+        heading = float(rng.uniform(-math.pi, math.pi))
+        begin = rng.uniform(LINE_TO_WALL_M, kind.side_m - LINE_TO_WALL_M, 2)
+        ahead = np.array([math.cos(heading), math.sin(heading)])
+        line = np.stack([begin, begin + speed * reversal * ahead])
+        if not _fits(line, lines, kind, posts, start):
+            continue
+        lines.append(line)
+        body = Cylinder((0.0, 0.0, HEIGHT_M / 2), RADIUS_M, HEIGHT_M, f"plaster/{MOVING}")
+        place = float(begin[0]), float(begin[1])
+        found.append(
+            MovingObject(f"mover {len(found) + 1}", place, heading, speed, reversal, (body,))
+        )
+    return tuple(found) if len(found) == kind.moving else None
+
+
+def _fits(
+    line: np.ndarray,
+    others: list[np.ndarray],
+    kind: CourseKind,
+    posts: np.ndarray,
+    start: tuple[float, float],
+) -> bool:
+    if line.min() < LINE_TO_WALL_M or line.max() > kind.side_m - LINE_TO_WALL_M:
+        return False
+    places = line[0] + np.linspace(0.0, 1.0, 41)[:, None] * (line[1] - line[0])
+    if _apart(places, posts) < LINE_TO_STANDING_M:
+        return False
+    if _apart(places, np.array([start])) < LINE_TO_START_M:
+        return False
+    for other in others:
+        theirs = other[0] + np.linspace(0.0, 1.0, 41)[:, None] * (other[1] - other[0])
+        if _apart(places, theirs) < LINE_TO_LINE_M:
+            return False
+    return True
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.linalg.norm(one[:, None] - other[None], axis=-1).min())
+
+
+def _via_points(
+    kind: CourseKind,
+    posts: np.ndarray,
+    start: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[tuple[float, float], ...] | None:
+    """Places until the straight lines add up to the length; the last leg is cut to fit."""
+    way: list[np.ndarray] = [np.array(start)]
+    left = kind.length_m
+    for _ in range(4000):
+        place = rng.uniform(0.5, kind.side_m - 0.5, 2)
+        leg = math.dist(place, way[-1])
+        if not LEG_M[0] <= leg <= LEG_M[1]:
+            continue
+        last = left - leg < LEG_M[0]
+        if last:
+            place = way[-1] + (place - way[-1]) * left / leg
+            leg = left
+        inside = place.min() >= 0.5 and place.max() <= kind.side_m - 0.5
+        if not inside or np.hypot(*(posts - place).T).min() < VIA_TO_STANDING_M:
+            continue
+        way.append(place)
+        left -= leg
+        if last:
+            return tuple((float(x), float(y)) for x, y in way[1:])
+    return None
+
+
+def _built(
+    kind: CourseKind,
+    seed: int,
+    posts: np.ndarray,
+    start: tuple[float, float],
+    movers: tuple[MovingObject, ...],
+    vias: tuple[tuple[float, float], ...],
+) -> Scene:
+    extent = (0.0, 0.0, kind.side_m, kind.side_m)
+    heading = math.atan2(vias[0][1] - start[1], vias[0][0] - start[0])
+    building = walls(extent, ("wall/sky", "wall/cream", "wall/sage", "wall/white"))
+    standing = tuple(
+        StaticObject(
+            f"post {k + 1}",
+            (
+                Cylinder(
+                    (float(x), float(y), HEIGHT_M / 2), RADIUS_M, HEIGHT_M, f"plaster/{STANDING}"
+                ),
+            ),
+        )
+        for k, (x, y) in enumerate(posts)
+    )
+    return finished(
+        kind.name,
+        seed,
+        extent,
+        "planks/oak",
+        building + standing,
+        movers,
+        Pose2(*start, heading),
+        vias,
+        tags=24,
+        low=True,
+    )

@@ -1,0 +1,343 @@
+"""The flat: four rooms in a ring, joined by doorways whose leaves stand open, and people walking through.
+
+Every room has a floor, furniture and walls of its own; the start is in one room, the goals are in the three
+others, the first of them two doorways away either way round. Whoever stands in one doorway leaves the other way
+open. A harder flat has narrower doorways, leaves less open, more furniture and more and faster people.
+
+Source: ours; doorways of a home are 0.6 to 0.9 m wide.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from perception.primitives.errors import SurefootError
+from perception.primitives.pose import Pose2
+
+from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..shapes import Box, Shape
+from .difficulty import USUAL, count, graded, span
+from .free_space import ClearanceMap, clearance_map
+from .furniture import CATALOGUE, Model, Piece, furnish
+from .home import free_spot, numbered
+from .public_places import PERSON_RADIUS_M, line_of, person
+from .rooms import WALL_HEIGHT_M, WALL_THICKNESS_M, Extent, towards, walls
+from .tags import place_tags
+
+EXTENT = (0.0, 0.0, 7.2, 5.6)
+DOOR_HEIGHT_M = 2.0
+LEAF_M = 0.04  # thick
+WALKER_RADIUS_M = (
+    0.20  # 0.15 of the planning disc and what the guard keeps: a doorway of 0.5 m is enough
+)
+DRAWS = 100
+ROOM_DRAWS = 20
+GOAL_M = 0.32  # free about the start and the goals: the robot turns there
+TAGS = 44  # the dictionary has 50
+
+_NEEDED = {
+    "living room": ("sofa", "bookshelf", "armchair", "plant", "coffee table"),
+    "kitchen": ("kitchen", "chair", "bin", "sideboard", "chair"),
+    "bedroom": ("cupboard", "pouf", "plant", "cartons", "armchair"),
+    "study": ("bookshelf", "chair", "cartons", "bin", "pouf"),
+}
+_FLOORS = {"living room": "planks/oak", "kitchen": "tiles/grey", "bedroom": "planks/pine"}
+_RUGS = {"living room": ("rug/teal", "rug/rust"), "bedroom": ("rug/plum", "rug/navy")}
+_APPROACH_M = 0.25  # before a doorway, where no furniture comes
+
+
+@dataclass(frozen=True)
+class Doorway:
+    """An opening in an inner wall, with its leaf.
+
+    Args:
+        middle: (x, y), m.
+        width_m: Between the jambs.
+        along_x: Whether the wall runs along x, else along y.
+        hinge, side: -1 or 1: at which jamb the leaf hangs, and to which side of the wall it opens.
+        open_rad: How far it stands open.
+    """
+
+    middle: tuple[float, float]
+    width_m: float
+    along_x: bool
+    hinge: int
+    side: int
+    open_rad: float
+
+    @property
+    def along(self) -> np.ndarray:
+        """Unit vector of the wall."""
+        return np.array([1.0, 0.0]) if self.along_x else np.array([0.0, 1.0])
+
+    @property
+    def across(self) -> np.ndarray:
+        """Unit vector through the doorway."""
+        return np.array([0.0, 1.0]) if self.along_x else np.array([1.0, 0.0])
+
+    @property
+    def leaf(self) -> Box:
+        """The leaf as it stands."""
+        swung = math.sin(self.open_rad) * self.side * self.across
+        ahead = swung - math.cos(self.open_rad) * self.hinge * self.along
+        jamb = np.array(self.middle) + self.hinge * self.width_m / 2 * self.along
+        hung = jamb + self.side * WALL_THICKNESS_M / 2 * self.across
+        x, y = (float(v) for v in hung + ahead * self.width_m / 2)
+        yaw = math.atan2(float(ahead[1]), float(ahead[0]))
+        size = (self.width_m, LEAF_M, DOOR_HEIGHT_M)
+        return Box((x, y, DOOR_HEIGHT_M / 2), size, yaw, "wood/cream")
+
+    @property
+    def approach(self) -> Box:
+        """The opening and the ground before and behind it."""
+        depth = WALL_THICKNESS_M + 2 * _APPROACH_M
+        across = (self.width_m, depth) if self.along_x else (depth, self.width_m)
+        return Box((*self.middle, 1.0), (*across, 2.0))
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Rooms counter-clockwise from the south-west, and the doorway from each to the next."""
+
+    rooms: tuple[Extent, ...]
+    doorways: tuple[Doorway, ...]
+    building: tuple[StaticObject, ...]
+    space: ClearanceMap
+
+
+@dataclass(frozen=True)
+class _Layout:
+    things: tuple[StaticObject, ...]
+    space: ClearanceMap
+    start: Pose2
+    goals: tuple[tuple[float, float], ...]
+
+
+def flat(seed: int, difficulty: float = USUAL) -> Scene:
+    """The flat of a seed.
+
+    Raises:
+        SurefootError: None of many draws could be walked.
+    """
+    rng = np.random.default_rng([seed, 42])
+    for _ in range(DRAWS):
+        plan = _plan(rng, difficulty)
+        names = [str(name) for name in rng.permutation(list(_NEEDED))]
+        layout = _lay_out(plan, names, rng, difficulty)
+        people = None if layout is None else _people(plan, layout, rng, difficulty)
+        if layout is None or people is None:
+            continue
+        plates, landmarks = place_tags(
+            EXTENT, layout.things, layout.start, TAGS, others=layout.goals
+        )
+        return Scene(
+            "flat",
+            seed,
+            EXTENT,
+            _flooring(plan, names, rng),
+            layout.things + plates,
+            people,
+            landmarks,
+            layout.start,
+            layout.goals,
+        )
+    raise SurefootError(f"flat: no draw of {DRAWS} with seed {seed} could be walked; take another")
+
+
+def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
+    x0, y0, x1, y1 = EXTENT
+    half = WALL_THICKNESS_M / 2
+    x, west, east = (float(rng.uniform(*ends)) for ends in ((3.3, 3.9), (2.5, 3.1), (2.5, 3.1)))
+    low, high = min(west, east) - half, max(west, east) + half
+    doorways = (
+        _doorway(x, (y0, low), False, rng, difficulty),
+        _doorway(east, (x + half, x1), True, rng, difficulty),
+        _doorway(x, (high, y1), False, rng, difficulty),
+        _doorway(west, (x0, x - half), True, rng, difficulty),
+    )
+    rooms = (
+        (x0, y0, x - half, west - half),
+        (x + half, y0, x1, east - half),
+        (x + half, east + half, x1, y1),
+        (x0, west + half, x - half, y1),
+    )
+    south, right, north, left = doorways
+    inner = (
+        *_wall(x, (y0, y1), False, (south, north), "wall/cream"),
+        *_wall(east, (x + half, x1), True, (right,), "wall/sky"),
+        *_wall(west, (x0, x - half), True, (left,), "wall/sage"),
+    )
+    leaves = (StaticObject("door", (doorway.leaf,), 0.6, wall=True) for doorway in doorways)
+    outer = walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white"))
+    building = (*outer, *inner, *leaves)
+    space = clearance_map(EXTENT, [part for thing in building for part in thing.parts])
+    return _Plan(rooms, doorways, building, space)
+
+
+def _doorway(
+    at: float,
+    ends: tuple[float, float],
+    along_x: bool,
+    rng: np.random.Generator,
+    difficulty: float,
+) -> Doorway:
+    """Somewhere in a wall between its ends, its leaf clear of both corners."""
+    width = float(rng.uniform(*span(difficulty, (0.80, 0.90), (0.65, 0.80), (0.50, 0.60))))
+    open_deg = float(rng.uniform(*span(difficulty, (100.0, 130.0), (90.0, 120.0), (85.0, 105.0))))
+    swung = width * max(0.0, -math.cos(math.radians(open_deg)))
+    corner = width / 2 + max(0.30, swung + 0.05)
+    along = float(rng.uniform(ends[0] + corner, ends[1] - corner))
+    hinge, side = (int(sign) for sign in rng.choice((-1, 1), 2))
+    middle = (along, at) if along_x else (at, along)
+    return Doorway(middle, width, along_x, hinge, side, math.radians(open_deg))
+
+
+def _wall(
+    at: float,
+    ends: tuple[float, float],
+    along_x: bool,
+    doorways: tuple[Doorway, ...],
+    material: str,
+) -> list[StaticObject]:
+    """The pieces of an inner wall beside and above its doorways, which come in rising order."""
+    jambs = [ends[0]]
+    for doorway in doorways:
+        along = doorway.middle[0 if along_x else 1]
+        jambs += [along - doorway.width_m / 2, along + doorway.width_m / 2]
+    jambs.append(ends[1])
+    pieces = []
+    for k, (begin, end) in enumerate(itertools.pairwise(jambs)):
+        bottom = DOOR_HEIGHT_M if k % 2 else 0.0
+        middle, height = (begin + end) / 2, WALL_HEIGHT_M - bottom
+        place = (middle, at) if along_x else (at, middle)
+        size = (end - begin, WALL_THICKNESS_M) if along_x else (WALL_THICKNESS_M, end - begin)
+        box = Box((*place, bottom + height / 2), (*size, height), 0.0, material)
+        pieces.append(StaticObject("wall", (box,), 0.75, wall=True))
+    return pieces
+
+
+def _lay_out(
+    plan: _Plan, names: list[str], rng: np.random.Generator, difficulty: float
+) -> _Layout | None:
+    """Furniture, start and goals; None if they do not go together."""
+    pieces: list[Piece] = []
+    for room, name in zip(plan.rooms, names, strict=True):
+        found = _furnish(plan, room, name, pieces, rng, difficulty)
+        if found is None:
+            return None
+        pieces += found
+    things = plan.building + tuple(numbered(pieces))
+    space = _space(plan, pieces)
+    spots = [
+        free_spot(space, (room[0], room[2]), (room[1], room[3]), GOAL_M, rng) for room in plan.rooms
+    ]
+    first = int(rng.integers(4))
+    places = [spots[(first + turn) % 4] for turn in (0, 2, 1, 3)]
+    start, *goals = (place for place in places if place is not None)
+    if len(goals) < 3:
+        return None
+    way = space.walk(start, goals[0], WALKER_RADIUS_M)
+    reach = space.reachable(start, WALKER_RADIUS_M)
+    if way is None or not all(reach[space.cell(goal)] for goal in goals):
+        return None
+    heading = towards(start, tuple(way[min(12, len(way) - 1)]))
+    return _Layout(things, space, Pose2(*start, heading), tuple(goals))
+
+
+def _furnish(
+    plan: _Plan,
+    room: Extent,
+    name: str,
+    others: list[Piece],
+    rng: np.random.Generator,
+    difficulty: float,
+) -> list[Piece] | None:
+    """Furniture of one room that leaves all doorways joined; None if none was found."""
+    kept_free: tuple[Shape, ...] = tuple(
+        shape for doorway in plan.doorways for shape in (doorway.leaf, doorway.approach)
+    )
+    wanted = tuple(_model(kind) for kind in _NEEDED[name][: count(difficulty, 2, 4, 5)])
+    passage_m = graded(difficulty, 0.66, 0.58, 0.50)
+    least = count(difficulty, 1, 3, 3)
+    for _ in range(ROOM_DRAWS):
+        pieces = furnish(room, StaticObject("doors", kept_free), wanted, rng, passage_m, least)
+        if pieces is None:
+            continue
+        space = _space(plan, others + pieces)
+        reach = space.reachable(plan.doorways[0].middle, WALKER_RADIUS_M)
+        if all(reach[space.cell(doorway.middle)] for doorway in plan.doorways):
+            return pieces
+    return None
+
+
+def _model(kind: str) -> Model:
+    return next(model for model in CATALOGUE if model.name == kind)
+
+
+def _space(plan: _Plan, pieces: list[Piece]) -> ClearanceMap:
+    """What is left between the building and the furniture."""
+    still = clearance_map(EXTENT, [part for piece in pieces for part in piece.thing.parts])
+    free = np.minimum(plan.space.clearance, still.clearance)
+    return ClearanceMap(still.origin, still.cell_m, free)
+
+
+def _people(
+    plan: _Plan, layout: _Layout, rng: np.random.Generator, difficulty: float
+) -> tuple[MovingObject, ...] | None:
+    """Each goes to and fro through a doorway of its own; None if they find no lines."""
+    speeds = span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
+    found: list[MovingObject] = []
+    number = count(difficulty, 1, 2, 3)
+    for index in rng.permutation(len(plan.doorways)):
+        doorway = plan.doorways[index]
+        for _ in range(ROOM_DRAWS):
+            sense = 1.0 if rng.integers(2) else -1.0
+            before, behind = (float(d) for d in rng.uniform(0.6, 1.2, 2))
+            speed = float(rng.uniform(*speeds))
+            x, y = (float(v) for v in np.array(doorway.middle) - sense * before * doorway.across)
+            heading = math.atan2(*(sense * doorway.across[::-1]))
+            length = before + behind
+            one = person(len(found), (x, y), heading, speed, length / speed)
+            if _keeps_clear(one, layout, found):
+                found.append(one)
+                break
+        if len(found) == number:
+            return tuple(found)
+    return None
+
+
+def _keeps_clear(one: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
+    """Its line is free, not at the start or a goal, and wherever it is there is another way."""
+    line = line_of(one)
+    start = (layout.start.x, layout.start.y)
+    if any(layout.space.at(place) < PERSON_RADIUS_M + 0.01 for place in line):
+        return False
+    if any(math.dist(place, start) < 0.9 for place in line):
+        return False
+    if any(math.dist(place, goal) < 0.65 for place in line for goal in layout.goals):
+        return False
+    if any(math.dist(a, b) < 0.6 for other in others for a in line for b in line_of(other)):
+        return False
+    for place in line[::2]:
+        blocked = layout.space.with_disc(place, PERSON_RADIUS_M)
+        reach = blocked.reachable(start, WALKER_RADIUS_M)
+        if not all(reach[blocked.cell(goal)] for goal in layout.goals):
+            return False
+    return True
+
+
+def _flooring(plan: _Plan, names: list[str], rng: np.random.Generator) -> tuple[FloorArea, ...]:
+    areas = [FloorArea("planks/walnut", EXTENT)]
+    for room, name in zip(plan.rooms, names, strict=True):
+        if name in _FLOORS:
+            areas.append(FloorArea(_FLOORS[name], room))
+        if name in _RUGS:
+            x = float(rng.uniform(room[0] + 0.4, room[2] - 2.0))
+            y = float(rng.uniform(room[1] + 0.3, room[3] - 1.4))
+            rug = str(rng.choice(_RUGS[name]))
+            areas.append(FloorArea(rug, (x, y, x + 1.6, y + 1.1)))
+    return tuple(areas)

@@ -1,0 +1,139 @@
+"""Where a round body can stand and walk among standing things; used to make scenes that can be crossed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+
+from ..shapes import Shape, distance
+
+ROBOT_TOP_M = 0.5  # what is higher does not stand in a robot's way
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceMap:
+    """For every cell the distance to the nearest thing, m, negative inside it.
+
+    Args:
+        origin: (x, y) of the first cell's centre, m.
+        cell_m: Grain.
+        clearance: Indexed [row (y), column (x)].
+    """
+
+    origin: tuple[float, float]
+    cell_m: float
+    clearance: Float[np.ndarray, "rows columns"]
+
+    @property
+    def centres(self) -> Float[np.ndarray, "n 2"]:
+        """Of all cells in order, m."""
+        return _grid(self.origin, self.clearance.shape, self.cell_m)
+
+    def at(self, point: tuple[float, float]) -> float:
+        """Clearance of the cell that holds a place; minus infinity outside."""
+        row, column = self.cell(point)
+        rows, columns = self.clearance.shape
+        if not (0 <= row < rows and 0 <= column < columns):
+            return -np.inf
+        return float(self.clearance[row, column])
+
+    def cell(self, point: tuple[float, float]) -> tuple[int, int]:
+        """[row, column] of the cell that holds a place."""
+        return (
+            round((point[1] - self.origin[1]) / self.cell_m),
+            round((point[0] - self.origin[0]) / self.cell_m),
+        )
+
+    def with_disc(self, centre: tuple[float, float], radius_m: float) -> ClearanceMap:
+        """The same with one more disc standing there."""
+        away = np.hypot(*(self.centres - np.array(centre)).T) - radius_m
+        return ClearanceMap(
+            self.origin,
+            self.cell_m,
+            np.minimum(self.clearance, away.reshape(self.clearance.shape)),
+        )
+
+    def reachable(
+        self, start: tuple[float, float], radius_m: float
+    ) -> Bool[np.ndarray, "rows columns"]:
+        """Cells that a disc of that radius can get to from the start (four neighbours)."""
+        labels, _ = ndimage.label(self.clearance >= radius_m)
+        row, column = self.cell(start)
+        label = labels[row, column]
+        return np.asarray((labels == label) & (label > 0))
+
+    def walk(
+        self, start: tuple[float, float], goal: tuple[float, float], radius_m: float
+    ) -> Float[np.ndarray, "n 2"] | None:
+        """A short walk for a disc, cell by cell, m; None if there is none."""
+        free = self.clearance >= radius_m
+        steps = _distances(free, self.cell(start))
+        at = self.cell(goal)
+        if steps[at] < 0:
+            return None
+        cells = [at]
+        while steps[at] > 0:
+            row, column = at
+            at = min(
+                ((row + i, column + j) for i, j in _NEIGHBOURS),
+                key=lambda cell: steps[cell] if steps[cell] >= 0 else np.iinfo(np.int64).max,
+            )
+            cells.append(at)
+        back = np.array(cells[::-1], dtype=float)
+        return np.asarray(back[:, ::-1] * self.cell_m + np.array(self.origin))
+
+
+def clearance_map(
+    extent: tuple[float, float, float, float], shapes: Sequence[Shape], cell_m: float = 0.05
+) -> ClearanceMap:
+    """Clearance inside the walls of a room, from walls and everything below the robot's top."""
+    x_min, y_min, x_max, y_max = extent
+    shape = (int((y_max - y_min) / cell_m), int((x_max - x_min) / cell_m))
+    origin = (x_min + cell_m / 2, y_min + cell_m / 2)
+    centres = _grid(origin, shape, cell_m)
+    least = np.minimum(
+        (centres - np.array([x_min, y_min])).min(axis=1),
+        (np.array([x_max, y_max]) - centres).min(axis=1),
+    )
+    for one in shapes:
+        if one.bottom_m < ROBOT_TOP_M:
+            least = np.minimum(least, distance(one, centres))
+    return ClearanceMap(origin, cell_m, least.reshape(shape))
+
+
+_NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
+
+
+def _grid(
+    origin: tuple[float, float], shape: tuple[int, ...], cell_m: float
+) -> Float[np.ndarray, "n 2"]:
+    x = origin[0] + np.arange(shape[1]) * cell_m
+    y = origin[1] + np.arange(shape[0]) * cell_m
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+
+
+def _distances(
+    free: Bool[np.ndarray, "rows columns"], start: tuple[int, int]
+) -> Int[np.ndarray, "rows columns"]:
+    """Steps from the start to every free cell, -1 where there is no way; a wave, ring by ring."""
+    steps = np.full(free.shape, -1, np.int64)
+    if not free[start]:
+        return steps
+    steps[start] = 0
+    ring, count = [start], 0
+    while ring:
+        count += 1
+        found = []
+        for row, column in ring:
+            for i, j in _NEIGHBOURS:
+                near = (row + i, column + j)
+                inside = 0 <= near[0] < free.shape[0] and 0 <= near[1] < free.shape[1]
+                if inside and free[near] and steps[near] < 0:
+                    steps[near] = count
+                    found.append(near)
+        ring = found
+    return steps

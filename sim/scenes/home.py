@@ -1,0 +1,237 @@
+"""The furnished home: a living and a dining room with a wide opening, another one for every seed.
+
+Furniture goes along the walls first, then into the rooms; little robots go to and fro across the way.
+A draw that cannot be crossed by a body of 28 cm radius, whatever the robots do, is drawn again. A harder home
+has more pieces and narrower passages between them, a longer partition, and more and faster robots.
+Everything is solid down to the floor. Source: ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from perception.primitives.errors import SurefootError
+from perception.primitives.pose import Pose2
+
+from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..shapes import Box, distance
+from .difficulty import USUAL, count, graded, span
+from .free_space import ClearanceMap, clearance_map
+from .furniture import CATALOGUE, LEAST_PIECES, PASSAGE_M, Model, Piece, furnish
+from .rooms import little_robot, towards, walls
+from .tags import place_tags
+
+EXTENT = (0.0, 0.0, 6.4, 5.0)
+WALKER_RADIUS_M = 0.28  # 0.15 of the body, the rest to plan with
+DRAWS = 200  # seeds 0 to 19 take one to three
+_MOVER_RADIUS_M = 0.10
+_COLOURS = ("orange", "lime", "violet", "navy", "red")
+
+
+@dataclass(frozen=True)
+class _Layout:
+    things: tuple[StaticObject, ...]
+    space: ClearanceMap
+    way: np.ndarray
+    start: tuple[float, float]
+    goals: tuple[tuple[float, float], ...]
+
+
+def furnished(seed: int, difficulty: float = USUAL) -> Scene:
+    """The home of a seed."""
+    rng = np.random.default_rng([seed, 1])
+    for _ in range(DRAWS):
+        layout = _lay_out(rng, difficulty)
+        movers = None if layout is None else _set_going(layout, rng, difficulty)
+        if layout is None or movers is None:
+            continue
+        if not _worth_crossing(layout, movers, difficulty):
+            continue
+        heading = towards(layout.start, tuple(layout.way[min(12, len(layout.way) - 1)]))
+        start = Pose2(*layout.start, heading)
+        plates, landmarks = place_tags(EXTENT, layout.things, start, count=24)
+        return Scene(
+            "home",
+            seed,
+            EXTENT,
+            _flooring(rng),
+            layout.things + plates,
+            movers,
+            landmarks,
+            start,
+            layout.goals,
+        )
+    raise SurefootError(f"home: no draw of {DRAWS} with seed {seed} could be crossed; take another")
+
+
+def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
+    _, y0, x1, y1 = EXTENT
+    rug = str(rng.choice(["rug/teal", "rug/rust", "rug/plum", "rug/navy"]))
+    x, y = float(rng.uniform(0.9, 1.3)), float(rng.uniform(1.4, 2.0))
+    return (
+        FloorArea("planks/oak", EXTENT),
+        FloorArea("tiles/grey", (4.7, y0, x1, y1)),
+        FloorArea(rug, (x, y, x + 1.7, y + 1.2)),
+    )
+
+
+def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
+    """Furniture, start and goals; None if they do not go together."""
+    partition_y = float(rng.uniform(*span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0))))
+    partition_x = float(rng.uniform(3.1, 3.7))
+    from_south = bool(rng.integers(2))
+    middle = partition_y / 2 if from_south else EXTENT[3] - partition_y / 2
+    partition = StaticObject(
+        "wall",
+        (Box((partition_x, middle, 1.2), (0.12, partition_y, 2.4), 0.0, "wall/cream"),),
+        0.75,
+        wall=True,
+    )
+    building = (
+        *walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")),
+        partition,
+    )
+    pieces = furnish(
+        EXTENT,
+        partition,
+        _models(difficulty),
+        rng,
+        graded(difficulty, 0.80, PASSAGE_M, 0.60),
+        count(difficulty, 6, LEAST_PIECES, 11),
+    )
+    if pieces is None:
+        return None
+    things = building + tuple(numbered(pieces))
+    space = clearance_map(EXTENT, [*partition.parts, *(p for t in pieces for p in t.thing.parts)])
+    start = free_spot(space, (0.4, 1.9), (0.4, 4.6), 0.36, rng)
+    first = free_spot(space, (4.9, 6.0), (0.4, 4.6), 0.36, rng)
+    if start is None or first is None or math.dist(start, first) < 4.0:
+        return None
+    way = space.walk(start, first, WALKER_RADIUS_M)
+    reach = space.reachable(start, WALKER_RADIUS_M)
+    others = [
+        free_spot(space, *box, 0.36, rng)
+        for box in (((2.2, 4.6), (1.6, 4.4)), ((0.4, 2.2), (0.4, 4.6)))
+    ]
+    if way is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
+        return None
+    goals = (first, *(spot for spot in others if spot is not None))
+    return _Layout(things, space, way, start, goals)
+
+
+def _models(difficulty: float) -> tuple[Model, ...]:
+    """What a home is furnished with: the hard one with the small things once more."""
+    small = tuple(model for model in CATALOGUE[7:12])
+    most = len(CATALOGUE)
+    return (CATALOGUE + small)[: count(difficulty, 8, most, most + len(small))]
+
+
+def numbered(pieces: list[Piece]) -> list[StaticObject]:
+    """The pieces as things; of several of a kind each gets its number."""
+    names = [piece.thing.name for piece in pieces]
+    found = []
+    for k, piece in enumerate(pieces):
+        name = (
+            names[k]
+            if names.count(names[k]) == 1
+            else f"{names[k]} {names[: k + 1].count(names[k])}"
+        )
+        found.append(StaticObject(name, piece.thing.parts, piece.thing.albedo))
+    return found
+
+
+def free_spot(
+    space: ClearanceMap,
+    x_range: tuple[float, float],
+    y_range: tuple[float, float],
+    clearance_m: float,
+    rng: np.random.Generator,
+) -> tuple[float, float] | None:
+    """Somewhere within the ranges with that much room about it; None if chance finds nothing."""
+    for _ in range(60):
+        place = (round(float(rng.uniform(*x_range)), 2), round(float(rng.uniform(*y_range)), 2))
+        if space.at(place) >= clearance_m:
+            return place
+    return None
+
+
+def _set_going(
+    layout: _Layout, rng: np.random.Generator, difficulty: float
+) -> tuple[MovingObject, ...] | None:
+    """Little robots, usually three: their lines keep clear of furniture, start, goals, and never lock the way."""
+    movers: list[MovingObject] = []
+    for k, colour in enumerate(_COLOURS[: count(difficulty, 1, 3, 5)]):
+        for _ in range(60):
+            candidate = _draw_mover(k, colour, layout, rng, difficulty)
+            if _keeps_clear(candidate, layout, movers):
+                movers.append(candidate)
+                break
+        else:
+            return None
+    return tuple(movers)
+
+
+def _draw_mover(
+    k: int, colour: str, layout: _Layout, rng: np.random.Generator, difficulty: float
+) -> MovingObject:
+    """The first two cross or follow the way, the others are anywhere."""
+    speeds = span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
+    speed, reversal = float(rng.uniform(*speeds)), float(rng.uniform(15.0, 25.0))
+    heading = float(rng.uniform(-math.pi, math.pi))
+    if k < 2:
+        share = rng.uniform(0.25, 0.5) if k == 0 else rng.uniform(0.5, 0.75)
+        middle = layout.way[int(share * (len(layout.way) - 1))] + rng.normal(0, 0.15, 2)
+    else:
+        middle = np.array([rng.uniform(0.5, 5.9), rng.uniform(0.5, 4.5)])
+    half = speed * reversal / 2
+    start = (
+        float(middle[0] - half * math.cos(heading)),
+        float(middle[1] - half * math.sin(heading)),
+    )
+    height = float(rng.uniform(0.40, 0.50))
+    return little_robot(f"robot {k + 1}", start, heading, speed, reversal, colour, height)
+
+
+def _keeps_clear(mover: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
+    line = [
+        (x, y) for x, y, _, _ in (mover.state(s) for s in np.linspace(0.0, mover.reversal_s, 12))
+    ]
+    if any(layout.space.at(place) < _MOVER_RADIUS_M + 0.10 for place in line):
+        return False
+    if any(math.dist(place, layout.start) < 0.9 for place in line):
+        return False
+    if any(math.dist(place, goal) < 0.55 for place in line for goal in layout.goals):
+        return False
+    for other in others:
+        ends = [other.state(s)[:2] for s in np.linspace(0.0, other.reversal_s, 12)]
+        if any(math.dist(a, b) < 0.6 for a in line for b in ends):
+            return False
+    for place in line[::2]:  # wherever it is, one can pass it
+        reach = layout.space.with_disc(place, _MOVER_RADIUS_M).reachable(
+            layout.start, WALKER_RADIUS_M
+        )
+        if not all(reach[layout.space.cell(goal)] for goal in layout.goals):
+            return False
+    return True
+
+
+def _worth_crossing(layout: _Layout, movers: tuple[MovingObject, ...], difficulty: float) -> bool:
+    """Usually at least six obstacles within a metre of the way, two of them moving."""
+    standing = sum(
+        min(float(distance(part, layout.way).min()) for part in thing.parts) < 1.0
+        for thing in layout.things
+        if not thing.wall
+    )
+    moving = sum(
+        min(
+            float(np.hypot(*(layout.way - np.array(mover.state(s)[:2])).T).min())
+            for s in np.linspace(0.0, mover.reversal_s, 12)
+        )
+        < 1.0
+        for mover in movers
+    )
+    enough = count(difficulty, 3, 6, 8), count(difficulty, 1, 2, 2)
+    return standing + moving >= enough[0] and moving >= enough[1]

@@ -1,0 +1,277 @@
+"""Models that a user brings, as solids: meshes (OBJ, STL, PLY, glTF) and URDF files.
+
+A glTF is turned from its y up to our z up, as other meshes are where the user says so. A sheet without a
+thickness is given one, so that it is seen from both sides and can be touched. Of a URDF every link is placed
+with its joints at zero, and what it looks like is taken, or, where it says nothing of that, what it collides
+with.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from perception.primitives.errors import InputError
+
+from ..rendering.rays import open3d_library
+from ..shapes import Solid
+
+MESHES = (".obj", ".stl", ".ply", ".off", ".gltf", ".glb")
+MOST_TRIANGLES = 50_000  # rays and pictures of a scene stay quick
+SHEET_M = 0.01  # ours: what a sheet without a thickness is given
+_THINNEST_M = 1e-4
+_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z, z to -y
+
+
+def read_model(
+    path: Path, material: str = "plaster/grey", scale: float = 1.0, up: str = ""
+) -> tuple[Solid, ...]:
+    """The solids of a model about its own origin, z up, m; one for each piece that hangs together.
+
+    Args:
+        path: Mesh or URDF.
+        material: What it looks like.
+        scale: Metres to a unit of the file.
+        up: Axis of the file that points up, "y" or "z"; empty for y of a glTF, as its standard has it, and z
+            of all others.
+
+    Raises:
+        InputError: Absent, of another kind, empty or too large; a URDF that is not z up.
+    """
+    if not path.is_file():
+        raise InputError(
+            f"{path}: no such file; a mesh ({', '.join(MESHES)}) or a .urdf was expected"
+        )
+    if path.suffix.lower() == ".urdf":
+        if up not in ("", "z"):
+            raise InputError(f"{path}: up = {up!r}; a URDF is z up, leave it out")
+        meshes = _read_urdf(path)
+    elif path.suffix.lower() in MESHES:
+        mesh = _read_mesh(path)
+        if (up or _up(path)) == "y":
+            mesh.rotate(_Y_UP, center=(0.0, 0.0, 0.0))
+        meshes = [mesh]
+    else:
+        raise InputError(
+            f"{path}: a model of kind {path.suffix or 'unknown'} is not read; expected "
+            f"{', '.join(MESHES)} or .urdf"
+        )
+    for mesh in meshes:
+        mesh.scale(scale, center=(0.0, 0.0, 0.0))
+    count = sum(len(mesh.triangles) for mesh in meshes)
+    if count > MOST_TRIANGLES:
+        raise InputError(
+            f"{path}: {count} triangles; at most {MOST_TRIANGLES} are taken, simplify the mesh"
+        )
+    solids = tuple(solid for mesh in meshes for solid in _pieces(mesh, material))
+    if not solids:
+        raise InputError(
+            f"{path}: holds no surface wider than {1e3 * _THINNEST_M:g} mm; look at its unit, and at scale"
+        )
+    return solids
+
+
+def placed(
+    solids: tuple[Solid, ...], at: tuple[float, float, float], yaw_rad: float
+) -> tuple[Solid, ...]:
+    """The same, turned about the vertical and put somewhere."""
+    c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return tuple(
+        dataclasses.replace(one, vertices=one.vertices @ R.T + np.array(at)) for one in solids
+    )
+
+
+def _up(path: Path) -> str:
+    return "y" if path.suffix.lower() in (".gltf", ".glb") else "z"
+
+
+def _read_mesh(path: Path) -> Any:
+    o3d = open3d_library()
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        mesh = o3d.io.read_triangle_mesh(str(path))
+    if not len(mesh.triangles):
+        raise InputError(f"{path}: holds no triangles that Open3D can read")
+    if not np.isfinite(np.asarray(mesh.vertices)).all():
+        raise InputError(f"{path}: holds vertices that are not finite; export the mesh anew")
+    return mesh
+
+
+def _pieces(mesh: Any, material: str) -> list[Solid]:
+    """What hangs together is one solid; sheets are thickened, slivers without a width left out."""
+    mesh.merge_close_vertices(1e-6)
+    mesh.remove_degenerate_triangles()
+    labels = np.asarray(mesh.cluster_connected_triangles()[0])
+    vertices, triangles = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    found = []
+    for label in range(int(labels.max()) + 1 if len(labels) else 0):
+        used, own = np.unique(triangles[labels == label], return_inverse=True)
+        points = np.array(vertices[used], dtype=np.float64)
+        faces = own.reshape(-1, 3).astype(np.int64)
+        axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+        _, width, thickness = np.ptp(points @ axes.T, axis=0)
+        if width < _THINNEST_M:
+            continue
+        if thickness < _THINNEST_M:
+            points, faces = _thickened(points, faces, axes[2])
+        found.append(Solid(points, faces, material))
+    return found
+
+
+def _thickened(
+    points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], normal: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "l 3"]]:
+    """A sheet laid flat and made a board: once above, once below, and a rim along its open edges."""
+    flat = points - ((points - points.mean(axis=0)) @ normal)[:, None] * normal
+    _, kept, merged = np.unique(
+        np.rint(flat / _THINNEST_M), axis=0, return_index=True, return_inverse=True
+    )
+    flat, faces = flat[kept], merged.reshape(-1)[faces]
+    a, b, c = (flat[faces[:, k]] for k in range(3))
+    facing = np.cross(b - a, c - a) @ normal
+    upwards = np.where((facing > 0.0)[:, None], faces, faces[:, ::-1])[np.abs(facing) > 1e-12]
+    # a sheet drawn once for each side is one sheet
+    _, single = np.unique(np.sort(upwards, axis=1), axis=0, return_index=True)
+    top = upwards[single]
+    edges = np.concatenate([top[:, [0, 1]], top[:, [1, 2]], top[:, [2, 0]]])
+    known = set(map(tuple, edges.tolist()))
+    open_edges = [(i, j) for i, j in known if (j, i) not in known]
+    count = len(flat)
+    rim = [
+        triangle
+        for i, j in sorted(open_edges)
+        for triangle in ((i + count, j + count, j), (i + count, j, i))
+    ]
+    half = SHEET_M / 2 * normal
+    return (
+        np.concatenate([flat + half, flat - half]),
+        np.concatenate([top, top[:, ::-1] + count, np.array(rim, dtype=np.int64).reshape(-1, 3)]),
+    )
+
+
+def _read_urdf(path: Path) -> list[Any]:
+    try:
+        robot = ET.parse(path).getroot()
+    except ET.ParseError as error:
+        raise InputError(f"{path}: is no XML: {error}; a URDF was expected") from error
+    if robot.tag != "robot":
+        raise InputError(f"{path}: its root is <{robot.tag}>; a URDF begins with <robot>")
+    parents = {
+        _attribute(joint.find("child"), "link", path): (
+            _attribute(joint.find("parent"), "link", path),
+            _origin(joint, path),
+        )
+        for joint in robot.findall("joint")
+    }
+    meshes = []
+    for link in robot.findall("link"):
+        T = np.eye(4)
+        name: str | None = link.get("name")
+        seen: set[str] = set()
+        while name in parents and name not in seen:
+            seen.add(name)
+            name, step = parents[name]
+            T = step @ T
+        for part in link.findall("visual") or link.findall("collision"):
+            mesh = _geometry(part.find("geometry"), path)
+            mesh.transform(T @ _origin(part, path))
+            meshes.append(mesh)
+    return meshes
+
+
+def _geometry(geometry: ET.Element | None, path: Path) -> Any:
+    """A shape of a URDF about its own origin."""
+    shape = next(iter(geometry), None) if geometry is not None else None
+    if shape is None:
+        raise InputError(f"{path}: a link has no <geometry>")
+    make = open3d_library().geometry.TriangleMesh
+    if shape.tag == "box":
+        size = _numbers(shape, "size", 3, path, positive=True)
+        return make.create_box(*size).translate([-v / 2 for v in size])
+    if shape.tag == "cylinder":
+        (radius,) = _numbers(shape, "radius", 1, path, positive=True)
+        (length,) = _numbers(shape, "length", 1, path, positive=True)
+        return make.create_cylinder(radius, length, 32, 1)
+    if shape.tag == "sphere":
+        return make.create_sphere(*_numbers(shape, "radius", 1, path, positive=True), 12)
+    if shape.tag == "mesh":
+        return _referenced(shape, path)
+    raise InputError(
+        f"{path}: geometry <{shape.tag}> is unknown; expected box, cylinder, sphere or mesh"
+    )
+
+
+def _referenced(shape: ET.Element, path: Path) -> Any:
+    """The mesh that a URDF points to, as its file has it: its place in the link is the URDF's to say."""
+    name = _attribute(shape, "filename", path)
+    plain = name.split("://")[-1]
+    places = [path.parent / plain, path.parent / plain.split("/", 1)[-1]]
+    file = next((place for place in places if place.is_file()), None)
+    if file is None:
+        looked = " and ".join(dict.fromkeys(str(place) for place in places))
+        raise InputError(
+            f"{path}: filename={name!r} of <mesh>: no such file; looked for {looked}, put it there"
+        )
+    if file.suffix.lower() not in MESHES:
+        raise InputError(
+            f"{path}: filename={name!r} of <mesh>: {file.suffix or 'its kind'} is not read; expected "
+            f"{', '.join(MESHES)}, convert it"
+        )
+    mesh = _read_mesh(file)
+    scale = _numbers(shape, "scale", 3, path, "1 1 1")
+    if 0.0 in scale:
+        raise InputError(f"{path}: scale={shape.get('scale')!r} of <mesh>: 0 leaves nothing of it")
+    mesh.transform(np.diag([*scale, 1.0]))
+    if math.prod(scale) < 0.0:  # mirrored: outside would be inside
+        triangles = np.asarray(mesh.triangles)
+        triangles[:] = triangles[:, ::-1].copy()
+    return mesh
+
+
+def _origin(element: ET.Element, path: Path) -> Float[np.ndarray, "4 4"]:
+    T = np.eye(4)
+    origin = element.find("origin")
+    if origin is not None:
+        rpy = _numbers(origin, "rpy", 3, path, "0 0 0")
+        T[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+        T[:3, 3] = _numbers(origin, "xyz", 3, path, "0 0 0")
+    return T
+
+
+def _attribute(element: ET.Element | None, name: str, path: Path) -> str:
+    value = None if element is None else element.get(name)
+    if value is None:
+        what = "an element" if element is None else f"<{element.tag}>"
+        raise InputError(f"{path}: {what} lacks {name}")
+    return value
+
+
+def _numbers(
+    element: ET.Element,
+    name: str,
+    count: int,
+    path: Path,
+    default: str = "",
+    positive: bool = False,
+) -> list[float]:
+    """So many finite numbers out of an attribute, m or rad; positive ones for sizes."""
+    text = (element.get(name) or default) if default else _attribute(element, name, path)
+    kind = "positive number" if positive else "number"
+    expected = f"expected {count} {kind}{'s' if count > 1 else ''}"
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError as error:
+        raise InputError(
+            f"{path}: {name}={text!r} of <{element.tag}>: {error}; {expected}"
+        ) from error
+    good = all(math.isfinite(value) and (value > 0.0 or not positive) for value in values)
+    if len(values) != count or not good:
+        raise InputError(f"{path}: {name}={text!r} of <{element.tag}>: {expected}, all finite")
+    return values

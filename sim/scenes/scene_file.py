@@ -1,0 +1,225 @@
+"""Scenes that a user writes, as TOML: ten lines are a room with something in it.
+
+Lengths are m, angles deg, places (x, y) on the floor. Every key is known here; a misspelt one is refused, with
+its nearest.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from perception.primitives.errors import InputError
+from perception.primitives.pose import Pose2
+
+from ..rendering.textures import PALETTE
+from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..shapes import Box, Cylinder, Shape
+from .furniture import CATALOGUE, place_piece
+from .model_files import placed, read_model
+from .rooms import WALL_HEIGHT_M, little_robot, walls
+from .scene_checks import (
+    Extent,
+    check_area,
+    check_extent,
+    check_mover,
+    check_places,
+    check_thing,
+    check_ways,
+)
+from .scene_table import LEAST_M, Reader
+from .tags import place_tags
+
+EXAMPLE = """\
+extent = [0, 0, 5, 4]        # x_min, y_min, x_max, y_max of the floor inside the walls
+start = [0.6, 2.0, 0]        # x, y, heading
+goals = [[4.4, 2.0]]
+[[box]]
+name = "table"
+at = [2.5, 2.0]
+size = [0.6, 0.8, 0.5]       # along its own x, y, and its height
+yaw = 20
+[[mover]]
+from = [3.6, 1.0]
+to = [3.6, 3.0]
+speed = 0.05
+"""
+
+ALBEDO = 0.6  # ours: of a thing that says nothing of it
+MOST_TAGS = 50  # in the dictionary, see `textures`
+_TAGS = 16
+_KEYS: dict[str, dict[str, str]] = {
+    "": {
+        "extent": "four numbers", "start": "x, y, heading", "goals": "a list of places",
+        "floor": "a material", "walls": "a material", "tags": "how many", "box": "tables",
+        "cylinder": "tables", "furniture": "tables", "model": "tables", "mover": "tables",
+        "area": "tables",
+    },
+    "box": dict.fromkeys(("name", "at", "size", "yaw", "above", "material", "albedo"), ""),
+    "cylinder": dict.fromkeys(("name", "at", "radius", "height", "above", "material", "albedo"), ""),
+    "furniture": dict.fromkeys(("kind", "at", "yaw", "name"), ""),
+    "model": dict.fromkeys(
+        ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""
+    ),
+    "mover": dict.fromkeys(("name", "from", "to", "speed", "height", "colour", "under_way"), ""),
+    "area": dict.fromkeys(("extent", "material"), ""),
+}  # fmt: skip
+
+
+def read_scene(path: Path, seed: int) -> Scene:
+    """The scene of a file.
+
+    Args:
+        path: TOML, see `EXAMPLE`.
+        seed: Of colours, textures and where movers are on their lines.
+
+    Raises:
+        InputError: naming file, entry and value, what was expected and what would mend it.
+    """
+    if seed < 0:
+        raise InputError(f"{path}: seed {seed} must not be negative; choose 0 or more")
+    table = _load(path)
+    reader = Reader(path, EXAMPLE)
+    extent = reader.numbers(table, "extent", 4)
+    check_extent(reader.where, extent)
+    x, y, heading = reader.numbers(table, "start", 3)
+    start = Pose2(x, y, math.radians(heading))
+    goals = tuple(reader.place({"goal": goal}, "goal") for goal in reader.items(table, "goals"))
+    if not goals:
+        raise InputError(f"{path}: goals is missing; give at least one place, goals = [[4.4, 2.0]]")
+    rng = np.random.default_rng([seed, 30])
+    wall = reader.material(table, "walls", "wall/cream")
+    things = (*walls(extent, (wall,) * 4), *_things(reader, table, extent, rng))
+    places = [("start", (x, y)), *((f"goal {k}", goal) for k, goal in enumerate(goals, 1))]
+    check_places(reader.where, extent, things, places)
+    check_ways(reader.where, extent, things, (x, y), goals)
+    movers = []
+    for number, item in reader.entries(table, "mover"):
+        movers.append(_mover(reader, item, number))
+        check_mover(reader.where, movers[-1], extent, things, (x, y))
+    areas = [FloorArea(reader.material(table, "floor", "planks/oak"), extent)]
+    for _, item in reader.entries(table, "area"):
+        material = reader.material(item, "material", "rug/teal")
+        areas.append(FloorArea(material, reader.numbers(item, "extent", 4)))
+        check_area(reader.where, areas[-1], extent)
+    count = reader.count(table, "tags", _TAGS, MOST_TAGS)
+    plates, landmarks = place_tags(extent, things, start, count) if count else ((), ())
+    return Scene(
+        path.stem,
+        seed,
+        extent,
+        tuple(areas),
+        things + plates,
+        tuple(movers),
+        landmarks,
+        start,
+        goals,
+    )
+
+
+def _things(
+    reader: Reader, table: Mapping[str, Any], extent: Extent, rng: np.random.Generator
+) -> list[StaticObject]:
+    found = []
+
+    def add(item: Mapping[str, Any], name: str, parts: tuple[Shape, ...], albedo: float) -> None:
+        shown = reader.word(item, "name", name)
+        found.append(StaticObject(shown, parts, reader.number(item, "albedo", albedo, 0.0, 1.0)))
+        check_thing(reader.where, found[-1], extent, reader.number(item, "above", 0.0))
+
+    for number, item in reader.entries(table, "box"):
+        size = reader.size(item, "size")
+        yaw = math.radians(reader.number(item, "yaw", 0.0))
+        bottom = reader.number(item, "above", 0.0, 0.0)
+        place = (*reader.place(item, "at"), bottom + size[2] / 2)
+        material = reader.material(item, "material", "cardboard/kraft")
+        add(item, f"box {number}", (Box(place, size, yaw, material),), ALBEDO)
+    for number, item in reader.entries(table, "cylinder"):
+        radius = reader.number(item, "radius", least=LEAST_M)
+        height = reader.number(item, "height", least=LEAST_M)
+        bottom = reader.number(item, "above", 0.0, 0.0)
+        place = (*reader.place(item, "at"), bottom + height / 2)
+        shape = Cylinder(place, radius, height, reader.material(item, "material", "plaster/clay"))
+        add(item, f"cylinder {number}", (shape,), ALBEDO)
+    for _, item in reader.entries(table, "furniture"):
+        kind = reader.word(item, "kind")
+        model = next((one for one in CATALOGUE if one.name == kind), None)
+        if model is None:
+            names = list(dict.fromkeys(one.name for one in CATALOGUE))
+            raise reader.refusal("kind", kind, f"one of {', '.join(names)}")
+        yaw = math.radians(reader.number(item, "yaw", 0.0))
+        piece = place_piece(model, reader.place(item, "at"), yaw, rng)
+        add(item, kind, piece.parts, piece.albedo)
+    for number, item in reader.entries(table, "model"):
+        add(item, *_model(reader, item, number), ALBEDO)
+    return found
+
+
+def _model(reader: Reader, item: Mapping[str, Any], number: int) -> tuple[str, tuple[Shape, ...]]:
+    """What a model is called unless it has a name, and its parts."""
+    file = reader.path.parent / reader.word(item, "file")
+    up = reader.word(item, "up") if "up" in item else ""
+    if up not in ("", "y", "z"):
+        raise reader.refusal("up", up, '"y" or "z", the axis of the file that points up')
+    scale = reader.number(item, "scale", 1.0, 1e-6)
+    try:
+        solids = read_model(file, reader.material(item, "material", "plaster/grey"), scale, up)
+    except InputError as error:
+        raise InputError(f"{reader.where}{error}") from error
+    place = (*reader.place(item, "at"), reader.number(item, "above", 0.0))
+    yaw = math.radians(reader.number(item, "yaw", 0.0))
+    return f"{file.stem} {number}", placed(solids, place, yaw)
+
+
+def _mover(reader: Reader, item: Mapping[str, Any], number: int) -> MovingObject:
+    first, last = reader.place(item, "from"), reader.place(item, "to")
+    speed = reader.number(item, "speed")
+    length = math.dist(first, last)
+    if not (speed > 0.0 and length > 0.0):
+        raise reader.refusal("speed", speed, "a positive speed, m/s, between two places")
+    colour = reader.word(item, "colour", "orange")
+    if colour not in PALETTE:
+        raise reader.refusal("colour", colour, f"one of {', '.join(PALETTE)}")
+    heading = math.atan2(last[1] - first[1], last[0] - first[0])
+    height = reader.number(item, "height", 0.45, 0.1, WALL_HEIGHT_M)
+    name = reader.word(item, "name", f"robot {number}")
+    robot = little_robot(name, first, heading, speed, length / speed, colour, height)
+    if "under_way" not in item:
+        return robot
+    return replace(robot, under_way_s=reader.number(item, "under_way", least=0.0))
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be read: {error.strerror}; a scene was expected"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is no valid TOML: {error}") from error
+    _refuse_unknown(path, table, "")
+    for kind in (key for key in _KEYS if key and key in table):
+        entries = table[kind]
+        if not isinstance(entries, list) or not all(isinstance(item, dict) for item in entries):
+            raise InputError(f"{path}: {kind} must be tables, each headed [[{kind}]]")
+        for item in entries:
+            _refuse_unknown(path, item, kind)
+    return table
+
+
+def _refuse_unknown(path: Path, table: Mapping[str, Any], where: str) -> None:
+    known = _KEYS[where]
+    for key in table:
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1, 0.5)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
+            place = f"[[{where}]] {key}" if where else key
+            raise InputError(f"{path}: unknown key {place}; {hint}")

@@ -1,0 +1,166 @@
+"""The two worlds of seed 000: a room with three moving robots and five goals, and a narrow course.
+
+The room is printed in full: its size, the lines of the robots d1 to d3, their speed and the times between
+reversals, and when which goal holds. A world starts each robot anywhere on its line, by its seed, or as
+printed (`printed_room`). Of the course only "polygons and hemispheres" and the length
+walked survive; gates and places are ours. The y axis of the seed points ahead, as ours does here.
+
+Source: seed 000, sections 6.1, 6.2, 6.5.1 and 6.5.2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from perception.primitives.pose import Pose2
+
+from ..scene import MovingObject, Scene, StaticObject
+from ..shapes import Box, Cylinder, Shape
+from .rooms import finished, walls
+
+GOAL_TIMES_S = {
+    "robots_room": (0.0, 70.0, 130.0, 150.0, 200.0),  # seed 000, section 6.5.1
+    "printed_room": (0.0, 70.0, 130.0, 150.0, 200.0),
+    "narrow_course": (0.0, 18.0, 38.0),  # ours: each moves on before it is reached
+}
+"""From when on each goal of a scene holds, s after the start."""
+
+COURSE_M = 4.96  # seed 000, section 6.5.2: 124 steps of 0.04 m
+EPUCK_RADIUS_M, EPUCK_HEIGHT_M = 0.037, 0.055  # of the robot that seed 000 takes for d1 to d3
+GATES = ((1.0, 0.50), (1.8, 0.80), (2.6, 0.50), (3.4, 0.80))  # ours: middles of the openings, m
+HALF_GATE_M = 0.235  # ours: the robot is 0.164 m wide
+
+
+def robots_room(seed: int) -> Scene:
+    """Room of 4 x 5.6 m; d1 goes along x, d2 along y, d3 aslant, all at 0.06 m/s.
+
+    Source: seed 000, sections 6.1 and 6.2; d1 starts towards -x, or it would leave the room.
+    """
+    extent = (-2.0, -0.8, 2.0, 4.8)
+    movers = (
+        _epuck("d1", (0.6, 1.1), math.pi, 25.0, "teal"),
+        _epuck("d2", (0.0, 0.7), math.pi / 2, 18.0, "violet"),
+        _epuck("d3", (-0.2, 3.3), math.pi / 4, 18.0, "leaf"),
+    )
+    return finished(
+        "robots_room",
+        seed,
+        extent,
+        "planks/oak",
+        walls(extent, ("wall/sage", "wall/sky", "wall/cream", "wall/sky")),
+        movers,
+        Pose2(0.0, -0.3, math.pi / 2),
+        ((0.0, 4.0), (-1.0, -0.2), (1.0, 0.1), (-1.0, 4.0), (1.0, 0.0)),
+        low=True,
+    )
+
+
+def printed_room(seed: int) -> Scene:
+    """The same with every robot where it is printed at the start; the seed draws the textures alone."""
+    room = robots_room(seed)
+    movers = tuple(replace(mover, under_way_s=0.0) for mover in room.movers)
+    return replace(room, name="printed_room", movers=movers)
+
+
+def narrow_course(seed: int) -> Scene:
+    """A corridor of 1.3 m with four gates between polygons and hemispheres, left and right by turns.
+
+    From the start through the middles of the gates to the last goal it is 4.96 m. The seed mirrors the
+    course and turns the polygons.
+    """
+    rng = np.random.default_rng([seed, 4])
+    width = 1.3
+    mirrored = bool(rng.integers(2))
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        return x, width - y if mirrored else y
+
+    start = (0.3, 0.65)
+    way = np.array([start, *GATES])
+    walked = float(np.hypot(*np.diff(way, axis=0).T).sum())
+    end = (GATES[-1][0] + math.sqrt((COURSE_M - walked) ** 2 - 0.15**2), 0.65)
+    extent = (-0.2, 0.0, end[0] + 0.6, width)
+    things = list(walls(extent, ("wall/sky", "wall/sage", "wall/cream", "wall/sky")))
+    colours = ("teal", "plum", "navy", "leaf")
+    for k, (x, y) in enumerate(GATES):
+        turn = float(rng.uniform(0.0, math.pi))
+        corners, radius = (6, 8, 4, 6)[k], 0.15
+        low, high = y - HALF_GATE_M - radius, y + HALF_GATE_M + radius
+        dome, prism = (low, high) if k % 2 else (high, low)
+        things.append(
+            StaticObject(f"hemisphere {k + 1}", hemisphere(place(x, dome), radius, colours[k]))
+        )
+        things.append(
+            StaticObject(
+                f"polygon {k + 1}",
+                polygon(place(x, prism), radius, corners, turn, 0.2, colours[k - 1]),
+            )
+        )
+    goals = tuple(place(*goal) for goal in ((2.2, 0.65), (3.9, 0.65), end))
+    return finished(
+        "narrow_course",
+        seed,
+        extent,
+        "planks/oak",
+        tuple(things),
+        (),
+        Pose2(*place(*start), 0.0),
+        goals,
+        low=True,
+    )
+
+
+def hemisphere(
+    centre: tuple[float, float], radius: float, colour: str, layers: int = 10
+) -> tuple[Shape, ...]:
+    """A dome out of discs, each as wide as the sphere at its own middle height."""
+    height = radius / layers
+    return tuple(
+        Cylinder(
+            (*centre, (k + 0.5) * height),
+            math.sqrt(radius**2 - ((k + 0.5) * height) ** 2),
+            height,
+            f"plaster/{colour}",
+        )
+        for k in range(layers)
+    )
+
+
+def polygon(
+    centre: tuple[float, float],
+    radius: float,
+    corners: int,
+    turn_rad: float,
+    height: float,
+    colour: str,
+) -> tuple[Shape, ...]:
+    """An upright regular prism with an even number of corners: boxes across each pair of sides.
+
+    The sector of every side lies within that side's box, so together they are the prism exactly.
+    """
+    side, across = (
+        2 * radius * math.sin(math.pi / corners),
+        2 * radius * math.cos(math.pi / corners),
+    )
+    boxes = 1 if corners == 4 else corners // 2
+    return tuple(
+        Box(
+            (*centre, height / 2 - 5e-4 * k),  # tops lie a little apart: one of them is seen
+            (across, side, height - 1e-3 * k),
+            turn_rad + 2 * math.pi * k / corners,
+            f"plaster/{colour}",
+        )
+        for k in range(boxes)
+    )
+
+
+def _epuck(
+    name: str, start: tuple[float, float], heading_rad: float, reversal_s: float, colour: str
+) -> MovingObject:
+    body = Cylinder(
+        (0.0, 0.0, EPUCK_HEIGHT_M / 2), EPUCK_RADIUS_M, EPUCK_HEIGHT_M, f"stripes/{colour}"
+    )
+    return MovingObject(name, start, heading_rad, 0.06, reversal_s, (body,))

@@ -1,0 +1,1 @@
+"""Simulated sensors with their errors."""

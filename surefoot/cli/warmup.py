@@ -1,0 +1,162 @@
+"""Compile every kernel once, so that no user waits for it: `python -m surefoot.cli.warmup`.
+
+Compiled code is kept beside the modules; later starts load it in milliseconds. The calls are the public
+ones, with inputs as small as they may be: a miniature walk through an empty world and a recording's depth.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from perception.primitives.camera import Camera
+from perception.primitives.frame import DepthView, Frame, StepOdometry, StereoView
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2, Pose3, head_rotation
+
+from ..config.schema import Config
+from ..navigator import Navigator
+from ..recordings.recording import RecordingInfo
+from ..run.pipeline import Pipeline
+
+
+def frame(stamp_s: float, rng: np.random.Generator) -> Frame:
+    """A floor with a box on it, seen by a small robot's head."""
+    camera = Camera.from_view(96, 72, 1.0, 0.8)
+    head = Pose3.from_rotation(head_rotation(0.0, 0.5), np.array([0.0, 0.0, 0.4]))
+    rays = camera.rays @ head.rotation.T
+    z = np.where(rays[..., 2] < -0.05, 0.4 / np.maximum(-rays[..., 2], 0.05), np.nan)
+    z[20:40, 40:56] = 0.7
+    noise = rng.normal(0.0, 0.002, z.shape)
+    texture = rng.integers(0, 255, (72, 96)).astype(np.uint8)
+    return Frame(
+        stamp_s,
+        depth=DepthView((z + noise).astype(np.float32), camera, head),
+        stereo=StereoView(texture, np.roll(texture, -8, axis=1), 0.04, camera, head),
+        odometry=StepOdometry(Pose2(), 0.0),
+        footstep_due=True,
+    )
+
+
+def warm(say: Callable[[str], None]) -> None:
+    """Run every compiled path once.
+
+    Args:
+        say: Takes a line for each part, with its time.
+    """
+    rng = np.random.default_rng(0)
+    config = Config()
+    info = RecordingInfo("warm-up", "simulation", start=Pose2())
+    began = time.perf_counter()
+    pipeline = Pipeline(config, info)
+    navigator = Navigator(config, [(2.0, 0.0)])
+    for number in range(20):
+        seen = frame(0.325 * number, rng)
+        navigator.decide(seen, pipeline.cycle(seen), pipeline)
+    say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
+    began = time.perf_counter()
+    from perception.depth.points import Points
+    from perception.floor import choose
+    from perception.obstacles.track import Detection
+    from perception.obstacles.tracker import ObstacleTracker
+    from planning.commands import WalkCommand
+    from planning.safety import guard
+    from planning.univector import motion
+
+    xyz = np.column_stack([rng.uniform(-1, 1, (400, 2)), rng.uniform(1, 2, 400)])
+    xyz[:, 1] = 0.4
+    cloud = Points(xyz, np.full(400, 0.005), np.arange(400))
+    expected = pipeline.whereabouts.expected_floor(None)
+    for method in ("ransac", "hough"):
+        choose.find(cloud, expected, rng, choose.FloorConfig(method=method))
+    mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)
+    robot = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
+    tracker = ObstacleTracker()
+    for number in range(4):
+        seen_again = Detection(np.array([1.0, 0.0]), np.eye(2) * 1e-4, 0.1)
+        tracker.update(0.3 * number, [seen_again], robot)
+    guard.choose(
+        WalkCommand(0.04),
+        robot,
+        [mover],
+        np.array([[1.0, 0.0]]),
+        np.array([2.0, 0.0]),
+        config.guard,
+    )
+    crossing = Obstacle(
+        Gaussian(np.array([0.4, 0.4, 0.0, -0.05]), np.eye(4) * 1e-4), 0.1, moving=1.0
+    )
+    motion.advise(robot, 0.06, [mover, crossing], np.array([2.0, 0.0]), None, config.via_field)
+    say(f"floors and guard: {time.perf_counter() - began:.1f} s")
+    for part in (_walkers_by_picture, _camera_in_the_hand, _panorama):
+        began = time.perf_counter()
+        words = part(rng)
+        say(f"{words}: {time.perf_counter() - began:.1f} s")
+
+
+def _walkers_by_picture(rng: np.random.Generator) -> str:
+    """Seed 000: the cycle of pictures, the swarm and the exact search."""
+    from perception.monocular.cycle import Monocular, MonocularConfig
+    from planning.swarm import search
+    from planning.swarm.objective import Objective, ObjectiveConfig
+    from planning.swarm.search import SwarmConfig
+
+    from ..benchmarks import monocular
+    from ..experiments.support import random_floors
+
+    previous, current = monocular.scene(rng)
+    Monocular(MonocularConfig()).cycle(previous, current)
+    floor = random_floors.make(rng)
+    objective = Objective.of(
+        floor.movable, floor.camera, floor.T_body_camera, Pose2(), floor.goal, ObjectiveConfig()
+    )
+    search.exact(objective)
+    for mode in ("literal", "spread"):
+        search.fly(objective, SwarmConfig(mode), rng)
+    return "pictures and swarm"
+
+
+def _camera_in_the_hand(rng: np.random.Generator) -> str:
+    """Odometry, surface, traversability."""
+    from mapping.surface.traversability import traversability
+    from mapping.surface.tsdf import Tsdf
+    from perception.depth import structured_light
+    from perception.odometry.rgbd_odometry import Odometer
+
+    odometer, surface = Odometer(rng), Tsdf()
+    for number in range(3):
+        view = frame(0.1 * number, rng).depth
+        assert view is not None
+        depth = structured_light.depth(view)
+        rgb = rng.integers(0, 255, (*depth.z.shape, 3)).astype(np.uint8)
+        odometer.take_images(depth, rgb)
+        surface.integrate(depth, Pose3(), rgb)
+    odometer.way()
+    traversability(surface.mesh())
+    return "odometry and surface"
+
+
+def _panorama(rng: np.random.Generator) -> str:
+    """Seed 004: a panorama of three views and what stands in it."""
+    from mapping.panorama.sizes import surroundings
+    from mapping.panorama.stitching import stitch
+    from mapping.panorama.views import view_of_depth
+    from perception.depth import structured_light
+
+    views = []
+    for pan in (0.4, 0.0, -0.4):
+        view = frame(0.0, rng).depth
+        assert view is not None
+        head = Pose3.from_rotation(head_rotation(pan, 0.5), np.array([0.0, 0.0, 0.4]))
+        views.append(view_of_depth(structured_light.depth(view), 3.0, prior=head))
+    surroundings(stitch(views, rng), views)
+    return "panorama"
+
+
+if __name__ == "__main__":
+    print("compiling kernels, once", file=sys.stderr)
+    warm(lambda line: print(f"  {line}", file=sys.stderr))

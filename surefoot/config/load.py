@@ -1,0 +1,50 @@
+"""The configuration of a run from a file and single values."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from . import toml
+from .presets import by_one_camera, fitted
+from .schema import Config
+
+DECIDING = ("scene", "robot", "mission")
+"""Parts of a configuration on which it depends what the others begin with."""
+
+
+def load(
+    path: Path | None,
+    overrides: Sequence[str] = (),
+    scene: str | None = None,
+    seed: int | None = None,
+) -> Config:
+    """The configuration of a run: defaults for its body and planner, then the file, then single values, scene and seed.
+
+    Args:
+        path: TOML file; None for the defaults.
+        overrides: Single values as "grid.cell_m=0.02".
+        scene: Name of the scene, if it was given.
+        seed: Of everything random, if it was given.
+
+    Raises:
+        InputError, ConfigError: The file cannot be read, a key is unknown, a value impossible.
+    """
+    asked = Config() if path is None else toml.read(Config, path, parts=DECIDING)
+    about = [
+        one for one in overrides if one.partition(".")[0].partition("=")[0].strip() in DECIDING
+    ]
+    asked = toml.override(asked, about)
+    begun = Config(robot=asked.robot)
+    if asked.mission.planner == "swarm":
+        begun = by_one_camera(begun, asked.scene if scene is None else scene)
+    config = fitted(begun)
+    if path is not None:
+        config = toml.read(Config, path, config)
+    config = toml.override(config, overrides)
+    if scene is not None:
+        config = dataclasses.replace(config, scene=scene)
+    if seed is not None:
+        config = dataclasses.replace(config, seed=seed)
+    return config

@@ -1,0 +1,225 @@
+"""Errors of a trajectory: as it stands, after the best alignment, and from step to step.
+
+Formulas as the evo package has them, so that figures can be compared with published ones.
+
+Source: Umeyama 1991 (alignment); Sturm et al. 2012 (ATE, RPE).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from ...results.tables import Trajectory
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """`reference = scale * rotation @ estimate + translation`, in two or three dimensions."""
+
+    rotation: Float[np.ndarray, "d d"]
+    translation: Float[np.ndarray, "d"]
+    scale: float
+
+    def apply(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n d"]:
+        """Points of the estimate, m, where the reference has them."""
+        return np.asarray(self.scale * points @ self.rotation.T + self.translation)
+
+
+def associate(
+    stamps: Float[np.ndarray, "n"], others: Float[np.ndarray, "m"], max_difference_s: float = 0.01
+) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
+    """Pairs of indices whose stamps lie close: each stamp of the shorter series with its nearest.
+
+    Args:
+        stamps, others: Rising, s.
+        max_difference_s: Pairs further apart are dropped.
+
+    Returns:
+        Indices into `stamps` and into `others`, in order of time.
+    """
+    if len(stamps) > len(others):
+        second, first = associate(others, stamps, max_difference_s)
+        return first, second
+    if len(stamps) == 0:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    after = np.clip(np.searchsorted(others, stamps), 1, max(len(others) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(others) - 1)
+    nearest = np.where(
+        np.abs(others[before] - stamps) <= np.abs(others[after] - stamps), before, after
+    )
+    first = np.flatnonzero(np.abs(others[nearest] - stamps) <= max_difference_s)
+    return first, nearest[first]
+
+
+def align(
+    estimate: Float[np.ndarray, "n d"],
+    reference: Float[np.ndarray, "n d"],
+    with_scale: bool = False,
+) -> Alignment | None:
+    """The rigid motion (with a scale, if wanted) that brings two point rows together in least squares.
+
+    Returns:
+        None where it is not determined: fewer than d points, or all on a line in space (on a point in
+        the plane).
+
+    Source: Umeyama 1991, eq. (34)-(43).
+    """
+    n, d = estimate.shape
+    if n < d:
+        return None
+    mean_estimate, mean_reference = estimate.mean(axis=0), reference.mean(axis=0)
+    centred_estimate, centred_reference = estimate - mean_estimate, reference - mean_reference
+    u, singular, vt = np.linalg.svd(centred_reference.T @ centred_estimate / n)
+    if np.count_nonzero(singular > 1e-12 * max(singular[0], 1e-300)) < d - 1 or singular[0] == 0.0:
+        return None
+    signs = np.ones(d)
+    if np.linalg.det(u) * np.linalg.det(vt) < 0.0:
+        signs[-1] = -1.0
+    rotation = u @ np.diag(signs) @ vt
+    scale = 1.0
+    if with_scale:
+        scale = float(singular @ signs / np.mean(np.sum(centred_estimate**2, axis=1)))
+    return Alignment(rotation, mean_reference - scale * rotation @ mean_estimate, scale)
+
+
+def alignment_of(
+    estimate: Trajectory, reference: Trajectory, max_difference_s: float = 0.01
+) -> Alignment | None:
+    """The motion that lays one way over the other where their stamps match; None if it is not determined."""
+    mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
+    return align(estimate.positions[mine], reference.positions[theirs])
+
+
+def rms(values: Float[np.ndarray, "*n"]) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def distances(
+    estimate: Float[np.ndarray, "n d"], reference: Float[np.ndarray, "n d"]
+) -> Float[np.ndarray, "n"]:
+    """Distance of each pair, m; its rms is the ATE."""
+    return np.asarray(np.linalg.norm(estimate - reference, axis=1))
+
+
+def wrapped(angles_rad: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """The same angles in [-pi, pi)."""
+    return np.asarray((angles_rad + np.pi) % (2 * np.pi) - np.pi)
+
+
+def pairs_apart(
+    stamps: Float[np.ndarray, "n"], seconds: float
+) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
+    """Every index with the first one at least so many seconds later."""
+    later = np.searchsorted(stamps, stamps + seconds - 1e-9)
+    first = np.flatnonzero(later < len(stamps))
+    return first, later[first]
+
+
+def relative_errors(
+    estimate: Trajectory,
+    reference: Trajectory,
+    pairs: tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]],
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+    """How wrong the motion between pairs of instants is: RPE.
+
+    Args:
+        estimate, reference: Pose by pose at the same instants.
+        pairs: Indices of the first and of the second instant.
+
+    Returns:
+        Length in m and angle in rad of (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) for each pair.
+
+    Source: Sturm et al. 2012, eq. (1).
+    """
+    moved_estimate, turned_estimate = _motions(estimate, pairs)
+    moved_reference, turned_reference = _motions(reference, pairs)
+    back = turned_reference.inv()
+    translation = np.linalg.norm(back.apply(moved_estimate - moved_reference), axis=1)
+    return np.asarray(translation), np.asarray((back * turned_estimate).magnitude())
+
+
+def _motions(
+    trajectory: Trajectory, pairs: tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]
+) -> tuple[Float[np.ndarray, "k 3"], Rotation]:
+    first, second = pairs
+    turn_first = Rotation.from_quat(trajectory.quats_xyzw[first])
+    turn_second = Rotation.from_quat(trajectory.quats_xyzw[second])
+    moved = turn_first.inv().apply(trajectory.positions[second] - trajectory.positions[first])
+    return moved, turn_first.inv() * turn_second
+
+
+def pick(trajectory: Trajectory, chosen: Int[np.ndarray, "k"]) -> Trajectory:
+    """Some of the poses."""
+    return Trajectory(
+        trajectory.stamps[chosen], trajectory.positions[chosen], trajectory.quats_xyzw[chosen]
+    )
+
+
+def trajectory_metrics(
+    estimate: Trajectory, reference: Trajectory, max_difference_s: float = 0.01
+) -> dict[str, float]:
+    """Figures of one trajectory against the truth; empty if no stamps match.
+
+    Returns:
+        position_rmse_m and heading_rmse_deg on the floor, as the poses stand; ate_m in space as they
+        stand; ate_aligned_m (rotation and translation; with _mean, _median, _std, _min, _max before the
+        unit, ate_aligned_sse_m2, and of the rotation ate_aligned_deg), ate_scaled_m and scale (with scale
+        too), ate_floor_aligned_m (on the floor); rpe_1s_m and rpe_1s_deg over one second; matched_poses.
+        What the geometry does not determine is absent.
+    """
+    mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
+    if len(mine) == 0:
+        return {}
+    estimate, reference = pick(estimate, mine), pick(reference, theirs)
+    p, q = estimate.positions, reference.positions
+    yaw_errors = wrapped(estimate.yaws - reference.yaws)
+    figures = {
+        "matched_poses": float(len(mine)),
+        "position_rmse_m": rms(distances(p[:, :2], q[:, :2])),
+        "position_max_m": float(np.max(distances(p[:, :2], q[:, :2]))),
+        "heading_rmse_deg": float(np.degrees(rms(yaw_errors))),
+        "heading_max_deg": float(np.degrees(np.max(np.abs(yaw_errors)))),
+        "ate_m": rms(distances(p, q)),
+    }
+    for name, d, scaled in (
+        ("ate_aligned_m", 3, False),
+        ("ate_scaled_m", 3, True),
+        ("ate_floor_aligned_m", 2, False),
+    ):
+        alignment = align(p[:, :d], q[:, :d], scaled)
+        if alignment is None:
+            continue
+        left = distances(alignment.apply(p[:, :d]), q[:, :d])
+        figures[name] = rms(left)
+        if scaled:
+            figures["scale"] = alignment.scale
+        elif d == 3:
+            figures |= _spread_of(left)
+            turned = Rotation.from_matrix(alignment.rotation) * Rotation.from_quat(
+                estimate.quats_xyzw
+            )
+            apart = (Rotation.from_quat(reference.quats_xyzw).inv() * turned).magnitude()
+            figures["ate_aligned_deg"] = float(np.degrees(rms(np.asarray(apart))))
+    pairs = pairs_apart(estimate.stamps, 1.0)
+    if len(pairs[0]):
+        lengths, angles = relative_errors(estimate, reference, pairs)
+        figures["rpe_1s_m"], figures["rpe_1s_deg"] = rms(lengths), float(np.degrees(rms(angles)))
+    return figures
+
+
+def _spread_of(lengths: Float[np.ndarray, "n"]) -> dict[str, float]:
+    """What evo prints beside the root of the mean square."""
+    return {
+        "ate_aligned_mean_m": float(np.mean(lengths)),
+        "ate_aligned_median_m": float(np.median(lengths)),
+        "ate_aligned_std_m": float(np.std(lengths)),
+        "ate_aligned_min_m": float(np.min(lengths)),
+        "ate_aligned_max_m": float(np.max(lengths)),
+        "ate_aligned_sse_m2": float(np.sum(np.square(lengths))),
+    }

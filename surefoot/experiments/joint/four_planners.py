@@ -1,0 +1,204 @@
+"""Four planners on the same fifty scenes: the field alone, search and field, the swarm, stop and avoid.
+
+Corridors with cartons and a robot, the room of seed 000 with its three robots, boxes with a gap, and furnished
+homes, by turns. Everybody has the same body, gait and guard; the swarm sees by its colour camera alone, the
+others by time of flight. A walk succeeds if it arrives without any contact. Everyone walks everywhere; the
+table tells kinds of scene apart, and a star marks those that a planner's own source is about. One picture
+per scene shows the four ways.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planning.planners.mission import PLANNERS, MissionConfig
+from sim.scenes import catalogue
+from sim.shapes import outline
+
+from ...config.presets import on_body
+from ...config.schema import Config
+from ...report.plots import style
+from ...results.run_folder import RunFolder
+from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.trials import each
+from ..support.walks import walk
+
+SCENES = ("corridor", "robots_room", "boxes", "home")
+ORDER = ("field", "search", "swarm", "avoidance")
+MADE_FOR = {
+    "field": ("robots_room",),  # seed 001: discs, standing or moving; a hollow is a trap
+    "search": SCENES,  # seeds 003 and 001 together
+    "swarm": ("corridor", "robots_room", "boxes"),  # seed 000: a floor of one kind
+    "avoidance": (
+        "corridor",
+        "boxes",
+    ),  # seed 004: one thing after the other, with room to look at it
+}
+"""The kinds of scene that each planner's source promises."""
+LIMIT_S = 180.0  # ours: the longest way takes 95 s without any obstacle
+PICTURES = Path("runs") / "INT-4"
+
+Walked = tuple[dict[str, Any], np.ndarray]
+
+
+def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
+    """One planner in one scene, with this body."""
+    scene, seed = SCENES[number % len(SCENES)], number // len(SCENES)
+    config = Config(scene=scene, seed=seed)
+    robot = replace(
+        config.robot, stereo=False, tof=planner != "swarm", image_pairs=planner == "swarm"
+    )
+    mission = MissionConfig(planner=planner, goals=1, time_limit_s=LIMIT_S)
+    return on_body(replace(config, robot=robot, mission=mission), body)
+
+
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
+    """Scenes 0 to n - 1, every planner in each; four of them make one of each kind."""
+    planners = [name for name in ORDER if name in PLANNERS]
+    todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
+    found: list[Walked] = []
+    for walked in each(_walk, [(config,) for config in todo]):
+        found.append(walked)
+        say(f"{len(found)} of {len(todo)} walks")
+        if len(found) % len(planners) == 0:
+            number = len(found) // len(planners) - 1
+            _draw(todo[len(found) - 1], planners, found[-len(planners) :], number)
+    figures: dict[str, float] = {"scenes": float(seeds), "planners": float(len(planners))}
+    more, table = compare(todo, [metrics for metrics, _ in found])
+    table.append(
+        "length, clearance (least of a walk), time, computing (perceiving and deciding): medians; "
+        f"pictures: {PICTURES}/"
+    )
+    return Outcome(figures | more, table)
+
+
+def compare(
+    configs: Sequence[Config], found: Sequence[dict[str, Any]]
+) -> tuple[dict[str, float], list[str]]:
+    """Figures and table lines by planner: over all scenes, over those it is made for, and by kind.
+
+    Args:
+        configs: Of each walk.
+        found: Its metrics.
+    """
+    figures: dict[str, float] = {}
+    table = [
+        "planner    scenes        walks  success  arrived  contact-free  length m  clearance mm"
+        "   time s  computing s"
+    ]
+    for planner in ORDER:
+        own = MADE_FOR[planner]
+        groups = {"all": SCENES, "own": own, **{kind: (kind,) for kind in SCENES}}
+        for name, kinds in groups.items():
+            walks = [
+                metrics
+                for config, metrics in zip(configs, found, strict=True)
+                if config.mission.planner == planner and config.scene in kinds
+            ]
+            if not walks:
+                continue
+            row = _figures(walks)
+            prefix = planner if name == "all" else f"{planner}_{name}"
+            figures |= {f"{prefix}_{key}": value for key, value in row.items()}
+            label = f"{name} *" if name in own or name == "own" else name
+            table.append(_line(planner, label, row))
+    return figures, table
+
+
+def _line(planner: str, label: str, row: dict[str, float]) -> str:
+    return (
+        f"{planner:<11}{label:<13}{row['walks']:6.0f}{row['success_share']:9.2f}"
+        f"{row['arrived_share']:9.2f}{row['contact_free_share']:14.2f}{row['length_m']:10.2f}"
+        f"{row['clearance_mm']:14.0f}{row['time_s']:9.1f}{row['computing_s']:13.0f}"
+    )
+
+
+def _walk(config: Config) -> Walked:
+    """Metrics and true way of one walk."""
+    way: list[np.ndarray] = []
+
+    def keep(folder: RunFolder, config: Config) -> dict[str, float]:
+        walked = folder.read_trajectory("truth/trajectory.txt")
+        if walked is not None:
+            way.append(walked.positions[:, :2])
+        return {"computing_s": computing_s(folder)}
+
+    metrics = walk(config, keep)
+    return metrics, way[0] if way else np.empty((0, 2))
+
+
+def computing_s(folder: RunFolder) -> float:
+    """Wall time that a run spent on perceiving and deciding, every stage of every frame; NaN if it kept no times.
+
+    Rendering, the body, the journal and the report are not among the stages.
+    """
+    times = folder.read_csv("timing.csv")
+    if times is None:
+        return math.nan
+    stages = [name for name in times.columns if name != "stamp_s"]
+    return float(np.nansum(times.matrix(*stages))) / 1e3 if stages else 0.0
+
+
+def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
+    def all_of(name: str) -> np.ndarray:
+        return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)
+
+    arrived, free = all_of("goals_missed") == 0, all_of("contacts") == 0
+    return {
+        "walks": float(len(found)),
+        "success_share": float(np.mean(arrived & free)),
+        "arrived_share": float(np.mean(arrived)),
+        "contact_free_share": float(np.mean(free)),
+        "length_m": float(np.median(all_of("path_m"))),
+        "clearance_mm": 1e3 * float(np.median(all_of("min_clearance_m"))),
+        "time_s": float(np.median(all_of("duration_s"))),
+        "computing_s": float(np.median(all_of("computing_s"))),
+    }
+
+
+def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], number: int) -> None:
+    """The scene from above, the ways of all planners in it."""
+    scene = catalogue.load(config.scene, config.seed, config.difficulty)
+    with style.styled():
+        x0, y0, x1, y1 = scene.extent
+        figure, axes = style.sheet(height_in=1.0 + 7.0 * min((y1 - y0) / (x1 - x0), 1.2))
+        for thing in scene.obstacles:
+            for part in thing.parts:
+                axes.fill(*outline(part).T, color=style.FAINT)
+        for mover in scene.movers:
+            line = np.array([mover.start, mover.end])
+            axes.plot(*line.T, color=style.WRONG, linewidth=4.0, alpha=0.35)
+        for planner, colour, (metrics, way) in zip(planners, style.SERIES, found, strict=False):
+            words = "arrived" if metrics.get("goals_missed") == 0 else "did not arrive"
+            contacts = int(metrics.get("contacts", 0))
+            axes.plot(*way.T, color=colour, label=f"{planner}: {words}, contacts {contacts}")
+        axes.plot(*scene.goals[0], "*", color=style.WANTED, markersize=11)
+        axes.plot(scene.start.x, scene.start.y, "o", color=style.INK)
+        axes.set_xlim(x0, x1)
+        axes.set_ylim(y0, y1)
+        axes.set_aspect("equal")
+        axes.set_xlabel("x, m")
+        axes.set_ylabel("y, m")
+        style.key(axes, columns=2)
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        (PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png").write_bytes(
+            style.png(figure, dpi=110)
+        )
+
+
+EXPERIMENT = Experiment(
+    id="INT-4",
+    title="Four planners on the same scenes",
+    run=run,
+    body="kinematic",
+    targets={
+        "planners": Target("==", 4.0),
+    },
+    seeds=50,
+)

@@ -1,0 +1,196 @@
+"""Where am I and where are they: errors, and whether their covariances can be believed.
+
+Every seed is another furnished home, another body and other movers. The same walk of ten metres is walked
+by several localisers: with tags and registration, with registration alone (a home without any marker; the
+start is then the origin), by dead reckoning alone, and, for some of the seeds, with something broken, and
+by tags alone with a fixed-lag smoother beside, which is told the same.
+
+NEES are given per degree of freedom: 1 if consistent. A run counts as one sample of its mean, because its
+errors hang together; the band is where the mean of that many samples lies in 95 % of all cases.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.filtering.consistency import band
+from sim.scenes import catalogue
+
+from ...config.presets import on_body
+from ...config.schema import Config
+from ...evaluation.metrics.ospa import ospa
+from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.trials import each
+from . import localisation_trial as trials
+from .localisation_trial import Fault, Following, Trial
+from .localisation_walk import Moment, walk
+
+FAULTY_EVERY = 5  # of the seeds
+LOST_S, DARK_S, JUMP_M, LATE_S, OUTLIERS = 40.0, 10.0, 0.5, 0.05, 0.3
+CUTOFF_M, ORDER = 0.5, 2.0
+FAULTS = ("outliers", "blackout", "jump", "clock")
+
+Figures = dict[str, float]
+
+
+def one_walk(seed: int, body: str = "kinematic") -> Figures:
+    """All figures of one seed walked by a body; those of faults only where the seed has its turn."""
+    config = on_body(Config(), body)
+    scene = catalogue.load("home", seed)
+    rng = np.random.default_rng([seed, 51])
+    start, marks = scene.start, scene.landmarks
+    runs = {
+        "full": trials.begin(start, marks, config, rng),
+        "bare": trials.begin(start, marks, config, rng, landmarks=False),
+        "blind": trials.begin(start, marks, config, rng, landmarks=False, registration=False),
+    }
+    if seed % FAULTY_EVERY == 0:
+        runs["tags"] = trials.begin(start, marks, config, rng, registration=False)
+        for name, fault in faults(rng).items():
+            runs[name] = trials.begin(start, marks, config, rng, fault=fault)
+    following, fell = Following(config), False
+    for moment in walk(seed, config):
+        fell = moment.fell
+        if not fell:
+            step(moment, runs, following)
+    found = summary(runs, following) | {"falls": float(fell)}
+    if "tags" in runs:
+        found["filter_rmse_m"] = rms(runs["tags"].position_m)
+        found["fixed_lag_rmse_m"] = rms(trials.looked_back(runs["tags"], marks, config))
+    return found
+
+
+def faults(rng: np.random.Generator) -> dict[str, Fault]:
+    """What is broken, by name."""
+    made = (
+        trials.outliers(OUTLIERS, rng),
+        trials.blackout(LOST_S, DARK_S),
+        trials.jump(LOST_S, JUMP_M),
+        trials.late(LATE_S),
+    )
+    return dict(zip(FAULTS, made, strict=True))
+
+
+def step(moment: Moment, runs: dict[str, Trial], following: Following) -> None:
+    """One instant for all; movers are followed by the first."""
+    movers = following.obstacles
+    for run in runs.values():
+        run.step(moment, movers)
+    following.step(moment, next(iter(runs.values())).walker.pose)
+
+
+def summary(runs: dict[str, Trial], following: Following) -> Figures:
+    """Of one walk: root mean squares and mean NEES."""
+    full, bare, blind = runs["full"], runs["bare"], runs["blind"]
+    found = {
+        "anees_pose": float(np.mean(full.nees)),
+        "anees_no_landmarks": float(np.mean(bare.nees)),
+        "position_rmse_m": rms(full.position_m),
+        "position_rmse_no_landmarks_m": rms(bare.position_m),
+        "dead_reckoning_rmse_m": rms(blind.position_m),
+        "heading_rmse_deg": rms(full.heading_deg),
+        "heading_rmse_no_landmarks_deg": rms(bare.heading_deg),
+        "in_view_share": float(np.mean(full.in_view)),
+        "anees_obstacle": mean(following.nees),
+        "anees_obstacle_all": mean(following.nees_all),
+        "mover_position_rmse_m": rms(following.position_m),
+        "velocity_rmse_mps": rms(following.velocity_mps),
+        "ospa_m": mean([ospa(*pair, CUTOFF_M, ORDER) for pair in following.places if _any(pair)]),
+    }
+    for name in FAULTS:
+        if name in runs:
+            errors = runs[name].position_m
+            found[f"{name}_anees"] = float(np.mean(runs[name].nees))
+            found[f"{name}_rmse_m"] = rms(errors)
+            found[f"{name}_end_m"] = rms(errors[-len(errors) // 10 :])
+    return found
+
+
+def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
+    """Seeds 0 to n - 1."""
+    found: list[Figures] = []
+    for figures in each(one_walk, [(seed, body) for seed in range(seeds)]):
+        found.append(figures)
+        say(f"{len(found)} of {seeds} walks")
+    fallen = [seed for seed, one in enumerate(found) if one["falls"]]
+    lines = [f"seed {seed} fell" for seed in fallen]
+    return Outcome(together(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])
+
+
+def together(found: list[Figures]) -> Figures:
+    """Over all walks: root mean squares of the root mean squares, means of the NEES, and the bands."""
+    figures: Figures = {}
+    for name in dict.fromkeys(name for one in found for name in one):
+        values = np.array([one[name] for one in found if np.isfinite(one.get(name, math.nan))])
+        root = "_rmse_" in name or name.endswith("_end_m")
+        figures[name] = (rms(values) if root else mean(values)) if len(values) else math.nan
+    for name, degrees in (("pose", 3), ("no_landmarks", 3), ("obstacle", 4)):
+        count = sum(bool(np.isfinite(one[f"anees_{name}"])) for one in found)
+        low, high = (bound / degrees for bound in band(degrees, max(count, 1)))
+        figures[f"anees_{name}_low"], figures[f"anees_{name}_high"] = low, high
+        figures[f"anees_{name}_in_band"] = float(low <= figures[f"anees_{name}"] <= high)
+    figures["fixed_lag_over_filter"] = figures["fixed_lag_rmse_m"] / figures["filter_rmse_m"]
+    worst = [one[f"{name}_anees"] for one in found for name in FAULTS if f"{name}_anees" in one]
+    ends = [one[f"{name}_end_m"] for one in found for name in FAULTS if f"{name}_end_m" in one]
+    figures["faults_anees_max"] = max(figures[f"{name}_anees"] for name in FAULTS)
+    figures["faults_end_max_m"] = max(ends)
+    figures["faults_runs"] = float(len(worst))
+    return figures
+
+
+def _table(found: list[Figures]) -> Iterator[str]:
+    yield "seed   NEES: tags  bare  movers   cm: tags  bare  dead   deg: tags  bare   mm/s   OSPA cm"
+    for seed, one in enumerate(found):
+        yield (
+            f"{seed:4d}   {one['anees_pose']:10.2f} {one['anees_no_landmarks']:5.2f}"
+            f" {one['anees_obstacle']:7.2f}"
+            f"   {100 * one['position_rmse_m']:8.2f} {100 * one['position_rmse_no_landmarks_m']:5.2f}"
+            f" {100 * one['dead_reckoning_rmse_m']:5.2f}"
+            f"   {one['heading_rmse_deg']:9.2f} {one['heading_rmse_no_landmarks_deg']:5.2f}"
+            f" {1e3 * one['velocity_rmse_mps']:6.1f} {100 * one['ospa_m']:9.1f}"
+        )
+    for name in FAULTS:
+        rows = [one for one in found if f"{name}_anees" in one]
+        yield f"{name:>9}: " + "  ".join(
+            f"NEES {one[f'{name}_anees']:.2f}, {100 * one[f'{name}_rmse_m']:.1f} cm, "
+            f"at the end {100 * one[f'{name}_end_m']:.1f} cm;"
+            for one in rows
+        )
+
+
+def rms(values: Float[np.ndarray, "n"] | list[float]) -> float:
+    """Root mean square; NaN of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
+
+
+def mean(values: Float[np.ndarray, "n"] | list[float]) -> float:
+    """NaN of nothing."""
+    return float(np.mean(values)) if len(values) else math.nan
+
+
+def _any(pair: tuple[np.ndarray, np.ndarray]) -> bool:
+    return len(pair[0]) + len(pair[1]) > 0
+
+
+EXPERIMENT = Experiment(
+    id="localisation",
+    title="Pose and movers over walks of 10 m: errors and consistency (NEES per degree of freedom)",
+    run=run,
+    body="kinematic",
+    targets={
+        "anees_pose_in_band": Target(">=", 1.0),
+        "anees_obstacle_in_band": Target(">=", 1.0),
+        "position_rmse_m": Target("<=", 0.03),
+        "position_rmse_no_landmarks_m": Target("<=", 0.06),
+        "heading_rmse_deg": Target("<=", 1.0),
+        "velocity_rmse_mps": Target("<=", 0.02),
+        "fixed_lag_over_filter": Target("<", 1.0),
+        "faults_anees_max": Target("<", 3.0),
+        "faults_end_max_m": Target("<=", 0.10),
+    },
+    seeds=50,
+)

@@ -1,0 +1,293 @@
+"""A walk of ten metres through a furnished home, light enough for a hundred of them.
+
+The body, its slip and its depth camera are those of every simulated run. Two things are made cheaper: the
+route is fixed beforehand instead of planned, and tags are seen by geometry instead of by pictures. A tag
+counts as seen where rays reach its corners; the corners get the noise that rendered ones have, and from
+there on the code is that of the picture. The tests hold the one against the other.
+
+Everything that needs no pose is done here once, so that several localisers can walk the same walk.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.depth import points, time_of_flight
+from perception.floor import choose, classify
+from perception.floor.levelling import level
+from perception.floor.prior import kinematic_prior
+from perception.floor.segmented_view import RISING, SegmentedView, cut_off
+from perception.localisation.landmarks import (
+    LandmarkConfig,
+    carried_to_body,
+    held_at_height,
+    range_and_bearing,
+    tag_centre,
+)
+from perception.obstacles.clustering import cluster
+from perception.obstacles.track import Detection
+from perception.primitives.frame import Frame
+from perception.primitives.landmark import Landmark, Sighting
+from perception.primitives.pose import Pose2, Pose3, wrap_angle
+from planning.commands import GazeCommand, WalkCommand
+from sim.rendering.rays import RayCaster
+from sim.robot import SimulatedRobot
+from sim.scene import Scene
+from sim.scenes import catalogue
+from sim.scenes.free_space import clearance_map
+from sim.sensors.cameras import ImageConfig
+from sim.sensors.tof_camera import TofConfig
+from sim.shapes import Box
+from sim.truth import STILL, ObstacleTruth, Truth
+from sim.world import World
+
+from ...config.schema import Config
+
+LENGTH_M = 10.0
+MOST_FRAMES = 900  # waiting for movers included
+CLEARANCE_M = 0.28
+STRIDE_M = 0.045  # cruise of 0.07 m/s
+SURVEY_DEG = (0.0, 40.0, 80.0, 40.0, 0.0, -40.0, -80.0, -40.0)  # as the robot's own gaze
+GLANCES_DEG = (0.0, 40.0, 0.0, -40.0, 0.0, 80.0, 0.0, -80.0)
+TILT_DEG = 28.0
+LOOK_AHEAD_M = 0.30
+WAIT_M = 0.55  # a mover ahead and nearer than this is let pass
+
+
+@dataclass(frozen=True)
+class TagNoise:
+    """What a picture does to the corners of a tag, as measured on 160 rendered tags of two homes."""
+
+    corner_px: float = 0.06  # every corner for itself
+    grow_px: float = 0.09  # every corner away from the middle: black bleeds
+    lower_px: float = 0.13  # all corners down: the renderer's pixel centres
+    most_aslant_deg: float = 70.0  # further, its cells are not read
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One instant: what the sensors say, understood as far as no pose is needed; and the truth.
+
+    Args:
+        frame: Odometry and inertial sensor; the images have been used up.
+        sightings: Of tags.
+        views: The depth image, placed in the body frame.
+        detections: Of whole things, body frame.
+        pose: True.
+        movers: True; identity, x, y, vx, vy, radius, height.
+        fell: Whether the robot lies on the floor, which ends the walk.
+    """
+
+    frame: Frame
+    sightings: list[Sighting]
+    views: tuple[SegmentedView, ...]
+    detections: list[Detection]
+    pose: Pose2
+    movers: list[ObstacleTruth]
+    fell: bool = False
+
+
+class TagSensor:
+    """Sees tags as the colour camera does, without a picture."""
+
+    def __init__(
+        self, scene: Scene, noise: TagNoise, config: LandmarkConfig, rng: np.random.Generator
+    ) -> None:
+        self._marks = scene.landmarks
+        self._noise, self._config, self._rng = noise, config, rng
+        yaws = {
+            thing.name: part.yaw_rad
+            for thing in scene.things
+            for part in thing.parts
+            if isinstance(part, Box)
+        }
+        self._yaws = [yaws[f"tag {mark.identity}"] for mark in self._marks]
+        self._corners = [
+            corners(mark, yaw) for mark, yaw in zip(self._marks, self._yaws, strict=True)
+        ]
+
+    def look(
+        self, rays: RayCaster, image: ImageConfig, T_world_camera: Pose3, T_body_camera: Pose3
+    ) -> list[Sighting]:
+        """Sightings of one instant.
+
+        Args:
+            rays: The world.
+            image: The colour camera.
+            T_world_camera: Where it really is.
+            T_body_camera: Where the joints have it.
+        """
+        found = []
+        for mark, yaw, four in zip(self._marks, self._yaws, self._corners, strict=True):
+            seen = T_world_camera.inverse().apply(four)
+            pixels = image.camera.project(seen)
+            away = T_world_camera.position - np.array(mark.position)
+            facing = away @ np.array([math.cos(yaw), math.sin(yaw), 0.0]) / np.linalg.norm(away)
+            if (
+                facing < math.cos(math.radians(self._noise.most_aslant_deg))
+                or not bool(np.all(image.camera.contains(pixels)))
+                or not _reached(rays, T_world_camera.position, four)
+            ):
+                continue
+            outward = pixels - pixels.mean(axis=0)
+            outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+            pixels = pixels + self._noise.grow_px * outward + np.array([0.0, self._noise.lower_px])
+            pixels = pixels + self._noise.corner_px * self._rng.standard_normal((4, 2))
+            centre = tag_centre(pixels, mark.side_m, image.camera, self._config)
+            if centre is None:
+                continue
+            in_body = carried_to_body(centre, T_body_camera, self._config)
+            at_height = held_at_height(in_body, mark.position[2], self._config)
+            if at_height is not None:
+                found.append(range_and_bearing(at_height, mark.identity))
+        return found
+
+
+def corners(mark: Landmark, yaw_rad: float) -> Float[np.ndarray, "4 3"]:
+    """Of a tag on an upright face that looks to `yaw_rad`: clockwise from the upper left, world, m."""
+    half = mark.side_m / 2.0
+    right = np.array([-math.sin(yaw_rad), math.cos(yaw_rad), 0.0]) * half  # to who looks at it
+    up = np.array([0.0, 0.0, half])
+    middle = np.array(mark.position)
+    return np.array(
+        [middle - right + up, middle + right + up, middle + right - up, middle - right - up]
+    )
+
+
+def _reached(rays: RayCaster, origin: Float[np.ndarray, "3"], places: np.ndarray) -> bool:
+    """Whether rays from there meet nothing before the places."""
+    ways = places - origin
+    lengths = np.linalg.norm(ways, axis=1)
+    hits = rays.cast(origin, (ways / lengths[:, None]).astype(np.float32))
+    return bool(np.all(hits.distance_m > lengths - 0.02))
+
+
+def walk(seed: int, config: Config) -> Iterator[Moment]:
+    """Survey the room, then follow a free way through it for ten metres, or until the robot falls.
+
+    Args:
+        seed: Of home, body and sensors.
+        config: Of perception and of the body; of the cameras only the depth camera is on, one ray a pixel.
+    """
+    scene = catalogue.load("home", seed)
+    robot = replace(config.robot, stereo=False, colour=False, tof_camera=TofConfig(sub_rays=1))
+    rng = np.random.default_rng([seed, 50])
+    with World(scene, "tiny", seed) as world, SimulatedRobot(world, robot, seed) as body:
+        truth = Truth(body)
+        tags = TagSensor(scene, TagNoise(), config.landmarks, rng)
+        guide = _Guide(scene)
+        walked, before = 0.0, truth.robot_pose()
+        for _ in range(MOST_FRAMES):
+            frame = body.read()
+            pose = truth.robot_pose()
+            movers = [one for one in truth.obstacles() if one[0] < STILL]
+            if body.fallen:  # what its cameras see now means nothing
+                blind = replace(frame, tof=None, colour=None, stereo=None)
+                yield Moment(blind, [], (), [], pose, movers, fell=True)
+                return
+            assert frame.tof is not None
+            assert frame.tof.T_body_camera is not None
+            sightings = []
+            if frame.footstep_due:  # as often as the colour camera looks
+                image = body.config.colour_camera
+                true = body.camera_in_world(image.mount_m)
+                sightings = tags.look(world.rays, image, true, frame.tof.T_body_camera)
+            views, detections = understood(frame, config, rng)
+            blind = replace(frame, tof=None, colour=None, stereo=None)
+            yield Moment(blind, sightings, views, detections, pose, movers)
+            walked += math.hypot(pose.x - before.x, pose.y - before.y)
+            before = pose
+            if walked >= LENGTH_M:
+                return
+            if frame.footstep_due:
+                step, gaze = guide.next(pose, movers)
+                body.walk(step)
+                body.look(gaze)
+
+
+def understood(
+    frame: Frame, config: Config, rng: np.random.Generator
+) -> tuple[tuple[SegmentedView, ...], list[Detection]]:
+    """The depth image in the body frame: floor, what rises, and things whose middle is known."""
+    assert frame.tof is not None
+    depth = time_of_flight.depth(frame.tof, config.tof)
+    assert depth.T_body_camera is not None
+    reach = config.reach.tof
+    cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
+    prior = config.prior
+    expected = kinematic_prior(
+        depth.T_body_camera, math.radians(prior.joints_tilt_deg), prior.joints_height_m
+    )
+    found = choose.find(cloud, expected, rng, config.floor)
+    plane = expected if found is None else found.plane
+    T_body_camera = level(depth.T_body_camera, plane)
+    upright = T_body_camera.apply(cloud.xyz)
+    upright[:, 2] = plane.distance(cloud.xyz)
+    classes = classify.classify(cloud, plane, config.classes)
+    share = None if found is None else found.share
+    view = SegmentedView("tof", depth, cloud, classes, plane, share, T_body_camera, upright)
+    rising = np.isin(classes, RISING)
+    things = cluster(
+        upright[rising],
+        cloud.sigma[rising],
+        T_body_camera.position[:2],
+        config.clusters,
+        cut_off(view, reach)[rising],
+    )
+    return (view,), [
+        Detection(one.centre, one.covariance, one.radius_m, one.height_m)
+        for one in things
+        if one.placed
+    ]
+
+
+class _Guide:
+    """Leads by the truth: which step and which gaze next."""
+
+    def __init__(self, scene: Scene) -> None:
+        space = clearance_map(scene.extent, [p for thing in scene.things for p in thing.parts])
+        home = (scene.start.x, scene.start.y)
+        legs, at, length = [], home, 0.0
+        for stop in itertools.islice(itertools.cycle((*scene.goals, home)), 40):
+            leg = None if stop == at else space.walk(at, stop, CLEARANCE_M)
+            if leg is not None:
+                legs.append(leg)
+                at, length = stop, length + math.dist(leg[0], leg[-1])
+            if length > 1.2 * LENGTH_M:
+                break
+        self._way = np.concatenate(legs)
+        self._next = 0
+        self._steps = 0
+
+    def next(self, pose: Pose2, movers: list[ObstacleTruth]) -> tuple[WalkCommand, GazeCommand]:
+        """By where the body is and where movers are."""
+        survey = self._steps < len(SURVEY_DEG)
+        pans = SURVEY_DEG if survey else GLANCES_DEG
+        gaze = GazeCommand(math.radians(pans[self._steps % len(pans)]), math.radians(TILT_DEG))
+        self._steps += 1
+        if survey or any(self._in_the_way(pose, x, y) for _, x, y, *_ in movers):
+            return WalkCommand(), gaze
+        while self._next < len(self._way) - 1:
+            x, y = self._way[self._next]
+            if math.hypot(x - pose.x, y - pose.y) > LOOK_AHEAD_M:
+                break
+            self._next += 1
+        bearing = _bearing(pose, *self._way[self._next])
+        most = math.radians(14.0)
+        ahead = STRIDE_M * max(0.0, math.cos(bearing)) ** 2
+        return WalkCommand(ahead, 0.0, 0.6 * min(max(bearing, -most), most)), gaze
+
+    @staticmethod
+    def _in_the_way(pose: Pose2, x: float, y: float) -> bool:
+        near = math.hypot(x - pose.x, y - pose.y) < WAIT_M
+        return near and abs(_bearing(pose, x, y)) < 1.2
+
+
+def _bearing(pose: Pose2, x: float, y: float) -> float:
+    return wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.yaw)

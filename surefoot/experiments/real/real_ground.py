@@ -1,0 +1,47 @@
+"""The floor by its colour against the floor by depth, in real recordings.
+
+The colours are learnt from the first picture's own patch ahead of the camera and followed from there; the
+depth floor is the plane that the depth pipeline finds, and the points on it.
+
+Source: ours; the ground image is that of seed 000, section 3.1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...offline.monocular import colour_floors
+from ...recordings.open import open_recording
+from ..support import real_data
+from ..support.experiment import Experiment, Outcome, Say, Target
+
+SETS = {"cabinet": "tum_fr3_cabinet", "low_boxes": "realsense_low_boxes"}
+
+
+def run(seeds: int, say: Say) -> Outcome:
+    """Both sets; nothing here is random, so seeds change nothing."""
+    figures: dict[str, float] = {}
+    table = []
+    for name, folder in SETS.items():
+        found = []
+        for floor in colour_floors(open_recording(real_data.folder(folder))):
+            assert floor.iou is not None, "both sets have depth"
+            found.append(floor.iou)
+            say(f"{folder} frame {floor.number}: IoU {floor.iou:.3f}")
+        figures[f"{name}_iou"] = float(np.mean(found))
+        figures[f"{name}_iou_median"] = float(np.median(found))
+        figures[f"{name}_iou_min"] = float(np.min(found))
+        table.append(
+            f"{folder:<20} {len(found):3d} frames  IoU mean {np.mean(found):.3f}  "
+            f"median {np.median(found):.3f}  least {np.min(found):.3f}"
+        )
+    return Outcome(figures, table)
+
+
+EXPERIMENT = Experiment(
+    id="real-ground",
+    title="The floor by its colour against the floor by depth, in real recordings",
+    run=run,
+    targets={"cabinet_iou": Target(">=", 0.85), "low_boxes_iou": Target(">=", 0.75)},
+    seeds=1,
+)

@@ -1,0 +1,200 @@
+"""Surface and walkable floor of real places, with the true poses and with our own.
+
+Replica's office: the mesh from depth ray cast with noise, against the mesh it was cast from, of which only
+what was seen counts. TUM's cabinet: a bare floor with one box on it, walked round without a pose given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mapping.surface.meshes import Mesh
+from mapping.surface.surface_map import surface_map
+from mapping.surface.traversability import traversability
+from mapping.surface.tsdf import Tsdf
+from mapping.surface.tsdf_config import SurfaceMap, TsdfConfig
+from perception.depth import structured_light
+from perception.odometry.rgbd_odometry import Odometer
+from perception.primitives.pose import Pose3
+
+from ...evaluation.metrics.trajectory import Alignment, align
+from ...recordings.open import open_recording
+from ..support import real_data
+from ..support.experiment import Experiment, Outcome, Say, Target
+from .real_odometry import blind, understood
+from .replica_room import ReplicaRoom, scene_of
+
+EVERY = 8  # of Replica's 2000 frames: each surface is still seen some twenty times
+SAMPLES = 200_000  # points of each surface
+CLEAR_M = 0.08  # a foot: floor nearer to the cabinet cannot be stood on
+
+
+@dataclass(frozen=True)
+class Quality:
+    """A surface against the true one.
+
+    Args:
+        accuracy_mm: Median distance of its points to the truth.
+        completeness_5cm: Share of the true points seen that lie within 5 cm of it.
+        fscore_2cm: Harmonic mean of the shares within 2 cm, both ways.
+    """
+
+    accuracy_mm: float
+    completeness_5cm: float
+    fscore_2cm: float
+
+
+def quality(mesh: Mesh, room: ReplicaRoom, rng: np.random.Generator) -> Quality:
+    """How good a mesh in the room's own frame is."""
+    true = Mesh(room.mesh.vertices, room.mesh.triangles[room.seen], room.mesh.normals)
+    to_truth = away(scene_of(room.mesh), mesh.spread(SAMPLES, rng))
+    to_found = away(scene_of(mesh), true.spread(SAMPLES, rng))
+    precise, recalled = float(np.mean(to_truth < 0.02)), float(np.mean(to_found < 0.02))
+    return Quality(
+        1e3 * float(np.median(to_truth)),
+        float(np.mean(to_found < 0.05)),
+        2.0 * precise * recalled / max(precise + recalled, 1e-9),
+    )
+
+
+def away(scene: Any, points: np.ndarray) -> np.ndarray:
+    """Distance of each point to the surface, m."""
+    import open3d
+
+    core: Any = open3d.core
+    return np.asarray(scene.compute_distance(core.Tensor(points)).numpy())
+
+
+def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
+    """Replica's office with true poses, with ours, and by Open3D with the true ones."""
+    room = ReplicaRoom(real_data.folder("replica_office0"))
+    worst: dict[str, list[Quality]] = {"true poses": [], "our poses": [], "VoxelBlockGrid": []}
+    rows = []
+    for seed in range(seeds):
+        maps = {
+            "true poses": surface_map(),
+            "VoxelBlockGrid": surface_map(TsdfConfig(method="open3d")),
+        }
+        odometer = Odometer(np.random.default_rng(seed))
+        say(f"office: seed {seed}, odometry and maps by true poses")
+        true = []
+        for frame, pose in blind(room.frames(np.random.default_rng(seed), EVERY)):
+            odometer.take(frame)
+            true.append(pose)
+            for one in maps.values():
+                fuse(one, frame, pose)
+        say(f"office: seed {seed}, map by our poses")
+        way, _ = odometer.way()
+        own = maps["our poses"] = surface_map()
+        laid = onto(way, true)
+        turn = Pose3.from_rotation(laid.rotation, laid.translation)
+        again = blind(room.frames(np.random.default_rng(seed), EVERY))
+        for (frame, _), pose in zip(again, way, strict=True):
+            fuse(own, frame, turn @ pose)
+        for name, one in maps.items():
+            found = quality(one.mesh(), room, np.random.default_rng(seed))
+            worst[name].append(found)
+            rows.append(
+                f"office, {name:<15} accuracy {found.accuracy_mm:5.2f} mm   complete in 5 cm "
+                f"{found.completeness_5cm:.4f}   F at 2 cm {found.fscore_2cm:.4f}"
+            )
+    return office_figures(worst), rows
+
+
+def office_figures(worst: dict[str, list[Quality]]) -> dict[str, float]:
+    """The worst of all seeds."""
+    figures = {}
+    keys = {"true poses": "_true_poses", "our poses": "", "VoxelBlockGrid": "_open3d"}
+    for name, key in keys.items():
+        found = worst[name]
+        figures[f"accuracy{key}_mm"] = max(one.accuracy_mm for one in found)
+        figures[f"completeness{key}_5cm"] = min(one.completeness_5cm for one in found)
+        figures[f"fscore{key}_2cm"] = min(one.fscore_2cm for one in found)
+    return figures
+
+
+def fuse(surface: SurfaceMap, frame: Any, pose: Pose3) -> None:
+    """One frame into one map."""
+    depth, rgb = understood(frame)
+    surface.integrate(depth, pose, rgb)
+
+
+def onto(way: list[Pose3], true: list[Pose3]) -> Alignment:
+    """The rigid motion that lays our world over the true one: what was never told cannot be known."""
+    laid = align(
+        np.array([pose.position for pose in way]), np.array([pose.position for pose in true])
+    )
+    assert laid is not None
+    return laid
+
+
+def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
+    """tum_fr3_cabinet without poses: is the floor free, and the cabinet where and as large as it is?"""
+    path = real_data.folder("tum_fr3_cabinet")
+    odometer = Odometer(np.random.default_rng(0))
+    say("cabinet: odometry")
+    images, true = [], []
+    for frame, pose in blind(open_recording(path).frames()):
+        odometer.take(frame)
+        assert frame.depth is not None
+        images.append(structured_light.depth(frame.depth))
+        true.append(pose)
+    way, _ = odometer.way()
+    say("cabinet: surface")
+    surface = Tsdf()
+    for depth, pose in zip(images, way, strict=True):
+        surface.integrate(depth, pose)
+    layers = traversability(surface.mesh())
+    laid = onto(way, true)
+    centres = layers.centres.reshape(-1, 2)
+    world = laid.apply(np.column_stack([centres, np.zeros(len(centres))]))[:, :2]
+    box = [float(word) for word in (path / "truth_objects.txt").read_text().split()]
+    inside = within(world, box, 0.0).reshape(layers.height.shape)
+    beside = within(world, box, CLEAR_M).reshape(layers.height.shape)
+    about = within(world, box, 0.5).reshape(layers.height.shape)  # other things stand farther off
+    occupied = layers.occupied & about
+    iou = float(np.sum(occupied & inside) / np.sum(occupied | inside))
+    floor = about & ~beside & layers.known
+    free = float(np.mean(layers.probability[floor] > 0.5))
+    figures = {"cabinet_footprint_iou": iou, "cabinet_floor_free_share": free}
+    return figures, [f"cabinet              footprint IoU {iou:.3f}   floor free {free:.3f}"]
+
+
+def within(
+    points: Float[np.ndarray, "n 2"], box: list[float], more_m: float
+) -> Bool[np.ndarray, "n"]:
+    """Whether points lie in a turned rectangle (x y z yaw half-length half-width half-height), widened."""
+    x, y, _, yaw, half_length, half_width, _ = box
+    c, s = np.cos(yaw), np.sin(yaw)
+    off = points - np.array([x, y])
+    along, across = off @ np.array([c, s]), off @ np.array([-s, c])
+    return np.asarray(
+        (np.abs(along) <= half_length + more_m) & (np.abs(across) <= half_width + more_m)
+    )
+
+
+def run(seeds: int, say: Say) -> Outcome:
+    """The cabinet once, the office with the noise of every seed."""
+    figures, table = cabinet(say)
+    measured, rows = office(seeds, say)
+    return Outcome({**figures, **measured}, table + rows)
+
+
+EXPERIMENT = Experiment(
+    id="real-mapping",
+    title="Surface and walkable floor of real places, by true and by our own poses",
+    run=run,
+    targets={
+        "accuracy_true_poses_mm": Target("<=", 3.0),
+        "accuracy_mm": Target("<=", 5.0),
+        "completeness_5cm": Target(">=", 0.98),
+        "completeness_true_poses_5cm": Target(">=", 0.98),
+        "cabinet_footprint_iou": Target(">=", 0.85),
+        "cabinet_floor_free_share": Target(">=", 0.95),
+    },
+    seeds=1,
+)

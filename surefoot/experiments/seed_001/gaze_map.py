@@ -1,0 +1,246 @@
+"""The gaze map as a surface over pan and tilt, and the gaze chosen, against every direction tried one by one.
+
+Obstacles with vague places, a way point, ground gone stale on one side or both. Brute force turns a camera to
+every direction, asks of every place by itself whether it is in the picture, adds up eq. (5) and (6), and floods the
+highest plateau. The picture of the first seed goes to runs/001-E2/: the scene from above with covariance
+ovals, and the surface with theta*.
+
+Source: seed 001, section V-B, Fig. 7.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.pose import head_rotation
+from planning.commands import GazeCommand
+from planning.gaze import evaluations
+from planning.gaze.selection import GazeMapConfig, gaze_map, highest_plateau
+
+from ...report.plots.style import BELIEF, FAINT, WANTED, WRONG, png, sheet, styled
+from ..support.experiment import Experiment, Outcome, Say, Target
+
+FOLDER = Path("runs") / "001-E2"
+EYE_M = 0.38
+OBSTACLES = 5
+STALE = 250
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What the map is made from: places from the camera in body axes, m, and evaluations."""
+
+    obstacles: tuple[Gaussian, ...]
+    velocities: Float[np.ndarray, "m 2"]
+    stale: Float[np.ndarray, "n 3"]
+    way: Float[np.ndarray, "3"]
+    psi_map: float
+    psi_way: float
+    psi_self: float
+    psi_obstacles: Float[np.ndarray, "m"]
+    present: GazeCommand
+
+    @property
+    def feet(self) -> Float[np.ndarray, "m 3"]:
+        """Where the obstacles stand."""
+        return np.array([[*o.mean, -EYE_M] for o in self.obstacles])
+
+
+def draw(seed: int, config: GazeMapConfig) -> Situation:
+    """A robot among obstacles ahead, some of them moving, that has not looked aside for a while."""
+    rng = np.random.default_rng([seed, 63])
+    limits = config.evaluation
+    bearings = rng.uniform(-1.3, 1.3, OBSTACLES)
+    away = rng.uniform(0.5, 1.6, OBSTACLES)
+    obstacles, velocities = [], []
+    for bearing, distance in zip(bearings, away, strict=True):
+        turn, sigmas = rng.uniform(0, math.pi), rng.uniform(0.01, 0.08, 2)
+        axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+        place = distance * np.array([math.cos(bearing), math.sin(bearing)])
+        obstacles.append(Gaussian(place, axes @ np.diag(sigmas**2) @ axes.T))
+        speed, heading = rng.choice([0.0, 0.06, 0.12]), rng.uniform(-math.pi, math.pi)
+        velocities.append([speed * math.cos(heading), speed * math.sin(heading)])
+    places, moved = np.array([o.mean for o in obstacles]), np.array(velocities)
+    psi = evaluations.of_obstacles(
+        places, moved, np.array([o.covariance for o in obstacles]), limits
+    )
+    radius, off = rng.uniform(limits.nearest_m, limits.farthest_m, STALE), rng.normal(0, 0.3, STALE)
+    sides = np.where(rng.uniform(size=STALE) < rng.uniform(0.2, 0.8), 0.9, -0.9)
+    bearing = np.clip(sides + off, -1.55, 1.55)
+    stale = np.column_stack(
+        [radius * np.cos(bearing), radius * np.sin(bearing), np.full(STALE, -EYE_M)]
+    )
+    own = np.diag([rng.uniform(0.01, 0.06) ** 2] * 2 + [0.01**2])
+    return Situation(
+        tuple(obstacles),
+        moved,
+        stale,
+        np.array([rng.uniform(0.8, 1.5), rng.uniform(-0.6, 0.6), -EYE_M]),
+        evaluations.of_map(STALE, round(rng.uniform(100, 600))),
+        evaluations.of_way(places, np.full(OBSTACLES, 0.25), limits),
+        evaluations.of_self(own, limits),
+        psi,
+        GazeCommand(float(rng.uniform(-0.5, 0.5)), 0.5),
+    )
+
+
+def ours(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "rows columns"]:
+    """The product's map."""
+    return gaze_map(
+        *(situation.psi_map, situation.stale, situation.psi_way, situation.way),
+        *(situation.psi_self, situation.psi_obstacles, situation.feet, config),
+    )
+
+
+def by_force(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "rows columns"]:
+    """Eq. (5) and (6), direction by direction and place by place."""
+    across, down = (math.tan(math.radians(a) / 2) for a in (config.across_deg, config.down_deg))
+
+    def sees(place: np.ndarray, axes: np.ndarray) -> bool:
+        right, below, ahead = (float(v) for v in axes.T @ place)
+        return ahead > 0.0 and abs(right) <= across * ahead and abs(below) <= down * ahead
+
+    total = np.zeros((len(config.pans), len(config.tilts)))
+    counts = np.zeros_like(total)
+    share = 1.0 / len(situation.obstacles)
+    for i, pan in enumerate(config.pans):
+        for j, tilt in enumerate(config.tilts):
+            axes = head_rotation(float(pan), float(tilt))
+            counts[i, j] = sum(sees(place, axes) for place in situation.stale)
+            if sees(situation.way, axes):
+                total[i, j] += config.way_weight * situation.psi_way
+            for place, psi in zip(situation.feet, situation.psi_obstacles, strict=True):
+                if sees(place, axes):
+                    total[i, j] += share * config.obstacle_weight * psi
+                    total[i, j] += share * config.self_weight * situation.psi_self
+    return total + config.map_weight * situation.psi_map * counts / max(counts.max(), 1.0)
+
+
+def flooded(
+    total: Float[np.ndarray, "rows columns"], present: GazeCommand, config: GazeMapConfig
+) -> GazeCommand:
+    """The middle of the highest plateau by flooding; of several the one nearest to the present gaze."""
+    left = {(int(i), int(j)) for i, j in np.argwhere(total >= total.max() - 1e-9)}
+    middles = []
+    for seed in sorted(left):
+        if seed not in left:
+            continue
+        left.remove(seed)
+        region, edge = [seed], [seed]
+        while edge:
+            i, j = edge.pop()
+            near = sorted({(i + a, j + b) for a in (-1, 0, 1) for b in (-1, 0, 1)} & left)
+            left.difference_update(near)
+            region += near
+            edge += near
+        row, column = np.mean(region, axis=0)
+        step = math.radians(config.step_deg)
+        middles.append((config.pans[0] + row * step, config.tilts[0] + column * step))
+    pan, tilt = min(
+        middles, key=lambda m: math.hypot(m[0] - present.pan_rad, m[1] - present.tilt_rad)
+    )
+    return GazeCommand(float(pan), float(tilt))
+
+
+def picture(
+    situation: Situation, total: np.ndarray, chosen: GazeCommand, config: GazeMapConfig
+) -> bytes:
+    """From above, with covariance ovals of 95 %; and the surface."""
+    from matplotlib.patches import Ellipse, Wedge
+
+    with styled():
+        figure, axes = sheet(1, 2, height_in=4.2, width_ratios=(1.0, 1.15))
+        above, surface = axes
+        view = math.degrees(chosen.pan_rad)
+        half = config.across_deg / 2
+        above.add_patch(
+            Wedge((0, 0), 2.0, view - half + 90, view + half + 90, color=WANTED, alpha=0.15)
+        )
+        above.plot(-situation.stale[:, 1], situation.stale[:, 0], ".", color=FAINT, markersize=3)
+        for obstacle, velocity in zip(situation.obstacles, situation.velocities, strict=True):
+            long, short, turn = obstacle.ellipse()
+            at = (-obstacle.mean[1], obstacle.mean[0])
+            above.add_patch(
+                Ellipse(
+                    at, 2 * long, 2 * short, angle=math.degrees(turn) + 90, color=BELIEF, alpha=0.4
+                )
+            )
+            above.plot(*at, "o", color=WRONG, markersize=4)
+            above.annotate(
+                "",
+                xy=(at[0] - 5 * velocity[1], at[1] + 5 * velocity[0]),
+                xytext=at,
+                arrowprops={"arrowstyle": "-|>", "color": WRONG},
+            )
+        above.plot(-situation.way[1], situation.way[0], "*", color=WANTED, markersize=11)
+        above.plot(0, 0, "^", color="black", markersize=8)
+        above.set(
+            title="from above, chosen view in green",
+            aspect="equal", xlabel="to the right, m", ylabel="ahead, m",
+            xlim=(-1.9, 1.9), ylim=(-0.3, 2.1),
+        )  # fmt: skip
+        pans, tilts = np.degrees(config.pans), np.degrees(config.tilts)
+        shown = surface.pcolormesh(pans, tilts, total.T, cmap="cividis", shading="nearest")
+        figure.colorbar(shown, ax=surface, label="GM")
+        surface.plot(
+            math.degrees(chosen.pan_rad), math.degrees(chosen.tilt_rad), "o",
+            markerfacecolor="none", markeredgecolor=WRONG, markersize=11, markeredgewidth=2,
+        )  # fmt: skip
+        surface.invert_xaxis()
+        surface.invert_yaxis()
+        surface.set(
+            title="gaze map; ring: theta*", xlabel="pan, deg (left positive)", ylabel="tilt, deg"
+        )
+        return png(figure)
+
+
+def run(seeds: int, say: Say) -> Outcome:
+    """About three seconds a seed, nearly all of it brute force."""
+    config = replace(GazeMapConfig(), across_deg=60.0, down_deg=45.0)  # seed 001's camera
+    off, equal, apart = [], [], []
+    table = ["seed  pan deg  tilt deg  directions that differ  as by brute force"]
+    for seed in range(seeds):
+        situation = draw(seed, config)
+        total, forced = ours(situation, config), by_force(situation, config)
+        chosen = highest_plateau(total, situation.present, config)
+        wanted = flooded(forced, situation.present, config)
+        off.append(float(np.mean(~np.isclose(total, forced, atol=1e-9))))
+        apart.append(
+            math.degrees(
+                math.hypot(chosen.pan_rad - wanted.pan_rad, chosen.tilt_rad - wanted.tilt_rad)
+            )
+        )
+        equal.append(apart[-1] < 1e-6)
+        if seed == 0:
+            FOLDER.mkdir(parents=True, exist_ok=True)
+            (FOLDER / "gaze_map.png").write_bytes(picture(situation, total, chosen, config))
+            table.insert(0, f"picture: {FOLDER / 'gaze_map.png'}")
+        table.append(
+            f"{seed:4d}  {math.degrees(chosen.pan_rad):7.1f}  {math.degrees(chosen.tilt_rad):8.1f}"
+            f"  {off[-1]:22.5f}  {equal[-1]}"
+        )
+        say(table[-1])
+    figures = {
+        "chosen_equal_share": float(np.mean(equal)),
+        "chosen_apart_deg": max(apart),
+        "directions_that_differ_share": float(np.mean(off)),
+    }
+    return Outcome(figures, table)
+
+
+EXPERIMENT = Experiment(
+    id="001-E2",
+    title="Gaze map and chosen gaze, equal to brute force over every direction",
+    run=run,
+    targets={
+        "chosen_equal_share": Target("==", 1.0),
+        "directions_that_differ_share": Target("<=", 1e-4),
+    },
+    seeds=20,
+)

@@ -1,0 +1,149 @@
+"""Where stereo ends: a room without any texture, and what the robot does then.
+
+The same places in the same room are seen twice: painted, and with every surface plain, shaded by its albedo
+and by how aslant it is seen, so that only edges of things remain. Disparities in the plain one must be
+rejected; the few that are accepted are judged against the depth of the surface. Then the whole cycle runs
+on the plain pairs: with the time-of-flight camera it keeps its floor, with stereo alone it knows of no
+floor that it saw.
+
+Source: seed 003, experiment E7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from perception.depth import stereo
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Frame, RangeView, StereoView
+from perception.primitives.pose import Pose2, Pose3, head_rotation
+from sim.robot import RobotConfig
+from sim.scenes import catalogue
+from sim.sensors.cameras import stereo_pair
+from sim.sensors.tof_camera import TofCamera
+from sim.world import World
+
+from ...config.schema import Config
+from ...recordings.recording import RecordingInfo
+from ...run.pipeline import Pipeline
+from ..support.experiment import Experiment, Outcome, Say, Target
+from .stereo_range import WRONG_PX, true_depth
+
+SCENES = ("boxes", "home")
+PLACES = 2  # in each room
+CAMERA_M = 0.38  # above the floor: that of the robot while it walks
+SUPERSAMPLED = 2  # rays across a pixel: an edge is not a staircase
+AMBIENT = 0.4  # share of the light that comes from everywhere
+
+
+def plain_picture(world: World, camera: Camera, T_world_camera: Pose3) -> Float[np.ndarray, "h w"]:
+    """Grey levels of the scene as rays see it: albedo, and light that falls off with the slant."""
+    s = SUPERSAMPLED
+    fine = Camera(
+        camera.width * s,
+        camera.height * s,
+        camera.fx * s,
+        camera.fy * s,
+        (camera.cx + 0.5) * s - 0.5,
+        (camera.cy + 0.5) * s - 0.5,
+    )
+    rays = fine.rays / np.linalg.norm(fine.rays, axis=-1, keepdims=True)
+    directions = (rays.reshape(-1, 3) @ T_world_camera.rotation.T).astype(np.float32)
+    hits = world.rays.cast(T_world_camera.position, directions)
+    grey = 255.0 * hits.albedo * (AMBIENT + (1.0 - AMBIENT) * hits.cosine)
+    return np.asarray(grey.reshape(camera.height, s, camera.width, s).mean(axis=(1, 3)), np.float64)
+
+
+def plain_pair(
+    world: World, robot: RobotConfig, T_world_left: Pose3, rng: np.random.Generator
+) -> tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
+    """Both plain pictures with the noise of the robot's own cameras."""
+    config = robot.stereo_camera
+    beside = T_world_left @ Pose3((robot.baseline_m, 0.0, 0.0))
+    left, right = (
+        plain_picture(world, config.camera, pose)
+        + rng.normal(0.0, config.noise_grey, (config.height, config.width))
+        for pose in (T_world_left, beside)
+    )
+    return (
+        np.clip(np.rint(left), 0, 255).astype(np.uint8),
+        np.clip(np.rint(right), 0, 255).astype(np.uint8),
+    )
+
+
+def floors_found(frames: list[Frame], start: Pose2) -> int:
+    """In how many frames the whole cycle sees a floor, each taken as the first of a walk."""
+    seen = 0
+    for frame in frames:
+        pipeline = Pipeline(Config(), RecordingInfo("plain", "simulation", start=start))
+        estimate = pipeline.cycle(frame)
+        seen += any(view.seen is not None for view in estimate.views)
+    return seen
+
+
+def run(seeds: int, say: Say) -> Outcome:
+    """About 25 s a seed."""
+    robot = RobotConfig()
+    pixels = false = accepted = believed_painted = believed_plain = frames = 0
+    with_tof: list[Frame] = []
+    blind: list[Frame] = []
+    for seed in range(seeds):
+        for name in SCENES:
+            scene = catalogue.load(name, seed)
+            rng = np.random.default_rng([seed, 37])
+            with World(scene, seed=seed) as world:
+                for place in range(PLACES):
+                    say(f"{name}, seed {seed}, place {place + 1} of {PLACES}")
+                    yaw = scene.start.yaw + rng.uniform(-0.6, 0.6)
+                    head = head_rotation(0.0, float(rng.uniform(0.2, 0.5)))
+                    on_body = Pose3.from_rotation(head, np.array([0.0, 0.0, CAMERA_M]))
+                    pose = replace(scene.start, yaw=yaw).lifted() @ on_body
+                    camera = robot.stereo_camera.camera
+                    left, right = stereo_pair(
+                        world, robot.stereo_camera, robot.baseline_m, pose, rng
+                    )
+                    painted = stereo.depth(StereoView(left, right, robot.baseline_m, camera))
+                    left, right = plain_pair(world, robot, pose, rng)
+                    view = StereoView(left, right, robot.baseline_m, camera, on_body)
+                    seen = stereo.depth(view)
+                    true = true_depth(world, camera, pose)
+                    fB = camera.fx * robot.baseline_m
+                    there = np.isfinite(seen.z)
+                    with np.errstate(invalid="ignore"):
+                        wrong = there & (np.abs(fB / seen.z - fB / true) > WRONG_PX)
+                    pixels += there.size
+                    false += int(wrong.sum())
+                    accepted += int(there.sum())
+                    believed_painted += int(np.isfinite(painted.z).sum())
+                    believed_plain += int(there.sum())
+                    frames += 1
+                    tof = TofCamera(robot.tof_camera, rng)
+                    range_m, amplitude = tof.measure(world.rays, pose)
+                    alone = Frame(0.0, stereo=view)
+                    blind.append(alone)
+                    ranges = RangeView(range_m, amplitude, tof.camera, on_body)
+                    with_tof.append(replace(alone, tof=ranges))
+    figures = {
+        "false_points_pct": 100.0 * false / pixels,
+        "wrong_of_accepted_pct": 100.0 * false / max(accepted, 1),
+        "accepted_plain_pct": 100.0 * believed_plain / pixels,
+        "accepted_painted_pct": 100.0 * believed_painted / pixels,
+        "floor_with_tof_share": floors_found(with_tof, Pose2()) / frames,
+        "floor_by_stereo_alone_share": floors_found(blind, Pose2()) / frames,
+    }
+    return Outcome(figures, [])
+
+
+EXPERIMENT = Experiment(
+    id="003-E7",
+    title="A room without texture: stereo rejects it, and time of flight takes over",
+    run=run,
+    targets={
+        "false_points_pct": Target("<", 5.0),
+        "floor_with_tof_share": Target(">=", 1.0),
+    },
+    seeds=2,
+)

@@ -1,0 +1,207 @@
+"""What an experiment is: figures, targets, and the published numbers beside them."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from perception.primitives.errors import InputError
+
+from ...results import registry
+
+COMPARE: dict[str, Callable[[float, float], bool]] = {
+    "<=": operator.le,
+    ">=": operator.ge,
+    "<": operator.lt,
+    ">": operator.gt,
+    "==": operator.eq,
+}
+
+FILES = {
+    "000-E1": "seed_000.monocular_cycle",
+    "000-E2": "seed_000.swarm_table",
+    "000-E5": "seed_000.monocular_time",
+    "000-E3": "seed_000.robots_room",
+    "000-E4": "seed_000.narrow_course",
+    "001-E1": "seed_001.field_portrait",
+    "001-E2": "seed_001.gaze_map",
+    "001-E3": "seed_001.moving_courses",
+    "001-E4": "seed_001.course_ablation",
+    "001-hard": "seed_001.hard_courses",
+    "003-E1": "seed_003.floor_range",
+    "003-E2": "seed_003.stereo_range",
+    "003-E3": "seed_003.grid_shift",
+    "003-E4": "seed_003.path_search",
+    "003-E5": "seed_003.path_smoothing",
+    "003-E6": "seed_003.wandering",
+    "003-E7": "seed_003.texture_limit",
+    "003-walls": "seed_003.walls",
+    "INT-2": "joint.gaze_coupling",
+    "INT-3": "joint.floor_methods",
+    "INT-4": "joint.four_planners",
+    "home": "joint.home",
+    "sensors": "joint.sensors",
+    "walking": "joint.walking",
+    "INT-1": "joint.people_home",
+    "localisation": "joint.localisation",
+    "mrclam": "real.mrclam",
+    "real-floor": "real.real_floor",
+    "real-ground": "real.real_ground",
+    "real-stereo": "real.real_stereo",
+    "real-planes": "real.real_planes",
+    "004-E1": "seed_004.obstacle_sizes",
+    "004-E2": "seed_004.fuzzy_choice",
+    "004-E3": "seed_004.avoidance_walks",
+    "004-E4": "seed_004.avoidance_pictures",
+    "004-E5": "seed_004.panorama_angles",
+    "004-features": "seed_004.feature_study",
+    "real-panorama": "real.real_panorama",
+    "real-odometry": "real.real_odometry",
+    "real-mapping": "real.real_mapping",
+}
+"""Where each experiment lives: id to file of this folder. Ids are those of the specification."""
+
+BODIES = ("kinematic", "dynamic")
+"""Exact footsteps with drawn noise; servos and soles in a physical world."""
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A figure is met if `figure <relation> bound`."""
+
+    relation: str
+    bound: float
+
+    def met_by(self, figure: float) -> bool:
+        """Whether the figure satisfies it; NaN never does."""
+        return bool(COMPARE[self.relation](figure, self.bound))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run of an experiment measured.
+
+    Args:
+        figures: Name to number.
+        table: Lines for people, already laid out; may be empty.
+    """
+
+    figures: dict[str, float]
+    table: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One table or figure.
+
+    Args:
+        id: As in the specification, such as "003-E1".
+        title: What it shows, one line.
+        run: Measures; takes the number of seeds and a function to report progress to, and the body if any walks.
+        targets: For the figures that have one.
+        published: The paper's own numbers, where it has any.
+        seeds: How many random worlds by default.
+        body: That walks by default, one of `BODIES`; empty: nothing walks.
+    """
+
+    id: str
+    title: str
+    run: Callable[..., Outcome]
+    targets: Mapping[str, Target]
+    published: Mapping[str, float] = field(default_factory=dict)
+    seeds: int = 10
+    body: str = ""
+
+
+def names() -> list[str]:
+    """All ids, in the order of the registry."""
+    return list(FILES)
+
+
+def load(identity: str) -> Experiment:
+    """The experiment of that id; an unknown one is an InputError with the nearest."""
+    found: Experiment = registry.load("experiment", "surefoot.experiments", FILES, identity)
+    return found
+
+
+def measure(
+    experiment: Experiment, say: Say, seeds: int | None = None, body: str | None = None
+) -> tuple[Experiment, Outcome]:
+    """Run it.
+
+    Args:
+        experiment: Which.
+        say: Progress.
+        seeds: How many random worlds; None: its own number.
+        body: One of `BODIES`, or "both"; None: its own.
+
+    Returns:
+        The experiment, with the targets of both bodies if both walked, and what came of it: then the
+        second body's figures and targets end in its name, and the table ends with both beside each other.
+
+    Raises:
+        InputError: a body for an experiment in which nothing walks.
+    """
+    seeds = seeds or experiment.seeds
+    if not experiment.body:
+        if body:
+            walkers = ", ".join(name for name in FILES if load(name).body)
+            raise InputError(
+                f"experiment {experiment.id}: nothing walks in it, so it takes no --body; "
+                f"these do: {walkers}"
+            )
+        return experiment, experiment.run(seeds, say)
+    if body != "both":
+        return experiment, experiment.run(seeds, say, body or experiment.body)
+    found = {one: experiment.run(seeds, say, one) for one in BODIES}
+    first, second = (outcome.figures for outcome in found.values())
+    table = [
+        line for one, out in found.items() for line in (f"with the {one} body", *out.table, "")
+    ]
+    width = max(map(len, first))
+    table.append(f"{'':{width}}  {BODIES[0]:>10}  {BODIES[1]:>10}")
+    table += [f"{name:{width}}  {first[name]:10.4g}  {second[name]:10.4g}" for name in first]
+    more = {f"{name}_{BODIES[1]}": value for name, value in second.items()}
+    targets = {f"{name}_{BODIES[1]}": target for name, target in experiment.targets.items()}
+    widened = replace(experiment, targets={**experiment.targets, **targets})
+    return widened, Outcome({**first, **more}, table)
+
+
+def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
+    """The one object that `--json` prints: a target without its figure counts as not met."""
+    figures = {name: float(value) for name, value in outcome.figures.items()}
+    return {
+        "id": experiment.id,
+        "title": experiment.title,
+        "figures": figures,
+        "targets": {name: [t.relation, t.bound] for name, t in experiment.targets.items()},
+        "published": dict(experiment.published),
+        "table": list(outcome.table),
+        "passed": all(
+            target.met_by(figures.get(name, float("nan")))
+            for name, target in experiment.targets.items()
+        ),
+    }
+
+
+def lines(result: Mapping[str, Any], table: Iterable[str] = ()) -> list[str]:
+    """The same for people: the table, then each figure with its target and the published number."""
+    shown = [f"{result['id']}  {result['title']}", *table, ""]
+    width = max((len(name) for name in result["figures"]), default=0)
+    for name, value in result["figures"].items():
+        note = ""
+        if name in result["targets"]:
+            relation, bound = result["targets"][name]
+            met = Target(relation, bound).met_by(value)
+            note = f"   {'met ' if met else 'MISSED'} {relation} {bound:g}"
+        if name in result["published"]:
+            note += f"   (published {result['published'][name]:g})"
+        shown.append(f"  {name:<{width}}  {value:10.4g}{note}")
+    missing = [name for name in result["targets"] if name not in result["figures"]]
+    shown += [f"  {name:<{width}}  not measured   MISSED" for name in missing]
+    shown.append("passed" if result["passed"] else "NOT PASSED")
+    return shown

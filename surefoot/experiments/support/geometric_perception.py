@@ -1,0 +1,256 @@
+"""Senses without pictures: the same tracker, map and planner, fed by geometry instead of by cameras.
+
+A course takes 500 s of walking, and its pictures take minutes. Here the world is asked for what the cameras
+would show (`sim.sensors.geometric_sensor`), or, for comparison, for the whole truth. What follows is the product: the
+tracker, the egocentric grid, the confidence layer. Where the robot is comes with an error that wanders
+as that of the localiser does, and with its covariance.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from mapping.grid.confidence import ConfidenceLayer
+from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.world_map import WorldMap
+from perception.estimate import Estimate
+from perception.floor.segmented_view import near_movers
+from perception.obstacles.track import Detection
+from perception.obstacles.tracker import ObstacleTracker, Visible
+from perception.primitives.frame import Frame
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Landmark
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2, wrap_angle
+from sim.robot import SimulatedRobot
+from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
+from sim.truth import Truth
+
+from ...config.schema import Config
+
+POSE_SIGMA_M, POSE_SIGMA_RAD = 0.008, math.radians(0.35)
+"""A quarter more than the localiser's worst in three walks from pictures: 3 to 6.5 mm an axis, .18 to .28 deg."""
+POSE_MEMORY_S = 10.0  # in which its error becomes another; 5 to 20 s in the same walks
+RAYS = 45  # one a degree of the time-of-flight camera
+GRAIN_M = 0.04  # of floor points along a ray: every cell gets one
+SAME_M = 0.35  # a track as near to a thing is taken to be of it
+HIT_POINTS = 4  # an obstacle shows so many points above each other
+
+
+@dataclass
+class Followed:
+    """When a thing was seen, for the class of a contact.
+
+    Args:
+        since_s: Beginning of the time in which it was never lost for longer than the tracker remembers.
+        seen_s: Last sighting; -inf: never.
+    """
+
+    since_s: float = math.inf
+    seen_s: float = -math.inf
+
+
+class CourseSenses:
+    """What `Pipeline` is to pictures: `cycle` takes a frame and gives an estimate."""
+
+    def __init__(self, config: Config, robot: SimulatedRobot, seed: int, truly: bool) -> None:
+        """Begin.
+
+        Args:
+            config: Of tracker, grid and confidence.
+            robot: Walks without cameras.
+            seed: Of all errors.
+            truly: Tell the truth instead: everything, everywhere, without error or delay.
+        """
+        self.config = config
+        self.landmarks: tuple[Landmark, ...] = ()
+        self.tracker = ObstacleTracker(config.tracker)
+        self.grid: EgocentricGrid | None = None
+        self.confidence: ConfidenceLayer | None = None
+        self.world = WorldMap(config.world_map)
+        self.truth = Truth(robot)
+        self.followed: dict[int, Followed] = {}
+        self.tracking_ms = 0.0
+        """Time that the tracks of the latest frame took; 0 without sensors."""
+        self._robot, self._truly = robot, truly
+        self._walls = np.array(robot.world.scene.extent, float)
+        error, look = (
+            np.random.default_rng(s) for s in np.random.SeedSequence([seed, 40]).spawn(2)
+        )
+        self._rng = error
+        self._sensor = GeometricSensor(GeometricSensorConfig(), look)
+        self._deviations = np.array([POSE_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD])
+        self._error = np.array([0.01, 0.01, math.radians(1.0)]) * error.standard_normal(3)
+        self._stamp_s = 0.0
+        self._turned_s: dict[int, float] = {}
+        self._velocities: dict[int, tuple[float, float]] = {}
+        things = self.truth.obstacles()
+        self.discs = np.array([[x, y, radius] for _, x, y, _, _, radius, _ in things])
+        """x, y, radius of movers and posts now, in truth, m."""
+        self._heights_m = [height for *_, height in things]
+
+    def cycle(self, frame: Frame) -> Estimate:
+        """One instant: where we are, what is seen, what is remembered."""
+        elapsed, self._stamp_s = frame.stamp_s - self._stamp_s, frame.stamp_s
+        true = self.truth.robot_pose()
+        self._move_on(frame.stamp_s)
+        pose = self._believed(true, elapsed)
+        if self._truly:
+            obstacles = self._everything(frame.stamp_s)
+            if frame.footstep_due:
+                self._map_everything(pose, frame.stamp_s)
+        else:
+            obstacles = self._look(frame, true, pose)
+            self._map_view(frame.stamp_s, true, pose, elapsed)
+        return Estimate(frame.stamp_s, pose, (), (), tuple(obstacles), None)
+
+    def watch(self, stamp_s: float, obstacles: Sequence[Obstacle]) -> None:
+        """Only keep the record, of what a pipeline with pictures has tracks of."""
+        self._stamp_s = stamp_s
+        self._move_on(stamp_s)
+        for one in obstacles:
+            away = np.hypot(*(self.discs[:, :2] - one.position).T)
+            if one.seen_s == stamp_s and away.min() < SAME_M:
+                self._note(int(np.argmin(away)), stamp_s)
+
+    def _move_on(self, stamp_s: float) -> None:
+        """Movers where they are now, and whether they turned."""
+        for k, (x, y, vx, vy) in enumerate(self._robot.world.movers()):
+            self.discs[k, :2] = x, y
+            before = self._velocities.get(k, (vx, vy))
+            if before[0] * vx + before[1] * vy < 0.0:
+                self._turned_s[k] = stamp_s
+            self._velocities[k] = (vx, vy)
+
+    def since_turned(self, index: int) -> float:
+        """Time since a mover last reversed, s; infinite for what stands."""
+        return self._stamp_s - self._turned_s.get(index, -math.inf)
+
+    def _believed(self, true: Pose2, elapsed: float) -> Gaussian:
+        """The true pose with an error that wanders; without one in truth."""
+        if self._truly:
+            return Gaussian(true.vector, np.eye(3) * 1e-8)
+        keep = math.exp(-elapsed / POSE_MEMORY_S)
+        fresh = self._deviations * self._rng.standard_normal(3)
+        self._error = keep * self._error + math.sqrt(1.0 - keep**2) * fresh
+        mean = true.vector + self._error
+        mean[2] = wrap_angle(float(mean[2]))
+        return Gaussian(mean, np.diag(self._deviations**2))
+
+    def _everything(self, stamp_s: float) -> list[Obstacle]:
+        found = []
+        for k, (x, y, radius) in enumerate(self.discs.tolist()):
+            velocity = self._velocities.get(k, (0.0, 0.0))
+            state = Gaussian(np.array([x, y, *velocity]), np.eye(4) * 1e-8)
+            moving = float(k in self._velocities)
+            found.append(Obstacle(state, radius, self._heights_m[k], k, moving, stamp_s, 0.0))
+            self._note(k, stamp_s)
+        return found
+
+    def _look(self, frame: Frame, true: Pose2, pose: Gaussian) -> list[Obstacle]:
+        """Detections to the tracker, and what it makes of them."""
+        in_body = self.discs.copy()
+        in_body[:, :2] = true.inverse().apply(self.discs[:, :2])
+        pan, tilt = self._head(true)
+        seen = self._sensor.look(in_body, pan, tilt, frame.footstep_due)
+        for one in seen:
+            self._note(one.index, frame.stamp_s)
+        detections = [Detection(one.position, one.covariance, one.radius_m, 0.4) for one in seen]
+        visible = self._visible(pose, pan, tilt)
+        began = time.thread_time()
+        self.tracker.update(frame.stamp_s, detections, pose, visible)
+        obstacles = self.tracker.obstacles
+        self.tracking_ms = 1e3 * (time.thread_time() - began)
+        return obstacles
+
+    def _note(self, index: int, stamp_s: float) -> None:
+        record = self.followed.setdefault(index, Followed())
+        if stamp_s - record.seen_s > self.config.tracker.oldest_s:
+            record.since_s = stamp_s
+        record.seen_s = stamp_s
+
+    def _head(self, true: Pose2) -> tuple[float, float]:
+        """Where the camera looks from the body, with all that trembles: pan and tilt, rad."""
+        axis = self._robot.camera_in_world(self._robot.config.tof_mount_m).rotation[:, 2]
+        pan = wrap_angle(math.atan2(axis[1], axis[0]) - true.yaw)
+        return pan, math.atan2(-axis[2], math.hypot(axis[0], axis[1]))
+
+    def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
+        """As `view.visibility`: places that the time-of-flight camera sees beyond."""
+        here, nearest, farthest = pose.mean, *self._sensor.floor_reach(tilt)
+        half = math.radians(self._sensor.config.tof_across_deg) / 2
+
+        def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+            apart = xy - here[:2]
+            away, bearing = np.hypot(apart[:, 0], apart[:, 1]), np.arctan2(apart[:, 1], apart[:, 0])
+            rays = np.column_stack([np.broadcast_to(here[:2], apart.shape), bearing])
+            free, _ = self._sensor.rays(self.discs, self._walls, rays)
+            off = np.abs((bearing - here[2] - pan + math.pi) % (2 * math.pi) - math.pi)
+            inside = (off <= half) & (away > nearest) & (away < farthest)
+            return np.asarray(inside & (free > away + 0.15))
+
+        return visible
+
+    def _map_view(self, stamp_s: float, true: Pose2, pose: Gaussian, elapsed: float) -> None:
+        """Floor and obstacle points of one look into grid and confidence."""
+        if self.grid is None:
+            self.grid = EgocentricGrid(self.config.grid, pose.mean[:2])
+            self.confidence = ConfidenceLayer(self.grid, self.config.confidence)
+        assert self.confidence is not None
+        self.grid.move(pose.mean[:2])
+        self.confidence.decay(elapsed)
+        pan, tilt = self._head(true)
+        nearest, farthest = self._sensor.floor_reach(tilt)
+        half = math.radians(self._sensor.config.tof_across_deg) / 2
+        fan = pan + np.linspace(-half, half, RAYS)
+        origin = np.column_stack([np.full(RAYS, true.x), np.full(RAYS, true.y), true.yaw + fan])
+        free, _ = self._sensor.rays(self.discs, self._walls, origin)
+        along = np.arange(nearest, farthest, GRAIN_M)
+        ray, step = np.nonzero(along[None] < free[:, None] - 0.03)
+        hits = np.flatnonzero(free < farthest)
+        distances = np.concatenate([along[step], np.repeat(free[hits] + 0.01, HIT_POINTS)])
+        which = np.concatenate([ray, np.repeat(hits, HIT_POINTS)])
+        is_obstacle = np.arange(len(which)) >= len(ray)
+        directions = pose.mean[2] + fan[which]
+        points = pose.mean[:2] + distances[:, None] * np.column_stack(
+            [np.cos(directions), np.sin(directions)]
+        )
+        is_moving = is_obstacle & near_movers(points, self.tracker.obstacles)
+        self.grid.update(points, is_obstacle, stamp_s, pose.mean[:2], is_moving=is_moving)
+        self.grid.age(elapsed)
+        self.confidence.see(self._looked_at(pose, pan, half, nearest, farthest))
+
+    def _looked_at(
+        self, pose: Gaussian, pan: float, half: float, nearest: float, farthest: float
+    ) -> Bool[np.ndarray, "n n"]:
+        assert self.grid is not None
+        apart = self.grid.centres() - pose.mean[:2]
+        away = np.hypot(apart[..., 0], apart[..., 1])
+        bearing = np.arctan2(apart[..., 1], apart[..., 0]) - pose.mean[2] - pan
+        off = np.abs((bearing + math.pi) % (2 * math.pi) - math.pi)
+        return np.asarray((off <= half) & (away >= nearest) & (away <= farthest))
+
+    def _map_everything(self, pose: Gaussian, stamp_s: float) -> None:
+        """All cells round the robot as they are, without what moves: that is told by the obstacles."""
+        if self.grid is None:
+            self.grid = EgocentricGrid(self.config.grid, pose.mean[:2])
+            self.confidence = ConfidenceLayer(self.grid, self.config.confidence)
+        assert self.confidence is not None
+        self.grid.move(pose.mean[:2])
+        centres = self.grid.centres().reshape(-1, 2)
+        x0, y0, x1, y1 = self._walls
+        half = self.grid.cell_m / 2  # what covers a part of a cell covers it
+        covered = (centres[:, 0] < x0 + half) | (centres[:, 0] > x1 - half)
+        covered |= (centres[:, 1] < y0 + half) | (centres[:, 1] > y1 - half)
+        for x, y, radius in self.discs[len(self._robot.world.scene.movers) :]:
+            away = (centres[:, 0] - x) ** 2 + (centres[:, 1] - y) ** 2
+            covered |= away < (radius + half) ** 2
+        many = np.repeat(np.arange(len(centres)), np.where(covered, HIT_POINTS, 1))
+        self.grid.update(centres[many], covered[many], stamp_s, pose.mean[:2])
+        self.confidence.see(np.ones((self.grid.config.cells,) * 2, np.bool_))

@@ -1,0 +1,1 @@
+"""Whole recordings: map, panorama, monocular floor, smoothing."""

@@ -1,0 +1,134 @@
+"""Pictures of a panorama: range with the key angles of the head, and all angles; what was found in it.
+
+Source: seed 004, Figs. 2 and 6.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mapping.panorama.key_angles import laws
+from mapping.panorama.obstacles import Surroundings
+from mapping.panorama.rendering import Drawing
+from mapping.panorama.sizes import surroundings
+from mapping.panorama.stitching import Panorama
+from mapping.panorama.views import View
+
+from . import style
+from .style import BELIEF, INK, WRONG
+
+FARTHEST_M = 4.0
+EVERY_DEG = 10
+
+
+def write_pictures(
+    folder: Path, name: str, panorama: Panorama, views: Sequence[View]
+) -> list[Path]:
+    """Two PNG files: `NAME_angles.png` with key and all angles, `NAME_obstacles.png` with what was found.
+
+    Args:
+        folder: Made if it is not there.
+        name: Begins the names of the files.
+        panorama: Nothing is written of one without a drawing.
+        views: Those it was made of.
+    """
+    drawing = panorama.drawing
+    if drawing is None:
+        return []
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}_angles.png", folder / f"{name}_obstacles.png"]
+    with style.styled():
+        paths[0].write_bytes(style.png(angles(drawing, views)))
+        paths[1].write_bytes(style.png(obstacles(drawing, surroundings(panorama, views))))
+    return paths
+
+
+def _range(axes: Any, drawing: Drawing) -> Any:
+    """The range image, columns and rows as they are."""
+    axes.grid(False)
+    image = axes.imshow(drawing.range_m, cmap="viridis_r", vmin=0.4, vmax=FARTHEST_M)
+    axes.set_xlabel("column, px")
+    axes.set_ylabel("row, px")
+    return image
+
+
+def angles(drawing: Drawing, views: Sequence[View]) -> Any:
+    """Key angles as they were found, full lines; all angles by the law between them, dotted."""
+    across, down = laws(drawing, views)
+    figure, axes = style.sheet(height_in=4.0)
+    image = _range(axes, drawing)
+    sphere = drawing.sphere
+    columns, rows = np.arange(sphere.width, dtype=float), np.arange(sphere.height, dtype=float)
+    for law, places, along in ((across, columns, "x"), (down, rows, "y")):
+        line = axes.axvline if along == "x" else axes.axhline
+        told = np.degrees(law.angle(places))
+        low, high = sorted((float(told[0]), float(told[-1])))
+        for degrees in range(math.ceil(low / EVERY_DEG) * EVERY_DEG, int(high) + 1, EVERY_DEG):
+            place = float(np.interp(degrees, *_growing(told, places)))
+            line(place, color="white", linewidth=0.5, linestyle=":")
+            _label(axes, along, place, f"{degrees}", INK, inside=True)
+        for key, pixel in zip(np.degrees(law.keys_rad), law.pixels, strict=True):
+            line(float(pixel), color=WRONG, linewidth=1.2)
+            _label(axes, along, float(pixel), f"{round(key)}", WRONG, inside=False)
+    figure.colorbar(image, ax=axes, label="range, m", shrink=0.8)
+    axes.set_title(
+        "key angles of the head (full) and all angles between them (dotted), deg", pad=14.0
+    )
+    return figure
+
+
+def _growing(angles: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return (angles, places) if angles[0] < angles[-1] else (angles[::-1], places[::-1])
+
+
+def _label(axes: Any, along: str, place: float, text: str, colour: str, inside: bool) -> None:
+    """An angle beside its line: key angles outside the picture, others inside it."""
+    settings: dict[str, Any] = {"color": colour, "fontsize": 6.5, "clip_on": False}
+    if inside:
+        settings["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.6, "linewidth": 0.0}
+    if along == "x":
+        at = (place, 0.02 if inside else 1.01)
+        axes.text(*at, text, transform=axes.get_xaxis_transform(), ha="center", **settings)
+    else:
+        at = (0.99 if inside else 1.005, place)
+        side = "right" if inside else "left"
+        axes.text(*at, text, transform=axes.get_yaxis_transform(), ha=side, va="center", **settings)
+
+
+def obstacles(drawing: Drawing, found: Surroundings) -> Any:
+    """Each obstacle between its edges, with distance, width and height; below them the gaps."""
+    figure, axes = style.sheet(height_in=4.0)
+    image = _range(axes, drawing)
+    sphere = drawing.sphere
+
+    def column(edge: tuple[float, float]) -> float:
+        x, y = edge[0] - drawing.centre[0], edge[1] - drawing.centre[1]
+        return (-math.atan2(y, x) - sphere.left_rad) * sphere.px_per_rad
+
+    for k, one in enumerate(found.obstacles):
+        left, right = column(one.left_edge_m), column(one.right_edge_m)
+        for edge in (left, right):
+            axes.axvline(edge, color=WRONG, linewidth=0.9)
+        text = f"{one.distance_m:.2f} m\n{one.width_m:.2f} x {one.height_m:.2f} m"
+        height = 0.90 - 0.10 * (k % 2)
+        axes.text(
+            0.5 * (left + right), height, text, transform=axes.get_xaxis_transform(), ha="center",
+            va="top", fontsize=6.5, color=INK, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
+        )  # fmt: skip
+    for gap in found.gaps:
+        if gap.left is None or gap.right is None:
+            continue
+        ends = found.obstacles[gap.left], found.obstacles[gap.right]
+        middle = 0.5 * (column(ends[0].right_edge_m) + column(ends[1].left_edge_m))
+        axes.text(
+            middle, 0.04, f"gap {gap.width_m:.2f} m", transform=axes.get_xaxis_transform(),
+            ha="center", fontsize=6.5, color=BELIEF, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
+        )  # fmt: skip
+    figure.colorbar(image, ax=axes, label="range, m", shrink=0.8)
+    axes.set_title("obstacles: forward distance, width x height; gaps between neighbours")
+    return figure

@@ -1,0 +1,1 @@
+"""Runs: the pipeline, the walking loop, and what is written down."""

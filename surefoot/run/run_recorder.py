@@ -1,0 +1,302 @@
+"""What a run writes down while it goes on, and puts into its folder at the end.
+
+Tables go to the disk row by row, so that a run of any length needs the same memory; only the time of every
+stage is kept, eight bytes each.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+from array import array
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from mapping.io import clouds, grid_file, nav2
+from perception.estimate import Estimate
+from perception.filtering.consistency import Innovation
+from perception.floor.segmented_view import SegmentedView
+from perception.primitives.frame import Frame
+from perception.primitives.obstacle import Obstacle
+
+from ..config import toml
+from ..config.schema import Config
+from ..planners import Decision, Planner
+from ..recordings.recording import RecordingInfo
+from ..results.measurement_log import (
+    ODOMETRY,
+    ODOMETRY_HEADER,
+    SIGHTINGS,
+    SIGHTINGS_HEADER,
+    odometry_row,
+    sighting_rows,
+)
+from ..results.row_stream import JsonStream, RowStream
+from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from .pipeline import Pipeline
+
+UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
+FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", *UPPER, "share", "state")
+INNOVATION_HEADER = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
+COMMAND_HEADER = (
+    "stamp_s", "forward_m", "lateral_m", "turn_rad", "pan_rad", "tilt_rad", "why",
+)  # fmt: skip
+VIEW_EVERY_S = 4.0  # pictures for the report: about twenty of a minute's walk
+VIEWS_AT_MOST = 60
+VIEW_WIDTH_PX = 360
+DRAWN_WIDTH_PX = 960  # of several panes
+
+
+class Journal:
+    """The tables and pictures of one run."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        config: Config,
+        info: RecordingInfo,
+        goals: Sequence[tuple[float, float]],
+        recording: str = "",
+    ) -> None:
+        self._folder = folder
+        self._config = config
+        self._info = info
+        self._goals = goals
+        self._recording = recording
+        self.frames = 0
+        self._first_s = self._last_s = 0.0
+        self._floor_seen = 0
+        self._times = array("d")
+        self._stages: dict[str, array[float]] = {}
+        self._views: list[dict[str, Any]] = []
+        self._landmarks = {"accepted": 0, "rejected": 0}
+        self._poses = RowStream(folder, "trajectory_covariance.csv", COVARIANCE_HEADER)
+        self._floors = RowStream(folder, "floor.csv", FLOOR_HEADER)
+        self._commands = RowStream(folder, "commands.csv", COMMAND_HEADER)
+        self._innovations = RowStream(folder, "innovations.csv", INNOVATION_HEADER)
+        self._odometry = RowStream(folder, ODOMETRY, ODOMETRY_HEADER)
+        self._sightings = RowStream(folder, SIGHTINGS, SIGHTINGS_HEADER)
+        self._tracks = JsonStream(folder, "obstacles.json")
+        folder.write_text("config.toml", toml.dumps(config))
+
+    @property
+    def seconds(self) -> float:
+        """From the first frame to the last, recording's clock."""
+        return self._last_s - self._first_s
+
+    def note(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
+        """Write one cycle down."""
+        stamp = estimate.stamp_s
+        self._first_s = stamp if self.frames == 0 else self._first_s
+        self._last_s = stamp
+        self.frames += 1
+        self._note_times(stamp, estimate.timing_ms)
+        self._odometry.append(odometry_row(frame))
+        for row in sighting_rows(stamp, estimate.sightings):
+            self._sightings.append(row)
+        if estimate.pose is not None:
+            self._poses.append(estimate_row(stamp, estimate.pose))
+        for view in estimate.views:
+            self._floors.append(_floor_row(stamp, view))
+        self._floor_seen += any(view.seen is not None for view in estimate.views)
+        for obstacle in estimate.obstacles:
+            self._tracks.append(_track(stamp, obstacle))
+        if estimate.landmarks is not None:
+            self._landmarks["accepted"] += estimate.landmarks.accepted
+            self._landmarks["rejected"] += estimate.landmarks.rejected
+            for innovation in estimate.landmarks.innovations:
+                self._innovations.append(_innovation(stamp, "landmark", innovation))
+        for innovation in estimate.innovations:
+            self._innovations.append(_innovation(stamp, "track", innovation))
+        if decision is not None:
+            walk, gaze = decision.walk, decision.gaze
+            step = (walk.forward_m, walk.lateral_m, walk.turn_rad)
+            self._commands.append((stamp, *step, gaze.pan_rad, gaze.tilt_rad, decision.why))
+        self._keep_views(frame, estimate, decision)
+
+    def keep_picture(self, stamp_s: float, name: str, png: bytes) -> None:
+        """One more picture of what the robot saw, for the report."""
+        file = f"views/{len(self._views):03d}.png"
+        self._folder.write_bytes(file, png)
+        caption = f"{name}, t = {stamp_s:.1f} s"
+        self._views.append({"stamp": stamp_s, "name": name, "file": file, "caption": caption})
+
+    def progress(self, estimate: Estimate, planner: Planner | None) -> str:
+        """One line for the terminal."""
+        text = f"frame {self.frames}"
+        if self._info.frames:
+            text += f" of {self._info.frames}"
+        text += f", t {estimate.stamp_s:.1f} s"
+        if planner is not None:
+            if self._goals:
+                text += f", {planner.distance_to_goal(estimate):.2f} m to the goal"
+            else:
+                text += f", {planner.reached} places visited"
+            text += f", {len(estimate.obstacles)} tracks"
+        return text
+
+    def notes(self, pipeline: Pipeline) -> tuple[str, ...]:
+        """What the user should know about how the recording was used."""
+        said = [f"floor seen in {self._floor_seen} of {self.frames} frames"]
+        if not self._poses.rows:
+            said.append(
+                "the recording has neither poses nor footsteps: every frame stands alone, "
+                "and the map is that of the last frame"
+            )
+        return tuple(said)
+
+    def finish(self, pipeline: Pipeline, summary: dict[str, Any]) -> None:
+        """Write everything, the report last."""
+        from ..report.page import write_report
+
+        folder = self._folder
+        self._close_tables(pipeline)
+        world = pipeline.world
+        nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
+        if pipeline.grid is not None:
+            grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
+        points, colours = pipeline.cloud.cloud()
+        if len(points):
+            clouds.save_ply(folder.path("cloud.ply"), points, colours)
+        folder.write_json("views.json", self._views)
+        folder.write_json(
+            "summary.json",
+            {
+                **{key: value for key, value in summary.items() if key != "run"},
+                "name": self._info.name,
+                "kind": self._info.kind,
+                "start": None if self._info.start is None else self._info.start.vector.tolist(),
+                "start_covariance": None
+                if self._info.start_covariance is None
+                else self._info.start_covariance.tolist(),
+                "goal_positions": [list(goal) for goal in self._goals],
+                "landmarks": [
+                    [mark.identity, *mark.position, mark.side_m] for mark in self._info.landmarks
+                ],
+                "landmark_sightings": self._landmarks,
+                "renderer": self._config.renderer,
+                "version": importlib.metadata.version("surefoot"),
+                "recording": self._recording,
+                "command": self._command(),
+            },
+        )
+        write_report(folder)
+
+    def _command(self) -> str:
+        """How to make this run again."""
+        config = self._folder.path("config.toml")
+        if self._recording:
+            return f"surefoot process {self._recording} --config {config}"
+        return f"surefoot simulate --config {config}"
+
+    def _note_times(self, stamp_s: float, milliseconds: dict[str, float]) -> None:
+        """Of every stage; one that was not there before took no time."""
+        for name in milliseconds:
+            if name not in self._stages:
+                self._stages[name] = array("d", bytes(8 * len(self._times)))
+        self._times.append(stamp_s)
+        for name, times in self._stages.items():
+            times.append(milliseconds.get(name, 0.0))
+
+    def _close_tables(self, pipeline: Pipeline) -> None:
+        """Put every table in its place."""
+        for table in (self._floors, self._odometry, self._sightings, self._innovations):
+            table.close()
+        self._commands.close(keep_empty=False)
+        self._poses.close(keep_empty=False)
+        if self._poses.rows:
+            self._folder.write_way()
+        self._tracks.close_into("tracks", {"footprints": _footprints(pipeline)})
+        times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
+        for row in zip(self._times, *(self._stages[n] for n in sorted(self._stages)), strict=True):
+            times.append(row)
+        times.close()
+
+    def _keep_views(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
+        """Every few seconds the camera views as small pictures, and what was decided by."""
+        due = not self._views or estimate.stamp_s - self._views[-1]["stamp"] >= VIEW_EVERY_S
+        if not due or len(self._views) >= VIEWS_AT_MOST:
+            return
+        pictures = []
+        if frame.colour is not None:
+            colour = cv2.cvtColor(frame.colour.rgb, cv2.COLOR_RGB2BGR)
+            pictures.append(("colour", colour, VIEW_WIDTH_PX))
+        for view in estimate.views:
+            pictures.append((view.sensor, _depth_picture(view.depth.z), VIEW_WIDTH_PX))
+        if decision is not None and decision.drawn is not None:
+            drawn = cv2.cvtColor(decision.drawn(), cv2.COLOR_RGB2BGR)
+            pictures.append((f"stages, then {decision.why}", drawn, DRAWN_WIDTH_PX))
+        for name, picture, width in pictures:
+            height = round(picture.shape[0] * width / picture.shape[1])
+            small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+            file = f"views/{len(self._views):03d}.jpg"
+            done, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 80])
+            if done:
+                self._folder.write_bytes(file, data.tobytes())
+                self._views.append(
+                    {
+                        "stamp": estimate.stamp_s,
+                        "name": name,
+                        "file": file,
+                        "caption": f"{name}, t = {estimate.stamp_s:.1f} s",
+                    }
+                )
+
+
+def _footprints(pipeline: Pipeline) -> list[dict[str, Any]]:
+    return [
+        {
+            "centre_m": footprint.centre.tolist(),
+            "length_m": footprint.length_m,
+            "width_m": footprint.width_m,
+            "yaw_rad": footprint.yaw_rad,
+            "height_m": footprint.height_m,
+            "covariance": footprint.covariance.tolist(),
+            "points": footprint.points,
+        }
+        for footprint in pipeline.footprints()
+    ]
+
+
+def _floor_row(stamp_s: float, view: SegmentedView) -> tuple[object, ...]:
+    P = view.floor.covariance
+    return (
+        stamp_s,
+        view.sensor,
+        *view.floor.normal.tolist(),
+        view.floor.offset_m,
+        *(float(P[i, j]) for i in range(3) for j in range(i, 3)),
+        0.0 if view.seen is None else view.seen,
+        "expected" if view.seen is None else "seen",
+    )
+
+
+def _innovation(stamp_s: float, source: str, innovation: Innovation) -> tuple[object, ...]:
+    identity = "" if innovation.identity is None else innovation.identity
+    return (stamp_s, source, identity, *innovation.whitened.tolist())
+
+
+def _track(stamp_s: float, obstacle: Obstacle) -> dict[str, Any]:
+    return {
+        "stamp": stamp_s,
+        "track": obstacle.track,
+        "mean": obstacle.state.mean.tolist(),
+        "covariance": obstacle.state.covariance.tolist(),
+        "radius_m": obstacle.radius_m,
+        "height_m": obstacle.height_m,
+        "moving": obstacle.moving,
+        "seen": obstacle.seen_s,
+    }
+
+
+def _depth_picture(z: Float[np.ndarray, "h w"]) -> np.ndarray:
+    """Near is bright, none is black; colours of OpenCV's viridis."""
+    known = np.isfinite(z)
+    near, far = (0.3, 3.0)
+    level = np.clip((far - np.where(known, z, far)) / (far - near), 0.0, 1.0)
+    picture = cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+    picture[~known] = 0
+    return np.asarray(picture)

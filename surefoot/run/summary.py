@@ -1,0 +1,83 @@
+"""How a run ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..recordings.recording import Recording
+
+if TYPE_CHECKING:
+    pass
+
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """How a run ended, for the closing lines.
+
+    Args:
+        folder: Where everything is.
+        frames: Processed.
+        skipped: Frames that could not be used, by reason.
+        reached: Goals reached, and of how many; None for a recording.
+        seconds: Length in the recording's clock.
+        fell_at_s: When the robot fell, which ends a run; None if it stood to the end.
+        body: Who walked, "kinematic" or "dynamic", which alone can fall; None for a recording.
+        notes: Anything else the user should know.
+    """
+
+    folder: Path
+    frames: int
+    seconds: float
+    skipped: dict[str, int] = field(default_factory=dict)
+    reached: tuple[int, int] | None = None
+    notes: tuple[str, ...] = ()
+    fell_at_s: float | None = None
+    body: str | None = None
+
+    @property
+    def succeeded(self) -> bool:
+        """Every goal reached, if there were any, and never fallen."""
+        arrived = self.reached is None or self.reached[0] == self.reached[1]
+        return arrived and self.fell_at_s is None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For machines."""
+        return {
+            "run": str(self.folder),
+            "frames": self.frames,
+            "seconds": self.seconds,
+            "skipped": self.skipped,
+            "goals_reached": None if self.reached is None else self.reached[0],
+            "goals": None if self.reached is None else self.reached[1],
+            "notes": list(self.notes),
+            "fell_at_s": self.fell_at_s,
+            "body": self.body,
+        }
+
+    def lines(self) -> list[str]:
+        """For people."""
+        shown = [f"{self.frames} frames, {self.seconds:.1f} s"]
+        if self.reached is not None:
+            shown.append(f"goals reached: {self.reached[0]} of {self.reached[1]}")
+        shown += [f"skipped {count}: {reason}" for reason, count in self.skipped.items()]
+        shown += list(self.notes)
+        shown.append(f"run folder: {self.folder}   report: {self.folder / 'report.html'}")
+        return shown
+
+
+def _count(recording: Recording) -> dict[str, int]:
+    reasons = [reason for _, reason in recording.skipped]
+    return {str(reason): reasons.count(reason) for reason in np.unique(reasons)} if reasons else {}
+
+
+def _reasons(recording: Recording) -> str:
+    counted = _count(recording)
+    return "; ".join(f"{count}: {reason}" for reason, count in counted.items()) or "it is empty"

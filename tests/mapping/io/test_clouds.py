@@ -1,0 +1,107 @@
+"""The cloud of a run: voxel means, bounded memory, PLY."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapping.io.clouds import CloudBuilder, CloudConfig, load_ply, save_ply
+from perception.primitives.errors import ConfigError, InputError, OutputError
+
+
+def twin(frames: list[tuple[np.ndarray, np.ndarray]], voxel_m: float) -> dict:
+    """Means, colours and sightings of each voxel by a dictionary, in the order of the first hit."""
+    held: dict[tuple[int, ...], list] = {}
+    for k, (points, colours) in enumerate(frames):
+        for point, colour in zip(points, colours, strict=True):
+            key = tuple(np.floor(point * (1 / voxel_m)).astype(int).tolist())
+            entry = held.setdefault(key, [np.zeros(3), np.zeros(3), 0, set()])
+            entry[0] += point
+            entry[1] += colour
+            entry[2] += 1
+            entry[3].add(k)
+    return held
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_each_voxel_holds_the_mean_of_its_points(seed):
+    rng = np.random.default_rng(seed)
+    frames = [
+        (rng.uniform(-0.5, 0.5, (150, 3)), rng.integers(0, 256, (150, 3)).astype(np.uint8))
+        for _ in range(3)
+    ]
+    builder = CloudBuilder(CloudConfig(voxel_m=0.2))
+    for points, colours in frames:
+        builder.add(points, colours)
+    held = twin(frames, 0.2)
+    points, colours = builder.cloud()
+    np.testing.assert_allclose(points, [e[0] / e[2] for e in held.values()], atol=1e-12)
+    np.testing.assert_array_equal(colours, [np.rint(e[1] / e[2]) for e in held.values()])
+    np.testing.assert_array_equal(builder.sightings, [len(e[3]) for e in held.values()])
+
+
+def test_many_voxels_survive_the_growth_of_the_table():
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-5, 5, (60_000, 3))
+    builder = CloudBuilder(CloudConfig(voxel_m=0.02))
+    builder.add(points[:30_000])
+    builder.add(points[30_000:])
+    cells = np.floor(points * (1 / 0.02)).astype(int)
+    assert len(builder) == len(np.unique(cells, axis=0))
+    assert builder.cloud()[1] is None
+
+
+def test_voxels_double_when_they_run_out_and_keep_the_mean():
+    rng = np.random.default_rng(2)
+    points = rng.uniform(-1, 1, (20_000, 3))
+    builder = CloudBuilder(CloudConfig(voxel_m=0.02, most_voxels=3000))
+    for part in np.split(points, 4):
+        builder.add(part)
+    assert len(builder) <= 3000
+    assert builder.voxel_m > 0.02
+    weights = builder._counts[: len(builder)]
+    assert weights.sum() == len(points)
+    np.testing.assert_allclose(
+        np.average(builder.cloud()[0], axis=0, weights=weights), points.mean(axis=0), atol=1e-12
+    )
+
+
+def test_nan_and_what_is_too_far_are_passed_over():
+    builder = CloudBuilder()
+    builder.add(np.array([[np.nan, 0, 0], [1e9, 0, 0], [0.5, 0.5, 0.5], [np.inf, 0, 0]]))
+    assert len(builder) == 1
+    np.testing.assert_array_equal(builder.cloud()[0], [[0.5, 0.5, 0.5]])
+
+
+def test_bad_input_is_refused_with_its_reason():
+    with pytest.raises(ConfigError, match="voxel_m=0"):
+        CloudConfig(voxel_m=0.0)
+    with pytest.raises(ConfigError, match="most_voxels=1 "):
+        CloudConfig(most_voxels=1)
+
+
+def test_a_cloud_is_written_whole_and_read_back(tmp_path):
+    pytest.importorskip("open3d", reason="Open3D cannot be loaded here", exc_type=ImportError)
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-1, 1, (100, 3))
+    colours = rng.integers(0, 256, (100, 3)).astype(np.uint8)
+    save_ply(tmp_path / "c.ply", points, colours)
+    read, tints = load_ply(tmp_path / "c.ply")
+    np.testing.assert_allclose(read, points, atol=1e-12)
+    np.testing.assert_array_equal(tints, colours)
+    save_ply(tmp_path / "c.ply", points)
+    assert load_ply(tmp_path / "c.ply")[1] is None
+    assert [f.name for f in tmp_path.iterdir()] == ["c.ply"]
+    with pytest.raises(OutputError, match="cannot write"):
+        save_ply(tmp_path / "none" / "c.ply", points)
+    (tmp_path / "bad.ply").write_text("not a cloud")
+    with pytest.raises(InputError, match="holds no points"):
+        load_ply(tmp_path / "bad.ply")
+
+
+def test_a_missing_cloud_is_told(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        load_ply(tmp_path / "none.ply")

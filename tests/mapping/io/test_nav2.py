@@ -1,0 +1,131 @@
+"""Maps as map_server's files: written, read, and read by other eyes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapping.io import nav2
+from perception.primitives.errors import InputError, OutputError
+
+
+def write(folder: Path, yaml: str, pgm: bytes = b"P5\n2 2\n255\n\x00\xfe\xcd\x80") -> Path:
+    (folder / "m.pgm").write_bytes(pgm)
+    (folder / "m.yaml").write_text(yaml)
+    return folder / "m.yaml"
+
+
+GOOD = "image: m.pgm\nresolution: 0.05\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(1, 12),
+    st.integers(1, 12),
+    st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
+    st.sampled_from([0.05, 0.02, 0.1]),
+)
+def test_what_is_saved_is_loaded(tmp_path_factory, rows, columns, origin, cell_m):
+    folder = tmp_path_factory.mktemp("map")
+    rng = np.random.default_rng(rows * 100 + columns)
+    state = rng.integers(0, 3, (rows, columns))  # free, occupied, unknown
+    p = np.array([0.1, 0.9, 0.3], np.float32)[state]
+    path = nav2.save(folder, "m", p, state != 2, np.array(origin), cell_m)
+    loaded = nav2.load(path)
+    np.testing.assert_array_equal(loaded.known, state != 2)
+    np.testing.assert_array_equal(loaded.probability, np.array([0.0, 1.0, 0.5], np.float32)[state])
+    np.testing.assert_array_equal(loaded.origin, origin)
+    assert loaded.cell_m == cell_m
+    assert sorted(f.name for f in folder.iterdir()) == ["m.pgm", "m.yaml"]
+
+
+def test_the_picture_shows_north_up_in_the_colours_of_map_server(tmp_path):
+    p = np.array([[0.05, 0.95, 0.05], [0.05, 0.05, 0.5]], np.float32)
+    known = np.array([[True, True, False], [True, True, True]])
+    nav2.save(tmp_path, "m", p, known, np.zeros(2), 0.05)
+    image = cv2.imread(str(tmp_path / "m.pgm"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(image, [[254, 254, 205], [254, 0, 205]])
+
+
+def test_the_thresholds_keep_its_own_unknown_unknown(tmp_path):
+    # 205 is p = 50/255 = 0.19608; a reader with free_thresh above that takes it for free.
+    path = nav2.save(
+        tmp_path, "m", np.zeros((1, 1), np.float32), np.zeros((1, 1), bool), np.zeros(2), 0.05
+    )
+    entries = dict(line.split(": ") for line in path.read_text().splitlines())
+    assert float(entries["free_thresh"]) < 50 / 255 < float(entries["occupied_thresh"])
+
+
+def test_a_map_of_nothing_is_one_unknown_cell(tmp_path):
+    empty = np.zeros((0, 0))
+    path = nav2.save(tmp_path, "m", empty.astype(np.float32), empty.astype(bool), np.zeros(2), 0.05)
+    assert not nav2.load(path).known.any()
+
+
+def test_maps_of_others_are_read(tmp_path):
+    commented = b"P5\n# CREATOR: map_saver 0.05 m/pix\n2 2\n255\n\x00\xfe\xcd\x80"
+    trinary = nav2.load(write(tmp_path, GOOD + "mode: trinary  # usual\n", commented))
+    np.testing.assert_array_equal(trinary.probability, [[0.5, 0.5], [1.0, 0.0]])
+    np.testing.assert_array_equal(trinary.known, [[False, False], [True, True]])
+    negated = nav2.load(write(tmp_path, GOOD.replace("negate: 0", "negate: 1")))
+    assert negated.probability[1, 0] == 0.0
+    scale = nav2.load(write(tmp_path, GOOD + "mode: scale\n"))
+    assert scale.probability[0, 1] == pytest.approx(1 - 128 / 255)
+
+
+@pytest.mark.parametrize(
+    ("yaml", "pgm", "message"),
+    [
+        (GOOD.replace("resolution: 0.05\n", ""), None, "no resolution"),
+        (GOOD.replace("0.05", "fine"), None, "resolution='fine' must be a number"),
+        (GOOD.replace("0.05", "-1"), None, "must be positive"),
+        (GOOD.replace("0.0]", "0.7]"), None, r"turned by 0\.7 rad"),
+        (GOOD.replace("[-1.0, 2.0, 0.0]", "[1.0]"), None, "must be"),
+        (GOOD.replace("m.pgm", "other.pgm"), None, "other.pgm cannot be read"),
+        (GOOD + "mode: raw\n", None, "mode 'raw' is not read"),
+        (GOOD, b"P5\n4 4\n255\n\x00\x01", "2 bytes of pixels, expected 16"),
+        (GOOD, b"P2\n1 1\n255\n7", r"expected a binary PGM \(P5\)"),
+        (GOOD, b"", r"expected a binary PGM \(P5\)"),
+    ],
+)
+def test_bad_maps_are_refused_with_their_reason(tmp_path, yaml, pgm, message):
+    path = write(tmp_path, yaml) if pgm is None else write(tmp_path, yaml, pgm)
+    with pytest.raises(InputError, match=message):
+        nav2.load(path)
+
+
+def test_a_missing_map_and_a_missing_folder_are_told(tmp_path):
+    with pytest.raises(InputError, match=r"none\.yaml cannot be read"):
+        nav2.load(tmp_path / "none.yaml")
+    with pytest.raises(OutputError, match=r"cannot write .*m\.pgm"):
+        nav2.save(
+            tmp_path / "no",
+            "m",
+            np.ones((1, 1), np.float32),
+            np.ones((1, 1), bool),
+            np.zeros(2),
+            0.05,
+        )
+
+
+def test_a_write_that_fails_leaves_the_old_map_whole(tmp_path, monkeypatch):
+    one = (np.ones((1, 1), np.float32), np.ones((1, 1), bool), np.zeros(2), 0.05)
+    path = nav2.save(tmp_path, "m", *one)
+    before = {f.name: f.read_bytes() for f in tmp_path.iterdir()}
+
+    def full(_: int) -> None:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match="No space left"):
+        nav2.save(
+            tmp_path, "m", np.zeros((9, 9), np.float32), np.ones((9, 9), bool), np.zeros(2), 0.05
+        )
+    assert {f.name: f.read_bytes() for f in tmp_path.iterdir()} == before
+    assert nav2.load(path).probability[0, 0] == 1.0

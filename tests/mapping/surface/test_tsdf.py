@@ -1,0 +1,171 @@
+"""The fused surface: against a sphere and a wall of which everything is known, and Open3D's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mapping.surface.meshes import Mesh, save_mesh
+from mapping.surface.surface_map import surface_map
+from mapping.surface.traversability import (
+    TraversabilityConfig,
+    save_layers,
+    save_nav2,
+    traversability,
+)
+from mapping.surface.tsdf import Tsdf
+from mapping.surface.tsdf_config import SurfaceMap, TsdfConfig
+from perception.depth import structured_light
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.frame import Depth, DepthView
+from perception.primitives.pose import Pose3
+
+CAMERA = Camera(160, 120, 131.0, 131.0, 79.5, 59.5)
+CENTRE, RADIUS = np.array([0.1, -0.05, 1.5]), 0.4
+
+
+def sphere(pose: Pose3) -> Depth:
+    directions = CAMERA.rays @ pose.rotation.T
+    off = pose.position - CENTRE
+    a = np.sum(directions**2, axis=-1)
+    b = directions @ off
+    inside = b * b - a * (off @ off - RADIUS**2)
+    with np.errstate(invalid="ignore"):
+        z = (-b - np.sqrt(inside)) / a
+    return structured_light.depth(DepthView(z.astype(np.float32), CAMERA))
+
+
+def views() -> list[Pose3]:
+    return [Pose3((0.05 * n, 0.03 * n, 0.0)) for n in range(-2, 3)]
+
+
+@pytest.mark.parametrize("method", ["compiled", "open3d"])
+def test_a_sphere_is_found_to_a_few_millimetres(method: str) -> None:
+    surface = surface_map(TsdfConfig(method=method))
+    assert isinstance(surface, SurfaceMap)
+    for pose in views() if method == "compiled" else views() * 2:
+        surface.integrate(sphere(pose), pose)
+    mesh = surface.mesh()
+    points = mesh.spread(5000, np.random.default_rng(0))
+    errors = np.abs(np.linalg.norm(points - CENTRE, axis=1) - RADIUS)
+    assert len(mesh.triangles) > 500
+    assert np.median(errors) < 0.003
+
+
+def test_triangles_and_normals_face_the_camera() -> None:
+    surface = Tsdf()
+    for pose in views():
+        surface.integrate(sphere(pose), pose)
+    mesh = surface.mesh()
+    outward = (mesh.vertices - CENTRE) / np.linalg.norm(mesh.vertices - CENTRE, axis=1)[:, None]
+    middle = mesh.vertices[:, 2] < CENTRE[2] - 0.5 * RADIUS
+    assert np.all(np.sum(outward * mesh.normals, axis=1)[middle] > 0.8)
+    a, b, c = (mesh.vertices[mesh.triangles[:, n]] for n in range(3))
+    faces = np.cross(b - a, c - a)
+    front = np.all(middle[mesh.triangles], axis=1)
+    assert np.mean(np.sum(faces * outward[mesh.triangles[:, 0]], axis=1)[front] > 0.0) > 0.98
+
+
+def test_colours_of_the_picture_are_on_the_surface() -> None:
+    surface = Tsdf()
+    rgb = np.zeros((120, 160, 3), np.uint8)
+    rgb[...] = (200, 100, 50)
+    for pose in views():
+        surface.integrate(sphere(pose), pose, rgb)
+    colours = surface.mesh().colours
+    assert colours is not None
+    assert np.median(colours, axis=0) == pytest.approx((200, 100, 50), abs=3)
+
+
+def test_looking_again_costs_no_memory_and_many_blocks_find_room() -> None:
+    surface = Tsdf(TsdfConfig(voxel_m=0.002, band_voxels=3.0))
+    surface.integrate(sphere(Pose3()), Pose3())
+    first = surface.blocks
+    surface.integrate(sphere(Pose3()), Pose3())
+    assert surface.blocks == first
+    assert first > 1024  # it first had room for so many
+
+
+def test_nothing_seen_is_an_empty_surface() -> None:
+    mesh = Tsdf().mesh()
+    assert len(mesh.vertices) == len(mesh.triangles) == 0
+    assert len(mesh.spread(10, np.random.default_rng(0))) == 0
+    assert traversability(mesh).height.size == 0
+
+
+def test_images_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(InputError, match="register"):
+        Tsdf().integrate(sphere(Pose3()), Pose3(), np.zeros((10, 10, 3), np.uint8))
+    with pytest.raises(ConfigError, match="method"):
+        TsdfConfig(method="octree")
+    with pytest.raises(ConfigError, match="voxel_m"):
+        TsdfConfig(voxel_m=-1.0)
+
+
+def test_a_saved_mesh_is_read_back_by_open3d(tmp_path: Path) -> None:
+    open3d = pytest.importorskip("open3d")
+    surface = Tsdf()
+    surface.integrate(sphere(Pose3()), Pose3())
+    mesh = surface.mesh()
+    save_mesh(tmp_path / "sphere.ply", mesh)
+    read = open3d.io.read_triangle_mesh(str(tmp_path / "sphere.ply"))
+    assert np.asarray(read.vertices) == pytest.approx(mesh.vertices)
+    assert np.array_equal(np.asarray(read.triangles), mesh.triangles)
+
+
+def sheet(z: float, x: tuple[float, float], y: tuple[float, float]) -> Mesh:
+    """A level sheet of small triangles."""
+    xs, ys = np.arange(*x, 0.02), np.arange(*y, 0.02)
+    grid = np.stack(np.meshgrid(xs, ys), axis=-1).reshape(-1, 2)
+    vertices = np.column_stack([grid, np.full(len(grid), z)]).astype(np.float32)
+    n = len(xs)
+    corner = np.array([i * n + j for i in range(len(ys) - 1) for j in range(n - 1)], np.int32)
+    triangles = np.concatenate(
+        [
+            np.stack([corner, corner + 1, corner + n], axis=1),
+            np.stack([corner + 1, corner + n + 1, corner + n], axis=1),
+        ]
+    )
+    return Mesh(vertices, triangles, np.tile(np.array([0, 0, 1], np.float32), (len(vertices), 1)))
+
+
+def joined(*parts: Mesh) -> Mesh:
+    first = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    return Mesh(
+        np.concatenate([part.vertices for part in parts]),
+        np.concatenate(
+            [part.triangles + int(n) for part, n in zip(parts, first, strict=False)]
+        ).astype(np.int32),
+        np.concatenate([part.normals for part in parts]),
+    )
+
+
+def test_a_box_on_a_floor_is_occupied_and_the_floor_is_free(tmp_path: Path) -> None:
+    place = joined(sheet(0.0, (-1.0, 1.0), (-1.0, 1.0)), sheet(0.4, (0.0, 0.4), (-0.2, 0.2)))
+    layers = traversability(place)
+    centres = layers.centres
+    box = (centres[..., 0] > 0.0) & (centres[..., 0] < 0.38) & (np.abs(centres[..., 1]) < 0.19)
+    # the floor goes on under this box, so height tells it, and nobody can stand at its edge
+    assert np.all(layers.height[box][5:-5] > 0.3)
+    far = layers.known & (centres[..., 0] < -0.2)
+    assert np.all(layers.probability[far] > 0.9)
+    edge = box & (centres[..., 0] < 0.03)
+    assert np.all(layers.probability[edge] < 0.01)
+    assert save_nav2(tmp_path, "place", layers).is_file()
+    save_layers(tmp_path / "place.npz", layers)
+    with np.load(tmp_path / "place.npz") as read:
+        assert np.array_equal(read["elevation"], layers.height, equal_nan=True)
+
+
+def test_a_ramp_has_its_slope_and_what_hangs_high_is_left_out() -> None:
+    floor = sheet(0.0, (-0.5, 0.5), (-0.5, 0.5))
+    ramp = Mesh(floor.vertices.copy(), floor.triangles, floor.normals)
+    ramp.vertices[:, 2] = 0.2 * ramp.vertices[:, 0] + 0.15
+    lamp = sheet(1.5, (-0.3, 0.3), (-0.3, 0.3))
+    layers = traversability(joined(ramp, lamp), TraversabilityConfig(cell_m=0.04))
+    inner = layers.slope[4:-4, 4:-4]
+    assert np.nanmedian(inner) == pytest.approx(np.arctan(0.2), abs=0.02)
+    assert np.nanmax(layers.height) < 0.7

@@ -1,0 +1,73 @@
+"""Consistency measures: right for a right covariance, and telling for a wrong one."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import scipy.stats
+
+from perception.filtering import consistency
+from perception.primitives.errors import InputError
+
+
+def samples(scale: float = 1.0, n: int = 4000) -> tuple[np.ndarray, np.ndarray]:
+    """Errors drawn from a covariance, and that covariance times scale squared claimed."""
+    rng = np.random.default_rng(2)
+    roots = rng.normal(size=(n, 3, 3)) + 2 * np.eye(3)
+    errors = (roots @ rng.normal(size=(n, 3, 1)))[..., 0]
+    return errors, roots @ roots.transpose(0, 2, 1) * scale**2
+
+
+def test_quantiles_and_bands_are_those_of_scipy():
+    for degrees in (1, 2, 3, 150):
+        for p in (0.025, 0.5, 0.999):
+            expected = scipy.stats.chi2.ppf(p, degrees)
+            assert math.isclose(consistency.chi_square_quantile(p, degrees), expected, rel_tol=1e-9)
+    low, high = consistency.band(3, 50)
+    assert math.isclose(low, scipy.stats.chi2.ppf(0.025, 150) / 50, rel_tol=1e-9)
+    assert math.isclose(high, scipy.stats.chi2.ppf(0.975, 150) / 50, rel_tol=1e-9)
+
+
+def test_a_right_covariance_lies_in_its_band():
+    errors, covariances = samples()
+    low, high = consistency.band(3, len(errors), 0.999)
+    assert low < consistency.nees(errors, covariances).mean() < high
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.25])
+def test_a_covariance_off_by_a_quarter_does_not(scale):
+    errors, covariances = samples(scale)
+    low, high = consistency.band(3, len(errors), 0.999)
+    mean = consistency.nees(errors, covariances).mean()
+    assert (mean > high) if scale < 1 else (mean < low)
+
+
+def test_an_error_of_a_whole_turn_is_none():
+    error = np.array([[0.1, 0.0, 2 * math.pi]])
+    assert math.isclose(consistency.nees(error, np.eye(3)[None], angles=[2])[0], 0.01)
+    assert error[0, 2] == 2 * math.pi  # the caller's array is left alone
+
+
+def test_the_calibration_curve_is_the_diagonal_and_sags_for_the_overconfident():
+    claimed, found = consistency.calibration(consistency.nees(*samples()), 3)
+    np.testing.assert_allclose(found, claimed, atol=0.03)  # 4 deviations of a share of 4000
+    _, sagging = consistency.calibration(consistency.nees(*samples(0.7)), 3)
+    assert np.all(sagging < claimed - 0.01)
+
+
+def test_white_innovations_stay_within_the_bound_and_a_drift_does_not():
+    rng = np.random.default_rng(4)
+    white = rng.normal(size=(2000, 2))
+    bound = consistency.whiteness_bound(2000, 2)
+    assert np.mean(np.abs(consistency.whiteness(white, 40)) < bound) > 0.85
+    smooth = np.apply_along_axis(lambda x: np.convolve(x, np.ones(5), "valid"), 0, white)
+    assert consistency.whiteness(smooth, 1)[0] > 10 * bound
+
+
+def test_bad_questions_are_refused():
+    with pytest.raises(InputError, match=r"probability=1\.5"):
+        consistency.chi_square_quantile(1.5, 2)
+    with pytest.raises(InputError, match="5 innovations are too few"):
+        consistency.whiteness(np.zeros((5, 1)), 10)

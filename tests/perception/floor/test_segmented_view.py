@@ -1,0 +1,83 @@
+"""What is seen whole: a post before a wall, laid across every border that a sensor has."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from perception.depth.points import from_depth
+from perception.depth.reach import ReachConfig
+from perception.floor.classify import OBSTACLE
+from perception.floor.segmented_view import SegmentedView, cut_off
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3
+
+WIDE = Camera(160, 120, 80.0, 80.0, 79.5, 59.5)
+NARROW = Camera(160, 120, 200.0, 200.0, 79.5, 59.5)
+REACH = ReachConfig(0.15, 3.0, 1)
+
+
+def post(camera, bearing_m, z_m, half_m=0.1, baseline_m=0.0, blank=False):
+    """A view along x of a flat post, half as wide as `half_m`, its middle `bearing_m` to the right."""
+    across = (np.arange(camera.width) - camera.cx) / camera.fx
+    row = np.where(np.abs(across * z_m - bearing_m) < half_m, z_m, 2.5)
+    if baseline_m:  # the right image shows nothing of the left border
+        row[np.arange(camera.width) < camera.fx * baseline_m / row] = np.nan
+    if blank:
+        row[:] = np.nan
+    z = np.repeat(row[None], camera.height, axis=0).astype(np.float32)
+    depth = Depth(z, np.full_like(z, 0.01), camera, baseline_m=baseline_m)
+    cloud = from_depth(depth, REACH.nearest_m, REACH.farthest_m, REACH.stride)
+    classes = np.full(len(cloud), OBSTACLE, dtype=np.int8)
+    floor = Plane(np.array([0.0, -1.0, 0.0]), 0.4)
+    return SegmentedView("stereo", depth, cloud, classes, floor, None, Pose3(), cloud.xyz.copy())
+
+
+def is_whole(view, others=()):
+    front = view.points.xyz[:, 2] < 1.5
+    assert front.any()
+    return not cut_off(view, REACH, others)[front].any()
+
+
+def test_in_the_middle_it_is_whole_and_at_either_side_of_the_image_it_is_not():
+    assert is_whole(post(WIDE, 0.0, 0.6))
+    assert not is_whole(post(WIDE, 0.6, 0.6))
+    assert not is_whole(post(WIDE, -0.6, 0.6))
+
+
+def test_a_pair_does_not_see_the_left_border_and_what_ends_there_is_cut():
+    """Nearer than 0.5 m the band without a partner is wider than any margin of the image."""
+    middle = -0.36
+    assert is_whole(post(WIDE, middle, 0.5))
+    assert not is_whole(post(WIDE, middle, 0.5, baseline_m=0.06))
+    assert is_whole(post(WIDE, -middle, 0.5, baseline_m=0.06))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_wider_view_shows_what_lies_beyond_the_border_unless_it_is_blind_there(side):
+    near = post(NARROW, side * 0.18, 0.5)
+    assert not is_whole(near)
+    assert is_whole(near, [post(WIDE, side * 0.18, 0.5)])
+    assert not is_whole(near, [post(WIDE, side * 0.18, 0.5, blank=True)])
+
+
+def test_what_comes_nearer_than_the_sensor_measures_may_have_lost_its_front():
+    assert is_whole(post(WIDE, 0.0, 0.25, half_m=0.05))
+    assert not is_whole(post(WIDE, 0.0, 0.16, half_m=0.05))
+
+
+def test_what_is_half_hidden_by_something_nearer_is_not_whole():
+    view = post(WIDE, 0.0, 0.9)
+    front = post(WIDE, 0.15, 0.4)
+    z = np.fmin(view.depth.z, front.depth.z)
+    depth = Depth(z, np.full_like(z, 0.01), WIDE)
+    cloud = from_depth(depth, REACH.nearest_m, REACH.farthest_m, REACH.stride)
+    both = SegmentedView(
+        "tof", depth, cloud, view.classes, view.floor, None, Pose3(), cloud.xyz.copy()
+    )
+    behind = np.abs(cloud.xyz[:, 2] - 0.9) < 0.01
+    assert behind.any()
+    assert cut_off(both, REACH)[behind].any()
+    assert not cut_off(both, REACH)[np.abs(cloud.xyz[:, 2] - 0.4) < 0.01].any()

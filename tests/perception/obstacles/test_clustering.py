@@ -1,0 +1,223 @@
+"""Things on the floor: cylinders, boxes, walls and people, seen from one side."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+from scipy import stats
+
+from perception.depth.points import from_depth
+from perception.depth.structured_light import depth as structured_light
+from perception.floor.choose import find
+from perception.floor.classify import FLOOR, classify
+from perception.floor.levelling import shadow
+from perception.floor.prior import handheld_prior
+from perception.obstacles.clustering import ClusterConfig, cluster
+from perception.primitives.camera import Camera
+from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.frame import DepthView
+
+SENSOR = np.array([0.03, 0.0])
+PITCH = math.radians(0.25)  # between pixels: SR-4000, and every second pixel of a Kinect
+
+
+def rays():
+    """Directions of the columns of an image, on the floor plan."""
+    angles = np.arange(-0.5, 0.5, PITCH)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+
+
+def raised(plan, height, distance):
+    """Every plan point as a column of points as dense as pixels there."""
+    step = PITCH * np.maximum(distance, 0.1)
+    columns = [np.arange(0.02, height, s) for s in step]
+    xy = np.repeat(plan, [len(c) for c in columns], axis=0)
+    return np.column_stack([xy, np.concatenate(columns)]) if len(xy) else np.zeros((0, 3))
+
+
+def see_cylinder(centre, radius, height, rng, noise=0.006):
+    """Visible side of a cylinder and the deviation of its points."""
+    d = rays()
+    offset = SENSOR - centre
+    b = d @ offset
+    inside = b**2 - (offset @ offset - radius**2)
+    t = -b - np.sqrt(np.maximum(inside, 0.0))
+    hit = inside > 0
+    return noisy(d[hit], t[hit], height, rng, noise)
+
+
+def see_box(x, y, height, rng, noise=0.006):
+    """Visible sides of an upright box with sides along the axes."""
+    d = rays()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low = (np.array([x[0], y[0]]) - SENSOR) / d
+        high = (np.array([x[1], y[1]]) - SENSOR) / d
+    enter, leave = np.minimum(low, high).max(axis=1), np.maximum(low, high).min(axis=1)
+    hit = (enter < leave) & (enter > 0)
+    return noisy(d[hit], enter[hit], height, rng, noise)
+
+
+def noisy(d, t, height, rng, noise):
+    """Points along rays, each with its own error along the ray."""
+    xyz = raised(np.column_stack([d, t]), height, t)
+    xyz, t = np.column_stack([xyz[:, :2], xyz[:, 3]]), xyz[:, 2]
+    t = t + noise * rng.normal(size=len(t))
+    xyz[:, :2] = SENSOR + xyz[:, :2] * t[:, None]
+    return xyz, np.full(len(xyz), noise)
+
+
+def lifted(points, height):
+    """The same, so much higher."""
+    return points + np.array([0.0, 0.0, height])
+
+
+def test_what_is_cut_off_is_not_whole():
+    points, sigma = see_cylinder(np.array([1.5, 0.0]), 0.10, 0.4, np.random.default_rng(0))
+    left = points[:, 1] > 0.07
+    (found,) = cluster(points, sigma, SENSOR, None, left)
+    (other,) = cluster(points, sigma, SENSOR, None, np.zeros(len(points), dtype=bool))
+    assert not found.whole
+    assert other.whole
+
+
+@pytest.mark.parametrize("distance", [0.5, 1.0, 1.5, 2.2])
+@pytest.mark.parametrize("bearing", [-0.3, 0.0, 0.25])
+def test_the_middle_of_a_half_seen_cylinder_is_behind_what_is_seen(distance, bearing):
+    rng = np.random.default_rng(0)
+    centre = SENSOR + distance * np.array([math.cos(bearing), math.sin(bearing)])
+    points, sigma = see_cylinder(centre, 0.10, 0.4, rng)
+    (found,) = cluster(points, sigma, SENSOR)
+    assert np.linalg.norm(found.centre - centre) < 0.012
+    assert abs(found.radius_m - 0.10) < 0.02
+    assert abs(found.height_m - 0.4) < 0.03
+    assert found.points > 0.98 * len(points)  # a few at the rim are alone in their cell
+
+
+def test_the_covariance_of_a_middle_covers_its_error():
+    rng = np.random.default_rng(1)
+    squares = []
+    for _ in range(150):
+        distance, bearing = rng.uniform(0.5, 2.5), rng.uniform(-0.35, 0.35)
+        centre = SENSOR + distance * np.array([math.cos(bearing), math.sin(bearing)])
+        points, sigma = see_cylinder(centre, rng.uniform(0.06, 0.15), 0.4, rng)
+        common = 0.008 * rng.normal(size=2)  # what all points share
+        points[:, :2] += common
+        (found,) = cluster(points, sigma, SENSOR)
+        e = found.centre - centre
+        squares.append(e @ np.linalg.solve(found.covariance, e))
+    assert np.mean(squares) < stats.chi2.ppf(0.999, 2 * len(squares)) / len(squares)  # not too sure
+    assert np.mean(squares) > 0.4  # nor so vague that it says nothing: 2 is exact
+
+
+def test_a_box_is_covered_by_its_disc_and_measured_by_its_rectangle():
+    rng = np.random.default_rng(2)
+    points, sigma = see_box((1.0, 1.3), (-0.2, 0.2), 0.3, rng)
+    (found,) = cluster(points, sigma, SENSOR)
+    length, width, yaw = found.footprint
+    assert abs(length - 0.4) < 0.03
+    assert abs(abs(yaw) - math.pi / 2) < 0.1
+    assert width < 0.06  # the front alone is seen; noise adds four deviations on either side
+    front = np.array([[1.0, -0.2], [1.0, 0.2]])
+    assert np.all(np.linalg.norm(front - found.centre, axis=1) < found.radius_m + 0.03)
+
+
+def test_things_apart_are_apart_and_the_nearest_comes_first():
+    rng = np.random.default_rng(3)
+    seen = [
+        see_cylinder(SENSOR + np.array(c), 0.10, 0.4, rng)
+        for c in ((2.0, -0.5), (1.2, 0.3), (1.6, 0.0))
+    ]
+    points, sigma = (np.concatenate(parts) for parts in zip(*seen, strict=True))
+    found = cluster(points, sigma, SENSOR)
+    assert [round(float(np.hypot(*(c.centre - SENSOR))), 1) for c in found] == [1.2, 1.6, 2.1]
+
+
+def test_a_wall_is_one_long_thing():
+    rng = np.random.default_rng(4)
+    points, sigma = see_box((2.0, 2.1), (-2.0, 2.0), 0.5, rng)
+    (found,) = cluster(points, sigma, SENSOR)
+    assert found.length_m > 1.8
+    assert found.radius_m > 0.9
+
+
+def test_people_who_touch_are_parted_by_their_heads():
+    rng = np.random.default_rng(5)
+    parts = []
+    for y in (-0.22, 0.22):
+        parts.append(see_cylinder(np.array([2.0, y]), 0.225, 1.4, rng))
+        head, sigma = see_cylinder(np.array([2.0, y]), 0.09, 0.3, rng)
+        parts.append((lifted(head, 1.4), sigma))
+    points, sigma = (np.concatenate(column) for column in zip(*parts, strict=True))
+    found = cluster(points, sigma, SENSOR)
+    assert len(found) == 2
+    assert sorted(round(float(c.centre[1]), 1) for c in found) == [-0.2, 0.2]
+
+
+def test_stray_points_bridges_of_them_and_shelves_are_no_things():
+    rng = np.random.default_rng(6)
+    points, sigma = see_cylinder(np.array([1.5, 0.0]), 0.10, 0.4, rng)
+    stray = np.column_stack(
+        [rng.uniform(0.5, 3.0, 40), rng.uniform(-1, 1, 40), rng.uniform(0, 0.5, 40)]
+    )
+    shelf, shelf_sigma = see_box((1.0, 1.3), (0.4, 0.8), 0.2, rng)
+    everything = np.concatenate([points, stray, lifted(shelf, 0.7)])
+    found = cluster(everything, np.concatenate([sigma, np.full(40, 0.01), shelf_sigma]), SENSOR)
+    assert len(found) == 1
+    assert np.linalg.norm(found[0].centre - [1.5, 0.0]) < 0.03
+
+
+def test_a_hole_is_no_thing():
+    rng = np.random.default_rng(7)
+    points, sigma = see_box((1.0, 1.3), (0.2, 0.6), 0.3, rng)
+    assert cluster(lifted(points, -0.4), sigma, SENSOR) == []
+
+
+def test_the_order_of_the_points_does_not_matter():
+    rng = np.random.default_rng(8)
+    points, sigma = see_cylinder(np.array([1.5, 0.2]), 0.10, 0.2, rng)
+    order = rng.permutation(len(points))
+    (one,), (other,) = cluster(points, sigma, SENSOR), cluster(points[order], sigma[order], SENSOR)
+    np.testing.assert_allclose(one.centre, other.centre, atol=2e-3)
+    assert one.points == other.points
+
+
+def test_five_people_are_five_people(recordings):
+    import open3d as o3d
+
+    cloud = o3d.io.read_point_cloud(str(recordings / "pcl_kinect" / "five_people.pcd"))
+    z = np.asarray(cloud.points)[:, 2].reshape(480, 640).astype(np.float32)
+    camera = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
+    points = from_depth(structured_light(DepthView(z, camera)), 0.3, 4.0, 2)
+    floor = find(points, handheld_prior(None), np.random.default_rng(0)).plane
+    rising = classify(points, floor) != FLOOR
+    upright = shadow(floor).apply(points.xyz[rising])
+    upright[:, 2] = floor.distance(points.xyz[rising])
+    low = upright[:, 2] < 2.2
+    found = cluster(upright[low], points.sigma[rising][low], np.zeros(2))
+    people = [c for c in found if 1.4 < c.height_m < 2.0]
+    assert len(people) == 5
+    assert all(0.15 < c.radius_m < 0.35 for c in people)
+    assert len(found) <= 9  # and pieces of a desk and of a wall
+
+
+def test_nothing_is_nothing():
+    assert cluster(np.zeros((0, 3)), np.zeros(0), SENSOR) == []
+    assert cluster(np.ones((3, 3)), np.full(3, 0.01), SENSOR) == []
+
+
+def test_what_cannot_be_used_is_refused_in_words():
+    with pytest.raises(InputError, match="must be finite"):
+        cluster(np.full((3, 3), np.nan), np.ones(3), SENSOR)
+    with pytest.raises(ConfigError, match=r"cell_m=0\.0"):
+        ClusterConfig(cell_m=0.0)
+
+
+def test_the_rectangle_is_opencvs_own():
+    rng = np.random.default_rng(9)
+    points, sigma = see_box((1.0, 1.2), (-0.2, 0.2), 0.2, rng)
+    (found,) = cluster(points, sigma, SENSOR)
+    sides = cv2.minAreaRect(points[:, :2].astype(np.float32))[1]
+    assert found.footprint.length_m == pytest.approx(max(sides), abs=0.02)

@@ -1,0 +1,96 @@
+"""Recordings without poses: the cycle follows them by itself."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from perception.localisation.pose_source import PoseSource
+from perception.odometry.odometry import FIRST, LOST, TRACKED
+from perception.odometry.odometry_poses import OdometryPoses
+from perception.odometry.rgbd_odometry import Odometer, OdometerConfig
+from perception.primitives.errors import InputError
+from perception.primitives.frame import Frame
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3, wrap_angle
+from surefoot.config.schema import Config
+from surefoot.recordings.open import open_recording
+from surefoot.run.pipeline import Pipeline
+
+
+def test_the_map_frame_is_upright_and_the_way_agrees_with_the_true_one(recordings: Path) -> None:
+    recording = open_recording(recordings / "redwood_livingroom")
+    info = replace(recording.info, poses_given=False)
+    pipeline = Pipeline(Config(), info)
+    tracked = pipeline.whereabouts
+    assert isinstance(tracked, OdometryPoses)
+    assert isinstance(tracked, PoseSource)
+    heights = (0.443, 0.466, 0.491, 0.516, 0.541)  # m, from the set's own description
+    first = None
+    for frame, height in zip(recording.frames(), heights, strict=True):
+        true = frame.T_world_camera
+        assert true is not None
+        estimate = pipeline.cycle(replace(frame, T_world_camera=None))
+        found = tracked.T_map_camera
+        assert found is not None
+        assert estimate.pose is not None
+        assert found.translation[2] == pytest.approx(height, abs=0.02)
+        first = first or (found, true)
+        off = (first[1].inverse() @ true).inverse() @ (first[0].inverse() @ found)
+        assert np.linalg.norm(off.position) < 0.005
+        assert np.linalg.eigvalsh(estimate.pose.covariance)[0] > 0.0
+    assert tracked.odometer.states == [FIRST] + [TRACKED] * 4
+
+
+@pytest.mark.parametrize("name", ["sevenscenes_redkitchen/pan", "tum_fr3_cabinet"])
+def test_poses_on_the_way_are_as_sure_as_they_claim_from_the_start(
+    recordings: Path, name: str
+) -> None:
+    """Twice the three degrees of freedom: deviations are at most 1.4 times the claimed ones."""
+    tracked = OdometryPoses(np.random.default_rng(0), Config().prior)
+    start: Pose3 | None = None  # of the truth's world in the map
+    squares = []
+    for frame in open_recording(recordings / name).frames():
+        true = frame.T_world_camera
+        assert true is not None
+        tracked.update(replace(frame, T_world_camera=None), [])
+        found, pose = tracked.T_map_camera, tracked.pose
+        if found is None or pose is None:
+            continue
+        if start is None:
+            start = found @ true.inverse()
+            continue
+        there = start @ true
+        ahead = there.rotation[:, 2]
+        off = pose.mean - np.array([*there.position[:2], math.atan2(ahead[1], ahead[0])])
+        off[2] = wrap_angle(off[2])
+        squares.append(off @ np.linalg.solve(pose.covariance, off))
+    assert len(squares) > 20
+    assert 0.3 < np.mean(squares) < 6.0
+
+
+def test_single_pictures_stand_alone(recordings: Path) -> None:
+    recording = open_recording(recordings / "realsense_low_boxes")
+    tracked = OdometryPoses(np.random.default_rng(0), Config().prior, OdometerConfig(loops=False))
+    for frame in islice(recording.frames(), 3):
+        tracked.update(frame, [])
+    assert tracked.odometer.states == [FIRST, LOST, LOST]
+    assert tracked.pose is None
+    floor = Plane(np.array([0.0, -1.0, 0.0]), 0.2)
+    placed = tracked.place(None, floor)
+    assert placed is not None
+    assert placed.T_map_camera.translation == pytest.approx((0.0, 0.0, 0.2))
+    assert tracked.place(None, None) is None
+
+
+def test_frames_without_depth_are_left_to_the_floor(recordings: Path) -> None:
+    tracked = OdometryPoses(np.random.default_rng(0), Config().prior)
+    assert tracked.update(Frame(0.0), []) is None
+    assert tracked.pose is None
+    with pytest.raises(InputError, match="no depth"):
+        Odometer(np.random.default_rng(0)).take(Frame(0.0))

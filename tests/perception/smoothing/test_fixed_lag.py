@@ -1,0 +1,250 @@
+"""The smoother that goes along: the filter of textbooks at its front, the batch at its end, better than ours between."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from perception.filtering import models
+from perception.filtering.consistency import band, nees
+from perception.localisation.filter import LocaliserConfig, PoseFilter
+from perception.primitives.errors import InputError
+from perception.primitives.frame import Imu, StepOdometry
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.landmark import Landmark, Sighting
+from perception.primitives.pose import Pose2, wrap_angle
+from perception.smoothing.factors import Factor, Motion, PoseSeen
+from perception.smoothing.fixed_lag import FixedLagSmoother, smooth_fixed_lag
+from perception.smoothing.smoother import SmootherConfig, smooth, solve
+from perception.smoothing.walk_factors import Instant, step, walk_factors, walk_systematics
+
+DEG = math.pi / 180
+CONFIG = LocaliserConfig()
+MARKS = [
+    Landmark(i, (x, y, 0.45), 0.16)
+    for i, (x, y) in enumerate([(1.5, 1.5), (3.0, -1.5), (0.0, -1.6), (4.2, 0.5), (2.5, 2.0)])
+]
+PLACES = {mark.identity: (mark.position[0], mark.position[1]) for mark in MARKS}
+STARTING = np.diag([0.02, 0.02, 2 * DEG]) ** 2
+LAG_S = 5.0
+
+
+def walk(seed: int, frames: int = 36) -> tuple[Gaussian, list[Instant], list[Pose2]]:
+    """A walker whose errors are those that the filter believes in: where it starts, its instants, truth.
+
+    A sinuous way of two frames a step; slip, turn, gyro, pan and ranges err systematically and by chance.
+    """
+    rng = np.random.default_rng(seed)
+    c = CONFIG
+    slip = c.slip_m + c.slip_sigma_m * rng.standard_normal()
+    drift = c.drift_sigma_rad * rng.standard_normal()
+    bias = c.gyro_bias_sigma_radps * rng.standard_normal()
+    askew = c.pan_offset_sigma_rad * rng.standard_normal()
+    common = c.range_offset_sigma * rng.standard_normal()
+    true, stamp = Pose2(), 0.0
+    start = Gaussian(rng.multivariate_normal(true.vector, STARTING), STARTING)
+    instants, truth = [Instant(0.0)], [true]
+    for k in range(1, frames):
+        dt, root = (0.2 if k % 2 else 0.45), math.sqrt(0.5)
+        told = Pose2(0.0225, 0.0, 3.0 * DEG * math.sin(k / 10))
+        x = told.x + slip * 0.5 + c.step_x_sigma_m * root * rng.standard_normal()
+        y = told.y + c.step_y_sigma_m * root * rng.standard_normal()
+        turn = told.yaw + drift * 0.5 + c.step_yaw_sigma_rad * root * rng.standard_normal()
+        true, stamp = true @ Pose2(x, y, turn), stamp + dt
+        rate = turn / dt + bias + c.gyro_sigma_radps * rng.standard_normal()
+        imu = Imu(np.array([0.0, 0.0, rate]), np.array([0.0, 0.0, 9.81]))
+        sightings = look(true, askew, common, rng) if k % 4 == 0 else []
+        common += c.range_walk * math.sqrt(dt) * rng.standard_normal()
+        instants.append(Instant(stamp, StepOdometry(told, 0.5), imu, sightings))
+        truth.append(true)
+    return start, instants, truth
+
+
+def look(true: Pose2, askew: float, common: float, rng: np.random.Generator) -> list[Sighting]:
+    pan = askew + CONFIG.shared_bearing_sigma_rad * rng.standard_normal()
+    seen = []
+    for mark in MARKS:
+        r, b = models.range_bearing(true.vector, np.array([mark.position[:2]]))
+        if r < 3.0 and abs(b) < 0.9:
+            P = np.diag([(0.01 * r) ** 2, CONFIG.shared_bearing_sigma_rad**2 + 0.002**2])
+            long = 0.01 * r * (common + rng.standard_normal())
+            seen.append(
+                Sighting(
+                    mark.identity, np.array([r + long, b + pan + 0.002 * rng.standard_normal()]), P
+                )
+            )
+    return seen
+
+
+def filtered(start: Gaussian, instants: list[Instant]) -> list[Gaussian]:
+    robot = PoseFilter(start, MARKS, CONFIG)
+    poses = [robot.pose]
+    for before, now in itertools.pairwise(instants):
+        robot.predict(now.odometry, now.imu, now.stamp_s - before.stamp_s)
+        robot.update(now.sightings)
+        poses.append(robot.pose)
+    return poses
+
+
+def errors(poses: list[Gaussian], truth: list[Pose2]) -> np.ndarray:
+    found = np.array([pose.mean for pose in poses]) - np.array([pose.vector for pose in truth])
+    found[:, 2] = models.wrap_angles(found[:, 2])
+    return found
+
+
+@pytest.fixture(scope="module")
+def walks() -> dict[str, np.ndarray]:
+    """Errors (50, frames, 3) and covariances of filter, fixed lag and batch over 50 walks."""
+    kept: dict[str, list[np.ndarray]] = {}
+    for seed in range(50):
+        start, instants, truth = walk(seed)
+        frames = walk_factors(instants, PLACES, CONFIG)
+        everything = [factor for _, factors in frames for factor in factors]
+        systematics = walk_systematics(CONFIG)
+        lagging = SmootherConfig(lag_s=LAG_S)
+        for name, poses in (
+            ("filter", filtered(start, instants)),
+            ("lag", smooth_fixed_lag(frames, start, systematics, lagging)),
+            ("batch", smooth(everything, start, systematics)),
+        ):
+            kept.setdefault(name, []).append(errors(poses, truth))
+            kept.setdefault(f"{name} P", []).append(np.array([pose.covariance for pose in poses]))
+    return {name: np.array(values) for name, values in kept.items()}
+
+
+def test_looking_ahead_is_better_than_filtering_over_50_walks(walks):
+    rmse = {
+        name: np.sqrt(np.mean(walks[name][..., :2] ** 2)) for name in ("filter", "lag", "batch")
+    }
+    assert rmse["lag"] < 0.95 * rmse["filter"]
+    assert rmse["batch"] < rmse["lag"]
+    heading = {name: np.sqrt(np.mean(walks[name][..., 2] ** 2)) for name in ("filter", "lag")}
+    assert heading["lag"] < heading["filter"]
+
+
+@pytest.mark.parametrize("name", ["lag", "batch"])
+@pytest.mark.parametrize("frame", [8, 20, 32])
+def test_marginals_are_honest_over_50_walks(walks, name, frame):
+    values = nees(walks[name][:, frame], walks[f"{name} P"][:, frame])
+    low, high = band(3, 50, 0.99)  # six of them: 94 % that all are inside
+    assert low < np.mean(values) < high
+
+
+def test_marginals_claim_no_less_than_the_filter_knows(walks):
+    for axis in range(3):
+        sure = np.mean(walks["batch P"][:, 5:-5, axis, axis])
+        assert sure < np.mean(walks["filter P"][:, 5:-5, axis, axis])
+
+
+def test_the_front_of_the_window_is_the_kalman_filter():
+    rng = np.random.default_rng(1)
+    firm = 1e-4
+    start = Gaussian(np.zeros(3), np.diag([0.1, firm, firm]) ** 2)
+    smoother = FixedLagSmoother(start, (), SmootherConfig(lag_s=0.5))
+    smoother.update(0.0, [])
+    mean, variance = 0.0, 0.1**2
+    for k in range(1, 40):
+        told = 0.1 + 0.05 * rng.standard_normal()
+        factors: list[Factor] = [
+            Motion(k - 1, k, Pose2(told, 0.0, 0.0), np.diag([0.05, firm, firm]) ** 2)
+        ]
+        mean, variance = mean + told, variance + 0.05**2
+        if k % 5 == 0:
+            seen = 0.1 * k + 0.03 * rng.standard_normal()
+            place = Gaussian(np.array([seen, 0.0, 0.0]), np.diag([0.03, 0.1, 0.1]) ** 2)
+            factors.append(PoseSeen(k, place))
+            gain = variance / (variance + 0.03**2)
+            mean, variance = mean + gain * (seen - mean), variance * (1 - gain)
+        smoother.update(0.1 * k, factors)
+        pose = smoother.pose(k)
+        assert isinstance(pose, Gaussian)
+        np.testing.assert_allclose([pose.mean[0]], [mean], atol=1e-5)
+        np.testing.assert_allclose(pose.covariance[0, 0], variance, rtol=1e-3)
+        assert len(smoother.window) <= 6
+
+
+def test_without_forgetting_the_last_update_is_the_batch():
+    start, instants, _ = walk(7)
+    frames = walk_factors(instants, PLACES, CONFIG)
+    smoother = FixedLagSmoother(start, walk_systematics(CONFIG), SmootherConfig(lag_s=math.inf))
+    for stamp, factors in frames:
+        smoother.update(stamp, factors)
+    # The same losses; iSAM2 keeps linearised what has moved less than a millimetre since.
+    whole = solve(
+        [factor for _, factors in frames for factor in factors],
+        start,
+        walk_systematics(CONFIG),
+        SmootherConfig(outliers="losses"),
+    )
+    for number in (0, 20, 35):
+        pose, other = smoother.pose(number), whole.poses[number]
+        deviations = np.sqrt(np.diag(other.covariance))
+        assert np.all(np.abs(pose.mean - other.mean) < 0.05 * deviations)
+        np.testing.assert_allclose(np.sqrt(np.diag(pose.covariance)), deviations, rtol=0.01)
+    pan, other = smoother.systematic("pan"), whole.systematics["pan"]
+    assert abs(pan.mean[2] - other.mean[2]) < 0.05 * math.sqrt(other.covariance[2, 2])
+
+
+def test_a_tag_taken_for_another_moves_the_walk_little():
+    start, instants, truth = walk(11)
+    spoilt = [
+        Instant(
+            one.stamp_s,
+            one.odometry,
+            one.imu,
+            [
+                Sighting(
+                    (s.identity + 1) % 5 if k % 3 == 0 else s.identity, s.measured, s.covariance
+                )
+                for s in one.sightings[:1]
+            ]
+            + list(one.sightings[1:]),
+        )
+        for k, one in enumerate(instants)
+    ]
+    found = {}
+    for name, told in (("clean", instants), ("spoilt", spoilt)):
+        frames = walk_factors(told, PLACES, CONFIG)
+        everything = [factor for _, factors in frames for factor in factors]
+        poses = smooth(everything, start, walk_systematics(CONFIG))
+        found[name] = np.sqrt(np.mean(errors(poses, truth)[:, :2] ** 2))
+    assert found["spoilt"] < found["clean"] + 0.01
+
+
+def test_a_walk_without_sensors_grows_unsure_and_does_not_fail():
+    instants = [Instant(0.0)]
+    instants += [Instant(0.3 * k, None, None) for k in range(1, 20)]
+    instants += [Instant(6.0, StepOdometry(Pose2(math.nan, 0.0, 0.0), 0.5), None)]
+    frames = walk_factors(instants, PLACES, CONFIG)
+    poses = smooth([f for _, factors in frames for f in factors], Gaussian(np.zeros(3), STARTING))
+    deviation = math.sqrt(poses[-1].covariance[0, 0])
+    assert deviation >= CONFIG.blind_sigma_m * math.sqrt(6.0)
+
+
+def test_legs_and_gyro_together_turn_as_the_surer_one_says():
+    told = StepOdometry(Pose2(0.02, 0.0, 0.05), 0.5)
+    imu = Imu(np.array([0.0, 0.0, 0.1]), np.zeros(3))
+    motion = step(CONFIG, 1, told, imu, 0.3).motion
+    assert isinstance(motion, Pose2)
+    legs, gyro = CONFIG.step_yaw_sigma_rad**2 * 0.5, 0.0006**2
+    expected = (0.05 / legs + 0.03 / gyro) / (1 / legs + 1 / gyro)
+    assert wrap_angle(motion.yaw - expected) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_has_left_the_window_is_out_of_reach():
+    start = Gaussian(np.zeros(3), STARTING)
+    smoother = FixedLagSmoother(start, (), SmootherConfig(lag_s=1.0))
+    smoother.update(0.0, [])
+    noise = np.eye(3) * 1e-4
+    for k in range(1, 8):
+        smoother.update(0.4 * k, [Motion(k - 1, k, Pose2(0.1, 0.0, 0.0), noise)])
+    assert min(smoother.window) > 0
+    with pytest.raises(InputError, match="pose 0 is not in the window"):
+        smoother.pose(0)
+    with pytest.raises(InputError, match="connected with no pose"):
+        smoother.update(3.0, [Motion(0, 9, Pose2(), noise)])
+    with pytest.raises(InputError, match="lies before"):
+        smoother.update(1.0, [])

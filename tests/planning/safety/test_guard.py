@@ -1,0 +1,265 @@
+"""The guard among movers and walls, judged by a walk played on after each of its steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
+from planning.footsteps import GaitConfig, footstep
+from planning.safety.guard import Guard, GuardConfig, assess, choose
+
+CONFIG = GuardConfig()
+GAIT = GaitConfig()
+NOTHING = np.zeros((0, 2))
+TIGHT = np.diag([1e-4, 1e-4, 1e-4, 1e-4])
+
+
+def mover(x, y, vx, vy, seen_s=0.0, moving=1.0):
+    state = Gaussian(np.array([x, y, vx, vy]), TIGHT)
+    return Obstacle(state, 0.10, 0.4, 1, moving, seen_s, 0.0)
+
+
+def at(pose):
+    return Gaussian(pose.vector, np.diag([1e-4, 1e-4, 1e-4]))
+
+
+def play(
+    start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07, noticed_s=0.0, config=CONFIG
+):
+    """Walk to the target past a mover whose place and velocity are known; least gap and end.
+
+    The body follows its feet half a step later. With the guard's memory, as a robot walks: without it, dead
+    ahead of a mover, left and right are equally good at every step anew. What the mover does is noticed so
+    much later; until then it seems to go straight on.
+    """
+    guard, last = Guard(config), GAIT.command(0.0, 0.0, 0.0)
+    pose, gap, wall = start, math.inf, math.inf
+    for k in range(steps):
+        now = 0.65 * k
+        x, y, vx, vy = mover_at(now - noticed_s)
+        x, y = x + vx * noticed_s, y + vy * noticed_s
+        heading = math.atan2(target[1] - pose.y, target[0] - pose.x)
+        close = math.hypot(target[0] - pose.x, target[1] - pose.y) < 0.1
+        wish = footstep(heading, 0.0 if close else cruise, pose, GAIT)
+        if close:
+            wish = GAIT.command(0.0, 0.0, 0.0)
+        step = guard.choose(wish, at(pose), [mover(x, y, vx, vy, now)], cells, target, now)
+        for part, walk in enumerate((last, step)):
+            pose = pose @ Pose2(walk.forward_m / 2, walk.lateral_m / 2, walk.turn_rad / 2)
+            x, y, _, _ = mover_at(now + 0.325 * (part + 1))
+            gap = min(gap, math.hypot(x - pose.x, y - pose.y) - 0.25)
+            if len(cells):
+                wall = min(wall, float(np.hypot(*(cells - (pose.x, pose.y)).T).min()))
+        last = step
+    return gap, wall, pose
+
+
+@pytest.mark.parametrize(
+    ("first", "later_s", "stays"),
+    [
+        (GAIT.command(0.0, 0.0, 0.0), 0.65, True),
+        (GAIT.command(0.1, 0.0, 0.0), 0.65, False),
+        (GAIT.command(0.1, 0.0, 0.0), 5.0, True),
+    ],
+)
+def test_who_was_just_walking_comes_half_a_step_nearer_before_it_stands(first, later_s, stays):
+    """A mover goes by 35 cm ahead: room enough for who stands, not for who still moves on."""
+    guard, stand = Guard(CONFIG), GAIT.command(0.0, 0.0, 0.0)
+    guard.choose(first, at(Pose2()), [], NOTHING, np.array([2.0, 0.0]), 0.0)
+    by = mover(0.35, 0.3, 0.0, -0.06, later_s)
+    chosen = guard.choose(stand, at(Pose2()), [by], NOTHING, np.zeros(2), later_s)
+    assert (chosen == stand) is stays
+
+
+@pytest.mark.parametrize(
+    ("place", "velocity", "target"),
+    [
+        ((-0.28, 0.46), (0.030, -0.053), (-0.56, 0.31)),
+        ((-0.27, 0.43), (0.027, -0.050), (-0.63, 0.40)),
+        ((-0.21, 0.43), (0.030, -0.053), (-0.43, 0.29)),
+    ],
+)
+def test_who_comes_a_little_faster_than_it_backs_away_is_let_by(place, velocity, target):
+    """Backing away keeps clear of it for longer than plans are judged, and ends in a contact."""
+    gap, _, pose = play(
+        Pose2(0.0, 0.0, 2.6),
+        np.array(target),
+        lambda t: (place[0] + velocity[0] * t, place[1] + velocity[1] * t, *velocity),
+        steps=40,
+    )
+    assert gap > 0.05
+    assert math.hypot(pose.x - target[0], pose.y - target[1]) < 0.15
+
+
+@pytest.mark.parametrize("bearing", np.radians([-120, -90, 90, 120]))
+def test_who_made_room_turns_to_its_target_as_its_plan_was_judged(bearing):
+    """One that wants to stand is driven off by somebody who comes from ahead, and goes on to a target aside."""
+    target = 1.2 * np.array([math.cos(bearing), math.sin(bearing)])
+    stand = GAIT.command(0.0, 0.0, 0.0)
+    guard, last, pose = Guard(CONFIG), stand, Pose2()
+    for k in range(12):
+        now = 0.65 * k
+        comes = mover(0.6 - 0.06 * now, 0.0, -0.06, 0.0, now)
+        step = guard.choose(stand, at(pose), [comes], NOTHING, target, now)
+        for walk in (last, step):
+            pose = pose @ Pose2(walk.forward_m / 2, walk.lateral_m / 2, walk.turn_rad / 2)
+        last = step
+    off = math.atan2(target[1] - pose.y, target[0] - pose.x) - pose.yaw
+    assert abs(math.remainder(off, 2.0 * math.pi)) < 0.05
+    assert math.hypot(target[0] - pose.x, target[1] - pose.y) < 1.0
+
+
+def test_with_nothing_near_the_desired_step_is_kept():
+    wish = footstep(0.3, 0.07, Pose2(), GAIT)
+    far = mover(4.0, 4.0, 0.05, 0.0)
+    assert choose(wish, at(Pose2()), [far], NOTHING, np.array([2.0, 0.5]), CONFIG) is wish
+
+
+@pytest.mark.parametrize("speed", [0.03, 0.06])
+@pytest.mark.parametrize("offset", [-0.1, 0.0, 0.15])
+def test_a_head_on_mover_is_passed(speed, offset):
+    gap, _, end = play(
+        Pose2(), np.array([2.0, 0.0]), lambda t: (2.0 - speed * t, offset, -speed, 0.0)
+    )
+    assert gap > 0.0
+    assert end.x > 1.5
+
+
+@pytest.mark.parametrize("speed", [0.03, 0.06])
+@pytest.mark.parametrize("start", [-0.8, -0.5, -0.3, 0.0])
+def test_a_crossing_mover_is_passed(speed, start):
+    gap, _, end = play(
+        Pose2(), np.array([2.0, 0.0]), lambda t: (0.9, start + speed * t, 0.0, speed)
+    )
+    assert gap > 0.0
+    assert end.x > 1.5
+
+
+@pytest.mark.parametrize("bearing", np.radians([0, 60, 120, 180, 240, 300]))
+def test_a_standing_robot_steps_aside_for_a_mover(bearing):
+    direction = np.array([math.cos(bearing), math.sin(bearing)])
+
+    def place(t):
+        return *(direction * (0.9 - 0.05 * t)), *(-0.05 * direction)
+
+    gap, _, _ = play(Pose2(), np.array([0.0, 0.0]), place, steps=50)
+    assert gap > 0.0
+
+
+def test_it_steps_aside_in_a_corridor_without_touching_its_walls():
+    along = np.arange(-1.0, 3.0, 0.05)
+    cells = np.concatenate(
+        [np.stack([along, np.full_like(along, y)], axis=-1) for y in (-0.55, 0.55)]
+    )
+    gap, wall, _ = play(
+        Pose2(), np.array([2.0, 0.0]), lambda t: (1.6 - 0.05 * t, 0.0, -0.05, 0.0), cells
+    )
+    assert gap > 0.0
+    assert wall >= 0.12
+
+
+def test_a_wall_ahead_is_not_walked_into():
+    ys = np.arange(-1.0, 1.0, 0.05)
+    cells = np.stack([np.full_like(ys, 0.5), ys], axis=-1)
+    _, wall, _ = play(Pose2(), np.array([2.0, 0.0]), lambda t: (9.0, 9.0, 0.0, 0.0), cells)
+    assert wall >= 0.12
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 100_000))
+def test_a_plan_that_comes_too_close_is_never_chosen_where_a_clear_one_exists(seed):
+    rng = np.random.default_rng(seed)
+    movers = [mover(*rng.uniform(-1, 1, 2), *rng.uniform(-0.06, 0.06, 2)) for _ in range(3)]
+    cells = rng.uniform(-1.2, 1.2, (30, 2))
+    cells = cells[np.hypot(*cells.T) > 0.2]
+    pose = Pose2(0.0, 0.0, rng.uniform(-3, 3))
+    wish = footstep(rng.uniform(-3, 3), 0.07, pose, GAIT)
+    plans = assess(wish, at(pose), movers, cells, rng.uniform(-1, 1, 2), CONFIG, 0.0)
+    harms = [plan.harm_m for plan in plans]
+    clear = [harm for harm in harms if harm == 0.0]
+    touches = [harm for harm in harms if harm > CONFIG.contact_m]
+    if clear and touches:
+        assert harms[0] < CONFIG.contact_m
+
+
+def test_the_mover_that_may_turn_back_keeps_the_robot_from_its_heels():
+    """Right behind a mover that goes away one must not follow closely."""
+    wish = footstep(0.0, 0.10, Pose2(), GAIT)
+    away = mover(0.52, 0.0, 0.06, 0.0)
+    target = np.array([1.0, 0.0])
+    doubting = replace(CONFIG, sigmas=0.0)
+    assert choose(wish, at(Pose2()), [away], NOTHING, target, doubting, 0.0) is not wish
+    trusting = replace(CONFIG, sigmas=0.0, turn_weight=0.0, learnt_weight=0.0)
+    assert choose(wish, at(Pose2()), [away], NOTHING, target, trusting, 0.0) is wish
+
+
+@pytest.mark.parametrize("start", [-0.2, 0.0])
+@pytest.mark.parametrize("turns_s", range(1, 14))
+def test_who_turns_back_before_the_robot_that_follows_it_closely_is_not_touched(start, turns_s):
+    def to_and_fro(now):
+        gone = min(now, 2.0 * turns_s - now)
+        return start + 0.06 * gone, -0.55, math.copysign(0.06, turns_s - now), 0.0
+
+    ahead = Pose2(0.0, 0.0, -math.pi / 2)
+    target, heedful = np.array([0.3, -1.6]), replace(CONFIG, at_heels=0.04)
+    gap, _, _ = play(ahead, target, to_and_fro, steps=45, noticed_s=0.65, config=heedful)
+    assert gap > 0.0
+
+
+def test_a_mover_lost_from_sight_may_be_anywhere_on_its_line():
+    """Predicted far ahead, but last seen near the way ten seconds ago."""
+    wish = footstep(0.0, 0.07, Pose2(), GAIT)
+    lost = mover(0.4, 0.7, 0.0, 0.06, seen_s=0.0)
+    target = np.array([1.0, 0.0])
+    assert choose(wish, at(Pose2()), [lost], NOTHING, target, CONFIG, 0.0) is wish
+    assert choose(wish, at(Pose2()), [lost], NOTHING, target, CONFIG, 10.0) is not wish
+
+
+def test_the_margin_grows_with_doubt():
+    """The same mover, the same step: kept when it is surely elsewhere, not when it is only thought so."""
+    wish = footstep(0.0, 0.07, Pose2(), GAIT)
+    target = np.array([0.6, 0.0])
+    steady = replace(CONFIG, acceleration_mps2=0.0)
+    there = mover(0.4, 0.40, 0.0, 0.0)
+    sure, vague = (
+        replace(there, state=Gaussian(there.state.mean, np.diag([v, v, 1e-8, 1e-8])))
+        for v in (1e-4, 0.02)
+    )
+    assert choose(wish, at(Pose2()), [sure], NOTHING, target, steady, 0.0) is wish
+    assert choose(wish, at(Pose2()), [vague], NOTHING, target, steady, 0.0) is not wish
+
+
+def test_the_same_scene_gives_the_same_step():
+    rng = np.random.default_rng(5)
+    movers = [mover(*rng.uniform(-0.6, 0.6, 2), *rng.uniform(-0.06, 0.06, 2)) for _ in range(3)]
+    cells, wish = rng.uniform(-1, 1, (40, 2)), footstep(1.0, 0.07, Pose2(), GAIT)
+    target = np.array([1.0, 1.0])
+    steps = {choose(wish, at(Pose2()), movers, cells, target, CONFIG, 0.0) for _ in range(5)}
+    assert len(steps) == 1
+
+
+def test_every_plan_can_be_walked():
+    plans = assess(footstep(2.0, 0.07, Pose2(), GAIT), at(Pose2()), [], NOTHING, np.ones(2), CONFIG)
+    for plan in plans:
+        assert -0.0196 <= plan.command.forward_m <= 0.0651
+        assert abs(plan.command.lateral_m) <= 0.0196
+        assert abs(plan.command.turn_rad) <= math.radians(14) + 1e-12
+
+
+def test_a_negative_price_at_the_heels_is_refused():
+    with pytest.raises(ConfigError, match="at_heels"):
+        replace(CONFIG, at_heels=-0.1)
+
+
+def test_a_contact_distance_above_the_wanted_one_is_refused():
+    with pytest.raises(ConfigError, match="cell_contact_m"):
+        GuardConfig(cell_contact_m=0.3)

@@ -1,0 +1,109 @@
+"""The guard's kernels: short cuts change no result, and deviations are those of the covariances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from planning.commands import WalkCommand
+from planning.safety import _guard_kernels
+from planning.safety.guard import GuardConfig, assess, choose
+
+CONFIG = GuardConfig()
+DISLOYAL = replace(CONFIG, keep_m=0.0, keep_share=0.0)
+
+
+def crowd(seed):
+    """Five that may move, too doubtful to be learnt from, and a wall, round a robot."""
+    rng = np.random.default_rng(seed)
+    robot = Gaussian(np.array([0.0, 0.0, rng.uniform(-3, 3)]), np.eye(3) * 1e-4)
+    movers = []
+    for k in range(5):
+        state = np.concatenate([rng.uniform(-1.0, 1.0, 2), rng.uniform(-0.1, 0.1, 2)])
+        movers.append(
+            Obstacle(Gaussian(state, np.eye(4) * 1e-3), 0.1, 0.4, k, 0.45, -rng.uniform(0, 5))
+        )
+    wall = np.column_stack([np.linspace(-1, 1, 40), np.full(40, rng.uniform(0.3, 0.8))])
+    return robot, movers, wall, rng.uniform(-2, 2, 2)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_is_left_out_early_is_never_the_best(seed):
+    robot, movers, wall, target = crowd(seed)
+    desired = WalkCommand(0.0455, 0.0, 0.0)
+    chosen = choose(desired, robot, movers, wall, target, DISLOYAL, 0.0)
+    best = assess(desired, robot, movers, wall, target, DISLOYAL, 0.0)[0]
+    assert chosen == best.command
+
+
+def test_plans_that_begin_alike_are_judged_as_if_each_came_alone():
+    rng = np.random.default_rng(3)
+    many, samples = 6, 2 * CONFIG.steps
+    begins = np.repeat(rng.uniform(-0.05, 0.05, (12, 3)), 4, axis=0)
+    times = np.repeat(rng.integers(0, CONFIG.steps + 1, 12), 4)[:, None]
+    plans = np.hstack(
+        [begins, times, rng.uniform(-0.05, 0.05, (48, 3)), rng.integers(0, 2, (48, 1))]
+    )
+    movers = (
+        rng.uniform(-0.6, 0.6, (many, samples, 2)),
+        rng.uniform(-0.1, 0.1, (many, samples, 2)),
+        np.full((many, samples), 0.3),
+        np.tile([2e-3, 1e-3, 5e-4], (many, samples, 1)),
+        rng.uniform(0.1, 1.0, many),
+        np.full((many, samples), 0.25),
+    )
+    cells = np.column_stack([np.linspace(-0.5, 0.5, 20), np.full(20, 0.4)])
+    cells = cells[np.argsort(np.hypot(*cells.T))]
+    needed = np.tile([0.185, 0.15], (20, 1))
+    prices = np.array([0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3, 1.0, 0.15])
+    fixed = (np.array([0.1, 0.65, 0.1, 0.05]), *movers, cells, needed, prices, False)
+
+    def judged(some):
+        results = np.empty((len(some), 4))
+        robot, target = np.array([0.0, 0.0, 0.4]), np.array([1.5, 0.2])
+        _guard_kernels.roll_out(robot, some, target, *fixed, results)
+        return results
+
+    alone = np.vstack([judged(plan[None].copy()) for plan in plans])
+    assert np.ptp(alone[:, 0]) > 0.1
+    np.testing.assert_array_equal(judged(plans.copy()), alone)
+
+
+def test_relative_places_spread_as_both_covariances_and_what_accelerates_say():
+    rng = np.random.default_rng(1)
+    a, b = rng.normal(size=(4, 4)), rng.normal(size=(3, 3))
+    mover, robot, times = a @ a.T, b @ b.T, np.linspace(0.1, 6.0, 24)
+    found = np.empty((24, 3))
+    _guard_kernels.relative_places(mover, robot, times, 3.0, 0.2, found)
+    for k, t in enumerate(np.minimum(times, 3.0)):
+        step = np.hstack([np.eye(2), t * np.eye(2)])
+        P = step @ mover @ step.T + robot[:2, :2] + (0.1 * t * t) ** 2 * np.eye(2)
+        np.testing.assert_allclose(found[k], [P[0, 0], P[1, 1], P[0, 1]])
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7, -1.2])
+def test_doubt_along_its_line_keeps_the_robot_from_its_end_and_not_from_its_side(turned):
+    """A thing that comes at the robot from ahead, or passes it, in doubt along its line alone."""
+    c, s = np.cos(turned), np.sin(turned)
+    ahead, left = np.array([c, s]), np.array([-s, c])
+
+    def harm(place: np.ndarray, along_m: float, across_m: float) -> float:
+        P = along_m**2 * np.outer(ahead, ahead) + across_m**2 * np.outer(left, left)
+        cov = np.zeros((4, 4))
+        cov[:2, :2], cov[2:, 2:] = P + 1e-6 * np.eye(2), 1e-8 * np.eye(2)
+        state = np.concatenate([place, -1e-3 * ahead])
+        mover = Obstacle(Gaussian(state, cov), 0.1, 0.4, 0, 1.0, 0.0)
+        robot = Gaussian(np.array([0.0, 0.0, turned]), 1e-8 * np.eye(3))
+        stand = WalkCommand()
+        plans = assess(stand, robot, [mover], np.zeros((0, 2)), 3.0 * ahead, DISLOYAL, 0.0)
+        return next(plan.harm_m for plan in plans if plan.command == stand)
+
+    near = 0.15 + 0.1 + CONFIG.margin_m + 0.03  # clear by 3 cm, within the uneasy band
+    for towards, across in ((ahead, (0.0, 0.12)), (left, (0.12, 0.0))):
+        sure = harm(near * towards, 0.0, 0.0)
+        assert harm(near * towards, *across) == pytest.approx(sure, abs=0.05)
+        assert harm(near * towards, *reversed(across)) > sure + 1.0

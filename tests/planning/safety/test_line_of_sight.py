@@ -1,0 +1,46 @@
+"""What bars a straight way, against the distance to points drawn along it; how far along a path one leads."""
+
+import numpy as np
+import pytest
+
+from planning.safety.line_of_sight import barred, farthest
+
+NEAR_M = 0.2
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_barred_is_whatever_lies_near_a_point_of_the_way(seed):
+    rng = np.random.default_rng(seed)
+    here, goal = rng.uniform(-2.0, 2.0, (2, 2))
+    place = rng.uniform(-2.0, 2.0, 2)
+    way = here + np.linspace(0.0, 1.0, 4001)[:, None] * (goal - here)
+    away = np.hypot(*(way - place).T)
+    nearest = int(np.argmin(away))
+    beside = 0 < nearest < 4000  # before and behind the ends it bars nothing
+    if abs(away[nearest] - NEAR_M) > 1e-3:
+        expected = beside and away[nearest] < NEAR_M
+        assert barred(here, goal, place[None], NEAR_M) == expected
+
+
+def test_nothing_bars_nothing():
+    assert not barred(np.zeros(2), np.ones(2), np.empty((0, 2)), NEAR_M)
+    assert not barred(np.zeros(2), np.zeros(2), np.ones((1, 2)), NEAR_M)
+
+
+CORNER = np.array([[1.0, 0.0], [1.5, 0.5], [1.5, 3.0]])
+"""A path round a corner, from the origin."""
+
+
+@pytest.mark.parametrize(
+    ("wall", "point"),
+    [
+        ([], (1.5, 3.0)),  # open ground: whatever bent the path does not stand
+        ([(0.8, 1.0), (0.9, 1.5)], (1.5, 0.5)),  # inside the corner
+        ([(1.2, 0.4), (0.8, 1.0), (0.9, 1.5)], (1.0, 0.0)),
+        ([(0.5, 0.0), (0.5, 0.3), (0.5, 0.6), (0.5, 0.9)], (1.0, 0.0)),  # all are barred: the first
+    ],
+)
+def test_a_path_is_followed_by_eye_to_the_last_point_that_nothing_hides(wall, point):
+    standing = np.array(wall).reshape(-1, 2)
+    found = farthest(np.zeros(2), CORNER, standing, NEAR_M)
+    np.testing.assert_array_equal(found, point)

@@ -1,0 +1,203 @@
+"""The route: a via point each step, loyal, and willing to go round where it is stuck."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose2
+from planning.search.potential import SearchConfig
+from planning.search.route import Route, RouteConfig
+
+CELL_M = 0.05
+SIDE = 71
+ORIGIN = np.array([-1.775, -1.775])
+GOAL = np.array([1.5, 0.0])
+START = Pose2(-1.5, 0.0, 0.0)
+KNOWN = np.zeros((SIDE, SIDE), bool)
+
+
+def empty():
+    return np.full((SIDE, SIDE), 0.02)
+
+
+def fill(probability, x0, y0, x1, y1):
+    c0, r0, c1, r1 = (round((v + 1.775) / CELL_M) for v in (x0, y0, x1, y1))
+    probability[r0:r1, c0:c1] = 0.97
+    return probability
+
+
+def towards(robot, via, step_m):
+    heading = math.atan2(via[1] - robot.y, via[0] - robot.x)
+    return Pose2(
+        robot.x + step_m * math.cos(heading), robot.y + step_m * math.sin(heading), heading
+    )
+
+
+def test_over_free_ground_the_goal_is_the_via_point():
+    via = Route(SearchConfig()).update(empty(), KNOWN, ORIGIN, CELL_M, START, GOAL)
+    np.testing.assert_allclose(via, GOAL, atol=1e-12)
+
+
+def test_following_the_via_points_leads_round_a_wall_to_the_goal():
+    probability = fill(empty(), -0.2, -1.2, 0.0, 1.775)
+    route, robot = Route(SearchConfig()), START
+    solid = (np.argwhere(probability > 0.5)[:, ::-1] + 0.5) * CELL_M + ORIGIN
+    nearest = math.inf
+    for _ in range(200):
+        via = route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        robot = towards(robot, via, 0.045)
+        nearest = min(nearest, float(np.hypot(*(solid - (robot.x, robot.y)).T).min()))
+        if math.hypot(robot.x - GOAL[0], robot.y - GOAL[1]) < 0.05:
+            break
+    else:
+        pytest.fail("never arrived")
+    assert nearest > 0.12
+
+
+def test_the_way_points_ahead_begin_with_the_via_point_and_end_at_the_goal():
+    route = Route(SearchConfig())
+    here = np.array([START.x, START.y])
+    np.testing.assert_array_equal(route.ahead(here), here[None])
+    wall = fill(empty(), -0.2, -1.2, 0.0, 1.775)
+    via = route.update(wall, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    ahead = route.ahead(here)
+    assert len(ahead) > 2
+    np.testing.assert_array_equal(ahead[0], via)
+    np.testing.assert_allclose(ahead[-1], GOAL, atol=1e-12)
+
+
+def test_two_equal_ways_do_not_make_it_dither():
+    """An obstacle in the middle; the map flickers in favour of one side, then of the other."""
+    rng = np.random.default_rng(2)
+    route, robot, sides = Route(SearchConfig()), START, []
+    for _ in range(30):
+        probability = fill(empty(), -0.3, -0.3, 0.3, 0.3)
+        probability += rng.uniform(0.0, 0.02, probability.shape)
+        side = rng.choice([-1, 1])
+        fill(probability, -0.3, 0.3 if side > 0 else -0.35, 0.3, 0.35 if side > 0 else -0.3)
+        via = route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        robot = towards(robot, via, 0.03)
+        y = route.path.waypoints[:, 1]
+        sides.append(np.sign(y[np.argmax(np.abs(y))]))
+    assert len(set(sides)) == 1
+
+
+def test_a_path_that_closes_is_left():
+    route = Route(SearchConfig())
+    probability = fill(fill(empty(), -0.1, -1.775, 0.1, -0.9), -0.1, -0.3, 0.1, 1.2)
+    first = route.update(probability, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    assert first[1] < 0.0
+    fill(probability, -0.1, -0.9, 0.1, -0.3)
+    second = route.update(probability, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    assert second[1] > 0.0
+    assert route.path.clearance_m > 0.12
+
+
+def test_without_progress_for_ten_seconds_it_takes_the_longer_way():
+    """Two gaps; something unmapped holds the robot before the nearer one."""
+    probability = fill(fill(empty(), -0.1, -0.9, 0.1, 0.9), -0.1, 1.6, 0.1, 1.775)
+    robot, route, crossings = Pose2(-0.5, 0.8, 0.0), Route(SearchConfig()), []
+    for _ in range(60):
+        route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        x, y = route.path.waypoints.T
+        after = int(np.argmax(x > 0.0))
+        crossings.append(np.interp(0.0, x[after - 1 : after + 1], y[after - 1 : after + 1]))
+    assert all(0.9 < y < 1.6 for y in crossings[:15])
+    assert not 0.9 < crossings[-1] < 1.6
+
+
+def test_who_is_pushed_to_and_fro_before_a_gap_for_a_minute_takes_the_longer_way():
+    """It walks and turns more than who is stuck: something comes through the gap again and again."""
+    probability = fill(fill(empty(), -0.1, -0.9, 0.1, 0.9), -0.1, 1.6, 0.1, 1.775)
+    route, detours = Route(SearchConfig()), []
+    for step in range(270):
+        swing = 2.0 * math.pi * step / 40.0
+        robot = Pose2(-0.6 + 0.4 * math.sin(swing), 0.9, math.pi * math.sin(swing / 2.0))
+        route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL)
+        detours.append(route.detours)
+    assert not any(detours[:80])
+    assert detours[-1] > 0
+    x, y = route.path.waypoints.T
+    after = int(np.argmax(x > 0.0))
+    assert not 0.9 < np.interp(0.0, x[after - 1 : after + 1], y[after - 1 : after + 1]) < 1.6
+
+
+def test_who_walks_a_way_just_found_to_be_longer_is_not_stuck():
+    # walls appear one after the other: each makes the way left longer than it has ever been
+    route, robot = Route(SearchConfig()), START
+    for step in range(60):
+        probability = empty()
+        for n in range(1 + step // 20):
+            low, high = ((-1.775, 1.2), (-1.2, 1.775))[n % 2]
+            probability = fill(probability, -0.9 + 0.6 * n, low, -0.8 + 0.6 * n, high)
+        robot = towards(robot, route.update(probability, KNOWN, ORIGIN, CELL_M, robot, GOAL), 0.045)
+        assert route.detours == 0
+
+
+def test_who_turns_to_the_goal_is_not_stuck():
+    route = Route(SearchConfig())
+    for step in range(25):
+        robot = Pose2(START.x, START.y, math.radians(170.0 - 7.0 * step))
+        route.update(empty(), KNOWN, ORIGIN, CELL_M, robot, GOAL)
+    assert route.detours == 0
+
+
+def test_a_detour_is_forgotten_after_a_while():
+    config = RouteConfig(memory_steps=5)
+    route, robot = Route(SearchConfig(), config), START
+    for _ in range(config.patience_steps + 2):
+        route.update(empty(), KNOWN, ORIGIN, CELL_M, robot, GOAL)
+    assert route.detours == 1
+    for _ in range(6):
+        robot = towards(robot, GOAL, 0.12)
+        route.update(empty(), KNOWN, ORIGIN, CELL_M, robot, GOAL)
+    assert route.detours == 0
+
+
+def test_locked_in_it_stays_where_it_is():
+    probability = empty()
+    probability[30:41, [2, 12]] = probability[[30, 40], 2:13] = 0.97
+    route = Route(SearchConfig())
+    via = route.update(probability, KNOWN, ORIGIN, CELL_M, START, GOAL)
+    np.testing.assert_array_equal(via, [START.x, START.y])
+    assert route.path is None
+
+
+def test_a_map_that_scrolls_past_the_goal_does_not_change_the_way():
+    """The goal is on the map from one step to the next and off it again; a wall hides it."""
+    probability = fill(empty(), 0.4, -1.775, 0.6, 1.0)
+    route, robot = Route(SearchConfig()), Pose2(-0.2, 0.0, 0.0)
+    goal, sides = np.array([1.74, -0.5]), []
+    for k in range(10):
+        part = probability[:, : SIDE - 3 * (k % 2)]
+        via = route.update(part, KNOWN[:, : SIDE - 3 * (k % 2)], ORIGIN, CELL_M, robot, goal)
+        sides.append(via[1] > 0.5)
+    assert all(sides)
+
+
+def test_a_new_goal_is_walked_to_at_once():
+    route = Route(SearchConfig())
+    route.update(empty(), KNOWN, ORIGIN, CELL_M, START, GOAL)
+    other = np.array([-1.0, 1.0])
+    via = route.update(empty(), KNOWN, ORIGIN, CELL_M, START, other)
+    np.testing.assert_allclose(via, other)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("patience_steps", 0),
+        ("memory_steps", 0),
+        ("to_and_fro_steps", 0),
+        ("stride_m", 0.0),
+        ("turn_deg", math.nan),
+        ("range_m", -1.0),
+    ],
+)
+def test_an_impossible_patience_is_refused_by_name(name, value):
+    with pytest.raises(ConfigError, match=name):
+        RouteConfig(**{name: value})

@@ -1,0 +1,128 @@
+"""A trunk that bends when pushed: against the weights of its parts, and bodies that are pushed over."""
+
+import math
+
+import numpy as np
+import pytest
+
+from planning.commands import WalkCommand
+from sim.body.dynamic.anatomy import DARWIN
+from sim.body.dynamic.balance import BalanceConfig
+from sim.body.dynamic.hip_strategy import Hips
+from sim.body.dynamic.legs import Legs, tilted
+from sim.body.dynamic.walker import DynamicBody, DynamicConfig
+from sim.body.gait import GaitConfig
+from sim.body.head import Head, HeadConfig
+from sim.body.inertial import ImuConfig
+from sim.world import World
+
+TICK_S = 0.005
+BENDS = BalanceConfig()
+STIFF = BalanceConfig(bend_most_rad=(0.0, 0.0))
+
+
+def bent(error, ticks, hips=None):
+    hips = hips or Hips(BENDS, TICK_S)
+    rates = []
+    for _ in range(ticks):
+        hips.advance(np.array(error))
+        rates.append(hips.rate.copy())
+    return hips, np.array(rates)
+
+
+def test_it_bends_the_way_it_falls_and_straightens_up_slowly():
+    for ahead, left in ((0.05, 0.0), (-0.05, 0.0), (0.0, 0.05), (0.0, -0.05), (0.04, -0.06)):
+        hips, rates = bent((ahead, left), 60)
+        roll, pitch = hips.bend
+        assert np.sign([pitch, -roll]) == pytest.approx(np.sign([ahead, left]))
+        assert np.all(np.abs(rates) <= BENDS.bend_radps)
+        assert np.all(np.abs(np.diff(rates, axis=0)) <= BENDS.bend_radps2 * TICK_S + 1e-12)
+        before = hips.bend.copy()
+        hips, rates = bent((0.0, 0.0), 100, hips)
+        assert np.all(np.abs(rates[20:]) <= BENDS.unbend_radps + 1e-12)
+        assert np.all(np.abs(hips.bend) <= np.abs(before))
+        hips, _ = bent((0.0, 0.0), 800, hips)
+        assert hips.bend == pytest.approx((0.0, 0.0), abs=1e-3)
+    hips, _ = bent((10.0, -10.0), 200)
+    assert hips.bend == pytest.approx(BENDS.bend_most_rad, abs=0.02)
+
+
+def test_a_usual_error_does_not_bend_it():
+    most = BENDS.astray_m
+    hips, _ = bent((most, -most), 50)
+    assert not hips.bend.any()
+
+
+@pytest.mark.parametrize("bend", [(0.0, 0.4), (0.0, -0.4), (0.3, 0.0), (-0.2, 0.3)])
+def test_the_weight_stays_over_the_feet_while_the_trunk_bends(bend):
+    legs, bend = Legs(DARWIN), np.array(bend)
+    feet = [np.array([0.0, side * 0.045, DARWIN.ankle_m, 0.0]) for side in (1, -1)]
+
+    def weight(aside):
+        pelvis = np.array([-aside[0], -aside[1], 0.195, 0.0])
+        angles = legs.solve(pelvis, *feet, bend)
+        return (pelvis[:3] + tilted(bend) @ legs.centre_of_mass(angles))[:2]
+
+    level = np.array([0.0, 0.0, 0.195, 0.0])
+    there = level[:2] + legs.centre_of_mass(legs.solve(level, *feet))[:2]
+    moved = np.linalg.norm(weight(np.zeros(2)) - there)
+    kept = np.linalg.norm(weight(legs.aside(bend)) - there)
+    assert moved > 0.008
+    assert kept < 0.4 * moved  # the legs lean a little as the pelvis goes aside
+
+
+def test_who_is_pushed_out_over_the_standing_foot_stands_more_often(pushed):
+    fallen = {
+        balance: sum(
+            pushed(balance, seed, WalkCommand(ahead), 0.0, -math.pi / 2, 9)[1]
+            for seed in range(6)
+            for ahead in (0.03, 0.06)
+        )
+        for balance in (BENDS, STIFF)
+    }
+    assert fallen[STIFF] >= 6
+    assert fallen[BENDS] <= 4
+
+
+def test_a_robot_that_bends_still_knows_where_its_trunk_is(bare_floor):
+    body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(4).spawn(2))
+    off, most = [], 0.0
+    with World(bare_floor, "tiny", 4) as world:
+        head = Head(HeadConfig(), head_rng)
+        body = DynamicBody(world, GaitConfig(), DynamicConfig(), ImuConfig(), head, body_rng)
+        for number in range(10):
+            body.walk(WalkCommand(0.03))
+            body.take_up()
+            if number == 5:
+                body.advance(90)
+                body.push(np.array([-10.0, 0.0, 0.0]), 0.1)
+            while body.ticks_left > 0:
+                body.advance(min(5, body.ticks_left))
+                bend = float(np.abs(body._hips.bend).max())
+                most = max(most, bend)
+                if bend > 0.1:
+                    off.append(body.true_trunk().inverse() @ body.trunk_by_joints())
+        assert not body.fallen
+        body.close()
+    assert most > 0.2
+    turned = [math.degrees(math.acos((np.trace(one.rotation) - 1.0) / 2.0)) for one in off]
+    place = [float(np.linalg.norm(one.translation)) for one in off]
+    assert len(off) > 10
+    assert np.sqrt(np.mean(np.square(turned))) < 1.5
+    assert np.sqrt(np.mean(np.square(place))) < 0.012
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
+def test_who_lies_has_fallen_however_the_trunk_is_bent(bare_floor, angle):
+    body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(1).spawn(2))
+    with World(bare_floor, "tiny", 1) as world:
+        head = Head(HeadConfig(), head_rng)
+        body = DynamicBody(world, GaitConfig(), DynamicConfig(), ImuConfig(), head, body_rng)
+        body.push(25.0 * np.array([math.cos(angle), math.sin(angle), 0.0]), 0.1)
+        for _ in range(6):
+            body.walk(WalkCommand(0.03))
+            body.advance(130)
+        height = float(body.physics.pelvis().translation[2])
+        assert body.fallen
+        body.close()
+    assert height < 0.16  # it lies, on its head maybe; while walking the pelvis is at 0.205 m

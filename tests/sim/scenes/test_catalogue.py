@@ -1,0 +1,113 @@
+"""Scenes: what is asked for is there, can be crossed, and leaves the movers room."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from perception.primitives.errors import InputError
+from sim.scenes import catalogue
+from sim.scenes.free_space import clearance_map
+from sim.scenes.tags import IN_VIEW_M, _visible
+from sim.scenes.tags import _Spot as Spot
+from sim.shapes import distance
+from sim.world import World
+
+SEEDS = range(20)
+
+
+@pytest.fixture(scope="module")
+def homes():
+    return [catalogue.load("home", seed) for seed in SEEDS]
+
+
+@cache
+def space(scene):
+    return clearance_map(scene.extent, [p for t in scene.things for p in t.parts])
+
+
+def test_an_unknown_scene_names_the_nearest_and_all():
+    with pytest.raises(InputError, match=r"'hom' is unknown; did you mean 'home'.*corridor"):
+        catalogue.load("hom", 0)
+
+
+def test_a_negative_seed_is_refused():
+    with pytest.raises(InputError, match="seed -1"):
+        catalogue.load("home", -1)
+
+
+@pytest.mark.parametrize("name", catalogue.names())
+def test_the_same_seed_gives_the_same_scene_and_another_seed_another(name):
+    assert catalogue.load(name, 4) == catalogue.load(name, 4)
+    assert catalogue.load(name, 4) != catalogue.load(name, 5)
+
+
+def test_every_home_can_be_crossed(homes):
+    for scene in homes:
+        start = (scene.start.x, scene.start.y)
+        reach = space(scene).reachable(start, 0.28)
+        for goal in scene.goals:
+            assert reach[space(scene).cell(goal)], scene.seed
+
+
+def test_every_home_is_worth_crossing(homes):
+    for scene in homes:
+        assert math.dist((scene.start.x, scene.start.y), scene.goals[0]) >= 4.0
+        assert len(scene.obstacles) >= 8
+        assert 2 <= len(scene.movers) <= 3
+        assert 16 <= len(scene.landmarks) <= 24
+        way = space(scene).walk((scene.start.x, scene.start.y), scene.goals[0], 0.28)
+        near = 0
+        for thing in scene.obstacles:
+            near += min(distance(part, way).min() for part in thing.parts) < 1.0
+        for mover in scene.movers:
+            line = np.array([mover.state(s)[:2] for s in np.linspace(0, mover.reversal_s, 12)])
+            near += np.linalg.norm(way[:, None] - line[None], axis=2).min() < 1.0
+        assert near >= 6, scene.seed
+
+
+def test_movers_stay_in_free_space_and_off_the_robot(homes):
+    for scene in homes:
+        still = space(scene)
+        with World(scene, "tiny", scene.seed) as world:
+            for _ in range(120):
+                for mover, (x, y, vx, vy) in zip(scene.movers, world.movers(), strict=True):
+                    assert still.at((x, y)) > mover.radius_m
+                    assert math.dist((x, y), (scene.start.x, scene.start.y)) > 0.8
+                    assert math.hypot(vx, vy) == pytest.approx(mover.speed_mps)
+                    assert 0.03 <= mover.speed_mps <= 0.06
+                world.advance(0.7)
+
+
+def test_a_mover_turns_back_at_the_end_of_its_line():
+    mover = catalogue.load("corridor", 0).movers[0]
+    x, y, vx, vy = mover.state(mover.reversal_s + 1.0)
+    assert (x, y) == pytest.approx((mover.end[0] - mover.speed_mps, mover.end[1]))
+    assert (vx, vy) == pytest.approx((-mover.speed_mps, 0.0))
+    assert mover.state(2 * mover.reversal_s)[:2] == pytest.approx(mover.start)
+
+
+def test_a_sweeping_head_finds_two_tags_nearly_everywhere(homes):
+    shares = []
+    for scene in homes:
+        free = space(scene)
+        places = free.centres[(free.reachable((scene.start.x, scene.start.y), 0.2)).ravel()][::7]
+        plates = [t.parts[0] for t in scene.things if t.name.startswith("tag")]
+        spots = [Spot(plate.centre, plate.yaw_rad) for plate in plates]
+        shapes = [p for t in scene.things if not t.name.startswith("tag") for p in t.parts]
+        shares.append(float((_visible(places, spots, shapes).sum(axis=1) >= 2).mean()))
+    assert IN_VIEW_M == 2.5
+    assert np.mean(shares) > 0.9
+    assert min(shares) > 0.75
+
+
+def test_landmarks_lie_on_their_plates(homes):
+    for scene in homes:
+        plates = {t.name: t.parts[0] for t in scene.things if t.name.startswith("tag")}
+        for landmark in scene.landmarks:
+            plate = plates[f"tag {landmark.identity}"]
+            offset = np.array(landmark.position) - np.array(plate.centre)
+            front = np.array([math.cos(plate.yaw_rad), math.sin(plate.yaw_rad), 0.0])
+            np.testing.assert_allclose(offset, front * plate.size[0] / 2, atol=1e-12)
+            assert 0.25 <= landmark.position[2] <= 0.6

@@ -1,0 +1,286 @@
+"""A user's own scene: ten lines that load, models that stand where they were put, complaints that help."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from perception.primitives.errors import InputError
+from perception.primitives.pose import Pose3
+from sim.scenes import catalogue
+from sim.scenes.model_files import read_model
+from sim.scenes.scene_file import EXAMPLE
+from sim.shapes import Box, Solid, distance, outline
+from sim.world import World
+
+DOWN = Pose3.from_rotation(np.diag([1.0, -1.0, -1.0]), np.array([2.0, 2.0, 3.0]))
+
+
+def load(tmp_path, text, seed=0):
+    (tmp_path / "mine.toml").write_text(text)
+    return catalogue.load(str(tmp_path / "mine.toml"), seed)
+
+
+def heights_below(scene, places):
+    """What rays straight down hit, m above the floor."""
+    with World(scene, "tiny") as world:
+        found = []
+        for x, y in places:
+            hits = world.rays.cast(np.array([x, y, 2.3]), np.array([[0, 0, -1.0]], np.float32))
+            found.append(2.3 - float(hits.distance_m[0]))
+    return np.array(found)
+
+
+def test_the_ten_lines_are_a_scene(tmp_path):
+    scene = load(tmp_path, EXAMPLE)
+    assert scene.name == "mine"
+    assert scene.goals == ((4.4, 2.0),)
+    assert [thing.name for thing in scene.obstacles] == ["table"]
+    (mover,) = scene.movers
+    assert mover.end == pytest.approx((3.6, 3.0))
+    assert mover.state(10.0)[:2] == pytest.approx((3.6, 1.5))
+    assert scene.landmarks
+    np.testing.assert_allclose(
+        heights_below(scene, [(2.5, 2.0), (1.5, 1.0)]), [0.5, 0.0], atol=1e-4
+    )
+
+
+def test_the_same_seed_gives_the_same_scene(tmp_path):
+    text = EXAMPLE + '[[furniture]]\nkind = "armchair"\nat = [1.0, 3.4]\n'
+    assert load(tmp_path, text, 3) == load(tmp_path, text, 3)
+    assert load(tmp_path, text, 3) != load(tmp_path, text, 4)
+
+
+URDF = """<robot name="lamp">
+  <link name="foot"><visual><geometry><cylinder radius="0.15" length="0.04"/></geometry>
+    <origin xyz="0 0 0.02"/></visual></link>
+  <link name="arm"><collision><geometry><box size="0.1 0.1 0.6"/></geometry></collision></link>
+  <joint name="tilt" type="fixed"><parent link="foot"/><child link="arm"/>
+    <origin xyz="0 0 0.4" rpy="0 1.5707963 0"/></joint>
+</robot>"""
+
+
+def test_a_urdf_stands_where_it_was_put_with_its_joints_at_zero(tmp_path):
+    (tmp_path / "lamp.urdf").write_text(URDF)
+    text = EXAMPLE + '[[model]]\nfile = "lamp.urdf"\nat = [1.5, 3.0]\nyaw = 90\n'
+    scene = load(tmp_path, text)
+    lamp = next(thing for thing in scene.obstacles if thing.name.startswith("lamp"))
+    assert len(lamp.parts) == 2
+    # The arm lies along x of the model, so along y of the world: 30 cm to both sides, its top at 45 cm.
+    places = [(1.5, 3.29), (1.5, 2.71), (1.5, 3.31), (1.54, 3.0), (1.60, 3.0), (1.66, 3.0)]
+    np.testing.assert_allclose(
+        heights_below(scene, places), [0.45, 0.45, 0.0, 0.45, 0.04, 0.0], atol=1e-4
+    )
+
+
+def test_a_mesh_is_as_far_as_the_box_it_was_made_of(tmp_path):
+    import open3d as o3d
+
+    mesh = o3d.geometry.TriangleMesh.create_box(0.6, 0.4, 0.3).translate((-0.3, -0.2, 0.0))
+    o3d.io.write_triangle_mesh(str(tmp_path / "crate.obj"), mesh)
+    (solid,) = read_model(tmp_path / "crate.obj")
+    box = Box((0.0, 0.0, 0.15), (0.6, 0.4, 0.3))
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 2))
+    np.testing.assert_allclose(distance(solid, points), distance(box, points), atol=1e-6)
+    assert (solid.bottom_m, solid.top_m) == pytest.approx((0.0, 0.3))
+    ordered = [np.array(sorted(outline(shape).tolist())) for shape in (solid, box)]
+    np.testing.assert_allclose(*ordered, atol=1e-6)
+
+
+def test_a_solid_is_drawn_all_over_and_seen_as_it_is_measured(tmp_path):
+    import open3d as o3d
+
+    ball = o3d.geometry.TriangleMesh.create_sphere(0.25, 24).translate((0.0, 0.0, 0.25))
+    o3d.io.write_triangle_mesh(str(tmp_path / "ball.ply"), ball)
+    text = EXAMPLE.replace("[[box]]", '[[model]]\nfile = "ball.ply"\nat = [2.0, 2.0]\n[[box]]')
+    scene = load(tmp_path, text.replace("at = [2.5, 2.0]", "at = [1.0, 3.2]"))
+    from perception.primitives.camera import Camera
+
+    camera = Camera.from_view(80, 60, math.radians(40), math.radians(31))
+    with World(scene, "tiny") as world:
+        drawn = world.rendered_depth(camera, DOWN)
+        directions = camera.rays.reshape(-1, 3) @ DOWN.rotation.T
+        lengths = np.linalg.norm(directions, axis=1)
+        hits = world.rays.cast(DOWN.position, (directions / lengths[:, None]).astype(np.float32))
+    cast = (hits.distance_m / lengths).reshape(drawn.shape)
+    inside = cast < 2.95
+    assert inside.sum() > 100
+    rim = np.abs(np.diff(cast, axis=1, prepend=cast[:, :1])) > 0.03
+    np.testing.assert_allclose(drawn[inside & ~rim], cast[inside & ~rim], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("extent", "extnt"), "did you mean extent"),
+        (("size = [0.6, 0.8, 0.5]", "size = [0.6, 0.8]"), "size = .*list of 3 numbers"),
+        (("size = [0.6, 0.8, 0.5]", "size = [0.6, -0.8, 0.5]"), "positive"),
+        (("goals = [[4.4, 2.0]]", "goals = [[9.0, 2.0]]"), "outside the extent"),
+        (("goals = [[4.4, 2.0]]", "goals = [[2.5, 2.1]]"), "from 'table'"),
+        (("goals = [[4.4, 2.0]]", ""), "goals is missing"),
+        (("speed = 0.05", "speed = 0"), "positive speed"),
+        (('name = "table"', 'material = "cheese/oak"'), "expected kind/colour"),
+        (("[[box]]", "[[box"), "no valid TOML"),
+        (("[0, 0, 5, 4] ", "[0, 0, 0.5, 0.5]"), "0.5 x 0.5 m; each side must be 1 to 50 m"),
+        (("[0, 0, 5, 4] ", "[0, 0, 5, 1e6]"), "each side must be 1 to 50 m"),
+        (
+            ("at = [2.5, 2.0]", "at = [7.0, 2.0]"),
+            r"box\]\] 1 'table': reaches 2.4\d m beyond .* widen",
+        ),
+        (("at = [2.5, 2.0]", "at = [4.8, 2.0]"), "reaches 0.22 m beyond the walls"),
+        (("yaw = 20", "albedo = -3"), "'table': albedo = -3; expected a number, from 0 to 1"),
+        (("yaw = 20", "albedo = 50"), "albedo = 50; expected a number, from 0 to 1"),
+        (("yaw = 20", "above = -2"), "above = -2; expected a number, at least 0"),
+        (("[[box]]", "tags = -5\n[[box]]"), "tags = -5; expected a whole number from 0 to 50"),
+        (("[[box]]", "tags = 2.7\n[[box]]"), "tags = 2.7; expected a whole number"),
+        (("[[box]]", "tags = 51\n[[box]]"), "tags = 51; expected a whole number"),
+        (("to = [3.6, 3.0]", "to = [3.6, 7.0]"), r"mover\]\] 1: the line .* inside the extent"),
+        (
+            ("to = [3.6, 3.0]", "to = [3.6, 3.95]"),
+            "comes to 0.05 m inside the extent .* 0.1 m must",
+        ),
+        (("to = [3.6, 3.0]", "to = [1.4, 3.0]"), "the line .* from 'table'; .* move one of them"),
+        (
+            ("from = [3.6, 1.0]", "from = [0.7, 2.0]"),
+            r"comes to 0.10 m from the start .* 0.25 m away",
+        ),
+        (("speed = 0.05", "speed = 0.05\nheight = 0.05"), "height = 0.05; expected .* from 0.1 to"),
+        (("[[box]]", "[[area]]\nextent = [2, 1, 1, 2]\n[[box]]"), r"area\]\] 1: extent .* rising"),
+        (("[[box]]", "[[area]]\nextent = [2, 1, 2, 2]\n[[box]]"), r"area\]\] 1: extent .* rising"),
+        (
+            ("[[box]]", "[[area]]\nextent = [6, 5, 7, 6]\n[[box]]"),
+            "must lie within that of the floor",
+        ),
+        (
+            ("[[box]]", "[[area]]\nextent = [4, 3, 6, 6]\n[[box]]"),
+            "must lie within that of the floor",
+        ),
+        (("[0.6, 0.8, 0.5]", "[0.2, 4.4, 0.5]\nabove = 0.1"), "beyond the walls"),
+    ],
+)
+def test_what_is_wrong_is_named_with_what_was_expected(tmp_path, change, said):
+    with pytest.raises(InputError, match=said) as caught:
+        load(tmp_path, EXAMPLE.replace(*change))
+    assert "mine.toml" in str(caught.value)
+
+
+WALL = """
+extent = [0, 0, 5, 4]
+start = [1, 2, 0]
+goals = [[1, 3.5], [4, 2]]
+[[box]]
+at = [2.5, {middle}]
+size = [{thick}, {length}, 0.4]
+above = {above}
+"""
+
+
+@pytest.mark.parametrize("thick", [0.01, 0.3])
+def test_a_goal_behind_a_wall_is_refused(tmp_path, thick):
+    with pytest.raises(InputError, match=r"goal 2 \(4, 2\) is walled off from the start \(1, 2\)"):
+        load(tmp_path, WALL.format(middle=2.0, thick=thick, length=4.0, above=0.0))
+
+
+@pytest.mark.parametrize(
+    ("gap", "above"), [(0.30, 0.0), (0.17, 0.0), (0.0, 0.6)]
+)  # the robot is 0.164 m wide and 0.455 m tall
+def test_a_goal_that_can_be_walked_to_is_not(tmp_path, gap, above):
+    length = 4.0 - gap
+    scene = load(tmp_path, WALL.format(middle=length / 2, thick=0.1, length=length, above=above))
+    assert scene.goals[1] == (4.0, 2.0)
+
+
+def test_a_gap_between_things_is_a_way_wherever_it_lies(tmp_path):
+    """Gaps of 0.17 m, at 40 places that the cells know nothing of."""
+    for shift in np.linspace(0.0, 0.1, 40):
+        low, high = 1.9 + shift, 4.0 - 1.9 - shift - 0.17
+        text = WALL.format(middle=low / 2, thick=0.1, length=low, above=0.0)
+        text += f"[[box]]\nat = [2.5, {4.0 - high / 2}]\nsize = [0.1, {high}, 0.4]\ntags = 0\n"
+        load(tmp_path, text.replace("tags = 0\n", "").replace("start", "tags = 0\nstart"))
+
+
+def test_things_may_touch_walls_and_each_other(tmp_path):
+    """Against a wall, in a corner, on top of another and across the way of nothing."""
+    text = EXAMPLE + "[[box]]\nat = [0.25, 0.25]\nsize = [0.5, 0.5, 1.0]\n"
+    text += "[[cylinder]]\nat = [0.25, 0.25]\nradius = 0.1\nheight = 0.2\nabove = 1.0\n"
+    text += "[[area]]\nextent = [0, 0, 5, 4]\n"
+    assert len(load(tmp_path, text).obstacles) == 3
+
+
+def arch(tmp_path):
+    """A gate of two posts and a beam in one piece, 2 m wide: one may stand in it, but for its hull."""
+    import open3d as o3d
+
+    make = o3d.geometry.TriangleMesh.create_box
+    mesh = make(0.2, 2.0, 0.2).translate((-0.1, -1.0, 0.6))
+    mesh += make(0.2, 0.2, 0.8).translate((-0.1, -1.0, 0.0))
+    mesh += make(0.2, 0.2, 0.8).translate((-0.1, 0.8, 0.0))
+    vertices = np.asarray(mesh.vertices)
+    triangles = np.concatenate([np.asarray(mesh.triangles), [[0, 8, 16]]])  # hangs together
+    joined = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(triangles)
+    )
+    o3d.io.write_triangle_mesh(str(tmp_path / "arch.ply"), joined)
+
+
+def test_what_lies_in_the_hollow_of_a_model_is_told_so(tmp_path):
+    arch(tmp_path)
+    text = EXAMPLE.replace("[[mover]]", '[[model]]\nfile = "arch.ply"\nat = [1.2, 2.0]\n[[mover]]')
+    assert load(tmp_path, text).obstacles[-1].name == "arch 1"
+    hollow = r"models are convex for contact: split a hollow one into pieces that are"
+    with pytest.raises(InputError, match=rf"start .* is -0.10 m from 'arch 1'; .*{hollow}"):
+        load(tmp_path, text.replace("start = [0.6, 2.0, 0]", "start = [1.2, 2.0, 0]"))
+    with pytest.raises(InputError, match=rf"the line .* from 'arch 1'; .*{hollow}"):
+        load(tmp_path, text.replace("from = [3.6, 1.0]\nto = [3.6", "from = [1.2, 1.5]\nto = [1.2"))
+
+
+def test_a_model_that_sinks_into_the_floor_is_told_how_high_to_go(tmp_path):
+    import open3d as o3d
+
+    mesh = o3d.geometry.TriangleMesh.create_box(0.4, 0.4, 0.4).translate((-0.2, -0.2, -0.2))
+    o3d.io.write_triangle_mesh(str(tmp_path / "cube.obj"), mesh)
+    text = EXAMPLE + '[[model]]\nfile = "cube.obj"\nat = [1.5, 3.3]\nscale = 0.5\n'
+    with pytest.raises(
+        InputError, match=r"model\]\] 1: reaches 0.10 m below the floor; above = 0.1 "
+    ):
+        load(tmp_path, text)
+    (cube,) = load(tmp_path, text + "above = 0.1\n").obstacles[-1].parts
+    assert cube.bottom_m == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_model_that_cannot_be_read_is_told_with_its_entry(tmp_path):
+    text = EXAMPLE + '[[model]]\nname = "lamp"\nfile = "gone.obj"\nat = [1.5, 3.3]\n'
+    with pytest.raises(InputError, match=r"mine.toml: \[\[model\]\] 1 'lamp': .*gone.obj: no such"):
+        load(tmp_path, text)
+
+
+def test_a_seed_below_zero_is_refused(tmp_path):
+    with pytest.raises(InputError, match="seed -1 must not be negative"):
+        load(tmp_path, EXAMPLE, -1)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("thing.stl", "not a mesh", "no triangles"),
+        ("thing.docx", "", "is not read"),
+        ("thing.urdf", "<robot><link name='a'><visual/></link></robot>", "no <geometry>"),
+        ("thing.urdf", "<robot", "no XML"),
+    ],
+)
+def test_models_that_cannot_be_used_are_refused(tmp_path, name, content, said):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=said):
+        read_model(tmp_path / name)
+    with pytest.raises(InputError, match="no such file"):
+        read_model(tmp_path / "absent.obj")
+
+
+def test_solids_turn_with_their_triangles():
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    turned = corners @ Rotation.from_euler("z", 30, degrees=True).as_matrix().T
+    solid = Solid(turned, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+    assert distance(solid, np.array([[0.1, 0.2], [-1.0, 0.0]]))[0] < 0

@@ -1,0 +1,163 @@
+"""Configuration files: complete, exact, and strict about what they do not know."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import tomllib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from perception.localisation.filter import LocaliserConfig
+from perception.primitives.errors import ConfigError, InputError
+from planning.planners.mission import MissionConfig
+from sim.body.dynamic.anatomy import gait_for
+from surefoot.config import toml
+from surefoot.config.load import load
+from surefoot.config.presets import WALKED_LANDMARKS, WALKED_LOCALISER, on_body
+from surefoot.config.schema import Config
+
+
+@settings(deadline=None)
+@given(
+    st.integers(0, 10**6),
+    st.floats(1e-3, 1e3, allow_nan=False),
+    st.booleans(),
+    st.sampled_from(["auto", "egl", "tiny"]),
+)
+def test_what_is_written_reads_back_to_the_same_bits(seed, tolerance_m, pairs, renderer):
+    config = dataclasses.replace(
+        Config(),
+        seed=seed,
+        renderer=renderer,
+        mission=MissionConfig(tolerance_m=tolerance_m),
+        robot=dataclasses.replace(Config().robot, image_pairs=pairs),
+    )
+    assert toml.parse(Config, tomllib.loads(toml.dumps(config))) == config
+
+
+def test_every_value_is_written_so_that_no_default_can_change_a_run():
+    written = tomllib.loads(toml.dumps(Config()))
+    assert set(written) == {field.name for field in dataclasses.fields(Config)}
+    assert written["grid"]["evidence"]["limit"] == Config().grid.evidence.limit
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"sead": 1}, "did you mean seed"),
+        ({"grid": {"cel_m": 0.1}}, "grid.cel_m; did you mean cell_m"),
+        ({"seed": "one"}, "seed='one': expected a whole number"),
+        ({"seed": True}, "seed=True: expected a whole number"),
+        ({"mission": {"tolerance_m": float("nan")}}, "expected a finite number"),
+        ({"mission": 3}, r"expected a table \[mission\]"),
+        ({"mission": {"goals": 0}}, r"\[mission\] mission: goals=0 must be at least 1"),
+        ({"robot": {"tof_mount_m": [0.0, 0.1]}}, "expected 3 values"),
+        ({"robot": {"tof_mount_m": 0.1}}, "expected a list"),
+        ({"renderer": "gpu"}, "choose auto, egl or tiny"),
+        ({"difficulty": 1.1}, r"difficulty=1.1 must lie in \[0, 1\]"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_place(table, said):
+    with pytest.raises(ConfigError, match=said):
+        toml.parse(Config, table)
+
+
+def test_a_whole_number_serves_where_a_number_is_wanted():
+    config = toml.parse(Config, {"mission": {"time_limit_s": 60}})
+    assert config.mission.time_limit_s == 60.0
+    assert isinstance(config.mission.time_limit_s, float)
+
+
+def test_single_values_change_on_the_command_line_and_nothing_else_does():
+    config = load(None, ["grid.cell_m=0.05", "renderer=tiny", "robot.stereo=false"], seed=4)
+    assert (config.renderer, config.robot.stereo, config.seed) == ("tiny", False, 4)
+    assert dataclasses.replace(config.robot, stereo=True) == Config().robot
+
+
+def test_a_file_that_is_not_toml_is_named(tmp_path):
+    path = tmp_path / "broken.toml"
+    path.write_text("[grid\n")
+    with pytest.raises(InputError, match=r"broken\.toml is not TOML"):
+        load(path)
+
+
+def test_an_error_in_a_file_begins_with_the_file(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text("[tracker]\nhits_to_show = 0\n")
+    with pytest.raises(ConfigError, match=r"mine\.toml: \[tracker\]"):
+        load(path)
+
+
+def test_with_the_dynamic_body_only_the_value_named_changes(tmp_path):
+    plain = load(None, ["robot.body=dynamic"])
+    assert plain.localiser == WALKED_LOCALISER
+    assert plain.landmarks == WALKED_LANDMARKS
+    path = tmp_path / "some.toml"
+    path.write_text('[robot]\nbody = "dynamic"\n[localiser]\nrejected_frames = 7\n')
+    named = load(None, ["localiser.rejected_frames=7", "robot.body=dynamic"])
+    for config in (load(path), named):
+        assert config.localiser == dataclasses.replace(WALKED_LOCALISER, rejected_frames=7)
+        assert dataclasses.replace(config, localiser=WALKED_LOCALISER) == plain
+    coded = dataclasses.replace(Config(), localiser=LocaliserConfig(rejected_frames=7))
+    assert on_body(coded, "dynamic") == named
+
+
+def test_a_value_asked_for_stays_even_where_it_is_the_other_bodys():
+    slip_m = LocaliserConfig().slip_m
+    config = load(None, ["robot.body=dynamic", f"localiser.slip_m={slip_m}"])
+    assert config.localiser == dataclasses.replace(WALKED_LOCALISER, slip_m=slip_m)
+
+
+def test_what_was_written_with_another_body_reads_back_to_the_same(tmp_path):
+    for overrides in (["robot.body=dynamic"], ["robot.dynamic.anatomy=tall"], []):
+        config = load(None, [*overrides, "guard.body_radius_m=0.2"])
+        path = tmp_path / "config.toml"
+        path.write_text(toml.dumps(config))
+        assert load(path) == config
+
+
+@pytest.mark.parametrize("body", ["kinematic", "dynamic"])
+def test_planning_knows_how_large_the_body_is(body):
+    config = load(None, [f"robot.body={body}", "robot.dynamic.scale=2.0", "search.margin_m=0.5"])
+    plain = on_body(Config(), body)
+    for part in ("search", "univector", "via_field", "guard"):
+        assert getattr(config, part).body_radius_m == 2.0 * getattr(plain, part).body_radius_m
+    assert config.search.margin_m == 0.5
+    assert config.search.turn_radius_m == 2.0 * plain.search.turn_radius_m
+    assert config.gaze.attention.eye_m == 2.0 * plain.gaze.attention.eye_m
+    assert config.swarm.objective.width_m == 2.0 * plain.swarm.objective.width_m
+    gait, most = config.guard.gait, gait_for(config.robot.dynamic.body, config.robot.gait)
+    assert gait.max_speed_mps * gait.step_s <= most.forward_limit_m
+    assert gait.cruise_mps == 2.0 * plain.guard.gait.cruise_mps
+    tall = load(None, [f"robot.body={body}", "robot.dynamic.anatomy=tall"])
+    assert tall.search.body_radius_m > math.hypot(0.30, 0.20) / 2  # seed 004: wide and deep
+    assert tall.localiser == plain.localiser
+    small = load(None, [f"robot.body={body}", "robot.dynamic.scale=0.5"])
+    least = gait_for(small.robot.dynamic.body, small.robot.gait)
+    assert small.guard.gait.max_speed_mps * small.guard.gait.step_s <= least.forward_limit_m
+
+
+@pytest.mark.parametrize("body", ["kinematic", "dynamic"])
+def test_the_body_planned_for_by_default_has_the_measures_printed(body):
+    config = load(None, [f"robot.body={body}"])
+    plain = Config()
+    own = {"robot": plain.robot, "localiser": plain.localiser, "landmarks": plain.landmarks}
+    assert dataclasses.replace(config, **own) == plain
+
+
+def test_the_walker_by_colour_has_one_camera_and_its_worlds_goals_unless_told_otherwise(tmp_path):
+    swarm = "mission.planner=swarm"
+    config = load(None, [swarm], scene="robots_room")
+    assert (config.robot.tof, config.robot.stereo, config.robot.image_pairs) == (False, False, True)
+    assert config.swarm.goal_times_s == (0.0, 70.0, 130.0, 150.0, 200.0)
+    assert config.mission.goals == 5
+    assert load(None, [swarm], scene="home").swarm.goal_times_s == ()
+    told = load(None, [swarm, "robot.tof=true", "mission.goals=2"], scene="robots_room")
+    assert (told.robot.tof, told.robot.stereo, told.mission.goals) == (True, False, 2)
+    published = load(None, [swarm, "swarm.version=published"], scene="robots_room")
+    file = tmp_path / "run.toml"
+    file.write_text(toml.dumps(published), encoding="utf-8")
+    assert load(file) == published

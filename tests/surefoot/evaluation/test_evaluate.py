@@ -1,0 +1,614 @@
+"""Figures against truth: closed forms, known transforms, the evo package, samples of known covariance."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.spatial.transform import Rotation
+
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.plane import Plane
+from surefoot.evaluation.evaluate import TARGETS, closing_table, evaluate, verdicts
+from surefoot.evaluation.metrics.consistency import (
+    band,
+    calibration_error,
+    consistency_metrics,
+    effective_samples,
+    nees,
+    over_runs,
+    whitened,
+)
+from surefoot.evaluation.metrics.contacts import contact_intervals, goal_metrics, walk_metrics
+from surefoot.evaluation.metrics.maps import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridMap,
+    map_metrics,
+    read_map,
+    wrong_cells,
+)
+from surefoot.evaluation.metrics.ospa import ospa
+from surefoot.evaluation.metrics.trajectory import (
+    align,
+    associate,
+    distances,
+    pairs_apart,
+    pick,
+    relative_errors,
+    rms,
+    trajectory_metrics,
+)
+from surefoot.results.run_folder import RunFolder
+from surefoot.results.tables import Trajectory, read_tum
+
+seeds = st.integers(0, 2**32 - 1)
+FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m")
+UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")
+
+
+def walk(n: int = 60, seed: int = 0) -> Trajectory:
+    """A curved way in space, every 0.5 s."""
+    rng = np.random.default_rng(seed)
+    positions = np.cumsum(rng.normal(size=(n, 3)), axis=0)
+    return Trajectory(0.5 * np.arange(n), positions, Rotation.random(n, rng).as_quat())
+
+
+# --- trajectories ---
+
+
+@pytest.mark.parametrize(
+    ("truth", "estimate", "figures"),
+    [
+        # figures of evo 1.38.1: ATE as it stands, aligned, aligned with scale; scale; RPE over 30 frames
+        (
+            "freiburg1_xyz-groundtruth.txt",
+            "freiburg1_xyz-rgbdslam.txt",
+            (785, 0.020079418378, 0.013470088850, 0.013389384904, 1.008001389931, 0.021700579116, 0.936586149),
+        ),
+        (
+            "freiburg1_xyz-groundtruth.txt",
+            "freiburg1_xyz-rgbdslam_drift.txt",
+            (785, 0.134185420489, 0.013470118951, 0.013389416165, 1.008001341326, 0.021700632771, 0.936589171),
+        ),
+        (
+            "fr2_desk_groundtruth.txt.gz",
+            "fr2_desk_ORB.txt",
+            (2174, 3.173993541902, 0.008118977562, 0.006123163030, 0.996969830803, 0.007701977182, 0.489091682),
+        ),
+    ],
+)  # fmt: skip
+def test_errors_of_real_trajectories_are_those_of_the_evo_package(
+    recordings, truth, estimate, figures
+):
+    reference = read_tum(recordings / "tum_trajectories" / truth)
+    believed = read_tum(recordings / "tum_trajectories" / estimate)
+    count, ate, aligned, scaled, scale, rpe_m, rpe_deg = figures
+    found = trajectory_metrics(believed, reference)
+    mine, theirs = associate(believed.stamps, reference.stamps)
+    pairs = (np.arange(len(mine) - 30), np.arange(30, len(mine)))
+    lengths, angles = relative_errors(pick(believed, mine), pick(reference, theirs), pairs)
+    assert found["matched_poses"] == count
+    names = ("ate_m", "ate_aligned_m", "ate_scaled_m", "scale")
+    np.testing.assert_allclose(
+        [found[name] for name in names], (ate, aligned, scaled, scale), rtol=1e-9
+    )
+    np.testing.assert_allclose((rms(lengths), np.degrees(rms(angles))), (rpe_m, rpe_deg), rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("truth", "estimate", "figures"),
+    [
+        # evo 1.38.1, aligned: mean, median, std, min, max in m, sse in m^2, rotation in deg (rms)
+        (
+            "freiburg1_xyz-groundtruth.txt",
+            "freiburg1_xyz-rgbdslam.txt",
+            (0.012024498709, 0.011183186775, 0.006070809206, 0.000955046181, 0.034759545895, 0.142432985491, 2.057699602015),
+        ),
+        (
+            "fr2_desk_groundtruth.txt.gz",
+            "fr2_desk_ORB.txt",
+            (0.007491776870, 0.007414629829, 0.003129069507, 0.000349636198, 0.024299593694, 0.143305289924, 0.989035658368),
+        ),
+    ],
+)  # fmt: skip
+def test_the_rest_of_evos_numbers_is_ours_too(recordings, truth, estimate, figures):
+    reference = read_tum(recordings / "tum_trajectories" / truth)
+    found = trajectory_metrics(read_tum(recordings / "tum_trajectories" / estimate), reference)
+    names = ("mean_m", "median_m", "std_m", "min_m", "max_m", "sse_m2", "deg")
+    np.testing.assert_allclose(
+        [found[f"ate_aligned_{name}"] for name in names], figures, rtol=1e-6, atol=1e-9
+    )
+
+
+def test_a_known_offset_is_the_error():
+    truth = walk()
+    turned = Rotation.from_euler("z", [math.radians(3.0)]) * Rotation.from_quat(truth.quats_xyzw)
+    moved = Trajectory(
+        truth.stamps, truth.positions + np.array([0.03, -0.04, 0.12]), turned.as_quat()
+    )
+    upright = Trajectory(truth.stamps, truth.positions, np.tile([0.0, 0.0, 0.0, 1.0], (60, 1)))
+    found = trajectory_metrics(moved, truth)
+    assert found["position_rmse_m"] == pytest.approx(0.05, abs=1e-12)
+    assert found["ate_m"] == pytest.approx(0.13, abs=1e-12)
+    assert found["ate_aligned_m"] == pytest.approx(0.0, abs=1e-12)
+    assert found["heading_rmse_deg"] == pytest.approx(3.0, abs=1e-9)
+    assert trajectory_metrics(upright, upright)["rpe_1s_m"] == 0.0
+
+
+@given(seeds, st.floats(0.2, 5.0), st.sampled_from([2, 3]))
+def test_alignment_finds_the_transform_that_was_applied(seed, scale, d):
+    rng = np.random.default_rng(seed)
+    points, shift = rng.normal(size=(12, d)), rng.normal(size=d)
+    rotation = Rotation.random(rng=rng).as_matrix() if d == 3 else _turn(rng.uniform(-3, 3))
+    found = align(points, scale * points @ rotation.T + shift, with_scale=True)
+    assert found is not None
+    np.testing.assert_allclose(found.rotation, rotation, atol=1e-9)
+    np.testing.assert_allclose(found.translation, shift, atol=1e-9)
+    assert found.scale == pytest.approx(scale, rel=1e-9)
+
+
+def test_alignment_never_mirrors():
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(20, 3))
+    found = align(points, points * (1.0, 1.0, -1.0))
+    assert found is not None
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+
+
+@given(seeds)
+def test_no_other_motion_is_better_than_the_alignment(seed):
+    rng = np.random.default_rng(seed)
+    estimate, reference = rng.normal(size=(2, 9, 3))
+    best = align(estimate, reference)
+    assert best is not None
+    error = rms(distances(best.apply(estimate), reference))
+    for _ in range(5):
+        nudge = Rotation.from_rotvec(0.05 * rng.normal(size=3)).as_matrix()
+        other = best.apply(estimate) @ nudge.T + 0.05 * rng.normal(size=3)
+        assert error <= rms(distances(other, reference)) + 1e-12
+
+
+def test_what_the_geometry_does_not_determine_is_absent():
+    line = np.outer(np.arange(5.0), [1.0, 2.0, 3.0])
+    assert align(line, line) is None  # free to spin about the line
+    assert align(line[:, :2], line[:, :2]) is not None
+    assert align(np.ones((5, 2)), np.ones((5, 2))) is None
+    still = Trajectory(np.arange(3.0), np.zeros((3, 3)), np.tile([0.0, 0, 0, 1], (3, 1)))
+    found = trajectory_metrics(still, still)
+    assert "ate_aligned_m" not in found
+    assert found["ate_m"] == 0.0
+    later = Trajectory(still.stamps + 100.0, still.positions, still.quats_xyzw)
+    assert trajectory_metrics(still, later) == {}
+
+
+@given(st.lists(st.floats(0, 10), max_size=12), st.lists(st.floats(0, 10), max_size=12))
+def test_association_is_that_of_brute_force(first, second):
+    a, b = np.unique(np.array(first)), np.unique(np.array(second))
+    i, j = associate(a, b, 0.5)
+    short, long = (a, b) if len(a) <= len(b) else (b, a)
+    expected = sorted(
+        (float(s), float(np.min(np.abs(long - s))))
+        for s in short
+        if len(long) and np.min(np.abs(long - s)) <= 0.5
+    )
+    ours = zip(
+        (a[i] if len(a) <= len(b) else b[j]).tolist(), np.abs(a[i] - b[j]).tolist(), strict=True
+    )
+    assert list(ours) == expected
+
+
+def test_pairs_are_the_first_so_much_later():
+    first, second = pairs_apart(np.array([0.0, 0.4, 1.0, 1.5, 2.6]), 1.0)
+    assert list(zip(first, second, strict=True)) == [(0, 2), (1, 3), (2, 4), (3, 4)]
+
+
+# --- consistency ---
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_samples_of_their_own_covariance_are_consistent(seed):
+    rng = np.random.default_rng(seed)
+    roots = rng.normal(size=(2000, 3, 3))
+    covariances = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(3)
+    errors = np.einsum("nij,nj->ni", np.linalg.cholesky(covariances), rng.normal(size=(2000, 3)))
+    figures = consistency_metrics(whitened(errors, covariances), "p")
+    # 95 % +- 4.5 deviations of a binomial share of 2000; mean 3 +- 4.5 deviations sqrt(6 / 2000)
+    assert abs(figures["p_nees_inside_share"] - 0.95) < 4.5 * math.sqrt(0.95 * 0.05 / 2000)
+    assert abs(figures["p_anees"] - 3.0) < 4.5 * math.sqrt(6 / 2000)
+
+
+def remembering(rng, shape, memory: float):
+    """Normal numbers of deviation 1 that resemble the ones before."""
+    noise = rng.normal(size=shape)
+    error = noise.copy()
+    for i in range(1, len(error)):
+        error[i] = memory * error[i - 1] + math.sqrt(1 - memory**2) * noise[i]
+    return error
+
+
+def honest(rng, frames: int, memory: float, lasting: tuple[float, float, float]):
+    """Errors of an honest estimate: these shares of the variances stay for the whole run."""
+    share = np.array(lasting)
+    fleeting = remembering(rng, (frames, 3), memory)
+    return np.sqrt(share) * rng.normal(size=3) + np.sqrt(1 - share) * fleeting
+
+
+@pytest.mark.parametrize(
+    ("memory", "lasting", "least"),
+    [
+        (0.0, (0.0, 0.0, 0.0), 0.92),
+        (0.9, (0.0, 0.0, 0.0), 0.92),
+        (0.8, (1.0, 1.0, 1.0), 0.92),
+        (0.9, (0.3, 0.3, 0.3), 0.85),
+        # a joint's zero decides the heading of a run: 0.44 if the mean of a run's errors is taken off first
+        (0.8, (0.0, 0.0, 0.8), 0.75),
+    ],
+)
+def test_the_band_of_the_mean_holds_nearly_as_often_as_it_says(memory, lasting, least):
+    """0.95 if the number of independent samples were known; it is guessed from the same errors."""
+    rng = np.random.default_rng(0)
+    runs = [honest(rng, 300, memory, lasting) for _ in range(300)]
+    held = np.mean([consistency_metrics(run, "p")["p_consistent"] for run in runs])
+    assert least <= held <= 0.985
+
+
+@pytest.mark.parametrize("lasting", [0.0, 0.8])
+def test_deviations_that_are_half_as_large_as_the_errors_are_found_out(lasting):
+    rng = np.random.default_rng(3)
+    runs = [2.0 * honest(rng, 300, 0.8, (0.0, 0.0, lasting)) for _ in range(100)]
+    found = [consistency_metrics(run, "p") for run in runs]
+    caught = [not f["p_consistent"] and f["p_anees"] > f["p_anees_high"] for f in found]
+    assert np.mean(caught) >= 0.95
+
+
+@pytest.mark.parametrize("factor", [0.25, 4.0])
+def test_a_claim_too_small_or_too_large_is_found_out(factor):
+    rng = np.random.default_rng(1)
+    errors = rng.normal(size=(300, 3))
+    figures = consistency_metrics(whitened(errors, np.tile(factor * np.eye(3), (300, 1, 1))), "p")
+    assert not figures["p_consistent"]
+    assert (figures["p_anees"] > 3) == (factor < 1)
+
+
+def test_the_band_is_that_of_chi_square():
+    for dof, samples in ((3, 1.0), (4, 50.0), (1, 7.0)):
+        low, high = stats.chi2.ppf([0.025, 0.975], dof * samples) / samples
+        assert band(dof, samples) == pytest.approx((low, high), rel=1e-9)
+    _, share = over_runs(np.random.default_rng(2).chisquare(3, size=(10, 4000)), 3)
+    assert share == pytest.approx(0.95, abs=0.015)
+
+
+def test_nees_is_the_square_in_units_of_the_covariance_and_refuses_none():
+    P = np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 0.0], [0.0, 0.0, 0.01]])
+    e = np.array([1.0, -2.0, 0.05])
+    claims = np.stack([P, np.zeros((3, 3)), np.diag([1.0, np.nan, 1.0])])
+    found = nees(np.stack([e, e, e]), claims)
+    assert found[0] == pytest.approx(e @ np.linalg.inv(P) @ e)
+    assert np.isinf(found[1:]).all()
+    figures = consistency_metrics(whitened(np.stack([e, e, e]), claims), "p")
+    assert figures["p_no_covariance_share"] == pytest.approx(2 / 3)
+    assert not figures["p_consistent"]
+
+
+def test_errors_that_remember_count_for_less():
+    rng = np.random.default_rng(4)
+    assert effective_samples(rng.normal(size=(4000, 1))) > 3000
+    slow = remembering(rng, (4000, 2), 0.9)
+    # squares of errors that remember 0.9 remember 0.81: n (1 - 0.81) / (1 + 0.81) = 420 in closed form
+    assert 300 < effective_samples(slow) < 550
+    assert effective_samples(np.ones((10, 3))) == pytest.approx(1.0)
+    one_lasts = np.column_stack([slow, np.full(4000, 0.3)])
+    # the scatter of the mean is that of 2 / 3 from the slow ones and of 1 / 3 from a single draw
+    assert effective_samples(one_lasts) == pytest.approx(3.0, rel=0.05)
+    assert effective_samples(np.zeros((10, 2))) == 10
+
+
+# --- maps ---
+
+
+def grid(rows: list[str], origin: tuple[float, float] = (0.0, 0.0), cell_m: float = 0.1) -> GridMap:
+    """First row on top, as one sees it: # occupied, . free, blank unknown."""
+    codes = {"#": OCCUPIED, ".": FREE, " ": UNKNOWN}
+    return GridMap(
+        np.array([[codes[c] for c in row] for row in rows[::-1]]), np.array(origin), cell_m
+    )
+
+
+def test_a_wall_one_cell_off_is_wrong_strictly_and_right_leniently():
+    truth = grid(["......"] * 3 + ["######"] + ["......"] * 3)
+    mine = grid(["......"] * 2 + ["######"] + ["......"] * 2 + ["      "] * 2)
+    figures = map_metrics(mine, truth)
+    assert figures["grid_cells"] == 30
+    assert figures["grid_correct_share"] == pytest.approx(18 / 30)
+    assert figures["grid_correct_share_one_cell"] == 1.0
+    assert figures["grid_occupied_correct_share"] == 0.0
+    assert figures["grid_occupied_found_share"] == 1.0
+    assert set(np.unique(wrong_cells(mine, truth))) == {0, 1}
+
+
+def test_a_ghost_in_the_open_is_wrong_both_ways():
+    truth = grid(["....."] * 5)
+    mine = grid(["....."] * 2 + ["..#.."] + ["....."] * 2)
+    figures = map_metrics(mine, truth)
+    assert (
+        figures["grid_correct_share"]
+        == figures["grid_correct_share_one_cell"]
+        == pytest.approx(24 / 25)
+    )
+    assert wrong_cells(mine, truth)[2, 2] == 2
+
+
+def test_only_cells_known_to_both_are_judged():
+    assert map_metrics(grid([" . "]), grid(["# #"])) == {}
+    assert map_metrics(grid(["..."]), grid(["..."], origin=(5.0, 5.0))) == {}
+
+
+@given(st.integers(-4, 4), st.integers(-4, 4), seeds)
+def test_maps_of_the_same_place_agree_wherever_their_corners_are(columns, rows, seed):
+    state = np.random.default_rng(seed).integers(-1, 2, size=(8, 8))
+    whole = GridMap(state, np.array([-0.15, 0.35]), 0.05)
+    part = GridMap(state[2:6, 2:6].copy(), whole.origin + 0.1, 0.05)
+    moved = GridMap(whole.state, whole.origin + np.array([columns, rows]) * 0.05, 0.05)
+    figures = map_metrics(part, whole)
+    assert figures == {} or figures["grid_correct_share"] == 1.0
+    centres = moved.centres() - np.array([columns, rows]) * 0.05
+    np.testing.assert_array_equal(whole.at(centres), state)
+
+
+@given(st.floats(-0.6, 1.4), st.floats(-0.6, 1.4))
+def test_a_point_has_the_state_of_the_cell_that_holds_it(x, y):
+    state = np.random.default_rng(0).integers(-1, 2, size=(4, 7))
+    held = GridMap(state, np.array([-0.5, 0.2]), 0.25)
+    column, row = math.floor((x + 0.5) / 0.25), math.floor((y - 0.2) / 0.25)
+    on_an_edge = (
+        min(abs((v + s) / 0.25 - round((v + s) / 0.25)) for v, s in ((x, 0.5), (y, -0.2))) < 1e-5
+    )
+    inside = 0 <= row < 4 and 0 <= column < 7
+    expected = int(state[row, column]) if inside else UNKNOWN
+    assert on_an_edge or int(held.at(np.array([[x, y]]))[0]) == expected
+
+
+def test_a_saved_map_is_read_with_its_lowest_row_first(tmp_path):
+    (tmp_path / "map.pgm").write_bytes(b"P5\n2 2\n255\n" + bytes([0, 254, 205, 254]))
+    (tmp_path / "map.yaml").write_text(
+        "image: map.pgm\nresolution: 0.05\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    found = read_map(tmp_path / "map.yaml")
+    assert found.state.tolist() == [[UNKNOWN, FREE], [OCCUPIED, FREE]]
+    assert found.extent == pytest.approx((-1.0, -0.9, 2.0, 2.1))
+
+
+# --- contacts and goals ---
+
+
+def test_contacts_are_counted_by_touch_and_by_thing():
+    stamps = np.arange(8.0)
+    gaps = np.array([0.1, 0.0, -0.01, 0.2, -0.1, -0.1, 0.3, 0.4])
+    things = ["a", "a", "a", "a", "a", "b", "b", "b"]
+    assert contact_intervals(stamps, gaps, things) == [
+        (1.0, 2.0, "a"),
+        (4.0, 4.0, "a"),
+        (5.0, 5.0, "b"),
+    ]
+
+
+def test_goals_count_in_their_order():
+    way = np.column_stack([np.linspace(0, 4, 81), np.zeros(81)])
+    assert goal_metrics(way, [(2.0, 0.1), (4.0, 0.0)])["goals_passed"] == 2
+    assert goal_metrics(way, [(4.0, 0.0), (2.0, 0.0)])["goals_passed"] == 1
+    assert goal_metrics(way, [(2.0, 1.0), (4.0, 0.0)])["goal_nearest_m"] == pytest.approx(1.0)
+    assert goal_metrics(way, [(2.0, 1.0), (4.0, 3.0)])["goal_final_m"] == pytest.approx(3.0)
+    assert goal_metrics(way, []) == {}
+
+
+def test_the_length_of_a_way_is_that_of_its_steps():
+    angle = np.linspace(0, math.pi, 1001)
+    found = walk_metrics(angle, np.column_stack([np.cos(angle), np.sin(angle)]))
+    assert found["path_m"] == pytest.approx(math.pi, rel=1e-5)
+    assert found["straight_m"] == pytest.approx(2.0)
+    assert found["duration_s"] == pytest.approx(math.pi)
+
+
+# --- whole runs ---
+
+
+def straight_run(folder: Path, offset: tuple[float, float, float]) -> RunFolder:
+    """Ten metres straight ahead, believed with a fixed error."""
+    run = RunFolder.create(folder)
+    stamps = np.arange(0.0, 10.5, 0.5)
+    run.write_trajectory(
+        "truth/trajectory.txt", [(float(t), float(t), 0.0, 0.0, math.pi) for t in stamps]
+    )
+    dx, dy, dyaw = offset
+    pose = [
+        Gaussian(np.array([t + dx, dy, -math.pi + dyaw]), np.diag([0.01, 0.04, 0.09]))
+        for t in stamps
+    ]
+    run.write_estimates(list(zip(stamps.tolist(), pose, strict=True)))
+    return run
+
+
+def test_a_run_with_known_errors_has_those_figures(tmp_path):
+    run = straight_run(tmp_path, (0.03, 0.04, 0.01))  # heading just across the seam at pi
+    found = evaluate(run)
+    assert found["position_rmse_m"] == pytest.approx(0.05)
+    assert found["heading_rmse_deg"] == pytest.approx(math.degrees(0.01))
+    assert found["pose_anees"] == pytest.approx(0.0009 / 0.01 + 0.0016 / 0.04 + 0.0001 / 0.09)
+    assert found["path_m"] == pytest.approx(10.0)
+    assert run.read_json("metrics.json") == found
+
+
+@pytest.mark.parametrize(
+    ("summary", "falls"),
+    [
+        ({"body": "dynamic", "fell_at_s": 12.5}, 1.0),
+        ({"body": "dynamic", "fell_at_s": None}, 0.0),
+        ({"body": "kinematic", "fell_at_s": None}, None),
+        ({"body": None, "fell_at_s": None}, None),
+    ],
+)
+def test_falls_are_told_of_a_body_that_can_fall(tmp_path, summary, falls):
+    run = straight_run(tmp_path, (0.0, 0.0, 0.0))
+    run.write_json("summary.json", summary)
+    found = evaluate(run)
+    assert found.get("falls") == falls
+    told = [line for line in closing_table(found).splitlines() if line.startswith("falls")]
+    assert [line.endswith("MISSED") for line in told] == ([] if falls is None else [falls > 0.0])
+
+
+def test_figures_without_truth_are_absent(tmp_path):
+    run = RunFolder.create(tmp_path)
+    run.write_estimates(
+        [(0.0, Gaussian(np.zeros(3), np.eye(3))), (1.0, Gaussian(np.ones(3), np.eye(3)))]
+    )
+    assert set(evaluate(run)) == {"duration_s", "path_m", "straight_m"}
+
+
+def test_a_foreign_truth_is_compared_after_alignment_only(tmp_path):
+    run = straight_run(tmp_path / "run", (0.0, 0.0, 0.0))
+    other = RunFolder(tmp_path)
+    other.write_trajectory("their.txt", [(0.5 * i, 3.0, 0.5 * i, 0.0, 0.0) for i in range(21)])
+    found = evaluate(run, tmp_path / "their.txt")
+    assert found["ate_floor_aligned_m"] == pytest.approx(0.0, abs=1e-9)
+    assert not {"position_rmse_m", "heading_rmse_deg", "pose_anees"} & set(found)
+
+
+def test_floor_figures_are_those_of_planes_tilted_and_shifted_on_purpose(tmp_path):
+    run = RunFolder.create(tmp_path)
+    true = Plane(np.array([0.0, -0.8, -0.6]), 0.4)
+    tilt = math.radians(2.0)
+    rows, truth = [], []
+    for i in range(4):
+        normal = math.cos(tilt) * true.normal + math.sin(tilt) * true.tangents[0]
+        claim = (tilt**2, 0.0, 0.0, tilt**2, 0.0, 0.003**2)
+        state = "expected" if i == 3 else "seen"
+        rows.append((0.1 * i, "tof", *normal.tolist(), 0.403, *claim, 0.5, state))
+        truth.append((0.1 * i, "tof", *true.normal.tolist(), 0.4))
+    run.write_csv("floor.csv", (*FLOOR_HEADER, *UPPER, "share", "state"), rows)
+    run.write_csv("truth/floor.csv", FLOOR_HEADER, truth)
+    found = evaluate(run)
+    assert found["floor_tof_angle_deg_median"] == pytest.approx(2.0)
+    assert found["floor_tof_height_mm_max"] == pytest.approx(3.0)
+    assert found["floor_tof_height_mm_bias"] == pytest.approx(3.0)
+    assert found["floor_tof_seen_share"] == 0.75
+    # one deviation of tilt (tan of 2 degrees, to first order) and one of height
+    assert found["floor_tof_anees"] == pytest.approx((math.tan(tilt) / tilt) ** 2 + 1.0, rel=1e-3)
+
+
+def test_surprise_by_landmarks_is_judged_as_two_numbers_each(tmp_path):
+    rng = np.random.default_rng(8)
+    run = RunFolder.create(tmp_path)
+    header = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
+    rows = [(0.1 * i, "landmark", i % 3, *rng.normal(size=2).tolist()) for i in range(900)]
+    steady = rng.normal(size=2)
+    for i in range(400):  # as large as expected, but every one much like the one before
+        steady = 0.8 * steady + 0.6 * rng.normal(size=2)
+        rows.append((0.1 * i, "track", 7, *steady.tolist()))
+    run.write_csv("innovations.csv", header, rows)
+    found = evaluate(run)
+    assert found["landmark_consistent"]
+    assert found["landmark_anis"] == pytest.approx(2.0, abs=4.5 * math.sqrt(4 / 900))
+    assert found["landmark_nis_inside_share"] == pytest.approx(0.95, abs=4.5 * 0.0073)
+    assert found["landmark_calibration_error"] < 0.05
+    assert found["landmark_whiteness_max"] < 2.0
+    assert found["track_lag1"] == pytest.approx(0.8, abs=0.1)
+    assert found["track_whiteness_max"] > 5.0
+
+
+def test_claims_twice_too_small_show_in_the_calibration():
+    rng = np.random.default_rng(4)
+    honest, bold = rng.chisquare(3, 4000), 4.0 * rng.chisquare(3, 4000)
+    assert calibration_error(honest, 3) < 0.02
+    assert calibration_error(bold, 3) > 0.25
+
+
+def test_the_ospa_distance_counts_errors_misses_and_inventions():
+    two = np.array([[0.0, 0.0], [3.0, 0.0]])
+    assert ospa(two, two[::-1]) == 0.0
+    assert ospa(two + np.array([0.1, 0.0]), two) == pytest.approx(0.1)
+    assert ospa(two[:1], two, 0.5) == pytest.approx(0.25)  # half of the things missed
+    assert ospa(two, two[:1], 0.5) == pytest.approx(0.25)
+    assert ospa(two[:1], two, 0.5, order=2.0) == pytest.approx(math.sqrt(0.125))
+    assert ospa(np.zeros((0, 2)), two, 0.7) == 0.7
+    assert ospa(np.zeros((0, 2)), np.zeros((0, 2))) == 0.0
+    assert ospa(two + 10.0, two, 0.5) == 0.5
+
+
+@given(seeds, st.integers(0, 4), st.integers(0, 4), st.integers(0, 4), st.sampled_from([1.0, 2.0]))
+def test_the_ospa_distance_is_a_metric(seed, n, m, k, order):
+    rng = np.random.default_rng(seed)
+    a, b, c = (rng.uniform(-1, 1, (size, 2)) for size in (n, m, k))
+    assert ospa(a, b, 0.8, order) == pytest.approx(ospa(b, a, 0.8, order))
+    assert ospa(a, c, 0.8, order) <= ospa(a, b, 0.8, order) + ospa(b, c, 0.8, order) + 1e-12
+
+
+def test_tracks_are_matched_to_the_nearest_obstacles_and_judged(tmp_path):
+    run = RunFolder.create(tmp_path)
+    truth, tracks = [], []
+    for i in range(10):
+        t = 0.5 * i
+        truth += [(t, "cart", 0.05 * t, 0.0, 0.05, 0.0, 0.1), (t, "post", 3.0, 1.0, 0.0, 0.0, 0.1)]
+        if i < 8:
+            mean = [0.05 * t + 0.03, 0.04, 0.05, 0.02]
+            number = 7 if i < 4 else 9
+            tracks.append(
+                {"stamp": t, "track": number, "mean": mean, "covariance": np.eye(4).tolist()}
+            )
+        # a track of something that the truth does not list, and one just beyond the gate of the post
+        tracks.append(
+            {"stamp": t, "track": 1, "mean": [-2.0, -2, 0, 0], "covariance": np.eye(4).tolist()}
+        )
+        tracks.append(
+            {"stamp": t, "track": 2, "mean": [3.0, 1.51, 0, 0], "covariance": np.eye(4).tolist()}
+        )
+    names = ("stamp_s", "identity", "x_m", "y_m", "vx_mps", "vy_mps", "radius_m")
+    run.write_csv("truth/obstacles.csv", names, truth)
+    run.write_json("obstacles.json", {"tracks": tracks, "footprints": []})
+    found = evaluate(run)
+    assert found["mover_count"] == found["standing_count"] == 1
+    assert found["mover_followed_share"] == pytest.approx(0.8)
+    assert found["mover_position_rmse_m"] == pytest.approx(0.05)
+    assert found["mover_velocity_rmse_mps"] == pytest.approx(0.02)
+    assert found["mover_anees"] == pytest.approx(0.05**2 + 0.02**2)
+    assert found["mover_track_changes"] == 1
+    assert found["standing_followed_share"] == 0.0
+    assert "standing_position_rmse_m" not in found
+
+
+def test_time_is_told_per_stage_and_in_all_without_the_first_frame(tmp_path):
+    run = RunFolder.create(tmp_path)
+    rows = [(0.0, 900.0, 9.0), *((0.1 * i, float(i), 1.0) for i in range(1, 102))]
+    run.write_csv("timing.csv", ("stamp_s", "floor", "grid"), rows)
+    found = evaluate(run)["timing_ms"]
+    assert found["floor"] == pytest.approx({"p50": 51.0, "p95": 96.0, "max": 101.0})
+    assert found["total"]["p50"] == pytest.approx(52.0)
+
+
+def test_the_closing_table_says_what_was_met_and_what_was_missed(tmp_path):
+    table = closing_table({"position_rmse_m": 0.02, "contacts": 2.0, "min_clearance_m": -0.01})
+    lines = table.splitlines()
+    assert lines[0].endswith("ok")
+    assert lines[1].startswith("contacts")
+    assert lines[1].endswith("MISSED")
+    assert "smallest clearance" in lines[2]
+    assert "nothing to compare" in closing_table({})
+    assert "no truth" in closing_table({"path_m": 1.0})
+
+
+def test_a_target_at_its_bound_is_met():
+    metrics = {target.figure: target.bound for target in TARGETS}
+    assert all(met for _, _, met in verdicts(metrics))
+    assert len(verdicts(metrics)) == len(TARGETS)
+
+
+def _turn(angle: float) -> np.ndarray:
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])

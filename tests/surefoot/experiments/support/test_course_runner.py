@@ -1,0 +1,129 @@
+"""A course by geometry: short walks, the classes of contacts, and that nothing leaks from the truth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planning.commands import WalkCommand
+from planning.safety.line_of_sight import barred
+from planning.safety.step_filter import Trusting
+from sim.scenes import catalogue
+from surefoot.config.presets import on_body
+from surefoot.evaluation.metrics.contacts import Contact, Touch, class_of
+from surefoot.experiments.joint import gaze_coupling
+from surefoot.experiments.seed_001.course_trials import HEADER, figures, row
+from surefoot.experiments.support.course_runner import Walk, course_config, walk
+
+
+def short(scene, seed, seconds):
+    config = course_config(scene, seed)
+    return replace(config, mission=replace(config.mission, time_limit_s=seconds))
+
+
+@pytest.mark.parametrize("truly", [True, False])
+def test_twenty_seconds_among_fast_movers_is_walked_without_contact(truly):
+    result = walk(short("fast_course", 0, 20.0), truly)
+    assert result.contacts == []
+    assert result.clearance_m > 0.0
+    (_, x0, y0, _), (_, x1, y1, _) = result.trace[0], result.trace[-1]
+    assert math.hypot(x1 - x0, y1 - y0) > 0.4
+
+
+class Listening(Trusting):
+    """Makes every step wanted, and remembers what it was to be judged by."""
+
+    def __init__(self):
+        self.heard = []
+
+    def choose(self, desired, robot, obstacles, occupied, target, stamp_s):
+        self.heard.append((robot.mean[:2], occupied, target))
+        return super().choose(desired, robot, obstacles, occupied, target, stamp_s)
+
+
+def test_steps_are_judged_by_the_goal_where_only_movers_are_in_the_way():
+    """A mover bends the path; the point that it bends round goes where the mover goes."""
+    config, stepper = short("fast_course", 2, 40.0), Listening()
+    goal = np.array(catalogue.load("fast_course", 2, config.difficulty).goals[0])
+    walk(config, True, stepper)
+    clear = [
+        target
+        for here, standing, target in stepper.heard
+        if not barred(here, goal, standing, config.guard.cell_distance_m)
+    ]
+    assert len(clear) > 20
+    np.testing.assert_allclose(clear, np.broadcast_to(goal, (len(clear), 2)), atol=1e-9)
+
+
+def test_the_same_seed_walks_the_same_way():
+    one, two = (walk(short("course", 1, 10.0)) for _ in range(2))
+    assert one.trace == two.trace
+
+
+def too_steep(config):
+    """On the body that can fall, where it does: eleven degrees."""
+    config = on_body(config, "dynamic")
+    dynamic = replace(config.robot.dynamic, slope_rad=(0.2, 0.0))
+    return replace(config, robot=replace(config.robot, dynamic=dynamic))
+
+
+def test_a_fall_ends_the_walk_and_is_counted():
+    result = walk(too_steep(short("course", 0, 60.0)), True)
+    assert result.fell
+    assert not result.arrived
+    assert result.time_s < 30.0
+    stood = Walk(time_s=9.0, cycle_ms=[1.0], decision_ms=[1.0], pose_errors=[(0.0, 0.0, 0.0)])
+    assert figures([result, stood])["falls"] == 1.0
+    assert row("x", [result, stood])[: HEADER.index("falls") + len("falls")].endswith("  1")
+
+
+def test_a_fall_ends_a_walk_that_tries_ways_of_looking(monkeypatch):
+    monkeypatch.setattr(
+        gaze_coupling, "course_config", lambda scene, seed: too_steep(course_config(scene, seed))
+    )
+    looked = gaze_coupling.look(0, "fixed", "dynamic")
+    assert looked.fell
+    assert not looked.arrived
+    assert looked.time_s < 60.0
+
+
+def test_another_stepper_makes_the_steps():
+    result = walk(short("course", 2, 10.0), True, Trusting())
+    assert result.guarded == 0
+
+
+def contact(unseen=0.5, followed=20.0, turned=30.0, moves=True):
+    return Contact(9.0, "mover 1", moves, unseen, followed, turned, False)
+
+
+@pytest.mark.parametrize(
+    ("one", "kind"),
+    [
+        (contact(), "avoidable"),
+        (contact(unseen=2.5), "unseen"),
+        (contact(followed=5.0), "late"),
+        (contact(turned=3.0), "reversal"),
+        (contact(unseen=math.inf, followed=0.0), "unseen"),
+        (contact(moves=False, unseen=100.0), "avoidable"),
+        (contact(moves=False, unseen=math.inf), "unseen"),
+    ],
+)
+def test_every_contact_has_the_class_of_its_cause(one, kind):
+    assert class_of(one) == kind
+
+
+def test_a_touch_counts_once_until_there_is_a_gap():
+    touch = Touch()
+    gaps = [{3: 0.01}, {3: -0.01}, {3: -0.02}, {3: 0.01}, {3: -0.01}, {3: 0.03}, {3: -0.01}]
+    assert [touch.begun(gap, 0.02) for gap in gaps] == [[], [3], [], [], [], [], [3]]
+
+
+def test_a_robot_that_only_turns_stands():
+    touch = Touch()
+    touch.step(WalkCommand(turn_rad=0.2))
+    assert touch.standing
+    touch.step(WalkCommand(lateral_m=0.01))
+    assert not touch.standing

@@ -1,0 +1,135 @@
+"""Many recordings: each once, whatever happens to one of them or to a worker."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from perception.primitives.errors import InputError
+from surefoot.config.schema import Config
+from surefoot.run.batch import find_all, process_one
+
+DESCRIPTION = """\
+rate_hz = 10.0
+[camera]
+width = 80
+height = 60
+fx = 70.0
+fy = 70.0
+cx = 39.5
+cy = 29.5
+[depth]
+folder = "depth"
+scale_per_metre = 1000
+none = [0]
+"""
+
+
+def write_floor(folder, frames=6):
+    """A camera 0.5 m above the floor, looking down by 30 degrees."""
+    (folder / "depth").mkdir(parents=True)
+    (folder / "recording.toml").write_text(DESCRIPTION)
+    v = np.repeat(np.arange(60.0)[:, None], 80, axis=1)
+    down = ((v - 29.5) / 70.0) * np.cos(np.radians(30)) + np.sin(np.radians(30))
+    z = 0.5 / down
+    rng = np.random.default_rng(len(folder.name))
+    for i in range(frames):
+        noisy = 1000 * (z + rng.normal(0, 0.003, z.shape))
+        cv2.imwrite(str(folder / f"depth/{i}.png"), noisy.astype(np.uint16))
+
+
+@pytest.fixture
+def many(tmp_path):
+    """Five good recordings and one whose every image is broken."""
+    for name in "abcde":
+        write_floor(tmp_path / "in" / f"walk_{name}")
+    write_floor(tmp_path / "in" / "walk_broken")
+    for file in (tmp_path / "in/walk_broken/depth").iterdir():
+        file.write_bytes(b"this is no picture")
+    return tmp_path
+
+
+def command(many, *more):
+    words = [sys.executable, "-c", "from surefoot.cli.main import main; main()", "process"]
+    return [*words, str(many / "in"), "--out", str(many / "out"), "--workers", "2", *more]
+
+
+def table(many):
+    with (many / "out/summary.csv").open(newline="") as file:
+        return {os.path.basename(row["recording"]): row for row in csv.DictReader(file)}
+
+
+def test_a_killed_worker_and_a_broken_recording_cost_nothing_else_and_a_restart_does_nothing_twice(
+    many,
+):
+    running = subprocess.Popen(command(many), stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 120.0
+    while not list(many.glob("out/.part-*")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    victims = workers_of(running.pid)
+    assert victims
+    os.kill(victims[0], signal.SIGKILL)
+    _, said = running.communicate(timeout=240)
+    rows = table(many)
+    assert {name: row["status"] for name, row in rows.items()} == {
+        **{f"walk_{name}": "done" for name in "abcde"},
+        "walk_broken": "failed",
+    }
+    assert "not readable as a picture" in rows["walk_broken"]["error"]
+    assert running.returncode == 1, said
+    assert not list(many.glob("out/.part-*"))
+    written = {path: path.stat().st_mtime_ns for path in many.glob("out/walk_*/summary.json")}
+    assert len(written) == 5
+
+    again = subprocess.run(command(many, "--json"), capture_output=True, text=True, timeout=240)
+    statuses = {os.path.basename(row["recording"]): row for row in json.loads(again.stdout)}
+    assert [statuses[f"walk_{name}"]["status"] for name in "abcde"] == ["done before"] * 5
+    assert statuses["walk_broken"]["status"] == "failed"
+    assert {path: path.stat().st_mtime_ns for path in written} == written
+
+
+def workers_of(pid):
+    """Processes of Dask's workers below a process: those that nannies spawned."""
+    found = []
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                with open(f"/proc/{entry}/cmdline") as file:
+                    words = file.read()
+                with open(f"/proc/{entry}/stat") as file:
+                    parent = int(file.read().rsplit(")", 1)[1].split()[1])
+            except OSError:
+                continue
+            if "spawn_main" in words and parent == pid:
+                found.append(int(entry))
+    return found
+
+
+def test_a_run_has_its_name_only_when_it_is_whole(many):
+    target = many / "runs/walk_a"
+    row = process_one(many / "in/walk_a", target, Config())
+    assert row.status == "done"
+    assert row.frames == 6
+    assert (target / "report.html").is_file()
+    failed = process_one(many / "in/walk_broken", many / "runs/broken", Config())
+    assert failed.status == "failed"
+    assert sorted(path.name for path in (many / "runs").iterdir()) == ["walk_a"]
+
+
+def test_recordings_are_found_at_any_depth_and_only_once(many):
+    found = find_all([many, many / "in", many / "in/walk_a"])
+    assert [path.name for path in found] == sorted(p.name for p in (many / "in").iterdir())
+
+
+def test_a_folder_without_any_is_named(tmp_path):
+    with pytest.raises(InputError, match=str(tmp_path)):
+        find_all([tmp_path])
