@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.evidence import OCCUPIED
 from mapping.panorama.obstacles import Surroundings
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
@@ -24,6 +25,7 @@ from mapping.panorama.views import View, view_of_depth
 from perception.estimate import Estimate
 from perception.floor import classify
 from perception.primitives.frame import Depth, Frame
+from perception.primitives.obstacle import MOVING
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from planning import footsteps
 from planning.avoidance import primitives
@@ -31,6 +33,7 @@ from planning.avoidance.choice import Choice, choose
 from planning.avoidance.gap_middle import GapMiddle
 from planning.avoidance.primitives import Leg
 from planning.commands import GazeCommand, WalkCommand
+from planning.footsteps import limited_step
 from planning.gaze.attention import Known
 from planning.gaze.policy import GazePolicy
 from planning.safety.guard import Guard
@@ -43,8 +46,6 @@ from .run.pipeline import Pipeline
 
 LOG = logging.getLogger(__name__)
 
-MOVER = 0.3  # probability of moving from which a track counts as a mover, as the guard has it
-OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 FACING_RAD = math.radians(5.0)  # ours: so nearly towards the goal it begins to look
 AIMED_RAD = math.radians(1.5)  # ours: head where it was told to look
 LEANS_RAD = math.radians(10.0)  # ours: so far off at most a head may rest, on a trunk that leans
@@ -102,9 +103,9 @@ class AvoidancePlanner(GoalSeeker):
             goals: Where to walk, one after the other, map frame, m.
         """
         super().__init__(Goals(goals, config.mission))
-        self._config = config
-        self._gaze = GazePolicy(config.gaze)
-        self._guard = Guard(config.guard)
+        self._config, self._robot = config, config.robot_model
+        self._gaze = GazePolicy(config.gaze, self._robot)
+        self._guard = Guard(config.guard, self._robot)
         self._rng = np.random.default_rng([config.seed, 41])
         self._phase = "walk"
         self._urged = False
@@ -162,7 +163,7 @@ class AvoidancePlanner(GoalSeeker):
 
     def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
         """The next footstep of what is being done."""
-        if estimate.stamp_s - self._last_s > 1.5 * self._config.guard.gait.step_s:
+        if estimate.stamp_s - self._last_s > 1.5 * self._robot.gait.step_s:
             self._last = WalkCommand()  # others have decided since
         decision = self._decide(estimate, pipeline)
         self._last, self._last_s = decision.walk, estimate.stamp_s
@@ -193,7 +194,7 @@ class AvoidancePlanner(GoalSeeker):
         """Straight to the goal, or stop and look."""
         assert estimate.pose is not None
         assert pipeline.grid is not None
-        robot, gait = estimate.pose2, self._config.guard.gait
+        robot, gait = estimate.pose2, self._robot.gait
         heading = math.atan2(goal[1] - robot.y, goal[0] - robot.x)
         if self._urged:
             return self._face(robot, heading, GazeCommand(0.0, DOWN_RAD))
@@ -204,7 +205,7 @@ class AvoidancePlanner(GoalSeeker):
             pipeline.landmarks,
             estimate.sightings,
         )
-        movers = [o.gone_straight() for o in estimate.obstacles if o.moving >= MOVER]
+        movers = [o.gone_straight() for o in estimate.obstacles if o.moving >= MOVING]
         gaze = self._gaze.next(estimate.stamp_s, robot, goal, movers, known)
         if self._gaze.surveying:
             return Decision(WalkCommand(), gaze, "survey")
@@ -222,7 +223,7 @@ class AvoidancePlanner(GoalSeeker):
         if abs(turn) <= FACING_RAD:
             self._scan(robot, heading)
             self._urged = False
-        walk = self._config.guard.gait.command(0.0, 0.0, turn)
+        walk = limited_step(self._robot.gait, 0.0, 0.0, turn)
         return Decision(walk, gaze, "blocked")
 
     def _scan(self, robot: Pose2, heading: float) -> None:
@@ -245,10 +246,9 @@ class AvoidancePlanner(GoalSeeker):
         goal: Float[np.ndarray, "2"],
     ) -> bool:
         """Whether something stands in the corridor to the goal, nearer than the stopping distance."""
-        body = self._config.avoidance.pivot
         there = Pose2(robot.x, robot.y, heading).inverse().apply(cells)
         reach = min(STOP_M, float(np.hypot(goal[0] - robot.x, goal[1] - robot.y)))
-        half = body.body_width_m / 2 + body.clearance_m / 2
+        half = self._robot.passage_width_m / 2 + self._config.avoidance.pivot.clearance_m / 2
         ahead = (there[:, 0] > 0.1) & (there[:, 0] < reach) & (np.abs(there[:, 1]) < half)
         return bool(np.count_nonzero(ahead) >= 2)
 
@@ -264,7 +264,7 @@ class AvoidancePlanner(GoalSeeker):
         faces = np.stack([ahead, things.edges_m], axis=-1)
         self._faces = robot.apply(faces.reshape(-1, 2)).reshape(-1, 2, 2)
         self._waited = 0
-        choice = choose(things, self._config.avoidance)
+        choice = choose(things, self._config.avoidance, self._robot)
         views = tuple(self._views)
         look = Look(stamp_s, self._picture, views, panorama, around, choice)
         self.looks = [*self.looks, look][-LOOKS:]
@@ -279,7 +279,9 @@ class AvoidancePlanner(GoalSeeker):
             return
         self._phase = "pass"
         beyond = choice.distance_m + BEYOND_M
-        centred = choice.gap_m / 2 <= self._config.avoidance.pivot.half_m
+        centred = choice.gap_m / 2 <= self._config.avoidance.pivot.half_m(
+            self._robot.passage_width_m
+        )
         gap = choice.gap_m if centred else 0.0
         self._legs = primitives.passage(choice.motion, choice.pivot, robot, beyond, gap)
 
@@ -288,7 +290,7 @@ class AvoidancePlanner(GoalSeeker):
     ) -> Decision | None:
         """The next footstep of the legs; None when they are done or prove closed."""
         assert estimate.pose is not None
-        robot, gait = estimate.pose2, self._config.guard.gait
+        robot, gait = estimate.pose2, self._robot.gait
         while self._legs and primitives.reached(self._legs[0], robot):
             self._legs.pop(0)
             self._middle = None
@@ -300,7 +302,7 @@ class AvoidancePlanner(GoalSeeker):
         if self._closed(leg, robot, grid, estimate.stamp_s):
             return Decision(WalkCommand(), GazeCommand(0.0, DOWN_RAD), "closed")
         others = [o for o in estimate.obstacles if not self._stood_there(o.position)]
-        movers = [o.gone_straight() for o in others if o.moving >= MOVER]
+        movers = [o.gone_straight() for o in others if o.moving >= MOVING]
         target = np.array([leg.target.x, leg.target.y])
         walk = self._guard.choose(
             desired, estimate.pose, movers, np.zeros((0, 2)), target, estimate.stamp_s
@@ -308,7 +310,7 @@ class AvoidancePlanner(GoalSeeker):
         if walk != desired:  # a passage has no room for another way: wait, but not for ever
             self._waited += 1
             late = self._waited > WAIT_STEPS
-            walk = desired if late else gait.command(0.0, 0.0, 0.0)
+            walk = desired if late else limited_step(gait, 0.0, 0.0, 0.0)
         else:
             self._waited = 0
         turned, tilt = (math.pi / 2, INTO_RAD) if leg.gap_m else (math.pi / 4, DOWN_RAD)
@@ -341,7 +343,7 @@ class AvoidancePlanner(GoalSeeker):
     def _closed(self, leg: Leg, robot: Pose2, grid: EgocentricGrid, stamp_s: float) -> bool:
         """Whether something stands in the passage; then the legs lead back out, and what it was is kept."""
         cells = _cells(grid, SURELY)
-        hit = primitives.in_the_way(leg, robot, cells, grid.config.cell_m)
+        hit = primitives.in_the_way(leg, robot, cells, grid.config.cell_m, self._robot)
         if not hit.any():
             return False
         LOG.info("%.1f s: the passage is closed", stamp_s)

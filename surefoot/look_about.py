@@ -17,8 +17,9 @@ from dataclasses import replace
 
 from perception.estimate import Estimate
 from perception.primitives.frame import Frame
+from perception.primitives.obstacle import MOVING
 
-from .avoidance_planner import LOOKS, MOVER, AvoidancePlanner, Look
+from .avoidance_planner import LOOKS, AvoidancePlanner, Look
 from .config.schema import Config
 from .planners import Decision, Planner
 from .run.pipeline import Pipeline
@@ -47,6 +48,7 @@ class LookAbout:
             goals: The same that the planner has.
         """
         self._planner, self._config, self._goals = planner, config, goals
+        self._robot = config.robot_model
         self._avoider: AvoidancePlanner | None = None
         self._looks: list[Look] = []
         self._still_since_s = math.inf
@@ -101,7 +103,7 @@ class LookAbout:
     def _stuck(self, decision: Decision, estimate: Estimate) -> bool:
         """Whether it has all but stood for long enough, though it knows where it is and nothing moves near."""
         walk = decision.walk
-        speed = math.hypot(walk.forward_m, walk.lateral_m) / self._config.guard.gait.step_s
+        speed = math.hypot(walk.forward_m, walk.lateral_m) / self._robot.gait.step_s
         still = speed < SLOW_MPS and abs(walk.turn_rad) < TURNING_RAD and decision.why != "survey"
         if not still or estimate.pose is None or _disturbed(estimate):
             self._still_since_s = math.inf
@@ -117,6 +119,6 @@ def _disturbed(estimate: Estimate) -> bool:
         return False
     here = estimate.pose.mean[:2]
     return any(
-        one.moving >= MOVER and math.dist(one.position.tolist(), here.tolist()) < NEAR_M
+        one.moving >= MOVING and math.dist(one.position.tolist(), here.tolist()) < NEAR_M
         for one in estimate.obstacles
     )

@@ -18,12 +18,13 @@ from jaxtyping import Bool, Float, Float32, UInt8
 
 from mapping.grid.confidence import ConfidenceLayer
 from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.evidence import OCCUPIED
 from mapping.grid.world_map import WorldMap
 from perception.estimate import Estimate
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps
 from planning.commands import GazeCommand, WalkCommand
@@ -41,12 +42,10 @@ from .goals import Goals
 from .planners import Decision
 from .run.stopwatch import Stopwatch
 
-MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
 CELL_M = 0.05  # half a cell's diagonal and the position error of a track
 DEPTH_M = 0.15  # least depth of furniture: how far behind a seen face nobody walks unseen
 HIDDEN = np.float32(0.6)  # probability of what is behind a seen face
 MOVER_COST = np.float32(0.4)  # probability that the search gives to a mover's cell
-OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 
 
 @runtime_checkable
@@ -90,13 +89,13 @@ class Navigator:
             goals: Where to walk, one after the other, map frame, m.
             stepper: Who has the last word on every step; None: the guard.
         """
-        self._config = config
-        self._guard = Guard(config.guard)
+        self._config, self._robot = config, config.robot_model
+        self._guard = Guard(config.guard, self._robot)
         self._stepper: Stepper = self._guard if stepper is None else stepper
         self._goals = Goals(goals, config.mission, config.mission.headings_deg)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
-        self._route = Route(config.search, config.route)
-        self._gaze = GazePolicy(config.gaze)
+        self._route = Route(config.search, config.route, self._robot)
+        self._gaze = GazePolicy(config.gaze, self._robot)
         self._speed_mps = 0.0
 
     @property
@@ -143,12 +142,12 @@ class Navigator:
         with watch.stage("guard"):
             standing = _not_movers(grid.centres()[occupied], obstacles)
             here = estimate.pose.mean[:2]
-            near_m = self._config.guard.cell_distance_m
+            near_m = self._guard.cell_distance_m
             target = farthest(here, self._route.ahead(here), standing, near_m)
             walk = self._stepper.choose(
                 desired, estimate.pose, obstacles, standing, target, estimate.stamp_s
             )
-        self._speed_mps = walk.forward_m / self._config.guard.gait.step_s
+        self._speed_mps = walk.forward_m / self._robot.gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard", watch.milliseconds)
 
     def _goal(self, estimate: Estimate, pipeline: Memory) -> Float[np.ndarray, "2"] | None:
@@ -175,7 +174,7 @@ class Navigator:
             return WalkCommand(), "survey"
         if self._goals.turning and self._goals.heading is not None:
             x, y, yaw = (float(v) for v in pose.mean)
-            gait = self._config.guard.gait
+            gait = self._robot.gait
             return footsteps.footstep(self._goals.heading, 0.0, Pose2(x, y, yaw), gait), "walk"
         if self._route.path is None:
             return WalkCommand(), "blocked"
@@ -185,10 +184,10 @@ class Navigator:
         self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
     ) -> WalkCommand:
         """The field's step among what moves; what stands is the path's business."""
-        config, gait = self._config.via_field, self._config.guard.gait
+        config, gait = self._config.via_field, self._robot.gait
         x, y, yaw = (float(v) for v in pose.mean)
         arrival = self._goals.heading if _same(via, self._goals.present) else None
-        movers = [o for o in obstacles if o.moving >= MOVER]
+        movers = [o for o in obstacles if o.moving >= MOVING]
         advice = motion.advise(
             pose,
             self._speed_mps,
@@ -196,9 +195,8 @@ class Navigator:
             via,
             arrival,
             config,
-            gait.step_s,
+            self._robot,
             self._config.gaze.attention.map.evaluation,
-            gait.cruise_mps,
         )
         speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
         return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
@@ -229,14 +227,14 @@ def _as_ground(
 
 def _supposed(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
     """Movers as if gone straight on since they were seen: field, guard and gaze suppose the rest themselves."""
-    return [o.gone_straight() if o.moving >= MOVER else o for o in obstacles]
+    return [o.gone_straight() if o.moving >= MOVING else o for o in obstacles]
 
 
 def _not_movers(
     cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
 ) -> Float[np.ndarray, "m 2"]:
     """Occupied cells that no moving track accounts for; those that one does the guard rolls out."""
-    movers = [o for o in obstacles if o.moving >= MOVER]
+    movers = [o for o in obstacles if o.moving >= MOVING]
     places = np.array([o.position for o in movers]).reshape(-1, 2)
     reach = np.array([o.radius_m for o in movers]) + CELL_M
     gaps = np.linalg.norm(cells[:, None] - places, axis=2)

@@ -24,10 +24,11 @@ from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.robot_model import GaitLimits
 from planning.commands import GazeCommand, WalkCommand
-from planning.footsteps import GaitConfig
+from planning.footsteps import limited_step
 from planning.safety.guard import Guard
 from planning.safety.line_of_sight import farthest
 from planning.swarm import command, search
@@ -44,7 +45,6 @@ from .run.pipeline import Pipeline
 
 LOG = logging.getLogger(__name__)
 
-MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
 DOUBTED = 0.05  # ours: from here on the eyes look for it: who has just turned seems to stand
 BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
 GLANCE_RAD = math.radians(10.0)  # ours: the head this far aside, the picture is one of a glance
@@ -75,10 +75,11 @@ class SwarmPlanner(GoalSeeker):
         by_clock = bool(config.swarm.goal_times_s)
         super().__init__(MovingGoals(goals, config) if by_clock else Goals(goals, config.mission))
         self._config, self._settings = config, config.swarm.as_walked
+        self._robot = config.robot_model
         self._monocular = Monocular(config.monocular)
         self._corners = Corners(self._settings.objective.literal)
-        react_s = config.guard.react_s + GLANCE_EVERY * config.guard.gait.step_s
-        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS))
+        react_s = config.guard.react_s + GLANCE_EVERY * self._robot.gait.step_s
+        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS), self._robot)
         self._standing = Standing(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None
@@ -88,9 +89,9 @@ class SwarmPlanner(GoalSeeker):
         self._previous: Picture | None = None
         self._best: search.Best | None = None  # the pixel chosen in this picture, turned upright
         self._movable: np.ndarray | None = None  # what was searched for it
-        self._schedule = Schedule(config.guard.gait)
+        self._schedule = Schedule(self._robot.gait)
         self._glances = Glances(
-            self._settings.glance, config.guard.body_radius_m, config.guard.gait.max_speed_mps
+            self._settings.glance, self._robot.radius_m, self._robot.gait.max_speed_mps
         )
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
         self._waits = False  # whether the guard let it hardly move
@@ -157,16 +158,16 @@ class SwarmPlanner(GoalSeeker):
         if abs(_tilt(result.current) - gaze.tilt_rad) > math.radians(10.0):
             return Decision(WalkCommand(), gaze, "survey")  # the head is not yet bowed
         robot = estimate.pose2
-        gait = self._config.guard.gait
+        gait = self._robot.gait
         ahead = abs(_pan(result.current, robot)) < GLANCE_RAD
         if ahead:
             unseen_m = result.nearest_m + _ahead_m(result.current, robot)
             self._corners.update(result.corners_blocked, unseen_m, gait.cruise_mps * gait.step_s)
         tracks = pipeline.tracker.obstacles
-        movers = [o.gone_straight() for o in tracks if o.moving >= MOVER]
+        movers = [o.gone_straight() for o in tracks if o.moving >= MOVING]
         if self._settings.guarded:
             expected = self._guard.expected(movers, frame.stamp_s)
-            expected += [o for o in tracks if DOUBTED <= o.moving < MOVER]
+            expected += [o for o in tracks if DOUBTED <= o.moving < MOVING]
             pan_rad = self._glances.next(robot, expected, frame.stamp_s, self._waits)
             gaze = GazeCommand(pan_rad, gaze.tilt_rad)
         movable = (
@@ -185,6 +186,7 @@ class SwarmPlanner(GoalSeeker):
             goal,
             self._settings.objective,
             self._corners.blocked,
+            self._robot,
         )
         if ahead:
             self._best = search.find(objective, self._settings.search, self._rng)
@@ -204,13 +206,13 @@ class SwarmPlanner(GoalSeeker):
         self, place: Float[np.ndarray, "2"] | None, robot: Pose2, goal: Float[np.ndarray, "2"]
     ) -> tuple[WalkCommand, Float[np.ndarray, "2"], str]:
         """The step that is wanted, where to, and why; place is that of the best pixel, if there is one."""
-        gait = self._config.guard.gait
+        gait = self._robot.gait
         if self._settings.objective.literal:
             if place is None:
                 return command.turning(goal, robot, gait, literal=True), goal, "blocked"
             return command.printed(place, robot, gait), place, "walk"
         here = np.array([robot.x, robot.y])
-        if abs(command.angle_to(goal, robot)) > self._settings.objective.window_rad:
+        if abs(command.angle_to(goal, robot)) > self._settings.objective.window_rad(gait):
             return command.turning(goal, robot, gait), goal, "turn"
         if float(np.hypot(*(goal - here))) < NEAR_GOAL_M:
             return command.towards(goal, robot, gait), goal, "walk"
@@ -238,9 +240,7 @@ class SwarmPlanner(GoalSeeker):
             np.array([o.radius_m + BESIDE_M for o in movers]),
         )
         unknown = self._standing.never_seen(estimate.stamp_s, here)
-        target = farthest(
-            here, np.stack([target, beyond]), standing, self._config.guard.cell_distance_m
-        )
+        target = farthest(here, np.stack([target, beyond]), standing, self._guard.cell_distance_m)
         return self._guard.choose(
             desired,
             estimate.pose,
@@ -258,7 +258,7 @@ class Schedule:
     gets above cruising.
     """
 
-    def __init__(self, gait: GaitConfig) -> None:
+    def __init__(self, gait: GaitLimits) -> None:
         self._gait = gait
         self._goal: np.ndarray | None = None
         self._from_m, self._since_s = 0.0, 0.0
@@ -285,7 +285,7 @@ class Schedule:
         faster = min(
             gait.max_speed_mps / gait.cruise_mps, 1.0 + behind / MADE_UP_S / gait.cruise_mps
         )
-        return gait.command(faster * desired.forward_m / gait.step_s, 0.0, desired.turn_rad)
+        return limited_step(gait, faster * desired.forward_m / gait.step_s, 0.0, desired.turn_rad)
 
 
 class MovingGoals:

@@ -13,6 +13,9 @@ from perception.primitives.obstacle import Obstacle
 
 from ..commands import WalkCommand
 
+BASELINE_CELL_M = 0.17
+"""Ours: distance that the baselines keep from the middle of an occupied cell, for a DARwIn-OP."""
+
 
 @runtime_checkable
 class Stepper(Protocol):

@@ -11,13 +11,14 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import GaitLimits
 from planning.commands import WalkCommand
-from planning.footsteps import GaitConfig, footstep
+from planning.footsteps import footstep
 from planning.safety.dynamic_window import DynamicWindow, DynamicWindowConfig
 from planning.safety.step_filter import Stepper, Trusting
 from planning.safety.velocity_obstacles import VelocityObstacleConfig, VelocityObstacles
 
-GAIT = GaitConfig()
+GAIT = GaitLimits()
 NOTHING = np.zeros((0, 2))
 PEERS = [DynamicWindow, VelocityObstacles]
 

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2
-from planning.footsteps import GaitConfig
+from perception.primitives.robot_model import GaitLimits
 from planning.swarm import command
 from planning.swarm.corners import Corners
 from planning.swarm.settings import SwarmWalkerConfig
 from planning.swarm.standing import Standing, StandingConfig
 
-GAIT = GaitConfig()
+GAIT = GaitLimits()
 metres = st.floats(-3.0, 3.0)
 angles = st.floats(-math.pi, math.pi)
 
