@@ -30,11 +30,11 @@ from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from planning import footsteps
 from planning.avoidance import primitives
 from planning.avoidance.choice import Choice, choose
-from planning.avoidance.gap_middle import GapMiddle
+from planning.avoidance.gap_centre import GapCentre
 from planning.avoidance.primitives import Leg
 from planning.commands import GazeCommand, WalkCommand
 from planning.footsteps import limited_step
-from planning.gaze.attention import Known
+from planning.gaze.attention import GazeContext
 from planning.gaze.policy import GazePolicy
 from planning.safety.guard import Guard
 
@@ -113,7 +113,7 @@ class AvoidancePlanner(GoalSeeker):
         self._off_rad = math.inf
         self._stand = Pose2()  # where it looks about from, heading to the goal: frame of the views
         self._legs: list[Leg] = []
-        self._middle: GapMiddle | None = None  # of the gap that the leg leads through
+        self._middle: GapCentre | None = None  # of the gap that the leg leads through
         self._trim = primitives.Trim()
         self._last, self._last_s = WalkCommand(), -math.inf
         self._wait_s = 0.0
@@ -198,7 +198,7 @@ class AvoidancePlanner(GoalSeeker):
         heading = math.atan2(goal[1] - robot.y, goal[0] - robot.x)
         if self._urged:
             return self._face(robot, heading, GazeCommand(0.0, DOWN_RAD))
-        known = Known(
+        known = GazeContext(
             estimate.pose,
             pipeline.grid,
             pipeline.confidence,
@@ -322,7 +322,7 @@ class AvoidancePlanner(GoalSeeker):
         if not leg.gap_m:
             return leg
         robot = estimate.pose2
-        self._middle = self._middle or GapMiddle(leg.gap_m)
+        self._middle = self._middle or GapCentre(leg.gap_m)
         for view in estimate.views:
             points = view.upright[view.classes == classify.OBSTACLE, :2]
             self._middle.look(primitives.on_line(leg, robot, points))

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from mapping.panorama.obstacles import PanoramaObstacle, Surroundings
 from mapping.panorama.pieces import pieces, seen_aside
 from mapping.panorama.stitching import Panorama
-from planning.avoidance.choice import Things
+from planning.avoidance.choice import ObstacleTable
 
 STOP_M = 1.05  # specification: where the robot stops before what blocks its way
 REACH_M = STOP_M + 0.6  # ours: what is farther is met later
@@ -27,7 +27,7 @@ def things_of(
     around: Surroundings,
     reach_m: float = REACH_M,
     closers: Sequence[Float[np.ndarray, "k 2"]] = (),
-) -> Things:
+) -> ObstacleTable:
     """What the panorama lists, as the decision wants it.
 
     Args:
@@ -43,7 +43,7 @@ def things_of(
     ahead = [o.distance_m for o in found if o.left_edge_m[1] > -0.25 and o.right_edge_m[1] < 0.25]
     distance = min(ahead, default=STOP_M)
     left, right = (distance * math.tan(min(max(a, -1.4), 1.4)) for a in seen_aside(panorama))
-    return Things(
+    return ObstacleTable(
         np.array([[o.left_rad, o.right_rad] for o in found]).reshape(-1, 2),
         np.array([[o.left_edge_m[1], o.right_edge_m[1]] for o in found]).reshape(-1, 2),
         np.array([o.distance_m for o in found], dtype=float),

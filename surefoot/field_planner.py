@@ -23,7 +23,7 @@ from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps
 from planning.commands import GazeCommand, WalkCommand
-from planning.gaze.attention import Known
+from planning.gaze.attention import GazeContext
 from planning.gaze.policy import GazePolicy
 from planning.safety.guard import Guard
 from planning.univector import motion
@@ -66,7 +66,7 @@ class FieldPlanner(GoalSeeker):
         obstacles = [o.gone_straight() if o.moving >= MOVING else o for o in estimate.obstacles]
         movers = [o for o in obstacles if o.moving >= MOVING]
         cells = _cells(pipeline.grid, movers)
-        known = Known(
+        known = GazeContext(
             estimate.pose,
             pipeline.grid,
             pipeline.confidence,

@@ -28,12 +28,12 @@ from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 from planning import footsteps
 from planning.commands import GazeCommand, WalkCommand
-from planning.exploration import Explorer, Ground
-from planning.gaze.attention import Known
+from planning.exploration import ExplorationMap, Explorer
+from planning.gaze.attention import GazeContext
 from planning.gaze.policy import GazePolicy
 from planning.safety.guard import Guard
-from planning.safety.line_of_sight import farthest
-from planning.safety.step_filter import Stepper
+from planning.safety.line_of_sight import farthest_visible
+from planning.safety.step_filter import StepFilter
 from planning.search.route import Route
 from planning.univector import motion
 
@@ -80,7 +80,7 @@ class Navigator:
         self,
         config: Config,
         goals: Sequence[tuple[float, float]],
-        stepper: Stepper | None = None,
+        stepper: StepFilter | None = None,
     ) -> None:
         """Set out.
 
@@ -91,7 +91,7 @@ class Navigator:
         """
         self._config, self._robot = config, config.robot_model
         self._guard = Guard(config.guard, self._robot)
-        self._stepper: Stepper = self._guard if stepper is None else stepper
+        self._stepper: StepFilter = self._guard if stepper is None else stepper
         self._goals = Goals(goals, config.mission, config.mission.headings_deg)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
         self._route = Route(config.search, config.route, self._robot)
@@ -127,7 +127,7 @@ class Navigator:
             probability, unknown, occupied = _as_ground(grid)
             via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
         with watch.stage("gaze"):
-            known = Known(
+            known = GazeContext(
                 estimate.pose,
                 grid,
                 pipeline.confidence,
@@ -143,7 +143,7 @@ class Navigator:
             standing = _not_movers(grid.centres()[occupied], obstacles)
             here = estimate.pose.mean[:2]
             near_m = self._guard.cell_distance_m
-            target = farthest(here, self._route.ahead(here), standing, near_m)
+            target = farthest_visible(here, self._route.ahead(here), standing, near_m)
             walk = self._stepper.choose(
                 desired, estimate.pose, obstacles, standing, target, estimate.stamp_s
             )
@@ -159,7 +159,7 @@ class Navigator:
         world = pipeline.world
         known = world.known
         occupied = known & (world.probability >= OCCUPIED)
-        ground = Ground(occupied, known, world.updated_s, world.origin, world.cell_m)
+        ground = ExplorationMap(occupied, known, world.updated_s, world.origin, world.cell_m)
         visited = self._explorer.visited
         goal = self._explorer.goal(ground, estimate.pose.mean[:2], estimate.stamp_s)
         if self._explorer.visited > visited:

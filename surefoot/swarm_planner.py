@@ -30,12 +30,12 @@ from perception.primitives.robot_model import GaitLimits
 from planning.commands import GazeCommand, WalkCommand
 from planning.footsteps import limited_step
 from planning.safety.guard import Guard
-from planning.safety.line_of_sight import farthest
+from planning.safety.line_of_sight import farthest_visible
 from planning.swarm import command, search
 from planning.swarm.corners import Corners
 from planning.swarm.glances import Glances
+from planning.swarm.ground_memory import GroundMemory
 from planning.swarm.objective import Objective
-from planning.swarm.standing import Standing
 
 from . import monocular_tracks
 from .config.schema import Config
@@ -80,7 +80,7 @@ class SwarmPlanner(GoalSeeker):
         self._corners = Corners(self._settings.objective.literal)
         react_s = config.guard.react_s + GLANCE_EVERY * self._robot.gait.step_s
         self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS), self._robot)
-        self._standing = Standing(config.swarm.standing)
+        self._standing = GroundMemory(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None
         """Of the last picture."""
@@ -240,7 +240,9 @@ class SwarmPlanner(GoalSeeker):
             np.array([o.radius_m + BESIDE_M for o in movers]),
         )
         unknown = self._standing.never_seen(estimate.stamp_s, here)
-        target = farthest(here, np.stack([target, beyond]), standing, self._guard.cell_distance_m)
+        target = farthest_visible(
+            here, np.stack([target, beyond]), standing, self._guard.cell_distance_m
+        )
         return self._guard.choose(
             desired,
             estimate.pose,

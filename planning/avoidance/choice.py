@@ -45,7 +45,7 @@ class AvoidanceConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Things:
+class ObstacleTable:
     """What stands around, as plain arrays, base frame.
 
     Args:
@@ -91,7 +91,7 @@ class Choice:
 
 
 def choose(
-    things: Things, config: AvoidanceConfig | None = None, robot: RobotModel = DARWIN_OP
+    things: ObstacleTable, config: AvoidanceConfig | None = None, robot: RobotModel = DARWIN_OP
 ) -> Choice | None:
     """Decide; None if nothing blocks the way."""
     config = AvoidanceConfig() if config is None else config
@@ -121,7 +121,7 @@ def choose(
     return found
 
 
-def _parted(things: Things, group: np.ndarray, narrowest_m: float) -> np.ndarray:
+def _parted(things: ObstacleTable, group: np.ndarray, narrowest_m: float) -> np.ndarray:
     """Of a group with a way through it the part that is nearest to straight ahead."""
     index = np.flatnonzero(group)
     index = index[np.argsort(-things.edges_m[index, 0])]
@@ -139,7 +139,7 @@ def _parted(things: Things, group: np.ndarray, narrowest_m: float) -> np.ndarray
     return chosen
 
 
-def _joined(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
+def _joined(things: ObstacleTable, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
     """The group with every neighbour that overlaps it across the way at about its distance."""
     group = group.copy()
     while group.any():
@@ -155,7 +155,7 @@ def _joined(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.nd
 
 
 def _gap(
-    things: Things, group: np.ndarray, side: int, alongside_m: float
+    things: ObstacleTable, group: np.ndarray, side: int, alongside_m: float
 ) -> tuple[float, float, float]:
     """Free way beside the group: width, its deviation, and the group's edge there."""
     own, facing = (0, 1) if side > 0 else (1, 0)
@@ -179,7 +179,7 @@ def _gap(
 
 
 def _on_side(
-    things: Things,
+    things: ObstacleTable,
     group: np.ndarray,
     side: int,
     gap: tuple[float, float, float],

@@ -28,19 +28,19 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import GazeCommand
 from . import evaluations
-from .attention_config import AttentionConfig as AttentionConfig
-from .newcomers import Newcomers
+from .attention_settings import AttentionConfig as AttentionConfig
 from .sampling import from_camera, in_body, region
 from .sampling import sample_region as sample_region
 from .selection import in_view, shown
 from .tag_gain import gains
+from .untracked_targets import UntrackedTargets
 
 EVERY = 3  # of the sample points is laid over the map: a fifth of the view holds dozens still
 WAY_M = 1.0  # so far ahead the floor of the next steps lies
 
 
 @dataclass(frozen=True)
-class Known:
+class GazeContext:
     """What the cycle knows that a look can better.
 
     Args:
@@ -77,7 +77,7 @@ class Attention:
     psi_obstacles: dict[int, float]
 
 
-class Attentive:
+class AttentionModel:
     """Lays the map anew for every look; remembers what looks showed, and which were in vain."""
 
     def __init__(self, config: AttentionConfig, robot: RobotModel = DARWIN_OP) -> None:
@@ -90,7 +90,7 @@ class Attentive:
         self._way_s = -math.inf  # when the way was last looked at
         self._sought_s: dict[int, float] = {}  # by track: when a look went to where it may be
         self._trust: dict[int, float] = {}  # by landmark: that a look there shows it
-        self._newcomers = Newcomers(config, robot.eye_m)
+        self._newcomers = UntrackedTargets(config, robot.eye_m)
         self._stamp_s = 0.0
 
     def weigh(
@@ -98,7 +98,7 @@ class Attentive:
         stamp_s: float,
         via: Float[np.ndarray, "2"],
         obstacles: Sequence[Obstacle],
-        known: Known,
+        known: GazeContext,
         present: GazeCommand,
     ) -> Attention:
         """The gaze map of now.
@@ -171,7 +171,7 @@ class Attentive:
         ahead = places[:, 0] > 0.0
         return evaluations.of_way(places[ahead], radii[ahead], self.config.map.evaluation)
 
-    def _stale(self, known: Known) -> tuple[np.ndarray, np.ndarray]:
+    def _stale(self, known: GazeContext) -> tuple[np.ndarray, np.ndarray]:
         """Sample points out of view, from the camera, and how stale each is, in [0, 1]."""
         if known.grid is None or known.confidence is None:
             return np.zeros((0, 3)), np.zeros(0)
@@ -223,7 +223,7 @@ class Attentive:
         there = from_camera(pose, np.array(places).reshape(-1, 2), self._robot.eye_m)
         return there, np.array(whose, np.int64)
 
-    def _tags(self, known: Known) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+    def _tags(self, known: GazeContext) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
         """Landmarks within reach, from the camera, and what a sighting of each would gain."""
         config, pose = self.config, known.pose
         if not known.landmarks:
@@ -240,7 +240,7 @@ class Attentive:
         )
         return body[near], trust[near] * due
 
-    def _learn_tags(self, stamp_s: float, known: Known, present: GazeCommand) -> None:
+    def _learn_tags(self, stamp_s: float, known: GazeContext, present: GazeCommand) -> None:
         """A landmark in view that was not sighted is hidden or aslant from here: trust it less for a while."""
         config = self.config
         keep = math.exp(-(stamp_s - self._stamp_s) / config.tag_forget_s)

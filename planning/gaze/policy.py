@@ -23,7 +23,7 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import GazeCommand
-from .attention import Attention, AttentionConfig, Attentive, Known
+from .attention import Attention, AttentionConfig, AttentionModel, GazeContext
 from .selection import GazeMapConfig, select
 from .sweep import Sweep, SweepConfig
 
@@ -62,7 +62,7 @@ class GazePolicy:
     def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
         self._config, self._head = config, robot.head
         self._sweep = Sweep(config.sweep, robot.head)
-        self._attentive = Attentive(config.attention, robot)
+        self._attentive = AttentionModel(config.attention, robot)
         self._present = GazeCommand(0.0, math.radians(config.fixed_tilt_deg))
         self.attention: Attention | None = None
         """What the last decision weighed; None where it did not weigh anything."""
@@ -82,7 +82,7 @@ class GazePolicy:
         robot: Pose2,
         via: Float[np.ndarray, "2"],
         obstacles: Sequence[Obstacle],
-        known: Known | None = None,
+        known: GazeContext | None = None,
     ) -> GazeCommand:
         """Where to look until the next footstep.
 

@@ -25,7 +25,7 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import WalkCommand
 from ..footsteps import limited_step
-from . import _peer_kernels as kernels
+from . import _baseline_kernels as kernels
 from .step_filter import BASELINE_CELL_M
 
 
@@ -84,7 +84,7 @@ class DynamicWindow:
         pairs = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
         found = np.empty((len(pairs), 3))
         near = np.hypot(*(occupied - robot.mean[:2]).T) < 1.2
-        kernels.hold(
+        kernels.hold_speeds(
             robot.mean.astype(np.float64),
             pairs,
             gait.step_s,

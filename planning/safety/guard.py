@@ -30,10 +30,10 @@ from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 from ..commands import WalkCommand
 from ..footsteps import footstep, half_a_step_on, limited_step
 from . import _guard_kernels
-from .guard_config import CELL_CONTACT_M, CELL_DISTANCE_M
-from .guard_config import GuardConfig as GuardConfig
+from .guard_settings import CELL_CONTACT_M, CELL_DISTANCE_M
+from .guard_settings import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
-from .prediction import Habits
+from .prediction import MotionPatterns
 
 
 class Guard:
@@ -41,7 +41,7 @@ class Guard:
 
     def __init__(self, config: GuardConfig, robot: RobotModel) -> None:
         self.config, self.robot = config, robot
-        self.habits = Habits(config.prediction)
+        self.habits = MotionPatterns(config.prediction)
         self._begun: np.ndarray | None = None
         self._last, self._last_s = WalkCommand(), -math.inf
         self._plans = _fixed_plans(config.steps, robot.gait)
@@ -147,7 +147,7 @@ class _Scene:
         config: GuardConfig,
         model: RobotModel,
         stamp_s: float,
-        habits: Habits,
+        habits: MotionPatterns,
     ) -> None:
         gait = model.gait
         where = Hypotheses(robot, stamp_s, config, model, habits)

@@ -18,8 +18,8 @@ from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import RobotModel
 
 from . import _guard_kernels
-from .guard_config import GuardConfig
-from .prediction import Habits, Line
+from .guard_settings import GuardConfig
+from .prediction import Line, MotionPatterns
 
 SURE = 0.95
 """A probability of moving above it needs no standing hypothesis, and the other way round."""
@@ -37,7 +37,7 @@ class Hypotheses:
         stamp_s: float,
         config: GuardConfig,
         model: RobotModel,
-        habits: Habits,
+        habits: MotionPatterns,
     ) -> None:
         self._robot, self._stamp_s, self._config, self._habits = robot, stamp_s, config, habits
         self._model = model

@@ -18,7 +18,7 @@ BASELINE_CELL_M = 0.17
 
 
 @runtime_checkable
-class Stepper(Protocol):
+class StepFilter(Protocol):
     """From the step that the field wants to the step that is made."""
 
     def choose(
@@ -43,7 +43,7 @@ class Stepper(Protocol):
         ...
 
 
-class Trusting:
+class Unfiltered:
     """Makes every step that the field wants: the published method alone."""
 
     def choose(

@@ -25,7 +25,7 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import WalkCommand
 from ..footsteps import footstep
-from . import _peer_kernels as kernels
+from . import _baseline_kernels as kernels
 from .step_filter import BASELINE_CELL_M
 
 

@@ -78,7 +78,7 @@ class Reach(NamedTuple):
         )
 
 
-def pull(
+def repulsion(
     distance_m: Float[np.ndarray, "*n"],
     cell_m: float,
     config: SearchConfig,
@@ -178,4 +178,4 @@ def _quarter(
     along = np.arange(reach + 1) * cell_m
     distance = np.hypot(along[:, None], along)
     near = distance <= lengths.body_m * (1.0 + 1e-9)  # exactly at r_b counts, whatever rounding
-    return pull(distance, cell_m, config, robot), near
+    return repulsion(distance, cell_m, config, robot), near

@@ -23,7 +23,7 @@ from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 from ..gaze import evaluations
 from ..gaze.evaluations import EvaluationConfig
 from . import fields
-from .collision import NO_DOUBT, doubtful_band, miss_deviation
+from .collision import EXACT, miss_deviation, widened_band
 from .fields import FieldConfig
 from .speed import CLEAR, VIRTUAL, Change, change, least_distance
 from .virtual_obstacle import VirtualObstacle, virtual_obstacle
@@ -108,7 +108,7 @@ def advise(
         _Mover(
             R.T @ (centres[k] - here),
             R.T @ velocities[k],
-            relative_covariance(robot, obstacles[k]) if config.uncertainty else NO_DOUBT,
+            relative_covariance(robot, obstacles[k]) if config.uncertainty else EXACT,
             float(extended[k]),
             float(psi[k]),
             k,
@@ -217,7 +217,7 @@ def _speed(
     if not (config.velocity_change or config.virtual_obstacles):
         return [CLEAR] * len(movers), cruise, gait.cruise_mps
     bands = [
-        doubtful_band(
+        widened_band(
             *(mover.place, mover.velocity, mover.radius_m, mover.covariance),
             *(config.sigmas, config.max_sigma_m, config.horizon_s),
         )

@@ -69,7 +69,7 @@ def least_distance(
     )
 
 
-def lawful(
+def contact_acceleration(
     place: Float[np.ndarray, "2"],
     velocity: Float[np.ndarray, "2"],
     speed_mps: float,
@@ -93,7 +93,7 @@ def lawful(
     return 2.0 * (contact_speed_mps * t - speed_mps * t) / t**2
 
 
-def escape(
+def escape_acceleration(
     place: Float[np.ndarray, "2"],
     velocity: Float[np.ndarray, "2"],
     radius_m: float,
@@ -154,11 +154,11 @@ def change(
     ):
         return VIRTUAL if inside else CLEAR  # it collides beyond the horizon
     if inside:
-        wanted = [("escape", escape(place, velocity, radius_m, speed_mps))]
+        wanted = [("escape", escape_acceleration(place, velocity, radius_m, speed_mps))]
     else:
         wanted = [
             ("accelerate", _bounded(place, velocity, speed_mps, band.high, top_mps)),
-            ("decelerate", lawful(place, velocity, speed_mps, max(band.low, 0.0))),
+            ("decelerate", contact_acceleration(place, velocity, speed_mps, max(band.low, 0.0))),
         ]
     limit = config.acceleration_mps2
     for case, first in wanted:
@@ -177,7 +177,7 @@ def _bounded(
     place: np.ndarray, velocity: np.ndarray, speed_mps: float, root: float, top: float
 ) -> float:
     """a_1, infinite if v_c1 is beyond reach."""
-    return lawful(place, velocity, speed_mps, root) if root <= top else math.inf
+    return contact_acceleration(place, velocity, speed_mps, root) if root <= top else math.inf
 
 
 def _until_clear(

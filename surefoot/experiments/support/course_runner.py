@@ -13,7 +13,7 @@ import numpy as np
 
 from perception.primitives.pose import wrap_angle
 from planning.planners.mission import MissionConfig
-from planning.safety.step_filter import Stepper
+from planning.safety.step_filter import StepFilter
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
@@ -87,7 +87,7 @@ def pictures_config(scene: str, seed: int, config: Config | None = None) -> Conf
     )
 
 
-def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) -> Walk:
+def walk(config: Config, truly: bool = False, stepper: StepFilter | None = None) -> Walk:
     """Walk the course of `config.scene` and `config.seed`.
 
     Args:

@@ -13,7 +13,7 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import GaitLimits
 from planning.avoidance import primitives
-from planning.avoidance.choice import AvoidanceConfig, Things, choose
+from planning.avoidance.choice import AvoidanceConfig, ObstacleTable, choose
 from planning.avoidance.complexity import FORMS, complexity
 from planning.avoidance.direction import direction
 from planning.avoidance.fams import MOTIONS, TABLE, FamsConfig, memberships, select, strengths
@@ -151,10 +151,10 @@ def test_the_pivot_clears_the_obstacle_by_the_clearance(edge, gap, motion):
     assert (mirrored.x_m, mirrored.y_m) == pytest.approx((at.x_m, -at.y_m))
 
 
-def _things(spans: list[tuple[float, float]], d: float = 1.05) -> Things:
+def _things(spans: list[tuple[float, float]], d: float = 1.05) -> ObstacleTable:
     edges = np.array(spans)
     n = len(spans)
-    return Things(
+    return ObstacleTable(
         np.arctan2(edges, d),
         edges,
         np.full(n, d),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import GaitLimits
-from planning.avoidance.choice import AvoidanceConfig, Things, choose
+from planning.avoidance.choice import AvoidanceConfig, ObstacleTable, choose
 from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import Leg, Trim, in_the_way, passage, reached, retreat, step
 from planning.footsteps import limited_step
@@ -137,9 +137,9 @@ def test_turns_have_nothing_to_retreat_from():
     assert retreat(Leg("R", START), START, 0.4) == []
 
 
-def _one_thing(open_m: tuple[float, float]) -> Things:
+def _one_thing(open_m: tuple[float, float]) -> ObstacleTable:
     edges = np.array([[0.25, -0.25]])
-    return Things(
+    return ObstacleTable(
         np.arctan2(edges, 1.0),
         edges,
         np.array([1.0]),
@@ -162,7 +162,7 @@ def test_ground_that_was_not_seen_is_no_gap():
 
 def test_unseen_ground_before_a_neighbour_bounds_the_gap():
     edges = np.array([[0.25, -0.25], [1.2, 1.0]])
-    both = Things(
+    both = ObstacleTable(
         np.arctan2(edges, 1.0),
         edges,
         np.array([1.0, 1.0]),

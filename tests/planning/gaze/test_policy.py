@@ -15,7 +15,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, HeadLimits, RobotModel
-from planning.gaze.attention import Known
+from planning.gaze.attention import GazeContext
 from planning.gaze.policy import GazeConfig, GazePolicy
 from planning.gaze.selection import in_view
 from planning.gaze.sweep import Sweep
@@ -42,7 +42,7 @@ class Standing:
         self.now = 0.0
 
     def look(self, obstacles=()):
-        known = Known(POSE, self.grid, self.confidence)
+        known = GazeContext(POSE, self.grid, self.confidence)
         gaze = self.policy.next(self.now, Pose2(), VIA, obstacles, known)
         self.now += STEP_S
         self.confidence.decay(STEP_S)

@@ -11,7 +11,12 @@ from perception.primitives.robot_model import DARWIN_OP
 from planning.univector._collision_kernels import travelled
 from planning.univector.collision import colliding_speeds, contact
 from planning.univector.fields import FieldConfig
-from planning.univector.speed import change, escape, lawful, least_distance
+from planning.univector.speed import (
+    change,
+    contact_acceleration,
+    escape_acceleration,
+    least_distance,
+)
 
 CONFIG = FieldConfig()
 RADIUS, TOP = 0.28, DARWIN_OP.gait.max_speed_mps
@@ -66,16 +71,18 @@ def test_the_printed_law_is_at_the_point_of_contact_at_the_time_of_contact():
     assert band is not None
     assert band.contains(speed)
     for root in (band.low, band.high):
-        a, t = lawful(place, velocity, speed, root), contact(place, velocity, root)
+        a, t = contact_acceleration(place, velocity, speed, root), contact(place, velocity, root)
         assert speed * t + 0.5 * a * t**2 == pytest.approx(root * t)
     assert (
-        lawful(place, velocity, speed, band.low) < 0.0 < lawful(place, velocity, speed, band.high)
+        contact_acceleration(place, velocity, speed, band.low)
+        < 0.0
+        < contact_acceleration(place, velocity, speed, band.high)
     )
 
 
 def test_the_escape_reaches_the_edge_of_the_band_when_the_obstacle_does():
     place, velocity, speed = np.array([0.2, -1.0]), np.array([0.0, 0.1]), 0.03
-    a = escape(place, velocity, RADIUS, speed)
+    a = escape_acceleration(place, velocity, RADIUS, speed)
     edge = 0.2 + RADIUS  # the mover comes along y, so its band ends there
     t = 1.0 / 0.1
     assert speed * t + 0.5 * a * t**2 == pytest.approx(edge)

@@ -20,14 +20,14 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
 from ..commands import GazeCommand
-from .attention_config import AttentionConfig
+from .attention_settings import AttentionConfig
 from .sampling import from_camera, in_world
 from .selection import GazeMapConfig, in_view
 
 LARGEST_M = 0.35  # as the tracker: larger is furniture
 
 
-class Newcomers:
+class UntrackedTargets:
     """Remembers which things without a track got a look."""
 
     def __init__(self, config: AttentionConfig, eye_m: float) -> None:
