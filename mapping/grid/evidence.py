@@ -23,6 +23,9 @@ from perception.primitives.errors import ConfigError, InputError
 
 from . import _kernels
 
+OCCUPIED = 0.5
+"""Probability from which a cell counts as occupied and is never walked over; seed 003."""
+
 
 def log_odds(probability: float) -> float:
     """ln(p / (1 - p)) for p in (0, 1)."""

@@ -17,21 +17,24 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.evidence import OCCUPIED
 from mapping.panorama.obstacles import Surroundings
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from mapping.panorama.views import View, view_of_depth
 from perception.floor import classify
 from perception.primitives.frame import Depth
+from perception.primitives.obstacle import MOVING
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
 
 from .. import footsteps
 from ..avoidance import primitives
 from ..avoidance.choice import Choice, choose
-from ..avoidance.gap_middle import GapMiddle
+from ..avoidance.gap_centre import GapCentre
 from ..avoidance.primitives import Leg
 from ..commands import GazeCommand, WalkCommand
-from ..gaze.attention import Known
+from ..footsteps import limited_step
+from ..gaze.attention import GazeContext
 from ..gaze.policy import GazePolicy
 from ..safety.guard import Guard
 from ..world_model import WorldModel
@@ -42,8 +45,6 @@ from .settings import PlanningConfig
 
 LOG = logging.getLogger(__name__)
 
-MOVER = 0.3  # probability of moving from which a track counts as a mover, as the guard has it
-OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 FACING_RAD = math.radians(5.0)  # ours: heading error at which the scan begins
 AIMED_RAD = math.radians(1.5)  # ours: error at which the head has reached its direction
 LEANS_RAD = math.radians(10.0)  # ours: largest error of a resting head on a tilted trunk
@@ -95,9 +96,9 @@ class AvoidancePlanner(GoalSeeker):
             goals: In order, map frame, m.
         """
         super().__init__(Goals(goals, config.mission))
-        self._config = config
-        self._gaze = GazePolicy(config.gaze)
-        self._guard = Guard(config.guard)
+        self._config, self._robot = config, config.robot
+        self._gaze = GazePolicy(config.gaze, self._robot)
+        self._guard = Guard(config.guard, self._robot)
         self._rng = np.random.default_rng([config.seed, 41])
         self._phase = "walk"
         self._urged = False
@@ -105,7 +106,7 @@ class AvoidancePlanner(GoalSeeker):
         self._off_rad = math.inf
         self._stand = Pose2()  # frame of the views: where the scan began, x to the goal
         self._legs: list[Leg] = []
-        self._middle: GapMiddle | None = None  # of the gap on the present leg
+        self._middle: GapCentre | None = None  # of the gap on the present leg
         self._trim = primitives.Trim()
         self._last, self._last_s = WalkCommand(), -math.inf
         self._wait_s = 0.0
@@ -156,7 +157,7 @@ class AvoidancePlanner(GoalSeeker):
 
     def decide(self, world: WorldModel) -> Decision:
         """The next footstep of the present phase."""
-        if world.stamp_s - self._last_s > 1.5 * self._config.guard.gait.step_s:
+        if world.stamp_s - self._last_s > 1.5 * self._robot.gait.step_s:
             self._last = WalkCommand()  # another planner has decided since
         decision = self._decide(world)
         self._last, self._last_s = decision.walk, world.stamp_s
@@ -185,12 +186,12 @@ class AvoidancePlanner(GoalSeeker):
         """Straight to the goal, or stop and scan."""
         assert world.pose is not None
         assert world.grid is not None
-        robot, gait = world.pose2, self._config.guard.gait
+        robot, gait = world.pose2, self._robot.gait
         heading = math.atan2(goal[1] - robot.y, goal[0] - robot.x)
         if self._urged:
             return self._face(robot, heading, GazeCommand(0.0, DOWN_RAD))
-        movers = [o.gone_straight() for o in world.tracks if o.moving >= MOVER]
-        gaze = self._gaze.next(world.stamp_s, robot, goal, movers, Known.of(world))
+        movers = [o.gone_straight() for o in world.tracks if o.moving >= MOVING]
+        gaze = self._gaze.next(world.stamp_s, robot, goal, movers, GazeContext.of(world))
         if self._gaze.surveying:
             return Decision(WalkCommand(), gaze, "survey")
         cells = _cells(world.grid)
@@ -207,7 +208,7 @@ class AvoidancePlanner(GoalSeeker):
         if abs(turn) <= FACING_RAD:
             self._scan(robot, heading)
             self._urged = False
-        walk = self._config.guard.gait.command(0.0, 0.0, turn)
+        walk = limited_step(self._robot.gait, 0.0, 0.0, turn)
         return Decision(walk, gaze, "blocked")
 
     def _scan(self, robot: Pose2, heading: float) -> None:
@@ -230,10 +231,9 @@ class AvoidancePlanner(GoalSeeker):
         goal: Float[np.ndarray, "2"],
     ) -> bool:
         """Whether an obstacle in the corridor to the goal is nearer than the stopping distance."""
-        body = self._config.avoidance.pivot
         there = Pose2(robot.x, robot.y, heading).inverse().apply(cells)
         reach = min(STOP_M, float(np.hypot(goal[0] - robot.x, goal[1] - robot.y)))
-        half = body.body_width_m / 2 + body.clearance_m / 2
+        half = self._robot.passage_width_m / 2 + self._config.avoidance.pivot.clearance_m / 2
         ahead = (there[:, 0] > 0.1) & (there[:, 0] < reach) & (np.abs(there[:, 1]) < half)
         return bool(np.count_nonzero(ahead) >= 2)
 
@@ -249,7 +249,7 @@ class AvoidancePlanner(GoalSeeker):
         faces = np.stack([ahead, things.edges_m], axis=-1)
         self._faces = robot.apply(faces.reshape(-1, 2)).reshape(-1, 2, 2)
         self._waited = 0
-        choice = choose(things, self._config.avoidance)
+        choice = choose(things, self._config.avoidance, self._robot)
         views = tuple(self._views)
         look = Look(stamp_s, self._picture, views, panorama, around, choice)
         self.looks = [*self.looks, look][-LOOKS:]
@@ -264,7 +264,9 @@ class AvoidancePlanner(GoalSeeker):
             return
         self._phase = "pass"
         beyond = choice.distance_m + BEYOND_M
-        centred = choice.gap_m / 2 <= self._config.avoidance.pivot.half_m
+        centred = choice.gap_m / 2 <= self._config.avoidance.pivot.half_m(
+            self._robot.passage_width_m
+        )
         gap = choice.gap_m if centred else 0.0
         self._legs = primitives.passage(choice.motion, choice.pivot, robot, beyond, gap)
 
@@ -273,7 +275,7 @@ class AvoidancePlanner(GoalSeeker):
     ) -> Decision | None:
         """The next footstep of the legs; None when they are done."""
         assert world.pose is not None
-        robot, gait = world.pose2, self._config.guard.gait
+        robot, gait = world.pose2, self._robot.gait
         while self._legs and primitives.reached(self._legs[0], robot):
             self._legs.pop(0)
             self._middle = None
@@ -285,7 +287,7 @@ class AvoidancePlanner(GoalSeeker):
         if self._closed(leg, robot, grid, world.stamp_s):
             return Decision(WalkCommand(), GazeCommand(0.0, DOWN_RAD), "blocked passage")
         others = [o for o in world.tracks if not self._was_scanned(o.position)]
-        movers = [o.gone_straight() for o in others if o.moving >= MOVER]
+        movers = [o.gone_straight() for o in others if o.moving >= MOVING]
         target = np.array([leg.target.x, leg.target.y])
         walk = self._guard.choose(
             desired, world.pose, movers, np.zeros((0, 2)), target, world.stamp_s
@@ -293,7 +295,7 @@ class AvoidancePlanner(GoalSeeker):
         if walk != desired:  # a passage leaves no room to evade: wait, but not forever
             self._waited += 1
             late = self._waited > WAIT_STEPS
-            walk = desired if late else gait.command(0.0, 0.0, 0.0)
+            walk = desired if late else limited_step(gait, 0.0, 0.0, 0.0)
         else:
             self._waited = 0
         turned, tilt = (math.pi / 2, INTO_RAD) if leg.gap_m else (math.pi / 4, DOWN_RAD)
@@ -305,7 +307,7 @@ class AvoidancePlanner(GoalSeeker):
         if not leg.gap_m:
             return leg
         robot = world.pose2
-        self._middle = self._middle or GapMiddle(leg.gap_m)
+        self._middle = self._middle or GapCentre(leg.gap_m)
         for view in world.estimate.views:
             points = view.upright[view.classes == classify.OBSTACLE, :2]
             self._middle.look(primitives.on_line(leg, robot, points))
@@ -326,7 +328,7 @@ class AvoidancePlanner(GoalSeeker):
     def _closed(self, leg: Leg, robot: Pose2, grid: EgocentricGrid, stamp_s: float) -> bool:
         """Whether an obstacle blocks the passage; then the legs lead back, and the obstacle is remembered."""
         cells = _cells(grid, SURELY)
-        hit = primitives.in_the_way(leg, robot, cells, grid.config.cell_m)
+        hit = primitives.in_the_way(leg, robot, cells, grid.config.cell_m, self._robot)
         if not hit.any():
             return False
         LOG.info("%.1f s: the passage is blocked", stamp_s)

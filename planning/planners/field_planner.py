@@ -15,13 +15,14 @@ import numpy as np
 from jaxtyping import Float
 
 from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.evidence import OCCUPIED
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 
 from .. import footsteps
 from ..commands import GazeCommand, WalkCommand
-from ..gaze.attention import Known
+from ..gaze.attention import GazeContext
 from ..gaze.policy import GazePolicy
 from ..safety.guard import Guard
 from ..univector import motion
@@ -30,8 +31,6 @@ from .goals import Goals, GoalSeeker
 from .planner import Decision
 from .settings import PlanningConfig
 
-MOVER = 0.3  # probability of moving from which a track counts as a mover, as the guard has it
-OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 NEAR_M = 0.8  # ours: farther cells do not reach into the field here
 BESIDE_M = 0.05  # ours: a cell this near to a mover's disc is the mover's own
 
@@ -48,9 +47,9 @@ class FieldPlanner(GoalSeeker):
         """
         self._goals: Goals
         super().__init__(Goals(goals, config.mission, config.mission.headings_deg))
-        self._config = config
-        self._gaze = GazePolicy(config.gaze)
-        self._guard = Guard(config.guard)
+        self._config, self._robot = config, config.robot
+        self._gaze = GazePolicy(config.gaze, self._robot)
+        self._guard = Guard(config.guard, self._robot)
         self._speed_mps = 0.0
 
     def observe(self, world: WorldModel) -> None:
@@ -61,17 +60,17 @@ class FieldPlanner(GoalSeeker):
         goal = self._goals.present
         if world.pose is None or world.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
-        robot, config = world.pose2, self._config
-        obstacles = [o.gone_straight() if o.moving >= MOVER else o for o in world.tracks]
-        movers = [o for o in obstacles if o.moving >= MOVER]
+        robot = world.pose2
+        obstacles = [o.gone_straight() if o.moving >= MOVING else o for o in world.tracks]
+        movers = [o for o in obstacles if o.moving >= MOVING]
         cells = _cells(world.grid, movers)
-        gaze = self._gaze.next(world.stamp_s, robot, goal, obstacles, Known.of(world))
+        gaze = self._gaze.next(world.stamp_s, robot, goal, obstacles, GazeContext.of(world))
         desired, why = WalkCommand(), "survey"
         if not self._gaze.surveying:
             desired = self._desired(world.pose, goal, movers, cells, world.grid.cell_m)
             why = "walk"
         walk = self._guard.choose(desired, world.pose, obstacles, cells, goal, world.stamp_s)
-        self._speed_mps = walk.forward_m / config.guard.gait.step_s
+        self._speed_mps = walk.forward_m / self._robot.gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard")
 
     def _desired(
@@ -83,7 +82,7 @@ class FieldPlanner(GoalSeeker):
         cell_m: float,
     ) -> WalkCommand:
         """The field's step, with all the additions that its switches ask for."""
-        field, gait = self._config.univector, self._config.guard.gait
+        field, gait = self._config.univector, self._robot.gait
         x, y, yaw = (float(v) for v in pose.mean)
         arrival = self._goals.heading
         if arrival is not None and self._goals.turning:
@@ -95,9 +94,8 @@ class FieldPlanner(GoalSeeker):
             goal,
             arrival,
             field,
-            gait.step_s,
+            self._robot,
             self._config.gaze.attention.map.evaluation,
-            gait.cruise_mps,
             cells[np.hypot(*(cells - [x, y]).T) < NEAR_M],
             cell_m,
         )

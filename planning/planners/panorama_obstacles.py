@@ -15,7 +15,7 @@ from mapping.panorama.obstacles import PanoramaObstacle, Surroundings
 from mapping.panorama.pieces import pieces, seen_aside
 from mapping.panorama.stitching import Panorama
 
-from ..avoidance.choice import Things
+from ..avoidance.choice import ObstacleTable
 
 STOP_M = 1.05  # specification: distance at which the robot stops before an obstacle
 REACH_M = STOP_M + 0.6  # ours: farther obstacles are left for the next scan
@@ -28,7 +28,7 @@ def things_of(
     around: Surroundings,
     reach_m: float = REACH_M,
     closers: Sequence[Float[np.ndarray, "k 2"]] = (),
-) -> Things:
+) -> ObstacleTable:
     """The obstacles of a panorama as input of the motion choice.
 
     Args:
@@ -44,7 +44,7 @@ def things_of(
     ahead = [o.distance_m for o in found if o.left_edge_m[1] > -0.25 and o.right_edge_m[1] < 0.25]
     distance = min(ahead, default=STOP_M)
     left, right = (distance * math.tan(min(max(a, -1.4), 1.4)) for a in seen_aside(panorama))
-    return Things(
+    return ObstacleTable(
         np.array([[o.left_rad, o.right_rad] for o in found]).reshape(-1, 2),
         np.array([[o.left_edge_m[1], o.right_edge_m[1]] for o in found]).reshape(-1, 2),
         np.array([o.distance_m for o in found], dtype=float),

@@ -15,19 +15,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
 from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.evidence import OCCUPIED
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.stopwatch import Stopwatch
 
 from .. import footsteps
 from ..commands import GazeCommand, WalkCommand
-from ..exploration import Explorer, Ground
-from ..gaze.attention import Known
+from ..exploration import ExplorationMap, Explorer
+from ..gaze.attention import GazeContext
 from ..gaze.policy import GazePolicy
 from ..safety.guard import Guard
-from ..safety.line_of_sight import farthest
-from ..safety.step_filter import Stepper
+from ..safety.line_of_sight import farthest_visible
+from ..safety.step_filter import StepFilter
 from ..search.route import Route
 from ..univector import motion
 from ..world_model import WorldModel
@@ -35,14 +36,12 @@ from .goals import Goals
 from .planner import Decision
 from .settings import PlanningConfig
 
-MOVER = 0.3  # probability of moving from which the field gives way to a track, as the guard does
 CELL_M = 0.05  # ours: half a cell's diagonal plus the position error of a track
 DEPTH_M = 0.15  # ours: least depth of furniture behind a visible face
 HIDDEN = np.float32(0.6)  # ours: occupancy assumed behind a visible face
 MOVER_COST = np.float32(
     0.4
 )  # ours: occupancy that the search assumes for cells of moving obstacles
-OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
 
 
 class SearchPlanner:
@@ -52,7 +51,7 @@ class SearchPlanner:
         self,
         config: PlanningConfig,
         goals: Sequence[tuple[float, float]],
-        stepper: Stepper | None = None,
+        stepper: StepFilter | None = None,
     ) -> None:
         """Begin with the first goal.
 
@@ -61,13 +60,13 @@ class SearchPlanner:
             goals: In order, map frame, m.
             stepper: Checks every step; None: the guard.
         """
-        self._config = config
-        self._guard = Guard(config.guard)
-        self._stepper: Stepper = self._guard if stepper is None else stepper
+        self._config, self._robot = config, config.robot
+        self._guard = Guard(config.guard, self._robot)
+        self._stepper: StepFilter = self._guard if stepper is None else stepper
         self._goals = Goals(goals, config.mission, config.mission.headings_deg)
         self._explorer = Explorer(config.exploration) if config.mission.wander else None
-        self._route = Route(config.search, config.route)
-        self._gaze = GazePolicy(config.gaze)
+        self._route = Route(config.search, config.route, self._robot)
+        self._gaze = GazePolicy(config.gaze, self._robot)
         self._speed_mps = 0.0
 
     @property
@@ -100,18 +99,18 @@ class SearchPlanner:
             via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
         with watch.stage("gaze"):
             expected = self._guard.expected(obstacles, world.stamp_s)
-            gaze = self._gaze.next(world.stamp_s, robot, via, expected, Known.of(world))
+            gaze = self._gaze.next(world.stamp_s, robot, via, expected, GazeContext.of(world))
         with watch.stage("field"):
             desired, why = self._wanted(world.pose, via, obstacles)
         with watch.stage("guard"):
             standing = _not_movers(grid.centres()[occupied], obstacles)
             here = world.pose.mean[:2]
-            near_m = self._config.guard.cell_distance_m
-            target = farthest(here, self._route.ahead(here), standing, near_m)
+            near_m = self._guard.cell_distance_m
+            target = farthest_visible(here, self._route.ahead(here), standing, near_m)
             walk = self._stepper.choose(
                 desired, world.pose, obstacles, standing, target, world.stamp_s
             )
-        self._speed_mps = walk.forward_m / self._config.guard.gait.step_s
+        self._speed_mps = walk.forward_m / self._robot.gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard", watch.milliseconds)
 
     def _goal(self, world: WorldModel) -> Float[np.ndarray, "2"] | None:
@@ -123,7 +122,9 @@ class SearchPlanner:
         occupancy = world.world_map
         known = occupancy.known
         occupied = known & (occupancy.probability >= OCCUPIED)
-        ground = Ground(occupied, known, occupancy.updated_s, occupancy.origin, occupancy.cell_m)
+        ground = ExplorationMap(
+            occupied, known, occupancy.updated_s, occupancy.origin, occupancy.cell_m
+        )
         visited = self._explorer.visited
         goal = self._explorer.goal(ground, world.pose.mean[:2], world.stamp_s)
         if self._explorer.visited > visited:
@@ -138,7 +139,7 @@ class SearchPlanner:
             return WalkCommand(), "survey"
         if self._goals.turning and self._goals.heading is not None:
             x, y, yaw = (float(v) for v in pose.mean)
-            gait = self._config.guard.gait
+            gait = self._robot.gait
             return footsteps.footstep(self._goals.heading, 0.0, Pose2(x, y, yaw), gait), "walk"
         if self._route.path is None:
             return WalkCommand(), "blocked"
@@ -148,10 +149,10 @@ class SearchPlanner:
         self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
     ) -> WalkCommand:
         """The field's step round moving obstacles; the path avoids the static ones."""
-        config, gait = self._config.via_field, self._config.guard.gait
+        config, gait = self._config.via_field, self._robot.gait
         x, y, yaw = (float(v) for v in pose.mean)
         arrival = self._goals.heading if _same(via, self._goals.present) else None
-        movers = [o for o in obstacles if o.moving >= MOVER]
+        movers = [o for o in obstacles if o.moving >= MOVING]
         advice = motion.advise(
             pose,
             self._speed_mps,
@@ -159,9 +160,8 @@ class SearchPlanner:
             via,
             arrival,
             config,
-            gait.step_s,
+            self._robot,
             self._config.gaze.attention.map.evaluation,
-            gait.cruise_mps,
         )
         speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
         return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
@@ -192,14 +192,14 @@ def _as_ground(
 
 def _supposed(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
     """Tracks, moving ones extrapolated straight on; field, guard and gaze add their own hypotheses."""
-    return [o.gone_straight() if o.moving >= MOVER else o for o in obstacles]
+    return [o.gone_straight() if o.moving >= MOVING else o for o in obstacles]
 
 
 def _not_movers(
     cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
 ) -> Float[np.ndarray, "m 2"]:
     """Occupied cells outside all moving tracks, which the guard predicts itself."""
-    movers = [o for o in obstacles if o.moving >= MOVER]
+    movers = [o for o in obstacles if o.moving >= MOVING]
     places = np.array([o.position for o in movers]).reshape(-1, 2)
     reach = np.array([o.radius_m for o in movers]) + CELL_M
     gaps = np.linalg.norm(cells[:, None] - places, axis=2)

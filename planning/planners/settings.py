@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
+
 from ..avoidance.choice import AvoidanceConfig
 from ..exploration import ExplorationConfig
 from ..gaze.policy import GazeConfig
@@ -27,6 +29,7 @@ class PlanningConfig:
 
     Args:
         seed: Of random choices.
+        robot: Sizes of the body, limits of gait and head.
         mission: Goals, tolerances, time limit.
         search: Potential and grid search.
         route: When the path is searched anew.
@@ -40,6 +43,7 @@ class PlanningConfig:
     """
 
     seed: int = 0
+    robot: RobotModel = DARWIN_OP
     mission: MissionConfig = field(default_factory=MissionConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)

@@ -15,8 +15,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from perception.primitives.obstacle import MOVING
+
 from ..world_model import WorldModel
-from .avoidance_planner import LOOKS, MOVER, AvoidancePlanner, Look
+from .avoidance_planner import LOOKS, AvoidancePlanner, Look
 from .planner import Decision, Planner
 from .settings import PlanningConfig
 
@@ -44,6 +46,7 @@ class StuckRecovery:
             goals: Those of the planner.
         """
         self._planner, self._config, self._goals = planner, config, goals
+        self._robot = config.robot
         self._manoeuvre: AvoidancePlanner | None = None
         self._looks: list[Look] = []
         self._still_since_s = math.inf
@@ -99,7 +102,7 @@ class StuckRecovery:
     def _stuck(self, decision: Decision, world: WorldModel) -> bool:
         """Whether the robot has hardly moved for long enough, localised and with no moving obstacle near."""
         walk = decision.walk
-        speed = math.hypot(walk.forward_m, walk.lateral_m) / self._config.guard.gait.step_s
+        speed = math.hypot(walk.forward_m, walk.lateral_m) / self._robot.gait.step_s
         still = speed < SLOW_MPS and abs(walk.turn_rad) < TURNING_RAD and decision.why != "survey"
         if not still or world.pose is None or _disturbed(world):
             self._still_since_s = math.inf
@@ -115,6 +118,6 @@ def _disturbed(world: WorldModel) -> bool:
         return False
     here = world.pose.mean[:2]
     return any(
-        one.moving >= MOVER and math.dist(one.position.tolist(), here.tolist()) < NEAR_M
+        one.moving >= MOVING and math.dist(one.position.tolist(), here.tolist()) < NEAR_M
         for one in world.tracks
     )

@@ -19,24 +19,23 @@ from jaxtyping import Float
 from perception.monocular import contact_detections
 from perception.monocular.colour_floor import ColourFloor
 from perception.monocular.result import Picture
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
 
 from ..commands import GazeCommand, WalkCommand
 from ..safety.guard import Guard
-from ..safety.line_of_sight import farthest
+from ..safety.line_of_sight import farthest_visible
 from ..swarm import command, search
 from ..swarm.corners import Corners
 from ..swarm.glances import Glances
+from ..swarm.ground_memory import GroundMemory
 from ..swarm.objective import Objective
-from ..swarm.standing import Standing
 from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
 from .planner import Decision, ImageTarget
 from .settings import PlanningConfig
 from .timed_goals import NEAR_GOAL_M, Schedule, TimedGoals
 
-MOVER = 0.3  # probability of moving from which a track is a mover, as the guard has it
 DOUBTED = (
     0.05  # ours: the gaze follows tracks from here on: an obstacle that reverses seems to stand
 )
@@ -62,17 +61,18 @@ class SwarmPlanner(GoalSeeker):
         times, mission = config.swarm.goal_times_s, config.mission
         super().__init__(TimedGoals(goals, times, mission) if times else Goals(goals, mission))
         self._config, self._settings = config, config.swarm.as_walked
+        self._robot = config.robot
         self._corners = Corners(self._settings.objective.literal)
-        react_s = config.guard.react_s + GLANCE_EVERY * config.guard.gait.step_s
-        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS))
-        self._standing = Standing(config.swarm.standing)
+        react_s = config.guard.react_s + GLANCE_EVERY * self._robot.gait.step_s
+        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS), self._robot)
+        self._standing = GroundMemory(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self._seen: ColourFloor | None = None  # in the last picture
         self._best: search.Best | None = None  # pixel chosen in this picture
         self._movable: np.ndarray | None = None  # where it was searched
-        self._schedule = Schedule(config.guard.gait)
+        self._schedule = Schedule(self._robot.gait)
         self._glances = Glances(
-            self._settings.glance, config.guard.body_radius_m, config.guard.gait.max_speed_mps
+            self._settings.glance, self._robot.radius_m, self._robot.gait.max_speed_mps
         )
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel on the floor
         self._waits = False  # whether the guard shortened the last step
@@ -112,16 +112,16 @@ class SwarmPlanner(GoalSeeker):
         if abs(_tilt(result.current) - gaze.tilt_rad) > math.radians(10.0):
             return Decision(WalkCommand(), gaze, "survey")  # the head is not yet tilted down
         robot = world.pose2
-        gait = self._config.guard.gait
+        gait = self._robot.gait
         ahead = abs(_pan(result.current, robot)) < GLANCE_RAD
         if ahead:
             unseen_m = result.nearest_m + _ahead_m(result.current, robot)
             self._corners.update(result.corners_blocked, unseen_m, gait.cruise_mps * gait.step_s)
         tracks = world.tracks
-        movers = [o.gone_straight() for o in tracks if o.moving >= MOVER]
+        movers = [o.gone_straight() for o in tracks if o.moving >= MOVING]
         if self._settings.guarded:
             expected = self._guard.expected(movers, world.stamp_s)
-            expected += [o for o in tracks if DOUBTED <= o.moving < MOVER]
+            expected += [o for o in tracks if DOUBTED <= o.moving < MOVING]
             pan_rad = self._glances.next(robot, expected, world.stamp_s, self._waits)
             gaze = GazeCommand(pan_rad, gaze.tilt_rad)
         movable = (
@@ -140,6 +140,7 @@ class SwarmPlanner(GoalSeeker):
             goal,
             self._settings.objective,
             self._corners.blocked,
+            self._robot,
         )
         if ahead:
             self._best = search.find(objective, self._settings.search, self._rng)
@@ -158,13 +159,13 @@ class SwarmPlanner(GoalSeeker):
         self, place: Float[np.ndarray, "2"] | None, robot: Pose2, goal: Float[np.ndarray, "2"]
     ) -> tuple[WalkCommand, Float[np.ndarray, "2"], str]:
         """The desired step, its target and why; `place` is the best pixel on the floor, if there is one."""
-        gait = self._config.guard.gait
+        gait = self._robot.gait
         if self._settings.objective.literal:
             if place is None:
                 return command.turning(goal, robot, gait, literal=True), goal, "blocked"
             return command.printed(place, robot, gait), place, "walk"
         here = np.array([robot.x, robot.y])
-        if abs(command.angle_to(goal, robot)) > self._settings.objective.window_rad:
+        if abs(command.angle_to(goal, robot)) > self._settings.objective.window_rad(gait):
             return command.turning(goal, robot, gait), goal, "turn"
         if float(np.hypot(*(goal - here))) < NEAR_GOAL_M:
             return command.towards(goal, robot, gait), goal, "walk"
@@ -192,8 +193,8 @@ class SwarmPlanner(GoalSeeker):
             np.array([o.radius_m + BESIDE_M for o in movers]),
         )
         unknown = self._standing.never_seen(world.stamp_s, here)
-        target = farthest(
-            here, np.stack([target, beyond]), standing, self._config.guard.cell_distance_m
+        target = farthest_visible(
+            here, np.stack([target, beyond]), standing, self._guard.cell_distance_m
         )
         return self._guard.choose(
             desired,

@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import GaitLimits
 
 from ..commands import WalkCommand
-from ..footsteps import GaitConfig
+from ..footsteps import limited_step
 from ..world_model import WorldModel
 from .mission import MissionConfig
 
@@ -29,7 +30,7 @@ class Schedule:
     The mean speed of approach never exceeds cruising speed.
     """
 
-    def __init__(self, gait: GaitConfig) -> None:
+    def __init__(self, gait: GaitLimits) -> None:
         self._gait = gait
         self._goal: np.ndarray | None = None
         self._from_m, self._since_s = 0.0, 0.0
@@ -56,7 +57,7 @@ class Schedule:
         faster = min(
             gait.max_speed_mps / gait.cruise_mps, 1.0 + behind / CATCH_UP_S / gait.cruise_mps
         )
-        return gait.command(faster * desired.forward_m / gait.step_s, 0.0, desired.turn_rad)
+        return limited_step(gait, faster * desired.forward_m / gait.step_s, 0.0, desired.turn_rad)
 
 
 class TimedGoals:

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from perception.primitives.errors import ConfigError
 
 from .glances import GlanceConfig
+from .ground_memory import GroundMemoryConfig
 from .objective import PRINTED, ObjectiveConfig
 from .search import SwarmConfig
-from .standing import StandingConfig
 
 PREDICTIONS = ("tracks", "flow")
 VERSIONS = ("ours", "published", "printed")
@@ -27,7 +27,7 @@ class SwarmWalkerConfig:
     version: str = "ours"
     objective: ObjectiveConfig = field(default_factory=ObjectiveConfig)
     search: SwarmConfig = field(default_factory=SwarmConfig)
-    standing: StandingConfig = field(default_factory=StandingConfig)
+    standing: GroundMemoryConfig = field(default_factory=GroundMemoryConfig)
     glance: GlanceConfig = field(default_factory=GlanceConfig)
     prediction: str = "tracks"  # ours: "flow" is the seed's, by two pictures 0.2 s apart
     guarded: bool = True  # ours: the guard looks 7.8 s ahead, the seed one step

@@ -86,11 +86,20 @@ def warm(say: Callable[[str], None]) -> None:
         np.array([[1.0, 0.0]]),
         np.array([2.0, 0.0]),
         config.guard,
+        config.robot_model,
     )
     crossing = Obstacle(
         Gaussian(np.array([0.4, 0.4, 0.0, -0.05]), np.eye(4) * 1e-4), 0.1, moving=1.0
     )
-    motion.advise(robot, 0.06, [mover, crossing], np.array([2.0, 0.0]), None, config.via_field)
+    motion.advise(
+        robot,
+        0.06,
+        [mover, crossing],
+        np.array([2.0, 0.0]),
+        None,
+        config.via_field,
+        config.robot_model,
+    )
     say(f"floors and guard: {time.perf_counter() - began:.1f} s")
     for part in (_walkers_by_picture, _camera_in_the_hand, _panorama):
         began = time.perf_counter()

@@ -32,6 +32,7 @@ from perception.obstacles.colour_detection import ColouredConfig
 from perception.obstacles.tracker import TrackerConfig
 from perception.odometry.rgbd_odometry import OdometerConfig
 from perception.primitives.errors import ConfigError
+from perception.primitives.robot_model import GaitLimits, RobotModel
 from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
 from planning.gaze.policy import GazeConfig
@@ -45,6 +46,8 @@ from planning.univector.fields import FieldConfig
 from sim.robot import RobotConfig
 from sim.scenes.difficulty import USUAL
 from sim.scenes.difficulty import check as check_difficulty
+
+from .robot_model import model_of
 
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
 """The robot's own camera as its calibration found it; another camera needs its own figures."""
@@ -85,6 +88,7 @@ class Config:
     footprints: FootprintConfig = field(default_factory=FootprintConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
+    gait: GaitLimits = field(default_factory=GaitLimits)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = BESIDE_GUARD  # of the planner `field`, straight to the goal
     via_field: FieldConfig = BESIDE_GUARD  # of the planner `search`, to its via points
@@ -98,8 +102,14 @@ class Config:
     @property
     def planning(self) -> PlanningConfig:
         """The part that planners see."""
-        names = [item.name for item in dataclasses.fields(PlanningConfig)]
-        return PlanningConfig(**{name: getattr(self, name) for name in names})
+        names = {item.name for item in dataclasses.fields(PlanningConfig)} - {"robot"}
+        parts = {name: getattr(self, name) for name in names}
+        return PlanningConfig(robot=self.robot_model, **parts)
+
+    @property
+    def robot_model(self) -> RobotModel:
+        """Sizes and limits of the configured body, for planning."""
+        return model_of(self.robot, self.gait)
 
     def resolved(self, renderer: str) -> Config:
         """The same, with the renderer that was really used."""

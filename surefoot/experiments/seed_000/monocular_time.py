@@ -25,8 +25,8 @@ from perception.monocular import cycle as stages_of
 from perception.monocular.cycle import Monocular, MonocularConfig
 from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import GaitLimits
 from perception.primitives.stopwatch import Stopwatch
-from planning.footsteps import GaitConfig
 from planning.swarm import command, search
 from planning.swarm.corners import Corners
 from planning.swarm.objective import Objective, ObjectiveConfig
@@ -81,7 +81,7 @@ class Thinking:
     def __init__(self, first: Picture) -> None:
         self._monocular = Monocular(MonocularConfig())
         self._corners = Corners()
-        self._gait = GaitConfig()
+        self._gait = GaitLimits()
         self._rng = np.random.default_rng(5)
         self._goal = _body(first).apply(np.array([GOAL_M, 0.0]))
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.safety.dynamic_window import DynamicWindow
-from planning.safety.step_filter import Stepper, Trusting
+from planning.safety.step_filter import StepFilter, Unfiltered
 from planning.safety.velocity_obstacles import VelocityObstacles
 from planning.univector.fields import FieldConfig
 
@@ -20,9 +20,9 @@ from ..support.trials import each
 
 PAPER_S = 560.2  # seed 001, section V-C
 
-STEPPERS: dict[str, Callable[[], Stepper | None]] = {
+STEPPERS: dict[str, Callable[[], StepFilter | None]] = {
     "guard": lambda: None,
-    "field": Trusting,
+    "field": Unfiltered,
     "dynamic window": DynamicWindow,
     "velocity obstacles": VelocityObstacles,
 }

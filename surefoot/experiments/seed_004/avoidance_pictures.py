@@ -74,7 +74,7 @@ def draw_panes(scene: Scene, config: Config) -> bool:
     views, _ = nine_views(scene, rng)
     panorama = stitch(views, rng)
     around = surroundings(panorama, views)
-    choice = choose(things_of(panorama, around), config.avoidance)
+    choice = choose(things_of(panorama, around), config.avoidance, config.robot_model)
     picture = None if frame.colour is None else frame.colour.rgb
     figure = avoidance.four_panes(picture, views, panorama, around, choice)
     style.save(figure, PICTURES / f"{scene.name}-{config.seed}-panes.png")

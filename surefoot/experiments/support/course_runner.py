@@ -14,7 +14,7 @@ from perception.primitives.pose import wrap_angle
 from planning.planners.mission import MissionConfig
 from planning.planners.planner import Decision
 from planning.planners.search_planner import SearchPlanner
-from planning.safety.step_filter import Stepper
+from planning.safety.step_filter import StepFilter
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
@@ -90,7 +90,7 @@ def pictures_config(scene: str, seed: int, config: Config | None = None) -> Conf
     )
 
 
-def walk(config: Config, perfect: bool = False, stepper: Stepper | None = None) -> Walk:
+def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = None) -> Walk:
     """Walk the course of `config.scene` and `config.seed`.
 
     Args:

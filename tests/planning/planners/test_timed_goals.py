@@ -10,14 +10,15 @@ from hypothesis import strategies as st
 from perception.estimate import Estimate
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
-from planning.footsteps import GaitConfig
+from perception.primitives.robot_model import GaitLimits
+from planning.footsteps import limited_step
 from planning.planners.mission import MissionConfig
 from planning.planners.timed_goals import Schedule, TimedGoals
 from planning.world_model import WorldModel
 
-GAIT = GaitConfig()
+GAIT = GaitLimits()
 GOAL = np.array([4.0, 0.0])
-CRUISING = GAIT.command(GAIT.cruise_mps, 0.0, 0.0)
+CRUISING = limited_step(GAIT, GAIT.cruise_mps, 0.0, 0.0)
 
 
 def arrival_s(held_up_steps, make_up=True):
@@ -55,7 +56,7 @@ def test_no_step_exceeds_the_limit_of_the_gait(stamp_s, x):
 def test_turning_steps_are_not_lengthened():
     schedule = Schedule(GAIT)
     schedule.make_up(CRUISING, GOAL, Pose2(), 0.0)
-    turn = GAIT.command(0.02, 0.0, math.radians(14.0))
+    turn = limited_step(GAIT, 0.02, 0.0, math.radians(14.0))
     assert schedule.make_up(turn, GOAL, Pose2(), 60.0) == turn
 
 

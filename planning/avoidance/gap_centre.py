@@ -27,7 +27,7 @@ DRIFT_M = 0.0015  # ours: of the pose from one look to the next
 
 
 @dataclass
-class GapMiddle:
+class GapCentre:
     """How far the middle of a gap lies beside the line that leads through it.
 
     Args:

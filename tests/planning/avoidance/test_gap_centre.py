@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from perception.primitives.pose import Pose2
-from planning.avoidance.gap_middle import GapMiddle
+from planning.avoidance.gap_centre import GapCentre
 from planning.avoidance.primitives import Leg, beside, on_line
 
 FRONT_M, DEPTH_M = 0.5, 0.24
@@ -27,7 +27,7 @@ def sides(rng, left_m: float, right_m: float, turned_rad: float = 0.0) -> np.nda
 @pytest.mark.parametrize("middle_m", [-0.02, 0.0, 0.012])
 def test_the_middle_lies_between_both_sides(middle_m):
     rng = np.random.default_rng(0)
-    middle = GapMiddle(0.24)
+    middle = GapCentre(0.24)
     for _ in range(12):
         assert middle.look(sides(rng, middle_m + 0.12, middle_m - 0.12))
     assert middle.offset_m == pytest.approx(middle_m, abs=0.001)
@@ -37,7 +37,7 @@ def test_deviations_hold_for_lines_of_sight_that_are_turned_by_chance():
     rng = np.random.default_rng(1)
     squares = []
     for _ in range(200):
-        true, seen = rng.normal(0.0, 0.007), GapMiddle(0.24)
+        true, seen = rng.normal(0.0, 0.007), GapCentre(0.24)
         for _ in range(4):
             true += rng.normal(0.0, 0.0015)
             turned = rng.normal(0.0, math.radians(0.4))
@@ -48,7 +48,7 @@ def test_deviations_hold_for_lines_of_sight_that_are_turned_by_chance():
 
 @pytest.mark.parametrize(("left_m", "right_m"), [(0.15, -0.15), (0.09, -0.09), (0.12, -0.3)])
 def test_what_is_no_gap_of_that_width_teaches_nothing(left_m, right_m):
-    middle = GapMiddle(0.24)
+    middle = GapCentre(0.24)
     assert not middle.look(sides(np.random.default_rng(2), left_m, right_m))
     assert middle.offset_m == 0.0
     passed = sides(np.random.default_rng(2), 0.12, -0.12) - [0.7, 0.0]

@@ -10,27 +10,27 @@ from dataclasses import dataclass, field
 
 from perception.primitives.errors import ConfigError
 
-from ..footsteps import GaitConfig
 from .prediction import PredictionConfig
+
+CELL_DISTANCE_M = 0.185
+"""Ours: distance from the middle of a DARwIn-OP to that of an occupied cell, with 1 cm to spare; grows with the body."""
+
+CELL_CONTACT_M = 0.15
+"""Ours: the same at contact."""
 
 
 @dataclass(frozen=True)
 class GuardConfig:
     """Horizon, margins, hypotheses and prices."""
 
-    gait: GaitConfig = field(default_factory=GaitConfig)
     prediction: PredictionConfig = field(default_factory=PredictionConfig)
     steps: int = 12  # own: 7.8 s, what the study found enough
-    body_radius_m: float = 0.15  # S_r, seed 001
     margin_m: float = 0.05  # ours: between surfaces, of movers
     sigmas: float = 1.0  # ours: share of the deviation added to the margin
     max_sigma_m: float = 0.15  # ours: more doubt than this would freeze the robot
     still_margin_m: float = 0.02  # ours: the same, of what stands: it is certain
     acceleration_mps2: float = 0.004  # ours: of movers, how their covariance grows
     sure_s: float = 3.0  # ours: covariances of later are taken from here: by then more is known
-    cell_distance_m: float = 0.185  # ours: body to the middle of an occupied cell, wanted: 1 cm
-    cell_contact_m: float = 0.15  # ours: the same, never to be given up
-    moving_share: float = 0.3  # ours: less probable movers are taken to stand
     small_radius_m: float = 0.20  # ours: larger standing tracks are left to the occupied cells
     doubt_s: float = (
         2.5  # ours (study: 3.3): how long the hypotheses that it turned back unseen are followed
@@ -59,8 +59,7 @@ class GuardConfig:
     def __post_init__(self) -> None:
         if self.steps < 1:
             raise ConfigError(f"guard: steps={self.steps} must be at least 1")
-        for name in ("body_radius_m", "doubt_s", "soft_m", "fade_s", "cell_contact_m",
-                     "turns_every_s"):  # fmt: skip
+        for name in ("doubt_s", "soft_m", "fade_s", "turns_every_s"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"guard: {name}={value} must be positive and finite")
@@ -68,8 +67,3 @@ class GuardConfig:
             raise ConfigError(f"guard: at_heels={self.at_heels} must be finite and not negative")
         if not 0.0 <= self.keep_share < 1.0:
             raise ConfigError(f"guard: keep_share={self.keep_share} must lie in [0, 1)")
-        if self.cell_contact_m > self.cell_distance_m:
-            raise ConfigError(
-                f"guard: cell_contact_m={self.cell_contact_m} is above cell_distance_m="
-                f"{self.cell_distance_m}; lower it"
-            )

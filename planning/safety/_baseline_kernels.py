@@ -9,7 +9,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def hold(
+def hold_speeds(
     robot: np.ndarray,
     pairs: np.ndarray,
     step_s: float,

@@ -31,7 +31,6 @@ class AttentionConfig:
     ground_m: float = (
         1.75  # ours: stale ground counts to the edge of the terrain map; seed 001: 1.3
     )
-    eye_m: float = 0.38  # ours: height of the tilted camera, DARwIn-OP
     unwatched_s: float = 2.0  # ours: the way not looked at for so long has its whole worth
     urgency_max: float = 4.0  # ours: and up to so many times that later
     way_floor: float = 0.3  # ours: psi_way counts at least this, or who is crowded walks blind
@@ -39,12 +38,7 @@ class AttentionConfig:
     near_m: float = 1.2  # ours: ... wholly if it is this near ...
     far_m: float = 2.2  # ours: ... and not at all beyond this
     receding: float = 0.5  # ours: share of that for a mover that goes away
-    moving_share: float = (
-        0.3  # ours, as the guard: less probable movers need no look of their own ...
-    )
-    young_s: float = (
-        3.0  # ours: ... unless they were followed for less than this: nobody can tell yet
-    )
+    young_s: float = 3.0  # ours: a track followed for less than this may still prove to move
     young_share: float = 0.4  # ours: a look at such a thing is worth so much of one at a mover
     seek_max: float = 3.0  # ours: worth of the most overdue look, in those of one that is due
     again_share: float = 0.5  # ours: worth of a thing without a track after each look in vain ...
@@ -67,7 +61,6 @@ class AttentionConfig:
 
     def __post_init__(self) -> None:
         for name in (
-            "eye_m",
             "unwatched_s",
             "seek_s",
             "met_s",

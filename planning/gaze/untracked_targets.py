@@ -20,18 +20,18 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
 from ..commands import GazeCommand
-from .attention_config import AttentionConfig
+from .attention_settings import AttentionConfig
 from .sampling import from_camera, in_world
 from .selection import GazeMapConfig, in_view
 
 LARGEST_M = 0.35  # as the tracker: larger is furniture
 
 
-class Newcomers:
+class UntrackedTargets:
     """Remembers which things without a track got a look."""
 
-    def __init__(self, config: AttentionConfig) -> None:
-        self.config = config
+    def __init__(self, config: AttentionConfig, eye_m: float) -> None:
+        self.config, self._eye_m = config, eye_m
         self._places: list[np.ndarray] = []  # of this moment's things, world frame
         self._points: list[np.ndarray] = []  # of them, that looks should show, world frame
         self._whose: list[int] = []  # which thing each point is of
@@ -76,7 +76,7 @@ class Newcomers:
             self._whose += [len(self._places)] * len(shown)
             self._points += [in_world(pose, at) for at in shown]
             self._places.append(place)
-            points += [[*at, -config.eye_m] for at in shown]
+            points += [[*at, -self._eye_m] for at in shown]
             worth += [due / len(shown)] * len(shown)
         return np.array(points).reshape(-1, 3), np.array(worth).reshape(-1)
 
@@ -87,7 +87,7 @@ class Newcomers:
 
         What lies beyond the reach of the neck never shows more: who waited for that would stare for ever.
         """
-        there = from_camera(pose, np.reshape(self._points, (-1, 2)), self.config.eye_m)
+        there = from_camera(pose, np.reshape(self._points, (-1, 2)), self._eye_m)
         shown = in_view(there, gaze, view)
         met = sorted({whose for whose, seen in zip(self._whose, shown, strict=True) if seen})
         self._met += [(self._places[k], stamp_s) for k in met]

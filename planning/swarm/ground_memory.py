@@ -26,7 +26,7 @@ Seen = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 
 
 @dataclass(frozen=True)
-class StandingConfig:
+class GroundMemoryConfig:
     """How much is remembered."""
 
     reach_m: float = 1.2  # ours: farther, half a degree of pitch is 3 cm, and there is time
@@ -45,10 +45,10 @@ class StandingConfig:
                 raise ConfigError(f"standing: {name}={value} must be positive and finite")
 
 
-class Standing:
+class GroundMemory:
     """The places, world frame; lives from picture to picture."""
 
-    def __init__(self, config: StandingConfig) -> None:
+    def __init__(self, config: GroundMemoryConfig) -> None:
         self._config = config
         self._cells: dict[tuple[int, int], tuple[float, float, float]] = {}  # x, y, stamp
         self._known = np.zeros((SIDE, SIDE, 2), np.int64)  # which cell each slot holds
