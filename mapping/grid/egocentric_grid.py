@@ -83,7 +83,12 @@ class EgocentricGrid(Window):
             self._add_layer(layer, unseen.get(name, 0.0))
         self._tally = np.zeros(3 * n * n + 1, np.int32)  # of one frame, zero between frames
         self._sums = np.zeros((3 * n * n + 1, 3))
-        self._counts = self._tally[:-1].reshape(3, n, n)
+
+    @property
+    def _counts(self) -> np.ndarray:
+        """(3, n, n) view of the tally; made anew, since a pickled view would become an array of its own."""
+        n = self.config.cells
+        return self._tally[:-1].reshape(3, n, n)
 
     # What it holds
 

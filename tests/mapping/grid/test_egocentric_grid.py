@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -357,6 +360,27 @@ def test_the_robot_may_be_carried_away_further_than_the_grid_is_wide():
     grid.move(np.array([100.0, -50.0]))
     assert not grid.known.any()
     np.testing.assert_allclose(grid.position, [100.0, -50.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("copied", [lambda grid: pickle.loads(pickle.dumps(grid)), copy.deepcopy])
+def test_a_pickled_grid_accepts_further_updates_like_the_original(copied):
+    rng = np.random.default_rng(11)
+    grid = EgocentricGrid(SMALL, np.zeros(2))
+
+    def step(one: EgocentricGrid, points: np.ndarray, stamp_s: float) -> None:
+        one.move(points[0, :2])
+        one.update(points, points[:, 2] > 0.05, stamp_s, np.zeros(2), sensor_height_m=0.4)
+        one.age(0.3)
+
+    frames = rng.uniform(-0.4, 0.4, (6, 300, 3))
+    for k in range(3):
+        step(grid, frames[k], 1.0 + k)
+    other = copied(grid)
+    for k in range(3, 6):
+        for one in (grid, other):
+            step(one, frames[k], 1.0 + k)
+    for name, layer in grid.snapshot().items():
+        np.testing.assert_array_equal(other.snapshot()[name], layer, err_msg=name)
 
 
 def test_bad_input_is_refused_with_its_reason():
