@@ -24,8 +24,8 @@ from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
-from . import _grid_kernels, _kernels
-from .evidence import EvidenceConfig, age, fold, kinds_of, let_fade, probability_of
+from . import _evidence_kernels, _terrain_kernels
+from .evidence import EvidenceConfig, age, kinds_of, mark_moving, probability_of, update_cells
 from .heights import HeightConfig, floor_form, pose_form
 from .scrolling import Window
 
@@ -200,11 +200,11 @@ class EgocentricGrid(Window):
         if ray_clearing and sensor_height_m is not None and sensor_height_m > 0.0:
             sensor = (sensor_xy - origin) / self.cell_m
             share = min(1.0, self.config.lowest_obstacle_m / sensor_height_m)
-            _grid_kernels.clear_before_floor(self._counts, sensor, share)
+            _terrain_kernels.clear_before_floor(self._counts, sensor, share)
         corner = int(self._corner[1]), int(self._corner[0])
         layers = self._log_odds, self._updated_s, self._moving
-        fold(self._counts, layers, corner, stamp_s, self.config.evidence)
-        _grid_kernels.fuse_heights(
+        update_cells(self._counts, layers, corner, stamp_s, self.config.evidence)
+        _terrain_kernels.fuse_heights(
             self._counts,
             self._sums,
             self._log_odds,
@@ -235,9 +235,11 @@ class EgocentricGrid(Window):
         if points.shape[1] == 2:
             kinds = kinds_of(is_obstacle, is_moving)
             flat = np.ascontiguousarray(points)
-            _kernels.count_points(flat, kinds, self._anchor, per_m, self._first, n, n, self._tally)
+            _evidence_kernels.count_points(
+                flat, kinds, self._anchor, per_m, self._first, n, n, self._tally
+            )
             return
-        _grid_kernels.gather(
+        _terrain_kernels.gather(
             np.ascontiguousarray(points, np.float64).reshape(-1),
             np.ascontiguousarray(is_obstacle).view(np.uint8),
             np.zeros(0, np.uint8)
@@ -260,7 +262,9 @@ class EgocentricGrid(Window):
         self._updated_s[forgotten] = 0.0
         self._forget_heights(forgotten)
 
-    def let_fade(self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]) -> None:
+    def mark_moving(
+        self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
+    ) -> None:
         """What was marked in these discs has turned out to move: one floor sighting frees it, or time.
 
         Args:
@@ -270,7 +274,7 @@ class EgocentricGrid(Window):
         Source: ours.
         """
         for centre, radius_m in zip(centres, radii_m, strict=True):
-            let_fade(
+            mark_moving(
                 self._log_odds,
                 self._moving,
                 self.rolled(self._within(centre, float(radius_m))),

@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Float32, Int32, UInt8
 
 from perception.primitives.errors import ConfigError, InputError
 
-from . import _kernels
+from . import _evidence_kernels
 
 
 def log_odds(probability: float) -> float:
@@ -92,7 +92,7 @@ def kinds_of(
     return kinds + (is_obstacle & is_moving).astype(np.uint8)
 
 
-def fold(
+def update_cells(
     counts: Int32[np.ndarray, "3 rows columns"],
     layers: tuple[Float32[np.ndarray, "a b"], Float[np.ndarray, "a b"], Bool[np.ndarray, "a b"]],
     corner: tuple[int, int],
@@ -114,7 +114,7 @@ def fold(
         stamp_s: Time of the frame, s.
         config: Weights.
     """
-    _kernels.fold_evidence(
+    _evidence_kernels.fold_evidence(
         counts,
         *layers,
         *corner,
@@ -130,7 +130,7 @@ def fold(
     )
 
 
-def let_fade(
+def mark_moving(
     odds: Float32[np.ndarray, "a b"],
     moving: Bool[np.ndarray, "a b"],
     where: Bool[np.ndarray, "a b"],

@@ -21,7 +21,7 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
-from . import _grid_kernels
+from . import _terrain_kernels
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def floor_form(floor: Plane | None) -> Float[np.ndarray, "3 3"]:
     if floor is None:
         return np.zeros((3, 3))
     covariance = np.ascontiguousarray(floor.covariance, np.float64)
-    return np.asarray(_grid_kernels.floor_form(np.ascontiguousarray(floor.tangents), covariance))
+    return np.asarray(_terrain_kernels.floor_form(np.ascontiguousarray(floor.tangents), covariance))
 
 
 def pose_form(pose: Gaussian | None) -> Float[np.ndarray, "3 3"]:
@@ -62,4 +62,4 @@ def pose_form(pose: Gaussian | None) -> Float[np.ndarray, "3 3"]:
         return np.zeros((3, 3))
     x, y = float(pose.mean[0]), float(pose.mean[1])
     covariance = np.ascontiguousarray(pose.covariance, np.float64)
-    return np.asarray(_grid_kernels.pose_form(x, y, covariance))
+    return np.asarray(_terrain_kernels.pose_form(x, y, covariance))

@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float, Float32, Int
 
 from perception.primitives.errors import ConfigError, InputError
 
-from . import _kernels
-from .evidence import EvidenceConfig, age, fold, kinds_of, let_fade, probability_of
+from . import _evidence_kernels
+from .evidence import EvidenceConfig, age, kinds_of, mark_moving, probability_of, update_cells
 
 GROWTH = 64  # cells by which the map grows at least, so that it rarely does
 
@@ -142,17 +142,19 @@ class WorldMap:
         anchor, per_m = np.zeros(2), 1.0 / self.cell_m
         columns, rows = (int(v) for v in high - low + 1)
         tally = np.zeros(3 * rows * columns + 1, np.int32)
-        _kernels.count_points(points, kinds, anchor, per_m, low, rows, columns, tally)
+        _evidence_kernels.count_points(points, kinds, anchor, per_m, low, rows, columns, tally)
         counts = tally[:-1].reshape(3, rows, columns)
         row, column = (int(v) for v in (low - self._first)[::-1])
         layers = (self._log_odds, self._updated_s, self._moving)
-        fold(counts, layers, (row, column), stamp_s, self.config.evidence)
+        update_cells(counts, layers, (row, column), stamp_s, self.config.evidence)
         if heights_m is not None:
             top = self._height_m[row : row + rows, column : column + columns]
-            _kernels.highest_in_cells(points, heights_m, kinds, anchor, per_m, low, top)
+            _evidence_kernels.highest_in_cells(points, heights_m, kinds, anchor, per_m, low, top)
         self._latest_s = stamp_s
 
-    def let_fade(self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]) -> None:
+    def mark_moving(
+        self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
+    ) -> None:
         """What was marked in these discs has turned out to move; world frame, m (see `EgocentricGrid`)."""
         shape = self._log_odds.shape
         for centre, radius_m in zip(centres, radii_m, strict=True):
@@ -162,7 +164,7 @@ class WorldMap:
             along, up = (self.cell_m * np.arange(n) for n in (edge - column, end - row))
             near = np.hypot(x + along - centre[0], (y + up - centre[1])[:, None]) <= radius_m
             part = np.s_[row:end, column:edge]
-            let_fade(self._log_odds[part], self._moving[part], near, self.config.evidence)
+            mark_moving(self._log_odds[part], self._moving[part], near, self.config.evidence)
 
     def age(self, seconds: float) -> None:
         """Let what moves fade where the latest frame did not see it; seconds since the last call."""
@@ -192,7 +194,7 @@ class WorldMap:
         middle of the map, or of the points where there is no map yet. None if no point is left.
         """
         per_m = 1.0 / self.cell_m
-        bounds = np.array(_kernels.lattice_bounds(points, per_m))
+        bounds = np.array(_evidence_kernels.lattice_bounds(points, per_m))
         if not np.isfinite(bounds).all():
             return None
         low, high = bounds[:2], bounds[2:]

@@ -15,7 +15,7 @@ from perception.primitives.errors import OutputError
 
 
 @contextmanager
-def complete(target: Path) -> Iterator[Path]:
+def atomic_path(target: Path) -> Iterator[Path]:
     """Give a temporary path with the target's suffix; on leaving without an error it becomes the target.
 
     Raises:

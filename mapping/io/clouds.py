@@ -16,8 +16,8 @@ from jaxtyping import Float, Int, UInt8
 
 from perception.primitives.errors import ConfigError, InputError, OutputError
 
-from ..grid import _kernels
-from .atomic_write import complete
+from ..grid import _evidence_kernels
+from .atomic_write import atomic_path
 
 logger = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ class CloudBuilder:
         points = np.ascontiguousarray(points_world)
         done = 0
         while done < len(points):
-            done, self._used = _kernels.add_to_voxels(
+            done, self._used = _evidence_kernels.add_to_voxels(
                 points,
                 tints,
                 1.0 / self.voxel_m,
@@ -120,7 +120,7 @@ class CloudBuilder:
             new = (self._keys, self._sums, self._counts, self._hits, self._last)
             for target, source in zip(new, old, strict=True):
                 target[:used] = source[:used]
-            _kernels.rebuild_table(self._keys, used, self._table)
+            _evidence_kernels.rebuild_table(self._keys, used, self._table)
             return
         self.voxel_m *= 2
         logger.warning("cloud: %d voxels in use, thinned to %g m", used, self.voxel_m)
@@ -137,7 +137,7 @@ class CloudBuilder:
         np.add.at(self._counts, group, counts[:used])
         np.maximum.at(self._hits, group, hits[:used])
         np.maximum.at(self._last, group, last[:used])
-        _kernels.rebuild_table(self._keys, self._used, self._table)
+        _evidence_kernels.rebuild_table(self._keys, self._used, self._table)
 
 
 def save_ply(
@@ -160,7 +160,7 @@ def save_ply(
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     if colours is not None:
         cloud.colors = open3d.utility.Vector3dVector(colours / 255.0)
-    with complete(path) as temporary:
+    with atomic_path(path) as temporary:
         if not open3d.io.write_point_cloud(str(temporary), cloud):
             raise OutputError(
                 f"cannot write {path}: Open3D refused {len(points)} points; expected at least one, a path "

@@ -29,7 +29,7 @@ from ..grid.confidence import ConfidenceConfig, ConfidenceLayer
 from ..grid.egocentric_grid import EgocentricGrid, GridConfig
 from ..grid.evidence import EvidenceConfig
 from ..grid.heights import HeightConfig
-from .atomic_write import complete
+from .atomic_write import atomic_path
 
 FORMAT = 1
 DAMAGE = (
@@ -68,7 +68,7 @@ def save(path: Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = 
     if confidence is not None:
         settings["confidence"] = asdict(confidence.config)
         content["confidence"] = confidence.values
-    with complete(path) as temporary, temporary.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             format=np.array(FORMAT),

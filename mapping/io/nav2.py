@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Float32, UInt8
 from perception.primitives.errors import InputError
 
 from ..grid.world_map import OccupancyMap
-from .atomic_write import complete
+from .atomic_write import atomic_path
 
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
 OCCUPIED_ABOVE = 0.65  # map_server: default occupied_thresh
@@ -54,7 +54,7 @@ def save(
     if probability.size:
         pixels[known & (probability < FREE_BELOW)] = FREE
         pixels[known & (probability > OCCUPIED_ABOVE)] = OCCUPIED
-    with complete(folder / f"{name}.pgm") as path:
+    with atomic_path(folder / f"{name}.pgm") as path:
         path.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + pixels[::-1].tobytes())
     yaml = (
         f"image: {name}.pgm\n"
@@ -65,7 +65,7 @@ def save(
         f"occupied_thresh: {OCCUPIED_ABOVE}\n"
         f"free_thresh: {FREE_BELOW}\n"
     )
-    with complete(folder / f"{name}.yaml") as path:
+    with atomic_path(folder / f"{name}.yaml") as path:
         path.write_text(yaml, encoding="utf-8")
     return folder / f"{name}.yaml"
 

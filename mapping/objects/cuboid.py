@@ -94,7 +94,7 @@ class Cuboid:
     top: bool
 
 
-def things(
+def label_objects(
     depth: Depth, floor: Plane, config: CuboidConfig | None = None
 ) -> Int32[np.ndarray, "h w"]:
     """What stands on the floor and hangs together in depth, numbered from 1 by size; 0 for the rest.

@@ -58,7 +58,7 @@ class PairConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ViewFeatures:
     """Features of one view as directions with range.
 
     Args:
@@ -94,7 +94,7 @@ class Link:
     by: str = "features"
 
 
-def see(view: View, config: PairConfig) -> Seen:
+def extract_features(view: View, config: PairConfig) -> ViewFeatures:
     """Features of a view's pictures, found on the sphere about its nominal direction."""
     camera = view.depth.camera
     nominal = nominal_rotation(view)
@@ -109,7 +109,7 @@ def see(view: View, config: PairConfig) -> Seen:
         descriptors.append(found.descriptors)
         numbers.append(np.full(len(found), number))
     rays = np.concatenate(bearings) if bearings else np.zeros((0, 3))
-    return Seen(
+    return ViewFeatures(
         rays,
         _ranges(view, rays),
         np.concatenate(descriptors) if descriptors else np.zeros((0, 128), np.float32),
@@ -133,8 +133,11 @@ def _ranges(view: View, bearings: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
     return z[v, u].astype(np.float64) / bearings[:, 2]
 
 
-def pair_up(
-    first: Seen, second: Seen, config: PairConfig, T_second_first: Pose3 | None = None
+def match_features(
+    first: ViewFeatures,
+    second: ViewFeatures,
+    config: PairConfig,
+    T_second_first: Pose3 | None = None,
 ) -> Int[np.ndarray, "k 2"]:
     """Matches of two views, picture by picture.
 
@@ -155,7 +158,7 @@ def pair_up(
 
 
 def _in_question(
-    first: Seen, second: Seen, T_second_first: Pose3, config: PairConfig
+    first: ViewFeatures, second: ViewFeatures, T_second_first: Pose3, config: PairConfig
 ) -> Bool[np.ndarray, "n m"]:
     """Which features of the second view lie about where the encoders say those of the first should."""
     usual = float(np.nanmedian(first.range_m)) if np.isfinite(first.range_m).any() else 2.0
@@ -167,7 +170,7 @@ def _in_question(
 
 def rotation_link(
     numbers: tuple[int, int],
-    seen: tuple[Seen, Seen],
+    seen: tuple[ViewFeatures, ViewFeatures],
     pairs: Int[np.ndarray, "k 2"],
     offset: Float[np.ndarray, "3"] | None,
     rng: np.random.Generator,
@@ -216,7 +219,7 @@ def rotation_link(
 
 def motion_link(
     numbers: tuple[int, int],
-    seen: tuple[Seen, Seen],
+    seen: tuple[ViewFeatures, ViewFeatures],
     pairs: Int[np.ndarray, "k 2"],
     rng: np.random.Generator,
     config: PairConfig,

@@ -57,7 +57,7 @@ class SilhouetteConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Seeing:
+class LabelledView:
     """One view that is placed, with the thing each of its pixels shows.
 
     Args:
@@ -73,7 +73,7 @@ class Seeing:
     labels: Int32[np.ndarray, "h w"]
 
 
-def recognise(
+def label_view(
     view: View,
     T_base_camera: Pose3,
     number: int,
@@ -82,7 +82,7 @@ def recognise(
     floor: Plane,
     heights_m: tuple[float, float],
     config: SilhouetteConfig,
-) -> Seeing:
+) -> LabelledView:
     """Find the panorama's things in one of its views.
 
     Args:
@@ -122,7 +122,7 @@ def recognise(
     found[row, column] = mine
     for _ in range(config.mixed_px):
         _grow(found, standing, z, config.nearer_m)
-    return Seeing(view, T_base_camera, number, found)
+    return LabelledView(view, T_base_camera, number, found)
 
 
 def _grow(
@@ -150,7 +150,7 @@ def _grow(
 
 
 @dataclass(frozen=True, eq=False)
-class Crossings:
+class EdgeCrossings:
     """Where rows (or columns) of one view leave a thing.
 
     Args:
@@ -170,9 +170,9 @@ class Crossings:
     number: int
 
 
-def crossings(
-    seeing: Seeing, label: int, side: str, floor: Plane, config: SilhouetteConfig
-) -> Crossings | None:
+def edge_crossings(
+    seeing: LabelledView, label: int, side: str, floor: Plane, config: SilhouetteConfig
+) -> EdgeCrossings | None:
     """Where a view's rows leave a thing to the "left" or "right", or its columns leave it at the "top".
 
     Returns:
@@ -199,7 +199,7 @@ def crossings(
         sign = 1.0 if side == "left" else -1.0
         values = sign * np.arctan2(points[:, 1], points[:, 0])
         unit = own / camera.fx / np.hypot(points[:, 0], points[:, 1])
-    return Crossings(points, values, unit, hidden, outside, seeing.number)
+    return EdgeCrossings(points, values, unit, hidden, outside, seeing.number)
 
 
 def row_ends(
@@ -256,7 +256,7 @@ def _depth_at(
 
 
 @dataclass(frozen=True)
-class End:
+class Edge:
     """An edge of a thing, all views together.
 
     Args:
@@ -274,7 +274,7 @@ class End:
     own: bool
 
 
-def agreed(found: Sequence[Crossings], config: SilhouetteConfig) -> End | None:
+def fuse_edge(found: Sequence[EdgeCrossings], config: SilhouetteConfig) -> Edge | None:
     """One edge out of what several views' rows say.
 
     Args:
@@ -303,7 +303,7 @@ def agreed(found: Sequence[Crossings], config: SilhouetteConfig) -> End | None:
     hidden = np.concatenate([c.hidden[kept] for c, kept in close])
     leading = max(close, key=lambda pair: int(pair[1].sum()))[0]
     x, y, z = (float(v) for v in point)
-    return End(
+    return Edge(
         (x, y, z),
         float(values.mean()),
         max(float(sigma), config.least_px * unit),

@@ -22,13 +22,13 @@ from scipy.ndimage import median_filter
 from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
 
-from . import printed
+from . import literal_formulas
 from .adjustment import Placed
 from .contours import ContourConfig, fronts
 from .level_sets import LevelConfig, forward_distance, label, levels, merged
 from .obstacles import PanoramaObstacle, Surroundings, gaps_between
 from .rendering import Drawing
-from .silhouettes import Seeing, SilhouetteConfig, agreed, crossings, recognise
+from .silhouettes import LabelledView, SilhouetteConfig, edge_crossings, fuse_edge, label_view
 from .stitching import Panorama
 from .views import View
 
@@ -94,10 +94,12 @@ def surroundings(
     drawing, placed = panorama.drawing, panorama.placed
     if drawing is None:
         return Surroundings((), ())
-    forward, labels = things(drawing, placed, floor, config)
+    forward, labels = label_obstacles(drawing, placed, floor, config)
     heights = config.floor_m, config.top_m
     seen = [
-        recognise(view, place.T_base_camera, k, drawing, labels, floor, heights, config.silhouettes)
+        label_view(
+            view, place.T_base_camera, k, drawing, labels, floor, heights, config.silhouettes
+        )
         for k, (view, place) in enumerate(zip(views, placed, strict=True))
         if place is not None
     ]
@@ -112,9 +114,9 @@ def surroundings(
     gaps = gaps_between(obstacles, ends, config.levels.farthest_m)
     if config.literal:
         obstacles = tuple(_as_printed(scene, one) for one in obstacles)
-        spans = [printed.ACROSS_PX_PER_RAD * (g.left_rad - g.right_rad) for g in gaps]
+        spans = [literal_formulas.ACROSS_PX_PER_RAD * (g.left_rad - g.right_rad) for g in gaps]
         gaps = tuple(
-            replace(g, width_m=printed.width(g.distance_m, span))
+            replace(g, width_m=literal_formulas.width(g.distance_m, span))
             for g, span in zip(gaps, spans, strict=True)
         )
     return Surroundings(obstacles, gaps)
@@ -124,19 +126,19 @@ def _as_printed(scene: _Scene, one: PanoramaObstacle) -> PanoramaObstacle:
     """The same thing measured by counting its pixels, as many as the camera's own grid has there."""
     rows, columns = np.nonzero(scene.labels == one.label)
     reach = float(np.median(scene.drawing.range_m[rows, columns]))
-    far = printed.distance(reach, one.bearing_rad)
+    far = literal_formulas.distance(reach, one.bearing_rad)
     scale = scene.drawing.sphere.px_per_rad
-    across = (int(np.ptp(columns)) + 1) * printed.ACROSS_PX_PER_RAD / scale
-    down = (int(np.ptp(rows)) + 1) * printed.DOWN_PX_PER_RAD / scale
+    across = (int(np.ptp(columns)) + 1) * literal_formulas.ACROSS_PX_PER_RAD / scale
+    down = (int(np.ptp(rows)) + 1) * literal_formulas.DOWN_PX_PER_RAD / scale
     return replace(
         one,
         distance_m=far,
-        width_m=printed.width(far, across),
-        height_m=printed.height(far, down),
+        width_m=literal_formulas.width(far, across),
+        height_m=literal_formulas.height(far, down),
     )
 
 
-def things(
+def label_obstacles(
     drawing: Drawing, placed: Sequence[Placed | None], floor: Plane, config: SizeConfig
 ) -> tuple[Float32[np.ndarray, "h w"], Int32[np.ndarray, "h w"]]:
     """Forward distance of every pixel and which thing it belongs to.
@@ -183,7 +185,7 @@ class _Scene:
     forward_m: Float32[np.ndarray, "h w"]
     labels: Int32[np.ndarray, "h w"]
     placed: Sequence[Placed | None]
-    seen: Sequence[Seeing]
+    seen: Sequence[LabelledView]
     floor: Plane
 
 
@@ -193,11 +195,12 @@ def _measured(scene: _Scene, number: int, config: SizeConfig) -> PanoramaObstacl
     front, front_sigma = fronts(scene.forward_m, scene.drawing.sigma_m, mask, config.contour)
     known = np.flatnonzero(np.isfinite(front))
     left, right, top = (
-        agreed(
+        fuse_edge(
             [
                 c
                 for c in (
-                    crossings(s, number, side, scene.floor, config.silhouettes) for s in scene.seen
+                    edge_crossings(s, number, side, scene.floor, config.silhouettes)
+                    for s in scene.seen
                 )
                 if c is not None
             ],

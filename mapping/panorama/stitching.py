@@ -20,7 +20,15 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 
 from .adjustment import Placed, Prior, adjust
-from .pairs import Link, PairConfig, Seen, motion_link, pair_up, rotation_link, see
+from .pairs import (
+    Link,
+    PairConfig,
+    ViewFeatures,
+    extract_features,
+    match_features,
+    motion_link,
+    rotation_link,
+)
 from .rendering import Drawing, RenderConfig, render
 from .surfaces import Surface, SurfaceConfig, align, surface
 from .views import PriorConfig, View, prior_covariance
@@ -81,7 +89,7 @@ def place(
     views: Sequence[View], rng: np.random.Generator, config: StitchConfig
 ) -> tuple[list[Placed | None], list[Link]]:
     """Only the poses, and the pairs they rest upon."""
-    seen = [see(view, config.pairs) for view in views]
+    seen = [extract_features(view, config.pairs) for view in views]
     priors = [
         None
         if view.prior is None
@@ -98,7 +106,10 @@ def place(
 
 
 def _links(
-    views: Sequence[View], seen: Sequence[Seen], rng: np.random.Generator, config: StitchConfig
+    views: Sequence[View],
+    seen: Sequence[ViewFeatures],
+    rng: np.random.Generator,
+    config: StitchConfig,
 ) -> list[Link]:
     """All pairs of views that features accept."""
     links = []
@@ -107,11 +118,11 @@ def _links(
             continue
         both = (seen[i], seen[j])
         if config.moving:
-            matches = pair_up(*both, config.pairs)
+            matches = match_features(*both, config.pairs)
             link = motion_link((i, j), both, matches, rng, config.pairs)
         else:
             told = _between(views[i].prior, views[j].prior)
-            matches = pair_up(*both, config.pairs, told)
+            matches = match_features(*both, config.pairs, told)
             offset = _offset(views[i].prior, views[j].prior)
             link = rotation_link((i, j), both, matches, offset, rng, config.pairs)
             if link is not None and told is not None and _contradicts(link, told, config.pairs):

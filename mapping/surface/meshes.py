@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
-from ..io.atomic_write import complete
+from ..io.atomic_write import atomic_path
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def save_mesh(path: Path, mesh: Mesh) -> None:
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
     header += [f"property {kind} {name}" for kind, (name, _) in zip(kinds, fields, strict=True)]
     header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
-    with complete(path) as temporary, temporary.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
         file.write(vertices.tobytes())
         file.write(triangles.tobytes())

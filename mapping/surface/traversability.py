@@ -21,7 +21,7 @@ from scipy.special import ndtr
 from perception.primitives.errors import ConfigError
 
 from ..io import nav2
-from ..io.atomic_write import complete
+from ..io.atomic_write import atomic_path
 from .meshes import Mesh
 
 
@@ -155,7 +155,7 @@ def save_layers(path: Path, layers: Traversability) -> None:
     Raises:
         OutputError: It cannot be written.
     """
-    with complete(path) as temporary, temporary.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             elevation=layers.height,

@@ -51,7 +51,7 @@ def floor_of(depth: Depth) -> Plane | None:
 
 def largest_whole(depth: Depth, floor: Plane) -> Cuboid | None:
     """The largest thing that neither the image's border nor another thing cuts; None without one."""
-    labels = cuboid.things(depth, floor)
+    labels = cuboid.label_objects(depth, floor)
     for number in range(1, int(labels.max(initial=0)) + 1):
         found = cuboid.fit(depth, floor, labels == number)
         if found is not None and not found.cut:
@@ -163,7 +163,7 @@ def furniture(say: Say) -> tuple[dict[str, float], list[str]]:
         depth = structured_light.depth(
             DepthView(_read(folder / f"{name}.depth.png", 5000.0), KINECT2)
         )
-        labels = cuboid.things(depth, floor, ROOM)
+        labels = cuboid.label_objects(depth, floor, ROOM)
         drawn = pieces(folder / f"{name}.boxes.txt")
         for piece in drawn:
             if not piece.is_whole or any(piece.is_behind(other) for other in drawn):

@@ -342,14 +342,14 @@ def test_what_turns_out_to_move_fades_where_it_stood_and_nowhere_else():
         see(grid, 7, 7, stamp, obstacle=True)
         see(grid, 7, 11, stamp, obstacle=True)
     see(grid, 7, 8, 3.0, obstacle=False)
-    grid.let_fade(grid.centre_of(7, 7)[None], np.array([0.06]))
+    grid.mark_moving(grid.centre_of(7, 7)[None], np.array([0.06]))
     assert grid.moving.sum() == 1
     assert 0.5 < grid.probability[7, 7] < grid.probability[7, 11]
     assert grid.known.sum() == 3
     assert grid.probability[7, 8] < 0.5
     see(grid, 7, 7, 4.0, obstacle=False)
     assert grid.probability[7, 7] < 0.5
-    grid.let_fade(grid.centre_of(7, 11)[None], np.array([0.06]))
+    grid.mark_moving(grid.centre_of(7, 11)[None], np.array([0.06]))
     grid.age(60.0)
     assert not grid.known[7, 11]
 
@@ -398,7 +398,7 @@ def test_bad_input_is_refused_with_its_reason():
 
 
 def test_kernel_and_numpy_count_the_same():
-    from mapping.grid import _kernels
+    from mapping.grid import _evidence_kernels
 
     rng = np.random.default_rng(5)
     n, rows, columns = 30_000, 40, 60  # more than one block
@@ -407,7 +407,7 @@ def test_kernel_and_numpy_count_the_same():
     kinds = rng.integers(0, 3, n).astype(np.uint8)
     anchor, first = np.array([0.013, -0.02]), np.array([-25, -18])
     tally = np.ones(3 * rows * columns + 1, np.int32)
-    _kernels.count_points(points, kinds, anchor, 20.0, first, rows, columns, tally)
+    _evidence_kernels.count_points(points, kinds, anchor, 20.0, first, rows, columns, tally)
     expected = np.zeros((3, rows, columns), int)
     finite = np.isfinite(points[:, 0])
     cells = np.floor((points[finite] - anchor) * 20.0).astype(int) - first

@@ -255,7 +255,7 @@ def test_what_is_forgotten_has_no_height():
     see(grid, at(grid, 3, 7, [0.2] * 3), True, is_moving=np.ones(3, np.bool_))
     see(grid, at(grid, 7, 7, [0.2] * 3), True)
     see(grid, at(grid, 0, 0, [0.0]), False, 2.0)
-    grid.let_fade(grid.centre_of(7, 7)[None], np.array([0.06]))
+    grid.mark_moving(grid.centre_of(7, 7)[None], np.array([0.06]))
     grid.age(100.0)
     assert np.isfinite(grid.height_m).sum() == 1
     assert np.isfinite(grid.height_m[0, 0])

@@ -53,7 +53,7 @@ def drawn(pose, centre, size, yaw, noise_m=0.0, seed=0):
 
 
 def fitted(depth, floor, config=None):
-    labels = cuboid.things(depth, floor, CuboidConfig(farthest_m=3.5))
+    labels = cuboid.label_objects(depth, floor, CuboidConfig(farthest_m=3.5))
     return cuboid.fit(depth, floor, labels == 1, config)
 
 
@@ -128,7 +128,7 @@ def test_things_are_parted_by_depth_and_numbered_by_size():
     near, floor = drawn(pose, (1.2, 0.25), (0.3, 0.3, 0.3), 0.0)
     far, _ = drawn(pose, (1.9, -0.1), (0.3, 0.5, 0.5), 0.0)
     both = Depth(np.minimum(near.z, far.z), near.sigma, CAMERA)
-    labels = cuboid.things(both, floor, CuboidConfig(farthest_m=3.5))
+    labels = cuboid.label_objects(both, floor, CuboidConfig(farthest_m=3.5))
     assert labels.max() == 2
     counts = np.bincount(labels.ravel())[1:]
     assert counts[0] >= counts[1]
@@ -136,7 +136,7 @@ def test_things_are_parted_by_depth_and_numbered_by_size():
 
 def test_nothing_on_a_bare_floor():
     depth, floor = drawn(looking(1.1, 0.6), (9.0, 0.0), (0.1, 0.1, 0.1), 0.0)
-    labels = cuboid.things(depth, floor, CuboidConfig(farthest_m=3.0))
+    labels = cuboid.label_objects(depth, floor, CuboidConfig(farthest_m=3.0))
     assert labels.max() == 0
     assert cuboid.fit(depth, floor, labels == 1) is None
 
@@ -162,7 +162,7 @@ def test_a_cabinet_has_its_size_in_single_views(recordings):
     for frame in frames[::9]:
         depth = structured_light.depth(frame.depth)
         floor = floor_in(depth)
-        found = cuboid.fit(depth, floor, cuboid.things(depth, floor) == 1)
+        found = cuboid.fit(depth, floor, cuboid.label_objects(depth, floor) == 1)
         off.append([found.height_m - 0.5543, found.width_m - 0.4455, found.length_m - 0.7926])
     assert np.all(np.median(np.abs(off), axis=0) < [0.010, 0.025, 0.025])
 
@@ -175,7 +175,7 @@ def test_a_carton_is_the_same_size_in_different_frames(recordings):
         z = np.where(raw == 0, np.nan, raw / 1000.0).astype(np.float32)
         depth = structured_light.depth(DepthView(z, REALSENSE))
         floor = floor_in(depth)
-        boxes = (cuboid.fit(depth, floor, cuboid.things(depth, floor) == k) for k in (1, 2))
+        boxes = (cuboid.fit(depth, floor, cuboid.label_objects(depth, floor) == k) for k in (1, 2))
         (whole,) = [box for box in boxes if box is not None and not box.cut]
         sizes.append((whole.length_m, whole.height_m))
     assert np.all(np.ptp(np.array(sizes), axis=0) < 0.02)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mapping.panorama.adjustment import Prior, adjust
-from mapping.panorama.pairs import Link, PairConfig, Seen, pair_up
+from mapping.panorama.pairs import Link, PairConfig, ViewFeatures, match_features
 from mapping.panorama.surfaces import SurfaceConfig, align, surface
 from mapping.panorama.views import PriorConfig, prior_covariance
 from perception.features.matching import match
@@ -51,11 +51,11 @@ def test_like_features_elsewhere_do_not_confuse_where_encoders_know():
 
     def seen(xyz):
         reach = np.linalg.norm(xyz, axis=1)
-        return Seen(xyz / reach[:, None], reach, words, np.zeros(len(xyz), np.int64))
+        return ViewFeatures(xyz / reach[:, None], reach, words, np.zeros(len(xyz), np.int64))
 
     both = seen(points), seen(turn.apply(points))
-    assert len(pair_up(*both, PairConfig())) == 0
-    guided = pair_up(*both, PairConfig(), turn)
+    assert len(match_features(*both, PairConfig())) == 0
+    guided = match_features(*both, PairConfig(), turn)
     assert len(guided) == 24
     np.testing.assert_array_equal(guided[:, 0], guided[:, 1])
 

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from mapping.panorama import level_sets
 from mapping.panorama.adjustment import Placed, Prior, adjust
 from mapping.panorama.key_angles import AngleLaw, KeyAngleConfig, laws, locate, prepared
-from mapping.panorama.pairs import Link, PairConfig, Seen, motion_link, rotation_link
+from mapping.panorama.pairs import Link, PairConfig, ViewFeatures, motion_link, rotation_link
 from mapping.panorama.rendering import render
 from mapping.panorama.sphere import Sphere, angles_of, direction, look_up, window_of_view
 from mapping.panorama.surfaces import SurfaceConfig, align, surface
@@ -101,7 +101,9 @@ def seen_points(points, pose, rng, wrong=0, noise=0.0):
     camera += noise * rng.standard_normal(camera.shape)
     range_m = np.linalg.norm(camera, axis=1)
     nothing = np.zeros((len(points), 128), np.float32)
-    return Seen(camera / range_m[:, None], range_m, nothing, np.zeros(len(points), np.int64))
+    return ViewFeatures(
+        camera / range_m[:, None], range_m, nothing, np.zeros(len(points), np.int64)
+    )
 
 
 @pytest.mark.parametrize("wrong", [0, 30])

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from mapping.panorama import printed
+from mapping.panorama import literal_formulas
 from mapping.panorama.adjustment import Placed
-from mapping.panorama.pieces import pieces
 from mapping.panorama.rendering import RenderConfig, render
+from mapping.panorama.segments import outline_segments
 from mapping.panorama.sizes import SizeConfig, surroundings
 from mapping.panorama.stitching import Panorama, StitchConfig, stitch
 from mapping.panorama.views import View, view_of_depth
@@ -165,14 +165,14 @@ def test_a_yaw_that_two_views_share_does_not_widen_what_both_show():
 )
 def test_printed_widths_are_short_on_a_sphere_and_right_on_a_plane(width_m, short):
     """At the distance of the table; 217.8 px/rad is the camera's own scale."""
-    flat = printed.width(1.05, 217.8 * width_m / 1.05)
+    flat = literal_formulas.width(1.05, 217.8 * width_m / 1.05)
     assert flat == pytest.approx(width_m, rel=0.001)
-    round_ = printed.width(1.05, 217.8 * 2.0 * math.atan(width_m / 2.0 / 1.05))
+    round_ = literal_formulas.width(1.05, 217.8 * 2.0 * math.atan(width_m / 2.0 / 1.05))
     assert 1.0 - round_ / width_m == pytest.approx(short, abs=0.001)
 
 
 def test_printed_levels_know_whole_metres_only():
-    found = printed.levels(np.array([0.3, 0.99, 1.0, 1.7, 2.4, np.nan]))
+    found = literal_formulas.levels(np.array([0.3, 0.99, 1.0, 1.7, 2.4, np.nan]))
     assert found.tolist() == [0, 0, 20, 20, 40, -1]
 
 
@@ -203,8 +203,8 @@ def test_literal_sizes_hold_however_finely_the_panorama_is_drawn():
 
 
 def test_the_whole_view_of_the_camera_counts_all_of_its_pixels():
-    across = printed.width(1.05, printed.ACROSS_PX_PER_RAD * math.radians(44.0))
-    down = printed.height(1.05, printed.DOWN_PX_PER_RAD * math.radians(35.0))
+    across = literal_formulas.width(1.05, literal_formulas.ACROSS_PX_PER_RAD * math.radians(44.0))
+    down = literal_formulas.height(1.05, literal_formulas.DOWN_PX_PER_RAD * math.radians(35.0))
     assert across == pytest.approx(2.1 * math.tan(math.radians(22.0)))
     assert down == pytest.approx(2.1 * math.tan(math.radians(17.5)))
 
@@ -215,7 +215,7 @@ def test_what_is_listed_is_not_cut_to_pieces_again_in_a_panorama_wider_than_what
     )
     panorama = exactly(views, true)
     (ahead,) = [o for o in surroundings(panorama, views).obstacles if abs(o.bearing_rad) < 0.2]
-    found = pieces(panorama, [ahead], 1.65)
+    found = outline_segments(panorama, [ahead], 1.65)
     assert all(abs(one.bearing_rad) > 0.2 for one in found)
     assert all(abs(one.bearing_rad) < math.radians(85.0) for one in found)
 
@@ -223,7 +223,7 @@ def test_what_is_listed_is_not_cut_to_pieces_again_in_a_panorama_wider_than_what
 def test_what_reaches_from_a_wall_across_the_way_is_cut_off_it_at_the_corner():
     """A room's side wall comes near the robot; what stands across the way must not seem as near."""
     views, true = views_of([box(1.1, 1.25, 0.2, 1.9, 0.3)], yaws=(70.0, 45.0, 20.0, -5.0))
-    found = [one for one in pieces(exactly(views, true), [], 1.65) if one.width_m > 0.5]
+    found = [one for one in outline_segments(exactly(views, true), [], 1.65) if one.width_m > 0.5]
     (across,) = [one for one in found if one.right_edge_m[1] < 0.5]
     assert across.distance_m == pytest.approx(1.1, abs=0.05)
     assert across.right_edge_m[1] == pytest.approx(0.3, abs=0.03)
@@ -236,9 +236,9 @@ def test_pieces_know_the_floor_of_the_listing_and_refuse_another():
     whole = surroundings(panorama, views, floor).obstacles
     near = [one for one in whole if one.distance_m < 1.65]
     assert len(near) == 1
-    assert pieces(panorama, whole, 1.65, floor=floor) == []
+    assert outline_segments(panorama, whole, 1.65, floor=floor) == []
     with pytest.raises(InputError, match="the floor that surroundings was given"):
-        pieces(panorama, whole, 1.65)
+        outline_segments(panorama, whole, 1.65)
 
 
 def test_borders_out_of_order_are_refused():

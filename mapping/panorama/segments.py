@@ -24,7 +24,7 @@ from perception.primitives.plane import Plane
 from .contours import fronts
 from .obstacles import PanoramaObstacle
 from .rendering import Drawing
-from .sizes import LEVEL_FLOOR, SizeConfig, things
+from .sizes import LEVEL_FLOOR, SizeConfig, label_obstacles
 from .stitching import Panorama
 
 
@@ -47,7 +47,7 @@ class PieceConfig:
             raise ConfigError("pieces: column counts must be at least 1")
 
 
-def pieces(
+def outline_segments(
     panorama: Panorama,
     whole: Sequence[PanoramaObstacle],
     reach_m: float,
@@ -73,7 +73,7 @@ def pieces(
     drawing = panorama.drawing
     if drawing is None:
         return []
-    forward, labels = things(drawing, panorama.placed, floor, config.sizes)
+    forward, labels = label_obstacles(drawing, panorama.placed, floor, config.sizes)
     done = {one.label for one in whole}
     for one in whole:
         here = int(np.count_nonzero(labels == one.label))
@@ -94,7 +94,7 @@ def pieces(
     return found
 
 
-def seen_aside(panorama: Panorama, config: PieceConfig | None = None) -> tuple[float, float]:
+def observed_sector(panorama: Panorama, config: PieceConfig | None = None) -> tuple[float, float]:
     """Azimuths to the left and to the right, left positive, up to which every column shows something.
 
     Beyond them nothing is known: not seen is not free.

@@ -21,13 +21,13 @@ SURELY = 0.9  # ours: from which what it drew is taken back; posts may look movi
 APART = 0.5  # ours: share of its radius that a thing goes between two remembered places
 
 
-class MoverTraces:
+class DynamicTraces:
     """Where each track was seen while it seemed to stand."""
 
     def __init__(self) -> None:
         self._places: dict[int, list[np.ndarray]] = {}
 
-    def of_movers(
+    def update(
         self, obstacles: Sequence[Obstacle], stamp_s: float
     ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k"]]:
         """Discs that have just turned out to be traces of something that moves.
