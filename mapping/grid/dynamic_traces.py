@@ -1,8 +1,8 @@
-"""Traces of what was taken to stand and turns out to move: the map is told where it has been.
+"""Removal of dynamic traces: map cells of obstacles that were first classified as static and then move.
 
-A mover is known as one only after it has gone a good part of its own width, and one that comes to its turning
-point or is seen for moments only looks like a post for as long. What the map holds from that time would
-stand there for ever if nobody looks again.
+The tracker classifies an obstacle as moving only after it has travelled a good part of its own width. An
+obstacle at its turning point, or seen briefly, looks static for as long. Without correction, the cells
+marked in that time would stay occupied until they are seen again.
 
 Source: ours.
 """
@@ -17,40 +17,40 @@ from jaxtyping import Float
 from perception.floor.segmented_view import MARGIN_M, MOVES
 from perception.primitives.obstacle import Obstacle
 
-SURELY = 0.9  # ours: from which what it drew is taken back; posts may look moving for moments
-APART = 0.5  # ours: share of its radius that a thing goes between two remembered places
+CERTAIN = 0.9  # ours: probability of moving to clear cells; static poles exceed a lower one briefly
+SPACING = 0.5  # ours: distance between two remembered positions, in radii of the obstacle
 
 
 class DynamicTraces:
-    """Where each track was seen while it seemed to stand."""
+    """Positions at which each track was seen while it was classified as static."""
 
     def __init__(self) -> None:
-        self._places: dict[int, list[np.ndarray]] = {}
+        self._positions: dict[int, list[np.ndarray]] = {}
 
     def update(
         self, obstacles: Sequence[Obstacle], stamp_s: float
     ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k"]]:
-        """Discs that have just turned out to be traces of something that moves.
+        """Discs to clear because their obstacle has just turned out to move.
 
         Args:
-            obstacles: All tracks, world frame; to be told once a frame.
-            stamp_s: Of the frame.
+            obstacles: All tracks of the frame, world frame; call once a frame.
+            stamp_s: Time of the frame, s.
 
         Returns:
-            Middles, world frame, m, and radii, m.
+            Centres, world frame, m, and radii, m.
         """
-        followed = {one.track for one in obstacles}
-        self._places = {k: places for k, places in self._places.items() if k in followed}
+        active = {one.track for one in obstacles}
+        self._positions = {k: places for k, places in self._positions.items() if k in active}
         discs: list[tuple[np.ndarray, float]] = []
         for one in obstacles:
-            if one.moving > SURELY:
+            if one.moving > CERTAIN:
                 discs += [
-                    (place, one.radius_m + MARGIN_M) for place in self._places.pop(one.track, ())
+                    (place, one.radius_m + MARGIN_M) for place in self._positions.pop(one.track, ())
                 ]
             elif one.moving <= MOVES and one.seen_s == stamp_s:
-                places = self._places.setdefault(one.track, [])
-                far = APART * one.radius_m
-                if all(np.hypot(*(one.position - place)) >= far for place in places):
+                places = self._positions.setdefault(one.track, [])
+                spacing = SPACING * one.radius_m
+                if all(np.hypot(*(one.position - place)) >= spacing for place in places):
                     places.append(one.position.copy())
         return (
             np.array([place for place, _ in discs]).reshape(-1, 2),

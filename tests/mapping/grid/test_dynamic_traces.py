@@ -1,4 +1,4 @@
-"""What was taken to stand and moves after all leaves no trace in the maps; what stands stays."""
+"""Obstacles that turn out to move leave no trace in the maps; static obstacles stay."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def track(number: int, x: float, moving: float, seen_s: float) -> Obstacle:
     return Obstacle(state, RADIUS_M, track=number, moving=moving, seen_s=seen_s)
 
 
-def test_the_places_where_it_seemed_to_stand_are_told_once_it_moves() -> None:
+def test_discs_of_a_track_are_returned_once_when_it_starts_to_move() -> None:
     traces = DynamicTraces()
     for stamp, x in zip((0.0, 1.0, 2.0), (1.0, 1.01, 1.08), strict=True):
         discs, _ = traces.update([track(4, x, 0.2, stamp), track(5, 3.0, 0.1, stamp)], stamp)
@@ -30,8 +30,8 @@ def test_the_places_where_it_seemed_to_stand_are_told_once_it_moves() -> None:
     assert not len(discs)
 
 
-def test_where_it_was_only_believed_to_be_is_no_trace() -> None:
-    """Between sightings a track's place is a guess, and nothing was drawn there."""
+def test_predicted_positions_are_no_traces() -> None:
+    """Between detections the position of a track is a prediction, and no cell was marked there."""
     traces = DynamicTraces()
     traces.update([track(4, 1.0, 0.2, 0.0)], 0.0)
     traces.update([track(4, 2.0, 0.2, 0.0)], 5.0)
@@ -45,11 +45,11 @@ def test_a_map_forgets_the_trace_and_keeps_the_wall_beside(kind: str) -> None:
     for stamp in (1.0, 2.0):
         for x in (1.0, 1.5):
             points = np.array([x, 0.0]) + 0.001 * np.arange(6)[:, None]
-            grid.update(points, np.ones(6, bool), stamp, np.zeros(2), ray_clearing=False)
+            grid.update(points, np.ones(6, bool), stamp, np.zeros(2))
             world.update(points, np.ones(6, bool), stamp)
     one = grid if kind == "grid" else world
     one.mark_moving(np.array([[1.0, 0.0]]), np.array([RADIUS_M + MARGIN_M]))
-    grid.update(np.array([[0.5, 0.5]]), np.zeros(1, bool), 3.0, np.zeros(2), ray_clearing=False)
+    grid.update(np.array([[0.5, 0.5]]), np.zeros(1, bool), 3.0, np.zeros(2))
     world.update(np.array([[0.5, 0.5]]), np.zeros(1, bool), 3.0)
     one.age(60.0)
     here, beside = (tuple(one.cell_of(np.array([x, 0.001]))) for x in (1.001, 1.501))
