@@ -1,113 +1,101 @@
-"""What hangs together in a panorama, cut apart where its outline leaps or has a corner; and how far aside
-ground was seen.
+"""Segments: connected obstacles split where their outline is discontinuous or concave.
 
-A room's walls hang together with each other, and with a carton that a mixed pixel ties to them: listed as one
-thing they say nothing about the way between. The outline on the floor plan, column by column, leaps wherever
-one thing ends before another; where a wall meets what stands across the way it has an inward corner.
+The walls of a room are connected with each other and with a carton that a mixed pixel joins to them. Listed as
+one obstacle they say nothing about the free space between them. The outline on the floor plane, column by
+column, has a discontinuity where one obstacle ends in front of another, and a concave corner where a wall
+meets an obstacle.
 
-Source: ours; outlines as `contours` draws them, for the gaps of seed 004, eq. (20).
+Source: ours; outlines by `contours`, for the gaps of seed 004, eq. (20).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter
 
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import InputError
 from perception.primitives.plane import Plane
 
-from .contours import fronts
+from .contours import LEAST_ROWS, fronts
 from .obstacles import PanoramaObstacle
 from .rendering import Drawing
-from .sizes import LEVEL_FLOOR, SizeConfig, label_obstacles
+from .sizes import LEVEL_FLOOR, RIM_RAD, TOP_M, SizeConfig, label_obstacles
 from .stitching import Panorama
 
-
-@dataclass(frozen=True)
-class PieceConfig:
-    """What is cut, and where."""
-
-    leap_m: float = (
-        0.12  # ours: twice a level; a wall looked along moves on by a tenth of it a column
-    )
-    smooth_columns: int = 5  # ours: mixed pixels are two columns wide
-    least_columns: int = 4  # ours: 1 deg; narrower pieces are rims
-    unseen_columns: int = 5  # ours: narrower blind stripes are dark spots
-    sizes: SizeConfig = field(default_factory=SizeConfig)
-
-    def __post_init__(self) -> None:
-        if not self.leap_m > 0.0:
-            raise ConfigError(f"pieces: leap_m={self.leap_m} must be positive")
-        if min(self.smooth_columns, self.least_columns, self.unseen_columns) < 1:
-            raise ConfigError("pieces: column counts must be at least 1")
+LEAP_M = (
+    0.12  # ours: two levels and more; a wall at a grazing angle moves by a tenth of it per column
+)
+SMOOTH_COLUMNS = 5  # ours: mixed pixels are two columns wide
+LEAST_COLUMNS = 4  # ours: 1 deg; narrower segments are rims
+UNSEEN_COLUMNS = 5  # ours: narrower stripes without depth are dark spots
 
 
 def outline_segments(
     panorama: Panorama,
     whole: Sequence[PanoramaObstacle],
     reach_m: float,
-    config: PieceConfig | None = None,
     floor: Plane = LEVEL_FLOOR,
+    config: SizeConfig | None = None,
 ) -> list[PanoramaObstacle]:
-    """What is not listed whole, as pieces that do not leap, nearer than a reach, from left to right each.
+    """Segments with a continuous outline of all labelled obstacles except the whole ones.
 
-    Where things hang together no view may show an edge of them, and the listing leaves them out; but what has
-    pixels stands there. So whatever is wider than a rim and not among the whole ones is cut to pieces.
+    Connected obstacles may show no edge in any view; `sizes.surroundings` then omits them, although their
+    pixels prove an obstacle. Every obstacle wider than a rim that is not among the whole ones is split.
 
     Args:
-        panorama: Finished; one without a drawing has no pieces.
-        whole: Things that `sizes.surroundings` lists of this panorama, and that need no cutting.
-        reach_m: Forward distance; what is farther is left out.
-        config: Where to cut; its sizes are those of the listing.
-        floor: That of the listing.
+        panorama: The panorama; one without a drawing has no segments.
+        whole: Obstacles of `sizes.surroundings` of this panorama that are not to be split.
+        reach_m: Columns at a larger forward distance are dropped.
+        floor: As given to `surroundings`.
+        config: As given to `surroundings`.
+
+    Returns:
+        The segments of each obstacle from left to right.
 
     Raises:
-        InputError: A whole thing has other pixels here, as it was listed by other sizes or another floor.
+        InputError: A whole obstacle has other pixels here: `surroundings` had another floor or config.
     """
-    config = config or PieceConfig()
+    config = config or SizeConfig()
     drawing = panorama.drawing
     if drawing is None:
         return []
-    forward, labels = label_obstacles(drawing, panorama.placed, floor, config.sizes)
+    forward, labels = label_obstacles(drawing, panorama.placed, floor, config)
     done = {one.label for one in whole}
     for one in whole:
         here = int(np.count_nonzero(labels == one.label))
         if one.label and here != one.pixels:
             raise InputError(
-                f"pieces: thing {one.label} has {here} px, but {one.pixels} px where it was listed; give the "
-                "sizes and the floor that surroundings was given"
+                f"segments: obstacle {one.label} has {here} px here and {one.pixels} px in surroundings; give "
+                "the floor and the config that surroundings was given"
             )
-    rim = 3.0 * math.radians(config.sizes.rim_deg) * drawing.sphere.px_per_rad
+    rim = 3.0 * RIM_RAD * drawing.sphere.px_per_rad
     found = []
     for number in range(1, int(labels.max(initial=0)) + 1):
         mask = labels == number
         if number in done or np.count_nonzero(mask.any(axis=0)) <= rim:
             continue
-        front, _ = fronts(forward, drawing.sigma_m, mask, config.sizes.contour)
-        for columns in _runs(drawing, front, reach_m, config):
-            found.append(_piece(drawing, mask, number, front[columns], columns, config))
+        front, _ = fronts(forward, drawing.sigma_m, mask)
+        for columns in _runs(drawing, front, reach_m):
+            found.append(_segment(drawing, mask, number, front[columns], columns))
     return found
 
 
-def observed_sector(panorama: Panorama, config: PieceConfig | None = None) -> tuple[float, float]:
-    """Azimuths to the left and to the right, left positive, up to which every column shows something.
+def observed_sector(panorama: Panorama) -> tuple[float, float]:
+    """Azimuths of the left and right end of the observed sector ahead, left positive.
 
-    Beyond them nothing is known: not seen is not free.
+    Every column within has depth, except narrow stripes. Space outside it is unknown, not free.
     """
-    config = config or PieceConfig()
     drawing = panorama.drawing
     if drawing is None:
         return 0.0, 0.0
-    known = np.isfinite(drawing.range_m).sum(axis=0) >= config.sizes.contour.least_rows
+    known = np.isfinite(drawing.range_m).sum(axis=0) >= LEAST_ROWS
     azimuth = _azimuths(drawing)
     ahead = int(np.argmin(np.abs(azimuth)))
-    left = _unbroken(known[ahead::-1], config.unseen_columns)
-    right = _unbroken(known[ahead:], config.unseen_columns)
+    left = _unbroken(known[ahead::-1], UNSEEN_COLUMNS)
+    right = _unbroken(known[ahead:], UNSEEN_COLUMNS)
     if left == 0 or right == 0:
         return 0.0, 0.0
     return float(azimuth[ahead - left + 1]), float(azimuth[ahead + right - 1])
@@ -119,7 +107,7 @@ def _azimuths(drawing: Drawing) -> Float[np.ndarray, "w"]:
 
 
 def _unbroken(known: Bool[np.ndarray, "n"], patience: int) -> int:
-    """How many columns from the first on are known but for stripes narrower than the patience."""
+    """Number of known columns from the first on, up to the first unknown stripe of `patience` columns."""
     last, blind = 0, 0
     for k, there in enumerate(known):
         blind = 0 if there else blind + 1
@@ -129,34 +117,32 @@ def _unbroken(known: Bool[np.ndarray, "n"], patience: int) -> int:
     return last
 
 
-def _runs(
-    drawing: Drawing, front: Float[np.ndarray, "w"], reach_m: float, config: PieceConfig
-) -> list[np.ndarray]:
-    """Columns of each piece."""
+def _runs(drawing: Drawing, front: Float[np.ndarray, "w"], reach_m: float) -> list[np.ndarray]:
+    """Columns of each segment."""
     known = np.flatnonzero(np.isfinite(front))
     if known.size == 0:
         return []
-    x = median_filter(front[known], config.smooth_columns, mode="nearest")
+    x = median_filter(front[known], SMOOTH_COLUMNS, mode="nearest")
     near = x <= reach_m
     known, x = known[near], x[near]
     y = _across(drawing, known, x)
-    leaps = np.hypot(np.diff(x), np.diff(y)) > config.leap_m
+    leaps = np.hypot(np.diff(x), np.diff(y)) > LEAP_M
     whole = np.split(np.arange(known.size), np.flatnonzero(leaps) + 1)
-    found = [known[part] for run in whole for part in _at_corners(x, y, run, config.leap_m)]
-    return [run for run in found if run.size >= config.least_columns]
+    found = [known[part] for run in whole for part in _at_corners(x, y, run, LEAP_M)]
+    return [run for run in found if run.size >= LEAST_COLUMNS]
 
 
 def _at_corners(
     x: Float[np.ndarray, "n"], y: Float[np.ndarray, "n"], run: np.ndarray, most_m: float
 ) -> list[np.ndarray]:
-    """An outline cut where it turns back towards the robot: what it is there is a corner of two things.
+    """Split an outline at its concave corners, where two obstacles meet.
 
-    A corner that points to the robot is one thing's own.
+    A convex corner, which points to the robot, belongs to one obstacle.
 
     Args:
         x, y: The whole outline, m, from left to right.
-        run: Places in it that belong together.
-        most_m: How far the outline may lie behind the straight line between its ends.
+        run: Indices of a continuous part of it.
+        most_m: Largest distance of the outline behind the straight line between its ends.
     """
     if run.size < 3:
         return [run]
@@ -174,19 +160,18 @@ def _across(
     drawing: Drawing, columns: np.ndarray, x: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
     """y of the outline, base frame, m."""
-    away = np.tan(_azimuths(drawing)[columns])
-    return np.asarray(drawing.centre[1] + (x - drawing.centre[0]) * away)
+    slopes = np.tan(_azimuths(drawing)[columns])
+    return np.asarray(drawing.centre[1] + (x - drawing.centre[0]) * slopes)
 
 
-def _piece(
+def _segment(
     drawing: Drawing,
     mask: Bool[np.ndarray, "h w"],
     number: int,
     x: Float[np.ndarray, "n"],
     columns: np.ndarray,
-    config: PieceConfig,
 ) -> PanoramaObstacle:
-    """One piece as a thing, with its own edges, distance and height."""
+    """One segment as an obstacle, with its own edges, distance and height."""
     y = _across(drawing, columns, x)
     left, right = int(np.argmax(y)), int(np.argmin(y))
     rows, at = np.nonzero(mask[:, columns])
@@ -209,5 +194,5 @@ def _piece(
         pixels=int(rows.size),
         cut_left=True,
         cut_right=True,
-        cut_top=height > config.sizes.top_m - 0.02,
+        cut_top=height > TOP_M - 0.02,
     )
