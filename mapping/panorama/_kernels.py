@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
-
-class Intrinsics(NamedTuple):
-    """Pinhole camera, px."""
-
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+from ..pinhole import Pinhole
 
 
 @njit(cache=True, nogil=True)
@@ -24,7 +15,7 @@ def draw(
     sigma: np.ndarray,
     rotation: np.ndarray,
     centre: np.ndarray,
-    intrinsics: Intrinsics,
+    camera: Pinhole,
     base: np.ndarray,
     out_range: np.ndarray,
     out_sigma: np.ndarray,
@@ -38,12 +29,12 @@ def draw(
         z, sigma: (a, b) depth of the view and its standard deviation, m.
         rotation: (3, 3), base to camera.
         centre: (3,), position of the camera, base frame, m.
-        intrinsics: The camera.
+        camera: Intrinsics of the view.
         base: (3,), centre of the sphere, base frame, m.
         out_range, out_sigma: (h, w), m; written where the view has depth.
     """
     height, width = z.shape
-    fx, fy, cx, cy = intrinsics.fx, intrinsics.fy, intrinsics.cx, intrinsics.cy
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     sx, sy, sz = centre[0] - base[0], centre[1] - base[1], centre[2] - base[2]
     moved = abs(sx) + abs(sy) + abs(sz) > 1e-9
     for r in range(rays.shape[0]):

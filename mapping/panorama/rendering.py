@@ -18,6 +18,7 @@ from jaxtyping import Float, Float32, Int
 
 from perception.primitives.pose import Pose3
 
+from ..pinhole import pinhole_of
 from . import _kernels
 from .adjustment import Placed
 from .sphere import Sphere, direction, window_of_view
@@ -124,7 +125,7 @@ def draw_view(
         view.depth.sigma,
         np.ascontiguousarray(T_base_camera.rotation.T),
         T_base_camera.position,
-        _kernels.Intrinsics(camera.fx, camera.fy, camera.cx, camera.cy),
+        pinhole_of(camera),
         centre,
         range_m,
         sigma_m,

@@ -40,7 +40,10 @@ def rendered(pose, centre, size, yaw, noise_m=0.0, seed=0):
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         local = (origin - np.array([*centre, size[2] / 2])) @ turn
         directions = rays @ turn
-        low, high = (-np.array(size) / 2 - local) / directions, (np.array(size) / 2 - local) / directions
+        low, high = (
+            (-np.array(size) / 2 - local) / directions,
+            (np.array(size) / 2 - local) / directions,
+        )
     enter = np.minimum(low, high).max(axis=-1)
     leave = np.maximum(low, high).min(axis=-1)
     z = np.where((enter < leave) & (enter > 0.0), np.minimum(z, enter), z)
