@@ -258,14 +258,14 @@ def fuse_heights(
             if floor == 0 and static == 0 and mobile == 0:
                 continue
             c = (place.column + column) % side
-            believed = log_odds[r, c] > 0.0
-            if raised[r, c] != believed:  # the surface measured here has gone
+            occupied = log_odds[r, c] > 0.0
+            if raised[r, c] != occupied:  # the surface measured here has gone
                 heights[r, c] = np.nan
                 variances[r, c] = np.nan
-                raised[r, c] = believed
+                raised[r, c] = occupied
             rising = static + mobile >= rule.obstacle_points
             first, count = (cells, static + mobile) if rising else (0, floor)
-            if rule.measured and rising == believed and count > 0:
+            if rule.measured and rising == occupied and count > 0:
                 total, squares, noise = 0.0, 0.0, 0.0
                 for kind in range(2 if rising else 1):
                     total += sums[first + kind * cells + flat, 0]

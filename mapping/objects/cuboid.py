@@ -36,14 +36,7 @@ STEP_M = 0.02  # ours: connected pixels differ in depth by less, plus
 STEP_SHARE = 0.02  # ours: this share of their depth
 LEAST_PX = 400  # ours: fewer pixels show no box
 TOP_M = 0.015  # ours: half the thickness of the layer of points on the top
-GATES_M = (
-    0.08,
-    0.05,
-    0.03,
-    0.02,
-    0.02,
-    0.02,
-)  # ours: distance of points from their side, per iteration
+GATES_M = (0.08, 0.05, 0.03, 0.02, 0.02, 0.02)  # ours: of points about a side, per iteration
 LEAST_POINTS = 12  # ours: to locate a side
 MOST_POINTS = 600  # ours: of faces; more add no information
 THIN_M = 0.03  # ours: sides this close may be one side seen frontally
@@ -309,12 +302,12 @@ def _cuboid(
     spread = np.hypot(sigmas[::2], sigmas[1::2])
     spread = np.hypot(spread, RANGE_SHARE * np.maximum(reach, size))
     seen = sides.known[::2] & sides.known[1::2] & (size > THIN_M)
-    middle = _axes(sides.yaw) @ (0.5 * (sides.at[1::2] + sides.at[::2]))
+    centre_xy = _axes(sides.yaw) @ (0.5 * (sides.at[1::2] + sides.at[::2]))
     long = int(np.argmax(size))
     heading = sides.yaw + (math.pi / 2.0 if long == 1 else 0.0)
     half = 0.5 * heading
     T_body_box = Pose3(
-        (float(middle[0]), float(middle[1]), 0.0), (0.0, 0.0, math.sin(half), math.cos(half))
+        (float(centre_xy[0]), float(centre_xy[1]), 0.0), (0.0, 0.0, math.sin(half), math.cos(half))
     )
     lever = np.array([reach, reach, 1.0])
     sigma_floor = math.sqrt(max(float(np.sum(np.diag(floor.covariance) * lever**2)), 0.0))

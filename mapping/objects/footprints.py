@@ -41,9 +41,14 @@ class FootprintConfig:
         "wider gaps on the floor separate two obstacles",
         "ours: two pixels of a depth camera at 3 m",
     )
-    least_points: int = setting(20, "", "voxels that an obstacle has at least", "ours")
+    least_points: int = setting(
+        20, "", "voxels that an obstacle has at least", "ours: outliers form smaller clusters"
+    )
     least_sightings: int = setting(
-        2, "", "frames in which a voxel must be seen to belong to a well-seen obstacle", "ours"
+        2,
+        "",
+        "frames in which a voxel of a well-seen obstacle is seen at least",
+        "ours: outliers appear once",
     )
 
     def __post_init__(self) -> None:
@@ -156,15 +161,15 @@ def _trunk(points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
 
 
 def _footprint(points: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"]) -> Footprint:
-    middle = points[:, :2].mean(axis=0)
-    outline = _columns(points, weights) - middle
+    centroid = points[:, :2].mean(axis=0)
+    outline = _columns(points, weights) - centroid
     yaw = _orientation(outline)
     axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     sides = _sides(outline @ axes.T)
     edges = np.array([side.edge for side in sides])  # -x, +x, -y, +y; outward
     variances = np.array([side.sigma**2 for side in sides]) + EDGE_SIGMA_M**2
     size = edges[::2] + edges[1::2]
-    centre = middle + (edges[1::2] - edges[::2]) / 2 @ axes
+    centre = centroid + (edges[1::2] - edges[::2]) / 2 @ axes
     covariance = axes.T @ np.diag((variances[::2] + variances[1::2]) / 4) @ axes
     if size[0] < size[1]:
         size, yaw = size[::-1], yaw + math.pi / 2
@@ -245,6 +250,6 @@ def _sides(local: Float[np.ndarray, "k 2"]) -> list[_Side]:
 def _side(reach: Float[np.ndarray, "strips"]) -> _Side:
     """The side located by the reach of the outline, m, in each strip that touches it."""
     edge = float(np.median(reach))
-    deviation = reach - edge
-    sigma = 1.48 * float(np.median(np.abs(deviation))) / math.sqrt(len(reach))
-    return _Side(edge, sigma, float(np.exp(-0.5 * (deviation / CELL_M) ** 2).sum()))
+    residual = reach - edge
+    sigma = 1.48 * float(np.median(np.abs(residual))) / math.sqrt(len(reach))
+    return _Side(edge, sigma, float(np.exp(-0.5 * (residual / CELL_M) ** 2).sum()))

@@ -46,10 +46,10 @@ def fronts(
     held = np.nan_to_num(held, nan=1e9)
     total = np.cumsum(weight, axis=0)
     pick = np.argmax(total >= NEAR_SHARE * total[-1], axis=0)
-    middle = held[pick, np.arange(pick.size)]
+    centre = held[pick, np.arange(pick.size)]
     close = np.zeros_like(weight)
     for _ in range(6):
-        close = np.where(np.abs(held - middle) <= WINDOW_M, weight, 0.0)
-        middle = (close * held).sum(axis=0) / close.sum(axis=0)
-    found[known], sigma[known] = middle, 1.0 / np.sqrt(close.sum(axis=0))
+        close = np.where(np.abs(held - centre) <= WINDOW_M, weight, 0.0)
+        centre = (close * held).sum(axis=0) / close.sum(axis=0)
+    found[known], sigma[known] = centre, 1.0 / np.sqrt(close.sum(axis=0))
     return found, sigma

@@ -24,9 +24,7 @@ from .rendering import Drawing, corner, draw_view
 from .sphere import angles_of
 from .views import View
 
-WINDOW_RAD = math.radians(
-    2.0
-)  # seed 004 as specified: a match further from the head's angle is wrong
+WINDOW_RAD = math.radians(2.0)  # seed 004 as specified: a match further off is wrong
 LEAST_CORRELATION = 0.9  # seed 004 as specified: below, the head's own angle is used
 ROW_STEP = 4  # ours: every fourth row suffices, in a quarter of the time
 LEAST_SHARE = 0.25  # ours: of the template that must overlap known pixels

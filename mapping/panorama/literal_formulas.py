@@ -11,10 +11,7 @@ from __future__ import annotations
 
 import math
 
-ACROSS_RAD, DOWN_RAD = (
-    math.radians(44.0),
-    math.radians(35.0),
-)  # seed 004: field of view of the camera
+ACROSS_RAD, DOWN_RAD = math.radians(44.0), math.radians(35.0)  # seed 004: field of view
 ACROSS_PX, DOWN_PX = 176, 144  # seed 004: its pixels
 ACROSS_PX_PER_RAD, DOWN_PX_PER_RAD = ACROSS_PX / ACROSS_RAD, DOWN_PX / DOWN_RAD
 """Pixels to count per angle, independent of the resolution of the panorama."""

@@ -27,9 +27,7 @@ from .views import View
 ACCEPT_OFFSET = 8.0  # Brown and Lowe 2007
 ACCEPT_SHARE = 0.3  # Brown and Lowe 2007
 HYPOTHESES = 300  # ours: with three of four matches wrong, 18 samples are still free of outliers
-BEARING_RAD = math.radians(
-    0.25
-)  # ours: standard deviation of a feature's direction, without parallax
+BEARING_RAD = math.radians(0.25)  # ours: sigma of a feature's direction without parallax
 RANGE_SHARE = 0.006  # ours: relative standard deviation of a feature's range
 GUIDED_RAD = math.radians(2.5)  # ours: encoders 0.5 deg each, three sigmas, plus the feature's own
 GATE_SIGMAS = 4.0  # ours: matches further off are outliers
@@ -41,9 +39,7 @@ class PairConfig:
     """Features, and the motion between views."""
 
     sift: SiftConfig = field(default_factory=lambda: SiftConfig(most=1000))
-    travel_m: float = (
-        0.02  # ours: unknown translation between views, seen as parallax of near points
-    )
+    travel_m: float = 0.02  # ours: unknown translation between views (parallax of near points)
 
     def __post_init__(self) -> None:
         if not self.travel_m > 0.0:

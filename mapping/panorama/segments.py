@@ -25,9 +25,7 @@ from .rendering import Drawing
 from .sizes import LEVEL_FLOOR, RIM_RAD, TOP_M, SizeConfig, label_obstacles
 from .stitching import Panorama
 
-LEAP_M = (
-    0.12  # ours: two levels and more; a wall at a grazing angle moves by a tenth of it per column
-)
+LEAP_M = 0.12  # ours: over two levels; a wall at a grazing angle moves a tenth of it per column
 SMOOTH_COLUMNS = 5  # ours: mixed pixels are two columns wide
 LEAST_COLUMNS = 4  # ours: 1 deg; narrower segments are rims
 UNSEEN_COLUMNS = 5  # ours: narrower stripes without depth are dark spots

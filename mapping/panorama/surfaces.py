@@ -154,6 +154,6 @@ def _associate(
     gap = moved[index] - place
     with np.errstate(invalid="ignore"):
         near = np.einsum("ij,ij->i", gap, gap) < gate_m**2
-        alike = np.einsum("ij,ij->i", normal, normals[index] @ rotation.T) > LEAST_COSINE
-    kept = near & alike
+        similar = np.einsum("ij,ij->i", normal, normals[index] @ rotation.T) > LEAST_COSINE
+    kept = near & similar
     return index[kept], normal[kept], np.einsum("ij,ij->i", normal[kept], gap[kept])

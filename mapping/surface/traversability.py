@@ -42,7 +42,7 @@ class TraversabilityConfig:
         0.03, "m", "highest step that the robot can take", "ours: clearance of its foot"
     )
     most_slope_deg: float = setting(
-        15.0, "deg", "steepest slope on which the robot can stand", "ours"
+        15.0, "deg", "steepest slope on which the robot can stand", "ours: limit of its balance"
     )
     headroom_m: float = 0.7  # ours: DARwIn-OP is 0.45 tall; higher surfaces are no obstacle
     foot_m: float = 0.075  # ours: width over which a step is measured

@@ -15,6 +15,7 @@ from perception.primitives.frame import Depth
 from perception.primitives.pose import Pose3
 
 from ..pinhole import pinhole_of
+from . import _surface_net_kernels as nets
 from . import _tsdf_kernels as kernels
 from .meshes import Mesh
 from .tsdf_config import NEAREST_M, TsdfConfig, check
@@ -83,13 +84,13 @@ class Tsdf:
         ids = np.empty((self._count, kernels.CELLS), np.int32)
         parts = (self._blocks, self._count, LEAST_WEIGHT, self.config.voxel_m, ids)
         none = np.empty((0, 3), np.float32)
-        count = kernels.corners(*parts, none, none, np.empty((0, 3), np.uint8))
+        count = nets.corners(*parts, none, none, np.empty((0, 3), np.uint8))
         vertices, normals = np.empty((2, count, 3), np.float32)
         tints = np.empty((count, 3), np.uint8)
-        kernels.corners(*parts, vertices, normals, tints)
-        size = kernels.faces(self._blocks, self._count, ids, np.empty((0, 3), np.int32))
+        nets.corners(*parts, vertices, normals, tints)
+        size = nets.faces(self._blocks, self._count, ids, np.empty((0, 3), np.int32))
         triangles = np.empty((size, 3), np.int32)
-        kernels.faces(self._blocks, self._count, ids, triangles)
+        nets.faces(self._blocks, self._count, ids, triangles)
         return Mesh(vertices, triangles, normals, tints if self._coloured else None)
 
     def _touch(self, depth: Depth, T_map_camera: Pose3, rule: kernels.Fusion) -> np.ndarray:

@@ -24,7 +24,9 @@ NEAREST_M = 0.2  # ours: depth cameras are wrong at shorter range
 class TsdfConfig:
     """Method, resolution and range of the surface map."""
 
-    method: str = setting("compiled", "", 'implementation: "compiled" or "open3d"', "ours")
+    method: str = setting(
+        "compiled", "", 'implementation: "compiled" or "open3d"', "ours: weighs by depth variance"
+    )
     voxel_m: float = setting(0.02, "m", "side of a voxel of the surface map", "ours: benchmark")
     band_voxels: float = setting(
         4.0, "voxels", "truncation distance of the signed distance", "KinectFusion: noise at 4 m"

@@ -180,7 +180,7 @@ def furniture(say: Say) -> tuple[dict[str, float], list[str]]:
                 continue
             off = {"height": found.height_m - piece.height_m}
             off["length"] = found.length_m - piece.sides_m[1]
-            if found.width_m > ROOM.thin_m:
+            if found.width_m > cuboid.THIN_M:
                 off["width"] = found.width_m - piece.sides_m[0]
             errors += [abs(value) for value in off.values()]
             listed = "  ".join(f"{side} {100 * value:+.0f} cm" for side, value in off.items())
