@@ -40,7 +40,7 @@ def test_predicted_positions_are_no_traces() -> None:
 
 
 @pytest.mark.parametrize("kind", ["grid", "world"])
-def test_a_map_forgets_the_trace_and_keeps_the_wall_beside(kind: str) -> None:
+def test_the_maps_clear_a_dynamic_trace_and_keep_the_wall_beside_it(kind: str) -> None:
     grid, world = EgocentricGrid(GridConfig(), np.zeros(2)), WorldMap()
     for stamp in (1.0, 2.0):
         for x in (1.0, 1.5):
@@ -57,7 +57,7 @@ def test_a_map_forgets_the_trace_and_keeps_the_wall_beside(kind: str) -> None:
     assert one.probability[beside] > 0.9
 
 
-def test_discs_beyond_the_edge_of_the_world_map_do_no_harm() -> None:
+def test_discs_beyond_the_edge_of_the_world_map_change_nothing() -> None:
     world = WorldMap()
     world.mark_moving(np.array([[9.0, 9.0]]), np.array([0.2]))
     world.update(np.zeros((3, 2)), np.ones(3, bool), 1.0)
@@ -65,7 +65,7 @@ def test_discs_beyond_the_edge_of_the_world_map_do_no_harm() -> None:
     assert world.probability[tuple(world.cell_of(np.zeros(2)))] < 0.8
 
 
-def test_just_the_cells_whose_middle_is_in_the_disc_fade() -> None:
+def test_only_cells_with_their_centre_in_the_disc_fade() -> None:
     """Wherever the map begins: a far point has made it grow."""
     rng = np.random.default_rng(2)
     centre, radius = np.array([0.13, -0.31]), 0.17

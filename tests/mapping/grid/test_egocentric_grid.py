@@ -225,7 +225,7 @@ def test_an_obstacle_needs_three_points_and_then_wins_over_floor(obstacle_points
     assert grid.probability[5, 5] == pytest.approx(expected, abs=1e-6)
 
 
-def test_two_stray_obstacle_points_alone_leave_the_cell_unseen():
+def test_two_obstacle_points_alone_leave_a_cell_unseen():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     grid.update(cell_points(grid, 5, 5, 2), np.ones(2, bool), 1.0, np.zeros(2))
     assert not grid.known.any()
@@ -287,7 +287,7 @@ def test_an_obstacle_that_turns_out_to_move_is_cleared_by_one_floor_observation(
     assert grid.probability[2, 2] < 0.5
 
 
-def test_points_at_rest_in_the_cell_outweigh_those_of_a_mover():
+def test_static_points_in_a_cell_outweigh_moving_ones():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     points = np.tile(cell_points(grid, 4, 4, 3), (2, 1))
     grid.update(points, np.ones(6, bool), 1.0, np.zeros(2), is_moving=np.arange(6) < 3)
@@ -295,7 +295,7 @@ def test_points_at_rest_in_the_cell_outweigh_those_of_a_mover():
     assert grid.probability[4, 4] == pytest.approx(0.85, abs=1e-6)
 
 
-def test_movers_drift_to_one_half_while_nobody_looks_and_are_then_forgotten():
+def test_moving_obstacles_out_of_view_fade_to_one_half_and_are_forgotten():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, 2, 2, 1.0, obstacle=True, moving=True)
     see(grid, 3, 3, 1.0, obstacle=True)

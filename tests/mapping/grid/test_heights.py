@@ -1,4 +1,4 @@
-"""Heights of the terrain map: against paper, a NumPy twin, and their own claim of how sure they are."""
+"""Heights of the terrain map against closed forms, plain Python and their own variance."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_the_floor_form_does_not_depend_on_the_camera_pose(seed):
     assert level @ floor_form(world) @ level == pytest.approx(expected, rel=1e-6)
 
 
-class Twin:
+class PlainFusion:
     """The same fusion cell by cell in plain Python, on the grid's own belief."""
 
     def __init__(self) -> None:
@@ -142,7 +142,7 @@ class Twin:
 
 def test_kernel_and_plain_python_fuse_the_same():
     rng = np.random.default_rng(8)
-    grid, twin = EgocentricGrid(GridConfig(side_m=0.35), np.zeros(2)), Twin()
+    grid, twin = EgocentricGrid(GridConfig(side_m=0.35), np.zeros(2)), PlainFusion()
     floor = Plane(LEVEL, 0.0, np.diag([0.0, 0.0, 0.004**2]))
     pose = Gaussian(np.zeros(3), np.diag([0.01**2, 0.03**2, 0.0]))
     shared = 0.004**2, (0.01**2 + 0.03**2) / 2
@@ -171,7 +171,7 @@ def test_kernel_and_plain_python_fuse_the_same():
 
 
 def test_height_errors_are_consistent_with_their_variance():
-    # A bumpy floor, 20 frames, noise of the points and nothing else: NEES of each cell is chi-square.
+    # A bumpy floor, 20 frames, depth noise only: NEES of each cell is chi-square.
     rng = np.random.default_rng(5)
     config = GridConfig(side_m=1.55, height_sigma_m=1e-5)
     grid = EgocentricGrid(config, np.zeros(2))

@@ -68,7 +68,7 @@ def turn_between(a: float, b: float) -> float:
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(-1.5, 1.5), st.booleans())
-def test_a_box_has_its_own_size_wherever_it_stands(seed, yaw, whole):
+def test_a_box_has_its_size_at_any_pose(seed, yaw, whole):
     rng = np.random.default_rng(seed)
     size = (0.8, 0.45, 0.5)
     faces = "front back left right top" if whole else "front left top"
@@ -83,7 +83,7 @@ def test_a_box_has_its_own_size_wherever_it_stands(seed, yaw, whole):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, 1.0, -1.2])
-def test_two_faces_of_a_thing_higher_than_the_camera_give_its_whole_plan(yaw):
+def test_two_faces_of_an_obstacle_above_the_camera_give_its_whole_footprint(yaw):
     points = box(np.random.default_rng(1), (1.2, 0.6, 1.5), "front left", density=2000)
     (footprint,) = find(voxels(placed(points, 2.0, 1.0, yaw)))
     assert footprint.length_m == pytest.approx(1.2, abs=0.03)
@@ -91,7 +91,7 @@ def test_two_faces_of_a_thing_higher_than_the_camera_give_its_whole_plan(yaw):
     np.testing.assert_allclose(footprint.centre, [2.0, 1.0], atol=0.02)
 
 
-def test_a_face_seen_too_far_out_by_some_frames_does_not_move_the_edge():
+def test_a_face_displaced_in_some_frames_does_not_move_the_side():
     rng = np.random.default_rng(2)
     points = box(rng, (0.8, 0.45, 0.5))
     stray = points[rng.choice(len(points), 120, replace=False)] + rng.normal(0, 1, (120, 3)) * [
@@ -106,7 +106,7 @@ def test_a_face_seen_too_far_out_by_some_frames_does_not_move_the_edge():
     assert footprint.width_m == pytest.approx(0.45, abs=0.05)
 
 
-def test_things_a_hand_apart_are_two_and_parts_of_one_are_one():
+def test_obstacles_separate_at_wide_gaps_and_join_at_narrow_ones():
     rng = np.random.default_rng(3)
     a = placed(box(rng, (0.3, 0.2, 0.3)), 0.0, 0.0, 0.0)
     b = placed(box(rng, (0.3, 0.2, 0.3)), 0.0, 0.35, 0.0)  # 15 cm of floor between
