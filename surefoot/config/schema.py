@@ -32,8 +32,8 @@ from perception.obstacles.colour_detection import ColouredConfig
 from perception.obstacles.tracker import TrackerConfig
 from perception.odometry.rgbd_odometry import OdometerConfig
 from perception.primitives.errors import ConfigError
-from perception.primitives.settings import setting
 from perception.primitives.robot_model import GaitLimits, RobotModel
+from perception.primitives.settings import setting
 from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
 from planning.gaze.policy import GazeConfig

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mapping.io.atomic_write import complete
+from mapping.io.atomic_write import atomic_path
 from mapping.io.clouds import save_ply
 from mapping.surface.meshes import save_mesh
 from mapping.surface.surface_map import surface_map
@@ -208,7 +208,7 @@ def _with_depth(recording: Recording) -> Iterator[Frame]:
 
 
 def _write_way(path: Path, way: _Way) -> None:
-    with complete(path) as part, part.open("w", encoding="utf-8") as text:
+    with atomic_path(path) as part, part.open("w", encoding="utf-8") as text:
         text.write("# stamp tx ty tz qx qy qz qw\n")
         for stamp, pose in way.poses.items():
             numbers = (stamp, *pose.translation, *pose.quat_xyzw)

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from mapping.grid.confidence import ConfidenceLayer, looked_at
+from mapping.grid.dynamic_traces import DynamicTraces
 from mapping.grid.egocentric_grid import EgocentricGrid
-from mapping.grid.mover_traces import MoverTraces
 from mapping.grid.world_map import WorldMap
 from mapping.io.clouds import CloudBuilder
 from mapping.objects import footprints
@@ -80,7 +80,7 @@ class Pipeline:
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
         self._mapped_s: float | None = None
-        self._traces = MoverTraces()
+        self._traces = DynamicTraces()
 
     def cycle(self, frame: Frame) -> WorldModel:
         """Take one frame from pixels to the maps."""
@@ -276,9 +276,9 @@ class Pipeline:
             self.confidence.see(
                 looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
             )
-        traces = self._traces.of_movers(self.tracker.obstacles, frame.stamp_s)
+        traces = self._traces.update(self.tracker.obstacles, frame.stamp_s)
         for one in (self.grid, self.world):
-            one.let_fade(*traces)
+            one.mark_moving(*traces)
             one.age(elapsed)
 
     def _remember_view(self, frame: Frame, view: SegmentedView, pose: Gaussian | None) -> None:
