@@ -31,9 +31,7 @@ FINEST_GATE_M = 0.03  # ours: and at the end
 GREY_SIGMA = 10.0  # ours: of 255, at the start; estimated from the residuals afterwards
 CONVERGED = 1e-4  # m and rad: a smaller step is the last one of its level
 KEPT = 3  # ours: initial poses that are carried from the coarsest level to the next
-COMMON_PX = (
-    15.0  # ours: neighbouring pixels with one common error; NEES of 6 on ray-cast depth with noise
-)
+COMMON_PX = 15.0  # ours: neighbouring pixels with one common error; NEES of 6 with depth noise
 WARP = 0.01  # ours: error by lens, depth scale and rolling shutter, as a share of the motion
 BEND_SHARE = 0.25  # ours: regions of common depth error are about a quarter of the image wide
 

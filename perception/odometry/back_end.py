@@ -41,9 +41,7 @@ LEAST_ALIKE = 0.15  # ours: share of features with a close match
 LEAST_FITTING = 0.85  # ours: share of inliers of a loop closure
 MOST_CONTRADICTING = 0.03  # ours
 LEAST_VISIBLE = 0.35  # ours: a smaller overlap may be a single edge
-FLOOR_FACTOR = (
-    10.0  # ours: errors of the floors of one recording are correlated over about ten images
-)
+FLOOR_FACTOR = 10.0  # ours: floor errors are correlated over about ten images
 
 
 @dataclass(frozen=True)

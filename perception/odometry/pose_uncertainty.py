@@ -27,9 +27,8 @@ from scipy.sparse.linalg import splu
 
 from ..primitives.errors import InputError
 from ..primitives.pose import Pose3
-from ..smoothing.factors import Factor, FloorSeen, LoopClosure, Motion, turned_covariance
+from ..smoothing.factors import WIDTHS, Factor, FloorSeen, LoopClosure, Motion, turned_covariance
 
-HUBER = 1.345  # robust loss of floors, as in the graph
 LOOSE = 0.1  # m and rad: standard deviation of the first pose; it cancels, so any loose value does
 TURN_M = 1.0  # ours: arm that converts rotations to translations
 
@@ -256,5 +255,6 @@ def _floor(factor: FloorSeen, pose: Pose3) -> Float[np.ndarray, "6 6"]:
     missing = np.array([tilt[0], tilt[1], pose.position[2] - plane.offset_m])
     information = np.linalg.inv(plane.covariance)
     size = math.sqrt(float(missing @ information @ missing))
-    weight = 1.0 if size <= HUBER else HUBER / size
+    width = WIDTHS["huber"]
+    weight = 1.0 if size <= width else width / size
     return np.asarray(weight * jacobian.T @ information @ jacobian)

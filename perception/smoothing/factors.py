@@ -28,6 +28,7 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose2, Pose3
 
 LOSSES = ("none", "huber", "cauchy")
+WIDTHS = {"huber": 1.345, "cauchy": 2.385}  # 95 % efficiency for Gaussian errors
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,7 @@ class Loss:
 
     Args:
         kind: One of `LOSSES`.
-        width: Where it departs from the square, in standard deviations; 0 takes the customary value.
+        width: Where it departs from the square, in standard deviations; 0 takes that of `WIDTHS`.
     """
 
     kind: str = "none"

@@ -28,6 +28,7 @@ from ..primitives.errors import InputError
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2, Pose3
 from .factors import (
+    WIDTHS,
     Effect,
     Factor,
     FloorSeen,
@@ -46,7 +47,6 @@ from .factors import (
 TIGHT = 1e-5  # m and rad: negligible, and well conditioned
 SETTLED = 1e-3  # least change of a systematic error between two effects, in its sigma, likewise
 ABSENT = 1e-4  # sigma of an absent systematic error: m and rad per unit
-CUSTOMARY = {"huber": 1.345, "cauchy": 2.385}  # 95 % efficiency for Gaussian errors
 
 
 class Graph:
@@ -57,9 +57,7 @@ class Graph:
 
     def __init__(self, systematics: Sequence[Systematic] = ()) -> None:
         self._systematics = {one.name: one for one in systematics}
-        self._chain: dict[
-            str, tuple[int, Any]
-        ] = {}  # latest variable of each error, and its initial value
+        self._chain: dict[str, tuple[int, Any]] = {}  # latest variable, initial value
         self._landmarks: dict[int, Any] = {}
         self._count = 0
         self._floor = False
@@ -273,7 +271,7 @@ class Graph:
             self.robust.append(self.factors.size())
         estimators = gtsam.noiseModel.mEstimator
         kind: Any = {"huber": estimators.Huber, "cauchy": estimators.Cauchy}[loss.kind]
-        width = loss.width or CUSTOMARY[loss.kind]
+        width = loss.width or WIDTHS[loss.kind]
         return gtsam.noiseModel.Robust.Create(kind.Create(width), noise)
 
 
