@@ -45,7 +45,7 @@ class OdometerConfig:
         True,
         "",
         "recognises known places and closes loops once the recording ends",
-        "ours: false for live poses",
+        "ours: Kümmerle et al. 2011; live poses do without",
     )
 
 
