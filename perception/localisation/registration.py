@@ -299,20 +299,11 @@ class Registration:
             level = scan.at(Pose2(*now.tolist()))
             reach = max(GATE_M, gate * 0.6**turn)
             found = self._correspondences(level, map_scan, first, reach)
+            cut = OUTLIER_SIGMAS if reach <= GATE_M else 3.0 * OUTLIER_SIGMAS
             used, roughness = kernels.accumulate(
-                level.points,
-                level.sigmas,
-                now,
-                map_scan.points,
-                map_scan.normals,
-                map_scan.sigmas,
-                first,
-                poses,
-                found,
-                OUTLIER_SIGMAS if reach <= GATE_M else 3.0 * OUTLIER_SIGMAS,
-                A,
-                b,
-            )
+                level.points, level.sigmas, now, map_scan.points, map_scan.normals,
+                map_scan.sigmas, first, poses, found, cut, A, b,
+            )  # fmt: skip
             A /= CORRELATED
             b /= CORRELATED
             back = _difference(prior, now)

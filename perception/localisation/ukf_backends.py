@@ -79,27 +79,22 @@ def ukf_backend(name: str, start: Gaussian) -> UkfBackend:
 
 
 class CompiledUkf:
-    """Backend by `SquareRootFilter`."""
+    """Backend by `SquareRootFilter`; methods as in `UkfBackend`."""
 
     def __init__(self, start: Gaussian) -> None:
-        """Begin in a state (10,)."""
         self._filter = SquareRootFilter(start, angles=(YAW,))
 
     @property
     def state(self) -> Gaussian:
-        """Mean and covariance."""
         return self._filter.belief
 
     def reset(self, state: Gaussian) -> None:
-        """Replace mean and covariance."""
         self._filter.reset(state)
 
     def predict(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
-        """Advance by the motion of step odometry."""
         self._filter.predict(lambda points: predict_all(points, motion, steps), noise)
 
     def update_turn(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
-        """Update with the gyro's integral over dt seconds."""
         self._filter.update(
             lambda points: points[:, TURN : TURN + 1] + points[:, GYRO_BIAS : GYRO_BIAS + 1] * dt,
             np.array([turn_rad]),
@@ -107,7 +102,6 @@ class CompiledUkf:
         )
 
     def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
-        """Expected (range, bearing) of a position."""
         points, weights = self._filter.sigma_points(), self._filter.points
         seen = measure_all(points, place[None], np.array([sigma_m]))
         return _transformed(seen, weights.mean, weights.covariance)
@@ -119,7 +113,6 @@ class CompiledUkf:
         places: Float[np.ndarray, "k 2"],
         sigmas: Float[np.ndarray, "k"],
     ) -> None:
-        """Update with (range, bearing, ...) of landmarks."""
         bearings = range(1, len(measured), 2)
         self._filter.update(
             lambda points: measure_all(points, places, sigmas), measured, noise, bearings
@@ -127,10 +120,9 @@ class CompiledUkf:
 
 
 class FilterpyUkf:
-    """Backend by filterpy, which only this class imports."""
+    """Backend by filterpy, which only this class imports; methods as in `UkfBackend`."""
 
     def __init__(self, start: Gaussian) -> None:
-        """Begin in a state (10,)."""
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
 
         points = MerweScaledSigmaPoints(
@@ -158,22 +150,18 @@ class FilterpyUkf:
 
     @property
     def state(self) -> Gaussian:
-        """Mean and covariance."""
         return Gaussian(self._filter.x.copy(), self._filter.P.copy())
 
     def reset(self, state: Gaussian) -> None:
-        """Replace mean and covariance."""
         self._filter.x, self._filter.P = np.array(state.mean), np.array(state.covariance)
         self._condition()
 
     def predict(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
-        """Advance by the motion of step odometry."""
         self._filter.Q = noise
         self._filter.predict(0.0, motion=motion, steps=steps)
         self._condition()
 
     def update_turn(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
-        """Update with the gyro's integral over dt seconds."""
         self._filter.update(
             np.array([turn_rad]),
             R=np.array([[sigma_rad**2]]),
@@ -184,7 +172,6 @@ class FilterpyUkf:
         self._condition()
 
     def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
-        """Expected (range, bearing) of a position."""
         seen = [models.sighted(p, place[None], np.array([sigma_m])) for p in self._filter.sigmas_f]
         return _transformed(np.array(seen), self._filter.Wm, self._filter.Wc)
 
@@ -195,7 +182,6 @@ class FilterpyUkf:
         places: Float[np.ndarray, "k 2"],
         sigmas: Float[np.ndarray, "k"],
     ) -> None:
-        """Update with (range, bearing, ...) of landmarks."""
         self._filter.update(measured, R=noise, places=places, sigmas=sigmas)
         self._condition()
 
