@@ -319,7 +319,9 @@ def _whereabouts(config: Config, info: RecordingInfo) -> PoseSource:
         return GivenPoses(info.gravity_up_world, config.prior)
     if info.start is None:
         alone = replace(config.odometer, loops=False)  # closing them takes the whole recording
-        return OdometryPoses(np.random.default_rng(config.seed), config.prior, alone)
+        return OdometryPoses(
+            np.random.default_rng(config.seed), alone, config.floor, config.structured_light
+        )
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None
