@@ -48,7 +48,7 @@ LOG = logging.getLogger(__name__)
 DOUBTED = 0.05  # ours: from here on the eyes look for it: who has just turned seems to stand
 BESIDE_M = 0.05  # ours: a contact this near to a mover's disc is the mover's own
 GLANCE_RAD = math.radians(10.0)  # ours: the head this far aside, the picture is one of a glance
-AT_HEELS = 0.04  # ours: three times that, it goes along with who crosses its way
+FOLLOWING_COST = 0.04  # ours: three times that, it goes along with who crosses its way
 GLANCE_EVERY = (
     2  # steps: one camera that looks ahead as well notices a turn beside it so much later
 )
@@ -79,7 +79,9 @@ class SwarmPlanner(GoalSeeker):
         self._monocular = Monocular(config.monocular)
         self._corners = Corners(self._settings.objective.literal)
         react_s = config.guard.react_s + GLANCE_EVERY * self._robot.gait.step_s
-        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS), self._robot)
+        self._guard = Guard(
+            replace(config.guard, react_s=react_s, following_cost=FOLLOWING_COST), self._robot
+        )
         self._standing = GroundMemory(config.swarm.standing)
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None

@@ -1,7 +1,6 @@
 """A course by geometry: short walks, the classes of contacts, and that nothing leaks from the truth."""
 
 from __future__ import annotations
-from planning.safety.guard import Guard
 
 import math
 from dataclasses import replace
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from planning.commands import WalkCommand
+from planning.safety.guard import Guard
 from planning.safety.line_of_sight import is_blocked
 from planning.safety.step_filter import Unfiltered
 from sim.scenes import catalogue
@@ -53,7 +53,9 @@ def test_steps_are_judged_by_the_goal_where_only_movers_are_in_the_way():
     clear = [
         target
         for here, standing, target in stepper.heard
-        if not is_blocked(here, goal, standing, Guard(config.guard, config.robot_model).cell_distance_m)
+        if not is_blocked(
+            here, goal, standing, Guard(config.guard, config.robot_model).cell_distance_m
+        )
     ]
     assert len(clear) > 20
     np.testing.assert_allclose(clear, np.broadcast_to(goal, (len(clear), 2)), atol=1e-9)
