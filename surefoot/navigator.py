@@ -196,7 +196,7 @@ class Navigator:
             arrival,
             config,
             self._robot,
-            self._config.gaze.attention.map.evaluation,
+            self._config.gaze.map.evaluation,
         )
         speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
         return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)

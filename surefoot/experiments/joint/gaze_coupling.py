@@ -190,7 +190,7 @@ def _measures(
         tracks = [o for o in estimate.obstacles if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
         sigmas = [evaluations.deviation(o.state.covariance[:2, :2]) for o in tracks]
         near.append(min(sigmas, default=lost))
-    region = config.gaze.attention.map
+    region = config.gaze.map
     _, confidence = sample_region(senses.grid, senses.confidence, estimate.pose, region)
     return (
         evaluations.deviation(estimate.pose.covariance[:2, :2]),
