@@ -184,7 +184,7 @@ class Navigator:
         self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
     ) -> WalkCommand:
         """The field's step among what moves; what stands is the path's business."""
-        config, gait = self._config.via_field, self._robot.gait
+        config, gait = self._config.univector, self._robot.gait
         x, y, yaw = (float(v) for v in pose.mean)
         arrival = self._goals.heading if _same(via, self._goals.present) else None
         movers = [o for o in obstacles if o.moving >= MOVING]
