@@ -82,7 +82,7 @@ class SwarmPlanner(GoalSeeker):
         self._guard = Guard(
             replace(config.guard, react_s=react_s, following_cost=FOLLOWING_COST), self._robot
         )
-        self._standing = GroundMemory(config.swarm.standing)
+        self._standing = GroundMemory()
         self._rng = np.random.default_rng([config.seed, 40])
         self.result: MonocularResult | None = None
         """Of the last picture."""
@@ -92,9 +92,7 @@ class SwarmPlanner(GoalSeeker):
         self._best: search.Best | None = None  # the pixel chosen in this picture, turned upright
         self._movable: np.ndarray | None = None  # what was searched for it
         self._schedule = Schedule(self._robot.gait)
-        self._glances = Glances(
-            self._settings.glance, self._robot.radius_m, self._robot.gait.max_speed_mps
-        )
+        self._glances = Glances(self._robot, self._settings.glances)
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel
         self._waits = False  # whether the guard let it hardly move
 
