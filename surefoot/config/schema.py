@@ -95,8 +95,7 @@ class Config:
     route: RouteConfig = field(default_factory=RouteConfig)
     gait: GaitLimits = field(default_factory=GaitLimits)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
-    univector: FieldConfig = BESIDE_GUARD  # of the planner `field`, straight to the goal
-    via_field: FieldConfig = BESIDE_GUARD  # of the planner `search`, to its via points
+    univector: FieldConfig = BESIDE_GUARD
     guard: GuardConfig = field(default_factory=GuardConfig)
     monocular: MonocularConfig = field(default_factory=MonocularConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)

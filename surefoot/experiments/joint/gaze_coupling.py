@@ -174,7 +174,7 @@ def _measures(
         tracks = [o for o in world.tracks if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
         sigmas = [evaluations.deviation(o.state.covariance[:2, :2]) for o in tracks]
         near.append(min(sigmas, default=lost))
-    region = config.gaze.attention.map
+    region = config.gaze.map
     _, confidence = sample_region(perception.grid, perception.confidence, world.pose, region)
     return (
         evaluations.deviation(world.pose.covariance[:2, :2]),
