@@ -21,7 +21,7 @@ from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points, stereo, structured_light, time_of_flight
 from perception.depth.reach import ReachConfig
-from perception.depth.rectification import straightened
+from perception.depth.rectification import rectified
 from perception.estimate import Estimate
 from perception.floor import choose, classify
 from perception.floor.segmented_view import (
@@ -152,7 +152,7 @@ class Pipeline:
             yield "depth", structured_light.depth(frame.depth, self.config.structured_light)
         if frame.stereo is not None:
             with watch.stage("stereo"):
-                pair = stereo.depth(straightened(frame.stereo), self.config.stereo)
+                pair = stereo.depth(rectified(frame.stereo), self.config.stereo)
             yield "stereo", pair
 
     def _understand(self, sensor: str, depth: Depth) -> SegmentedView | None:

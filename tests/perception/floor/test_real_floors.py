@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from perception.depth.points import Points
 from perception.floor.choose import FloorConfig, find
 from perception.floor.prior import handheld_prior
 from perception.primitives.camera import Camera
@@ -92,11 +93,12 @@ def test_with_the_floor_out_of_view_the_kitchen_has_none(recordings, read_floors
 def test_five_people_do_not_hide_the_floor(recordings, read_floors, config):
     import open3d as o3d
 
-    from perception.depth.points import unorganised
-
     folder = recordings / "pcl_kinect"
     cloud = o3d.io.read_point_cloud(str(folder / "five_people.pcd"), remove_nan_points=True)
-    points = unorganised(np.asarray(cloud.points))
+    xyz = np.asarray(cloud.points)
+    xyz = np.ascontiguousarray(xyz[xyz[:, 2] > 0.0])
+    sigma = 0.0012 + 0.0019 * (xyz[:, 2] - 0.4) ** 2  # Nguyen 2012
+    points = Points(xyz, sigma, np.arange(len(xyz)))
     found = find(points, WEAK, np.random.default_rng(0), config)
     angle, height = off(found, read_floors(folder / "floor.csv")["five_people"])
     assert angle <= 1.0
