@@ -157,7 +157,7 @@ def fit(
     mask = mask & np.isfinite(depth.z)
     if int(mask.sum()) < config.least_px:
         return None
-    T_body_camera = levelling.shadow(floor)
+    T_body_camera = levelling.camera_above_floor(floor)
     inside = T_body_camera.apply(organised(depth)[mask].astype(np.float64))
     outline, cut, pitch = _outline(depth, mask, T_body_camera, config)
     if len(outline) < config.least_points:
@@ -340,7 +340,7 @@ def _cuboid(
     lever = np.array([reach, reach, 1.0])
     sigma_floor = math.sqrt(max(float(np.sum(np.diag(floor.covariance) * lever**2)), 0.0))
     return Cuboid(
-        levelling.shadow(floor).inverse() @ T_body_box,
+        levelling.camera_above_floor(floor).inverse() @ T_body_box,
         float(size[long]),
         float(size[1 - long]),
         top[0],

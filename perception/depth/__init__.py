@@ -4,5 +4,5 @@ Sensors: `time_of_flight` with `phase_unwrapping`, `structured_light`, `stereo` 
 `rectification`. Then `points` (back-projection), `reach` (range of depths used), `coverage` and `health`
 (whether depth is reliable), `depth_to_colour` (registration of two cameras).
 
-Sources: Kang et al. 2012 (seed 003) for stereo, Kang et al. 2013 (seed 004) for time of flight.
+Sources: seed 003 for stereo, Kang et al. 2013 (seed 004) for time of flight.
 """

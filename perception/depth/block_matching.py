@@ -5,7 +5,7 @@ absolute differences are summed over a block of 9 x 9 pixels; the lowest sum win
 two neighbours gives the sub-pixel part. Kept besides: the costs next to the minimum, the lowest cost at any
 other disparity, and the lowest cost of the matched pixel of the right image.
 
-Source: Kang et al. 2012 (seed 003), section 3 (block cost, second best); Konolige 1997 (gradients, left-right
+Source: seed 003, section 3 (block cost, second best); Konolige 1997 (gradients, left-right
 check).
 """
 

@@ -4,7 +4,7 @@ The rays of an undistorted camera are separable, so one row and one column of sl
 camera has a full table (`Camera.rays`, computed once). Only pixels with depth become points, and each
 keeps its pixel index.
 
-Source: Kang et al. 2012 (seed 003), section 3 (disparity to range).
+Source: seed 003, section 3 (disparity to range).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ pixels have the same disparity (mismatches scatter). The last criterion is by fa
 
 The standard deviation of a disparity grows with the ratio of the remaining cost to the slope of the minimum.
 
-Source: Kang et al. 2012 (seed 003), section 3 (reliability; sigma_Z = Z^2 sigma_d / (f B)); support by neighbours
+Source: seed 003, section 3 (reliability; sigma_Z = Z^2 sigma_d / (f B)); support by neighbours
 after Park and Yoon, CVPR 2015; Hirschmueller 2008 (SGBM).
 """
 

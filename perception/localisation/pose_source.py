@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from ..floor.levelling import shadow
+from ..floor.levelling import camera_above_floor
 from ..floor.prior import handheld_prior
 from ..primitives.frame import Frame
 from ..primitives.gaussian import Gaussian
@@ -93,4 +93,4 @@ class Nowhere:
 
     def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
         """Over the floor that is seen; without one, nowhere."""
-        return None if floor is None else Placed(shadow(floor), floor)
+        return None if floor is None else Placed(camera_above_floor(floor), floor)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..floor.levelling import UP, shadow
+from ..floor.levelling import UP, camera_above_floor
 from ..floor.prior import handheld_prior
 from ..localisation.filter import UpdateReport
 from ..localisation.pose_source import Placed, PriorConfig
@@ -111,7 +111,7 @@ class OdometryPoses:
     def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
         """Where odometry has it; a lost camera is nowhere."""
         if self._alone:
-            return None if floor is None else Placed(shadow(floor), floor)
+            return None if floor is None else Placed(camera_above_floor(floor), floor)
         T = self.T_map_camera
         if T is None or self._step is None or self._step.state in (LOST, RESTARTED):
             return None

@@ -21,7 +21,7 @@ from perception.depth.structured_light import StructuredLightConfig
 from perception.depth.time_of_flight import TofConfig
 from perception.floor.choose import FloorConfig
 from perception.floor.classify import ClassConfig
-from perception.floor.refine import RefineConfig, SharedError
+from perception.floor.refine import RefineConfig
 from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
 from perception.localisation.pose_source import PriorConfig
@@ -48,7 +48,7 @@ from sim.scenes.difficulty import check as check_difficulty
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
 """The robot's own camera as its calibration found it; another camera needs its own figures."""
 
-CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0002, 0.0003)))
+CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof_scale=0.0002, tof_bend=0.0003))
 """With that calibration little is left that all points of a TOF view have wrong alike (NEES of walks)."""
 
 

@@ -13,7 +13,7 @@ from perception.depth.points import from_depth
 from perception.depth.structured_light import depth as structured_light
 from perception.floor.choose import find
 from perception.floor.classify import FLOOR, classify
-from perception.floor.levelling import shadow
+from perception.floor.levelling import camera_above_floor
 from perception.floor.prior import handheld_prior
 from perception.obstacles.clustering import ClusterConfig, cluster
 from perception.primitives.camera import Camera
@@ -193,7 +193,7 @@ def test_five_people_are_five_people(recordings):
     points = from_depth(structured_light(DepthView(z, camera)), 0.3, 4.0, 2)
     floor = find(points, handheld_prior(None), np.random.default_rng(0)).plane
     rising = classify(points, floor) != FLOOR
-    upright = shadow(floor).apply(points.xyz[rising])
+    upright = camera_above_floor(floor).apply(points.xyz[rising])
     upright[:, 2] = floor.distance(points.xyz[rising])
     low = upright[:, 2] < 2.2
     found = cluster(upright[low], points.sigma[rising][low], np.zeros(2))
