@@ -1,4 +1,4 @@
-"""Compiled step of many constant-velocity movers, each a square-root sigma-point filter."""
+"""Compiled step of many moving obstacles, each a constant-velocity square-root sigma-point filter."""
 
 from __future__ import annotations
 
@@ -7,16 +7,25 @@ import math
 import numpy as np
 from numba import njit
 
-from ._square_root_kernels import all_finite, corrected, draw, lower, root_of, wrapped
+from ._square_root_kernels import (
+    Scratch,
+    Transform,
+    all_finite,
+    corrected,
+    draw,
+    lower,
+    root_of,
+    wrapped,
+)
 
 
 @njit(cache=True)
 def coast(
     mean: np.ndarray, root: np.ndarray, dt: float, noise_root: np.ndarray, wide: np.ndarray
 ) -> bool:
-    """Constant velocity of (x, y, vx, vy): a linear motion, of which the root itself is moved.
+    """Constant-velocity prediction of (x, y, vx, vy); it is linear, so it acts on the root itself.
 
-    Sigma points would give the same numbers in three times the time.
+    Sigma points would give the same result in three times the time.
     """
     for k in range(4):
         wide[0, k] = root[0, k] + dt * root[2, k]
@@ -45,26 +54,25 @@ def step_movers(
     measured_noise: np.ndarray,
     viewpoint: np.ndarray,
     polar: bool,
-    points_packed: np.ndarray,
+    transform: Transform,
 ) -> np.ndarray:
-    """Constant velocity and one position each, for all movers at once; status of each as `corrected`.
+    """Predict all movers and update each with one position; returns the status of each as in `corrected`.
 
     Args:
         means, roots: (k, 4) and (k, 4, 4), changed: x, y, vx, vy.
         dt: Time passed, s.
-        noise: (4, 4), what it adds.
-        measured, measured_noise: (k, 2) and (k, 2, 2); NaN where nothing was seen.
+        noise: (4, 4), covariance added in that time.
+        measured, measured_noise: (k, 2) and (k, 2, 2); NaN where there is no detection.
         viewpoint: (3,), x, y, yaw; used if polar.
         polar: Whether range and bearing are measured, else x and y.
-        points_packed: (19,) of the sigma points: reach, weights of the mean, of the covariance.
+        transform: `SigmaPoints`.
     """
     count = means.shape[0]
     status = np.full(count, -1, np.int8)
     points, seen, wide = np.empty((9, 4)), np.empty((9, 2)), np.empty((6, 13))
-    away, work, noise_root = np.empty((2, 6)), np.empty((6, 6)), np.empty((4, 4))
+    noise_root, scratch = np.empty((4, 4)), Scratch(wide, np.empty((2, 6)), np.empty((6, 6)))
     seen_root, innovation, angles = np.zeros((2, 2)), np.empty(2), np.zeros(6, np.bool_)
     angles[5] = polar
-    reach, weights_mean, weights = points_packed[0], points_packed[1:10], points_packed[10:]
     if not root_of(noise, 4, noise_root):
         return status
     for i in range(count):
@@ -73,7 +81,7 @@ def step_movers(
             continue
         if not root_of(measured_noise[i], 2, seen_root):
             continue
-        draw(mean, root, reach, points)
+        draw(mean, root, transform[0], points)
         for k in range(9):
             x, y = points[k, 0], points[k, 1]
             if polar:
@@ -85,8 +93,7 @@ def step_movers(
         status[i], _ = corrected(
             points,
             seen,
-            weights_mean,
-            weights,
+            transform,
             measured[i],
             seen_root,
             angles[:4],
@@ -95,8 +102,6 @@ def step_movers(
             mean,
             root,
             innovation,
-            wide,
-            away,
-            work,
+            scratch,
         )
     return status

@@ -1,25 +1,37 @@
 """Compiled inner loops of the square-root sigma-point filter.
 
-A covariance is carried as its lower root L, P = L L^T with a positive diagonal. Every step lays deviations
-side by side in one wide matrix M with P = M M^T and turns M into the next root by reflections (an LQ
-decomposition): nothing is ever subtracted, so nothing can become negative. Only the centre point of a transform with
-a negative weight has to be taken away again; where that is impossible it is left in, on the safe side.
+A covariance is represented by its lower root L, P = L L^T, with a positive diagonal. Every step forms a wide matrix M of
+deviations with P = M M^T and reduces M to the next root by reflections (an LQ decomposition). Nothing is subtracted,
+so the covariance stays positive definite. Only a centre point with negative weight is subtracted again, unless the
+result would not be positive; then the covariance stays larger.
 
-Scratch arrays come from the caller, so that no loop allocates. Nothing is raised: False says refused.
+Scratch arrays come from the caller, so no loop allocates. False means that the input was refused.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 SHARE = 1e-7
-"""Least diagonal of a root against the length of its row: what a covariance matrix can resolve."""
+"""Least diagonal of a root relative to the length of its row: the resolution of a covariance matrix."""
 
 LEAST = 1e-12
-"""Least deviation of anything, in its own unit."""
+"""Least standard deviation of an entry, in its unit."""
+
+
+Transform = tuple[float, np.ndarray, np.ndarray]
+
+
+class Scratch(NamedTuple):
+    """Scratch arrays for n states and m measurements, at least (m + n, 3 n + 1 + m), (2, m + n), (m + n, m + n)."""
+
+    wide: np.ndarray
+    away: np.ndarray
+    work: np.ndarray
 
 
 @njit(cache=True)
@@ -52,10 +64,9 @@ def root_of(matrix: np.ndarray, size: int, root: np.ndarray) -> bool:
 
 @njit(cache=True, fastmath={"reassoc", "contract"})  # sums in any order; NaN stays NaN
 def lower(wide: np.ndarray, rows: int, columns: int) -> None:
-    """Turn a wide matrix (rows, columns) into a lower one with the same M M^T, in place.
+    """Reduce a wide matrix (rows, columns) to a lower one with the same M M^T, in place.
 
-    Householder reflections from the right, row by row. Diagonals are positive, and lifted where a row
-    has next to nothing of its own.
+    Householder reflections from the right, row by row. Diagonals are positive and not below the resolution.
     """
     for i in range(rows):
         norm = 0.0
@@ -90,7 +101,7 @@ def lower(wide: np.ndarray, rows: int, columns: int) -> None:
 
 @njit(cache=True)
 def take_away(root: np.ndarray, size: int, away: np.ndarray, work: np.ndarray) -> bool:
-    """Root of root root^T - away away^T, in place; False, and nothing changed, if that is not positive.
+    """Root of root root^T - away away^T, in place; False, and unchanged, if that is not positive definite.
 
     Args:
         root: (size, at least size), lower.
@@ -119,7 +130,7 @@ def take_away(root: np.ndarray, size: int, away: np.ndarray, work: np.ndarray) -
 
 @njit(cache=True)
 def draw(mean: np.ndarray, root: np.ndarray, reach: float, points: np.ndarray) -> None:
-    """Sigma points: the mean, then plus and minus each column of the root, `reach` deviations out."""
+    """Sigma points: the mean, then mean plus and minus each column of the root, `reach` standard deviations out."""
     size = mean.shape[0]
     for j in range(size):
         points[0, j] = mean[j]
@@ -134,7 +145,7 @@ def draw(mean: np.ndarray, root: np.ndarray, reach: float, points: np.ndarray) -
 def average(
     points: np.ndarray, size: int, weights: np.ndarray, angles: np.ndarray, mean: np.ndarray
 ) -> None:
-    """Weighted mean of points (k, size), angles on the circle."""
+    """Weighted mean of points (k, size); angles are averaged on the circle."""
     count = points.shape[0]
     for j in range(size):
         if angles[j]:
@@ -153,32 +164,31 @@ def average(
 @njit(cache=True)
 def predicted(
     points: np.ndarray,
-    weights_mean: np.ndarray,
-    weights: np.ndarray,
+    transform: Transform,
     noise_root: np.ndarray,
     angles: np.ndarray,
     mean: np.ndarray,
     root: np.ndarray,
-    wide: np.ndarray,
-    away: np.ndarray,
-    work: np.ndarray,
+    scratch: Scratch,
 ) -> bool:
-    """Mean and root of moved points and noise; False, and nothing changed, if they are not finite.
+    """Mean and root of moved points and noise; False, and unchanged, if they are not finite.
 
     Args:
         points: (2 n + 1, n), after the motion.
-        weights_mean, weights: (2 n + 1,), of the mean and of the covariance; all but the first positive.
+        transform: Reach and weights of the points.
         noise_root: (n, n), lower.
         angles: (n,), which entries are angles.
         mean, root: (n,) and (n, n), written.
-        wide, away, work: (n, 3 n + 1), (2, n) and (n, n), scratch.
+        scratch: See `Scratch`.
     """
+    _, weights_mean, weights_covariance = transform
+    wide, away, work = scratch
     size, count = points.shape[1], points.shape[0]
     fresh = away[1]
     average(points, size, weights_mean, angles, fresh)
-    plus = 1 if weights[0] < 0.0 else 0
+    plus = 1 if weights_covariance[0] < 0.0 else 0
     for k in range(count):
-        share = math.sqrt(abs(weights[k]))
+        share = math.sqrt(abs(weights_covariance[k]))
         for j in range(size):
             difference = points[k, j] - fresh[j]
             if angles[j]:
@@ -206,8 +216,7 @@ def predicted(
 def corrected(
     points: np.ndarray,
     seen: np.ndarray,
-    weights_mean: np.ndarray,
-    weights: np.ndarray,
+    transform: Transform,
     measured: np.ndarray,
     noise_root: np.ndarray,
     angles: np.ndarray,
@@ -216,33 +225,33 @@ def corrected(
     mean: np.ndarray,
     root: np.ndarray,
     innovation: np.ndarray,
-    wide: np.ndarray,
-    away: np.ndarray,
-    work: np.ndarray,
+    scratch: Scratch,
 ) -> tuple[int, float]:
-    """Learn from a measurement; returns (status, log density).
+    """Update with a measurement; returns (status, log density).
 
-    The status is 1 if it was learnt, 0 if its normalised innovation squared is above the gate, -1 if it
-    is not finite. Unless it is 1, mean and root are left as they were.
+    The status is 1 after an update, 0 if the normalised innovation squared exceeds the gate, -1 if the
+    measurement is not finite. Mean and root change only with status 1.
 
     Args:
         points: (2 n + 1, n), drawn from mean and root.
-        seen: (2 n + 1, m), what each would see.
-        weights_mean, weights: (2 n + 1,).
+        seen: (2 n + 1, m), predicted measurement of each.
+        transform: Reach and weights of the points.
         measured, noise_root: (m,) and (m, m), lower.
-        angles, angles_seen: (n,) and (m,).
+        angles, angles_seen: (n,) and (m,), which entries are angles.
         gate: Largest normalised innovation squared.
         mean, root: (n,) and (n, n), changed.
         innovation: (m,), written: whitened.
-        wide, away, work: (m + n, 2 n + 1 + m), (2, m + n) and (m + n, m + n), scratch.
+        scratch: See `Scratch`.
     """
+    _, weights_mean, weights_covariance = transform
+    wide, away, work = scratch
     size, count, width = points.shape[1], points.shape[0], seen.shape[1]
     expected = away[1]
     average(seen, width, weights_mean, angles_seen, expected)
-    plus = 1 if weights[0] < 0.0 else 0
+    plus = 1 if weights_covariance[0] < 0.0 else 0
     columns = count - plus + width
     for k in range(count):
-        share = math.sqrt(abs(weights[k]))
+        share = math.sqrt(abs(weights_covariance[k]))
         for j in range(width):
             difference = seen[k, j] - expected[j]
             if angles_seen[j]:
@@ -302,7 +311,7 @@ def corrected(
 
 @njit(cache=True)
 def all_finite(mean: np.ndarray, root: np.ndarray, size: int, columns: int) -> bool:
-    """Whether the first `size` entries and rows have neither NaN nor infinity."""
+    """Whether the first `size` entries and rows are finite."""
     for j in range(size):
         if not math.isfinite(mean[j]):
             return False

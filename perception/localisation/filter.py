@@ -23,9 +23,9 @@ from jaxtyping import Float
 from ..filtering import models
 from ..filtering.consistency import Innovation, chi_square_quantile
 from ..filtering.models import (
-    CRAB,
     DRIFT,
     GYRO_BIAS,
+    LATERAL_SLIP,
     PAN,
     RANGE,
     SLIP,
@@ -308,7 +308,7 @@ def process_noise(
     Q = np.zeros((WALKER_SIZE, WALKER_SIZE))
     Q[:2, :2] = rotation @ np.diag([along, across]) @ rotation.T
     Q[YAW, YAW] = Q[TURN, TURN] = Q[YAW, TURN] = Q[TURN, YAW] = turn  # one and the same turn
-    Q[SLIP, SLIP] = Q[CRAB, CRAB] = config.slip_walk_m**2 * steps
+    Q[SLIP, SLIP] = Q[LATERAL_SLIP, LATERAL_SLIP] = config.slip_walk_m**2 * steps
     Q[DRIFT, DRIFT] = config.drift_walk_rad**2 * steps
     Q[GYRO_BIAS, GYRO_BIAS] = config.gyro_bias_walk_radps**2 * dt
     Q[PAN, PAN] = 1e-14  # a constant
@@ -351,7 +351,7 @@ def _first_belief(start: Gaussian, config: LocaliserConfig) -> Gaussian:
     """The whole state at the start, from a pose."""
     mean = np.zeros(WALKER_SIZE)
     mean[:3] = start.mean
-    mean[SLIP], mean[CRAB] = config.slip_m, config.crab_m
+    mean[SLIP], mean[LATERAL_SLIP] = config.slip_m, config.crab_m
     covariance = np.diag(
         [
             0.0,

@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 
 from ..filtering import models
 from ..filtering.consistency import chi_square_quantile
-from ..filtering.models import CRAB, DRIFT, PAN, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+from ..filtering.models import DRIFT, LATERAL_SLIP, PAN, SLIP, TURN, WALKER_SIZE, YAW, X, Y
 from ..primitives.frame import StepOdometry
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2, wrap_angle
@@ -371,11 +371,11 @@ def motion(
     dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
     x = before.mean
     c, s = math.cos(x[YAW]), math.sin(x[YAW])
-    ahead, left = made.x + x[SLIP] * steps, made.y + x[CRAB] * steps
+    ahead, left = made.x + x[SLIP] * steps, made.y + x[LATERAL_SLIP] * steps
     F = np.eye(WALKER_SIZE)
     F[X, YAW], F[Y, YAW] = -s * ahead - c * left, c * ahead - s * left
     F[X, SLIP], F[Y, SLIP] = c * steps, s * steps
-    F[X, CRAB], F[Y, CRAB] = -s * steps, c * steps
+    F[X, LATERAL_SLIP], F[Y, LATERAL_SLIP] = -s * steps, c * steps
     F[YAW, DRIFT] = F[TURN, DRIFT] = steps
     F[TURN, TURN] = 0.0
     Q = process_noise(config, float(x[YAW]), steps, dt, blind)

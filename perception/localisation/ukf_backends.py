@@ -15,9 +15,9 @@ from jaxtyping import Float
 
 from ..filtering import models
 from ..filtering.models import (
-    CRAB,
     DRIFT,
     GYRO_BIAS,
+    LATERAL_SLIP,
     PAN,
     RANGE,
     SLIP,
@@ -208,7 +208,7 @@ class Filterpy:
 def walk_all(points: np.ndarray, motion: Pose2, steps: float) -> np.ndarray:
     """`models.walk` of all states (k, 10) at once."""
     ahead = motion.x + points[:, SLIP] * steps
-    left = motion.y + points[:, CRAB] * steps
+    left = motion.y + points[:, LATERAL_SLIP] * steps
     turn = motion.yaw + points[:, DRIFT] * steps
     c, s = np.cos(points[:, YAW]), np.sin(points[:, YAW])
     after = points.copy()

@@ -211,7 +211,10 @@ def test_landmarks_teach_it_that_it_walks_like_a_crab(crab_m, engine):
         errors[-1][2] = wrap_angle(float(errors[-1][2]))
         covariances.append(robot.pose.covariance)
         learnt.append(
-            (state.mean[models.CRAB], math.sqrt(state.covariance[models.CRAB, models.CRAB]))
+            (
+                state.mean[models.LATERAL_SLIP],
+                math.sqrt(state.covariance[models.LATERAL_SLIP, models.LATERAL_SLIP]),
+            )
         )
     means, sigmas = np.array(learnt).T
     assert (sigmas < 0.8 * config.crab_sigma_m).all()
