@@ -22,7 +22,6 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from . import classify
 
-OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # not walkable
 RISING = (classify.OBSTACLE, classify.OVERHANG)  # points of obstacles: low part and body above
 KNEE_M = 0.15  # height at which a tracked obstacle is expected: every relevant one reaches it
 BEYOND_M = 0.15  # a depth this far behind a place shows that the place is free
