@@ -115,7 +115,7 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
     T_right_left = T_left_right.inverse()
     size = (left.width, left.height)
     lenses = [np.array(camera.distortion) for camera in (left, right)]
-    turn_left, turn_right, ahead, beside = cv2.stereoRectify(
+    turn_left, turn_right, first, second = cv2.stereoRectify(
         left.matrix,
         lenses[0],
         right.matrix,
@@ -126,16 +126,16 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
         flags=cv2.CALIB_ZERO_DISPARITY,
         alpha=0.0,  # only pixels that both raw images cover
     )[:4]
-    fx, fy, cx, cy = (float(ahead[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    fx, fy, cx, cy = (float(first[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
     maps = [
         cv2.initUndistortRectifyMap(raw.matrix, lens, turned, P[:, :3], size, cv2.CV_16SC2)
         for raw, lens, turned, P in zip(
-            (left, right), lenses, (turn_left, turn_right), (ahead, beside), strict=True
+            (left, right), lenses, (turn_left, turn_right), (first, second), strict=True
         )
     ]
     return Rectification(
         Camera(left.width, left.height, fx, fy, cx, cy),
-        float(-beside[0, 3] / beside[0, 0]),
+        float(-second[0, 3] / second[0, 0]),
         Pose3.from_rotation(np.asarray(turn_left.T), np.zeros(3)),
         maps[0],
         maps[1],

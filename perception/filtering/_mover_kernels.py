@@ -7,16 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from ._square_root_kernels import (
-    Scratch,
-    Transform,
-    all_finite,
-    corrected,
-    draw,
-    lower,
-    root_of,
-    wrapped,
-)
+from ._square_root_kernels import all_finite, corrected, draw, lower, root_of, wrapped
 
 
 @njit(cache=True)
@@ -54,7 +45,7 @@ def step_movers(
     measured_noise: np.ndarray,
     viewpoint: np.ndarray,
     polar: bool,
-    transform: Transform,
+    sigma_points: tuple[float, np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Predict all movers and update each with one position; returns the status of each as in `corrected`.
 
@@ -65,14 +56,15 @@ def step_movers(
         measured, measured_noise: (k, 2) and (k, 2, 2); NaN where there is no detection.
         viewpoint: (3,), x, y, yaw; used if polar.
         polar: Whether range and bearing are measured, else x and y.
-        transform: `SigmaPoints`.
+        sigma_points: `SigmaPoints`: reach, weights of mean and covariance.
     """
     count = means.shape[0]
     status = np.full(count, -1, np.int8)
     points, seen, wide = np.empty((9, 4)), np.empty((9, 2)), np.empty((6, 13))
-    noise_root, scratch = np.empty((4, 4)), Scratch(wide, np.empty((2, 6)), np.empty((6, 6)))
+    away, work, noise_root = np.empty((2, 6)), np.empty((6, 6)), np.empty((4, 4))
     seen_root, innovation, angles = np.zeros((2, 2)), np.empty(2), np.zeros(6, np.bool_)
     angles[5] = polar
+    reach, weights_mean, weights = sigma_points
     if not root_of(noise, 4, noise_root):
         return status
     for i in range(count):
@@ -81,7 +73,7 @@ def step_movers(
             continue
         if not root_of(measured_noise[i], 2, seen_root):
             continue
-        draw(mean, root, transform[0], points)
+        draw(mean, root, reach, points)
         for k in range(9):
             x, y = points[k, 0], points[k, 1]
             if polar:
@@ -93,7 +85,8 @@ def step_movers(
         status[i], _ = corrected(
             points,
             seen,
-            transform,
+            weights_mean,
+            weights,
             measured[i],
             seen_root,
             angles[:4],
@@ -102,6 +95,8 @@ def step_movers(
             mean,
             root,
             innovation,
-            scratch,
+            wide,
+            away,
+            work,
         )
     return status

@@ -11,7 +11,6 @@ Scratch arrays come from the caller, so no loop allocates. False means that the 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -21,17 +20,6 @@ SHARE = 1e-7
 
 LEAST = 1e-12
 """Least standard deviation of an entry, in its unit."""
-
-
-Transform = tuple[float, np.ndarray, np.ndarray]
-
-
-class Scratch(NamedTuple):
-    """Scratch arrays for n states and m measurements, at least (m + n, 3 n + 1 + m), (2, m + n), (m + n, m + n)."""
-
-    wide: np.ndarray
-    away: np.ndarray
-    work: np.ndarray
 
 
 @njit(cache=True)
@@ -164,31 +152,32 @@ def average(
 @njit(cache=True)
 def predicted(
     points: np.ndarray,
-    transform: Transform,
+    weights_mean: np.ndarray,
+    weights: np.ndarray,
     noise_root: np.ndarray,
     angles: np.ndarray,
     mean: np.ndarray,
     root: np.ndarray,
-    scratch: Scratch,
+    wide: np.ndarray,
+    away: np.ndarray,
+    work: np.ndarray,
 ) -> bool:
     """Mean and root of moved points and noise; False, and unchanged, if they are not finite.
 
     Args:
         points: (2 n + 1, n), after the motion.
-        transform: Reach and weights of the points.
+        weights_mean, weights: (2 n + 1,), of mean and covariance; only the first may be negative.
         noise_root: (n, n), lower.
         angles: (n,), which entries are angles.
         mean, root: (n,) and (n, n), written.
-        scratch: See `Scratch`.
+        wide, away, work: (n, 3 n + 1), (2, n) and (n, n), scratch.
     """
-    _, weights_mean, weights_covariance = transform
-    wide, away, work = scratch
     size, count = points.shape[1], points.shape[0]
     fresh = away[1]
     average(points, size, weights_mean, angles, fresh)
-    plus = 1 if weights_covariance[0] < 0.0 else 0
+    plus = 1 if weights[0] < 0.0 else 0
     for k in range(count):
-        share = math.sqrt(abs(weights_covariance[k]))
+        share = math.sqrt(abs(weights[k]))
         for j in range(size):
             difference = points[k, j] - fresh[j]
             if angles[j]:
@@ -216,7 +205,8 @@ def predicted(
 def corrected(
     points: np.ndarray,
     seen: np.ndarray,
-    transform: Transform,
+    weights_mean: np.ndarray,
+    weights: np.ndarray,
     measured: np.ndarray,
     noise_root: np.ndarray,
     angles: np.ndarray,
@@ -225,7 +215,9 @@ def corrected(
     mean: np.ndarray,
     root: np.ndarray,
     innovation: np.ndarray,
-    scratch: Scratch,
+    wide: np.ndarray,
+    away: np.ndarray,
+    work: np.ndarray,
 ) -> tuple[int, float]:
     """Update with a measurement; returns (status, log density).
 
@@ -235,23 +227,21 @@ def corrected(
     Args:
         points: (2 n + 1, n), drawn from mean and root.
         seen: (2 n + 1, m), predicted measurement of each.
-        transform: Reach and weights of the points.
+        weights_mean, weights: (2 n + 1,), of mean and covariance; only the first may be negative.
         measured, noise_root: (m,) and (m, m), lower.
         angles, angles_seen: (n,) and (m,), which entries are angles.
         gate: Largest normalised innovation squared.
         mean, root: (n,) and (n, n), changed.
         innovation: (m,), written: whitened.
-        scratch: See `Scratch`.
+        wide, away, work: (m + n, 2 n + 1 + m), (2, m + n) and (m + n, m + n), scratch.
     """
-    _, weights_mean, weights_covariance = transform
-    wide, away, work = scratch
     size, count, width = points.shape[1], points.shape[0], seen.shape[1]
     expected = away[1]
     average(seen, width, weights_mean, angles_seen, expected)
-    plus = 1 if weights_covariance[0] < 0.0 else 0
+    plus = 1 if weights[0] < 0.0 else 0
     columns = count - plus + width
     for k in range(count):
-        share = math.sqrt(abs(weights_covariance[k]))
+        share = math.sqrt(abs(weights[k]))
         for j in range(width):
             difference = seen[k, j] - expected[j]
             if angles_seen[j]:

@@ -149,12 +149,15 @@ class SquareRootFilter:
         return bool(
             kernels.predicted(
                 moved,
-                self.points,
+                self.points.mean,
+                self.points.covariance,
                 noise_root,
                 self._angles,
                 self._mean,
                 self._root,
-                _scratch(n, 0),
+                np.empty((n, 3 * n + 1)),
+                np.empty((2, n)),
+                np.empty((n, n)),
             )
         )
 
@@ -190,7 +193,8 @@ class SquareRootFilter:
         status, self.log_density = kernels.corrected(
             points,
             seen,
-            self.points,
+            self.points.mean,
+            self.points.covariance,
             np.asarray(measured, float),
             noise_root,
             self._angles,
@@ -199,17 +203,11 @@ class SquareRootFilter:
             self._mean,
             self._root,
             innovation,
-            _scratch(n, m),
+            np.empty((n + m, 2 * n + 1 + m)),
+            np.empty((2, n + m)),
+            np.empty((n + m, n + m)),
         )
         return status == 1, None if status < 0 else Innovation(None, innovation)
-
-
-def _scratch(n: int, m: int) -> kernels.Scratch:
-    """Scratch arrays for n states and m measurements; a prediction has none."""
-    columns = 2 * n + 1 + m if m else 3 * n + 1
-    return kernels.Scratch(
-        np.empty((n + m, columns)), np.empty((2, n + m)), np.empty((n + m, n + m))
-    )
 
 
 _FOUR = SigmaPoints.scaled(4)

@@ -22,6 +22,7 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from . import classify
 
+OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # not walkable
 RISING = (classify.OBSTACLE, classify.OVERHANG)  # points of obstacles: low part and body above
 KNEE_M = 0.15  # height at which a tracked obstacle is expected: every relevant one reaches it
 BEYOND_M = 0.15  # a depth this far behind a place shows that the place is free
@@ -100,7 +101,7 @@ def _has_depth(
 
 
 def visibility(views: Sequence[SegmentedView]) -> Callable[[np.ndarray], np.ndarray]:
-    """A function that tells which places (n, 2) of the map have a free line of sight in this frame."""
+    """A predicate: which places (n, 2) of the map have a free line of sight in this frame."""
 
     def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
         seen = np.zeros(len(xy), dtype=bool)

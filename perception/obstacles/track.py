@@ -126,7 +126,9 @@ class Track:
         self._first_x, self._first_y = float(mean[0]), float(mean[1])
         self._first_radius_m = seen.radius_m
         self._travelled = self._age_s = 0.0
-        self._forget_derived()
+        self._state: Gaussian | None = None
+        self._expected: tuple[float, np.ndarray, np.ndarray] | None = None
+        self._moves: float | None = None
 
     @property
     def moving(self) -> float:
@@ -319,9 +321,7 @@ class Track:
 
     def _forget_derived(self) -> None:
         """Discard everything computed from an older state."""
-        self._state: Gaussian | None = None
-        self._expected: tuple[float, np.ndarray, np.ndarray] | None = None
-        self._moves: float | None = None
+        self._state = self._expected = self._moves = None
 
 
 def _log_odds(probability: float) -> float:

@@ -45,7 +45,7 @@ class Camera:
             value = getattr(self, name)
             if not -size <= value <= 2 * size:
                 raise ConfigError(
-                    f"camera: {name}={value} px is far outside the image of {size} px; check the intrinsics"
+                    f"camera: {name}={value} px lies far outside the image of {size} px; check the intrinsics"
                 )
         if len(self.distortion) not in (5, 8) or not all(map(math.isfinite, self.distortion)):
             raise ConfigError(
