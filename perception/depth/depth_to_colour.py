@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ..primitives.camera import Camera
-from ..primitives.errors import InputError
 from ..primitives.pose import Pose3
 from . import _depth_to_colour_kernels as kernels
 
@@ -42,8 +41,8 @@ def colours_of_depth(
     Raises:
         InputError: An image does not fit its camera.
     """
-    _check("depth", depth, camera)
-    _check("colour", rgb, colour_camera)
+    camera.check_image("depth", depth)
+    colour_camera.check_image("colour", rgb)
     where, pixels, z = _projected(depth, camera, colour_camera, T_colour_depth)
     nearest = kernels.nearest(pixels, z, colour_camera.height, colour_camera.width, CELL_PX)
     colours = np.zeros((camera.height * camera.width, 3), np.uint8)
@@ -65,11 +64,3 @@ def _projected(
     down = y[rows, columns if y.shape[1] > 1 else 0] * z
     points = T_colour_depth.apply(np.stack([along, down, z], axis=-1))
     return where, colour_camera.project(points), points[:, 2]
-
-
-def _check(what: str, image: np.ndarray, camera: Camera) -> None:
-    if image.shape[:2] != (camera.height, camera.width):
-        raise InputError(
-            f"{what} image is {image.shape[:2]}; its camera has {(camera.height, camera.width)} (rows, "
-            "columns); check the intrinsics"
-        )

@@ -48,7 +48,8 @@ def from_depth(depth: Depth, nearest_m: float, farthest_m: float, stride: int = 
     Raises:
         InputError: The image does not fit its camera, the range is empty, or the stride is not positive.
     """
-    _check(depth)
+    depth.camera.check_image("depth", depth.z)
+    depth.camera.check_image("sigma", depth.sigma)
     if not 0.0 <= nearest_m < farthest_m:
         raise InputError(
             f"points: nearest_m={nearest_m} must not be negative and be below farthest_m={farthest_m}"
@@ -76,8 +77,7 @@ def organised(
     """
     z, camera = depth.z, depth.camera
     height, width = z.shape
-    if camera.height != height or camera.width != width:
-        _check(depth)
+    camera.check_image("depth", z)
     if out is None:
         out = np.empty((height, width, 3), np.float32)
     elif out.shape != (height, width, 3) or not out.flags.c_contiguous:
@@ -87,12 +87,3 @@ def organised(
     x, y = camera.single_slopes
     kernels.spread(z, x, y, out)
     return out
-
-
-def _check(depth: Depth) -> None:
-    expected = (depth.camera.height, depth.camera.width)
-    if depth.z.shape != expected or depth.sigma.shape != expected:
-        raise InputError(
-            f"points: depth is {depth.z.shape} and sigma {depth.sigma.shape}, the camera has {expected} "
-            "(rows, columns); check the intrinsics"
-        )

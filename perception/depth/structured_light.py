@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..primitives.errors import ConfigError, InputError
+from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, DepthView
 from ..primitives.settings import setting
 
@@ -54,12 +54,7 @@ def depth(view: DepthView, config: StructuredLightConfig | None = None) -> Depth
     Source: Nguyen, Izadi, Lovell 2012.
     """
     config = config or StructuredLightConfig()
-    expected = (view.camera.height, view.camera.width)
-    if view.depth.shape != expected:
-        raise InputError(
-            f"depth image is {view.depth.shape}, its camera has {expected} (rows, columns); "
-            "check the intrinsics"
-        )
+    view.camera.check_image("depth", view.depth)
     with np.errstate(invalid="ignore"):
         z = np.where((view.depth > 0.0) & np.isfinite(view.depth), view.depth, np.float32(np.nan))
     beyond = z - np.float32(config.start_m)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from ..primitives.camera import Camera
-from ..primitives.errors import ConfigError, InputError
+from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, RangeView
 from ..primitives.settings import setting
 from .phase_unwrapping import wrapped
@@ -81,13 +81,9 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
         InputError: An image does not fit its camera.
     """
     config = config or TofConfig()
-    expected = (view.camera.height, view.camera.width)
-    for name, image in (("range", view.range_m), ("amplitude", view.amplitude)):
-        if image is not None and image.shape != expected:
-            raise InputError(
-                f"time of flight: {name} image is {image.shape}, its camera has {expected} "
-                "(rows, columns); check the intrinsics"
-            )
+    view.camera.check_image("range", view.range_m)
+    if view.amplitude is not None:
+        view.camera.check_image("amplitude", view.amplitude)
     with np.errstate(invalid="ignore"):
         lit = valid = (view.range_m > 0.0) & np.isfinite(view.range_m)
         if view.amplitude is not None:

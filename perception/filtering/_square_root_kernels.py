@@ -201,7 +201,7 @@ def predicted(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True)  # long: each step writes the scratch arrays of the next
 def corrected(
     points: np.ndarray,
     seen: np.ndarray,

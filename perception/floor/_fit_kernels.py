@@ -127,7 +127,7 @@ def moments(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True)  # long: one pass over the points for all sums
 def statistics(
     xyz: np.ndarray,
     sigma: np.ndarray,

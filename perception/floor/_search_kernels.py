@@ -121,7 +121,9 @@ def fit(
         tau = base + slack[i] * wide * rho
         if abs(n[0] * x[i] + n[1] * y[i] + n[2] * z[i] + rho) < tau:
             q = 1.0 / z[i]
-            w = (rho * z[i] / tau) ** 2  # d = rho z (1/z - a.r), so 1/z has deviation tau / (rho z)
+            w = (
+                rho * z[i] / tau
+            ) ** 2  # d = rho z (1/z - a.r), so 1/z has standard deviation tau / (rho z)
             u, v = x[i] * q, y[i] * q
             A[0, 0] += w * u * u
             A[0, 1] += w * u * v

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Float32
 
-from .errors import ConfigError
+from .errors import ConfigError, InputError
 
 
 @dataclass(frozen=True)
@@ -123,6 +123,14 @@ class Camera:
         with np.errstate(invalid="ignore"):
             return np.asarray(
                 (u >= -0.5) & (u <= self.width - 0.5) & (v >= -0.5) & (v <= self.height - 0.5)
+            )
+
+    def check_image(self, name: str, image: np.ndarray) -> None:
+        """Raise InputError unless the image has the size of the camera; `name` is for the message."""
+        if image.shape[:2] != (self.height, self.width):
+            raise InputError(
+                f"{name} image is {image.shape[:2]}, its camera has {(self.height, self.width)} (rows, "
+                "columns); check the intrinsics"
             )
 
     def _distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
