@@ -22,7 +22,7 @@ from perception.depth import points, time_of_flight
 from perception.floor import choose, classify
 from perception.floor.levelling import level
 from perception.floor.prior import kinematic_prior
-from perception.floor.segmented_view import RISING, SegmentedView, cut_off
+from perception.floor.segmented_view import RISING, SegmentedView, truncated
 from perception.localisation.landmarks import (
     LandmarkConfig,
     constrained_to_height,
@@ -238,7 +238,7 @@ def understood(
         cloud.sigma[rising],
         T_body_camera.position[:2],
         config.clusters,
-        cut_off(view, reach)[rising],
+        truncated(view, reach)[rising],
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)

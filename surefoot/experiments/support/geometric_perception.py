@@ -20,7 +20,7 @@ from mapping.grid.confidence import ConfidenceLayer
 from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.grid.world_map import WorldMap
 from perception.estimate import Estimate
-from perception.floor.segmented_view import near_movers
+from perception.floor.segmented_view import near_moving_obstacles
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker, Visible
 from perception.primitives.frame import Frame
@@ -226,7 +226,7 @@ class GeometricPerception:
         points = pose.mean[:2] + distances[:, None] * np.column_stack(
             [np.cos(directions), np.sin(directions)]
         )
-        is_moving = is_obstacle & near_movers(points, self.tracker.obstacles)
+        is_moving = is_obstacle & near_moving_obstacles(points, self.tracker.obstacles)
         self.grid.update(points, is_obstacle, stamp_s, pose.mean[:2], is_moving=is_moving)
         self.grid.age(elapsed)
         self.confidence.see(self._looked_at(pose, pan, half, nearest, farthest))

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.depth.rectification import rectification, straightened
+from perception.depth.rectification import rectification, rectified
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Frame, StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
@@ -117,8 +117,8 @@ def test_a_recording_states_the_lens_by_which_the_pair_is_straightened():
             frame = robot.read()
     assert frame.stereo.camera.distortion == LENS
     assert decode(encode(frame)).stereo.camera.distortion == LENS
-    stereo = straightened(decode(encode(frame)).stereo)
-    assert straightened(stereo) is stereo
+    stereo = rectified(decode(encode(frame)).stereo)
+    assert rectified(stereo) is stereo
     assert not stereo.camera.is_distorted
     assert stereo.baseline_m == pytest.approx(0.04)
     np.testing.assert_allclose(stereo.T_body_camera.matrix, frame.stereo.T_body_camera.matrix)
