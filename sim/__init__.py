@@ -3,7 +3,7 @@
 Read in this order: `shapes` and `scenes` (what stands and moves, as values), `home` and `rooms` with
 `furniture`, `tags` and `free_space` (how scenes are made from a seed), `scene_file` and `model_files` (scenes
 that a user writes), `scene_table` and `scene_checks` (whether they can be), `textures`, `painting` and
-`pictures` (what they look like), `rays` (how far things are), `world` (a scene with a clock), `gait` (footsteps to motion), `body` (what slip and tremble add), `dynamic`
+`pictures` (what they look like), `rays` (how far items are), `world` (a scene with a clock), `gait` (footsteps to motion), `body` (what slip and sway add), `dynamic`
 (the body that really walks instead), `head`, `inertial`, `cameras`, `tof_camera` (the sensors),
 `geometric_sensor` (all that in a hundredth of the time, for long studies), `robot` (all of it, as something
 to drive), `solid` and `truth` (for evaluation alone).

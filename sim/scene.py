@@ -38,9 +38,9 @@ class MovingObject:
         heading_rad: Direction of the line.
         speed_mps: Even, in both directions.
         reversal_s: Time from one end to the other.
-        parts: Shapes about the origin of the mover, upright cylinders.
-        albedo: As of a thing.
-        under_way_s: How long it has walked when the world begins; None: the world draws it.
+        parts: Shapes about the origin of the moving_object, upright cylinders.
+        albedo: As of a item.
+        phase_s: How long it has walked when the world begins; None: the world draws it.
 
     Source: seed 000, section 6 (robots d1 to d3).
     """
@@ -52,7 +52,7 @@ class MovingObject:
     reversal_s: float
     parts: tuple[Cylinder, ...]
     albedo: float = 0.6
-    under_way_s: float | None = None
+    phase_s: float | None = None
 
     @property
     def radius_m(self) -> float:
@@ -104,20 +104,20 @@ class Scene:
         name, seed: What `load` was asked for.
         extent: (x_min, y_min, x_max, y_max) of the floor inside the walls, m.
         floor: Flooring; the first area covers all of the extent.
-        things: What stands still, walls and tag plates among it.
-        movers: What moves.
+        static_objects: What stands still, walls and tag plates among it.
+        moving_objects: What moves.
         landmarks: The tags, as the robot knows them beforehand.
         start: Where the robot stands at first.
         goals: Places to reach one after the other, m.
-        floor_albedo: As of a thing.
+        floor_albedo: As of a item.
     """
 
     name: str
     seed: int
     extent: tuple[float, float, float, float]
     floor: tuple[FloorArea, ...]
-    things: tuple[StaticObject, ...]
-    movers: tuple[MovingObject, ...]
+    static_objects: tuple[StaticObject, ...]
+    moving_objects: tuple[MovingObject, ...]
     landmarks: tuple[Landmark, ...]
     start: Pose2
     goals: tuple[tuple[float, float], ...]
@@ -125,5 +125,5 @@ class Scene:
 
     @property
     def obstacles(self) -> tuple[StaticObject, ...]:
-        """The things that are neither building nor tag."""
-        return tuple(thing for thing in self.things if not thing.wall)
+        """The items that are neither building nor tag."""
+        return tuple(item for item in self.static_objects if not item.wall)

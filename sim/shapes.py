@@ -1,6 +1,6 @@
 """The shapes a scene is made of, and the patches of surface that cover them.
 
-Most things stand upright: boxes turned about the vertical, and vertical cylinders; a model that somebody
+Most items stand upright: boxes turned about the vertical, and vertical cylinders; a model that somebody
 brings is a solid of triangles. One set of patches
 feeds the pictures and the ray casting alike, so that what is seen and what is measured are one world.
 """

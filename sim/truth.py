@@ -14,13 +14,13 @@ from perception.primitives.errors import InputError
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 
-from .body.solid import nearest, robot_solid
+from .contact import nearest, robot_solid
 from .robot import SimulatedRobot
 from .scene import StaticObject
 from .scenes.free_space import ROBOT_TOP_M
 from .shapes import Cylinder, Shape, distance, outline
 
-STILL = 101  # identities of what stands still count from here, of movers from 1
+FIRST_STATIC_ID = 101  # identities of what stands still count from here, of moving_objects from 1
 
 ObstacleTruth = tuple[int, float, float, float, float, float, float]
 
@@ -58,37 +58,39 @@ class Truth:
         return Plane(pose.rotation[2].copy(), pose.translation[2])
 
     def obstacles(self) -> list[ObstacleTruth]:
-        """(identity, x, y, vx, vy, radius, height) of movers and of furniture, m and m/s.
+        """(identity, x, y, vx, vy, radius, height) of moving_objects and of furniture, m and m/s.
 
         The radius is that of the smallest circle about the middle of the outline below 0.5 m.
         """
         found: list[ObstacleTruth] = []
-        states = zip(self._scene.movers, self._world.movers(), strict=True)
-        for k, (mover, (x, y, vx, vy)) in enumerate(states):
-            found.append((k + 1, x, y, vx, vy, mover.radius_m, mover.height_m))
-        for k, thing in enumerate(self._scene.obstacles):
-            x, y, radius = _circle(thing)
-            height = max(part.top_m for part in thing.parts)
-            found.append((STILL + k, x, y, 0.0, 0.0, radius, height))
+        states = zip(self._scene.moving_objects, self._world.moving_states(), strict=True)
+        for k, (moving_object, (x, y, vx, vy)) in enumerate(states):
+            found.append((k + 1, x, y, vx, vy, moving_object.radius_m, moving_object.height_m))
+        for k, item in enumerate(self._scene.obstacles):
+            x, y, radius = _circle(item)
+            height = max(part.top_m for part in item.parts)
+            found.append((FIRST_STATIC_ID + k, x, y, 0.0, 0.0, radius, height))
         return found
 
     def clearance_m(self) -> tuple[float, str]:
-        """Gap between the robot's solid and the nearest thing but the floor, and its name.
+        """Gap between the robot's solid and the nearest item but the floor, and its name.
 
         Not above 0 means contact. The solid has the measures of `robot.dynamic.anatomy`, whoever walks.
         """
-        things = [(thing.name, part) for thing in self._scene.things for part in thing.parts]
+        static_objects = [
+            (item.name, part) for item in self._scene.static_objects for part in item.parts
+        ]
         solid = robot_solid(self._robot.body, self._robot.config.dynamic.body)
-        found = nearest(solid, things + self._mover_shapes())
-        return found.gap_m, found.thing
+        found = nearest(solid, static_objects + self._moving_shapes())
+        return found.gap_m, found.item
 
     def occupied(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
         """Whether places on the floor are covered by something below 0.5 m; outside the walls all are."""
         x0, y0, x1, y1 = self._scene.extent
         x, y = points[:, 0], points[:, 1]
         covered = (x < x0) | (x > x1) | (y < y0) | (y > y1)
-        still = [part for thing in self._scene.things for part in thing.parts]
-        for shape in still + [shape for _, shape in self._mover_shapes()]:
+        still = [part for item in self._scene.static_objects for part in item.parts]
+        for shape in still + [shape for _, shape in self._moving_shapes()]:
             if shape.bottom_m < ROBOT_TOP_M:
                 covered |= distance(shape, points) < 0.0
         return np.asarray(covered)
@@ -107,21 +109,23 @@ class Truth:
         centres = np.stack([origin[0] + x * cell_m, origin[1] + y * cell_m], axis=-1)
         return self.occupied(centres.reshape(-1, 2)).reshape(shape)
 
-    def _mover_shapes(self) -> list[tuple[str, Shape]]:
+    def _moving_shapes(self) -> list[tuple[str, Shape]]:
         shapes: list[tuple[str, Shape]] = []
-        for mover, (x, y, _, _) in zip(self._scene.movers, self._world.movers(), strict=True):
-            for part in mover.parts:
+        for moving_object, (x, y, _, _) in zip(
+            self._scene.moving_objects, self._world.moving_states(), strict=True
+        ):
+            for part in moving_object.parts:
                 px, py, pz = part.centre
                 moved = Cylinder((x + px, y + py, pz), part.radius, part.height, part.material)
-                shapes.append((mover.name, moved))
+                shapes.append((moving_object.name, moved))
         return shapes
 
 
-def _circle(thing: StaticObject) -> tuple[float, float, float]:
-    """Middle and radius that cover a thing's outline below the robot's top."""
+def _circle(item: StaticObject) -> tuple[float, float, float]:
+    """Middle and radius that cover a item's outline below the robot's top."""
     corners = np.concatenate(
-        [outline(part) for part in thing.parts if part.bottom_m < ROBOT_TOP_M]
-        or [outline(part) for part in thing.parts]
+        [outline(part) for part in item.parts if part.bottom_m < ROBOT_TOP_M]
+        or [outline(part) for part in item.parts]
     )
     x, y = ((float(a) + float(b)) / 2 for a, b in zip(corners.min(0), corners.max(0), strict=True))
     return x, y, max(math.hypot(float(a) - x, float(b) - y) for a, b in corners)

@@ -25,7 +25,7 @@ class World:
     Args:
         scene: What stands and moves.
         renderer: "egl", "tiny", or "auto" for EGL where it works.
-        seed: Of chance in the world: where on its line each mover is at the start, unless it says so itself.
+        seed: Of chance in the world: where on its line each moving_object is at the start, unless it says so itself.
     """
 
     def __init__(self, scene: Scene, renderer: str = "auto", seed: int = 0) -> None:
@@ -33,10 +33,10 @@ class World:
         self.stamp_s = 0.0
         self.renderer = choose_renderer(renderer)
         rng = np.random.default_rng([seed, 20])
-        drawn = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.movers]
+        drawn = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.moving_objects]
         self._phases = [
-            phase if mover.under_way_s is None else mover.under_way_s
-            for phase, mover in zip(drawn, scene.movers, strict=True)
+            phase if moving_object.phase_s is None else moving_object.phase_s
+            for phase, moving_object in zip(drawn, scene.moving_objects, strict=True)
         ]
         self._caster: RayCaster | None = None
         self._pictures: Pictures | None = None
@@ -61,10 +61,12 @@ class World:
             raise InputError(f"world: cannot go to {stamp_s} s; it is {self.stamp_s} s already")
         self.stamp_s = stamp_s
 
-    def movers(self, after_s: float = 0.0) -> list[tuple[float, float, float, float]]:
-        """(x, y, vx, vy) of every mover now, or so long after now, m and m/s."""
-        pairs = zip(self.scene.movers, self._phases, strict=True)
-        return [mover.state(phase + (self.stamp_s + after_s)) for mover, phase in pairs]
+    def moving_states(self, after_s: float = 0.0) -> list[tuple[float, float, float, float]]:
+        """(x, y, vx, vy) of every moving_object now, or so long after now, m and m/s."""
+        pairs = zip(self.scene.moving_objects, self._phases, strict=True)
+        return [
+            moving_object.state(phase + (self.stamp_s + after_s)) for moving_object, phase in pairs
+        ]
 
     @property
     def rays(self) -> RayCaster:
@@ -72,10 +74,10 @@ class World:
         return self.rays_after(0.0)
 
     def rays_after(self, after_s: float) -> RayCaster:
-        """The same caster with the movers where they are so long after now."""
+        """The same caster with the moving_objects where they are so long after now."""
         if self._caster is None:
             self._caster = RayCaster(self.scene)
-        self._caster.place([(x, y) for x, y, _, _ in self.movers(after_s)])
+        self._caster.place([(x, y) for x, y, _, _ in self.moving_states(after_s)])
         return self._caster
 
     def picture(
@@ -91,7 +93,7 @@ class World:
     def _placed_pictures(self, after_s: float = 0.0) -> Pictures:
         if self._pictures is None:
             self._pictures = Pictures(self.scene, self.renderer)
-        self._pictures.place([(x, y) for x, y, _, _ in self.movers(after_s)])
+        self._pictures.place([(x, y) for x, y, _, _ in self.moving_states(after_s)])
         return self._pictures
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def hidden(
+def find_occluded(
     away: np.ndarray, bearing: np.ndarray, half: np.ndarray, apart: float, result: np.ndarray
 ) -> None:
     """Whether a nearer disc covers any part of each, or is closer than `apart` in angle.
@@ -30,7 +30,7 @@ def hidden(
 
 
 @njit(cache=True)
-def cast(
+def cast_rays(
     rays: np.ndarray,
     discs: np.ndarray,
     walls: np.ndarray,

@@ -32,14 +32,14 @@ class Lens:
     columns: Float32[np.ndarray, "h w"]
     rows: Float32[np.ndarray, "h w"]
 
-    def bent(self, picture: UInt8[np.ndarray, "h2 w2 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    def distorted(self, picture: UInt8[np.ndarray, "h2 w2 3"]) -> UInt8[np.ndarray, "h w 3"]:
         """The picture that the ideal one becomes."""
         seen = cv2.remap(picture, self.columns, self.rows, cv2.INTER_LINEAR)
         return np.asarray(seen, dtype=np.uint8)
 
 
 @cache
-def lens_of(camera: Camera) -> Lens:
+def lens_for(camera: Camera) -> Lens:
     """The lens of a camera with distortion; made once."""
     x = camera.rays[..., 0] * camera.fx + camera.cx  # px of the same picture without a lens
     y = camera.rays[..., 1] * camera.fy + camera.cy
@@ -49,7 +49,7 @@ def lens_of(camera: Camera) -> Lens:
     return Lens(ideal, (x - left).astype(np.float32), (y - top).astype(np.float32))
 
 
-def check(camera: Camera) -> None:
+def check_lens(camera: Camera) -> None:
     """Refuse a lens that folds the picture over or needs far too wide a view.
 
     Raises:

@@ -24,15 +24,15 @@ class Motion:
     """
 
     velocity: Float[np.ndarray, "3"]
-    turning: Float[np.ndarray, "3"]
+    angular_velocity: Float[np.ndarray, "3"]
 
-    def moved(self, pose: Pose3, seconds: float) -> Pose3:
+    def pose_after(self, pose: Pose3, seconds: float) -> Pose3:
         """Where the camera is that long after the pose; before it where negative."""
-        turned = Rotation.from_rotvec(self.turning * seconds).as_matrix() @ pose.rotation
+        turned = Rotation.from_rotvec(self.angular_velocity * seconds).as_matrix() @ pose.rotation
         return Pose3.from_rotation(turned, pose.position + self.velocity * seconds)
 
 
-STILL = Motion(np.zeros(3), np.zeros(3))
+STATIONARY = Motion(np.zeros(3), np.zeros(3))
 
 
 def motion_between(before: Pose3, after: Pose3, seconds: float) -> Motion:
@@ -41,6 +41,6 @@ def motion_between(before: Pose3, after: Pose3, seconds: float) -> Motion:
     return Motion((after.position - before.position) / seconds, turned / seconds)
 
 
-def moments(length_s: float, count: int) -> list[float]:
+def exposure_times(length_s: float, count: int) -> list[float]:
     """The middles of so many even parts of an exposure, s from its own middle."""
     return [length_s * ((k + 0.5) / count - 0.5) for k in range(count)]

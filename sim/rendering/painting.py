@@ -60,22 +60,22 @@ class Painted:
 
 
 def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
-    """All of a scene: what stands still, and each mover about its own origin."""
-    standing: list[Shape] = [part for thing in scene.things for part in thing.parts]
+    """All of a scene: what stands still, and each moving_object about its own origin."""
+    standing: list[Shape] = [part for item in scene.static_objects for part in item.parts]
     floor = floor_patch(scene)
     image = _floor_image(scene, standing, np.random.default_rng([scene.seed, 10]))
     still = [Painted(floor.vertices, floor.triangles, floor.uv, _normals(floor), image)]
-    for k, thing in enumerate(scene.things):
+    for k, item in enumerate(scene.static_objects):
         rng = np.random.default_rng([scene.seed, 11, k])
-        surfaces = [p for part in thing.parts for p in patches(part) if _is_inside(p, scene.extent)]
+        surfaces = [p for part in item.parts for p in patches(part) if _is_inside(p, scene.extent)]
         if surfaces:
-            still.append(_paint(surfaces, rng, WALL_GRAIN_M if thing.wall else SURFACE_GRAIN_M))
-    movers = []
-    for k, mover in enumerate(scene.movers):
+            still.append(_paint(surfaces, rng, WALL_GRAIN_M if item.wall else SURFACE_GRAIN_M))
+    moving_objects = []
+    for k, moving_object in enumerate(scene.moving_objects):
         rng = np.random.default_rng([scene.seed, 12, k])
-        surfaces = [p for part in mover.parts for p in patches(part)]
-        movers.append(_paint(surfaces, rng, SURFACE_GRAIN_M))
-    return still, movers
+        surfaces = [p for part in moving_object.parts for p in patches(part)]
+        moving_objects.append(_paint(surfaces, rng, SURFACE_GRAIN_M))
+    return still, moving_objects
 
 
 def _is_inside(patch: Patch, extent: tuple[float, float, float, float]) -> bool:
@@ -152,7 +152,7 @@ def _lit(patch: Patch, rng: np.random.Generator, grain_m: float) -> UInt8[np.nda
 def _floor_image(
     scene: Scene, standing: Sequence[Shape], rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """All flooring, with soft shadows where things meet it."""
+    """All flooring, with soft shadows where items meet it."""
     x0, y0, x1, y1 = scene.extent
     grain = _affordable((x1 - x0, y1 - y0), FLOOR_GRAIN_M)
     width = _WIDTH_UNIT * round((x1 - x0) / grain / _WIDTH_UNIT)

@@ -71,8 +71,8 @@ class Pictures:
     def __init__(self, scene: Scene, renderer: str) -> None:
         self.renderer = choose_renderer(renderer)
         self._folder = tempfile.TemporaryDirectory(prefix="surefoot-")
-        still, movers = paint_scene(scene)
-        with quiet():
+        still, moving_objects = paint_scene(scene)
+        with silenced_output():
             import pybullet
 
             self._bullet: Any = pybullet
@@ -84,11 +84,13 @@ class Pictures:
                 )
             for k, painted in enumerate(still):
                 self._show(painted, f"still{k}")
-            self._movers = [self._show(painted, f"mover{k}") for k, painted in enumerate(movers)]
+            self._moving = [
+                self._show(painted, f"moving{k}") for k, painted in enumerate(moving_objects)
+            ]
 
     def place(self, where: Sequence[tuple[float, float]]) -> None:
-        """Put the movers at these (x, y), m."""
-        for body, (x, y) in zip(self._movers, where, strict=True):
+        """Put the moving_objects at these (x, y), m."""
+        for body, (x, y) in zip(self._moving, where, strict=True):
             self._bullet.resetBasePositionAndOrientation(
                 body, [x, y, 0.0], [0.0, 0.0, 0.0, 1.0], physicsClientId=self._client
             )
@@ -107,7 +109,7 @@ class Pictures:
     def close(self) -> None:
         """Give the client and the folder back; a second time does nothing."""
         if self._client >= 0:
-            with quiet():
+            with silenced_output():
                 if self._plugin >= 0:
                     self._bullet.unloadPlugin(self._plugin, physicsClientId=self._client)
                 self._bullet.disconnect(physicsClientId=self._client)
@@ -117,7 +119,7 @@ class Pictures:
     def _render(self, camera: Camera, T_world_camera: Pose3) -> tuple[np.ndarray, np.ndarray]:
         bullet, size = self._bullet, (camera.height, camera.width)
         egl = self.renderer == "egl"
-        with quiet():
+        with silenced_output():
             _, _, rgba, depth, _ = bullet.getCameraImage(
                 camera.width,
                 camera.height,
@@ -213,7 +215,7 @@ def _egl_works() -> bool:
 
 
 @contextlib.contextmanager
-def quiet() -> Iterator[None]:
+def silenced_output() -> Iterator[None]:
     """Keeps C++ from writing to standard output and error meanwhile."""
     sys.stdout.flush()
     sys.stderr.flush()

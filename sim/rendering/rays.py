@@ -40,39 +40,50 @@ class Hits:
 
 
 class RayCaster:
-    """The scene as triangles; movers are put where they are before each cast."""
+    """The scene as triangles; moving_objects are put where they are before each cast."""
 
     def __init__(self, scene: Scene) -> None:
         self._o3d = open3d_library()
         floor = floor_patch(scene)
         still = [(floor, scene.floor_albedo)]
-        for thing in scene.things:
-            still += [(patch, thing.albedo) for part in thing.parts for patch in patches(part)]
+        for item in scene.static_objects:
+            still += [(patch, item.albedo) for part in item.parts for patch in patches(part)]
         self._still = _mesh(still)
-        self._movers = [
-            _mesh([(patch, mover.albedo) for part in mover.parts for patch in patches(part)])
-            for mover in scene.movers
+        self._moving = [
+            _mesh(
+                [
+                    (patch, moving_object.albedo)
+                    for part in moving_object.parts
+                    for patch in patches(part)
+                ]
+            )
+            for moving_object in scene.moving_objects
         ]
         self._where: tuple[tuple[float, float], ...] | None = None
         self._embree: Any = None
-        self._albedo = [self._still.albedo, *(mover.albedo for mover in self._movers)]
+        self._albedo = [
+            self._still.albedo,
+            *(moving_object.albedo for moving_object in self._moving),
+        ]
 
     def place(self, where: Sequence[tuple[float, float]]) -> None:
-        """Put the movers at these (x, y), m. Building anew takes 1 to 2 ms, moving is not offered."""
+        """Put the moving_objects at these (x, y), m. Building anew takes 1 to 2 ms, moving is not offered."""
         if self._embree is not None and tuple(where) == self._where:
             return
         self._where = tuple(where)
         tensor = self._o3d.core.Tensor
         self._embree = self._o3d.t.geometry.RaycastingScene()
         self._embree.add_triangles(tensor(self._still.vertices), tensor(self._still.triangles))
-        for mover, (x, y) in zip(self._movers, self._where, strict=True):
-            moved = mover.vertices + np.array([x, y, 0.0], np.float32)
-            self._embree.add_triangles(tensor(moved), tensor(mover.triangles))
+        for moving_object, (x, y) in zip(self._moving, self._where, strict=True):
+            moved = moving_object.vertices + np.array([x, y, 0.0], np.float32)
+            self._embree.add_triangles(tensor(moved), tensor(moving_object.triangles))
 
     def cast(self, origin: Float[np.ndarray, "3"], directions: Float32[np.ndarray, "n 3"]) -> Hits:
         """Rays from one point along unit directions, world frame, m."""
         if self._embree is None:
-            raise SurefootError("rays were cast before the movers were placed; call place() first")
+            raise SurefootError(
+                "rays were cast before the moving_objects were placed; call place() first"
+            )
         rays = np.empty((len(directions), 6), np.float32)
         rays[:, :3] = origin
         rays[:, 3:] = directions

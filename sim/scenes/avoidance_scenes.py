@@ -14,11 +14,11 @@ from perception.primitives.pose import Pose2
 
 from ..scene import Scene, StaticObject
 from ..shapes import Box
-from .rooms import finished, walls
+from .rooms import scene_with_tags, walls
 
 MOTIONS = ("ST", "SS", "SF", "RS", "RF", "TS", "TF")
 FRONT_M, DEPTH_M, HEIGHT_M = 1.55, 0.24, 0.32
-OUTER_M = 1.13  # cartons stand clear of the walls, as things to be told from them
+OUTER_M = 1.13  # cartons stand clear of the walls, as static_objects to be told from them
 WIDTHS_M = {"S": (0.30, 0.44), "R": (0.58, 1.05), "T": (1.22, 1.32)}
 GAPS_M = {"S": (0.22, 0.28), "F": (0.38, 0.50)}
 
@@ -34,17 +34,17 @@ def avoidance(motion: str, seed: int) -> Scene:
     extent = (0.0, -1.25, 3.0, 1.25)
     side = 1.0 if rng.integers(2) else -1.0
     spans = _stopping(rng) if motion == "ST" else _passing(motion, rng)
-    things = list(walls(extent, ("wall/white", "wall/sage", "wall/cream", "wall/sky")))
+    static_objects = list(walls(extent, ("wall/white", "wall/sage", "wall/cream", "wall/sky")))
     for name, left, right, height in spans:
         centre = (FRONT_M + DEPTH_M / 2, side * (left + right) / 2, height / 2)
         box = Box(centre, (DEPTH_M, left - right, height), 0.0, "cardboard/kraft")
-        things.append(StaticObject(name, (box,)))
-    return finished(
+        static_objects.append(StaticObject(name, (box,)))
+    return scene_with_tags(
         f"avoidance_{motion.lower()}",
         seed,
         extent,
         "planks/pine",
-        tuple(things),
+        tuple(static_objects),
         (),
         Pose2(0.3, 0.0, 0.0),
         ((2.6, 0.0),),

@@ -28,7 +28,7 @@ def load(name: str, seed: int, difficulty: float = grades.USUAL) -> Scene:
     Args:
         name: Of a known scene, or a path that ends in .toml (see `scene_file`).
         seed: Of everything that is drawn.
-        difficulty: In [0, 1]: how many things and movers, how fast, how narrow the ways; 0.5 is usual.
+        difficulty: In [0, 1]: how many static_objects and moving_objects, how fast, how narrow the ways; 0.5 is usual.
             What papers print or use as it is (robots_room, narrow_course, boxes, avoidance_*), what is for
             measuring (empty_room, plain_room) and a user's file stay what they are.
 
@@ -53,19 +53,10 @@ def load(name: str, seed: int, difficulty: float = grades.USUAL) -> Scene:
 
 
 def _registry() -> dict[str, Callable[[int, float], Scene]]:
-    from . import (  # they build the values defined here
-        avoidance_scenes,
-        course,
-        flat,
-        home,
-        plain_room,
-        public_places,
-        rooms,
-        seed_rooms,
-    )
+    from . import avoidance_scenes, course, flat, home, plain_room, public_places, rooms, seed_rooms
 
     known: dict[str, Callable[[int, float], Scene]] = {
-        "home": home.furnished,
+        "home": home.home,
         "flat": flat.flat,
         "corridor": rooms.corridor,
         "office": public_places.office,

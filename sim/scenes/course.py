@@ -21,8 +21,8 @@ from perception.primitives.pose import Pose2
 
 from ..scene import MovingObject, Scene, StaticObject
 from ..shapes import Cylinder
-from .difficulty import USUAL, count, graded
-from .rooms import finished, walls
+from .difficulty import USUAL, interpolated, interpolated_count
+from .rooms import scene_with_tags, walls
 
 STANDING, MOVING = "teal", "violet"
 COLOURS = ("#347a80", "#8654b0")
@@ -41,7 +41,7 @@ class CourseKind:
         name: Of the scene.
         side_m: Of the room.
         standing, moving: How many obstacles.
-        speeds_mps: Of movers, least and most.
+        speeds_mps: Of moving_objects, least and most.
         length_m: Of the straight lines from the start through all via points.
         between_m: Between middles of standing obstacles.
     """
@@ -61,7 +61,7 @@ HARD = CourseKind("hard_course", 8.0, 18, 12, (0.05, 0.20), 30.0)
 
 REVERSAL_S = (12.0, 25.0)  # seed 000: 18 to 25 s; ours: some turn sooner
 TO_WALL_M = 0.55  # middles of standing obstacles: the robot passes
-LINE_TO_STANDING_M = 0.30  # from a mover's line to a standing middle
+LINE_TO_STANDING_M = 0.30  # from a moving_object's line to a standing middle
 LINE_TO_LINE_M = 0.25  # from line to line
 LINE_TO_WALL_M = 0.30
 LINE_TO_START_M = 0.60
@@ -75,7 +75,7 @@ def course(seed: int, difficulty: float = USUAL) -> Scene:
 
 
 def fast_course(seed: int, difficulty: float = USUAL) -> Scene:
-    """The same with movers of up to 0.15 m/s: half again as fast as the robot."""
+    """The same with moving_objects of up to 0.15 m/s: half again as fast as the robot."""
     return draw(FAST, seed, difficulty)
 
 
@@ -97,10 +97,10 @@ def draw(kind: CourseKind, seed: int, difficulty: float = USUAL) -> Scene:
         start = None if posts is None else _start(kind, posts, rng)
         if posts is None or start is None:
             continue
-        movers = _movers(kind, posts, start, rng)
+        moving_objects = _moving_objects(kind, posts, start, rng)
         vias = _via_points(kind, posts, start, rng)
-        if movers is not None and vias is not None:
-            return _built(kind, seed, posts, start, movers, vias)
+        if moving_objects is not None and vias is not None:
+            return _built(kind, seed, posts, start, moving_objects, vias)
     raise SurefootError(
         f"{kind.name}: no draw of {DRAWS} with seed {seed} fitted the room; take another"
     )
@@ -108,15 +108,15 @@ def draw(kind: CourseKind, seed: int, difficulty: float = USUAL) -> Scene:
 
 def _graded(kind: CourseKind, difficulty: float) -> CourseKind:
     """The kind made easier or harder; the closest pair still lets a disc of 15 cm through."""
-    number = graded(difficulty, 2 / 3, 1.0, 4 / 3)
-    speed = graded(difficulty, 0.7, 1.0, 1.3)
+    number = interpolated(difficulty, 2 / 3, 1.0, 4 / 3)
+    speed = interpolated(difficulty, 0.7, 1.0, 1.3)
     slow, fast = kind.speeds_mps
     return replace(
         kind,
         standing=round(number * kind.standing),
-        moving=count(difficulty, kind.moving // 2, kind.moving, kind.moving * 3 // 2),
+        moving=interpolated_count(difficulty, kind.moving // 2, kind.moving, kind.moving * 3 // 2),
         speeds_mps=(speed * slow, speed * fast),
-        between_m=kind.between_m * graded(difficulty, 1.2, 1.0, 0.9),
+        between_m=kind.between_m * interpolated(difficulty, 1.2, 1.0, 0.9),
     )
 
 
@@ -141,7 +141,7 @@ def _start(
     return None
 
 
-def _movers(
+def _moving_objects(
     kind: CourseKind,
     posts: np.ndarray,
     start: tuple[float, float],
@@ -227,7 +227,7 @@ def _built(
     seed: int,
     posts: np.ndarray,
     start: tuple[float, float],
-    movers: tuple[MovingObject, ...],
+    moving_objects: tuple[MovingObject, ...],
     vias: tuple[tuple[float, float], ...],
 ) -> Scene:
     extent = (0.0, 0.0, kind.side_m, kind.side_m)
@@ -244,13 +244,13 @@ def _built(
         )
         for k, (x, y) in enumerate(posts)
     )
-    return finished(
+    return scene_with_tags(
         kind.name,
         seed,
         extent,
         "planks/oak",
         building + standing,
-        movers,
+        moving_objects,
         Pose2(*start, heading),
         vias,
         tags=24,

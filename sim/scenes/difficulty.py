@@ -1,6 +1,6 @@
 """How a scene's measures follow its difficulty: easy at 0, usual at 0.5, hard at 1, straight lines between.
 
-More things, more and faster movers, narrower ways. At 0.5 a scene is to the bit what it is without difficulty.
+More static_objects, more and faster moving_objects, narrower ways. At 0.5 a scene is to the bit what it is without difficulty.
 Source: ours.
 """
 
@@ -23,19 +23,19 @@ def check(difficulty: float) -> None:
         raise ConfigError(f"difficulty={difficulty} must lie in [0, 1]; 0.5 is the scene as usual")
 
 
-def graded(difficulty: float, easy: float, usual: float, hard: float) -> float:
+def interpolated(difficulty: float, easy: float, usual: float, hard: float) -> float:
     """The measure at a difficulty; at 0, 0.5 and 1 exactly the three given."""
     share = 2.0 * (difficulty - USUAL)
     end = hard if share > 0.0 else easy
     return end if abs(share) == 1.0 else usual + abs(share) * (end - usual)
 
 
-def count(difficulty: float, easy: int, usual: int, hard: int) -> int:
-    """The same for a number of things."""
-    return round(graded(difficulty, float(easy), float(usual), float(hard)))
+def interpolated_count(difficulty: float, easy: int, usual: int, hard: int) -> int:
+    """The same for a number of static_objects."""
+    return round(interpolated(difficulty, float(easy), float(usual), float(hard)))
 
 
-def span(difficulty: float, easy: Span, usual: Span, hard: Span) -> Span:
+def interpolated_span(difficulty: float, easy: Span, usual: Span, hard: Span) -> Span:
     """The same for both ends of what is drawn between."""
-    low, high = (graded(difficulty, *ends) for ends in zip(easy, usual, hard, strict=True))
+    low, high = (interpolated(difficulty, *ends) for ends in zip(easy, usual, hard, strict=True))
     return low, high

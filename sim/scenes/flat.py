@@ -20,12 +20,12 @@ from perception.primitives.pose import Pose2
 
 from ..scene import FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, Shape
-from .difficulty import USUAL, count, graded, span
+from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
 from .furniture import CATALOGUE, Model, Piece, furnish
-from .home import free_spot, numbered
-from .public_places import PERSON_RADIUS_M, line_of, person
-from .rooms import WALL_HEIGHT_M, WALL_THICKNESS_M, Extent, towards, walls
+from .home import free_spot, with_numbered_names
+from .public_places import PERSON_RADIUS_M, path_of, person
+from .rooms import WALL_HEIGHT_M, WALL_THICKNESS_M, Extent, heading_towards, walls
 from .tags import place_tags
 
 EXTENT = (0.0, 0.0, 7.2, 5.6)
@@ -111,7 +111,7 @@ class _Plan:
 
 @dataclass(frozen=True)
 class _Layout:
-    things: tuple[StaticObject, ...]
+    static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
     start: Pose2
     goals: tuple[tuple[float, float], ...]
@@ -132,14 +132,14 @@ def flat(seed: int, difficulty: float = USUAL) -> Scene:
         if layout is None or people is None:
             continue
         plates, landmarks = place_tags(
-            EXTENT, layout.things, layout.start, TAGS, others=layout.goals
+            EXTENT, layout.static_objects, layout.start, TAGS, others=layout.goals
         )
         return Scene(
             "flat",
             seed,
             EXTENT,
             _flooring(plan, names, rng),
-            layout.things + plates,
+            layout.static_objects + plates,
             people,
             landmarks,
             layout.start,
@@ -174,7 +174,7 @@ def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
     leaves = (StaticObject("door", (doorway.leaf,), 0.6, wall=True) for doorway in doorways)
     outer = walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white"))
     building = (*outer, *inner, *leaves)
-    space = clearance_map(EXTENT, [part for thing in building for part in thing.parts])
+    space = clearance_map(EXTENT, [part for item in building for part in item.parts])
     return _Plan(rooms, doorways, building, space)
 
 
@@ -186,8 +186,12 @@ def _doorway(
     difficulty: float,
 ) -> Doorway:
     """Somewhere in a wall between its ends, its leaf clear of both corners."""
-    width = float(rng.uniform(*span(difficulty, (0.80, 0.90), (0.65, 0.80), (0.50, 0.60))))
-    open_deg = float(rng.uniform(*span(difficulty, (100.0, 130.0), (90.0, 120.0), (85.0, 105.0))))
+    width = float(
+        rng.uniform(*interpolated_span(difficulty, (0.80, 0.90), (0.65, 0.80), (0.50, 0.60)))
+    )
+    open_deg = float(
+        rng.uniform(*interpolated_span(difficulty, (100.0, 130.0), (90.0, 120.0), (85.0, 105.0)))
+    )
     swung = width * max(0.0, -math.cos(math.radians(open_deg)))
     corner = width / 2 + max(0.30, swung + 0.05)
     along = float(rng.uniform(ends[0] + corner, ends[1] - corner))
@@ -230,7 +234,7 @@ def _lay_out(
         if found is None:
             return None
         pieces += found
-    things = plan.building + tuple(numbered(pieces))
+    static_objects = plan.building + tuple(with_numbered_names(pieces))
     space = _space(plan, pieces)
     spots = [
         free_spot(space, (room[0], room[2]), (room[1], room[3]), GOAL_M, rng) for room in plan.rooms
@@ -240,12 +244,12 @@ def _lay_out(
     start, *goals = (place for place in places if place is not None)
     if len(goals) < 3:
         return None
-    way = space.walk(start, goals[0], WALKER_RADIUS_M)
+    way = space.path(start, goals[0], WALKER_RADIUS_M)
     reach = space.reachable(start, WALKER_RADIUS_M)
     if way is None or not all(reach[space.cell(goal)] for goal in goals):
         return None
-    heading = towards(start, tuple(way[min(12, len(way) - 1)]))
-    return _Layout(things, space, Pose2(*start, heading), tuple(goals))
+    heading = heading_towards(start, tuple(way[min(12, len(way) - 1)]))
+    return _Layout(static_objects, space, Pose2(*start, heading), tuple(goals))
 
 
 def _furnish(
@@ -260,9 +264,11 @@ def _furnish(
     kept_free: tuple[Shape, ...] = tuple(
         shape for doorway in plan.doorways for shape in (doorway.leaf, doorway.approach)
     )
-    wanted = tuple(_model(kind) for kind in _NEEDED[name][: count(difficulty, 2, 4, 5)])
-    passage_m = graded(difficulty, 0.66, 0.58, 0.50)
-    least = count(difficulty, 1, 3, 3)
+    wanted = tuple(
+        _model(kind) for kind in _NEEDED[name][: interpolated_count(difficulty, 2, 4, 5)]
+    )
+    passage_m = interpolated(difficulty, 0.66, 0.58, 0.50)
+    least = interpolated_count(difficulty, 1, 3, 3)
     for _ in range(ROOM_DRAWS):
         pieces = furnish(room, StaticObject("doors", kept_free), wanted, rng, passage_m, least)
         if pieces is None:
@@ -280,7 +286,7 @@ def _model(kind: str) -> Model:
 
 def _space(plan: _Plan, pieces: list[Piece]) -> ClearanceMap:
     """What is left between the building and the furniture."""
-    still = clearance_map(EXTENT, [part for piece in pieces for part in piece.thing.parts])
+    still = clearance_map(EXTENT, [part for piece in pieces for part in piece.static_object.parts])
     free = np.minimum(plan.space.clearance, still.clearance)
     return ClearanceMap(still.origin, still.cell_m, free)
 
@@ -289,9 +295,9 @@ def _people(
     plan: _Plan, layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> tuple[MovingObject, ...] | None:
     """Each goes to and fro through a doorway of its own; None if they find no lines."""
-    speeds = span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
+    speeds = interpolated_span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
     found: list[MovingObject] = []
-    number = count(difficulty, 1, 2, 3)
+    number = interpolated_count(difficulty, 1, 2, 3)
     for index in rng.permutation(len(plan.doorways)):
         doorway = plan.doorways[index]
         for _ in range(ROOM_DRAWS):
@@ -312,7 +318,7 @@ def _people(
 
 def _keeps_clear(one: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
     """Its line is free, not at the start or a goal, and wherever it is there is another way."""
-    line = line_of(one)
+    line = path_of(one)
     start = (layout.start.x, layout.start.y)
     if any(layout.space.at(place) < PERSON_RADIUS_M + 0.01 for place in line):
         return False
@@ -320,7 +326,7 @@ def _keeps_clear(one: MovingObject, layout: _Layout, others: list[MovingObject])
         return False
     if any(math.dist(place, goal) < 0.65 for place in line for goal in layout.goals):
         return False
-    if any(math.dist(a, b) < 0.6 for other in others for a in line for b in line_of(other)):
+    if any(math.dist(a, b) < 0.6 for other in others for a in line for b in path_of(other)):
         return False
     for place in line[::2]:
         blocked = layout.space.with_disc(place, PERSON_RADIUS_M)

@@ -1,4 +1,4 @@
-"""Where a round body can stand and walk among standing things; used to make scenes that can be crossed."""
+"""Where a round body can stand and walk among standing static_objects; used to make scenes that can be crossed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ROBOT_TOP_M = 0.5  # what is higher does not stand in a robot's way
 
 @dataclass(frozen=True, eq=False)
 class ClearanceMap:
-    """For every cell the distance to the nearest thing, m, negative inside it.
+    """For every cell the distance to the nearest item, m, negative inside it.
 
     Args:
         origin: (x, y) of the first cell's centre, m.
@@ -66,7 +66,7 @@ class ClearanceMap:
         label = labels[row, column]
         return np.asarray((labels == label) & (label > 0))
 
-    def walk(
+    def path(
         self, start: tuple[float, float], goal: tuple[float, float], radius_m: float
     ) -> Float[np.ndarray, "n 2"] | None:
         """A short walk for a disc, cell by cell, m; None if there is none."""

@@ -44,7 +44,7 @@ class Piece:
     """A piece of furniture where it stands."""
 
     model: Model
-    thing: StaticObject
+    static_object: StaticObject
 
 
 def _colour(rng: np.random.Generator, *names: str) -> str:
@@ -195,8 +195,8 @@ def furnish(
             piece = _draw(model, extent, rng)
             if _fits(piece, extent, taken, rims, passage_m):
                 placed.append(piece)
-                taken += piece.thing.parts
-                rims = np.concatenate([rims, *(_rim(part) for part in piece.thing.parts)])
+                taken += piece.static_object.parts
+                rims = np.concatenate([rims, *(_rim(part) for part in piece.static_object.parts)])
                 break
     return placed if len(placed) >= least else None
 
@@ -238,16 +238,16 @@ def _fits(
     piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray, passage_m: float
 ) -> bool:
     x0, y0, x1, y1 = extent
-    corners = np.concatenate([outline(part) for part in piece.thing.parts])
+    corners = np.concatenate([outline(part) for part in piece.static_object.parts])
     if corners[:, 0].min() < x0 or corners[:, 0].max() > x1:
         return False
     if corners[:, 1].min() < y0 or corners[:, 1].max() > y1:
         return False
     passage = passage_m if not piece.model.wall else 0.06
-    gap = min(_gap(part, rims) for part in piece.thing.parts)
+    gap = min(_gap(part, rims) for part in piece.static_object.parts)
     if gap < passage:
         return False
-    own = np.concatenate([_rim(part) for part in piece.thing.parts])
+    own = np.concatenate([_rim(part) for part in piece.static_object.parts])
     gap = min(gap, *(_gap(shape, own) for shape in taken))
     if piece.model.wall:
         return gap >= passage and (gap >= passage_m or gap < 0.30)

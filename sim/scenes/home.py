@@ -18,10 +18,10 @@ from perception.primitives.pose import Pose2
 
 from ..scene import FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, distance
-from .difficulty import USUAL, count, graded, span
+from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
 from .furniture import CATALOGUE, LEAST_PIECES, PASSAGE_M, Model, Piece, furnish
-from .rooms import little_robot, towards, walls
+from .rooms import heading_towards, small_robot, walls
 from .tags import place_tags
 
 EXTENT = (0.0, 0.0, 6.4, 5.0)
@@ -33,33 +33,33 @@ _COLOURS = ("orange", "lime", "violet", "navy", "red")
 
 @dataclass(frozen=True)
 class _Layout:
-    things: tuple[StaticObject, ...]
+    static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
     way: np.ndarray
     start: tuple[float, float]
     goals: tuple[tuple[float, float], ...]
 
 
-def furnished(seed: int, difficulty: float = USUAL) -> Scene:
+def home(seed: int, difficulty: float = USUAL) -> Scene:
     """The home of a seed."""
     rng = np.random.default_rng([seed, 1])
     for _ in range(DRAWS):
         layout = _lay_out(rng, difficulty)
-        movers = None if layout is None else _set_going(layout, rng, difficulty)
-        if layout is None or movers is None:
+        moving_objects = None if layout is None else _set_going(layout, rng, difficulty)
+        if layout is None or moving_objects is None:
             continue
-        if not _worth_crossing(layout, movers, difficulty):
+        if not _worth_crossing(layout, moving_objects, difficulty):
             continue
-        heading = towards(layout.start, tuple(layout.way[min(12, len(layout.way) - 1)]))
+        heading = heading_towards(layout.start, tuple(layout.way[min(12, len(layout.way) - 1)]))
         start = Pose2(*layout.start, heading)
-        plates, landmarks = place_tags(EXTENT, layout.things, start, count=24)
+        plates, landmarks = place_tags(EXTENT, layout.static_objects, start, count=24)
         return Scene(
             "home",
             seed,
             EXTENT,
             _flooring(rng),
-            layout.things + plates,
-            movers,
+            layout.static_objects + plates,
+            moving_objects,
             landmarks,
             start,
             layout.goals,
@@ -80,7 +80,9 @@ def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
 
 def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
     """Furniture, start and goals; None if they do not go together."""
-    partition_y = float(rng.uniform(*span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0))))
+    partition_y = float(
+        rng.uniform(*interpolated_span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0)))
+    )
     partition_x = float(rng.uniform(3.1, 3.7))
     from_south = bool(rng.integers(2))
     middle = partition_y / 2 if from_south else EXTENT[3] - partition_y / 2
@@ -99,18 +101,20 @@ def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
         partition,
         _models(difficulty),
         rng,
-        graded(difficulty, 0.80, PASSAGE_M, 0.60),
-        count(difficulty, 6, LEAST_PIECES, 11),
+        interpolated(difficulty, 0.80, PASSAGE_M, 0.60),
+        interpolated_count(difficulty, 6, LEAST_PIECES, 11),
     )
     if pieces is None:
         return None
-    things = building + tuple(numbered(pieces))
-    space = clearance_map(EXTENT, [*partition.parts, *(p for t in pieces for p in t.thing.parts)])
+    static_objects = building + tuple(with_numbered_names(pieces))
+    space = clearance_map(
+        EXTENT, [*partition.parts, *(p for t in pieces for p in t.static_object.parts)]
+    )
     start = free_spot(space, (0.4, 1.9), (0.4, 4.6), 0.36, rng)
     first = free_spot(space, (4.9, 6.0), (0.4, 4.6), 0.36, rng)
     if start is None or first is None or math.dist(start, first) < 4.0:
         return None
-    way = space.walk(start, first, WALKER_RADIUS_M)
+    way = space.path(start, first, WALKER_RADIUS_M)
     reach = space.reachable(start, WALKER_RADIUS_M)
     others = [
         free_spot(space, *box, 0.36, rng)
@@ -119,19 +123,19 @@ def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
     if way is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
         return None
     goals = (first, *(spot for spot in others if spot is not None))
-    return _Layout(things, space, way, start, goals)
+    return _Layout(static_objects, space, way, start, goals)
 
 
 def _models(difficulty: float) -> tuple[Model, ...]:
-    """What a home is furnished with: the hard one with the small things once more."""
+    """What a home is furnished with: the hard one with the small static_objects once more."""
     small = tuple(model for model in CATALOGUE[7:12])
     most = len(CATALOGUE)
-    return (CATALOGUE + small)[: count(difficulty, 8, most, most + len(small))]
+    return (CATALOGUE + small)[: interpolated_count(difficulty, 8, most, most + len(small))]
 
 
-def numbered(pieces: list[Piece]) -> list[StaticObject]:
-    """The pieces as things; of several of a kind each gets its number."""
-    names = [piece.thing.name for piece in pieces]
+def with_numbered_names(pieces: list[Piece]) -> list[StaticObject]:
+    """The pieces as static_objects; of several of a kind each gets its number."""
+    names = [piece.static_object.name for piece in pieces]
     found = []
     for k, piece in enumerate(pieces):
         name = (
@@ -139,7 +143,7 @@ def numbered(pieces: list[Piece]) -> list[StaticObject]:
             if names.count(names[k]) == 1
             else f"{names[k]} {names[: k + 1].count(names[k])}"
         )
-        found.append(StaticObject(name, piece.thing.parts, piece.thing.albedo))
+        found.append(StaticObject(name, piece.static_object.parts, piece.static_object.albedo))
     return found
 
 
@@ -162,23 +166,23 @@ def _set_going(
     layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> tuple[MovingObject, ...] | None:
     """Little robots, usually three: their lines keep clear of furniture, start, goals, and never lock the way."""
-    movers: list[MovingObject] = []
-    for k, colour in enumerate(_COLOURS[: count(difficulty, 1, 3, 5)]):
+    moving_objects: list[MovingObject] = []
+    for k, colour in enumerate(_COLOURS[: interpolated_count(difficulty, 1, 3, 5)]):
         for _ in range(60):
-            candidate = _draw_mover(k, colour, layout, rng, difficulty)
-            if _keeps_clear(candidate, layout, movers):
-                movers.append(candidate)
+            candidate = _draw_robot(k, colour, layout, rng, difficulty)
+            if _keeps_clear(candidate, layout, moving_objects):
+                moving_objects.append(candidate)
                 break
         else:
             return None
-    return tuple(movers)
+    return tuple(moving_objects)
 
 
-def _draw_mover(
+def _draw_robot(
     k: int, colour: str, layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> MovingObject:
     """The first two cross or follow the way, the others are anywhere."""
-    speeds = span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
+    speeds = interpolated_span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
     speed, reversal = float(rng.uniform(*speeds)), float(rng.uniform(15.0, 25.0))
     heading = float(rng.uniform(-math.pi, math.pi))
     if k < 2:
@@ -192,12 +196,15 @@ def _draw_mover(
         float(middle[1] - half * math.sin(heading)),
     )
     height = float(rng.uniform(0.40, 0.50))
-    return little_robot(f"robot {k + 1}", start, heading, speed, reversal, colour, height)
+    return small_robot(f"robot {k + 1}", start, heading, speed, reversal, colour, height)
 
 
-def _keeps_clear(mover: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
+def _keeps_clear(moving_object: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
     line = [
-        (x, y) for x, y, _, _ in (mover.state(s) for s in np.linspace(0.0, mover.reversal_s, 12))
+        (x, y)
+        for x, y, _, _ in (
+            moving_object.state(s) for s in np.linspace(0.0, moving_object.reversal_s, 12)
+        )
     ]
     if any(layout.space.at(place) < _MOVER_RADIUS_M + 0.10 for place in line):
         return False
@@ -218,20 +225,22 @@ def _keeps_clear(mover: MovingObject, layout: _Layout, others: list[MovingObject
     return True
 
 
-def _worth_crossing(layout: _Layout, movers: tuple[MovingObject, ...], difficulty: float) -> bool:
+def _worth_crossing(
+    layout: _Layout, moving_objects: tuple[MovingObject, ...], difficulty: float
+) -> bool:
     """Usually at least six obstacles within a metre of the way, two of them moving."""
     standing = sum(
-        min(float(distance(part, layout.way).min()) for part in thing.parts) < 1.0
-        for thing in layout.things
-        if not thing.wall
+        min(float(distance(part, layout.way).min()) for part in item.parts) < 1.0
+        for item in layout.static_objects
+        if not item.wall
     )
     moving = sum(
         min(
-            float(np.hypot(*(layout.way - np.array(mover.state(s)[:2])).T).min())
-            for s in np.linspace(0.0, mover.reversal_s, 12)
+            float(np.hypot(*(layout.way - np.array(moving_object.state(s)[:2])).T).min())
+            for s in np.linspace(0.0, moving_object.reversal_s, 12)
         )
         < 1.0
-        for mover in movers
+        for moving_object in moving_objects
     )
-    enough = count(difficulty, 3, 6, 8), count(difficulty, 1, 2, 2)
+    enough = interpolated_count(difficulty, 3, 6, 8), interpolated_count(difficulty, 1, 2, 2)
     return standing + moving >= enough[0] and moving >= enough[1]

@@ -13,7 +13,7 @@ from perception.primitives.pose import Pose2
 
 from ..scene import Scene, StaticObject
 from ..shapes import Box
-from .rooms import finished, walls
+from .rooms import scene_with_tags, walls
 
 BOX_M = (0.28, 0.28, 0.30)
 
@@ -39,7 +39,7 @@ def plain_room(seed: int) -> Scene:
         )
         for k, (middle, colour) in enumerate(zip(middles, ("teal", "plum", "navy"), strict=True))
     )
-    return finished(
+    return scene_with_tags(
         "plain_room",
         seed,
         extent,

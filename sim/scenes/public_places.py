@@ -11,10 +11,10 @@ from perception.primitives.pose import Pose2
 
 from ..scene import MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
-from .difficulty import USUAL, Span, count, graded, span
+from .difficulty import USUAL, Span, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
 from .furniture import CATALOGUE, place_piece
-from .rooms import finished, walls
+from .rooms import scene_with_tags, walls
 
 OFFICE_M = (0.0, 0.0, 7.0, 5.0)
 HALL_M = (0.0, 0.0, 8.0, 5.0)
@@ -42,25 +42,33 @@ def office(seed: int, difficulty: float = USUAL) -> Scene:
     rng = np.random.default_rng([seed, 40])
     extent = OFFICE_M
     start, goals = Pose2(0.5, 2.5, 0.0), ((6.5, 2.5), (6.4, 0.5), (0.6, 4.5))
-    rows = span(difficulty, (1.25, 3.75), (1.15, 3.85), (1.05, 3.95))
+    rows = interpolated_span(difficulty, (1.25, 3.75), (1.15, 3.85), (1.05, 3.95))
     for _ in range(DRAWS):
-        things = [*walls(extent, ("wall/white", "wall/sky", "wall/cream", "wall/sage"))]
+        static_objects = [*walls(extent, ("wall/white", "wall/sky", "wall/cream", "wall/sage"))]
         for k, (x, y) in enumerate((x, y) for y in rows for x in (1.7, 3.5, 5.3)):
             shift = rng.uniform(-0.12, 0.12, 2)
             place = (x + float(shift[0]), y + float(shift[1]))
-            things.append(StaticObject(f"desk {k + 1}", _desk(place)))
+            static_objects.append(StaticObject(f"desk {k + 1}", _desk(place)))
             towards_aisle = 1.0 if y < 2.5 else -1.0
             seat = (place[0] + float(rng.uniform(-0.3, 0.3)), place[1] + towards_aisle * 0.55)
             chair = place_piece(_CHAIR, seat, float(rng.uniform(-math.pi, math.pi)), rng)
-            things.append(StaticObject(f"chair {k + 1}", chair.parts, chair.albedo))
-        things.append(place_piece(_SHELF, (3.5, extent[3] - 0.18), -math.pi / 2, rng))
-        for k in range(count(difficulty, 1, 3, 5)):
+            static_objects.append(StaticObject(f"chair {k + 1}", chair.parts, chair.albedo))
+        static_objects.append(place_piece(_SHELF, (3.5, extent[3] - 0.18), -math.pi / 2, rng))
+        for k in range(interpolated_count(difficulty, 1, 3, 5)):
             place = (float(rng.uniform(1.2, 5.8)), float(rng.uniform(2.2, 2.8)))
             litter = place_piece(_BIN, place, float(rng.uniform(-math.pi, math.pi)), rng)
-            things.append(StaticObject(f"bin {k + 1}", litter.parts, litter.albedo))
-        if _can_be_walked(extent, things, start, goals):
-            return finished(
-                "office", seed, extent, "tiles/grey", tuple(things), (), start, goals, tags=24
+            static_objects.append(StaticObject(f"bin {k + 1}", litter.parts, litter.albedo))
+        if _can_be_walked(extent, static_objects, start, goals):
+            return scene_with_tags(
+                "office",
+                seed,
+                extent,
+                "tiles/grey",
+                tuple(static_objects),
+                (),
+                start,
+                goals,
+                tags=24,
             )
     raise SurefootError(
         f"office: no draw of {DRAWS} with seed {seed} could be walked; take another"
@@ -75,22 +83,30 @@ def hall(seed: int, difficulty: float = USUAL) -> Scene:
     rng = np.random.default_rng([seed, 41])
     extent = HALL_M
     start, goals = Pose2(0.6, 2.5, 0.0), ((7.4, 2.5), (7.2, 0.6))
-    things = [*walls(extent, ("wall/cream", "wall/white", "wall/sky", "wall/white"))]
-    for k, x in enumerate(np.linspace(2.6, 5.4, count(difficulty, 1, 2, 3))):
+    static_objects = [*walls(extent, ("wall/cream", "wall/white", "wall/sky", "wall/white"))]
+    for k, x in enumerate(np.linspace(2.6, 5.4, interpolated_count(difficulty, 1, 2, 3))):
         y = float(rng.uniform(1.8, 3.2))
-        things.append(
+        static_objects.append(
             StaticObject(
                 f"pillar {k + 1}", (Cylinder((float(x), y, 1.2), 0.18, 2.4, "plaster/grey"),)
             )
         )
     bench = Box((4.0, 4.6, 0.21), (1.4, 0.38, 0.42), 0.0, "wood/walnut")
-    things.append(StaticObject("bench", (bench,)))
+    static_objects.append(StaticObject("bench", (bench,)))
     spots = ((start.x, start.y), *goals)
     for _ in range(DRAWS):
-        people = _people(things, spots, difficulty, rng)
-        if len(people) == count(difficulty, *PEOPLE):
-            return finished(
-                "hall", seed, extent, "tiles/grey", tuple(things), people, start, goals, tags=24
+        people = _people(static_objects, spots, difficulty, rng)
+        if len(people) == interpolated_count(difficulty, *PEOPLE):
+            return scene_with_tags(
+                "hall",
+                seed,
+                extent,
+                "tiles/grey",
+                tuple(static_objects),
+                people,
+                start,
+                goals,
+                tags=24,
             )
     raise SurefootError(
         f"hall: in none of {DRAWS} draws with seed {seed} did all people keep apart; take another"
@@ -106,18 +122,18 @@ def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
 
 
 def _people(
-    things: list[StaticObject],
+    static_objects: list[StaticObject],
     spots: tuple[tuple[float, float], ...],
     difficulty: float,
     rng: np.random.Generator,
 ) -> tuple[MovingObject, ...]:
     """One after the other where there is room for them; fewer than wanted where the first ones bar it."""
-    shapes = [part for thing in things if not thing.wall for part in thing.parts]
+    shapes = [part for item in static_objects if not item.wall for part in item.parts]
     space = clearance_map(HALL_M, shapes)
-    speeds = span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
-    apart_m = graded(difficulty, 0.8, 0.6, 0.42)
+    speeds = interpolated_span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
+    apart_m = interpolated(difficulty, 0.8, 0.6, 0.42)
     people: tuple[MovingObject, ...] = ()
-    for k in range(count(difficulty, *PEOPLE)):
+    for k in range(interpolated_count(difficulty, *PEOPLE)):
         for _ in range(DRAWS):
             one = _person(k, HALL_M, rng, speeds)
             if _keeps_apart(one, people, space, spots, apart_m):
@@ -165,29 +181,31 @@ def _keeps_apart(
     spots: tuple[tuple[float, float], ...],
     apart_m: float,
 ) -> bool:
-    """No two lines share a place, and none leads over a spot or a thing."""
-    line = line_of(one)
+    """No two lines share a place, and none leads over a spot or a item."""
+    line = path_of(one)
     if any(math.dist(place, spot) < 0.7 for place in line for spot in spots):
         return False
     if any(space.at(place) < PERSON_RADIUS_M + 0.1 for place in line):
         return False
     return all(
-        math.dist(a, b) > apart_m for other in map(line_of, others) for a in line for b in other
+        math.dist(a, b) > apart_m for other in map(path_of, others) for a in line for b in other
     )
 
 
-def line_of(mover: MovingObject) -> list[tuple[float, float]]:
+def path_of(moving_object: MovingObject) -> list[tuple[float, float]]:
     """Places along its way from one end to the other, (x, y), m."""
-    return [mover.state(float(s))[:2] for s in np.linspace(0.0, mover.reversal_s, 25)]
+    return [
+        moving_object.state(float(s))[:2] for s in np.linspace(0.0, moving_object.reversal_s, 25)
+    ]
 
 
 def _can_be_walked(
     extent: tuple[float, float, float, float],
-    things: list[StaticObject],
+    static_objects: list[StaticObject],
     start: Pose2,
     goals: tuple[tuple[float, float], ...],
 ) -> bool:
-    shapes = [part for thing in things if not thing.wall for part in thing.parts]
+    shapes = [part for item in static_objects if not item.wall for part in item.parts]
     reach = clearance_map(extent, shapes).reachable((start.x, start.y), WALKER_RADIUS_M)
     space = clearance_map(extent, shapes)
     return all(bool(reach[space.cell(goal)]) for goal in goals)

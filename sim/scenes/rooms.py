@@ -10,7 +10,7 @@ from perception.primitives.pose import Pose2
 
 from ..scene import FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder
-from .difficulty import USUAL, count, graded, span
+from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .tags import place_tags
 
 WALL_HEIGHT_M = 2.4
@@ -34,7 +34,7 @@ def walls(extent: Extent, materials: tuple[str, str, str, str]) -> tuple[StaticO
     return tuple(StaticObject("wall", (box,), 0.75, wall=True) for box in boxes)
 
 
-def little_robot(
+def small_robot(
     name: str,
     start: tuple[float, float],
     heading_rad: float,
@@ -53,7 +53,7 @@ def little_robot(
 def empty_room(seed: int) -> Scene:
     """Four walls and a floor, 5 x 4 m: for measuring sensors and walking without anything in the way."""
     extent = (0.0, 0.0, 5.0, 4.0)
-    return finished(
+    return scene_with_tags(
         "empty_room",
         seed,
         extent,
@@ -72,33 +72,35 @@ def corridor(seed: int, difficulty: float = USUAL) -> Scene:
     """
     rng = np.random.default_rng([seed, 2])
     extent = (0.0, 0.0, 8.0, 1.6)
-    things = list(walls(extent, ("wall/cream",) * 4))
+    static_objects = list(walls(extent, ("wall/cream",) * 4))
     side = bool(rng.integers(2))
-    for k, x in enumerate(np.arange(1.8, 6.8, graded(difficulty, 2.2, 1.5, 1.2))):
-        widths = span(difficulty, (0.22, 0.30), (0.3, 0.42), (0.45, 0.6))
+    for k, x in enumerate(np.arange(1.8, 6.8, interpolated(difficulty, 2.2, 1.5, 1.2))):
+        widths = interpolated_span(difficulty, (0.22, 0.30), (0.3, 0.42), (0.45, 0.6))
         width, height = float(rng.uniform(*widths)), float(rng.uniform(0.3, 0.6))
         y = width / 2 + 0.02 if side else extent[3] - width / 2 - 0.02
         place = (float(x + rng.uniform(-0.15, 0.15)), y, height / 2)
-        things.append(
+        static_objects.append(
             StaticObject(
                 f"carton {k + 1}", (Box(place, (0.35, width, height), 0.0, "cardboard/kraft"),)
             )
         )
         side = not side
-    movers = []
+    moving_objects = []
     for name, x, heading, colour in (
         ("robot 1", 4.2, 0.0, "orange"),
         ("robot 2", 3.4, math.pi, "lime"),
-    )[: count(difficulty, 1, 1, 2)]:
-        speed = float(rng.uniform(*span(difficulty, (0.02, 0.03), (0.03, 0.05), (0.05, 0.08))))
-        movers.append(little_robot(name, (x, 0.8), heading, speed, 20.0, colour))
-    return finished(
+    )[: interpolated_count(difficulty, 1, 1, 2)]:
+        speed = float(
+            rng.uniform(*interpolated_span(difficulty, (0.02, 0.03), (0.03, 0.05), (0.05, 0.08)))
+        )
+        moving_objects.append(small_robot(name, (x, 0.8), heading, speed, 20.0, colour))
+    return scene_with_tags(
         "corridor",
         seed,
         extent,
         "tiles/grey",
-        tuple(things),
-        tuple(movers),
+        tuple(static_objects),
+        tuple(moving_objects),
         Pose2(0.6, 0.8, 0.0),
         ((7.3, 0.8), (0.7, 0.8)),
     )
@@ -111,33 +113,33 @@ def boxes(seed: int) -> Scene:
     """
     rng = np.random.default_rng([seed, 3])
     extent = (0.0, 0.0, 4.0, 3.0)
-    things = list(walls(extent, ("wall/white",) * 4))
+    static_objects = list(walls(extent, ("wall/white",) * 4))
     gap = float(rng.uniform(0.7, 0.9))
     middle = float(rng.uniform(1.0, 2.0))
     y_low, y_high = middle - gap / 2, middle + gap / 2
     for k in range(2):
         for name, y in (("low", y_low - 0.12 - 0.24 * k), ("high", y_high + 0.12 + 0.24 * k)):
             box = Box((2.0, y, 0.16), (0.32, 0.24, 0.32), 0.0, "cardboard/kraft")
-            things.append(StaticObject(f"box {name} {k + 1}", (box,)))
-    return finished(
+            static_objects.append(StaticObject(f"box {name} {k + 1}", (box,)))
+    return scene_with_tags(
         "boxes",
         seed,
         extent,
         "planks/pine",
-        tuple(things),
+        tuple(static_objects),
         (),
         Pose2(0.6, 1.5, 0.0),
         ((3.4, 1.5),),
     )
 
 
-def finished(
+def scene_with_tags(
     name: str,
     seed: int,
     extent: Extent,
     flooring: str,
-    things: tuple[StaticObject, ...],
-    movers: tuple[MovingObject, ...],
+    static_objects: tuple[StaticObject, ...],
+    moving_objects: tuple[MovingObject, ...],
     start: Pose2,
     goals: tuple[tuple[float, float], ...],
     tags: int = 16,
@@ -146,26 +148,26 @@ def finished(
     """A scene of one flooring with its tags hung.
 
     Args:
-        name, seed, extent, things, movers, start, goals: As of the scene.
+        name, seed, extent, static_objects, moving_objects, start, goals: As of the scene.
         flooring: Material of all the floor.
         tags: How many at most.
         low: Whether only walls carry and hide tags: what else stands there is too low to.
     """
-    around = tuple(thing for thing in things if thing.wall) if low else things
+    around = tuple(item for item in static_objects if item.wall) if low else static_objects
     plates, landmarks = place_tags(extent, around, start, tags)
     return Scene(
         name,
         seed,
         extent,
         (FloorArea(flooring, extent),),
-        things + plates,
-        movers,
+        static_objects + plates,
+        moving_objects,
         landmarks,
         start,
         goals,
     )
 
 
-def towards(a: tuple[float, float], b: tuple[float, float]) -> float:
+def heading_towards(a: tuple[float, float], b: tuple[float, float]) -> float:
     """Heading from one place to another, rad."""
     return math.atan2(b[1] - a[1], b[0] - a[0])

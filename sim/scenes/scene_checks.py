@@ -24,7 +24,7 @@ SLIPS_M = (
     0.082  # seed 000: half the robot's width, with which it slips through where its disc cannot
 )
 LEAST_SIDE_M, MOST_SIDE_M = 1.0, 50.0  # ours: of a room; tags of a larger one take gigabytes
-_INTO_WALL_M = 0.02  # ours: things may be drawn as far into a wall or the floor
+_INTO_WALL_M = 0.02  # ours: static_objects may be drawn as far into a wall or the floor
 _FINEST_CELL_M, _COARSEST_CELL_M = (
     0.02,
     0.06,
@@ -62,9 +62,9 @@ def check_area(where: str, area: FloorArea, extent: Extent) -> None:
         )
 
 
-def check_thing(where: str, thing: StaticObject, extent: Extent, above_m: float) -> None:
+def check_object(where: str, item: StaticObject, extent: Extent, above_m: float) -> None:
     """Inside the walls, and on or above the floor."""
-    corners = np.concatenate([outline(part) for part in thing.parts])
+    corners = np.concatenate([outline(part) for part in item.parts])
     low, high = corners.min(axis=0), corners.max(axis=0)
     beyond = float(np.max([np.array(extent[:2]) - low, high - np.array(extent[2:])]))
     if beyond > _INTO_WALL_M:
@@ -72,18 +72,22 @@ def check_thing(where: str, thing: StaticObject, extent: Extent, above_m: float)
             f"{where}reaches {beyond:.2f} m beyond the walls: it covers x {low[0]:.2f} to {high[0]:.2f}, y "
             f"{low[1]:.2f} to {high[1]:.2f} m; move it inside the extent {list(extent)}, or widen that"
         )
-    bottom = min(part.bottom_m for part in thing.parts)
+    bottom = min(part.bottom_m for part in item.parts)
     if bottom < -_INTO_WALL_M:
         raise InputError(
             f"{where}reaches {-bottom:.2f} m below the floor; above = {above_m - bottom:.4g} puts it there"
         )
 
 
-def check_mover(
-    where: str, mover: MovingObject, extent: Extent, things: Sequence[StaticObject], start: Place
+def check_moving_object(
+    where: str,
+    moving_object: MovingObject,
+    extent: Extent,
+    static_objects: Sequence[StaticObject],
+    start: Place,
 ) -> None:
     """A line that leads through nothing, neither the walls nor the robot at its start."""
-    (ax, ay), (bx, by), radius = mover.start, mover.end, mover.radius_m
+    (ax, ay), (bx, by), radius = moving_object.start, moving_object.end, moving_object.radius_m
     line = f"the line from ({ax:g}, {ay:g}) to ({bx:g}, {by:g})"
     to_wall = min(ax - extent[0], ay - extent[1], extent[2] - ax, extent[3] - ay)
     to_wall = min(to_wall, bx - extent[0], by - extent[1], extent[2] - bx, extent[3] - by)
@@ -92,11 +96,13 @@ def check_mover(
             f"{where}{line} comes to {to_wall:.2f} m inside the extent {list(extent)}; its radius of "
             f"{radius:g} m must fit"
         )
-    share = np.linspace(0.0, 1.0, 2 + int(math.dist(mover.start, mover.end) / 0.01))[:, None]
-    way = (1.0 - share) * np.array(mover.start) + share * np.array(mover.end)
-    for name, shape in _shapes(things):
+    share = np.linspace(
+        0.0, 1.0, 2 + int(math.dist(moving_object.start, moving_object.end) / 0.01)
+    )[:, None]
+    way = (1.0 - share) * np.array(moving_object.start) + share * np.array(moving_object.end)
+    for name, shape in _shapes(static_objects):
         gap = float(distance(shape, way).min())
-        if shape.bottom_m < mover.height_m and gap < radius - 1e-9:
+        if shape.bottom_m < moving_object.height_m and gap < radius - 1e-9:
             raise InputError(
                 f"{where}{line} comes to {gap:.2f} m from {name!r}; its radius of {radius:g} m must fit, "
                 f"move one of them{_CONVEX if isinstance(shape, Solid) else ''}"
@@ -110,13 +116,16 @@ def check_mover(
 
 
 def check_places(
-    where: str, extent: Extent, things: Sequence[StaticObject], places: Sequence[tuple[str, Place]]
+    where: str,
+    extent: Extent,
+    static_objects: Sequence[StaticObject],
+    places: Sequence[tuple[str, Place]],
 ) -> None:
     """Each named place is one where the robot can stand."""
     for what, (x, y) in places:
         if not (extent[0] < x < extent[2] and extent[1] < y < extent[3]):
             raise InputError(f"{where}{what} ({x}, {y}) lies outside the extent {list(extent)}")
-        for name, shape in _shapes(things):
+        for name, shape in _shapes(static_objects):
             gap = float(distance(shape, np.array([[x, y]]))[0])
             if shape.bottom_m < ROBOT_TOP_M and gap < ROBOT_RADIUS_M - 1e-9:
                 raise InputError(
@@ -125,8 +134,12 @@ def check_places(
                 )
 
 
-def check_ways(
-    where: str, extent: Extent, things: Sequence[StaticObject], start: Place, goals: Sequence[Place]
+def check_reachable(
+    where: str,
+    extent: Extent,
+    static_objects: Sequence[StaticObject],
+    start: Place,
+    goals: Sequence[Place],
 ) -> None:
     """A way for a robot turned sideways leads from the start to each goal.
 
@@ -135,7 +148,7 @@ def check_ways(
     """
     longest = max(extent[2] - extent[0], extent[3] - extent[1])
     cell = min(max(longest / _CELLS, _FINEST_CELL_M), _COARSEST_CELL_M)
-    shapes = [shape for thing in things if not thing.wall for shape in thing.parts]
+    shapes = [shape for item in static_objects if not item.wall for shape in item.parts]
     space = clearance_map(extent, shapes, cell)
     reach = space.reachable(start, SLIPS_M - cell / math.sqrt(2.0))
     for number, goal in enumerate(goals, 1):
@@ -147,5 +160,5 @@ def check_ways(
             )
 
 
-def _shapes(things: Sequence[StaticObject]) -> list[tuple[str, Shape]]:
-    return [(thing.name, part) for thing in things for part in thing.parts]
+def _shapes(static_objects: Sequence[StaticObject]) -> list[tuple[str, Shape]]:
+    return [(item.name, part) for item in static_objects for part in item.parts]

@@ -24,17 +24,17 @@ from ..scene import FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .furniture import CATALOGUE, place_piece
 from .model_files import placed, read_model
-from .rooms import WALL_HEIGHT_M, little_robot, walls
+from .rooms import WALL_HEIGHT_M, small_robot, walls
 from .scene_checks import (
     Extent,
     check_area,
     check_extent,
-    check_mover,
+    check_moving_object,
+    check_object,
     check_places,
-    check_thing,
-    check_ways,
+    check_reachable,
 )
-from .scene_table import LEAST_M, Reader
+from .scene_table import LEAST_M, TableReader
 from .tags import place_tags
 
 EXAMPLE = """\
@@ -46,20 +46,20 @@ name = "table"
 at = [2.5, 2.0]
 size = [0.6, 0.8, 0.5]       # along its own x, y, and its height
 yaw = 20
-[[mover]]
+[[moving_object]]
 from = [3.6, 1.0]
 to = [3.6, 3.0]
 speed = 0.05
 """
 
-ALBEDO = 0.6  # ours: of a thing that says nothing of it
+ALBEDO = 0.6  # ours: of a item that says nothing of it
 MOST_TAGS = 50  # in the dictionary, see `textures`
 _TAGS = 16
 _KEYS: dict[str, dict[str, str]] = {
     "": {
         "extent": "four numbers", "start": "x, y, heading", "goals": "a list of places",
         "floor": "a material", "walls": "a material", "tags": "how many", "box": "tables",
-        "cylinder": "tables", "furniture": "tables", "model": "tables", "mover": "tables",
+        "cylinder": "tables", "furniture": "tables", "model": "tables", "moving_object": "tables",
         "area": "tables",
     },
     "box": dict.fromkeys(("name", "at", "size", "yaw", "above", "material", "albedo"), ""),
@@ -68,7 +68,7 @@ _KEYS: dict[str, dict[str, str]] = {
     "model": dict.fromkeys(
         ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""
     ),
-    "mover": dict.fromkeys(("name", "from", "to", "speed", "height", "colour", "under_way"), ""),
+    "moving_object": dict.fromkeys(("name", "from", "to", "speed", "height", "colour", "phase"), ""),
     "area": dict.fromkeys(("extent", "material"), ""),
 }  # fmt: skip
 
@@ -78,7 +78,7 @@ def read_scene(path: Path, seed: int) -> Scene:
 
     Args:
         path: TOML, see `EXAMPLE`.
-        seed: Of colours, textures and where movers are on their lines.
+        seed: Of colours, textures and where moving_objects are on their lines.
 
     Raises:
         InputError: naming file, entry and value, what was expected and what would mend it.
@@ -86,7 +86,7 @@ def read_scene(path: Path, seed: int) -> Scene:
     if seed < 0:
         raise InputError(f"{path}: seed {seed} must not be negative; choose 0 or more")
     table = _load(path)
-    reader = Reader(path, EXAMPLE)
+    reader = TableReader(path, EXAMPLE)
     extent = reader.numbers(table, "extent", 4)
     check_extent(reader.where, extent)
     x, y, heading = reader.numbers(table, "start", 3)
@@ -96,43 +96,43 @@ def read_scene(path: Path, seed: int) -> Scene:
         raise InputError(f"{path}: goals is missing; give at least one place, goals = [[4.4, 2.0]]")
     rng = np.random.default_rng([seed, 30])
     wall = reader.material(table, "walls", "wall/cream")
-    things = (*walls(extent, (wall,) * 4), *_things(reader, table, extent, rng))
+    static_objects = (*walls(extent, (wall,) * 4), *_static_objects(reader, table, extent, rng))
     places = [("start", (x, y)), *((f"goal {k}", goal) for k, goal in enumerate(goals, 1))]
-    check_places(reader.where, extent, things, places)
-    check_ways(reader.where, extent, things, (x, y), goals)
-    movers = []
-    for number, item in reader.entries(table, "mover"):
-        movers.append(_mover(reader, item, number))
-        check_mover(reader.where, movers[-1], extent, things, (x, y))
+    check_places(reader.where, extent, static_objects, places)
+    check_reachable(reader.where, extent, static_objects, (x, y), goals)
+    moving_objects = []
+    for number, item in reader.entries(table, "moving_object"):
+        moving_objects.append(_moving_object(reader, item, number))
+        check_moving_object(reader.where, moving_objects[-1], extent, static_objects, (x, y))
     areas = [FloorArea(reader.material(table, "floor", "planks/oak"), extent)]
     for _, item in reader.entries(table, "area"):
         material = reader.material(item, "material", "rug/teal")
         areas.append(FloorArea(material, reader.numbers(item, "extent", 4)))
         check_area(reader.where, areas[-1], extent)
     count = reader.count(table, "tags", _TAGS, MOST_TAGS)
-    plates, landmarks = place_tags(extent, things, start, count) if count else ((), ())
+    plates, landmarks = place_tags(extent, static_objects, start, count) if count else ((), ())
     return Scene(
         path.stem,
         seed,
         extent,
         tuple(areas),
-        things + plates,
-        tuple(movers),
+        static_objects + plates,
+        tuple(moving_objects),
         landmarks,
         start,
         goals,
     )
 
 
-def _things(
-    reader: Reader, table: Mapping[str, Any], extent: Extent, rng: np.random.Generator
+def _static_objects(
+    reader: TableReader, table: Mapping[str, Any], extent: Extent, rng: np.random.Generator
 ) -> list[StaticObject]:
     found = []
 
     def add(item: Mapping[str, Any], name: str, parts: tuple[Shape, ...], albedo: float) -> None:
         shown = reader.word(item, "name", name)
         found.append(StaticObject(shown, parts, reader.number(item, "albedo", albedo, 0.0, 1.0)))
-        check_thing(reader.where, found[-1], extent, reader.number(item, "above", 0.0))
+        check_object(reader.where, found[-1], extent, reader.number(item, "above", 0.0))
 
     for number, item in reader.entries(table, "box"):
         size = reader.size(item, "size")
@@ -162,7 +162,9 @@ def _things(
     return found
 
 
-def _model(reader: Reader, item: Mapping[str, Any], number: int) -> tuple[str, tuple[Shape, ...]]:
+def _model(
+    reader: TableReader, item: Mapping[str, Any], number: int
+) -> tuple[str, tuple[Shape, ...]]:
     """What a model is called unless it has a name, and its parts."""
     file = reader.path.parent / reader.word(item, "file")
     up = reader.word(item, "up") if "up" in item else ""
@@ -178,7 +180,7 @@ def _model(reader: Reader, item: Mapping[str, Any], number: int) -> tuple[str, t
     return f"{file.stem} {number}", placed(solids, place, yaw)
 
 
-def _mover(reader: Reader, item: Mapping[str, Any], number: int) -> MovingObject:
+def _moving_object(reader: TableReader, item: Mapping[str, Any], number: int) -> MovingObject:
     first, last = reader.place(item, "from"), reader.place(item, "to")
     speed = reader.number(item, "speed")
     length = math.dist(first, last)
@@ -190,10 +192,10 @@ def _mover(reader: Reader, item: Mapping[str, Any], number: int) -> MovingObject
     heading = math.atan2(last[1] - first[1], last[0] - first[0])
     height = reader.number(item, "height", 0.45, 0.1, WALL_HEIGHT_M)
     name = reader.word(item, "name", f"robot {number}")
-    robot = little_robot(name, first, heading, speed, length / speed, colour, height)
-    if "under_way" not in item:
+    robot = small_robot(name, first, heading, speed, length / speed, colour, height)
+    if "phase" not in item:
         return robot
-    return replace(robot, under_way_s=reader.number(item, "under_way", least=0.0))
+    return replace(robot, phase_s=reader.number(item, "phase", least=0.0))
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ..rendering.textures import KINDS, PALETTE
 LEAST_M = 0.001  # ours: of a size; what is thinner is neither seen nor touched
 
 
-class Reader:
+class TableReader:
     """Takes values out of tables.
 
     Args:

@@ -19,7 +19,7 @@ from perception.primitives.pose import Pose2
 
 from ..scene import MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
-from .rooms import finished, walls
+from .rooms import scene_with_tags, walls
 
 GOAL_TIMES_S = {
     "robots_room": (0.0, 70.0, 130.0, 150.0, 200.0),  # seed 000, section 6.5.1
@@ -40,18 +40,18 @@ def robots_room(seed: int) -> Scene:
     Source: seed 000, sections 6.1 and 6.2; d1 starts towards -x, or it would leave the room.
     """
     extent = (-2.0, -0.8, 2.0, 4.8)
-    movers = (
+    moving_objects = (
         _epuck("d1", (0.6, 1.1), math.pi, 25.0, "teal"),
         _epuck("d2", (0.0, 0.7), math.pi / 2, 18.0, "violet"),
         _epuck("d3", (-0.2, 3.3), math.pi / 4, 18.0, "leaf"),
     )
-    return finished(
+    return scene_with_tags(
         "robots_room",
         seed,
         extent,
         "planks/oak",
         walls(extent, ("wall/sage", "wall/sky", "wall/cream", "wall/sky")),
-        movers,
+        moving_objects,
         Pose2(0.0, -0.3, math.pi / 2),
         ((0.0, 4.0), (-1.0, -0.2), (1.0, 0.1), (-1.0, 4.0), (1.0, 0.0)),
         low=True,
@@ -61,8 +61,10 @@ def robots_room(seed: int) -> Scene:
 def printed_room(seed: int) -> Scene:
     """The same with every robot where it is printed at the start; the seed draws the textures alone."""
     room = robots_room(seed)
-    movers = tuple(replace(mover, under_way_s=0.0) for mover in room.movers)
-    return replace(room, name="printed_room", movers=movers)
+    moving_objects = tuple(
+        replace(moving_object, phase_s=0.0) for moving_object in room.moving_objects
+    )
+    return replace(room, name="printed_room", moving_objects=moving_objects)
 
 
 def narrow_course(seed: int) -> Scene:
@@ -83,29 +85,29 @@ def narrow_course(seed: int) -> Scene:
     walked = float(np.hypot(*np.diff(way, axis=0).T).sum())
     end = (GATES[-1][0] + math.sqrt((COURSE_M - walked) ** 2 - 0.15**2), 0.65)
     extent = (-0.2, 0.0, end[0] + 0.6, width)
-    things = list(walls(extent, ("wall/sky", "wall/sage", "wall/cream", "wall/sky")))
+    static_objects = list(walls(extent, ("wall/sky", "wall/sage", "wall/cream", "wall/sky")))
     colours = ("teal", "plum", "navy", "leaf")
     for k, (x, y) in enumerate(GATES):
         turn = float(rng.uniform(0.0, math.pi))
         corners, radius = (6, 8, 4, 6)[k], 0.15
         low, high = y - HALF_GATE_M - radius, y + HALF_GATE_M + radius
         dome, prism = (low, high) if k % 2 else (high, low)
-        things.append(
+        static_objects.append(
             StaticObject(f"hemisphere {k + 1}", hemisphere(place(x, dome), radius, colours[k]))
         )
-        things.append(
+        static_objects.append(
             StaticObject(
                 f"polygon {k + 1}",
                 polygon(place(x, prism), radius, corners, turn, 0.2, colours[k - 1]),
             )
         )
     goals = tuple(place(*goal) for goal in ((2.2, 0.65), (3.9, 0.65), end))
-    return finished(
+    return scene_with_tags(
         "narrow_course",
         seed,
         extent,
         "planks/oak",
-        tuple(things),
+        tuple(static_objects),
         (),
         Pose2(*place(*start), 0.0),
         goals,

@@ -36,7 +36,7 @@ class _Spot:
 
 def place_tags(
     extent: tuple[float, float, float, float],
-    things: tuple[StaticObject, ...],
+    static_objects: tuple[StaticObject, ...],
     start: Pose2,
     count: int,
     others: tuple[tuple[float, float], ...] = (),
@@ -45,16 +45,16 @@ def place_tags(
 
     Args:
         extent: Of the floor, m.
-        things: Walls and furniture; tags hang on faces of boxes that are wide and high enough.
+        static_objects: Walls and furniture; tags hang on faces of boxes that are wide and high enough.
         start: Where the robot begins; only places it can reach count.
         count: How many tags at most (the dictionary has 50).
         others: Places that it will reach too, through doorways finer than the grain of 25 cm.
     """
-    shapes = [part for thing in things for part in thing.parts]
-    space = clearance_map(extent, [s for t in things if not t.wall for s in t.parts], 0.25)
-    inside = [s for t in things if t.wall for s in t.parts if _inside(s, extent)]
+    shapes = [part for item in static_objects for part in item.parts]
+    space = clearance_map(extent, [s for t in static_objects if not t.wall for s in t.parts], 0.25)
+    inside = [s for t in static_objects if t.wall for s in t.parts if _inside(s, extent)]
     space_all = clearance_map(
-        extent, [s for t in things if not t.wall for s in t.parts] + inside, 0.25
+        extent, [s for t in static_objects if not t.wall for s in t.parts] + inside, 0.25
     )
     reachable = space_all.reachable((start.x, start.y), 0.15).ravel()
     for place in others:

@@ -19,7 +19,7 @@ from perception.primitives.pose import Pose3
 
 from ..ranges import check_ranges
 from ..rendering import lens as lenses
-from ..rendering.motion import STILL, Motion, moments
+from ..rendering.motion import STATIONARY, Motion, exposure_times
 from ..world import World
 
 
@@ -63,7 +63,7 @@ class ImageConfig:
             exposure_parts=(1.0, 100.0),
         )
         if self.camera.is_distorted:
-            lenses.check(self.camera)
+            lenses.check_lens(self.camera)
 
     @property
     def camera(self) -> Camera:
@@ -78,7 +78,7 @@ def colour_picture(
     config: ImageConfig,
     T_world_camera: Pose3,
     rng: np.random.Generator,
-    motion: Motion = STILL,
+    motion: Motion = STATIONARY,
 ) -> UInt8[np.ndarray, "h w 3"]:
     """A picture with the lens, the exposure and the noise of its sensor, red first.
 
@@ -98,7 +98,7 @@ def stereo_pair(
     baseline_m: float,
     T_world_left: Pose3,
     rng: np.random.Generator,
-    motion: Motion = STILL,
+    motion: Motion = STATIONARY,
 ) -> tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
     """Left and right grey picture of a parallel pair with equal lenses, each with its own noise.
 
@@ -120,16 +120,16 @@ def _exposed(
 ) -> UInt8[np.ndarray, "h w 3"]:
     """The mean over the exposure of what the lens throws on the sensor."""
     camera = config.camera
-    ideal = lenses.lens_of(camera).ideal if camera.is_distorted else camera
+    ideal = lenses.lens_for(camera).ideal if camera.is_distorted else camera
     if config.exposure_s == 0.0:
         picture = world.picture(ideal, T_world_rig @ T_rig_camera)
     else:
         total = np.zeros((ideal.height, ideal.width, 3), np.float32)
-        for after_s in moments(config.exposure_s, config.exposure_parts):
-            pose = motion.moved(T_world_rig, after_s) @ T_rig_camera
+        for after_s in exposure_times(config.exposure_s, config.exposure_parts):
+            pose = motion.pose_after(T_world_rig, after_s) @ T_rig_camera
             total += world.picture(ideal, pose, after_s)
         picture = np.rint(total / config.exposure_parts).astype(np.uint8)
-    return lenses.lens_of(camera).bent(picture) if camera.is_distorted else picture
+    return lenses.lens_for(camera).distorted(picture) if camera.is_distorted else picture
 
 
 def _read_out(

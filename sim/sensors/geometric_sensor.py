@@ -1,10 +1,10 @@
-"""What the cameras would show, without pictures: round things in view, unhidden, with the errors of a real look.
+"""What the cameras would show, without pictures: round items in view, unhidden, with the errors of a real look.
 
 Rendering half a minute of a walk takes a minute; this takes milliseconds. It asks for a disc what an image
 answers: is all of it inside the view, is it hidden, is its foot in the picture; and it errs as images do:
-the time-of-flight camera by a share of the thing's radius, the colour camera by the pitch of a trembling head,
-both by its yaw, which all things of one instant have wrong alike. It shows less than pictures do: of what the
-view cuts off nothing, where pictures place a round thing close by.
+the time-of-flight camera by a share of the item's radius, the colour camera by the pitch of a trembling head,
+both by its yaw, which all items of one instant have wrong alike. It shows less than pictures do: of what the
+view cuts off nothing, where pictures place a round item close by.
 
 Source: ours; fields of view of seeds 004 and 000, errors those that the detectors of `perception` claim and
 walks have confirmed.
@@ -37,12 +37,12 @@ class GeometricSensorConfig:
     colour_deg: float = 90.0  # seed 000, both ways
     colour_reach_m: float = 2.5  # as `coloured` believes it
     edge_deg: float = 0.16  # a pixel of the colour camera, each edge
-    yaw_deg: float = 0.4  # tremble of the neck, which the encoders do not feel
+    yaw_deg: float = 0.4  # sway of the neck, which the encoders do not feel
     pitch_deg: float = 0.6  # the same of the trunk, ahead or aside
     zero_deg: float = 0.3  # the joints sit askew, one value a run
     claimed_yaw_deg: float = 0.5  # as `coloured` claims
     claimed_pitch_deg: float = 0.7
-    apart_deg: float = 0.5  # less between two things in the picture and they are one patch
+    apart_deg: float = 0.5  # less between two items in the picture and they are one patch
 
     def __post_init__(self) -> None:
         for name, value in self.__dict__.items():
@@ -56,7 +56,7 @@ class GeometricSensorConfig:
 
 @dataclass(frozen=True)
 class SeenDisc:
-    """One round thing in one frame.
+    """One round item in one frame.
 
     Args:
         index: Which of the discs given it is; for evaluation alone.
@@ -99,7 +99,7 @@ class GeometricSensor:
         bearing = np.arctan2(discs[:, 1], discs[:, 0])
         half = np.arcsin(np.minimum(discs[:, 2] / np.maximum(away, discs[:, 2]), 1.0))
         hidden = np.empty(len(discs), np.bool_)
-        kernels.hidden(away, bearing, half, math.radians(config.apart_deg), hidden)
+        kernels.find_occluded(away, bearing, half, math.radians(config.apart_deg), hidden)
         off = np.abs((bearing - pan_rad + math.pi) % (2 * math.pi) - math.pi) + half
         by_tof = self._by_tof(away, off, tilt_rad) & ~hidden
         by_colour = np.zeros(len(discs), np.bool_)
@@ -127,7 +127,7 @@ class GeometricSensor:
             Distances, m, and the disc met, -1 a wall.
         """
         distance, what = np.empty(len(origin)), np.empty(len(origin), np.int64)
-        kernels.cast(np.ascontiguousarray(origin), discs, walls, distance, what)
+        kernels.cast_rays(np.ascontiguousarray(origin), discs, walls, distance, what)
         return distance, what
 
     def floor_reach(self, tilt_rad: float) -> tuple[float, float]:

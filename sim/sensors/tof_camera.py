@@ -26,7 +26,7 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 
 from ..ranges import check_ranges
-from ..rendering.motion import moments
+from ..rendering.motion import exposure_times
 from ..rendering.rays import RayCaster
 
 LIGHT_MPS = 299_792_458.0
@@ -123,7 +123,7 @@ class TofCamera:
     @property
     def instants(self) -> list[float]:
         """When the four pictures are taken, s from the middle of the integration."""
-        return moments(self.config.integration_s, PHASES)
+        return exposure_times(self.config.integration_s, PHASES)
 
     def measure_moving(
         self, pictures: Iterable[tuple[RayCaster, Pose3]]

@@ -14,7 +14,7 @@ from sim.body.dynamic.walker import DynamicConfig
 from sim.body.gait import GaitConfig
 from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
-from sim.body.kinematic import SlipConfig, TrembleConfig
+from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.robot import RobotConfig
 from sim.sensors.cameras import ImageConfig
 from sim.sensors.geometric_sensor import GeometricSensorConfig
@@ -58,17 +58,15 @@ CAMERA = ImageConfig(640, 480, 60.0, (0.0, 0.0, 0.0))
         (ImuConfig(), "gyro_bias_radps", math.nan),
         (SlipConfig(), "forward_mean_m", -1.0),
         (SlipConfig(), "turn_sigma_deg", -0.1),
-        (TrembleConfig(), "standing_share", 2.0),
+        (SwayConfig(), "standing_share", 2.0),
         (DynamicConfig(), "bump_m", 0.06),
-        (DynamicConfig(), "play_deg", 11.0),
+        (DynamicConfig(), "backlash_deg", 11.0),
         (DynamicConfig(), "offset_deg", math.nan),
         (DynamicConfig(), "scale", 0.0),
         (DynamicConfig(), "scale", -1.0),
         (DynamicConfig(), "scale", 11.0),
-        (BalanceConfig(), "due_share", 1.5),
         (BalanceConfig(), "wait_s", -1.0),
-        (BalanceConfig(), "astray_m", -0.1),
-        (BalanceConfig(), "put_down_mps", math.nan),
+        (BalanceConfig(), "deadband_m", -0.1),
         (GaitConfig(), "rescue_back_m", -0.1),
         (GeometricSensorConfig(), "tof_down_deg", 180.0),
         (RobotConfig(), "baseline_m", 4.0),

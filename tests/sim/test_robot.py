@@ -17,7 +17,7 @@ from planning.commands import GazeCommand, WalkCommand
 from sim.body.dynamic.walker import DynamicConfig
 from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
-from sim.body.kinematic import SlipConfig, TrembleConfig
+from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import catalogue
 from sim.sensors.cameras import ImageConfig
@@ -28,7 +28,7 @@ BLIND = RobotConfig(tof=False, stereo=False, colour=False)
 EXACT = replace(
     BLIND,
     slip=SlipConfig(0.0, 0.0, 0.0, 0.0, 0.0),
-    tremble=TrembleConfig(0.0, 0.0, 0.0, 0.0),
+    sway=SwayConfig(0.0, 0.0, 0.0, 0.0),
     head=HeadConfig(encoder_deg=0.0, offset_deg=0.0),
     imu=ImuConfig(0.0, 0.0, 0.0, 0.0),
 )
@@ -279,7 +279,9 @@ def test_both_bodies_have_the_measures_of_their_anatomy(room, dynamic, factor):
     found = []
     for body in ("kinematic", "dynamic"):
         still = replace(EXACT, tof=True, stereo=True, body=body, dynamic=dynamic)
-        still = replace(still, dynamic=replace(dynamic, play_deg=0.0, offset_deg=0.0, bump_m=0.0))
+        still = replace(
+            still, dynamic=replace(dynamic, backlash_deg=0.0, offset_deg=0.0, bump_m=0.0)
+        )
         with World(room, "tiny") as world, SimulatedRobot(world, still, 0) as robot:
             truth = Truth(robot)
             heights = [truth.camera_pose(name).translation[2] for name in ("tof", "stereo")]

@@ -30,18 +30,18 @@ def stand(truth, x, y, yaw):
 def test_clearance_is_the_gap_between_the_trunk_and_the_nearest_thing(truth):
     stand(truth, 0.6, 0.8, 0.0)
     # the walls beside are nearer than the first carton; the soles are 83 mm outward, the trunk 82 mm
-    gap, thing = truth.clearance_m()
-    assert (gap, thing) == (pytest.approx(0.6 - 0.055, abs=1e-9), "wall") or thing.startswith("tag")
+    gap, item = truth.clearance_m()
+    assert (gap, item) == (pytest.approx(0.6 - 0.055, abs=1e-9), "wall") or item.startswith("tag")
     stand(truth, 0.10, 0.8, 0.0)
     gap, _ = truth.clearance_m()
     assert gap == pytest.approx(0.10 - 0.055, abs=7e-3)  # a tag plate is 6 mm thick
 
 
 def test_touching_a_mover_is_contact(truth):
-    x, y, _, _ = truth._world.movers()[0]
-    stand(truth, x - 0.15, y, 0.0)  # 5.2 cm of foot and trunk, 10 cm of the mover
-    gap, thing = truth.clearance_m()
-    assert thing == "robot 1"
+    x, y, _, _ = truth._world.moving_states()[0]
+    stand(truth, x - 0.15, y, 0.0)  # 5.2 cm of foot and trunk, 10 cm of the moving_object
+    gap, item = truth.clearance_m()
+    assert item == "robot 1"
     assert gap == pytest.approx(0.15 - 0.055 - 0.10, abs=1e-9)
     stand(truth, x - 0.3, y, math.pi / 2)
     assert truth.clearance_m()[0] == pytest.approx(0.3 - 0.083 - 0.10, abs=1e-3)
@@ -52,7 +52,7 @@ def test_a_larger_body_touches_sooner():
     tall = replace(BLIND, dynamic=DynamicConfig(anatomy="tall"))
     with World(catalogue.load("corridor", 0), "tiny") as world:
         truth = Truth(SimulatedRobot(world, tall, 0))
-        x, y, _, _ = world.movers()[0]
+        x, y, _, _ = world.moving_states()[0]
         stand(truth, x - 0.3, y, 0.0)
         assert truth.clearance_m()[0] == pytest.approx(0.3 - 0.10 - 0.10, abs=1e-9)
         stand(truth, x - 0.3, y, math.pi / 2)
@@ -61,7 +61,7 @@ def test_a_larger_body_touches_sooner():
 
 def test_occupied_is_what_a_robot_cannot_stand_on(truth):
     carton = truth._scene.obstacles[0].parts[0]
-    x, y, _, _ = truth._world.movers()[0]
+    x, y, _, _ = truth._world.moving_states()[0]
     points = np.array([[0.6, 0.8], carton.centre[:2], [x, y], [-0.05, 0.8], [4.0, 1.65]])
     assert truth.occupied(points).tolist() == [False, True, True, True, True]
 

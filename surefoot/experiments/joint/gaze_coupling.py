@@ -160,7 +160,9 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
                 robot.walk(decision.walk)
                 robot.look(decision.gaze)
                 if decision.why != "survey":
-                    found.append(_measures(senses, estimate, true, len(scene.movers), config))
+                    found.append(
+                        _measures(senses, estimate, true, len(scene.moving_objects), config)
+                    )
             if planner.finished(estimate):
                 break
         sigma, mover, stale = np.array(found or [(math.nan,) * 3]).T

@@ -179,7 +179,7 @@ def _commands(body, gait, trial: Trial, rng: np.random.Generator):  # type: igno
     steps = 0
     for number in range(STEPS):
         body.walk(_random_command(gait, rng))
-        body.take_up()
+        body.start_due_step()
         push_at = -1
         if trial.pushed and number % PUSH_EVERY == PUSH_EVERY // 2:
             push_at = int(rng.integers(body.ticks_left))

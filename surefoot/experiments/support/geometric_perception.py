@@ -121,7 +121,7 @@ class CourseSenses:
 
     def _move_on(self, stamp_s: float) -> None:
         """Movers where they are now, and whether they turned."""
-        for k, (x, y, vx, vy) in enumerate(self._robot.world.movers()):
+        for k, (x, y, vx, vy) in enumerate(self._robot.world.moving_states()):
             self.discs[k, :2] = x, y
             before = self._velocities.get(k, (vx, vy))
             if before[0] * vx + before[1] * vy < 0.0:
@@ -248,7 +248,7 @@ class CourseSenses:
         half = self.grid.cell_m / 2  # what covers a part of a cell covers it
         covered = (centres[:, 0] < x0 + half) | (centres[:, 0] > x1 - half)
         covered |= (centres[:, 1] < y0 + half) | (centres[:, 1] > y1 - half)
-        for x, y, radius in self.discs[len(self._robot.world.scene.movers) :]:
+        for x, y, radius in self.discs[len(self._robot.world.scene.moving_objects) :]:
             away = (centres[:, 0] - x) ** 2 + (centres[:, 1] - y) ** 2
             covered |= away < (radius + half) ** 2
         many = np.repeat(np.arange(len(centres)), np.where(covered, HIT_POINTS, 1))

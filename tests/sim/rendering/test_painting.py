@@ -15,10 +15,12 @@ from sim.shapes import Box
 RED = FloorArea("plain/red", (1.0, 0.5, 2.0, 1.5))
 
 
-def room(extent, things=(), areas=()):
+def room(extent, static_objects=(), areas=()):
     building = walls(extent, ("plain/white",) * 4)
     floor = (FloorArea("plain/lime", extent), *areas)
-    return Scene("room", 0, extent, floor, (*building, *things), (), (), Pose2(0.5, 0.5), ())
+    return Scene(
+        "room", 0, extent, floor, (*building, *static_objects), (), (), Pose2(0.5, 0.5), ()
+    )
 
 
 def is_red(image, extent, x, y):

@@ -59,7 +59,7 @@ def test_tags_are_read_and_lie_where_they_hang(world, distance):
     )
     camera = Camera.from_view(720, 720, math.radians(90), math.radians(90))
     x0, y0, x1, y1 = world.scene.extent
-    plates = {t.name: t.parts[0] for t in world.scene.things if t.name.startswith("tag")}
+    plates = {t.name: t.parts[0] for t in world.scene.static_objects if t.name.startswith("tag")}
     tried = found = 0
     for landmark in world.scene.landmarks[:8]:
         yaw = plates[f"tag {landmark.identity}"].yaw_rad

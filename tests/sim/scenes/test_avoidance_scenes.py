@@ -18,10 +18,10 @@ WALL_M = 1.25
 def _spans(motion: str, seed: int) -> dict[str, tuple[float, float]]:
     scene = catalogue.load(f"avoidance_{motion.lower()}", seed)
     found = {}
-    for thing in scene.things:
-        box = thing.parts[0]
+    for item in scene.static_objects:
+        box = item.parts[0]
         if isinstance(box, Box) and box.material.startswith("cardboard"):
-            found[thing.name] = (
+            found[item.name] = (
                 box.centre[1] + box.size[1] / 2,
                 box.centre[1] - box.size[1] / 2,
             )

@@ -7,7 +7,7 @@ import pytest
 
 from perception.primitives.errors import InputError
 from sim.scenes import catalogue
-from sim.scenes.difficulty import count, graded, span
+from sim.scenes.difficulty import interpolated, interpolated_count, interpolated_span
 from sim.scenes.free_space import clearance_map
 
 SEEDS = range(3)
@@ -17,7 +17,7 @@ PLANNED_M = 0.15  # radius of the disc that planning moves
 
 
 def space(scene):
-    inside = [p for t in scene.things for p in t.parts if not t.name.startswith("tag")]
+    inside = [p for t in scene.static_objects for p in t.parts if not t.name.startswith("tag")]
     return clearance_map(scene.extent, inside)
 
 
@@ -28,7 +28,7 @@ def reaches(free, scene, radius_m):
 
 
 def room(scene):
-    """How far the next thing is, on average over the ground that planning's disc can reach, m."""
+    """How far the next item is, on average over the ground that planning's disc can reach, m."""
     free = space(scene)
     reach = free.reachable((scene.start.x, scene.start.y), PLANNED_M)
     return float(free.clearance[reach].mean())
@@ -41,11 +41,11 @@ def test_what_is_no_difficulty_is_refused(difficulty):
 
 
 def test_measures_meet_their_three_values_and_run_straight_between():
-    assert [graded(d, 0.9, 0.7, 0.1) for d in (0.0, 0.5, 1.0)] == [0.9, 0.7, 0.1]
-    assert graded(0.25, 1.0, 2.0, 6.0) == pytest.approx(1.5)
-    assert graded(0.75, 1.0, 2.0, 6.0) == pytest.approx(4.0)
-    assert count(0.9, 1, 3, 5) == 5
-    assert span(0.75, (0.0, 1.0), (2.0, 3.0), (4.0, 7.0)) == pytest.approx((3.0, 5.0))
+    assert [interpolated(d, 0.9, 0.7, 0.1) for d in (0.0, 0.5, 1.0)] == [0.9, 0.7, 0.1]
+    assert interpolated(0.25, 1.0, 2.0, 6.0) == pytest.approx(1.5)
+    assert interpolated(0.75, 1.0, 2.0, 6.0) == pytest.approx(4.0)
+    assert interpolated_count(0.9, 1, 3, 5) == 5
+    assert interpolated_span(0.75, (0.0, 1.0), (2.0, 3.0), (4.0, 7.0)) == pytest.approx((3.0, 5.0))
 
 
 @pytest.mark.parametrize("name", catalogue.names())
@@ -64,15 +64,17 @@ def test_a_harder_scene_holds_more_and_faster_things_and_narrower_ways(name):
         [catalogue.load(name, seed, difficulty) for seed in SEEDS] for difficulty in (0.0, 0.5, 1.0)
     )
     for less, more in ((easy, usual), (usual, hard)):
-        assert things(less) <= things(more)
+        assert items(less) <= items(more)
         assert np.mean([room(s) for s in less]) > np.mean([room(s) for s in more])
-    assert things(easy) < things(hard)
-    speeds = [[m.speed_mps for scene in group for m in scene.movers] for group in (easy, hard)]
+    assert items(easy) < items(hard)
+    speeds = [
+        [m.speed_mps for scene in group for m in scene.moving_objects] for group in (easy, hard)
+    ]
     assert name == "office" or np.mean(speeds[0]) < np.mean(speeds[1])
 
 
-def things(group):
-    return sum(len(scene.obstacles) + len(scene.movers) for scene in group)
+def items(group):
+    return sum(len(scene.obstacles) + len(scene.moving_objects) for scene in group)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -82,6 +84,9 @@ def test_start_and_goals_are_free_and_can_be_reached_at_any_difficulty(name, dif
     scene = catalogue.load(name, seed, difficulty)
     free = space(scene)
     assert reaches(free, scene, PLANNED_M)
-    for mover in scene.movers:
-        line = [mover.state(float(s))[:2] for s in np.linspace(0.0, mover.reversal_s, 25)]
-        assert min(free.at(place) for place in line) > mover.radius_m
+    for moving_object in scene.moving_objects:
+        line = [
+            moving_object.state(float(s))[:2]
+            for s in np.linspace(0.0, moving_object.reversal_s, 25)
+        ]
+        assert min(free.at(place) for place in line) > moving_object.radius_m

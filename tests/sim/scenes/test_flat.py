@@ -28,16 +28,16 @@ def scene(request):
 
 def lintels(scene):
     """What spans the doorways: the parts of walls that do not stand on the floor."""
-    walls = [t.parts[0] for t in scene.things if t.name == "wall"]
+    walls = [t.parts[0] for t in scene.static_objects if t.name == "wall"]
     return [wall for wall in walls if wall.bottom_m > 1.9]
 
 
 def leaves(scene):
-    return [t.parts[0] for t in scene.things if t.name == "door"]
+    return [t.parts[0] for t in scene.static_objects if t.name == "door"]
 
 
 def solids(scene):
-    return [p for t in scene.things if not t.name.startswith("tag") for p in t.parts]
+    return [p for t in scene.static_objects if not t.name.startswith("tag") for p in t.parts]
 
 
 def test_four_doorways_are_as_wide_as_those_of_a_home_and_narrower_where_it_is_harder(scene):
@@ -49,7 +49,9 @@ def test_four_doorways_are_as_wide_as_those_of_a_home_and_narrower_where_it_is_h
 
 def test_every_leaf_hangs_at_a_jamb_stands_open_and_in_no_wall(scene):
     x0, y0, x1, y1 = scene.extent
-    standing = [t.parts[0] for t in scene.things if t.name == "wall" and t.parts[0].bottom_m == 0.0]
+    standing = [
+        t.parts[0] for t in scene.static_objects if t.name == "wall" and t.parts[0].bottom_m == 0.0
+    ]
     for leaf in leaves(scene):
         corners = outline(leaf)
         assert (corners > [x0, y0]).all()
@@ -76,7 +78,7 @@ def test_with_the_doors_shut_start_and_goals_are_in_four_rooms(scene):
 def test_wherever_somebody_stands_every_goal_can_be_walked_to(scene):
     free = clearance_map(scene.extent, solids(scene))
     start = (scene.start.x, scene.start.y)
-    for person in scene.movers:
+    for person in scene.moving_objects:
         for s in np.linspace(0.0, person.reversal_s, 9):
             reach = free.with_disc(person.state(float(s))[:2], person.radius_m).reachable(
                 start, WALKER_RADIUS_M
@@ -85,7 +87,7 @@ def test_wherever_somebody_stands_every_goal_can_be_walked_to(scene):
 
 
 def test_people_walk_through_doorways_and_touch_nothing(scene):
-    for person in scene.movers:
+    for person in scene.moving_objects:
         line = np.array([person.state(float(s))[:2] for s in np.linspace(0, person.reversal_s, 60)])
         assert min(distance(lintel, line).min() for lintel in lintels(scene)) < 0.0
         low = [part for part in solids(scene) if part.bottom_m < person.height_m]

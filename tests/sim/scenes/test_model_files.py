@@ -182,7 +182,7 @@ def test_even_a_solid_without_a_volume_can_be_touched(corners):
     solid = Solid(np.array(corners), np.array(ONE_SIDE) - 1)
     physics = Physics(DARWIN, Pose2(5.0, 5.0, 0.0), {}, DARWIN.hip_m, 0.005)
     try:
-        physics.furnish([], [solid], [])
+        physics.add_objects([], [solid], [])
         middle = np.array(solid.centre)
         normal = np.array([0.0, 1.0, 0.0]) if corners is PANEL else np.array([0.0, 0.0, 1.0])
         hit = physics._bullet.rayTest(

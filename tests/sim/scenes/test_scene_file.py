@@ -38,10 +38,10 @@ def test_the_ten_lines_are_a_scene(tmp_path):
     scene = load(tmp_path, EXAMPLE)
     assert scene.name == "mine"
     assert scene.goals == ((4.4, 2.0),)
-    assert [thing.name for thing in scene.obstacles] == ["table"]
-    (mover,) = scene.movers
-    assert mover.end == pytest.approx((3.6, 3.0))
-    assert mover.state(10.0)[:2] == pytest.approx((3.6, 1.5))
+    assert [item.name for item in scene.obstacles] == ["table"]
+    (moving_object,) = scene.moving_objects
+    assert moving_object.end == pytest.approx((3.6, 3.0))
+    assert moving_object.state(10.0)[:2] == pytest.approx((3.6, 1.5))
     assert scene.landmarks
     np.testing.assert_allclose(
         heights_below(scene, [(2.5, 2.0), (1.5, 1.0)]), [0.5, 0.0], atol=1e-4
@@ -67,7 +67,7 @@ def test_a_urdf_stands_where_it_was_put_with_its_joints_at_zero(tmp_path):
     (tmp_path / "lamp.urdf").write_text(URDF)
     text = EXAMPLE + '[[model]]\nfile = "lamp.urdf"\nat = [1.5, 3.0]\nyaw = 90\n'
     scene = load(tmp_path, text)
-    lamp = next(thing for thing in scene.obstacles if thing.name.startswith("lamp"))
+    lamp = next(item for item in scene.obstacles if item.name.startswith("lamp"))
     assert len(lamp.parts) == 2
     # The arm lies along x of the model, so along y of the world: 30 cm to both sides, its top at 45 cm.
     places = [(1.5, 3.29), (1.5, 2.71), (1.5, 3.31), (1.54, 3.0), (1.60, 3.0), (1.66, 3.0)]
@@ -137,7 +137,10 @@ def test_a_solid_is_drawn_all_over_and_seen_as_it_is_measured(tmp_path):
         (("[[box]]", "tags = -5\n[[box]]"), "tags = -5; expected a whole number from 0 to 50"),
         (("[[box]]", "tags = 2.7\n[[box]]"), "tags = 2.7; expected a whole number"),
         (("[[box]]", "tags = 51\n[[box]]"), "tags = 51; expected a whole number"),
-        (("to = [3.6, 3.0]", "to = [3.6, 7.0]"), r"mover\]\] 1: the line .* inside the extent"),
+        (
+            ("to = [3.6, 3.0]", "to = [3.6, 7.0]"),
+            r"moving_object\]\] 1: the line .* inside the extent",
+        ),
         (
             ("to = [3.6, 3.0]", "to = [3.6, 3.95]"),
             "comes to 0.05 m inside the extent .* 0.1 m must",
@@ -228,7 +231,9 @@ def arch(tmp_path):
 
 def test_what_lies_in_the_hollow_of_a_model_is_told_so(tmp_path):
     arch(tmp_path)
-    text = EXAMPLE.replace("[[mover]]", '[[model]]\nfile = "arch.ply"\nat = [1.2, 2.0]\n[[mover]]')
+    text = EXAMPLE.replace(
+        "[[moving_object]]", '[[model]]\nfile = "arch.ply"\nat = [1.2, 2.0]\n[[moving_object]]'
+    )
     assert load(tmp_path, text).obstacles[-1].name == "arch 1"
     hollow = r"models are convex for contact: split a hollow one into pieces that are"
     with pytest.raises(InputError, match=rf"start .* is -0.10 m from 'arch 1'; .*{hollow}"):
@@ -265,10 +270,10 @@ def test_a_seed_below_zero_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("thing.stl", "not a mesh", "no triangles"),
-        ("thing.docx", "", "is not read"),
-        ("thing.urdf", "<robot><link name='a'><visual/></link></robot>", "no <geometry>"),
-        ("thing.urdf", "<robot", "no XML"),
+        ("item.stl", "not a mesh", "no triangles"),
+        ("item.docx", "", "is not read"),
+        ("item.urdf", "<robot><link name='a'><visual/></link></robot>", "no <geometry>"),
+        ("item.urdf", "<robot", "no XML"),
     ],
 )
 def test_models_that_cannot_be_used_are_refused(tmp_path, name, content, said):

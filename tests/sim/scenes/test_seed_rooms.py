@@ -26,7 +26,7 @@ def test_in_the_printed_room_the_robots_walk_as_printed(seed):
         for stamp_s, robots in PRINTED.items():
             world.advance_to(stamp_s)
             for state, (x, y, sense), heading in zip(
-                world.movers(), robots, (math.pi, math.pi / 2, math.pi / 4), strict=True
+                world.moving_states(), robots, (math.pi, math.pi / 2, math.pi / 4), strict=True
             ):
                 speed = 0.06 * sense
                 moving = (speed * math.cos(heading), speed * math.sin(heading))
@@ -35,11 +35,11 @@ def test_in_the_printed_room_the_robots_walk_as_printed(seed):
 
 def test_the_usual_room_is_the_same_with_robots_anywhere_on_their_lines():
     printed, usual = catalogue.load("printed_room", 3), catalogue.load("robots_room", 3)
-    assert printed.things == usual.things
+    assert printed.static_objects == usual.static_objects
     assert printed.goals == usual.goals == ((0, 4), (-1, -0.2), (1, 0.1), (-1, 4), (1, 0))
     assert GOAL_TIMES_S["robots_room"] == (0.0, 70.0, 130.0, 150.0, 200.0)
     with World(usual, "tiny", 3) as world:
-        assert world.movers()[0][:2] != pytest.approx((0.6, 1.1))
+        assert world.moving_states()[0][:2] != pytest.approx((0.6, 1.1))
 
 
 def test_the_narrow_course_is_as_long_as_printed_through_its_gates():
@@ -52,6 +52,6 @@ def test_the_narrow_course_is_as_long_as_printed_through_its_gates():
 
 def test_a_users_mover_may_say_how_long_it_is_under_way(tmp_path):
     path = tmp_path / "mine.toml"
-    path.write_text(EXAMPLE.replace("speed = 0.05", "speed = 0.05\nunder_way = 10.0"))
+    path.write_text(EXAMPLE.replace("speed = 0.05", "speed = 0.05\nphase = 10.0"))
     with World(read_scene(path, 4), "tiny", 4) as world:
-        assert world.movers()[0][:2] == pytest.approx((3.6, 1.5))
+        assert world.moving_states()[0][:2] == pytest.approx((3.6, 1.5))

@@ -15,7 +15,7 @@ from perception.primitives.frame import Frame, StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.commands import WalkCommand
 from sim.body.head import HeadConfig
-from sim.body.kinematic import SlipConfig, TrembleConfig
+from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.rendering.motion import Motion, motion_between
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import FloorArea, MovingObject, Scene, StaticObject
@@ -35,15 +35,15 @@ AHEAD = Pose3.from_rotation(head_rotation(0.0, 0.0), np.array([0.0, 0.0, 0.4]))
 EXACT = RobotConfig(
     tof=False,
     slip=SlipConfig(0.0, 0.0, 0.0, 0.0, 0.0),
-    tremble=TrembleConfig(0.0, 0.0, 0.0, 0.0),
+    sway=SwayConfig(0.0, 0.0, 0.0, 0.0),
     head=HeadConfig(encoder_deg=0.0, offset_deg=0.0),
 )
 EXTENT = (-2.0, -4.0, 6.0, 4.0)
 
 
-def scene_with(*things, movers=()):
+def scene_with(*static_objects, moving_objects=()):
     floor = (FloorArea("plain/grey", EXTENT),)
-    return Scene("test", 0, EXTENT, floor, things, movers, (), Pose2(), ())
+    return Scene("test", 0, EXTENT, floor, static_objects, moving_objects, (), Pose2(), ())
 
 
 def tags():
@@ -197,10 +197,10 @@ def test_an_exposure_of_a_camera_at_rest_is_the_instant():
 
 def test_what_moves_past_smears_too():
     body = Cylinder((0.0, 0.0, 0.5), 0.2, 1.0, "plain/navy")
-    mover = MovingObject("fast", (2.0, -1.0), math.pi / 2, 0.5, 4.0, (body,))
+    moving_object = MovingObject("fast", (2.0, -1.0), math.pi / 2, 0.5, 4.0, (body,))
     wall = StaticObject("wall", (Box((4.0, 0.0, 1.0), (0.2, 8.0, 4.0), 0.0, "plain/white"),))
-    with World(scene_with(wall, movers=(mover,)), "tiny") as world:
-        (x, y, _, vy) = world.movers()[0]
+    with World(scene_with(wall, moving_objects=(moving_object,)), "tiny") as world:
+        (x, y, _, vy) = world.moving_states()[0]
         aim = Pose3.from_rotation(head_rotation(math.atan2(y, x), 0.0), AHEAD.position)
         rng = np.random.default_rng(0)
         sharp, smeared = (
@@ -234,7 +234,7 @@ def test_gain_brightens_clips_and_makes_the_noise_grow():
 def test_a_motion_leads_from_one_pose_to_the_other():
     before = Pose3.from_rotation(head_rotation(0.3, 0.2), np.array([1.0, 2.0, 0.4]))
     after = Pose3.from_rotation(head_rotation(0.4, 0.1), np.array([1.1, 1.9, 0.5]))
-    moved = motion_between(before, after, 0.02).moved(before, 0.02)
+    moved = motion_between(before, after, 0.02).pose_after(before, 0.02)
     np.testing.assert_allclose(moved.matrix, after.matrix, atol=1e-12)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.rendering.motion import STILL, Motion
+from sim.rendering.motion import STATIONARY, Motion
 from sim.rendering.rays import RayCaster
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.scenes import catalogue
@@ -30,10 +30,10 @@ def wall_at(distance: float, albedo: float = 0.8, step: bool = False) -> RayCast
     boxes = [Box((distance + 0.5, 0.0, 0.0), (1.0, 20.0, 20.0))]
     if step:
         boxes.append(Box((distance - 0.75, -5.003, 0.0), (0.5, 10.0, 20.0)))
-    things = tuple(StaticObject("wall", (box,), albedo) for box in boxes)
+    static_objects = tuple(StaticObject("wall", (box,), albedo) for box in boxes)
     extent = (-90.0, -90.0, -80.0, -80.0)
     scene = Scene(
-        "test", 0, extent, (FloorArea("planks/oak", extent),), things, (), (), Pose2(), ()
+        "test", 0, extent, (FloorArea("planks/oak", extent),), static_objects, (), (), Pose2(), ()
     )
     caster = RayCaster(scene)
     caster.place([])
@@ -129,7 +129,7 @@ def test_temporal_noise_follows_its_model(distance):
 def test_noise_in_a_home_is_that_of_the_study():
     scene = catalogue.load("home", 0)
     caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
+    caster.place([moving_object.start for moving_object in scene.moving_objects])
     real = TofCamera(TofConfig(), np.random.default_rng(0))
     exact = TofCamera(replace(EXACT, dark=0.0), np.random.default_rng(0))
     spread, ranges = [], []
@@ -169,13 +169,13 @@ def test_ranges_are_whole_units_of_14_bits():
 
 
 def through(caster, camera, motion, pose=AHEAD):
-    return camera.measure_moving((caster, motion.moved(pose, s)) for s in camera.instants)
+    return camera.measure_moving((caster, motion.pose_after(pose, s)) for s in camera.instants)
 
 
 def test_four_pictures_of_a_camera_at_rest_are_one_instant():
     caster, config = wall_at(2.5, step=True), replace(EXACT, sub_rays=2, integration_s=0.03)
     one, other = (TofCamera(config, np.random.default_rng(0)) for _ in range(2))
-    moving = through(caster, one, STILL)
+    moving = through(caster, one, STATIONARY)
     for measured, expected in zip(moving, other.measure(caster, AHEAD), strict=True):
         np.testing.assert_allclose(measured, expected, atol=1e-5)
 

@@ -30,7 +30,7 @@ def _pushed(balance, seed, command, share, angle, steps=16):
         body = DynamicBody(world, GaitConfig(), config, ImuConfig(), head, body_rng)
         for number in range(steps):
             body.walk(command)
-            body.take_up()
+            body.start_due_step()
             if number == 5 and angle is not None:
                 body.advance(70 + round(60 * share))
                 yaw = body.true_pose.yaw + angle

@@ -7,7 +7,7 @@ import pytest
 
 from perception.primitives.errors import ConfigError
 from sim.body.dynamic.anatomy import DARWIN, TALL, gait_for, head_for, links
-from sim.body.dynamic.urdf import box_inertia, bumps, robot_urdf, still_urdf
+from sim.body.dynamic.urdf import box_inertia, floor_bumps, robot_urdf, static_urdf
 from sim.body.dynamic.walker import DynamicConfig
 from sim.body.gait import GaitConfig
 from sim.body.head import HeadConfig
@@ -63,11 +63,11 @@ def test_inertia_of_a_box_is_that_of_its_grains():
 
 
 def test_bumps_are_as_high_as_said_and_lie_inside():
-    found = bumps((-1.0, 0.0, 1.0, 1.5), 0.002, np.random.default_rng(1))
+    found = floor_bumps((-1.0, 0.0, 1.0, 1.5), 0.002, np.random.default_rng(1))
     tops = [box.top_m for box in found]
     assert 0.0 <= min(tops) < 0.0003 < 0.0017 < max(tops) <= 0.002
     assert all(-1.0 < box.centre[0] < 1.05 and 0.0 < box.centre[1] < 1.6 for box in found)
-    root = ET.fromstring(still_urdf([*found, Cylinder((0.0, 0.0, 0.1), 0.1, 0.2)]))
+    root = ET.fromstring(static_urdf([*found, Cylinder((0.0, 0.0, 0.1), 0.1, 0.2)]))
     assert len(list(root.iter("collision"))) == len(found) + 1
 
 
@@ -75,7 +75,7 @@ def test_bumps_are_as_high_as_said_and_lie_inside():
     ("changes", "message"),
     [
         ({"anatomy": "giant"}, "anatomy='giant' is unknown; choose darwin, tall"),
-        ({"play_deg": -1.0}, "play_deg=-1.0 must not be negative"),
+        ({"backlash_deg": -1.0}, "backlash_deg=-1.0 must not be negative"),
         ({"slope_rad": (0.5, 0.0)}, "slope_rad"),
     ],
 )

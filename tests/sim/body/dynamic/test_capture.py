@@ -8,19 +8,19 @@ import pytest
 from perception.primitives.pose import Pose2
 from planning.commands import WalkCommand
 from sim.body.dynamic.balance import BalanceConfig
-from sim.body.dynamic.capture import CapturePoint
+from sim.body.dynamic.capture import STEP_GAIN, CapturePoint
 from sim.body.gait import pendulum
 
 HEIGHT_M = 0.215
 ANSWERS = BalanceConfig()
-IGNORES = BalanceConfig(astray_m=1.0, tipping_m=1.0)  # nor does its trunk bend
+IGNORES = BalanceConfig(deadband_m=1.0, tipping_m=1.0)  # nor does its trunk bend
 STIFF = BalanceConfig(bend_most_rad=(0.0, 0.0))
 
 
-def felt(roll, pitch, roll_rate=0.0, pitch_rate=0.0, config=ANSWERS):
+def errors_after(roll, pitch, roll_rate=0.0, pitch_rate=0.0, config=ANSWERS):
     point = CapturePoint(config, HEIGHT_M)
     for _ in range(60):
-        point.feel(np.array([roll, pitch]), np.array([roll_rate, pitch_rate]))
+        point.update(np.array([roll, pitch]), np.array([roll_rate, pitch_rate]))
     return point
 
 
@@ -28,27 +28,27 @@ def felt(roll, pitch, roll_rate=0.0, pitch_rate=0.0, config=ANSWERS):
 def test_a_pendulum_that_stands_over_it_comes_to_rest_there(tilt, rate):
     """The capture point is where the foot would have to stand for the fall to end over it."""
     x, speed = HEIGHT_M * tilt, HEIGHT_M * rate
-    ahead = felt(0.0, tilt, 0.0, rate).error[0]
+    ahead = errors_after(0.0, tilt, 0.0, rate).error[0]
     position, after = pendulum(x, speed, ahead, 0.9, HEIGHT_M)
     assert position == pytest.approx(ahead, abs=1e-3 * math.exp(-1))
     assert after == pytest.approx(0.0, abs=3e-3)
-    left = felt(tilt, 0.0, rate, 0.0).error
+    left = errors_after(tilt, 0.0, rate, 0.0).error
     assert left == pytest.approx((0.0, -ahead))  # rolled to its right
 
 
 def test_a_usual_error_moves_no_footstep():
     for pitch in (-0.08, 0.08):  # 17 mm
-        assert felt(0.0, pitch).ahead == 0.0
-    further = ANSWERS.answer * (HEIGHT_M * 0.2 - ANSWERS.astray_m)
-    assert felt(0.0, 0.2).ahead == pytest.approx(further)
-    assert felt(0.0, -0.2).ahead == pytest.approx(-further)
+        assert errors_after(0.0, pitch).step_extension_m == 0.0
+    further = STEP_GAIN * (HEIGHT_M * 0.2 - ANSWERS.deadband_m)
+    assert errors_after(0.0, 0.2).step_extension_m == pytest.approx(further)
+    assert errors_after(0.0, -0.2).step_extension_m == pytest.approx(-further)
 
 
 def test_it_tips_to_the_side_on_which_its_weight_is():
     for side in (-1, 1):
-        assert felt(-side * 0.3, 0.0).tips_to(side)
-        assert not felt(side * 0.3, 0.0).tips_to(side)
-        assert not felt(-side * 0.1, 0.5).tips_to(side)
+        assert errors_after(-side * 0.3, 0.0).is_falling_to(side)
+        assert not errors_after(side * 0.3, 0.0).is_falling_to(side)
+        assert not errors_after(-side * 0.1, 0.5).is_falling_to(side)
 
 
 def test_a_body_that_tips_towards_the_foot_in_the_air_puts_it_down_and_stands(pushed):

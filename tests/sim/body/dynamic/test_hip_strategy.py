@@ -8,8 +8,8 @@ import pytest
 from planning.commands import WalkCommand
 from sim.body.dynamic.anatomy import DARWIN
 from sim.body.dynamic.balance import BalanceConfig
-from sim.body.dynamic.hip_strategy import Hips
-from sim.body.dynamic.legs import Legs, tilted
+from sim.body.dynamic.hip_strategy import BEND_RADPS, BEND_RADPS2, STRAIGHTEN_RADPS, HipStrategy
+from sim.body.dynamic.legs import Legs, tilt_rotation
 from sim.body.dynamic.walker import DynamicBody, DynamicConfig
 from sim.body.gait import GaitConfig
 from sim.body.head import Head, HeadConfig
@@ -22,10 +22,10 @@ STIFF = BalanceConfig(bend_most_rad=(0.0, 0.0))
 
 
 def bent(error, ticks, hips=None):
-    hips = hips or Hips(BENDS, TICK_S)
+    hips = hips or HipStrategy(BENDS, TICK_S)
     rates = []
     for _ in range(ticks):
-        hips.advance(np.array(error))
+        hips.update(np.array(error))
         rates.append(hips.rate.copy())
     return hips, np.array(rates)
 
@@ -35,11 +35,11 @@ def test_it_bends_the_way_it_falls_and_straightens_up_slowly():
         hips, rates = bent((ahead, left), 60)
         roll, pitch = hips.bend
         assert np.sign([pitch, -roll]) == pytest.approx(np.sign([ahead, left]))
-        assert np.all(np.abs(rates) <= BENDS.bend_radps)
-        assert np.all(np.abs(np.diff(rates, axis=0)) <= BENDS.bend_radps2 * TICK_S + 1e-12)
+        assert np.all(np.abs(rates) <= BEND_RADPS)
+        assert np.all(np.abs(np.diff(rates, axis=0)) <= BEND_RADPS2 * TICK_S + 1e-12)
         before = hips.bend.copy()
         hips, rates = bent((0.0, 0.0), 100, hips)
-        assert np.all(np.abs(rates[20:]) <= BENDS.unbend_radps + 1e-12)
+        assert np.all(np.abs(rates[20:]) <= STRAIGHTEN_RADPS + 1e-12)
         assert np.all(np.abs(hips.bend) <= np.abs(before))
         hips, _ = bent((0.0, 0.0), 800, hips)
         assert hips.bend == pytest.approx((0.0, 0.0), abs=1e-3)
@@ -48,7 +48,7 @@ def test_it_bends_the_way_it_falls_and_straightens_up_slowly():
 
 
 def test_a_usual_error_does_not_bend_it():
-    most = BENDS.astray_m
+    most = BENDS.deadband_m
     hips, _ = bent((most, -most), 50)
     assert not hips.bend.any()
 
@@ -61,12 +61,12 @@ def test_the_weight_stays_over_the_feet_while_the_trunk_bends(bend):
     def weight(aside):
         pelvis = np.array([-aside[0], -aside[1], 0.195, 0.0])
         angles = legs.solve(pelvis, *feet, bend)
-        return (pelvis[:3] + tilted(bend) @ legs.centre_of_mass(angles))[:2]
+        return (pelvis[:3] + tilt_rotation(bend) @ legs.centre_of_mass(angles))[:2]
 
     level = np.array([0.0, 0.0, 0.195, 0.0])
     there = level[:2] + legs.centre_of_mass(legs.solve(level, *feet))[:2]
     moved = np.linalg.norm(weight(np.zeros(2)) - there)
-    kept = np.linalg.norm(weight(legs.aside(bend)) - there)
+    kept = np.linalg.norm(weight(legs.com_shift(bend)) - there)
     assert moved > 0.008
     assert kept < 0.4 * moved  # the legs lean a little as the pelvis goes aside
 
@@ -92,7 +92,7 @@ def test_a_robot_that_bends_still_knows_where_its_trunk_is(bare_floor):
         body = DynamicBody(world, GaitConfig(), DynamicConfig(), ImuConfig(), head, body_rng)
         for number in range(10):
             body.walk(WalkCommand(0.03))
-            body.take_up()
+            body.start_due_step()
             if number == 5:
                 body.advance(90)
                 body.push(np.array([-10.0, 0.0, 0.0]), 0.1)
@@ -101,7 +101,7 @@ def test_a_robot_that_bends_still_knows_where_its_trunk_is(bare_floor):
                 bend = float(np.abs(body._hips.bend).max())
                 most = max(most, bend)
                 if bend > 0.1:
-                    off.append(body.true_trunk().inverse() @ body.trunk_by_joints())
+                    off.append(body.true_trunk().inverse() @ body.trunk_from_encoders())
         assert not body.fallen
         body.close()
     assert most > 0.2

@@ -26,9 +26,9 @@ TURNING = WalkCommand(0.04, 0.0, 0.08)
 EXTENT = (-1.5, -1.5, 1.5, 1.5)
 
 
-def room(*things):
+def room(*static_objects):
     floor = (FloorArea("plaster/white", EXTENT),)
-    return Scene("floor", 0, EXTENT, floor, things, (), (), Pose2(0.1, -0.2, 0.5), ())
+    return Scene("floor", 0, EXTENT, floor, static_objects, (), (), Pose2(0.1, -0.2, 0.5), ())
 
 
 def walked(steps, seed=0, config=BLIND, scene=None, command=TURNING):
@@ -80,7 +80,7 @@ TOLD_WITHIN = np.array([0.001, 0.001, math.radians(0.2)])
 
 def tight_walk(seed, balance):
     """The worst that joints without play and askew zeros told, and that was commanded, off the true feet."""
-    exact = DynamicConfig(play_deg=0.0, offset_deg=0.0, balance=balance)
+    exact = DynamicConfig(backlash_deg=0.0, offset_deg=0.0, balance=balance)
     tight = replace(BLIND, dynamic=exact)
     told_off, asked_off = np.zeros(3), np.zeros(3)
     with World(room(), "tiny", seed) as world, SimulatedRobot(world, tight, seed) as robot:
@@ -181,11 +181,11 @@ def below(pose):
     return Pose2(*pose.position[:2], math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]))
 
 
-def deepest(scene, thing, steps):
+def deepest(scene, item, steps):
     """How far any corner of any part of a walking robot gets into an upright box, m; negative: not so far."""
     found = -math.inf
-    middle, size = np.array(thing.centre), np.array(thing.size)
-    c, s = math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
+    middle, size = np.array(item.centre), np.array(item.size)
+    c, s = math.cos(item.yaw_rad), math.sin(item.yaw_rad)
     axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, BLIND, 0) as robot:
@@ -220,13 +220,13 @@ def test_a_hard_push_ends_in_a_fall_that_is_told():
 
 @pytest.mark.parametrize("seed", [0, 4, 13])
 def test_who_stands_and_turns_its_head_stays_where_it_stands(seed):
-    """Soles that stand on their edges tremble; friction must not give way to that (it did by 5 degrees)."""
+    """Soles that stand on their edges sway; friction must not give way to that (it did by 5 degrees)."""
     poses = []
     with World(room(), "tiny", seed) as world, SimulatedRobot(world, BLIND, seed) as robot:
         for number in range(30):
             robot.body.walk(WalkCommand(0.04) if number < 5 else WalkCommand())
             robot.look(GazeCommand(1.0 if number % 2 else -1.0, 0.4))
-            robot.body.take_up()
+            robot.body.start_due_step()
             robot.body.advance(robot.body.ticks_left)
             poses.append(Truth(robot).robot_pose())
     crept = poses[8].inverse() @ poses[-1]  # 14 seconds, once it has settled
@@ -244,7 +244,7 @@ def test_the_tall_body_of_seed_004_stands_and_steps():
 def test_encoders_sit_on_the_motors_and_follow_a_head_that_turns_fast():
     steady = replace(BLIND, dynamic=DynamicConfig(offset_deg=0.0))
     steady = replace(steady, head=replace(steady.head, offset_deg=0.0))
-    play, grain = steady.dynamic.play_deg, steady.head.encoder_deg
+    play, grain = steady.dynamic.backlash_deg, steady.head.encoder_deg
     off, late = [], []
     with World(room(), "tiny", 0) as world, SimulatedRobot(world, steady, 0) as robot:
         for pan in (0.9, -0.9):
@@ -252,10 +252,10 @@ def test_encoders_sit_on_the_motors_and_follow_a_head_that_turns_fast():
             for _ in range(60):
                 robot.body.advance(1)
                 true = robot.body.physics.angles(NECK)
-                ahead, up = robot._head.camera_by_encoders((0.0, 0.0, 0.0)).rotation[:, [2, 1]].T
+                ahead, up = robot._head.camera_from_encoders((0.0, 0.0, 0.0)).rotation[:, [2, 1]].T
                 told = (math.atan2(ahead[1], ahead[0]), math.acos(-up[2]))
                 off.append(np.degrees(np.abs(told - true)))
-                late.append(np.degrees(np.abs(robot._head.aims - true)))
+                late.append(np.degrees(np.abs(robot._head.setpoints - true)))
     assert np.max(off) <= play / 2 + grain
     assert np.max(late) > 2.0 * np.max(off)  # what is commanded is not where the joint is
 
@@ -277,7 +277,7 @@ def test_a_sole_feels_the_floor_and_not_what_its_toe_runs_into():
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, smooth, 0) as robot:
         physics = robot.body.physics
         weight = [
-            sum(physics.load_on(f"{side}_ankle_roll") for side in ("left", "right"))
+            sum(physics.sole_force(f"{side}_ankle_roll") for side in ("left", "right"))
             for _ in range(100)
             if robot.body.advance(1)
         ]
@@ -295,12 +295,15 @@ def test_a_sole_feels_the_floor_and_not_what_its_toe_runs_into():
                     physicsClientId=physics.client,
                 )
                 met += any(point[9] > 0.0 for point in aloft)
-                assert physics.load_on(name) == 0.0
+                assert physics.sole_force(name) == 0.0
     assert met > 0
 
 
 def test_up_is_against_gravity_where_the_floor_rises():
-    flat, steep = DynamicConfig(), DynamicConfig(slope_rad=(0.05, -0.03), bump_m=0.0, play_deg=0.0)
+    flat, steep = (
+        DynamicConfig(),
+        DynamicConfig(slope_rad=(0.05, -0.03), bump_m=0.0, backlash_deg=0.0),
+    )
     assert flat.up == (0.0, 0.0, 1.0)
     assert steep.up[:2] == pytest.approx(
         (math.sin(0.05), -math.sin(0.03))
@@ -312,7 +315,7 @@ def test_up_is_against_gravity_where_the_floor_rises():
         felt = []
         for _ in range(200):
             robot.body.advance(1)
-            _, force = robot.body.physics.felt()
+            _, force = robot.body.physics.imu_reading()
             felt.append(robot.body.physics.pelvis().rotation @ force)
         np.testing.assert_allclose(np.mean(felt, axis=0) / 9.81, robot.up, atol=2e-3)
     with World(room(), "tiny", 0) as world:

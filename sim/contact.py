@@ -10,21 +10,20 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from ..shapes import Box, Cylinder, Shape, convex_gap, distance, outline
-from .dynamic.anatomy import Anatomy
-from .dynamic.walker import DynamicBody
-from .kinematic import KinematicBody
+from .body.body import Body
+from .body.dynamic.anatomy import Anatomy
+from .shapes import Box, Cylinder, Shape, convex_gap, distance, outline
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """The nearest thing, and the gap to it, m; not above 0 means contact."""
+    """The nearest item, and the gap to it, m; not above 0 means contact."""
 
     gap_m: float
-    thing: str
+    item: str
 
 
-def robot_solid(body: KinematicBody | DynamicBody, measures: Anatomy) -> tuple[Box, ...]:
+def robot_solid(body: Body, measures: Anatomy) -> tuple[Box, ...]:
     """Trunk and feet where they truly are, world frame; feet up to the ankle."""
     x, y, _ = body.true_trunk().position
     trunk = body.true_pose @ Pose2(float(x), float(y))
@@ -36,13 +35,13 @@ def robot_solid(body: KinematicBody | DynamicBody, measures: Anatomy) -> tuple[B
     return tuple(boxes)
 
 
-def nearest(solid: Sequence[Box], things: Sequence[tuple[str, Shape]]) -> Nearest:
-    """The thing nearest to the solid, level by level: only what shares a height can touch.
+def nearest(solid: Sequence[Box], shapes: Sequence[tuple[str, Shape]]) -> Nearest:
+    """The item nearest to the solid, level by level: only what shares a height can touch.
 
     Exact, since everything is an upright prism.
     """
     best = Nearest(float("inf"), "nothing")
-    for name, shape in things:
+    for name, shape in shapes:
         reach = _reach(shape)
         for box in solid:
             apart = math.dist(box.centre[:2], shape.centre[:2]) - reach - _reach(box)
