@@ -1,4 +1,4 @@
-"""The robot's own solid, for contact: trunk with arms, and both feet; all upright boxes."""
+"""Contact between the robot and objects: its solid (trunk and feet as upright boxes) and the distance to shapes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .shapes import Box, Cylinder, Shape, convex_gap, distance, outline
 
 @dataclass(frozen=True)
 class Nearest:
-    """The nearest item, and the gap to it, m; not above 0 means contact."""
+    """The nearest object and the distance to it, m; zero or less means contact."""
 
     gap_m: float
-    item: str
+    name: str
 
 
 def robot_solid(body: Body, measures: Anatomy) -> tuple[Box, ...]:
-    """Trunk and feet where they truly are, world frame; feet up to the ankle."""
+    """True trunk, and feet up to the ankle, world frame."""
     x, y, _ = body.true_trunk().position
     trunk = body.true_pose @ Pose2(float(x), float(y))
     boxes = [_upright(trunk, measures.trunk_m, measures.trunk_bottom_m)]
@@ -36,9 +36,9 @@ def robot_solid(body: Body, measures: Anatomy) -> tuple[Box, ...]:
 
 
 def nearest(solid: Sequence[Box], shapes: Sequence[tuple[str, Shape]]) -> Nearest:
-    """The item nearest to the solid, level by level: only what shares a height can touch.
+    """The shape nearest to the solid; shapes touch only where their heights overlap.
 
-    Exact, since everything is an upright prism.
+    Exact for upright prisms.
     """
     best = Nearest(float("inf"), "nothing")
     for name, shape in shapes:
@@ -53,7 +53,7 @@ def nearest(solid: Sequence[Box], shapes: Sequence[tuple[str, Shape]]) -> Neares
 
 
 def _reach(shape: Shape) -> float:
-    """Radius of a circle about the centre that holds the outline: what is apart by circles needs no more."""
+    """Radius of a circle about the centre that contains the outline, for a fast rejection."""
     if isinstance(shape, Cylinder):
         return shape.radius
     if isinstance(shape, Box):

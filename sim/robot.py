@@ -1,12 +1,11 @@
-"""The simulated robot: a body that walks in a world, a head that looks, and sensors that say what they see.
+"""The simulated robot: a body in a world, a head, and sensors.
 
-Frames come twice a step, 0.2 s before the end of single support and at its end, when the gait asks for
-its next command; the cameras that take pictures look at its end only, unless pairs are wanted. Everything
-in a `Frame` is what sensors give: `T_body_camera` is what the encoders say, the odometry what the joints
-say. The body is kinematic (footsteps exact, slip and sway drawn) or dynamic (`sim.body.dynamic`: servos and
-soles in a physical world); nothing that is driven by frames can tell which.
+It delivers two frames per step: 0.2 s before the end of single support, and at its end, when the gait takes the next
+command. Colour and stereo cameras take images at the end only, unless image pairs are enabled. A `Frame` holds sensor
+readings only: `T_body_camera` comes from the encoders, odometry from the joints. The body is kinematic (exact footsteps
+with drawn slip and sway) or dynamic (`sim.body.dynamic`: servos and soles in a physics engine).
 
-Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (cameras).
+Source: seed 000, section 2.1.1 (image times); seeds 003 and 004 (cameras).
 """
 
 from __future__ import annotations
@@ -19,6 +18,7 @@ import numpy as np
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import ColourView, Frame, RangeView, StepOdometry, StereoView
 from perception.primitives.pose import Pose3
+from perception.primitives.settings import setting
 from planning.commands import GazeCommand, WalkCommand
 
 from .body.body import Advance, Body
@@ -36,31 +36,40 @@ from .world import World
 
 BODIES = ("kinematic", "dynamic")
 
-BEFORE_END_S = 0.20  # dT of seed 000: the first of the two images, before the end of single support
+BEFORE_END_S = 0.20  # seed 000, dT: first of the two images, before the end of single support
 
 
 @dataclass(frozen=True)
 class RobotConfig:
-    """Which sensors the robot has, and how good they and the body are.
+    """Sensors of the robot, and the errors of sensors and body.
 
-    A camera that is switched off is not rendered; its part of the frame is None.
-
-    Args:
-        body: "kinematic" or "dynamic"; slip and sway are the first one's, dynamic the second's, of which
-            anatomy and scale hold for both. Mounts, baseline, gait and head are those of a DARwIn-OP, and
-            grow with the body.
+    A camera that is switched off is not rendered; its part of the frame is None. `slip` and `sway` belong to the kinematic
+    body, `dynamic` to the dynamic one, but its anatomy and scale apply to both. Mounts, baseline, gait and head are those of
+    a DARwIn-OP and scale with the body.
     """
 
-    body: str = "kinematic"
-    tof: bool = True
-    tof_fails_at_s: float = 0.0  # ours, a fault to try: from then on it is silent; 0: never
-    stereo: bool = True
-    colour: bool = True
-    image_pairs: bool = (
-        False  # seed 000 looks twice a step; else colour and stereo look once, at its end
+    body: str = setting(
+        "kinematic",
+        "",
+        "kinematic (exact footsteps, drawn slip) or dynamic (physics engine)",
+        "ours",
     )
-    tof_mount_m: tuple[float, float, float] = (0.035, 0.0, 0.035)  # DARwIn-OP's camera
-    baseline_m: float = 0.04  # seed 003
+    tof: bool = setting(True, "", "enables the time-of-flight camera", "seed 004")
+    tof_fails_at_s: float = setting(
+        0.0,
+        "s",
+        "time from which the time-of-flight camera fails; 0 is never",
+        "ours: fault injection",
+    )
+    stereo: bool = setting(True, "", "enables the stereo camera", "seed 003")
+    colour: bool = setting(True, "", "enables the colour camera", "seed 000")
+    image_pairs: bool = setting(
+        False, "", "colour and stereo images twice per step instead of once", "seed 000: twice"
+    )
+    tof_mount_m: tuple[float, float, float] = setting(
+        (0.035, 0.0, 0.035), "m", "position of the time-of-flight camera in the head", "DARwIn-OP"
+    )
+    baseline_m: float = setting(0.04, "m", "baseline of the stereo camera", "seed 003")
     gait: GaitConfig = field(default_factory=GaitConfig)
     slip: SlipConfig = field(default_factory=SlipConfig)
     sway: SwayConfig = field(default_factory=SwayConfig)
@@ -68,12 +77,10 @@ class RobotConfig:
     head: HeadConfig = field(default_factory=HeadConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     tof_camera: TofConfig = field(default_factory=TofConfig)
-    colour_camera: ImageConfig = field(
-        default_factory=lambda: ImageConfig(720, 720, 90.0, (0.035, 0.0, 0.035))
-    )  # seed 000: f = 360 px
+    colour_camera: ImageConfig = field(default_factory=ImageConfig)
     stereo_camera: ImageConfig = field(
         default_factory=lambda: ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035))
-    )  # left one; ours: f = 554 px
+    )  # ours, the left camera: f = 554 px
 
     def __post_init__(self) -> None:
         if self.body not in BODIES:
@@ -111,7 +118,7 @@ def grown(config: RobotConfig) -> RobotConfig:
 
 
 class SimulatedRobot:
-    """Drives like a real one: read, walk, look."""
+    """A robot to drive: `read` a frame, `walk`, `look`."""
 
     def __init__(self, world: World, config: RobotConfig, seed: int = 0) -> None:
         self.world, self.config = world, grown(config)
@@ -136,21 +143,23 @@ class SimulatedRobot:
             )
         self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
         self._colour_rng, self._stereo_rng = colour, stereo
-        self._motions: dict[tuple[float, float, float], Motion] = {}  # of cameras that take time
+        self._motions: dict[
+            tuple[float, float, float], Motion
+        ] = {}  # of cameras with an exposure time
         self._began_s = world.stamp_s
 
     @property
     def fallen(self) -> bool:
-        """Whether the robot lies on the floor, by its own inertial sensor: nothing goes on from there."""
+        """Whether the robot has fallen, by its own inertial sensor; it does not get up."""
         return self.body.fallen
 
     @property
     def up(self) -> tuple[float, float, float]:
-        """Against gravity, unit vector in the world."""
+        """Unit vector against gravity, world frame."""
         return self.body.up
 
     def close(self) -> None:
-        """Give the physics back, where there is one; a second time does nothing."""
+        """Close the physics engine, if there is one; a second call does nothing."""
         self.body.close()
 
     def __enter__(self) -> SimulatedRobot:
@@ -165,11 +174,11 @@ class SimulatedRobot:
         self.close()
 
     def read(self) -> Frame:
-        """Let the world go on to the next instant of the sensors, and look."""
+        """Advance the world to the next sensor time and return the frame."""
         self.body.start_due_step()
         first = round(BEFORE_END_S / self.config.gait.tick_s)
         left = self.body.ticks_left
-        advance = self._pass(left - first if left > first else left)
+        advance = self._advance_to_frame(left - first if left > first else left)
         imu = self.body.measure_imu()
         ends = self.body.ticks_left == 0
         looks = ends or self.config.image_pairs
@@ -184,18 +193,18 @@ class SimulatedRobot:
         )
 
     def walk(self, command: WalkCommand) -> None:
-        """Taken up at the start of the coming double support; without a new one the robot stands.
+        """Set the command of the next step; without a new one the robot stands.
 
-        What lies beyond the limits of `GaitConfig` is clipped, and the odometry says so.
+        Commands beyond the limits of `GaitConfig` are clipped, and the odometry reports the clipped step.
         """
         self.body.walk(command)
 
     def look(self, gaze: GazeCommand) -> None:
-        """Turn the head there, as fast as it can; clipped to its reach."""
+        """Set the gaze; the head moves there within its speed and range."""
         self._head.look(gaze)
 
     def cameras(self) -> dict[str, tuple[float, float, float]]:
-        """The cameras that are on, and their places in the head."""
+        """Enabled cameras and their positions in the head."""
         config = self.config
         mounts = {
             "tof": (config.tof, config.tof_mount_m),
@@ -205,17 +214,18 @@ class SimulatedRobot:
         return {name: mount for name, (on, mount) in mounts.items() if on}
 
     def camera_in_world(self, mount: tuple[float, float, float]) -> Pose3:
-        """Where a camera really is: through it the world is rendered. No estimate may ask."""
+        """True pose of a camera, from which it is rendered; not for estimators."""
         trunk = self.body.true_pose.lifted() @ self.body.true_trunk()
         return trunk @ self._head.true_camera(mount)
 
     def _measured_camera(self, mount: tuple[float, float, float]) -> Pose3:
+        """Camera in the body frame as the encoders give it."""
         return self.body.trunk_from_encoders() @ self._head.camera_from_encoders(mount)
 
-    def _pass(self, ticks: int) -> Advance:
-        """Body, head and world go on together; for cameras that take time the last tick on its own."""
+    def _advance_to_frame(self, ticks: int) -> Advance:
+        """Advance body, head and world; with an exposure time the last tick on its own, to measure camera motion."""
         config = self.config
-        taking = [
+        exposing = [
             mount
             for mount, seconds in (
                 (config.tof_mount_m, config.tof_camera.integration_s),
@@ -224,14 +234,14 @@ class SimulatedRobot:
             )
             if seconds > 0.0
         ]
-        if not taking:
-            return self._go_on(ticks)
-        rest = self._go_on(ticks - 1) if ticks > 1 else None
-        before = [self._steady_camera(mount) for mount in taking]
-        last = self._go_on(1)
+        if not exposing:
+            return self._advance(ticks)
+        rest = self._advance(ticks - 1) if ticks > 1 else None
+        before = [self._steady_camera(mount) for mount in exposing]
+        last = self._advance(1)
         self._motions = {
             mount: motion_between(pose, self._steady_camera(mount), last.seconds)
-            for mount, pose in zip(taking, before, strict=True)
+            for mount, pose in zip(exposing, before, strict=True)
         }
         if rest is None:
             return last
@@ -239,11 +249,11 @@ class SimulatedRobot:
         return Advance(motion, steps, rest.seconds + last.seconds)
 
     def _steady_camera(self, mount: tuple[float, float, float]) -> Pose3:
-        """Where a camera is without the kinematic body's sway, which is drawn anew at every look."""
+        """Camera without the kinematic body's sway, which is drawn anew in every frame."""
         trunk = self.body.true_pose.lifted() @ self.body.steady_trunk()
         return trunk @ self._head.true_camera(mount)
 
-    def _go_on(self, ticks: int) -> Advance:
+    def _advance(self, ticks: int) -> Advance:
         advance = self.body.advance(ticks)
         self.world.advance_to(self._began_s + round(self.body.ticks * self.config.gait.tick_s, 9))
         return advance

@@ -1,9 +1,7 @@
-"""Materials: procedural, metric, never repeating, so that a stereo pair can be matched anywhere.
+"""Procedural materials: metric and aperiodic, so that stereo matching works everywhere.
 
-A material is a name "kind/colour". Painted on a rectangle of so many metres it is sums of noise at
-octaves from decimetres to millimetres, with what the kind adds: planks, tiles, threads, drawers.
-Plain or periodic surfaces make stereo fail, which is a fact of life and an experiment of its own, but
-not what a home looks like.
+A material is a name "kind/colour". Painted on a rectangle it is a sum of noise at octaves from decimetres to millimetres,
+plus the structure of its kind: planks, tiles, threads, drawers. The kind "plain" has no texture: stereo fails on it.
 """
 
 from __future__ import annotations
@@ -43,23 +41,23 @@ PALETTE: dict[str, tuple[int, int, int]] = {
     "lime": (150, 190, 60),
 }
 
-TAG_MODULES = 6  # a DICT_4X4_50 tag is 4 x 4 bits in a black frame one wide
-TAG_MARGIN_MODULES = 1  # of white around it on its plate
+TAG_MODULES = 6  # DICT_4X4_50: 4 x 4 bits in a black frame of one module
+TAG_MARGIN_MODULES = 1  # white margin on the plate
 
 
 def paint(
     material: str, size_m: tuple[float, float], metres_per_px: float, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """A rectangle of a material.
+    """Texture of a rectangle.
 
     Args:
-        material: "kind/colour", or "tag/17" for the tag with that number.
+        material: "kind/colour", or "tag/17" for a tag with its id.
         size_m: Width and height.
-        metres_per_px: Grain of the result.
-        rng: Source of everything that is not regular.
+        metres_per_px: Resolution.
+        rng: Source of all irregular structure.
 
     Raises:
-        InputError: for a kind or colour that does not exist.
+        InputError: for an unknown kind or colour.
     """
     kind, _, colour = material.partition("/")
     if kind == "tag":
@@ -84,14 +82,14 @@ def noise(
     finest_m: float = 0.002,
     stretch: float = 1.0,
 ) -> Float32[np.ndarray, "h w"]:
-    """Noise of many octaves of equal strength, each laid over the finer grid; mean 0, deviation 1.
+    """Noise of many octaves of equal strength; mean 0, standard deviation 1.
 
     Args:
         shape: Rows and columns.
-        metres_per_px: Grain.
-        rng: Source.
+        metres_per_px: Resolution.
+        rng: Random source.
         coarsest_m, finest_m: Feature sizes of the first and the last octave.
-        stretch: How much longer features are along the rows than across.
+        stretch: Ratio of feature length along rows to that across.
     """
     height, width = shape
     feature = coarsest_m
@@ -109,7 +107,7 @@ def noise(
 
 
 def _plain(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """One colour, nothing else: what stereo cannot match."""
+    """One colour without texture: stereo cannot match it."""
     return image
 
 
@@ -119,7 +117,7 @@ def _plaster(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 
 def _wall(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Plaster down to a white skirting board."""
+    """Plaster above a white skirting board."""
     image = _plaster(image, grain, rng)
     board = round(0.07 / grain)
     if image.shape[0] > 4 * board:
@@ -142,7 +140,7 @@ def _wood(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 
 def _planks(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Floor boards along the rows, each cut at random and of its own shade."""
+    """Floor boards along the rows, with random lengths and shades."""
     image = _wood(image, grain, rng)
     height, width = image.shape[:2]
     board = max(8, round(0.13 / grain))
@@ -160,7 +158,7 @@ def _planks(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 
 def _tiles(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Square tiles of 33 cm, each of its own shade, with strong clouds so that none looks like another."""
+    """Square tiles of 33 cm with random shades and low-frequency noise, so that all differ."""
     side = max(8, round(0.33 / grain))
     image = image * (1 + 0.12 * noise(image.shape[:2], grain, rng, 0.25))[..., None]
     for top in range(0, image.shape[0], side):
@@ -207,7 +205,7 @@ def _drawers(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 
 def _books(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Shelves of books, no two alike."""
+    """Shelves of books, all different."""
     image = _wood(image, grain, rng)
     height, width = image.shape[:2]
     shelf, rim = max(12, round(0.32 / grain)), max(2, round(0.02 / grain))
@@ -241,7 +239,7 @@ def _leaves(image: Image, grain: float, rng: np.random.Generator) -> Image:
 
 
 def _stripes(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """A painted casing with bands and scratches: the moving robots."""
+    """A painted casing with bands and scratches, for moving robots."""
     height = image.shape[0]
     image = image * (1 + 0.10 * noise(image.shape[:2], grain, rng, 0.08))[..., None]
     for where, thick in ((0.18, 0.10), (0.62, 0.05)):
@@ -267,7 +265,7 @@ KINDS: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {
 
 
 def _tag(identity: int) -> UInt8[np.ndarray, "h w 3"]:
-    """The tag with its white margin, 24 px a module."""
+    """The tag with its white margin, 24 px per module."""
     modules = TAG_MODULES + 2 * TAG_MARGIN_MODULES
     image = np.full((modules * 24, modules * 24), 245, np.uint8)
     inner = slice(TAG_MARGIN_MODULES * 24, (TAG_MARGIN_MODULES + TAG_MODULES) * 24)

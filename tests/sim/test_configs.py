@@ -17,7 +17,6 @@ from sim.body.inertial import ImuConfig
 from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.robot import RobotConfig
 from sim.sensors.cameras import ImageConfig
-from sim.sensors.geometric_sensor import GeometricSensorConfig
 from sim.sensors.tof_camera import TofConfig
 
 CAMERA = ImageConfig(640, 480, 60.0, (0.0, 0.0, 0.0))
@@ -40,7 +39,6 @@ CAMERA = ImageConfig(640, 480, 60.0, (0.0, 0.0, 0.0))
         (TofConfig(), "sub_rays", 0),
         (TofConfig(), "noise_m", math.nan),
         (TofConfig(), "stray_share", 1.5),
-        (TofConfig(), "stray_px", 0.0),
         (TofConfig(), "bits", 0),
         (GaitConfig(), "com_height_m", 0.0),
         (GaitConfig(), "com_height_m", -0.2),
@@ -68,7 +66,6 @@ CAMERA = ImageConfig(640, 480, 60.0, (0.0, 0.0, 0.0))
         (BalanceConfig(), "wait_s", -1.0),
         (BalanceConfig(), "deadband_m", -0.1),
         (GaitConfig(), "rescue_back_m", -0.1),
-        (GeometricSensorConfig(), "tof_down_deg", 180.0),
         (RobotConfig(), "baseline_m", 4.0),
         (RobotConfig(), "tof_mount_m", (math.inf, 0.0, 0.0)),
     ],

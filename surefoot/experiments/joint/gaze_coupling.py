@@ -30,6 +30,7 @@ from planning.gaze.attention import sample_region
 from planning.gaze.policy import MODES
 from sim.robot import SimulatedRobot
 from sim.scenes import catalogue
+from sim.sensors.geometric_sensor import COLOUR_DEG
 from sim.world import World
 
 from ...config.presets import on_body
@@ -103,7 +104,7 @@ class LocatedSenses(CourseSenses):
 
     def _look_for_tags(self, true: Pose2) -> list[Sighting]:
         """The tags that the colour camera shows, not hidden and not too aslant."""
-        half = math.radians(self._sensor.config.colour_deg) / 2
+        half = math.radians(COLOUR_DEG) / 2
         pan, _ = self._head(true)
         found = []
         for mark in self.landmarks:

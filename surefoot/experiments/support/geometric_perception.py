@@ -29,7 +29,7 @@ from perception.primitives.landmark import Landmark
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
 from sim.robot import SimulatedRobot
-from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
+from sim.sensors.geometric_sensor import TOF_ACROSS_DEG, GeometricSensor
 from sim.truth import Truth
 
 from ...config.schema import Config
@@ -84,7 +84,7 @@ class CourseSenses:
             np.random.default_rng(s) for s in np.random.SeedSequence([seed, 40]).spawn(2)
         )
         self._rng = error
-        self._sensor = GeometricSensor(GeometricSensorConfig(), look)
+        self._sensor = GeometricSensor(look)
         self._deviations = np.array([POSE_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD])
         self._error = np.array([0.01, 0.01, math.radians(1.0)]) * error.standard_normal(3)
         self._stamp_s = 0.0
@@ -184,7 +184,7 @@ class CourseSenses:
     def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
         """As `view.visibility`: places that the time-of-flight camera sees beyond."""
         here, nearest, farthest = pose.mean, *self._sensor.floor_reach(tilt)
-        half = math.radians(self._sensor.config.tof_across_deg) / 2
+        half = math.radians(TOF_ACROSS_DEG) / 2
 
         def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
             apart = xy - here[:2]
@@ -207,7 +207,7 @@ class CourseSenses:
         self.confidence.decay(elapsed)
         pan, tilt = self._head(true)
         nearest, farthest = self._sensor.floor_reach(tilt)
-        half = math.radians(self._sensor.config.tof_across_deg) / 2
+        half = math.radians(TOF_ACROSS_DEG) / 2
         fan = pan + np.linspace(-half, half, RAYS)
         origin = np.column_stack([np.full(RAYS, true.x), np.full(RAYS, true.y), true.yaw + fan])
         free, _ = self._sensor.rays(self.discs, self._walls, origin)

@@ -36,7 +36,7 @@ def test_a_floor_keeps_to_its_budget_and_its_areas_to_their_places(monkeypatch, 
     monkeypatch.setattr(painting, "MOST_PX", budget)
     extent = (0.0, 0.0, 4.0, 2.0)
     image = paint_scene(room(extent, areas=[RED]))[0][0].texture
-    finest = 4.0 / painting.FLOOR_GRAIN_M * 2.0 / painting.FLOOR_GRAIN_M
+    finest = 4.0 / painting.FLOOR_RESOLUTION_M * 2.0 / painting.FLOOR_RESOLUTION_M
     assert image.shape[0] * image.shape[1] == pytest.approx(min(budget, finest), rel=0.05)
     for x, y, red in (
         (1.5, 1.0, True), (1.1, 0.6, True), (1.9, 1.4, True), (0.9, 1.0, False), (2.1, 1.0, False),

@@ -7,15 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from perception.primitives.errors import ConfigError
-from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
+from sim.sensors.geometric_sensor import GeometricSensor
 
 TILT = math.radians(28.0)
 WALLS = np.array([-3.0, -3.0, 3.0, 3.0])
 
 
 def sensor(seed=0):
-    return GeometricSensor(GeometricSensorConfig(), np.random.default_rng(seed))
+    return GeometricSensor(np.random.default_rng(seed))
 
 
 def indices(discs, pan=0.0, colour=True):
@@ -67,8 +66,3 @@ def test_rays_end_at_the_nearest_disc_or_wall():
     distance, what = sensor().rays(discs, WALLS, rays)
     np.testing.assert_allclose(distance, [0.9, 1.5, 3.0])
     assert what.tolist() == [0, 2, -1]
-
-
-def test_a_view_without_width_is_refused():
-    with pytest.raises(ConfigError, match="colour_deg"):
-        GeometricSensorConfig(colour_deg=0.0)
