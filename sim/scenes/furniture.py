@@ -1,4 +1,4 @@
-"""Household furniture made of boxes and cylinders, and how a room is furnished with it."""
+"""Furniture made of boxes and cylinders, and the furnishing of a room."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import StaticObject
+from ..scene import Extent, StaticObject
 from ..shapes import Box, Cylinder, Shape, Solid, distance, outline
 
-Extent = tuple[float, float, float, float]
 Parts = tuple[Shape, ...]
 
-PASSAGE_M = (
-    0.66  # kept free between pieces that stand in the room: a body of 28 cm radius and a bit
-)
-LEAST_PIECES = 9
+PASSAGE_M = 0.66  # ours: between pieces, for a body of 28 cm radius
+LEAST_PIECES = 9  # ours
 
 
 @dataclass(frozen=True)
@@ -25,11 +22,11 @@ class Model:
     """A kind of furniture.
 
     Args:
-        name: For people.
-        footprint: Depth (its own x, it looks towards +x) and width, m.
-        build: Its parts about the origin; draws colours.
-        wall: Whether it stands with its back to a wall.
-        albedo: In the infrared.
+        name: Such as "sofa".
+        footprint: Depth (along its own x, its front is +x) and width, m.
+        build: Makes its parts about the origin; draws colours.
+        wall: Whether its back is at a wall.
+        albedo: Infrared reflectance.
     """
 
     name: str
@@ -41,7 +38,7 @@ class Model:
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of furniture where it stands."""
+    """A placed piece of furniture."""
 
     model: Model
     static_object: StaticObject
@@ -171,21 +168,20 @@ def furnish(
     passage_m: float = PASSAGE_M,
     least: int = LEAST_PIECES,
 ) -> list[Piece] | None:
-    """Put furniture into a room, piece by piece, leaving out what finds no place.
+    """Furnish a room piece by piece; pieces that do not fit are left out.
 
-    Pieces of the wall stand with their backs 2 cm from it; the others keep a passage to everything, or
-    stand close to a wall.
+    Pieces with their back to a wall stand 2 cm from it; the others keep a passage to everything or stand close to a wall.
 
     Args:
         extent: Of the room, m.
-        partition: What stands in it already.
-        models: What is wanted, in this order.
-        rng: Of places and colours.
+        partition: Shapes already in the room.
+        models: Wanted pieces in order.
+        rng: Source of places and colours.
         passage_m: Kept free between pieces.
-        least: With fewer pieces it is no furnished room.
+        least: Least number of pieces.
 
     Returns:
-        The pieces, or None if too few found a place.
+        The pieces, or None if fewer than the least number fitted.
     """
     placed: list[Piece] = []
     taken: list[Shape] = list(partition.parts)
@@ -229,7 +225,7 @@ def _draw(model: Model, extent: Extent, rng: np.random.Generator) -> Piece:
 def place_piece(
     model: Model, place: tuple[float, float], yaw_rad: float, rng: np.random.Generator
 ) -> StaticObject:
-    """A piece of furniture, its middle on a place, its front turned that way; draws its colours."""
+    """A piece of furniture centred at a place with that yaw; draws its colours."""
     parts = tuple(_moved(part, place, yaw_rad) for part in model.build(rng))
     return StaticObject(model.name, parts, model.albedo)
 
@@ -265,7 +261,7 @@ def _gap(shape: Shape, points: np.ndarray) -> float:
 
 
 def _rim(shape: Shape) -> np.ndarray:
-    """Points along the outline: corners for a round one, else sixteen to a side."""
+    """Points along the outline: the corners of a cylinder, else sixteen per side."""
     corners = outline(shape)
     if isinstance(shape, Cylinder):
         return corners

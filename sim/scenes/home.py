@@ -1,9 +1,8 @@
-"""The furnished home: a living and a dining room with a wide opening, another one for every seed.
+"""The furnished home: a living and a dining room with a wide opening, drawn by the seed.
 
-Furniture goes along the walls first, then into the rooms; little robots go to and fro across the way.
-A draw that cannot be crossed by a body of 28 cm radius, whatever the robots do, is drawn again. A harder home
-has more pieces and narrower passages between them, a longer partition, and more and faster robots.
-Everything is solid down to the floor. Source: ours.
+Furniture is placed along the walls first, then inside the rooms; small robots move back and forth across the path to the
+first goal. Layouts that a body of 28 cm radius cannot cross at every position of the robots are drawn again. A harder
+home has more pieces, narrower passages, a longer partition, and more and faster robots. Source: ours.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from .rooms import heading_towards, small_robot, walls
 from .tags import place_tags
 
 EXTENT = (0.0, 0.0, 6.4, 5.0)
-WALKER_RADIUS_M = 0.28  # 0.15 of the body, the rest to plan with
-DRAWS = 200  # seeds 0 to 19 take one to three
+WALKER_RADIUS_M = 0.28  # ours: body of 0.15 and a margin for planning
+DRAWS = 200  # ours: seeds 0 to 19 need one to three
 _MOVER_RADIUS_M = 0.10
 _COLOURS = ("orange", "lime", "violet", "navy", "red")
 
@@ -35,7 +34,7 @@ _COLOURS = ("orange", "lime", "violet", "navy", "red")
 class _Layout:
     static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
-    way: np.ndarray
+    path: np.ndarray
     start: tuple[float, float]
     goals: tuple[tuple[float, float], ...]
 
@@ -50,7 +49,7 @@ def home(seed: int, difficulty: float = USUAL) -> Scene:
             continue
         if not _worth_crossing(layout, moving_objects, difficulty):
             continue
-        heading = heading_towards(layout.start, tuple(layout.way[min(12, len(layout.way) - 1)]))
+        heading = heading_towards(layout.start, tuple(layout.path[min(12, len(layout.path) - 1)]))
         start = Pose2(*layout.start, heading)
         plates, landmarks = place_tags(EXTENT, layout.static_objects, start, count=24)
         return Scene(
@@ -64,7 +63,9 @@ def home(seed: int, difficulty: float = USUAL) -> Scene:
             start,
             layout.goals,
         )
-    raise SurefootError(f"home: no draw of {DRAWS} with seed {seed} could be crossed; take another")
+    raise SurefootError(
+        f"home: no draw of {DRAWS} with seed {seed} can be crossed; choose another seed"
+    )
 
 
 def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
@@ -79,7 +80,7 @@ def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
 
 
 def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
-    """Furniture, start and goals; None if they do not go together."""
+    """Furniture, start and goals; None if they are incompatible."""
     partition_y = float(
         rng.uniform(*interpolated_span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0)))
     )
@@ -114,27 +115,27 @@ def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
     first = free_spot(space, (4.9, 6.0), (0.4, 4.6), 0.36, rng)
     if start is None or first is None or math.dist(start, first) < 4.0:
         return None
-    way = space.path(start, first, WALKER_RADIUS_M)
+    path = space.path(start, first, WALKER_RADIUS_M)
     reach = space.reachable(start, WALKER_RADIUS_M)
     others = [
         free_spot(space, *box, 0.36, rng)
         for box in (((2.2, 4.6), (1.6, 4.4)), ((0.4, 2.2), (0.4, 4.6)))
     ]
-    if way is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
+    if path is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
         return None
     goals = (first, *(spot for spot in others if spot is not None))
-    return _Layout(static_objects, space, way, start, goals)
+    return _Layout(static_objects, space, path, start, goals)
 
 
 def _models(difficulty: float) -> tuple[Model, ...]:
-    """What a home is furnished with: the hard one with the small static_objects once more."""
+    """Furniture of a home; a hard one has the small pieces twice."""
     small = tuple(model for model in CATALOGUE[7:12])
     most = len(CATALOGUE)
     return (CATALOGUE + small)[: interpolated_count(difficulty, 8, most, most + len(small))]
 
 
 def with_numbered_names(pieces: list[Piece]) -> list[StaticObject]:
-    """The pieces as static_objects; of several of a kind each gets its number."""
+    """The pieces as static objects, numbered where a name occurs more than once."""
     names = [piece.static_object.name for piece in pieces]
     found = []
     for k, piece in enumerate(pieces):
@@ -154,7 +155,7 @@ def free_spot(
     clearance_m: float,
     rng: np.random.Generator,
 ) -> tuple[float, float] | None:
-    """Somewhere within the ranges with that much room about it; None if chance finds nothing."""
+    """A random place within the ranges with that clearance; None if 60 draws find none."""
     for _ in range(60):
         place = (round(float(rng.uniform(*x_range)), 2), round(float(rng.uniform(*y_range)), 2))
         if space.at(place) >= clearance_m:
@@ -165,7 +166,7 @@ def free_spot(
 def _set_going(
     layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> tuple[MovingObject, ...] | None:
-    """Little robots, usually three: their lines keep clear of furniture, start, goals, and never lock the way."""
+    """Small robots, usually three, clear of furniture, start and goals, that never block the path."""
     moving_objects: list[MovingObject] = []
     for k, colour in enumerate(_COLOURS[: interpolated_count(difficulty, 1, 3, 5)]):
         for _ in range(60):
@@ -181,13 +182,13 @@ def _set_going(
 def _draw_robot(
     k: int, colour: str, layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> MovingObject:
-    """The first two cross or follow the way, the others are anywhere."""
+    """The first two cross or follow the path, the others are anywhere."""
     speeds = interpolated_span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
     speed, reversal = float(rng.uniform(*speeds)), float(rng.uniform(15.0, 25.0))
     heading = float(rng.uniform(-math.pi, math.pi))
     if k < 2:
         share = rng.uniform(0.25, 0.5) if k == 0 else rng.uniform(0.5, 0.75)
-        middle = layout.way[int(share * (len(layout.way) - 1))] + rng.normal(0, 0.15, 2)
+        middle = layout.path[int(share * (len(layout.path) - 1))] + rng.normal(0, 0.15, 2)
     else:
         middle = np.array([rng.uniform(0.5, 5.9), rng.uniform(0.5, 4.5)])
     half = speed * reversal / 2
@@ -216,7 +217,7 @@ def _keeps_clear(moving_object: MovingObject, layout: _Layout, others: list[Movi
         ends = [other.state(s)[:2] for s in np.linspace(0.0, other.reversal_s, 12)]
         if any(math.dist(a, b) < 0.6 for a in line for b in ends):
             return False
-    for place in line[::2]:  # wherever it is, one can pass it
+    for place in line[::2]:  # it can be passed at every position
         reach = layout.space.with_disc(place, _MOVER_RADIUS_M).reachable(
             layout.start, WALKER_RADIUS_M
         )
@@ -228,15 +229,15 @@ def _keeps_clear(moving_object: MovingObject, layout: _Layout, others: list[Movi
 def _worth_crossing(
     layout: _Layout, moving_objects: tuple[MovingObject, ...], difficulty: float
 ) -> bool:
-    """Usually at least six obstacles within a metre of the way, two of them moving."""
+    """Whether there are enough obstacles near the path: usually six within a metre, two of them moving."""
     standing = sum(
-        min(float(distance(part, layout.way).min()) for part in item.parts) < 1.0
+        min(float(distance(part, layout.path).min()) for part in item.parts) < 1.0
         for item in layout.static_objects
         if not item.wall
     )
     moving = sum(
         min(
-            float(np.hypot(*(layout.way - np.array(moving_object.state(s)[:2])).T).min())
+            float(np.hypot(*(layout.path - np.array(moving_object.state(s)[:2])).T).min())
             for s in np.linspace(0.0, moving_object.reversal_s, 12)
         )
         < 1.0

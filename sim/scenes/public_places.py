@@ -1,4 +1,4 @@
-"""Scenes beyond the flat: an office full of desks, and a hall that people cross."""
+"""Larger scenes: an office full of desks, and a hall that people cross."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import MovingObject, Scene, StaticObject
+from ..scene import Extent, MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .difficulty import USUAL, Span, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
@@ -18,15 +18,12 @@ from .rooms import scene_with_tags, walls
 
 OFFICE_M = (0.0, 0.0, 7.0, 5.0)
 HALL_M = (0.0, 0.0, 8.0, 5.0)
-DRAWS = 60
-WALKER_RADIUS_M = 0.28  # a body of 15 cm radius that sways, and room to pass
-PEOPLE = (2, 5, 6)  # ours: who crosses the hall, by its difficulty
-PERSON_RADIUS_M = 0.18
-PERSON_HEIGHT_M = 1.60
-SLOWEST_MPS, FASTEST_MPS = (
-    0.04,
-    0.12,
-)  # strolling children: people at full speed are beyond a small robot
+DRAWS = 60  # ours
+WALKER_RADIUS_M = 0.28  # ours: body of 0.15 and a margin for planning
+PEOPLE = (2, 5, 6)  # ours: in the hall, at difficulty 0, 0.5 and 1
+PERSON_RADIUS_M = 0.18  # ours
+PERSON_HEIGHT_M = 1.60  # ours
+SPEEDS_MPS = (0.04, 0.12)  # ours: scaled to a small robot of 0.1 m/s
 
 _CHAIR = next(model for model in CATALOGUE if model.name == "chair")
 _BIN = next(model for model in CATALOGUE if model.name == "bin")
@@ -35,9 +32,9 @@ _CLOTHES = ("navy", "rust", "plum", "teal", "mustard")
 
 
 def office(seed: int, difficulty: float = USUAL) -> Scene:
-    """Two rows of desks with chairs pushed about, shelves at the walls, cartons and bins in the aisles.
+    """Two rows of desks with chairs, shelves at the walls, and bins in the aisle.
 
-    In a harder one the rows stand closer to the walls and more bins lie between them.
+    In a harder office the rows stand closer to the middle of the room and more bins lie between them.
     """
     rng = np.random.default_rng([seed, 40])
     extent = OFFICE_M
@@ -71,14 +68,14 @@ def office(seed: int, difficulty: float = USUAL) -> Scene:
                 tags=24,
             )
     raise SurefootError(
-        f"office: no draw of {DRAWS} with seed {seed} could be walked; take another"
+        f"office: no draw of {DRAWS} with seed {seed} can be crossed; choose another seed"
     )
 
 
 def hall(seed: int, difficulty: float = USUAL) -> Scene:
-    """A bare hall with two pillars and a bench that people cross, to and fro, from wall to wall.
+    """A bare hall with two pillars and a bench, where people walk back and forth between the long walls.
 
-    In a harder one more people walk between more pillars, closer together and faster.
+    In a harder hall more people walk faster and closer together between more pillars.
     """
     rng = np.random.default_rng([seed, 41])
     extent = HALL_M
@@ -109,7 +106,7 @@ def hall(seed: int, difficulty: float = USUAL) -> Scene:
                 tags=24,
             )
     raise SurefootError(
-        f"hall: in none of {DRAWS} draws with seed {seed} did all people keep apart; take another"
+        f"hall: in no draw of {DRAWS} with seed {seed} do all people keep apart; choose another seed"
     )
 
 
@@ -127,10 +124,10 @@ def _people(
     difficulty: float,
     rng: np.random.Generator,
 ) -> tuple[MovingObject, ...]:
-    """One after the other where there is room for them; fewer than wanted where the first ones bar it."""
+    """People placed one after the other; fewer than wanted if there is no room."""
     shapes = [part for item in static_objects if not item.wall for part in item.parts]
     space = clearance_map(HALL_M, shapes)
-    speeds = interpolated_span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
+    speeds = interpolated_span(difficulty, (0.03, 0.08), SPEEDS_MPS, (0.06, 0.18))
     apart_m = interpolated(difficulty, 0.8, 0.6, 0.42)
     people: tuple[MovingObject, ...] = ()
     for k in range(interpolated_count(difficulty, *PEOPLE)):
@@ -147,7 +144,7 @@ def _people(
 def _person(
     k: int, extent: tuple[float, ...], rng: np.random.Generator, speeds_mps: Span
 ) -> MovingObject:
-    """From one long wall to the other, more or less straight across."""
+    """A person who walks from one long wall to the other, nearly straight across."""
     x = float(rng.uniform(1.4, extent[2] - 1.4))
     margin = PERSON_RADIUS_M + 0.15
     upwards = bool(rng.integers(2))
@@ -165,7 +162,7 @@ def person(
     speed_mps: float,
     reversal_s: float,
 ) -> MovingObject:
-    """Number k, from 0, of the people of a scene, who goes to and fro; its clothes are its own."""
+    """Person number k, from 0, walking back and forth, with clothes by number."""
     trunk = Cylinder(
         (0.0, 0.0, 0.72), PERSON_RADIUS_M, 1.44, f"fabric/{_CLOTHES[k % len(_CLOTHES)]}"
     )
@@ -181,7 +178,7 @@ def _keeps_apart(
     spots: tuple[tuple[float, float], ...],
     apart_m: float,
 ) -> bool:
-    """No two lines share a place, and none leads over a spot or a item."""
+    """Whether a person's segment stays clear of the others', of start and goals, and of objects."""
     line = path_of(one)
     if any(math.dist(place, spot) < 0.7 for place in line for spot in spots):
         return False
@@ -193,19 +190,19 @@ def _keeps_apart(
 
 
 def path_of(moving_object: MovingObject) -> list[tuple[float, float]]:
-    """Places along its way from one end to the other, (x, y), m."""
+    """Places along a moving object's segment, (x, y), m."""
     return [
         moving_object.state(float(s))[:2] for s in np.linspace(0.0, moving_object.reversal_s, 25)
     ]
 
 
 def _can_be_walked(
-    extent: tuple[float, float, float, float],
+    extent: Extent,
     static_objects: list[StaticObject],
     start: Pose2,
     goals: tuple[tuple[float, float], ...],
 ) -> bool:
     shapes = [part for item in static_objects if not item.wall for part in item.parts]
-    reach = clearance_map(extent, shapes).reachable((start.x, start.y), WALKER_RADIUS_M)
     space = clearance_map(extent, shapes)
+    reach = space.reachable((start.x, start.y), WALKER_RADIUS_M)
     return all(bool(reach[space.cell(goal)]) for goal in goals)

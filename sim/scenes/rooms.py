@@ -1,4 +1,4 @@
-"""The plain scenes: an empty room, a corridor, boxes in an arena; and the walls and tags all rooms have."""
+"""Plain scenes (empty room, corridor, boxes in an arena), and the walls and tags of all rooms."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..scene import Extent, FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder
 from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .tags import place_tags
 
 WALL_HEIGHT_M = 2.4
 WALL_THICKNESS_M = 0.10
-
-Extent = tuple[float, float, float, float]
 
 
 def walls(extent: Extent, materials: tuple[str, str, str, str]) -> tuple[StaticObject, ...]:
@@ -51,7 +49,7 @@ def small_robot(
 
 
 def empty_room(seed: int) -> Scene:
-    """Four walls and a floor, 5 x 4 m: for measuring sensors and walking without anything in the way."""
+    """Four walls and a floor of 5 x 4 m, for measurements without obstacles."""
     extent = (0.0, 0.0, 5.0, 4.0)
     return scene_with_tags(
         "empty_room",
@@ -66,9 +64,9 @@ def empty_room(seed: int) -> Scene:
 
 
 def corridor(seed: int, difficulty: float = USUAL) -> Scene:
-    """A corridor of 8 x 1.6 m with boxes at alternating sides and one robot going along it.
+    """A corridor of 8 x 1.6 m with boxes at alternating sides and a robot moving along it.
 
-    A harder one has more and wider boxes, a faster robot and at last a second one.
+    A harder corridor has more and wider boxes, a faster robot, and finally a second one.
     """
     rng = np.random.default_rng([seed, 2])
     extent = (0.0, 0.0, 8.0, 1.6)
@@ -107,9 +105,9 @@ def corridor(seed: int, difficulty: float = USUAL) -> Scene:
 
 
 def boxes(seed: int) -> Scene:
-    """An arena of 4 x 3 m with boxes of 32 x 24 x 32 cm in a row, a gap between them.
+    """An arena of 4 x 3 m with a row of boxes of 32 x 24 x 32 cm and a gap in it.
 
-    Source: seed 004, section 8 (test obstacle, arena of 2.5 x 3 m; ours is longer to start back).
+    Source: seed 004, section 8 (test obstacle, arena of 2.5 x 3 m; ours is longer, for a longer approach).
     """
     rng = np.random.default_rng([seed, 3])
     extent = (0.0, 0.0, 4.0, 3.0)
@@ -145,16 +143,16 @@ def scene_with_tags(
     tags: int = 16,
     low: bool = False,
 ) -> Scene:
-    """A scene of one flooring with its tags hung.
+    """A scene with one flooring and tags on its walls.
 
     Args:
-        name, seed, extent, static_objects, moving_objects, start, goals: As of the scene.
-        flooring: Material of all the floor.
-        tags: How many at most.
-        low: Whether only walls carry and hide tags: what else stands there is too low to.
+        name, seed, extent, static_objects, moving_objects, start, goals: As in `Scene`.
+        flooring: Material of the floor.
+        tags: Greatest number of tags.
+        low: Whether the other objects are too low to carry or occlude tags.
     """
-    around = tuple(item for item in static_objects if item.wall) if low else static_objects
-    plates, landmarks = place_tags(extent, around, start, tags)
+    carriers = tuple(item for item in static_objects if item.wall) if low else static_objects
+    plates, landmarks = place_tags(extent, carriers, start, tags)
     return Scene(
         name,
         seed,
@@ -169,5 +167,5 @@ def scene_with_tags(
 
 
 def heading_towards(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Heading from one place to another, rad."""
+    """Heading from one point to another, rad."""
     return math.atan2(b[1] - a[1], b[0] - a[0])

@@ -1,7 +1,6 @@
-"""Scenes that a user writes, as TOML: ten lines are a room with something in it.
+"""Scenes from a user's TOML file.
 
-Lengths are m, angles deg, places (x, y) on the floor. Every key is known here; a misspelt one is refused, with
-its nearest.
+Lengths are in m, angles in deg, places (x, y) on the floor. Unknown keys are refused with the nearest known one.
 """
 
 from __future__ import annotations
@@ -20,13 +19,12 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 
 from ..rendering.textures import PALETTE
-from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..scene import Extent, FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .furniture import CATALOGUE, place_piece
 from .model_files import placed, read_model
 from .rooms import WALL_HEIGHT_M, small_robot, walls
 from .scene_checks import (
-    Extent,
     check_area,
     check_extent,
     check_moving_object,
@@ -52,36 +50,32 @@ to = [3.6, 3.0]
 speed = 0.05
 """
 
-ALBEDO = 0.6  # ours: of a item that says nothing of it
-MOST_TAGS = 50  # in the dictionary, see `textures`
-_TAGS = 16
-_KEYS: dict[str, dict[str, str]] = {
-    "": {
-        "extent": "four numbers", "start": "x, y, heading", "goals": "a list of places",
-        "floor": "a material", "walls": "a material", "tags": "how many", "box": "tables",
-        "cylinder": "tables", "furniture": "tables", "model": "tables", "moving_object": "tables",
-        "area": "tables",
-    },
-    "box": dict.fromkeys(("name", "at", "size", "yaw", "above", "material", "albedo"), ""),
-    "cylinder": dict.fromkeys(("name", "at", "radius", "height", "above", "material", "albedo"), ""),
-    "furniture": dict.fromkeys(("kind", "at", "yaw", "name"), ""),
-    "model": dict.fromkeys(
-        ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""
+ALBEDO = 0.6  # ours: default
+MOST_TAGS = 50  # size of the dictionary, see `textures`
+_TAGS = 16  # ours: default
+_KEYS: dict[str, tuple[str, ...]] = {
+    "": (
+        "extent", "start", "goals", "floor", "walls", "tags", "box", "cylinder", "furniture", "model",
+        "moving_object", "area",
     ),
-    "moving_object": dict.fromkeys(("name", "from", "to", "speed", "height", "colour", "phase"), ""),
-    "area": dict.fromkeys(("extent", "material"), ""),
+    "box": ("name", "at", "size", "yaw", "above", "material", "albedo"),
+    "cylinder": ("name", "at", "radius", "height", "above", "material", "albedo"),
+    "furniture": ("kind", "at", "yaw", "name"),
+    "model": ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"),
+    "moving_object": ("name", "from", "to", "speed", "height", "colour", "phase"),
+    "area": ("extent", "material"),
 }  # fmt: skip
 
 
 def read_scene(path: Path, seed: int) -> Scene:
-    """The scene of a file.
+    """Read a scene from a file.
 
     Args:
         path: TOML, see `EXAMPLE`.
-        seed: Of colours, textures and where moving_objects are on their lines.
+        seed: Draws colours, textures and phases of moving objects.
 
     Raises:
-        InputError: naming file, entry and value, what was expected and what would mend it.
+        InputError: with file, entry, value, the expected value and a remedy.
     """
     if seed < 0:
         raise InputError(f"{path}: seed {seed} must not be negative; choose 0 or more")
@@ -165,7 +159,7 @@ def _static_objects(
 def _model(
     reader: TableReader, item: Mapping[str, Any], number: int
 ) -> tuple[str, tuple[Shape, ...]]:
-    """What a model is called unless it has a name, and its parts."""
+    """Default name of a model, and its parts."""
     file = reader.path.parent / reader.word(item, "file")
     up = reader.word(item, "up") if "up" in item else ""
     if up not in ("", "y", "z"):
@@ -203,10 +197,10 @@ def _load(path: Path) -> dict[str, Any]:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be read: {error.strerror}; a scene was expected"
+            f"{path}: cannot be read: {error.strerror}; expected a scene file"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is no valid TOML: {error}") from error
+        raise InputError(f"{path}: not valid TOML: {error}") from error
     _refuse_unknown(path, table, "")
     for kind in (key for key in _KEYS if key and key in table):
         entries = table[kind]

@@ -246,12 +246,12 @@ def test_meshes_that_cannot_be_used_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"r.urdf: up = 'y'; a URDF is z up"):
         read_model(tmp_path / "r.urdf", up="y")
     line = write_obj(tmp_path / "a.obj", [(0, 0, 0), (1, 0, 0), (2, 1e-9, 0)], [(1, 2, 3)])
-    with pytest.raises(InputError, match=r"a.obj: holds no surface wider than 0.1 mm"):
+    with pytest.raises(InputError, match=r"a.obj: has no surface wider than 0.1 mm"):
         read_model(line)
     bad = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     bad += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
     (tmp_path / "b.ply").write_text(bad + "0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n")
-    with pytest.raises(InputError, match=r"b.ply: holds vertices that are not finite"):
+    with pytest.raises(InputError, match=r"b.ply: has vertices that are not finite"):
         read_model(tmp_path / "b.ply")
 
 

@@ -183,7 +183,7 @@ above = {above}
 
 @pytest.mark.parametrize("thick", [0.01, 0.3])
 def test_a_goal_behind_a_wall_is_refused(tmp_path, thick):
-    with pytest.raises(InputError, match=r"goal 2 \(4, 2\) is walled off from the start \(1, 2\)"):
+    with pytest.raises(InputError, match=r"goal 2 \(4, 2\) is not reachable from the start \(1, 2\)"):
         load(tmp_path, WALL.format(middle=2.0, thick=thick, length=4.0, above=0.0))
 
 
