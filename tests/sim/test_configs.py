@@ -1,4 +1,4 @@
-"""Configurations that no robot has are refused when they are made, with the name, the value and the range."""
+"""Values out of range are refused with name, value and range."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ CAMERA = ImageConfig(640, 480, 60.0, (0.0, 0.0, 0.0))
         (RobotConfig(), "tof_mount_m", (math.inf, 0.0, 0.0)),
     ],
 )
-def test_what_no_robot_has_is_refused_when_it_is_written_down(config, name, value):
+def test_values_out_of_range_are_refused(config, name, value):
     with pytest.raises(ConfigError, match=rf"{name}=\(?[-\w.]+.* must "):
         dataclasses.replace(config, **{name: value})
 
 
 @pytest.mark.parametrize("anatomy", ANATOMIES)
 @pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
-def test_every_body_there_is_lies_within_the_ranges(anatomy, scale):
+def test_every_anatomy_is_within_the_ranges(anatomy, scale):
     body = DynamicConfig(anatomy=anatomy, scale=scale).body
     assert gait_for(body, GaitConfig()).com_height_m > 0.5 * GaitConfig().com_height_m - 1e-9
     assert head_for(body, HeadConfig()).hip_m == body.hip_m

@@ -1,4 +1,4 @@
-"""Painted scenes: images stay as small as they must however large the room, and show what lies where."""
+"""Textured scenes: textures respect their limits for any room size and show objects at their places."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def is_red(image, extent, x, y):
 
 
 @pytest.mark.parametrize("budget", [1e4, 1e5, 1e9])
-def test_a_floor_keeps_to_its_budget_and_its_areas_to_their_places(monkeypatch, budget):
+def test_floor_texture_respects_its_limit_and_places_its_areas(monkeypatch, budget):
     monkeypatch.setattr(painting, "MOST_PX", budget)
     extent = (0.0, 0.0, 4.0, 2.0)
     image = paint_scene(room(extent, areas=[RED]))[0][0].texture
@@ -45,7 +45,7 @@ def test_a_floor_keeps_to_its_budget_and_its_areas_to_their_places(monkeypatch, 
         assert is_red(image, extent, x, y) == red
 
 
-def test_a_long_corridor_fits_the_textures_of_any_renderer():
+def test_the_texture_of_a_long_corridor_stays_within_the_side_limit():
     still, _ = paint_scene(room((0.0, 0.0, 40.0, 1.0)))
     assert all(max(painted.texture.shape[:2]) <= 8192 for painted in still)
 
@@ -57,7 +57,7 @@ def test_an_area_of_less_than_a_pixel_is_left_out(monkeypatch):
     assert not (image[..., 0].astype(int) > 2 * image[..., 1].astype(int)).any()
 
 
-def test_what_stands_outside_the_walls_is_not_painted():
+def test_objects_outside_the_walls_are_not_painted():
     extent = (0.0, 0.0, 2.0, 2.0)
     outside = StaticObject("crate", (Box((9.0, 1.0, 0.2), (0.4, 0.4, 0.4)),))
     inside = StaticObject("crate", (Box((1.0, 1.0, 0.2), (0.4, 0.4, 0.4)),))

@@ -1,4 +1,4 @@
-"""Scenes: what is asked for is there, can be crossed, and leaves the moving_objects room."""
+"""Scenes: loadable, passable, with free space for moving objects."""
 
 import math
 from functools import cache
@@ -27,7 +27,7 @@ def space(scene):
     return clearance_map(scene.extent, [p for t in scene.static_objects for p in t.parts])
 
 
-def test_an_unknown_scene_names_the_nearest_and_all():
+def test_an_unknown_scene_is_reported_with_the_known_ones():
     with pytest.raises(InputError, match=r"'hom' is unknown; did you mean 'home'.*corridor"):
         catalogue.load("hom", 0)
 
@@ -51,7 +51,7 @@ def test_every_home_can_be_crossed(homes):
             assert reach[space(scene).cell(goal)], scene.seed
 
 
-def test_every_home_is_worth_crossing(homes):
+def test_every_home_has_obstacles_near_the_path(homes):
     for scene in homes:
         assert math.dist((scene.start.x, scene.start.y), scene.goals[0]) >= 4.0
         assert len(scene.obstacles) >= 8
@@ -69,7 +69,7 @@ def test_every_home_is_worth_crossing(homes):
         assert near >= 6, scene.seed
 
 
-def test_movers_stay_in_free_space_and_off_the_robot(homes):
+def test_moving_objects_stay_in_free_space_and_away_from_the_start(homes):
     for scene in homes:
         still = space(scene)
         with World(scene, "tiny", scene.seed) as world:
@@ -84,7 +84,7 @@ def test_movers_stay_in_free_space_and_off_the_robot(homes):
                 world.advance(0.7)
 
 
-def test_a_mover_turns_back_at_the_end_of_its_line():
+def test_a_moving_object_reverses_at_the_end_of_its_segment():
     moving_object = catalogue.load("corridor", 0).moving_objects[0]
     x, y, vx, vy = moving_object.state(moving_object.reversal_s + 1.0)
     assert (x, y) == pytest.approx(
@@ -96,7 +96,7 @@ def test_a_mover_turns_back_at_the_end_of_its_line():
     )
 
 
-def test_a_sweeping_head_finds_two_tags_nearly_everywhere(homes):
+def test_a_panoramic_scan_sees_two_tags_nearly_everywhere(homes):
     shares = []
     for scene in homes:
         free = space(scene)

@@ -1,4 +1,4 @@
-"""The courses: what they promise of places, lines and lengths holds for any seed."""
+"""The courses: positions, segments and lengths are within their limits for any seed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KINDS = [course.SLOW, course.FAST, course.HARD]
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 @pytest.mark.parametrize("seed", [0, 7, 91])
-def test_a_course_has_its_obstacles_its_length_and_room_to_pass(kind, seed):
+def test_a_course_has_its_obstacles_length_and_passages(kind, seed):
     scene = catalogue.load(kind.name, seed)
     posts = np.array([item.parts[0].centre[:2] for item in scene.obstacles])
     assert len(posts) == kind.standing

@@ -1,4 +1,4 @@
-"""Difficulty: harder scenes hold more and have narrower ways, every one can be walked, and 0.5 is as usual."""
+"""Difficulty: harder scenes have more objects and narrower passages, all are passable, and 0.5 is the usual scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sim.scenes.free_space import clearance_map
 SEEDS = range(3)
 GRADED = ("home", "flat", "corridor", "office", "hall", "course", "fast_course", "hard_course")
 SAME = ("empty_room", "boxes", "plain_room", "robots_room", "narrow_course", "avoidance_ss")
-PLANNED_M = 0.15  # radius of the disc that planning moves
+PLANNED_M = 0.15  # radius of the planning disc
 
 
 def space(scene):
@@ -22,25 +22,25 @@ def space(scene):
 
 
 def reaches(free, scene, radius_m):
-    """Whether a disc of that radius stands at the start and gets to every goal."""
+    """Whether a disc of that radius fits at the start and reaches every goal."""
     reach = free.reachable((scene.start.x, scene.start.y), radius_m)
     return all(reach[free.cell(goal)] for goal in scene.goals)
 
 
 def room(scene):
-    """How far the next item is, on average over the ground that planning's disc can reach, m."""
+    """Mean clearance over the cells that the planning disc can reach, m."""
     free = space(scene)
     reach = free.reachable((scene.start.x, scene.start.y), PLANNED_M)
     return float(free.clearance[reach].mean())
 
 
 @pytest.mark.parametrize("difficulty", [-0.01, 1.01, float("nan")])
-def test_what_is_no_difficulty_is_refused(difficulty):
+def test_an_invalid_difficulty_is_refused(difficulty):
     with pytest.raises(InputError, match=r"difficulty=.* must lie in \[0, 1\]"):
         catalogue.load("home", 0, difficulty)
 
 
-def test_measures_meet_their_three_values_and_run_straight_between():
+def test_parameters_are_interpolated_linearly_between_three_values():
     assert [interpolated(d, 0.9, 0.7, 0.1) for d in (0.0, 0.5, 1.0)] == [0.9, 0.7, 0.1]
     assert interpolated(0.25, 1.0, 2.0, 6.0) == pytest.approx(1.5)
     assert interpolated(0.75, 1.0, 2.0, 6.0) == pytest.approx(4.0)
@@ -49,17 +49,17 @@ def test_measures_meet_their_three_values_and_run_straight_between():
 
 
 @pytest.mark.parametrize("name", catalogue.names())
-def test_half_way_is_the_scene_as_usual(name):
+def test_difficulty_one_half_is_the_usual_scene(name):
     assert catalogue.load(name, 3, 0.5) == catalogue.load(name, 3)
 
 
 @pytest.mark.parametrize("name", SAME)
-def test_what_is_printed_or_for_measuring_stays_what_it_is(name):
+def test_scenes_of_papers_and_for_measurements_ignore_the_difficulty(name):
     assert catalogue.load(name, 2, 0.0) == catalogue.load(name, 2) == catalogue.load(name, 2, 1.0)
 
 
 @pytest.mark.parametrize("name", GRADED)
-def test_a_harder_scene_holds_more_and_faster_things_and_narrower_ways(name):
+def test_a_harder_scene_has_more_and_faster_objects_and_narrower_passages(name):
     easy, usual, hard = (
         [catalogue.load(name, seed, difficulty) for seed in SEEDS] for difficulty in (0.0, 0.5, 1.0)
     )
@@ -80,7 +80,7 @@ def items(group):
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("difficulty", [0.0, 1.0])
 @pytest.mark.parametrize("name", GRADED)
-def test_start_and_goals_are_free_and_can_be_reached_at_any_difficulty(name, difficulty, seed):
+def test_start_and_goals_are_free_and_reachable_at_any_difficulty(name, difficulty, seed):
     scene = catalogue.load(name, seed, difficulty)
     free = space(scene)
     assert reaches(free, scene, PLANNED_M)

@@ -1,4 +1,4 @@
-"""Office and hall: full enough to be worth crossing, and they can be crossed."""
+"""Office and hall: enough obstacles, and every goal reachable."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sim.shapes import distance
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("name", ["office", "hall"])
-def test_every_goal_can_be_walked_to(name, seed):
+def test_every_goal_is_reachable(name, seed):
     scene = catalogue.load(name, seed)
     space = clearance_map(scene.extent, [p for t in scene.obstacles for p in t.parts])
     reach = space.reachable((scene.start.x, scene.start.y), 0.28)
@@ -40,14 +40,14 @@ def test_a_hall_has_all_its_people(seed):
 
 def test_a_hall_without_room_for_its_people_is_refused(monkeypatch):
     monkeypatch.setattr(public_places, "DRAWS", 10)
-    crowd = (2, 12, 14)  # 0.6 m apart on 5.2 m there is no room for twelve
+    crowd = (2, 12, 14)  # twelve people 0.6 m apart do not fit into 5.2 m
     monkeypatch.setattr(public_places, "PEOPLE", crowd)
     with pytest.raises(SurefootError, match=r"hall: .* seed 3 .* people"):
         catalogue.load("hall", 3)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_people_cross_the_hall_and_never_meet_anything(seed):
+def test_people_cross_the_hall_without_contact(seed):
     scene = catalogue.load("hall", seed)
     times = np.linspace(0.0, 200.0, 81)
     ways = [

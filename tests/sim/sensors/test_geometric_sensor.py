@@ -1,4 +1,4 @@
-"""The geometric sensor: what it shows and how wrong, against geometry and its own claims."""
+"""The geometric sensor: detections and errors against geometry and the claimed covariance."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ def indices(discs, pan=0.0, colour=True):
     return {one.index for one in sensor().look(np.array(discs, float), pan, TILT, colour)}
 
 
-def test_what_is_ahead_is_seen_and_what_is_behind_is_not():
+def test_discs_ahead_are_detected_and_those_behind_are_not():
     assert indices([[1.0, 0.0, 0.1], [-1.0, 0.0, 0.1]]) == {0}
     assert indices([[1.0, 0.0, 0.1], [0.0, 1.0, 0.1]], pan=math.pi / 2) == {1}
 
 
-def test_what_stands_behind_another_is_hidden():
+def test_occluded_discs_are_not_detected():
     assert indices([[0.8, 0.0, 0.1], [1.6, 0.05, 0.1], [1.6, 0.9, 0.1]]) == {0, 2}
 
 
-def test_the_colour_camera_sees_aside_where_the_other_does_not():
-    aside = [[1.0, 0.7, 0.1]]  # 35 degrees off
-    assert indices(aside) == {0}
-    assert indices(aside, colour=False) == set()
+def test_the_colour_camera_has_the_wider_field_of_view():
+    lateral = [[1.0, 0.7, 0.1]]  # 35 degrees off
+    assert indices(lateral) == {0}
+    assert indices(lateral, colour=False) == set()
 
 
-def test_only_whole_things_count_at_the_edge_of_the_view():
+def test_discs_cut_by_the_edge_of_the_view_are_not_detected():
     edge = math.radians(22.0)
     inside, cut = edge - 0.11, edge - 0.05  # a disc of 10 cm at 1 m is 0.1 rad wide to each side
     for bearing, seen in ((inside, {0}), (cut, set())):
@@ -44,13 +44,13 @@ def test_only_whole_things_count_at_the_edge_of_the_view():
         assert indices(disc, colour=False) == seen
 
 
-def test_beyond_reach_nothing_is_seen():
+def test_discs_out_of_range_are_not_detected():
     assert indices([[2.8, 0.0, 0.1]]) == set()
 
 
 @pytest.mark.parametrize("place", [(0.7, 0.1), (1.5, -0.9)])
-def test_errors_are_as_large_as_claimed(place):
-    """Over many runs the squared error in units of the claim is that of two dimensions, or less."""
+def test_errors_agree_with_the_claimed_covariance(place):
+    """Over many runs the normalised squared error is that of two dimensions, or less."""
     squares = []
     for seed in range(300):
         for one in sensor(seed).look(np.array([[*place, 0.1]]), 0.0, TILT, True):

@@ -1,4 +1,4 @@
-"""Bodies that are pushed, on a floor with nothing on it."""
+"""Pushed bodies on an empty floor."""
 
 import math
 
@@ -18,10 +18,10 @@ _FLOOR = Scene("floor", 0, _EXTENT, (FloorArea("plaster/white", _EXTENT),), (), 
 
 
 def _pushed(balance, seed, command, share, angle, steps=16):
-    """A body after a push of 1 N s, some way into a swing of its left foot; None for no push.
+    """Push a body with 1 N s during a swing of its left foot; no push if the angle is None.
 
     Returns:
-        Where it is by its own plan at the end of each step, and whether it fell.
+        Planned poses at the end of each step, and whether it fell.
     """
     body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     head, planned = Head(HeadConfig(), head_rng), []

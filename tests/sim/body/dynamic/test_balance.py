@@ -1,4 +1,4 @@
-"""Attitude, landing and odometry, each against what must come out on paper."""
+"""Attitude, landing control and odometry against closed-form results."""
 
 import math
 
@@ -25,13 +25,13 @@ TICK_S = 0.005
 
 
 def upward(roll, pitch):
-    """The vertical in a trunk that is rolled, then pitched (fixed axes)."""
+    """The vertical in the axes of a trunk rolled, then pitched (fixed axes)."""
     return np.array(
         [-math.sin(pitch), math.sin(roll) * math.cos(pitch), math.cos(roll) * math.cos(pitch)]
     )
 
 
-def test_the_vertical_follows_a_turning_trunk_by_gyro_alone():
+def test_gyro_alone_tracks_the_vertical_in_a_rotating_trunk():
     attitude = Attitude(BalanceConfig(attitude_s=1e9), TICK_S)
     angle = 0.0
     for k in range(400):
@@ -41,7 +41,7 @@ def test_the_vertical_follows_a_turning_trunk_by_gyro_alone():
     assert attitude.tilt == pytest.approx((0.0, angle), abs=2e-3)
 
 
-def test_at_rest_the_accelerometer_has_the_last_word_and_the_bias_is_learnt():
+def test_at_rest_the_accelerometer_corrects_the_vertical_and_the_gyro_bias_is_estimated():
     attitude = Attitude(BalanceConfig(), TICK_S)
     bias = np.array([0.01, -0.02, 0.0])
     force = GRAVITY_MPS2 * upward(0.05, -0.03)
@@ -51,7 +51,7 @@ def test_at_rest_the_accelerometer_has_the_last_word_and_the_bias_is_learnt():
     np.testing.assert_allclose(attitude._bias[:2], bias[:2], atol=5e-4)
 
 
-def test_planned_acceleration_does_not_lean_the_vertical():
+def test_planned_acceleration_does_not_tilt_the_vertical():
     attitude = Attitude(BalanceConfig(), TICK_S)
     for k in range(2000):
         sway = 1.5 * math.sin(2 * math.pi * 0.77 * k * TICK_S)
@@ -60,8 +60,8 @@ def test_planned_acceleration_does_not_lean_the_vertical():
 
 
 @pytest.mark.parametrize("upward_share", [0.5, -0.5])
-def test_gears_that_chatter_do_not_lean_the_vertical(upward_share):
-    """Ahead and up at once, 5 m/s^2: each blow leans, their mean does not."""
+def test_gear_chatter_does_not_tilt_the_vertical(upward_share):
+    """Shocks forward and up, 5 m/s^2: each one tilts the estimate, their mean does not."""
     attitude = Attitude(BalanceConfig(), TICK_S)
     for k in range(4000):
         blow = 5.0 * (-1.0) ** k
@@ -70,13 +70,13 @@ def test_gears_that_chatter_do_not_lean_the_vertical(upward_share):
     assert attitude.tilt == pytest.approx((0.0, 0.0), abs=math.radians(0.1))
 
 
-def test_a_sole_that_lands_hard_does_not_throw_the_vertical():
+def test_a_hard_landing_does_not_tilt_the_vertical():
     attitude = Attitude(BalanceConfig(), TICK_S)
     attitude.update(np.zeros(3), np.array([60.0, -80.0, GRAVITY_MPS2]), np.zeros(2))
     assert math.hypot(*attitude.tilt) < math.radians(0.2)
 
 
-def test_the_gyro_takes_its_full_part_only_while_the_body_walks():
+def test_gyro_feedback_has_full_gain_only_while_walking():
     ticks = 100
 
     def turned(walking: bool) -> float:
@@ -90,11 +90,11 @@ def test_the_gyro_takes_its_full_part_only_while_the_body_walks():
     assert turned(False) == pytest.approx(0.2 * GYRO_GAIN_S * STANDING_SHARE)
 
 
-def test_levelled_axes_undo_the_tilt():
+def test_level_axes_undo_the_tilt():
     attitude = Attitude(BalanceConfig(), TICK_S)
     attitude.up = upward(0.1, -0.2)
     np.testing.assert_allclose(attitude.level() @ attitude.up, [0, 0, 1], atol=1e-12)
-    # a trunk that turns about the vertical turns its heading just so fast
+    # rotation about the vertical equals the yaw rate
     assert attitude.yaw_rate(0.7 * attitude.up) == pytest.approx(0.7, abs=1e-12)
 
 
@@ -104,7 +104,7 @@ def walking_step():
     return gait.step(WalkCommand(0.04))
 
 
-def test_a_sole_that_meets_the_floor_early_stays_where_it_is():
+def test_a_sole_that_lands_early_keeps_its_height():
     step, landing = walking_step(), LandingControl(BalanceConfig(), TICK_S)
     swinging = 0 if step.swing > 0 else 1
     touched = None
@@ -120,11 +120,11 @@ def test_a_sole_that_meets_the_floor_early_stays_where_it_is():
     assert landing.heights[1 - swinging] == 0.0
 
 
-def test_a_sole_in_a_hurry_goes_down_until_it_meets_the_floor_and_stays_there():
+def test_a_foot_that_lands_at_once_stops_at_the_floor():
     step, config = walking_step(), BalanceConfig()
     landing = LandingControl(config, TICK_S)
     swinging, heights = 0 if step.swing > 0 else 1, []
-    first = step.double_support_ticks + 15  # still on the way up
+    first = step.double_support_ticks + 15  # the foot still rises
     for tick in range(first, step.ticks):
         landing.land_now()
         floor = bool(heights) and heights[-1] < 0.002
@@ -136,12 +136,12 @@ def test_a_sole_in_a_hurry_goes_down_until_it_meets_the_floor_and_stays_there():
         else:
             stood = heights[-1]
     assert -0.001 < stood < 0.002
-    # ... and the next step of it is in no hurry
+    # the next step lands at its planned time
     landing.update(step, 0, 5.0)
     assert not landing.landed_early(step)
 
 
-def test_a_sole_in_a_hurry_over_a_hole_is_let_down_no_further_than_allowed():
+def test_a_foot_that_lands_at_once_over_a_hole_stops_at_the_limit():
     step, landing = walking_step(), LandingControl(BalanceConfig(), TICK_S)
     for tick in range(step.double_support_ticks, step.ticks):
         landing.land_now()
@@ -151,20 +151,20 @@ def test_a_sole_in_a_hurry_over_a_hole_is_let_down_no_further_than_allowed():
     assert sole == pytest.approx(-LOWER_MOST_M)
 
 
-def test_a_sole_in_the_air_is_let_down_no_further_than_allowed():
+def test_a_sole_without_contact_is_lowered_to_the_limit_only():
     step, most = walking_step(), LOWER_MOST_M
     landing = LandingControl(BalanceConfig(), TICK_S)
     standing = 1 if step.swing > 0 else 0
     for tick in range(step.double_support_ticks):
         landing.update(step, tick, 0.0)
-        lowered = -min(0.03 * TICK_S * (tick + 1), most)  # what fades of it meanwhile comes off
+        lowered = -min(0.03 * TICK_S * (tick + 1), most)  # less the decay
         assert lowered - 1e-12 <= landing.heights[standing] <= 0.85 * lowered
     assert landing.must_wait(step, 0, 0.0)
     assert not landing.must_wait(step, 0, 10.0)
     assert not landing.must_wait(step, 1, 0.0)
 
 
-def test_waiting_for_a_foot_ends():
+def test_waiting_for_a_landing_is_limited():
     step, landing = walking_step(), LandingControl(BalanceConfig(wait_s=0.1), TICK_S)
     waited = 0
     while landing.must_wait(step, 0, 0.0):
@@ -172,7 +172,7 @@ def test_waiting_for_a_foot_ends():
     assert waited == 20
 
 
-def test_foot_to_foot_is_exact_where_soles_do_not_slip():
+def test_foot_to_foot_odometry_is_exact_without_slip():
     legs, gait = Legs(DARWIN), Gait(GaitConfig())
     rng = np.random.default_rng(5)
     angles = legs.stand(np.zeros(2), GaitConfig().stance_width_m)
