@@ -23,7 +23,8 @@ from planning.commands import GazeCommand, WalkCommand
 
 from .body.body import Advance, Body
 from .body.dynamic.anatomy import DARWIN, gait_for, head_for
-from .body.dynamic.walker import DynamicBody, DynamicConfig
+from .body.dynamic.config import DynamicConfig
+from .body.dynamic.walker import DynamicBody
 from .body.gait import GaitConfig
 from .body.head import Head, HeadConfig
 from .body.inertial import ImuConfig, InertialSensor

@@ -86,9 +86,9 @@ def _is_inside(patch: Patch, extent: tuple[float, float, float, float]) -> bool:
     return bool(extent[0] <= x <= extent[2] and extent[1] <= y <= extent[3])
 
 
-def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, grain_m: float) -> Painted:
+def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, px_m: float) -> Painted:
     """Paint patches and pack them into one texture."""
-    images = [_lit(patch, rng, grain_m) for patch in surfaces]
+    images = [_lit(patch, rng, px_m) for patch in surfaces]
     framed = [
         np.pad(image, ((_BORDER_PX, _BORDER_PX), (_BORDER_PX, _BORDER_PX), (0, 0)), mode="edge")
         for image in images
@@ -131,9 +131,9 @@ def _shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], t
     return places, (top + row, across)
 
 
-def _lit(patch: Patch, rng: np.random.Generator, grain_m: float) -> UInt8[np.ndarray, "h w 3"]:
+def _lit(patch: Patch, rng: np.random.Generator, px_m: float) -> UInt8[np.ndarray, "h w 3"]:
     """The patch's material under the light of the room."""
-    image = paint(patch.material, patch.size_m, _limited_resolution(patch.size_m, grain_m), rng)
+    image = paint(patch.material, patch.size_m, _limited_resolution(patch.size_m, px_m), rng)
     if patch.material.startswith("tag/"):
         return image
     height, width = image.shape[:2]
@@ -156,14 +156,14 @@ def _floor_image(
 ) -> UInt8[np.ndarray, "h w 3"]:
     """All flooring, with soft contact shadows."""
     x0, y0, x1, y1 = scene.extent
-    grain = _limited_resolution((x1 - x0, y1 - y0), FLOOR_RESOLUTION_M)
-    width = _WIDTH_UNIT * round((x1 - x0) / grain / _WIDTH_UNIT)
-    size = (round((y1 - y0) / grain), width)
+    px_m = _limited_resolution((x1 - x0, y1 - y0), FLOOR_RESOLUTION_M)
+    width = _WIDTH_UNIT * round((x1 - x0) / px_m / _WIDTH_UNIT)
+    size = (round((y1 - y0) / px_m), width)
     image = np.zeros((*size, 3), np.uint8)
     for area in scene.floor:
-        rows, columns = _window(area, scene.extent, size, grain)
+        rows, columns = _window(area, scene.extent, size, px_m)
         a, b, c, d = area.extent
-        piece = paint(area.material, (c - a, d - b), grain, rng)
+        piece = paint(area.material, (c - a, d - b), px_m, rng)
         wide = (columns.stop - columns.start, rows.stop - rows.start)
         if min(wide) < 1:  # less than a pixel inside
             continue
@@ -172,27 +172,27 @@ def _floor_image(
     return np.clip(image * shade[..., None], 0, 255).astype(np.uint8)
 
 
-def _limited_resolution(size_m: tuple[float, float], grain_m: float) -> float:
+def _limited_resolution(size_m: tuple[float, float], px_m: float) -> float:
     """Resolution, made coarser where the texture of a large surface would exceed the limits."""
     width, height = size_m
-    return max(grain_m, math.sqrt(width * height / MOST_PX), max(size_m) / MOST_SIDE_PX)
+    return max(px_m, math.sqrt(width * height / MOST_PX), max(size_m) / MOST_SIDE_PX)
 
 
 def _window(
     area: FloorArea,
     extent: tuple[float, float, float, float],
     size: tuple[int, int],
-    grain: float,
+    px_m: float,
 ) -> tuple[slice, slice]:
     """Rows and columns of a floor area; row 0 is at y_max."""
     a, b, c, d = area.extent
     rows = slice(
-        max(0, round((extent[3] - d) / grain)),
-        min(size[0], round((extent[3] - b) / grain)),
+        max(0, round((extent[3] - d) / px_m)),
+        min(size[0], round((extent[3] - b) / px_m)),
     )
     columns = slice(
-        max(0, round((a - extent[0]) / grain)),
-        min(size[1], round((c - extent[0]) / grain)),
+        max(0, round((a - extent[0]) / px_m)),
+        min(size[1], round((c - extent[0]) / px_m)),
     )
     return rows, columns
 
@@ -201,16 +201,16 @@ def _contact_shade(
     extent: tuple[float, float, float, float], standing: Sequence[Shape], size: tuple[int, int]
 ) -> Float32[np.ndarray, "h w"]:
     """Brightness factor: darker within 10 to 20 cm of walls and of objects on the floor."""
-    grain = 0.02
+    px_m = 0.02
     x0, y0, x1, y1 = extent
-    small = (round((y1 - y0) / grain) + 2, round((x1 - x0) / grain) + 2)
+    small = (round((y1 - y0) / px_m) + 2, round((x1 - x0) / px_m) + 2)
     free = np.zeros(small, np.uint8)
     free[1:-1, 1:-1] = 255
     for shape in standing:
         if shape.bottom_m < 0.05:
-            corners = (outline(shape) - np.array([x0, y1])) / np.array([grain, -grain]) + 0.5
+            corners = (outline(shape) - np.array([x0, y1])) / np.array([px_m, -px_m]) + 0.5
             cv2.fillPoly(free, [np.rint(corners).astype(np.int32)], 0)
-    distance = cv2.distanceTransform(free, cv2.DIST_L2, 5) * grain
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 5) * px_m
     shade = (1.0 - 0.40 * np.exp(-distance / 0.10)).astype(np.float32)[1:-1, 1:-1]
     return np.asarray(cv2.resize(shade, (size[1], size[0]), interpolation=cv2.INTER_LINEAR))
 

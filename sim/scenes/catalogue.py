@@ -10,16 +10,7 @@ from pathlib import Path
 from perception.primitives.errors import InputError
 
 from ..scene import Scene
-from . import (
-    avoidance_scenes,
-    course,
-    flat,
-    home,
-    plain_room,
-    public_places,
-    rooms,
-    seed_rooms,
-)
+from . import avoidance_scenes, course, flat, home, plain_room, public_places, rooms, seed_rooms
 from . import difficulty as difficulties
 from .scene_file import read_scene
 

@@ -10,7 +10,7 @@ import pytest
 from perception.primitives.errors import ConfigError
 from sim.body.dynamic.anatomy import ANATOMIES, gait_for, head_for
 from sim.body.dynamic.balance import BalanceConfig
-from sim.body.dynamic.walker import DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
 from sim.body.gait import GaitConfig
 from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig

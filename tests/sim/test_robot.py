@@ -14,7 +14,7 @@ import pytest
 
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
-from sim.body.dynamic.walker import DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
 from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
 from sim.body.kinematic import SlipConfig, SwayConfig

@@ -8,7 +8,7 @@ import pytest
 
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
-from sim.body.dynamic.walker import DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import catalogue
 from sim.truth import Truth

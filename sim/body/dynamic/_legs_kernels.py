@@ -209,12 +209,12 @@ def update_vertical(
 
 @njit(cache=True)
 def apply_backlash(
-    wanted: np.ndarray, found: np.ndarray, play: np.ndarray, setpoint: np.ndarray
+    wanted: np.ndarray, found: np.ndarray, half_backlash: np.ndarray, setpoint: np.ndarray
 ) -> None:
     """Motor setpoints through gears with half backlash (n,): a motor moves its joint only at a flank."""
     for k in range(len(wanted)):
         error = wanted[k] - found[k]
-        half = play[k]
+        half = half_backlash[k]
         if error > half:
             setpoint[k] = wanted[k] - half
         elif error < -half:

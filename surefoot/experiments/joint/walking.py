@@ -73,7 +73,8 @@ class Walked:
 
 def walk(trial: Trial, seed: int) -> Walked:
     """One walk of random commands."""
-    from sim.body.dynamic.walker import DynamicBody, DynamicConfig
+    from sim.body.dynamic.config import DynamicConfig
+    from sim.body.dynamic.walker import DynamicBody
     from sim.body.gait import GaitConfig
     from sim.body.head import Head, HeadConfig
     from sim.body.inertial import ImuConfig

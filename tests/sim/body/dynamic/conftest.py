@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from perception.primitives.pose import Pose2
-from sim.body.dynamic.walker import DynamicBody, DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
+from sim.body.dynamic.walker import DynamicBody
 from sim.body.gait import GaitConfig
 from sim.body.head import Head, HeadConfig
 from sim.body.inertial import ImuConfig

@@ -7,8 +7,8 @@ import pytest
 
 from perception.primitives.errors import ConfigError
 from sim.body.dynamic.anatomy import DARWIN, TALL, gait_for, head_for, links
+from sim.body.dynamic.config import DynamicConfig
 from sim.body.dynamic.urdf import box_inertia, floor_bumps, robot_urdf, static_urdf
-from sim.body.dynamic.walker import DynamicConfig
 from sim.body.gait import GaitConfig
 from sim.body.head import HeadConfig
 from sim.shapes import Cylinder

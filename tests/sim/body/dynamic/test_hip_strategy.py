@@ -8,9 +8,10 @@ import pytest
 from planning.commands import WalkCommand
 from sim.body.dynamic.anatomy import DARWIN
 from sim.body.dynamic.balance import BalanceConfig
+from sim.body.dynamic.config import DynamicConfig
 from sim.body.dynamic.hip_strategy import BEND_RADPS, BEND_RADPS2, STRAIGHTEN_RADPS, HipStrategy
 from sim.body.dynamic.legs import Legs, tilt_rotation
-from sim.body.dynamic.walker import DynamicBody, DynamicConfig
+from sim.body.dynamic.walker import DynamicBody
 from sim.body.gait import GaitConfig
 from sim.body.head import Head, HeadConfig
 from sim.body.inertial import ImuConfig

@@ -13,7 +13,8 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
 from sim.body.dynamic.anatomy import DARWIN, links
 from sim.body.dynamic.balance import BalanceConfig
-from sim.body.dynamic.walker import NECK, DynamicBody, DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
+from sim.body.dynamic.walker import NECK, DynamicBody
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.shapes import Box, Solid
