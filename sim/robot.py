@@ -133,20 +133,13 @@ class SimulatedRobot:
                 world, config.gait, config.dynamic, config.imu, self._head, body
             )
         else:
+            inertial = InertialSensor(config.imu, imu)
             self.body = KinematicBody(
-                world.scene.start,
-                config.gait,
-                config.slip,
-                config.sway,
-                InertialSensor(config.imu, imu),
-                self._head,
-                body,
+                world.scene.start, config.gait, config.slip, config.sway, inertial, self._head, body
             )
         self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
         self._colour_rng, self._stereo_rng = colour, stereo
-        self._motions: dict[
-            tuple[float, float, float], Motion
-        ] = {}  # of cameras with an exposure time
+        self._motions: dict[tuple[float, float, float], Motion] = {}  # of cameras with an exposure
         self._began_s = world.stamp_s
 
     @property

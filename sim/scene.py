@@ -86,12 +86,7 @@ class MovingObject:
         travelled = self.speed_mps * (rest if outward else self.reversal_s - rest)
         speed = self.speed_mps if outward else -self.speed_mps
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return (
-            self.start[0] + c * travelled,
-            self.start[1] + s * travelled,
-            c * speed,
-            s * speed,
-        )
+        return (self.start[0] + c * travelled, self.start[1] + s * travelled, c * speed, s * speed)
 
 
 @dataclass(frozen=True)
@@ -128,6 +123,11 @@ class Scene:
     start: Pose2
     goals: tuple[tuple[float, float], ...]
     floor_albedo: float = 0.5
+
+    @property
+    def static_shapes(self) -> list[tuple[str, Shape]]:
+        """Name of the object and shape, for every part of the static objects."""
+        return [(item.name, part) for item in self.static_objects for part in item.parts]
 
     @property
     def obstacles(self) -> tuple[StaticObject, ...]:

@@ -77,11 +77,8 @@ class Truth:
 
         Zero or less means contact. The solid has the dimensions of `robot.dynamic.anatomy` for both bodies.
         """
-        static_objects = [
-            (item.name, part) for item in self._scene.static_objects for part in item.parts
-        ]
         solid = robot_solid(self._robot.body, self._robot.config.dynamic.body)
-        found = nearest(solid, static_objects + self._moving_shapes())
+        found = nearest(solid, self._scene.static_shapes + self._moving_shapes())
         return found.gap_m, found.name
 
     def occupied(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
@@ -89,8 +86,7 @@ class Truth:
         x0, y0, x1, y1 = self._scene.extent
         x, y = points[:, 0], points[:, 1]
         covered = (x < x0) | (x > x1) | (y < y0) | (y > y1)
-        still = [part for item in self._scene.static_objects for part in item.parts]
-        for shape in still + [shape for _, shape in self._moving_shapes()]:
+        for _, shape in self._scene.static_shapes + self._moving_shapes():
             if shape.bottom_m < ROBOT_TOP_M:
                 covered |= distance(shape, points) < 0.0
         return np.asarray(covered)

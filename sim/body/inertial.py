@@ -73,13 +73,7 @@ class InertialSensor:
     def measure(self, before: TrunkState, now: TrunkState, seconds: float) -> Imu:
         """Means between two states, body axes: the exact values plus bias and noise."""
         turn = wrap_angle(now.yaw_rad - before.yaw_rad)
-        rate = np.array(
-            [
-                now.roll_rad - before.roll_rad,
-                now.pitch_rad - before.pitch_rad,
-                turn,
-            ]
-        )
+        rate = np.array([now.roll_rad - before.roll_rad, now.pitch_rad - before.pitch_rad, turn])
         # change of velocity in the axes of the mean heading
         c, s = np.cos(turn / 2), np.sin(turn / 2)
         back = np.array([[c, -s], [s, c]])

@@ -86,7 +86,7 @@ class Sway:
 
 
 class KinematicBody:
-    """Walks by footsteps from a start pose; advanced in whole ticks of the gait."""
+    """Walks by footsteps from a start pose; the members of `Body` are documented there."""
 
     fallen = False
     up = (0.0, 0.0, 1.0)
@@ -121,30 +121,22 @@ class KinematicBody:
         self._since_s = 0.0
 
     def walk(self, command: WalkCommand) -> None:
-        """Set the command of the next step; the last one given counts."""
         self._command = command
 
     def start_due_step(self) -> None:
-        """Start the next step if the current one is over."""
         if self._tick == self._step.ticks:
             self._begin_step()
 
     @property
     def ticks_left(self) -> int:
-        """Ticks to the end of the step, which is the end of its single support."""
         return self._step.ticks - self._tick
 
     @property
     def ticks(self) -> int:
-        """Ticks since the start."""
         return self._ticks
 
     def advance(self, ticks: int) -> Advance:
-        """Simulate some ticks, turn the head and draw a new sway.
-
-        Args:
-            ticks: At least 1; may reach into the following steps.
-        """
+        """Simulate some ticks, turn the head and draw a new sway."""
         before, steps, asked = self.odometry_pose, 0.0, ticks
         while ticks > 0:
             self.start_due_step()
@@ -160,7 +152,6 @@ class KinematicBody:
         return Advance(motion, steps, seconds)
 
     def measure_imu(self) -> Imu:
-        """Mean angular velocity and specific force since the previous call, body axes."""
         before, self._before = self._before, self._trunk_state()
         seconds, self._since_s = self._since_s, 0.0
         return self._inertial.measure(before, self._before, seconds)
@@ -193,7 +184,6 @@ class KinematicBody:
 
     @property
     def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
-        """Left and right foot in the body frame, each with its height above the floor, m."""
         index = max(self._tick - 1, 0)
         inverse = self.odometry_pose.inverse()
         lift = float(self._step.lift[index]) if self._tick > 0 else 0.0

@@ -31,11 +31,7 @@ def find_occluded(
 
 @njit(cache=True)
 def cast_rays(
-    rays: np.ndarray,
-    discs: np.ndarray,
-    walls: np.ndarray,
-    distance: np.ndarray,
-    what: np.ndarray,
+    rays: np.ndarray, discs: np.ndarray, walls: np.ndarray, distance: np.ndarray, what: np.ndarray
 ) -> None:
     """Where each ray ends: at a disc (its index) or at the walls (-1).
 

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
-from ..scene import FloorArea, Scene
+from ..scene import Extent, FloorArea, Scene
 from ..shapes import Patch, Shape, outline, patches
 from .rays import floor_patch
 from .textures import paint
@@ -61,7 +61,7 @@ class Painted:
 
 def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
     """Meshes of the static objects, and of each moving object about its own origin."""
-    standing: list[Shape] = [part for item in scene.static_objects for part in item.parts]
+    standing = [part for _, part in scene.static_shapes]
     floor = floor_patch(scene)
     image = _floor_image(scene, standing, np.random.default_rng([scene.seed, 10]))
     still = [Painted(floor.vertices, floor.triangles, floor.uv, _normals(floor), image)]
@@ -80,7 +80,7 @@ def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
     return still, moving_objects
 
 
-def _is_inside(patch: Patch, extent: tuple[float, float, float, float]) -> bool:
+def _is_inside(patch: Patch, extent: Extent) -> bool:
     """Whether a patch faces the room: the outer sides of its walls do not."""
     x, y, _ = patch.vertices.mean(axis=0)
     return bool(extent[0] <= x <= extent[2] and extent[1] <= y <= extent[3])
@@ -179,26 +179,19 @@ def _limited_resolution(size_m: tuple[float, float], px_m: float) -> float:
 
 
 def _window(
-    area: FloorArea,
-    extent: tuple[float, float, float, float],
-    size: tuple[int, int],
-    px_m: float,
+    area: FloorArea, extent: Extent, size: tuple[int, int], px_m: float
 ) -> tuple[slice, slice]:
     """Rows and columns of a floor area; row 0 is at y_max."""
     a, b, c, d = area.extent
-    rows = slice(
-        max(0, round((extent[3] - d) / px_m)),
-        min(size[0], round((extent[3] - b) / px_m)),
-    )
+    rows = slice(max(0, round((extent[3] - d) / px_m)), min(size[0], round((extent[3] - b) / px_m)))
     columns = slice(
-        max(0, round((a - extent[0]) / px_m)),
-        min(size[1], round((c - extent[0]) / px_m)),
+        max(0, round((a - extent[0]) / px_m)), min(size[1], round((c - extent[0]) / px_m))
     )
     return rows, columns
 
 
 def _contact_shade(
-    extent: tuple[float, float, float, float], standing: Sequence[Shape], size: tuple[int, int]
+    extent: Extent, standing: Sequence[Shape], size: tuple[int, int]
 ) -> Float32[np.ndarray, "h w"]:
     """Brightness factor: darker within 10 to 20 cm of walls and of objects on the floor."""
     px_m = 0.02

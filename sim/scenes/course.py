@@ -18,7 +18,7 @@ from jaxtyping import Float
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import MovingObject, Scene, StaticObject
+from ..scene import MovingObject, Place, Scene, StaticObject
 from ..shapes import Cylinder
 from .difficulty import USUAL, interpolated, interpolated_count
 from .rooms import scene_with_tags, walls
@@ -141,10 +141,7 @@ def _start(
 
 
 def _moving_objects(
-    kind: CourseKind,
-    posts: np.ndarray,
-    start: tuple[float, float],
-    rng: np.random.Generator,
+    kind: CourseKind, posts: np.ndarray, start: Place, rng: np.random.Generator
 ) -> tuple[MovingObject, ...] | None:
     found: list[MovingObject] = []
     lines: list[np.ndarray] = []
@@ -169,11 +166,7 @@ def _moving_objects(
 
 
 def _fits(
-    line: np.ndarray,
-    others: list[np.ndarray],
-    kind: CourseKind,
-    posts: np.ndarray,
-    start: tuple[float, float],
+    line: np.ndarray, others: list[np.ndarray], kind: CourseKind, posts: np.ndarray, start: Place
 ) -> bool:
     if line.min() < LINE_TO_WALL_M or line.max() > kind.side_m - LINE_TO_WALL_M:
         return False
@@ -194,10 +187,7 @@ def _apart(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _via_points(
-    kind: CourseKind,
-    posts: np.ndarray,
-    start: tuple[float, float],
-    rng: np.random.Generator,
+    kind: CourseKind, posts: np.ndarray, start: Place, rng: np.random.Generator
 ) -> tuple[tuple[float, float], ...] | None:
     """Places until the segments add up to the length; the last one is shortened to fit."""
     path: list[np.ndarray] = [np.array(start)]
@@ -225,9 +215,9 @@ def _built(
     kind: CourseKind,
     seed: int,
     posts: np.ndarray,
-    start: tuple[float, float],
+    start: Place,
     moving_objects: tuple[MovingObject, ...],
-    vias: tuple[tuple[float, float], ...],
+    vias: tuple[Place, ...],
 ) -> Scene:
     extent = (0.0, 0.0, kind.side_m, kind.side_m)
     heading = math.atan2(vias[0][1] - start[1], vias[0][0] - start[0])

@@ -18,11 +18,11 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import Extent, FloorArea, MovingObject, Scene, StaticObject
+from ..scene import Extent, FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Shape
 from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
-from .furniture import CATALOGUE, Model, Piece, furnish
+from .furniture import Piece, furnish, model_of
 from .home import free_spot, with_numbered_names
 from .public_places import PERSON_RADIUS_M, path_of, person
 from .rooms import WALL_HEIGHT_M, WALL_THICKNESS_M, heading_towards, walls
@@ -60,7 +60,7 @@ class Doorway:
         open_rad: Opening angle of the leaf.
     """
 
-    middle: tuple[float, float]
+    middle: Place
     width_m: float
     along_x: bool
     hinge: int
@@ -112,7 +112,7 @@ class _Layout:
     static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
     start: Pose2
-    goals: tuple[tuple[float, float], ...]
+    goals: tuple[Place, ...]
 
 
 def flat(seed: int, difficulty: float = USUAL) -> Scene:
@@ -179,11 +179,7 @@ def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
 
 
 def _doorway(
-    at: float,
-    ends: tuple[float, float],
-    along_x: bool,
-    rng: np.random.Generator,
-    difficulty: float,
+    at: float, ends: tuple[float, float], along_x: bool, rng: np.random.Generator, difficulty: float
 ) -> Doorway:
     """A doorway between the ends of a wall, its leaf clear of both corners."""
     width = float(
@@ -265,7 +261,7 @@ def _furnish(
         shape for doorway in plan.doorways for shape in (doorway.leaf, doorway.approach)
     )
     wanted = tuple(
-        _model(kind) for kind in _NEEDED[name][: interpolated_count(difficulty, 2, 4, 5)]
+        model_of(kind) for kind in _NEEDED[name][: interpolated_count(difficulty, 2, 4, 5)]
     )
     passage_m = interpolated(difficulty, 0.66, 0.58, 0.50)
     least = interpolated_count(difficulty, 1, 3, 3)
@@ -278,10 +274,6 @@ def _furnish(
         if all(reach[space.cell(doorway.middle)] for doorway in plan.doorways):
             return pieces
     return None
-
-
-def _model(kind: str) -> Model:
-    return next(model for model in CATALOGUE if model.name == kind)
 
 
 def _space(plan: _Plan, pieces: list[Piece]) -> ClearanceMap:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from ..scene import Extent
+from ..scene import Extent, Place
 from ..shapes import Shape, distance
 
 ROBOT_TOP_M = 0.5  # ours: shapes above this height do not block the robot
@@ -49,27 +49,21 @@ class ClearanceMap:
             round((point[0] - self.origin[0]) / self.cell_m),
         )
 
-    def with_disc(self, centre: tuple[float, float], radius_m: float) -> ClearanceMap:
+    def with_disc(self, centre: Place, radius_m: float) -> ClearanceMap:
         """The map with one more disc."""
         away = np.hypot(*(self.centres - np.array(centre)).T) - radius_m
         return ClearanceMap(
-            self.origin,
-            self.cell_m,
-            np.minimum(self.clearance, away.reshape(self.clearance.shape)),
+            self.origin, self.cell_m, np.minimum(self.clearance, away.reshape(self.clearance.shape))
         )
 
-    def reachable(
-        self, start: tuple[float, float], radius_m: float
-    ) -> Bool[np.ndarray, "rows columns"]:
+    def reachable(self, start: Place, radius_m: float) -> Bool[np.ndarray, "rows columns"]:
         """Cells that a disc of that radius can reach from the start (four neighbours)."""
         labels, _ = ndimage.label(self.clearance >= radius_m)
         row, column = self.cell(start)
         label = labels[row, column]
         return np.asarray((labels == label) & (label > 0))
 
-    def path(
-        self, start: tuple[float, float], goal: tuple[float, float], radius_m: float
-    ) -> Float[np.ndarray, "n 2"] | None:
+    def path(self, start: Place, goal: Place, radius_m: float) -> Float[np.ndarray, "n 2"] | None:
         """A shortest path of cells for a disc, m; None if there is none."""
         free = self.clearance >= radius_m
         steps = _distances(free, self.cell(start))

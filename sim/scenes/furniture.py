@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import Extent, StaticObject
+from ..scene import Extent, Place, StaticObject
 from ..shapes import Box, Cylinder, Shape, Solid, distance, outline
 
 Parts = tuple[Shape, ...]
@@ -160,6 +160,11 @@ CATALOGUE: tuple[Model, ...] = (
 )
 
 
+def model_of(kind: str) -> Model:
+    """The first model of a kind."""
+    return next(model for model in CATALOGUE if model.name == kind)
+
+
 def furnish(
     extent: Extent,
     partition: StaticObject,
@@ -223,7 +228,7 @@ def _draw(model: Model, extent: Extent, rng: np.random.Generator) -> Piece:
 
 
 def place_piece(
-    model: Model, place: tuple[float, float], yaw_rad: float, rng: np.random.Generator
+    model: Model, place: Place, yaw_rad: float, rng: np.random.Generator
 ) -> StaticObject:
     """A piece of furniture centred at a place with that yaw; draws its colours."""
     parts = tuple(_moved(part, place, yaw_rad) for part in model.build(rng))
@@ -269,7 +274,7 @@ def _rim(shape: Shape) -> np.ndarray:
     return (corners + share * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 2)
 
 
-def _moved(part: Shape, place: tuple[float, float], yaw: float) -> Shape:
+def _moved(part: Shape, place: Place, yaw: float) -> Shape:
     c, s = math.cos(yaw), math.sin(yaw)
     assert not isinstance(part, Solid)  # the catalogue is made of boxes and cylinders
     x, y, z = part.centre

@@ -8,14 +8,14 @@ home has more pieces, narrower passages, a longer partition, and more and faster
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..scene import FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, distance
 from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
@@ -35,8 +35,8 @@ class _Layout:
     static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
     path: np.ndarray
-    start: tuple[float, float]
-    goals: tuple[tuple[float, float], ...]
+    start: Place
+    goals: tuple[Place, ...]
 
 
 def home(seed: int, difficulty: float = USUAL) -> Scene:
@@ -93,10 +93,7 @@ def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
         0.75,
         wall=True,
     )
-    building = (
-        *walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")),
-        partition,
-    )
+    building = (*walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")), partition)
     pieces = furnish(
         EXTENT,
         partition,
@@ -139,12 +136,8 @@ def with_numbered_names(pieces: list[Piece]) -> list[StaticObject]:
     names = [piece.static_object.name for piece in pieces]
     found = []
     for k, piece in enumerate(pieces):
-        name = (
-            names[k]
-            if names.count(names[k]) == 1
-            else f"{names[k]} {names[: k + 1].count(names[k])}"
-        )
-        found.append(StaticObject(name, piece.static_object.parts, piece.static_object.albedo))
+        number = f" {names[: k + 1].count(names[k])}" if names.count(names[k]) > 1 else ""
+        found.append(replace(piece.static_object, name=names[k] + number))
     return found
 
 

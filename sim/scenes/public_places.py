@@ -9,11 +9,11 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import Extent, MovingObject, Scene, StaticObject
+from ..scene import Extent, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .difficulty import USUAL, Span, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
-from .furniture import CATALOGUE, place_piece
+from .furniture import model_of, place_piece
 from .rooms import scene_with_tags, walls
 
 OFFICE_M = (0.0, 0.0, 7.0, 5.0)
@@ -25,9 +25,7 @@ PERSON_RADIUS_M = 0.18  # ours
 PERSON_HEIGHT_M = 1.60  # ours
 SPEEDS_MPS = (0.04, 0.12)  # ours: scaled to a small robot of 0.1 m/s
 
-_CHAIR = next(model for model in CATALOGUE if model.name == "chair")
-_BIN = next(model for model in CATALOGUE if model.name == "bin")
-_SHELF = next(model for model in CATALOGUE if model.name == "bookshelf")
+
 _CLOTHES = ("navy", "rust", "plum", "teal", "mustard")
 
 
@@ -48,12 +46,14 @@ def office(seed: int, difficulty: float = USUAL) -> Scene:
             static_objects.append(StaticObject(f"desk {k + 1}", _desk(place)))
             towards_aisle = 1.0 if y < 2.5 else -1.0
             seat = (place[0] + float(rng.uniform(-0.3, 0.3)), place[1] + towards_aisle * 0.55)
-            chair = place_piece(_CHAIR, seat, float(rng.uniform(-math.pi, math.pi)), rng)
+            chair = place_piece(model_of("chair"), seat, float(rng.uniform(-math.pi, math.pi)), rng)
             static_objects.append(StaticObject(f"chair {k + 1}", chair.parts, chair.albedo))
-        static_objects.append(place_piece(_SHELF, (3.5, extent[3] - 0.18), -math.pi / 2, rng))
+        static_objects.append(
+            place_piece(model_of("bookshelf"), (3.5, extent[3] - 0.18), -math.pi / 2, rng)
+        )
         for k in range(interpolated_count(difficulty, 1, 3, 5)):
             place = (float(rng.uniform(1.2, 5.8)), float(rng.uniform(2.2, 2.8)))
-            litter = place_piece(_BIN, place, float(rng.uniform(-math.pi, math.pi)), rng)
+            litter = place_piece(model_of("bin"), place, float(rng.uniform(-math.pi, math.pi)), rng)
             static_objects.append(StaticObject(f"bin {k + 1}", litter.parts, litter.albedo))
         if _can_be_walked(extent, static_objects, start, goals):
             return scene_with_tags(
@@ -110,7 +110,7 @@ def hall(seed: int, difficulty: float = USUAL) -> Scene:
     )
 
 
-def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
+def _desk(place: Place) -> tuple[Shape, ...]:
     """A top on two side panels, 1.2 m wide and 0.6 m deep."""
     x, y = place
     top = Box((x, y, 0.70), (1.2, 0.6, 0.04), 0.0, "wood/pine")
@@ -120,7 +120,7 @@ def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
 
 def _people(
     static_objects: list[StaticObject],
-    spots: tuple[tuple[float, float], ...],
+    spots: tuple[Place, ...],
     difficulty: float,
     rng: np.random.Generator,
 ) -> tuple[MovingObject, ...]:
@@ -156,11 +156,7 @@ def _person(
 
 
 def person(
-    k: int,
-    start: tuple[float, float],
-    heading_rad: float,
-    speed_mps: float,
-    reversal_s: float,
+    k: int, start: Place, heading_rad: float, speed_mps: float, reversal_s: float
 ) -> MovingObject:
     """Person number k, from 0, walking back and forth, with clothes by number."""
     trunk = Cylinder(
@@ -175,7 +171,7 @@ def _keeps_apart(
     one: MovingObject,
     others: tuple[MovingObject, ...],
     space: ClearanceMap,
-    spots: tuple[tuple[float, float], ...],
+    spots: tuple[Place, ...],
     apart_m: float,
 ) -> bool:
     """Whether a person's segment stays clear of the others', of start and goals, and of objects."""
@@ -189,7 +185,7 @@ def _keeps_apart(
     )
 
 
-def path_of(moving_object: MovingObject) -> list[tuple[float, float]]:
+def path_of(moving_object: MovingObject) -> list[Place]:
     """Places along a moving object's segment, (x, y), m."""
     return [
         moving_object.state(float(s))[:2] for s in np.linspace(0.0, moving_object.reversal_s, 25)
@@ -197,10 +193,7 @@ def path_of(moving_object: MovingObject) -> list[tuple[float, float]]:
 
 
 def _can_be_walked(
-    extent: Extent,
-    static_objects: list[StaticObject],
-    start: Pose2,
-    goals: tuple[tuple[float, float], ...],
+    extent: Extent, static_objects: list[StaticObject], start: Pose2, goals: tuple[Place, ...]
 ) -> bool:
     shapes = [part for item in static_objects if not item.wall for part in item.parts]
     space = clearance_map(extent, shapes)

@@ -8,7 +8,7 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from ..scene import Extent, FloorArea, MovingObject, Scene, StaticObject
+from ..scene import Extent, FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Cylinder
 from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .tags import place_tags
@@ -34,7 +34,7 @@ def walls(extent: Extent, materials: tuple[str, str, str, str]) -> tuple[StaticO
 
 def small_robot(
     name: str,
-    start: tuple[float, float],
+    start: Place,
     heading_rad: float,
     speed_mps: float,
     reversal_s: float,
@@ -139,7 +139,7 @@ def scene_with_tags(
     static_objects: tuple[StaticObject, ...],
     moving_objects: tuple[MovingObject, ...],
     start: Pose2,
-    goals: tuple[tuple[float, float], ...],
+    goals: tuple[Place, ...],
     tags: int = 16,
     low: bool = False,
 ) -> Scene:

@@ -17,7 +17,7 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from ..scene import MovingObject, Scene, StaticObject
+from ..scene import MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .rooms import scene_with_tags, walls
 
@@ -77,7 +77,7 @@ def narrow_course(seed: int) -> Scene:
     width = 1.3
     mirrored = bool(rng.integers(2))
 
-    def place(x: float, y: float) -> tuple[float, float]:
+    def place(x: float, y: float) -> Place:
         return x, width - y if mirrored else y
 
     start = (0.3, 0.65)
@@ -115,9 +115,7 @@ def narrow_course(seed: int) -> Scene:
     )
 
 
-def hemisphere(
-    centre: tuple[float, float], radius: float, colour: str, layers: int = 10
-) -> tuple[Shape, ...]:
+def hemisphere(centre: Place, radius: float, colour: str, layers: int = 10) -> tuple[Shape, ...]:
     """A dome of stacked discs, each with the radius of the sphere at its mid height."""
     height = radius / layers
     return tuple(
@@ -132,12 +130,7 @@ def hemisphere(
 
 
 def polygon(
-    centre: tuple[float, float],
-    radius: float,
-    corners: int,
-    turn_rad: float,
-    height: float,
-    colour: str,
+    centre: Place, radius: float, corners: int, turn_rad: float, height: float, colour: str
 ) -> tuple[Shape, ...]:
     """An upright regular prism with an even number of corners: one box across each pair of opposite sides.
 
@@ -163,7 +156,7 @@ def polygon(
 
 
 def _epuck(
-    name: str, start: tuple[float, float], heading_rad: float, reversal_s: float, colour: str
+    name: str, start: Place, heading_rad: float, reversal_s: float, colour: str
 ) -> MovingObject:
     body = Cylinder(
         (0.0, 0.0, EPUCK_HEIGHT_M / 2), EPUCK_RADIUS_M, EPUCK_HEIGHT_M, f"stripes/{colour}"

@@ -16,7 +16,7 @@ from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2
 
 from ..rendering.textures import TAG_MARGIN_MODULES, TAG_MODULES
-from ..scene import Extent, StaticObject
+from ..scene import Extent, Place, StaticObject
 from ..shapes import Box, Shape, distance, outline
 from .free_space import clearance_map
 
@@ -40,7 +40,7 @@ def place_tags(
     static_objects: tuple[StaticObject, ...],
     start: Pose2,
     count: int,
-    others: tuple[tuple[float, float], ...] = (),
+    others: tuple[Place, ...] = (),
 ) -> tuple[tuple[StaticObject, ...], tuple[Landmark, ...]]:
     """Tag plates and the corresponding landmarks.
 

@@ -58,11 +58,7 @@ class GeometricSensor:
         self._offset_yaw, self._offset_pitch = (float(v) for v in offset * rng.standard_normal(2))
 
     def look(
-        self,
-        discs: Float[np.ndarray, "n 3"],
-        pan_rad: float,
-        tilt_rad: float,
-        colour: bool,
+        self, discs: Float[np.ndarray, "n 3"], pan_rad: float, tilt_rad: float, colour: bool
     ) -> list[SeenDisc]:
         """Detections of one frame.
 

@@ -115,10 +115,7 @@ class Physics:
         )
 
     def command_joints(
-        self,
-        names: tuple[str, ...],
-        angles: Float[np.ndarray, "n"],
-        rates: Float[np.ndarray, "n"],
+        self, names: tuple[str, ...], angles: Float[np.ndarray, "n"], rates: Float[np.ndarray, "n"]
     ) -> None:
         """Set joint angles and rates of the servos, rad and rad/s."""
         found = self._numbers(names)
@@ -201,10 +198,7 @@ class Physics:
         )
 
     def add_objects(
-        self,
-        bumps: Sequence[Box],
-        still: Sequence[Shape],
-        moving: Sequence[Sequence[Cylinder]],
+        self, bumps: Sequence[Box], still: Sequence[Shape], moving: Sequence[Sequence[Cylinder]]
     ) -> None:
         """Add solid objects.
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ...scene import Extent
 from ...shapes import Box, Cylinder
 from .anatomy import Anatomy, Link, links
 
@@ -85,11 +86,7 @@ def _text(values: Sequence[float] | Float[np.ndarray, "n"]) -> str:
     return " ".join(f"{float(value):.9g}" for value in values)
 
 
-def floor_bumps(
-    extent: tuple[float, float, float, float],
-    height_m: float,
-    rng: np.random.Generator,
-) -> list[Box]:
+def floor_bumps(extent: Extent, height_m: float, rng: np.random.Generator) -> list[Box]:
     """Thin plates on a floor, one at a random place in each square, of random height.
 
     Args:

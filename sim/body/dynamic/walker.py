@@ -42,7 +42,7 @@ MEAN_S = 0.2  # time over which `ImuConfig` states its noise
 
 
 class DynamicBody:
-    """Walks by footsteps from a start pose; advanced in whole ticks of the gait."""
+    """Walks by footsteps from a start pose; the members of `Body` are documented there."""
 
     def __init__(
         self,
@@ -83,24 +83,12 @@ class DynamicBody:
         pelvis = self._legs.footprints(self._angles)
         ahead = Pose2(-(pelvis[0].x + pelvis[1].x) / 2, 0.0)
         self.physics = Physics(
-            body,
-            world.scene.start @ ahead,
-            stance,
-            body.hip_m + config.bump_m,
-            tick_s,
-            config.up,
+            body, world.scene.start @ ahead, stance, body.hip_m + config.bump_m, tick_s, config.up
         )
-        rough = floor_bumps(world.scene.extent, config.bump_m, rng) if config.bump_m > 0.0 else []
+        bumps = floor_bumps(world.scene.extent, config.bump_m, rng) if config.bump_m > 0.0 else []
         self._world = world
-        low = [
-            part
-            for item in world.scene.static_objects
-            for part in item.parts
-            if part.bottom_m < TOP_M
-        ]
-        self.physics.add_objects(
-            rough, low, [moving_object.parts for moving_object in world.scene.moving_objects]
-        )
+        low = [part for _, part in world.scene.static_shapes if part.bottom_m < TOP_M]
+        self.physics.add_objects(bumps, low, [one.parts for one in world.scene.moving_objects])
         self._imu = imu
         self._gyro_bias = imu.gyro_bias_radps * rng.standard_normal(3)
         self._force_bias = imu.force_bias_mps2 * rng.standard_normal(3)
@@ -127,7 +115,6 @@ class DynamicBody:
         self._begin_step()
 
     def walk(self, command: WalkCommand) -> None:
-        """Set the command of the next step; the last one given counts."""
         self._command = command
 
     def push(self, force: Float[np.ndarray, "3"], seconds: float) -> None:
@@ -135,26 +122,19 @@ class DynamicBody:
         self._push = (force, round(seconds / self._tick_s))
 
     def start_due_step(self) -> None:
-        """Start the next step if the current one is over."""
         if self._tick == self._step.ticks:
             self._begin_step()
 
     @property
     def ticks_left(self) -> int:
-        """Ticks to the end of the step, which is the end of its single support."""
         return self._step.ticks - self._tick
 
     @property
     def ticks(self) -> int:
-        """Ticks since the start."""
         return self._ticks
 
     def advance(self, ticks: int) -> Advance:
-        """Simulate some ticks of the planned gait; waiting for a late landing adds time.
-
-        Args:
-            ticks: Planned ticks, at least 1; may reach into the following steps.
-        """
+        """Simulate some ticks of the planned gait; waiting for a late landing adds time."""
         before, steps, began = self._odometry.body(self._footprints), 0.0, self._ticks
         moving_objects = self._world.moving_states()
         while ticks > 0:
@@ -187,7 +167,6 @@ class DynamicBody:
 
     @property
     def up(self) -> tuple[float, float, float]:
-        """Unit vector against gravity, world frame."""
         return self.config.up
 
     @property
@@ -203,14 +182,12 @@ class DynamicBody:
 
     @property
     def true_pose(self) -> Pose2:
-        """True body frame: midway between the feet, heading of the pelvis."""
         left, right = (
             _below(self.physics.link(f"{side}_ankle_roll")) for side in ("left", "right")
         )
         return body_between_feet(left, right, _below(self.physics.pelvis()).yaw)
 
     def true_trunk(self) -> Pose3:
-        """True pelvis in the true body frame, lowered by its height while walking."""
         pelvis = self.true_pose.inverse().lifted() @ self.physics.pelvis()
         return pelvis @ Pose3((0.0, 0.0, -self.config.body.hip_m))
 
@@ -230,7 +207,6 @@ class DynamicBody:
 
     @property
     def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
-        """Left and right foot in the true body frame, each with its height above the floor, m."""
         inverse = self.true_pose.inverse()
         ankle = self.config.body.ankle_m
         left, right = (self.physics.link(f"{side}_ankle_roll") for side in ("left", "right"))
@@ -246,7 +222,6 @@ class DynamicBody:
         return Imu(rate / max(count, 1), force / max(count, 1))
 
     def close(self) -> None:
-        """Close the physics engine."""
         self.physics.close()
 
     @property

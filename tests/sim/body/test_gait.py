@@ -41,11 +41,7 @@ def test_pendulum_agrees_with_numerical_integration():
     assert velocity == pytest.approx(v, abs=2e-4)
 
 
-@given(
-    st.tuples(*[st.floats(-0.2, 0.2)] * 6),
-    st.floats(0.05, 0.6),
-    st.floats(4.0, 8.0),
-)
+@given(st.tuples(*[st.floats(-0.2, 0.2)] * 6), st.floats(0.05, 0.6), st.floats(4.0, 8.0))
 def test_capture_point_solves_its_differential_equation(values, duration, omega):
     start, end, after = (np.array(values[k : k + 2]) for k in (0, 2, 4))
     phase = Phase(start, end, duration)

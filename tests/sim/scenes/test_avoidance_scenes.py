@@ -21,10 +21,7 @@ def _spans(motion: str, seed: int) -> dict[str, tuple[float, float]]:
     for item in scene.static_objects:
         box = item.parts[0]
         if isinstance(box, Box) and box.material.startswith("cardboard"):
-            found[item.name] = (
-                box.centre[1] + box.size[1] / 2,
-                box.centre[1] - box.size[1] / 2,
-            )
+            found[item.name] = (box.centre[1] + box.size[1] / 2, box.centre[1] - box.size[1] / 2)
     return found
 
 
