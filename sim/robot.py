@@ -11,7 +11,6 @@ Source: seed 000, section 2.1.1 (image times); seeds 003 and 004 (cameras).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from types import TracebackType
 
 import numpy as np
 
@@ -159,12 +158,7 @@ class SimulatedRobot:
     def __enter__(self) -> SimulatedRobot:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def read(self) -> Frame:

@@ -53,7 +53,7 @@ def read_model(
         meshes = _read_urdf(path)
     elif path.suffix.lower() in MESHES:
         mesh = _read_mesh(path)
-        if (up or _up(path)) == "y":
+        if (up or ("y" if path.suffix.lower() in (".gltf", ".glb") else "z")) == "y":
             mesh.rotate(_Y_UP, center=(0.0, 0.0, 0.0))
         meshes = [mesh]
     else:
@@ -85,10 +85,6 @@ def placed(
     return tuple(
         dataclasses.replace(one, vertices=one.vertices @ R.T + np.array(at)) for one in solids
     )
-
-
-def _up(path: Path) -> str:
-    return "y" if path.suffix.lower() in (".gltf", ".glb") else "z"
 
 
 def _read_mesh(path: Path) -> Any:

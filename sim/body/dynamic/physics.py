@@ -104,15 +104,10 @@ class Physics:
             b.resetJointState(self.robot, k, stance.get(name, 0.0), physicsClientId=c)
         self._torque = body.servo_nm
         self._commanded: dict[tuple[str, ...], list[int]] = {}
-        self.hold(stance, list(self.index))
+        names = tuple(self.index)
+        angles = np.array([stance.get(name, 0.0) for name in names])
+        self.command_joints(names, angles, np.zeros(len(names)))
         self._velocity = np.zeros(3)
-
-    def hold(self, stance: dict[str, float], names: list[str]) -> None:
-        """Hold the named joints at their stance angles, or at zero."""
-        zeros = np.zeros(len(names))
-        self.command_joints(
-            tuple(names), np.array([stance.get(name, 0.0) for name in names]), zeros
-        )
 
     def command_joints(
         self, names: tuple[str, ...], angles: Float[np.ndarray, "n"], rates: Float[np.ndarray, "n"]

@@ -110,7 +110,8 @@ class DynamicBody:
         self._odometry = FootToFootOdometry(self._footprints)
         self._begin_step()
         while self._ticks < 0:
-            self._settle()
+            self.start_due_step()
+            self._advance_tick()
         self._odometry = FootToFootOdometry(self._footprints)
         self._begin_step()
 
@@ -255,11 +256,6 @@ class DynamicBody:
         noise[:, :3] *= scale * self._imu.gyro_sigma_radps
         noise[:, 3:] *= scale * self._imu.force_sigma_mps2
         self._noise = noise
-
-    def _settle(self) -> None:
-        """One tick of standing before the start."""
-        self.start_due_step()
-        self._advance_tick()
 
     def _advance_tick(self) -> None:
         """Plan, balance, servos, physics, sensors."""
