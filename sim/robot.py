@@ -2,8 +2,8 @@
 
 It delivers two frames per step: 0.2 s before the end of single support, and at its end, when the gait takes the next
 command. Colour and stereo cameras take images at the end only, unless image pairs are enabled. A `Frame` holds sensor
-readings only: `T_body_camera` comes from the encoders, odometry from the joints. The body is kinematic (exact footsteps
-with drawn slip and sway) or dynamic (`sim.body.dynamic`: servos and soles in a physics engine).
+readings only: `T_body_camera` comes from the encoders, odometry from the joints. The body is kinematic (exact
+footsteps with drawn slip and sway) or dynamic (`sim.body.dynamic`: servos and soles in a physics engine).
 
 Source: seed 000, section 2.1.1 (image times); seeds 003 and 004 (cameras).
 """
@@ -43,9 +43,9 @@ BEFORE_END_S = 0.20  # seed 000, dT: first of the two images, before the end of 
 class RobotConfig:
     """Sensors of the robot, and the errors of sensors and body.
 
-    A camera that is switched off is not rendered; its part of the frame is None. `slip` and `sway` belong to the kinematic
-    body, `dynamic` to the dynamic one, but its anatomy and scale apply to both. Mounts, baseline, gait and head are those of
-    a DARwIn-OP and scale with the body.
+    A camera that is switched off is not rendered; its part of the frame is None. `slip` and `sway` belong to the
+    kinematic body, `dynamic` to the dynamic one, but its anatomy and scale apply to both. Mounts, baseline, gait and
+    head are those of a DARwIn-OP and scale with the body.
     """
 
     body: str = setting(

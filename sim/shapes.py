@@ -1,7 +1,7 @@
 """Shapes of a scene, and the textured patches of their surfaces.
 
-Boxes and cylinders stand upright; a `Solid` is a triangle mesh. Rendering and ray casting use the same patches, so images
-and ranges agree.
+Boxes and cylinders stand upright; a `Solid` is a triangle mesh. Rendering and ray casting use the same patches, so
+images and ranges agree.
 """
 
 from __future__ import annotations

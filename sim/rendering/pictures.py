@@ -2,11 +2,11 @@
 
 Two renderers with one image geometry: the EGL plugin (Mesa suffices, no graphics card needed), and PyBullet's own
 TinyRenderer, three times slower, without requirements. Their pixel centres differ by half a pixel horizontally, and
-TinyRenderer's by one and a half vertically; the projection compensates this, so that both have pixel centres at integers
-and the optical axis through the image centre, as `Camera.from_view` defines it.
+TinyRenderer's by one and a half vertically; the projection compensates this, so that both have pixel centres at
+integers and the optical axis through the image centre, as `Camera.from_view` defines it.
 
-Shading is part of the textures, so both renderers show the same image. PyBullet is loaded on first use, and its output to
-the terminal is suppressed.
+Shading is part of the textures, so both renderers show the same image. PyBullet is loaded on first use, and its output
+to the terminal is suppressed.
 """
 
 from __future__ import annotations

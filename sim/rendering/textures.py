@@ -1,7 +1,8 @@
 """Procedural materials: metric and aperiodic, so that stereo matching works everywhere.
 
-A material is a name "kind/colour". Painted on a rectangle it is a sum of noise at octaves from decimetres to millimetres,
-plus the structure of its kind: planks, tiles, threads, drawers. The kind "plain" has no texture: stereo fails on it.
+A material is a name "kind/colour". Painted on a rectangle it is a sum of noise at octaves from decimetres to
+millimetres, plus the structure of its kind: planks, tiles, threads, drawers. The kind "plain" has no texture: stereo
+fails on it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The configurations of seed 004: a row of cartons across an arena with one passage, one scene per avoidance motion.
 
-Widths of the blocking carton and of the passage are drawn within the class of the motion; further cartons close the other
-side. The seed also draws the side.
+Widths of the blocking carton and of the passage are drawn within the class of the motion; further cartons close the
+other side. The seed also draws the side.
 
 Source: seed 004, section 8 (arena of 2.5 x 3 m, cartons 24 cm deep and 32 cm high); widths are ours, by Table 2.
 """

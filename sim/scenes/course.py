@@ -1,8 +1,8 @@
 """The courses of seed 001: static and moving round obstacles in a square room, and via points.
 
-The paper's experiment specifies sixteen obstacles, four of them moving; the seed draws their positions, the size of the
-room is ours. Moving obstacles react to nothing, so their segments keep clear of static obstacles and of each other. A
-harder course has more obstacles, closer together, and faster moving ones.
+The paper's experiment specifies sixteen obstacles, four of them moving; the seed draws their positions, the size of
+the room is ours. Moving obstacles react to nothing, so their segments keep clear of static obstacles and of each
+other. A harder course has more obstacles, closer together, and faster moving ones.
 
 Source: seed 001, section V-C; speeds and the hard course from a study of such walks.
 """

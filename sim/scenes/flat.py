@@ -1,8 +1,8 @@
 """The flat: four rooms in a ring with doorways, open door leaves, and people who walk through them.
 
-Each room has its own floor, furniture and walls. The start is in one room, the goals are in the other three, the first of
-them two doorways away in either direction, so a person in one doorway leaves the other route open. A harder flat has
-narrower doorways, leaves less open, more furniture, and more and faster people.
+Each room has its own floor, furniture and walls. The start is in one room, the goals are in the other three, the first
+of them two doorways away in either direction, so a person in one doorway leaves the other route open. A harder flat
+has narrower doorways, leaves less open, more furniture, and more and faster people.
 
 Source: ours; doorways of homes are 0.6 to 0.9 m wide.
 """

@@ -175,7 +175,8 @@ def furnish(
 ) -> list[Piece] | None:
     """Furnish a room piece by piece; pieces that do not fit are left out.
 
-    Pieces with their back to a wall stand 2 cm from it; the others keep a passage to everything or stand close to a wall.
+    Pieces with their back to a wall stand 2 cm from it; the others keep a passage to everything or stand close to a
+    wall.
 
     Args:
         extent: Of the room, m.

@@ -1,8 +1,8 @@
 """The furnished home: a living and a dining room with a wide opening, drawn by the seed.
 
-Furniture is placed along the walls first, then inside the rooms; small robots move back and forth across the path to the
-first goal. Layouts that a body of 28 cm radius cannot cross at every position of the robots are drawn again. A harder
-home has more pieces, narrower passages, a longer partition, and more and faster robots. Source: ours.
+Furniture is placed along the walls first, then inside the rooms; small robots move back and forth across the path to
+the first goal. Layouts that a body of 28 cm radius cannot cross at every position of the robots are drawn again. A
+harder home has more pieces, narrower passages, a longer partition, and more and faster robots. Source: ours.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Models from files as solids: meshes (OBJ, STL, PLY, glTF) and URDF files.
 
-A glTF is rotated from its y up to our z up; for other meshes the user states the axis. A sheet without thickness becomes a
-board, so that it is visible from both sides and solid. Links of a URDF are placed with all joints at zero; their visual
-geometry is used, or else their collision geometry.
+A glTF is rotated from its y up to our z up; for other meshes the user states the axis. A sheet without thickness
+becomes a board, so that it is visible from both sides and solid. Links of a URDF are placed with all joints at zero;
+their visual geometry is used, or else their collision geometry.
 """
 
 from __future__ import annotations

@@ -135,8 +135,8 @@ def check_reachable(
 ) -> None:
     """Check that a path for a robot moving sideways leads from the start to each goal.
 
-    The check never refuses a passable scene: where a disc passes, its cells are farther from everything than its radius less
-    half a cell's diagonal. It may accept gaps that are narrower by that amount.
+    The check never refuses a passable scene: where a disc passes, its cells are farther from everything than its
+    radius less half a cell's diagonal. It may accept gaps that are narrower by that amount.
     """
     longest = max(extent[2] - extent[0], extent[3] - extent[1])
     cell = min(max(longest / _CELLS, _FINEST_CELL_M), _COARSEST_CELL_M)

@@ -1,9 +1,9 @@
 """The two environments of seed 000: a room with three moving robots and five goals, and a narrow course.
 
-The paper specifies the room completely: size, segments of the robots d1 to d3, their speed and reversal times, and the time
-of each goal. The world draws the phase of each robot, or uses the printed start (`printed_room`). Of the course the paper
-gives only "polygons and hemispheres" and the walked length; gates and positions are ours. The y axis points ahead, as in
-the paper.
+The paper specifies the room completely: size, segments of the robots d1 to d3, their speed and reversal times, and the
+time of each goal. The world draws the phase of each robot, or uses the printed start (`printed_room`). Of the course
+the paper gives only "polygons and hemispheres" and the walked length; gates and positions are ours. The y axis points
+ahead, as in the paper.
 
 Source: seed 000, sections 6.1, 6.2, 6.5.1 and 6.5.2.
 """
@@ -70,8 +70,8 @@ def printed_room(seed: int) -> Scene:
 def narrow_course(seed: int) -> Scene:
     """A corridor of 1.3 m with four gates between polygons and hemispheres, alternately left and right.
 
-    The path from the start through the gates to the last goal is 4.96 m long. The seed mirrors the course and rotates the
-    polygons.
+    The path from the start through the gates to the last goal is 4.96 m long. The seed mirrors the course and rotates
+    the polygons.
     """
     rng = np.random.default_rng([seed, 4])
     width = 1.3

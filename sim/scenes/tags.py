@@ -1,7 +1,7 @@
 """Placement of tags on walls and tall furniture, so that several are visible from everywhere.
 
-Positions are chosen greedily: of all free spots on vertical faces the one visible, within range and at a moderate viewing
-angle, from the most places that still see few tags. Source: ours.
+Positions are chosen greedily: of all free spots on vertical faces the one visible, within range and at a moderate
+viewing angle, from the most places that still see few tags. Source: ours.
 """
 
 from __future__ import annotations

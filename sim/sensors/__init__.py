@@ -1,3 +1,5 @@
-"""Simulated sensors: `cameras` (colour and stereo images), `tof_camera` (ranges), and `geometric_sensor` (detections of discs
-without rendering, for long studies).
+"""Simulated sensors.
+
+`cameras` (colour and stereo images), `tof_camera` (ranges), and `geometric_sensor` (detections of discs without
+rendering, for long studies).
 """

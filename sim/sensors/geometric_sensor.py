@@ -1,11 +1,12 @@
 """Geometric sensor: detections of discs without rendering, with the errors of the real detectors.
 
-Rendering half a minute of a walk takes a minute; this takes milliseconds. A disc is detected if it lies inside the field of
-view, unoccluded, with its foot in the image. The errors are those of images: for the time-of-flight camera a share of the
-radius, for the colour camera the pitch of a swaying head, and for both its yaw, which all discs of one frame share. A disc
-that the border of the view cuts off is never detected, while images locate some of those nearby.
+Rendering half a minute of a walk takes a minute; this takes milliseconds. A disc is detected if it lies inside the
+field of view, unoccluded, with its foot in the image. The errors are those of images: for the time-of-flight camera a
+share of the radius, for the colour camera the pitch of a swaying head, and for both its yaw, which all discs of one
+frame share. A disc that the border of the view cuts off is never detected, while images locate some of those nearby.
 
-Source: ours; fields of view of seeds 004 and 000; errors as the detectors of `perception` claim them, confirmed by walks.
+Source: ours; fields of view of seeds 004 and 000; errors as the detectors of `perception` claim them, confirmed by
+walks.
 """
 
 from __future__ import annotations

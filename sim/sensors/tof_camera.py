@@ -2,9 +2,9 @@
 
 Every pixel casts several rays whose returns add up as phasors A exp(j 4 pi f d / c). A pixel on an edge therefore
 measures an intermediate range (flying pixel), and a range beyond c / 2f = 5 m wraps around. Further effects are stray
-light in the lens, wiggling by harmonics of the modulation, fixed-pattern noise, noise that falls with the amplitude, and
-quantisation to 14 bits. Four images, a quarter period apart, give one phase; with an integration time each is taken
-from the camera's pose at its own time, which causes motion artefacts at edges.
+light in the lens, wiggling by harmonics of the modulation, fixed-pattern noise, noise that falls with the amplitude,
+and quantisation to 14 bits. Four images, a quarter period apart, give one phase; with an integration time each is
+taken from the camera's pose at its own time, which causes motion artefacts at edges.
 
 Source: seed 004, Table 3 (SR-4000); noise: published SR-4000 tests (4 mm at 1.3 m); stray light and wiggling are
 plausible, not calibrated.
@@ -126,8 +126,8 @@ class TofCamera:
         """One measurement from a pose.
 
         Returns:
-            Range along each pixel's ray, m, NaN where too little light returns, and the amplitude (1: a white surface facing
-            the camera at 2 m; not bounded above).
+            Range along each pixel's ray, m, NaN where too little light returns, and the amplitude (1: a white surface
+            facing the camera at 2 m; not bounded above).
         """
         phasor, _ = self._phasors(caster, T_world_camera)
         return self._read_out(self._with_stray_light(phasor))

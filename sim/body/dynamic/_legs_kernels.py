@@ -117,8 +117,8 @@ def centre_of_mass(
 ) -> None:
     """Centre of mass (com, (3,)) in the pelvis frame.
 
-    Args: angles (12,) left then right; size (3,) of the left leg; masses (6,) of a leg's links; sole (3,) centre of the
-    left foot in its own frame; upper (4,) mass and centre of all links but the legs.
+    Args: angles (12,) left then right; size (3,) of the left leg; masses (6,) of a leg's links; sole (3,) centre of
+    the left foot in its own frame; upper (4,) mass and centre of all links but the legs.
     """
     rotation, points, leg = np.empty((3, 3)), np.empty((3, 3)), size.copy()
     total = upper[0]
@@ -157,8 +157,8 @@ def pelvis_trajectory(
 ) -> None:
     """Pelvis (n, 4) such that the centre of mass follows com (n, 2) over feet (n, 4).
 
-    Two fixed-point iterations per tick start from the solution of the tick before. Angles (12,) hold the solution before
-    the first tick, and afterwards that of the last one.
+    Two fixed-point iterations per tick start from the solution of the tick before. Angles (12,) hold the solution
+    before the first tick, and afterwards that of the last one.
     """
     offset, leg, level = np.empty(3), size.copy(), np.eye(3)
     for k in range(len(com)):
@@ -187,9 +187,9 @@ def update_vertical(
 ) -> None:
     """Rotate the vertical in trunk axes (up, (3,)) by the gyro and correct it towards the accelerometer, in place.
 
-    The persistent part of the correction is learnt as the gyro's bias, (3,). Force (3,) is without planned acceleration.
-    It is divided by gravity, not normalised: gear chatter shakes it by half a gravity, and the mean of such directions
-    would tilt by degrees.
+    The persistent part of the correction is learnt as the gyro's bias, (3,). Force (3,) is without planned
+    acceleration. It is divided by gravity, not normalised: gear chatter shakes it by half a gravity, and the mean of
+    such directions would tilt by degrees.
     """
     ex = force[0] / GRAVITY_MPS2 - up[0]
     ey = force[1] / GRAVITY_MPS2 - up[1]

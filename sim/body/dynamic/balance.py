@@ -219,8 +219,8 @@ class LandingControl:
     def must_wait(self, step: Step, tick: int, load_n: float) -> bool:
         """Whether the plan pauses at the start of a double support because the new foot bears no weight yet.
 
-        A body that leans outward over its stance foot swings back by itself unless its weight is meanwhile shifted onto a
-        foot in the air.
+        A body that leans outward over its stance foot swings back by itself unless its weight is meanwhile shifted
+        onto a foot in the air.
         """
         late = step.stepping and tick == 0 and load_n < TOUCH_N
         if late and self._waited < self._config.wait_s / self._tick_s:

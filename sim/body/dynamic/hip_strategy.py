@@ -1,11 +1,11 @@
 """Hip strategy after a push: the trunk bends in the direction of the fall and absorbs its angular momentum.
 
-The edge of the sole limits the torque of the floor. Bending the trunk at the hips in the direction of the fall takes up
-angular momentum; straightening up slowly, once the weight rests or a foot stands further out, returns it. The pelvis
-moves the opposite way meanwhile, so that the centre of mass stays where it is planned.
+The edge of the sole limits the torque of the floor. Bending the trunk at the hips in the direction of the fall takes
+up angular momentum; straightening up slowly, once the weight rests or a foot stands further out, returns it. The
+pelvis moves the opposite way meanwhile, so that the centre of mass stays where it is planned.
 
-Source: Stephens 2007 (hip strategy). Gains: of 600 pushes of 1 N s it halves the falls; with the trunk bent against the
-fall one in four ends in a fall.
+Source: Stephens 2007 (hip strategy). Gains: of 600 pushes of 1 N s it halves the falls; with the trunk bent against
+the fall one in four ends in a fall.
 """
 
 from __future__ import annotations

@@ -152,8 +152,8 @@ class DynamicBody:
     def trunk_from_encoders(self) -> Pose3:
         """Pelvis in the body frame as the robot estimates it, lowered by its height while walking.
 
-        The encoders give legs without backlash on a level sole. The tilt that the inertial sensor measures, less the bend
-        of the hips, is taken as a rotation about the stance foot.
+        The encoders give legs without backlash on a level sole. The tilt that the inertial sensor measures, less the
+        bend of the hips, is taken as a rotation about the stance foot.
         """
         feet = self._footprints
         pelvis, sole = self._odometry.pelvis(feet), self._odometry.sole(feet)
