@@ -2,7 +2,7 @@
 
 Read in this order: `anatomy` (lengths and masses), `urdf` (the model for PyBullet), `legs` (inverse and forward
 kinematics), `balance` (attitude estimate, ankle feedback, landing), `capture` and `hip_strategy` (recovery from
-pushes), `physics` (PyBullet), `odometry` (foot to foot, by encoders), `walker` (the body, which puts them together).
+pushes), `physics` (PyBullet), `odometry` (foot to foot, by encoders), `config` and `walker` (the body).
 
 The footsteps come from `sim.body.gait`, as for the kinematic body.
 

@@ -257,7 +257,7 @@ class _Guide:
         home = (scene.start.x, scene.start.y)
         legs, at, length = [], home, 0.0
         for stop in itertools.islice(itertools.cycle((*scene.goals, home)), 40):
-            leg = None if stop == at else space.walk(at, stop, CLEARANCE_M)
+            leg = None if stop == at else space.path(at, stop, CLEARANCE_M)
             if leg is not None:
                 legs.append(leg)
                 at, length = stop, length + math.dist(leg[0], leg[-1])
