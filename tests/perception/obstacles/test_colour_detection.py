@@ -44,7 +44,15 @@ def scene(places: np.ndarray) -> Scene:
         for k, (x, y) in enumerate(places)
     )
     return Scene(
-        room.name, 0, room.extent, room.floor, room.things + painted, (), (), room.start, room.goals
+        room.name,
+        0,
+        room.extent,
+        room.floor,
+        room.static_objects + painted,
+        (),
+        (),
+        room.start,
+        room.goals,
     )
 
 
