@@ -17,7 +17,7 @@ from perception.primitives.errors import InputError
 
 from ..results.run_folder import COVARIANCE_HEADER, ERRORS, RunFolder
 from ..results.tables import Table, Trajectory, read_tum
-from ..results.trajectory_uncertainty import SPACE, aligned_claims
+from ..results.trajectory_uncertainty import SPACE, aligned_covariances
 from .metrics.consistency import consistency_metrics, whitened
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
@@ -178,7 +178,7 @@ def aligned_claims_of(
     """
     in_space = run.read_csv(SPACE)
     if in_space is not None:
-        stamps, covariances = aligned_claims(in_space)
+        stamps, covariances = aligned_covariances(in_space)
         known, own = associate(estimate.stamps, stamps, 1e-6)
         estimate, covariances = pick(estimate, known), covariances[own]
         mine, theirs = associate(estimate.stamps, true.stamps)

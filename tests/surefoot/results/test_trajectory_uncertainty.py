@@ -22,7 +22,7 @@ from surefoot.evaluation.metrics.gauge_alignment import (
 )
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from surefoot.results.tables import Trajectory
-from surefoot.results.trajectory_uncertainty import flattened, write_claims
+from surefoot.results.trajectory_uncertainty import planar_gaussian, write_claims
 
 POSES = 30
 STEP = np.diag(np.square([0.004, 0.003, 0.003, 0.004, 0.003, 0.005]))
@@ -220,7 +220,7 @@ def write_run(folder: RunFolder, found: np.ndarray, P: np.ndarray) -> None:
         estimate_row(float(t), Gaussian(m, C)) for t, m, C in zip(stamps, found, P, strict=True)
     ]
     folder.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
-    folder.write_way()
+    folder.write_planar_trajectory()
     folder.write_json("summary.json", {})
     header = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", "state")
     normal = Rotation.from_euler("X", -2.0).as_matrix().T[:, 2]
@@ -287,7 +287,7 @@ def test_the_heading_of_a_tilted_camera_has_what_its_turn_has():
     rng = np.random.default_rng(1)
     pose = true_way()[4]
     covariance = carried(np.array([0.3, 0.2, 0.1])) @ STEP @ carried(np.array([0.3, 0.2, 0.1])).T
-    flat = flattened(pose, covariance)
+    flat = planar_gaussian(pose, covariance)
     samples = []
     for _ in range(4000):
         ahead = disturbed(pose, drawn(rng, covariance)).rotation[:, 2]
