@@ -363,7 +363,7 @@ def evaluate(
     as_json: bool,
 ) -> None:
     """Hold RUN against the truth: errors, consistency, map, contacts; writes metrics and report."""
-    from ..evaluation.evaluate import closing_table
+    from ..evaluation.targets import closing_table
     from ..evaluation.evaluate import evaluate as measure
     from ..report.page import write_report
     from ..results.run_folder import RunFolder

@@ -16,7 +16,8 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from ..evaluation.evaluate import evaluate, verdicts
+from ..evaluation.evaluate import evaluate
+from ..evaluation.targets import verdicts
 from ..results.run_folder import RunFolder
 from .plots.time_series import Picture, pictures
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...evaluation.evaluate import pose_claims
+from ...evaluation.evaluate import planar_estimates
 from ...evaluation.metrics.contacts import contact_intervals
 from ...evaluation.metrics.floor import floor_errors
 from ...evaluation.metrics.obstacles import moving, track_errors
@@ -81,7 +81,7 @@ def pose_errors(run: RunFolder) -> Drawn | None:
     )
     if table is None or true is None:
         return None
-    stamps, poses, covariances = pose_claims(table)
+    stamps, poses, covariances = planar_estimates(table)
     mine, theirs = associate(stamps, true.stamps)
     if len(mine) == 0:
         return None

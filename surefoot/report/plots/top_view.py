@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
 
-from ...evaluation.evaluate import pose_claims
+from ...evaluation.evaluate import planar_estimates
 from ...evaluation.metrics.maps import FREE, OCCUPIED, UNKNOWN, GridMap, read_map, wrong_cells
 from ...evaluation.metrics.obstacles import moving
 from ...results.run_folder import RunFolder
@@ -45,7 +45,7 @@ def plan(run: RunFolder) -> Drawn | None:
     _tracks(axes, run)
     _truth(axes, run)
     if table is not None:
-        _way(axes, *pose_claims(table))
+        _way(axes, *planar_estimates(table))
     elif run.has("trajectory.txt"):
         given = read_tum(run.path("trajectory.txt")).positions
         axes.plot(given[:, 0], given[:, 1], color=BELIEF, lw=1.8, zorder=6, label="the way given")
