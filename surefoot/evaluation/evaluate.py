@@ -99,7 +99,7 @@ def evaluate(
         _check_common_stamps(run, estimate, truth, true)
     run.path(ERRORS).unlink(missing_ok=True)
     metrics: dict[str, Any] = _kind_metrics(run, kind)
-    own_axes = truth is not None or kind == MAP or run.has(SPACE)
+    own_axes = truth is not None or has_own_axes(run)
     reference = true if true is not None else estimate
     if reference is not None:
         metrics |= walk_metrics(reference.stamps, reference.positions)
@@ -129,6 +129,16 @@ def evaluate(
         metrics["interrupted"] = True
     run.write_json("metrics.json", metrics)
     return metrics
+
+
+def has_own_axes(run: RunFolder) -> bool:
+    """Whether the poses of a run have world axes of their own, not those of its ground truth."""
+    return run.kind == MAP or run.has(SPACE)
+
+
+def true_trajectory(run: RunFolder) -> Trajectory | None:
+    """The true trajectory of a run in the axes of the run; None if it is unknown or in other axes."""
+    return None if has_own_axes(run) else run.read_trajectory("truth/trajectory.txt")
 
 
 def _check_common_stamps(

@@ -288,7 +288,7 @@ def _draw(
         shots, here = np.arange(measured.shape[1]), flying[row]
         right.plot(true[row], color=style.TRUTH, label="true range")
         right.plot(true[row] % wrap_m, ":", color=style.TRUTH, label=f"modulo {wrap_m:.2f} m")
-        right.plot(measured[row], ".", markersize=3, color=style.BELIEF, label="measured")
+        right.plot(measured[row], ".", markersize=3, color=style.ESTIMATE, label="measured")
         right.plot(shots[here], measured[row][here], "o", color=style.WRONG, label="flying")
         right.set(xlabel="column of the marked row, px", ylabel="m")
         style.key(right, 4)
