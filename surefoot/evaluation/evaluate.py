@@ -26,7 +26,7 @@ from ..results.run_folder import (
     RunFolder,
 )
 from ..results.tables import Table, Trajectory, read_tum
-from ..results.trajectory_uncertainty import SPACE, aligned_covariances
+from ..results.trajectory_uncertainty import SPACE, read_aligned_covariances
 from .metrics.consistency import consistency_metrics, whitened
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
@@ -125,6 +125,10 @@ def evaluate(
     timing = run.read_csv("timing.csv")
     if timing is not None:
         metrics["timing_ms"] = timing_metrics(timing)
+    if kind == MAP and true is None:
+        metrics["note"] = (
+            "a map has axes of its own: --truth compares its camera trajectory, --surface its surface"
+        )
     if run.interrupted:
         metrics["interrupted"] = True
     run.write_json("metrics.json", metrics)
@@ -249,7 +253,7 @@ def aligned_errors(
     """
     in_space = run.read_csv(SPACE)
     if in_space is not None:
-        stamps, covariances = aligned_covariances(in_space)
+        stamps, covariances = read_aligned_covariances(in_space)
         known, own = associate(estimate.stamps, stamps, 1e-6)
         estimate, covariances = pick(estimate, known), covariances[own]
         mine, theirs = associate(estimate.stamps, true.stamps)

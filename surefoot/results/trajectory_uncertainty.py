@@ -63,7 +63,7 @@ def planar_gaussian(pose: Pose3, covariance: Float[np.ndarray, "6 6"]) -> Gaussi
     return Gaussian(mean, jacobian @ covariance @ jacobian.T + EXACT**2 * np.eye(3))
 
 
-def aligned_covariances(
+def read_aligned_covariances(
     table: Table,
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 6 6"]]:
     """Stamps and aligned covariances of space_covariance.csv."""

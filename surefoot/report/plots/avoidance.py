@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ...avoidance_planner import Look
 
 FARTHEST_M = 3.0
-STRIDE = 7  # one of so many points is shown in 3-D
+STRIDE = 7  # only every seventh point is shown in 3-D
 
 
 def four_panes(

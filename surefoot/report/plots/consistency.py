@@ -23,10 +23,10 @@ MIN_SAMPLES = 20  # ours: fewer samples give no curve
 def nees_over_time(run: RunFolder) -> Drawn | None:
     """NEES of the pose with its band; None without truth or covariance."""
     true = true_trajectory(run)
-    claims = None if true is None else pose_errors(run, true)
-    if claims is None:
+    errors = None if true is None else pose_errors(run, true)
+    if errors is None:
         return None
-    stamps, values = claims[0], squared(claims[1])
+    stamps, values = errors[0], squared(errors[1])
     low, high = band(3)
     figure, axes = sheet(1, 1, 2.5)
     axes.axhspan(low, high, color=TARGET, alpha=0.12, lw=0, label="95 % band")
@@ -156,9 +156,9 @@ def _normalised(run: RunFolder) -> list[_Curve]:
     """Whitened errors of every estimate with ground truth, and all innovations."""
     found: list[_Curve] = []
     true = true_trajectory(run)
-    claims = None if true is None else pose_errors(run, true)
-    if claims is not None:
-        found.append(_Curve("pose", claims[1]))
+    pose = None if true is None else pose_errors(run, true)
+    if pose is not None:
+        found.append(_Curve("pose", pose[1]))
     floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
     if floor is not None and true_floor is not None:
         for camera, errors in floor_errors(floor, true_floor).items():

@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 from mapping.io.clouds import load_ply
 
 from ...results.run_folder import RunFolder
-from .style import ESTIMATE, Drawn, legend, sheet
+from .style import ESTIMATE, Drawn, sheet
 
 PIXELS = 520  # along the longer side of a view, as large as the page shows
 PIXEL_M = 0.02  # smallest pixel, as the voxels: a finer image would have gaps between points
@@ -37,16 +37,15 @@ def surface(run: RunFolder) -> Drawn | None:
         one.imshow(picture, origin="lower", extent=extent, interpolation="nearest", aspect="equal")
         if path is not None:
             seen = path.positions @ view.T
-            one.plot(seen[:, 0], seen[:, 1], color=ESTIMATE, lw=1.6, label="trajectory")
+            one.plot(seen[:, 0], seen[:, 1], color=ESTIMATE, lw=1.6)
         one.grid(False)
         one.set(title=words, xlabel="x, m")
     axes[0].set_ylabel("y, m")
     axes[1].set_yticks([])
-    legend(axes[0])
     sentence = (
         "The mapped surface from above, in the axes of the map, and in an oblique view along +y"
     )
-    sentence += ", with the trajectory" if path is not None else ""
+    sentence += ", with the trajectory in blue" if path is not None else ""
     sentence += ". Without colour images, colour shows height: dark is low" if by_height else ""
     return Drawn(figure, f"{sentence}.")
 

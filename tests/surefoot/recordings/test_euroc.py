@@ -59,7 +59,7 @@ def test_an_unmatched_image_is_remarked_and_left_out(rig):
     assert is_euroc(rig)
     recording = open_euroc(rig)
     assert len(list(recording.frames())) == 1
-    assert any("1 left images have no right one" in remark for remark in recording.remarks)
+    assert any("1 left images have no right image" in remark for remark in recording.remarks)
     assert any("no imu0 file" in remark for remark in recording.remarks)
 
 
@@ -106,7 +106,7 @@ def test_a_rectified_pairs_calibration_gives_camera_and_baseline(recordings):
     assert (camera.width, camera.height) == (640, 480)
     assert camera.fx == pytest.approx(487.609, abs=1e-3)
     assert baseline == pytest.approx(0.11969, abs=1e-5)
-    with pytest.raises(RecordingError, match="left and right exchanged"):
+    with pytest.raises(RecordingError, match="may be exchanged"):
         read_rectified_pair(folder / "stereo_right.yaml", folder / "stereo_left.yaml")
 
 
