@@ -26,6 +26,7 @@ from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.obstacle import Obstacle
 
 from ..commands import GazeCommand
+from ..world_model import WorldModel
 from . import evaluations
 from .attention_config import AttentionConfig as AttentionConfig
 from .newcomers import Newcomers
@@ -58,6 +59,20 @@ class Known:
     landmarks: Sequence[Landmark] = ()
     sightings: Sequence[Sighting] = ()
     clusters: Sequence[Cluster] = ()
+
+    @classmethod
+    def of(cls, world: WorldModel) -> Known:
+        """From a world model whose pose is known."""
+        assert world.pose is not None
+        estimate = world.estimate
+        return cls(
+            world.pose,
+            world.grid,
+            world.confidence,
+            world.landmarks,
+            estimate.sightings,
+            estimate.clusters,
+        )
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from perception.primitives.frame import DepthView, Frame, StepOdometry, StereoVi
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from planning.planners.search_planner import SearchPlanner
 
 from ..config.schema import Config
-from ..navigator import Navigator
 from ..recordings.recording import RecordingInfo
 from ..run.pipeline import Pipeline
 
@@ -53,10 +53,10 @@ def warm(say: Callable[[str], None]) -> None:
     info = RecordingInfo("warm-up", "simulation", start=Pose2())
     began = time.perf_counter()
     pipeline = Pipeline(config, info)
-    navigator = Navigator(config, [(2.0, 0.0)])
+    navigator = SearchPlanner(config.planning, [(2.0, 0.0)])
     for number in range(20):
         seen = frame(0.325 * number, rng)
-        navigator.decide(seen, pipeline.cycle(seen), pipeline)
+        navigator.decide(pipeline.cycle(seen))
     say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
     began = time.perf_counter()
     from perception.depth.points import Points

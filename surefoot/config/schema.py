@@ -14,7 +14,7 @@ from mapping.grid.egocentric_grid import GridConfig
 from mapping.grid.world_map import WorldMapConfig
 from mapping.io.clouds import CloudConfig
 from mapping.objects.footprints import FootprintConfig
-from perception.depth.health import DepthTrustConfig
+from perception.depth.health import DepthHealthConfig
 from perception.depth.reach import ReachesConfig
 from perception.depth.stereo import StereoConfig
 from perception.depth.structured_light import StructuredLightConfig
@@ -36,6 +36,7 @@ from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
 from planning.gaze.policy import GazeConfig
 from planning.planners.mission import MissionConfig
+from planning.planners.settings import BESIDE_GUARD, PlanningConfig
 from planning.safety.guard import GuardConfig
 from planning.search.potential import SearchConfig
 from planning.search.route import RouteConfig
@@ -50,13 +51,6 @@ CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
 
 CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0002, 0.0003)))
 """With that calibration little is left that all points of a TOF view have wrong alike (NEES of walks)."""
-
-
-BESIDE_GUARD = FieldConfig(
-    gaze_coupling=False, virtual_obstacles=False, velocity_change=False, uncertainty=False
-)
-"""The published field alone: beside a guard its additions are the guard's business. Measured (001-E4, 100 courses):
-field alone 153 contacts, with all additions 180, with the guard 1."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +93,13 @@ class Config:
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
     avoidance: AvoidanceConfig = field(default_factory=AvoidanceConfig)
     gaze: GazeConfig = field(default_factory=GazeConfig)
-    depth_trust: DepthTrustConfig = field(default_factory=DepthTrustConfig)
+    depth_health: DepthHealthConfig = field(default_factory=DepthHealthConfig)
+
+    @property
+    def planning(self) -> PlanningConfig:
+        """The part that planners see."""
+        names = [item.name for item in dataclasses.fields(PlanningConfig)]
+        return PlanningConfig(**{name: getattr(self, name) for name in names})
 
     def resolved(self, renderer: str) -> Config:
         """The same, with the renderer that was really used."""

@@ -100,7 +100,7 @@ def gather(
     T_base_map: Pose3 | None = None
     kept: list[Pose3] = []
     for number, frame in enumerate(recording.frames()):
-        estimate = pipeline.cycle(frame)
+        estimate = pipeline.cycle(frame).estimate
         if not estimate.views:
             continue
         seen = estimate.views[0]

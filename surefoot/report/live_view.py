@@ -20,11 +20,11 @@ from jaxtyping import Float, UInt8
 from perception.estimate import Estimate
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
+from planning.planners.planner import Planner
+from planning.world_model import WorldModel
 
 from ..evaluation.metrics.obstacles import MOVING
-from ..planners import Planner
 from ..results.run_folder import RunFolder
-from ..run.pipeline import Pipeline
 
 HOST = "127.0.0.1"
 PANE_PX = 320  # width of a pane
@@ -58,17 +58,15 @@ class LivePage:
         """URL of the page."""
         return f"http://{HOST}:{self._server.get_port()}"
 
-    def show(
-        self, frame: Frame, pipeline: Pipeline, estimate: Estimate, planner: Planner | None = None
-    ) -> None:
+    def show(self, frame: Frame, world: WorldModel, planner: Planner | None = None) -> None:
         """Draw the state after one cycle.
 
         Args:
             frame: Sensor data.
-            pipeline, estimate: Their result.
+            world: Estimate of perception for this frame.
             planner: The planner; the panorama of one with panoramic scans (`looks`) is shown.
         """
-        scene = self._server.scene
+        scene, estimate = self._server.scene, world.estimate
         self._show_panes(frame, estimate, planner)
         if estimate.pose is not None:
             x, y, yaw = (float(v) for v in estimate.pose.mean)
@@ -101,8 +99,8 @@ class LivePage:
         followed = {obstacle.track for obstacle in estimate.obstacles}
         for gone in [track for track in self._tracks if track not in followed]:
             self._tracks.pop(gone).remove()
-        if pipeline.grid is not None:
-            grid = pipeline.grid
+        if world.grid is not None:
+            grid = world.grid
             self.show_map(grid.probability, np.asarray(grid.origin), grid.cell_m)
 
     def _look_at_robot(self, client: Any) -> None:

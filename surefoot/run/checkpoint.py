@@ -17,7 +17,7 @@ from perception.primitives.errors import InputError
 
 from ..config.schema import Config
 from .pipeline import Pipeline
-from .run_recorder import Journal
+from .run_recorder import RunRecorder
 
 NAME = ".checkpoint.pickle"
 EVERY_S = 20.0  # ours: writing takes some ten milliseconds
@@ -29,14 +29,14 @@ class Checkpoint:
 
     Args:
         frames: Read from the recording so far, those that were skipped not counted.
-        pipeline, journal: As they were.
+        pipeline, recorder: As they were.
         config: Of the run.
         version: Of the program.
     """
 
     frames: int
     pipeline: Pipeline
-    journal: Journal
+    recorder: RunRecorder
     config: Config
     version: str
 
@@ -55,7 +55,7 @@ class Keeper:
         self._config = config
         self._last_s = time.monotonic()
 
-    def __call__(self, pipeline: Pipeline, journal: Journal) -> None:
+    def __call__(self, pipeline: Pipeline, recorder: RunRecorder) -> None:
         """After every frame; writes when it is time.
 
         Raises:
@@ -64,7 +64,7 @@ class Keeper:
         if time.monotonic() - self._last_s < EVERY_S:
             return
         version = importlib.metadata.version("surefoot")
-        kept = Checkpoint(journal.frames, pipeline, journal, self._config, version)
+        kept = Checkpoint(recorder.frames, pipeline, recorder, self._config, version)
         with complete(self._path) as part:
             part.write_bytes(pickle.dumps(kept, protocol=pickle.HIGHEST_PROTOCOL))
         self._last_s = time.monotonic()

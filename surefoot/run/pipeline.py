@@ -1,8 +1,9 @@
-"""The cycle: from one frame of the sensors to where we are, what is there, and what the map says.
+"""The pipeline: from one frame of the sensors to pose, floor, obstacles, tracks and maps.
 
-It reads like the flow chart of seed 003, with the localiser and the tracks of seed 001 in front of the
-map: locate, measure depth, find the floor, tell obstacles from it, follow what moves, remember. The same
-cycle runs live and over a recording; deciding where to step is `navigator`'s part.
+The order is that of the flow chart of seed 003, with the localiser and the tracker of seed 001 before the maps:
+localise, measure depth, find the floor, classify points, track obstacles, map. While depth does not show the floor
+ahead, or for a planner by colour, the floor by colour of seed 000 gives detections too. The same pipeline runs live
+and over a recording. It is the only place that measures; planners read the `WorldModel` it returns.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from mapping.io.clouds import CloudBuilder
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points, stereo, structured_light, time_of_flight
+from perception.depth.health import DepthHealth
 from perception.depth.reach import ReachConfig
 from perception.depth.rectification import straightened
 from perception.estimate import Estimate
@@ -40,6 +42,7 @@ from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.pose_source import PoseSource
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.static_points import static_points
+from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, either
 from perception.obstacles import clustering, colour_detection
 from perception.obstacles.clustering import Cluster
 from perception.obstacles.track import Detection
@@ -48,10 +51,11 @@ from perception.odometry.odometry_poses import OdometryPoses
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
+from perception.primitives.stopwatch import Stopwatch
+from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
-from .stopwatch import Stopwatch
 
 
 class Pipeline:
@@ -65,6 +69,9 @@ class Pipeline:
         self.rng = np.random.default_rng(config.seed)
         self.cloud = CloudBuilder(config.cloud)
         self.obstacle_cloud = CloudBuilder(config.obstacle_cloud)
+        self.health = DepthHealth(config.depth_health)
+        flow = config.swarm.as_walked.prediction == "flow"
+        self.colour_floor = ColourFloorFinder(config.monocular, flow)
         self._forget()
 
     def _forget(self) -> None:
@@ -75,8 +82,8 @@ class Pipeline:
         self._mapped_s: float | None = None
         self._traces = MoverTraces()
 
-    def cycle(self, frame: Frame) -> Estimate:
-        """Take one frame all the way from pixels to the map."""
+    def cycle(self, frame: Frame) -> WorldModel:
+        """Take one frame from pixels to the maps."""
         watch = Stopwatch()
         with watch.stage("locate"):
             sightings = (
@@ -94,19 +101,26 @@ class Pipeline:
         with watch.stage("register"):
             views, registration = self._register(views)
         pose = self.whereabouts.pose
+        if frame.footstep_due and self.config.depth_health.fall_back:
+            self.health.update([(view.depth, view.floor) for view in views])
+        by_colour = None
+        if pose is not None and self._needs_colour_floor(frame):
+            with watch.stage("floor by colour"):
+                by_colour = self.colour_floor.find(frame.colour, _pose2(pose), frame.stamp_s)
         with watch.stage("obstacles"):
             found = self._cluster(views, pose)
             if pose is not None:
+                visible = visibility(views)
                 self.tracker.update(
                     frame.stamp_s,
-                    self._detections(found, frame),
+                    self._detections(found, frame, by_colour),
                     pose,
-                    visibility(views),
+                    visible if by_colour is None else either(visible, by_colour.shows_free),
                     [_detection(cluster) for cluster in found if not cluster.placed],
                 )
         with watch.stage("map"):
             self._remember(frame, views, pose)
-        return Estimate(
+        estimate = Estimate(
             frame.stamp_s,
             pose,
             tuple(views),
@@ -117,17 +131,17 @@ class Pipeline:
             tuple(sightings),
             watch.milliseconds,
             registration,
+            frame.colour,
+            by_colour,
+            self.health.healthy,
         )
+        return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
 
-    def told(self, estimate: Estimate) -> Estimate:
-        """The estimate of this frame with what the planner has shown the tracker since."""
-        if estimate.pose is None:
-            return estimate
-        return replace(
-            estimate,
-            obstacles=tuple(self.tracker.obstacles),
-            innovations=tuple(self.tracker.innovations),
-        )
+    def _needs_colour_floor(self, frame: Frame) -> bool:
+        """Whether obstacles are looked for by colour: the planner needs it, or depth is lost."""
+        if self.config.monocular.use != "auto":
+            return self.config.monocular.use == "always"
+        return self.config.mission.planner == "swarm" or not self.health.healthy
 
     def footprints(self) -> list[Footprint]:
         """Ground plans of what stands, from the obstacle points that the world map believes in."""
@@ -223,12 +237,14 @@ class Pipeline:
             obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
         )
 
-    def _detections(self, found: Sequence[Cluster], frame: Frame) -> list[Detection]:
-        """What the tracks learn from: things in depth whose middle is known, and by colour what depth does not place."""
+    def _detections(
+        self, found: Sequence[Cluster], frame: Frame, floor: ColourFloor | None
+    ) -> list[Detection]:
+        """Detections for the tracker: clusters with a known centre, and by colour what depth does not show."""
         placed = [_detection(cluster) for cluster in found if cluster.placed]
-        if frame.colour is None:
-            return placed
-        by_colour = colour_detection.detect(frame.colour, self.config.coloured)
+        by_colour = [] if floor is None else list(floor.detections)
+        if frame.colour is not None:
+            by_colour += colour_detection.detect(frame.colour, self.config.coloured)
         return placed + [
             seen
             for seen in by_colour

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from perception.primitives.errors import RecordingError
 
@@ -12,12 +11,9 @@ from ..recordings.open import open_recording
 from ..results.run_folder import RunFolder
 from . import checkpoint
 from .bodies import Playback
+from .loop import cycles
 from .pipeline import Pipeline
-from .run_recorder import Journal
-
-if TYPE_CHECKING:
-    pass
-from .loop import walk_loop
+from .run_recorder import RunRecorder
 from .summary import Say, Summary, _count, _reasons
 
 
@@ -48,14 +44,17 @@ def process(
     if kept is None or out is None:
         folder = RunFolder.create(out, name=recording.info.name, reads=path)
         pipeline = Pipeline(config, recording.info)
-        journal = Journal(folder, config, recording.info, (), str(path))
+        recorder = RunRecorder(folder, config, recording.info, (), str(path))
     else:
-        folder, pipeline, journal = RunFolder(out), kept.pipeline, kept.journal
-        say(f"going on after frame {journal.frames}")
+        folder, pipeline, recorder = RunFolder(out), kept.pipeline, kept.recorder
+        say(f"going on after frame {recorder.frames}")
     keeper = checkpoint.Keeper(folder.root, config)
-    body = Playback(recording, skip=journal.frames)
-    walk_loop(body, pipeline, None, journal, say, aside=lambda: keeper(pipeline, journal))
-    if journal.frames == 0:
+    body = Playback(recording, skip=recorder.frames)
+    for cycle in cycles(body, pipeline, None):
+        recorder.note(cycle)
+        keeper(pipeline, recorder)
+        say(recorder.progress(cycle.world, None))
+    if recorder.frames == 0:
         raise RecordingError(
             f"{path}: none of its frames could be used ({_reasons(recording)}); "
             "check that this is the right folder and that its depth images open"
@@ -63,11 +62,11 @@ def process(
     folder.adopt_truth(path)
     summary = Summary(
         folder.root,
-        journal.frames,
-        journal.seconds,
+        recorder.frames,
+        recorder.seconds,
         skipped=_count(recording),
-        notes=(*journal.notes(pipeline), *recording.remarks),
+        notes=(*recorder.notes(), *recording.remarks),
     )
-    journal.finish(pipeline, summary.as_dict())
+    recorder.finish(pipeline, summary.as_dict())
     keeper.done()
     return summary

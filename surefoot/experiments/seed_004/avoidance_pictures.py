@@ -15,13 +15,13 @@ import numpy as np
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import stitch
 from planning.avoidance.choice import choose
+from planning.planners.panorama_obstacles import things_of
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
 from sim.shapes import outline
 from sim.world import World
 
-from ...avoidance_things import things_of
 from ...config.schema import Config
 from ...report.plots import avoidance, style
 from ...results.run_folder import RunFolder

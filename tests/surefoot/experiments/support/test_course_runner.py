@@ -24,9 +24,9 @@ def short(scene, seed, seconds):
     return replace(config, mission=replace(config.mission, time_limit_s=seconds))
 
 
-@pytest.mark.parametrize("truly", [True, False])
-def test_twenty_seconds_among_fast_movers_is_walked_without_contact(truly):
-    result = walk(short("fast_course", 0, 20.0), truly)
+@pytest.mark.parametrize("perfect", [True, False])
+def test_twenty_seconds_among_fast_movers_is_walked_without_contact(perfect):
+    result = walk(short("fast_course", 0, 20.0), perfect)
     assert result.contacts == []
     assert result.clearance_m > 0.0
     (_, x0, y0, _), (_, x1, y1, _) = result.trace[0], result.trace[-1]

@@ -1,7 +1,6 @@
-"""The schedule of the walker without a map: on time it cruises, late it hurries, and never more than the gait can."""
+"""Timed goals, and the schedule that lengthens steps to make up a delay within the limits of the gait."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from perception.estimate import Estimate
-from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
 from planning.footsteps import GaitConfig
-from surefoot.config.schema import Config
-from surefoot.swarm_planner import MovingGoals, Schedule
+from planning.planners.mission import MissionConfig
+from planning.planners.timed_goals import Schedule, TimedGoals
+from planning.world_model import WorldModel
 
 GAIT = GaitConfig()
 GOAL = np.array([4.0, 0.0])
@@ -32,35 +31,35 @@ def arrival_s(held_up_steps, make_up=True):
     return stamp_s
 
 
-def test_who_is_on_time_cruises():
+def test_a_robot_on_time_walks_at_cruising_speed():
     schedule = Schedule(GAIT)
     for k in range(50):
         robot = Pose2(k * CRUISING.forward_m, 0.0, 0.0)
         assert schedule.make_up(CRUISING, GOAL, robot, k * GAIT.step_s) == CRUISING
 
 
-def test_time_lost_is_made_up_but_no_more_than_that():
+def test_a_delay_is_made_up_and_no_more():
     on_time = (GOAL[0] - 0.1) / GAIT.cruise_mps
     assert arrival_s(20, make_up=False) > on_time + 12.0
     assert on_time - GAIT.step_s <= arrival_s(20) < on_time + 5.0
 
 
 @given(st.floats(0.0, 300.0), st.floats(0.0, 3.8))
-def test_no_step_is_longer_than_the_gait_makes(stamp_s, x):
+def test_no_step_exceeds_the_limit_of_the_gait(stamp_s, x):
     schedule = Schedule(GAIT)
     schedule.make_up(CRUISING, GOAL, Pose2(), 0.0)
     walk = schedule.make_up(CRUISING, GOAL, Pose2(x, 0.0, 0.0), stamp_s)
     assert CRUISING.forward_m <= walk.forward_m <= GAIT.max_speed_mps * GAIT.step_s + 1e-12
 
 
-def test_turning_is_not_hurried():
+def test_turning_steps_are_not_lengthened():
     schedule = Schedule(GAIT)
     schedule.make_up(CRUISING, GOAL, Pose2(), 0.0)
     turn = GAIT.command(0.02, 0.0, math.radians(14.0))
     assert schedule.make_up(turn, GOAL, Pose2(), 60.0) == turn
 
 
-def test_a_new_goal_forgives_what_was_late():
+def test_a_new_goal_starts_a_new_schedule():
     schedule = Schedule(GAIT)
     schedule.make_up(CRUISING, GOAL, Pose2(), 0.0)
     late = schedule.make_up(CRUISING, GOAL, Pose2(), 30.0)
@@ -69,35 +68,13 @@ def test_a_new_goal_forgives_what_was_late():
     assert fresh == CRUISING
 
 
-def test_prediction_by_flow_is_refused_without_two_pictures_a_step():
-    config = Config()
-    pairs = replace(config.robot, image_pairs=True)
-    flow = replace(config.swarm, prediction="flow")
-    with pytest.raises(ConfigError, match="image_pairs"):
-        replace(config, swarm=flow)
-    replace(config, swarm=flow, robot=pairs)
-    with pytest.raises(ConfigError, match="image_pairs"):
-        replace(config, swarm=replace(config.swarm, version="published"))
-
-
-def test_a_walker_by_colour_needs_colour_and_does_not_wander():
-    config = Config()
-    mission = replace(config.mission, planner="swarm")
-    with pytest.raises(ConfigError, match="set robot"):
-        replace(config, mission=mission, robot=replace(config.robot, colour=False))
-    with pytest.raises(ConfigError, match="leave wander off"):
-        replace(mission, wander=True)
-
-
 def at(stamp_s, x, y):
     pose = Gaussian(np.array([x, y, 0.0]), np.eye(3) * 1e-6)
-    return Estimate(stamp_s, pose, (), (), (), None)
+    return WorldModel(Estimate(stamp_s, pose))
 
 
-def test_each_goal_holds_in_its_time_and_only_the_last_one_ends_the_walk():
-    config = Config()
-    config = replace(config, swarm=replace(config.swarm, goal_times_s=(0.0, 70.0)))
-    goals = MovingGoals([(1.0, 0.0), (0.0, 2.0), (5.0, 5.0)], config)
+def test_each_goal_is_valid_in_its_time_and_only_the_last_one_ends_the_mission():
+    goals = TimedGoals([(1.0, 0.0), (0.0, 2.0), (5.0, 5.0)], (0.0, 70.0), MissionConfig())
     assert not goals.finished(at(10.0, 1.0, 0.05))
     assert goals.present is not None
     assert goals.present.tolist() == [1.0, 0.0]

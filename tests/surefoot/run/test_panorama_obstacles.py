@@ -12,11 +12,11 @@ from mapping.panorama.pieces import pieces, seen_aside
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from planning.avoidance.choice import choose
+from planning.planners.panorama_obstacles import things_of
 from sim.scene import Scene
 from sim.scenes import catalogue
 from sim.scenes.avoidance_scenes import MOTIONS
 from sim.shapes import Box
-from surefoot.avoidance_things import things_of
 from surefoot.experiments.seed_004.panorama_scenes import nine_views
 
 

@@ -12,9 +12,10 @@ import pytest
 from perception.estimate import Estimate
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
+from planning.planners.goals import Goals
 from planning.planners.mission import MissionConfig
+from planning.world_model import WorldModel
 from surefoot.experiments.support.course_runner import course_config, walk
-from surefoot.goals import Goals
 
 ROOM = """
 extent = [0, 0, 5, 4]
@@ -28,12 +29,12 @@ height = 0.5
 """
 
 
-def at(x: float, y: float, yaw_deg: float) -> Estimate:
+def at(x: float, y: float, yaw_deg: float) -> WorldModel:
     pose = Gaussian(np.array([x, y, math.radians(yaw_deg)]), 1e-6 * np.eye(3))
-    return Estimate(1.0, pose, (), (), (), None)
+    return WorldModel(Estimate(1.0, pose))
 
 
-def test_without_a_heading_the_place_is_enough() -> None:
+def test_without_a_heading_the_position_is_enough() -> None:
     goals = Goals([(1.0, 0.0), (2.0, 0.0)], MissionConfig(), [math.nan])
     assert goals.heading is None
     assert not goals.finished(at(1.05, 0.0, 123.0))
@@ -41,7 +42,7 @@ def test_without_a_heading_the_place_is_enough() -> None:
     assert goals.finished(at(2.05, 0.0, -50.0))
 
 
-def test_a_goal_with_a_heading_holds_until_the_robot_faces_there() -> None:
+def test_a_goal_with_a_heading_lasts_until_the_robot_has_it() -> None:
     goals = Goals([(1.0, 0.0)], MissionConfig(), [90.0])
     assert goals.heading == pytest.approx(math.pi / 2)
     assert not goals.finished(at(1.05, 0.0, 10.0))
@@ -53,7 +54,7 @@ def test_a_goal_with_a_heading_holds_until_the_robot_faces_there() -> None:
     assert not goals.turning
 
 
-def test_who_is_driven_off_while_it_turns_must_come_back() -> None:
+def test_a_robot_that_drifts_off_while_turning_must_return() -> None:
     goals = Goals([(1.0, 0.0)], MissionConfig(), [90.0])
     assert not goals.finished(at(1.05, 0.0, 10.0))
     assert not goals.finished(at(1.30, 0.0, 90.0))
@@ -61,9 +62,9 @@ def test_who_is_driven_off_while_it_turns_must_come_back() -> None:
     assert goals.finished(at(1.05, 0.0, 88.0))
 
 
-def test_nobody_arrives_who_does_not_know_where_he_is() -> None:
+def test_no_goal_is_reached_without_a_pose() -> None:
     goals = Goals([(1.0, 0.0)], MissionConfig())
-    assert not goals.finished(replace(at(0.0, 0.0, 0.0), pose=None))
+    assert not goals.finished(WorldModel(Estimate(1.0, None)))
     assert goals.reached == 0
 
 

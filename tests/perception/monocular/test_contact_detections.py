@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from perception.monocular import contact_detections
 from perception.monocular.result import Flows, MonocularResult, Picture
 from perception.primitives.camera import Camera
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from surefoot import monocular_tracks
 
 CAMERA = Camera.from_view(720, 720, math.pi / 2, math.pi / 2)
 EYE = Pose3.from_rotation(head_rotation(0.0, math.radians(30.0)), np.array([0.05, 0.0, 0.383]))
@@ -35,7 +35,7 @@ def ground_with(things):
 def sight_of(ground):
     nothing = np.zeros((0, 2))
     picture = Picture(np.zeros((720, 720, 3), np.uint8), CAMERA, ROBOT.lifted() @ EYE, 0.0)
-    return monocular_tracks.sight(
+    return contact_detections.floor_contacts(
         MonocularResult(
             None,
             picture,
@@ -57,7 +57,7 @@ def sight_of(ground):
 @pytest.mark.parametrize(("radius", "height"), [(0.037, 0.055), (0.10, 0.25)])
 def test_an_upright_robot_is_found_where_it_stands(x, y, radius, height):
     seen = sight_of(ground_with([(x, y, radius, height)]))
-    found = monocular_tracks.detections(seen, ROBOT, 2.5)
+    found = contact_detections.detections(seen, ROBOT, 2.5)
     assert len(found) == 1
     away = math.hypot(x, y)
     np.testing.assert_allclose(found[0].position, [x, y], atol=0.01 + 0.01 * away)
@@ -69,7 +69,7 @@ def test_an_upright_robot_is_found_where_it_stands(x, y, radius, height):
 @pytest.mark.parametrize(("x", "y"), [(0.36, 0.26), (0.30, 0.20), (0.45, -0.35), (0.6, 0.45)])
 def test_beside_the_feet_where_uprights_lean_a_robot_is_found_too(x, y):
     seen = sight_of(ground_with([(x, y, 0.037, 0.055)]))
-    found = monocular_tracks.detections(seen, ROBOT, 2.5)
+    found = contact_detections.detections(seen, ROBOT, 2.5)
     assert len(found) == 1
     np.testing.assert_allclose(found[0].position, [x, y], atol=0.006)
     assert found[0].radius_m == pytest.approx(0.037, abs=0.003)
@@ -89,19 +89,19 @@ def test_seams_and_specks_are_floor():
     ground[600:612, 300:330] = 0
     seen = sight_of(ground)
     assert (seen.ground[480:, :] > 0).all()
-    assert monocular_tracks.detections(seen, ROBOT, 2.5) == []
+    assert contact_detections.detections(seen, ROBOT, 2.5) == []
 
 
 def test_what_is_wide_or_cut_off_is_no_disc():
     wide = sight_of(ground_with([(1.2, 0.0, 0.25, 0.3)]))
-    assert monocular_tracks.detections(wide, ROBOT, 2.5) == []
+    assert contact_detections.detections(wide, ROBOT, 2.5) == []
     cut = sight_of(ground_with([(0.8, 0.84, 0.05, 0.2)]))
-    assert monocular_tracks.detections(cut, ROBOT, 2.5) == []
+    assert contact_detections.detections(cut, ROBOT, 2.5) == []
 
 
 def test_what_is_half_hidden_is_no_disc():
     seen = sight_of(ground_with([(0.8, 0.0, 0.06, 0.05), (1.0, 0.07, 0.06, 0.1)]))
-    found = monocular_tracks.detections(seen, ROBOT, 2.5)
+    found = contact_detections.detections(seen, ROBOT, 2.5)
     assert all(abs(disc.position[1] - 0.07) > 0.02 for disc in found)
 
 
@@ -116,7 +116,7 @@ def test_a_mover_takes_the_floor_it_is_about_to_cover():
     velocity = ROBOT.rotation @ np.array([0.0, 0.3])
     place = ROBOT.apply(np.array([1.0, -0.2]))
     mover = Obstacle(Gaussian(np.concatenate([place, velocity]), np.eye(4) * 1e-4), 0.08)
-    left = monocular_tracks.without_movers(seen.ground, seen.picture, [mover], 1.0)
+    left = contact_detections.without_movers(seen.ground, seen.picture, [mover], 1.0)
     taken = sight_of(left).shows_floor(
         ROBOT.apply(np.array([[1.0, -0.2], [1.0, -0.05], [1.0, 0.1], [1.0, 0.25], [1.0, -0.35]]))
     )

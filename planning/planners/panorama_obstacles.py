@@ -1,6 +1,6 @@
-"""From what the panorama lists to what the decision of seed 004 takes: things, and how far aside ground is known.
+"""Obstacles of a panorama as input of the motion choice of seed 004, with the lateral extent of known ground.
 
-Source: seed 004, sections 2.3 and 2.4; what is done with walls and with unseen ground is ours.
+Source: seed 004, sections 2.3 and 2.4; the treatment of walls and of unseen ground is ours.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from jaxtyping import Float
 from mapping.panorama.obstacles import PanoramaObstacle, Surroundings
 from mapping.panorama.pieces import pieces, seen_aside
 from mapping.panorama.stitching import Panorama
-from planning.avoidance.choice import Things
 
-STOP_M = 1.05  # specification: where the robot stops before what blocks its way
-REACH_M = STOP_M + 0.6  # ours: what is farther is met later
-OPEN_M = 2.0  # ours: the decision asks no further aside
-CLOSER_HEIGHT_M = 0.1  # ours: of what closed a passage nothing but its place is known
+from ..avoidance.choice import Things
+
+STOP_M = 1.05  # specification: distance at which the robot stops before an obstacle
+REACH_M = STOP_M + 0.6  # ours: farther obstacles are left for the next scan
+OPEN_M = 2.0  # ours: lateral limit of known ground
+CLOSER_HEIGHT_M = 0.1  # ours: assumed height of what blocked a passage
 
 
 def things_of(
@@ -28,14 +29,14 @@ def things_of(
     reach_m: float = REACH_M,
     closers: Sequence[Float[np.ndarray, "k 2"]] = (),
 ) -> Things:
-    """What the panorama lists, as the decision wants it.
+    """The obstacles of a panorama as input of the motion choice.
 
     Args:
         panorama: Finished.
-        around: What it lists. What goes on above the counted height is a wall, or hangs together with one, and
-            is cut to pieces where its outline leaps.
-        reach_m: What is farther ahead is left out: what stands behind the goal blocks nothing.
-        closers: Middles of the cells that closed former passages, base frame, m.
+        around: Its obstacles. One that continues above the counted height is a wall or joined to one, and is
+            cut where its outline jumps.
+        reach_m: Obstacles farther ahead are left out, such as those behind the goal.
+        closers: Centres of the cells that blocked earlier passages, base frame, m.
     """
     found = [o for o in around.obstacles if not o.cut_top]
     found = [o for o in found + pieces(panorama, found, REACH_M) if o.distance_m <= reach_m]
@@ -55,7 +56,7 @@ def things_of(
 
 
 def _closer(points: Float[np.ndarray, "k 2"]) -> PanoramaObstacle:
-    """Cells as a face across the way."""
+    """Cells as a face across the path."""
     return PanoramaObstacle.across(
         float(points[:, 1].max()),
         float(points[:, 1].min()),

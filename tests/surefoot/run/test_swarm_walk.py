@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planning.planners.swarm_planner import SwarmPlanner
 from sim.robot import SimulatedRobot
 from sim.scenes import catalogue
 from sim.world import World
@@ -17,7 +18,6 @@ from surefoot.recordings.recording import RecordingInfo
 from surefoot.results.run_folder import RunFolder
 from surefoot.run import simulate
 from surefoot.run.pipeline import Pipeline
-from surefoot.swarm_planner import SwarmPlanner
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def walker():
     scene = catalogue.load("robots_room", 0)
     told = RecordingInfo("x", "simulation", start=scene.start, start_covariance=1e-4 * np.eye(3))
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, config.robot, 0) as robot:
-        yield SwarmPlanner(config, scene.goals), Pipeline(config, told), robot
+        yield SwarmPlanner(config.planning, scene.goals), Pipeline(config, told), robot
 
 
 def test_a_picture_that_is_not_its_cameras_is_not_walked_by(caplog):
@@ -78,9 +78,9 @@ def test_a_picture_that_is_not_its_cameras_is_not_walked_by(caplog):
         assert frame.colour is not None
         halved = np.ascontiguousarray(frame.colour.rgb[::2, ::2])
         frame = replace(frame, colour=replace(frame.colour, rgb=halved))
-        estimate = pipeline.cycle(replace(frame, colour=None))
-        planner.notice(frame, estimate, pipeline)
-        decision = planner.decide(frame, estimate, pipeline)
+        world = pipeline.cycle(frame)
+        planner.observe(world)
+        decision = planner.decide(world)
     assert decision.why == "blocked"
     assert decision.walk.forward_m == decision.walk.turn_rad == 0.0
     assert "picture not used" in caplog.text
@@ -94,10 +94,10 @@ def test_in_the_dark_it_does_not_leave_its_place():
             assert frame.colour is not None
             black = replace(frame.colour, rgb=np.zeros_like(frame.colour.rgb))
             frame = replace(frame, colour=black)
-            estimate = pipeline.cycle(frame)
-            planner.notice(frame, estimate, pipeline)
+            world = pipeline.cycle(frame)
+            planner.observe(world)
             if frame.footstep_due:
-                decision = planner.decide(frame, estimate, pipeline)
+                decision = planner.decide(world)
                 blocked += decision.why in ("blocked", "guard")
                 assert decision.walk.forward_m == decision.walk.lateral_m == 0.0
                 robot.walk(decision.walk)

@@ -1,4 +1,4 @@
-"""Where the search finds no way the robot looks about, and slips through what a disc cannot pass."""
+"""Recovery when stuck: the robot scans, and passes gaps that are too narrow for a disc."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 
 from perception.estimate import Estimate
-from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from planning.commands import GazeCommand, WalkCommand
+from planning.planners.depth_loss_fallback import DepthLossFallback
 from planning.planners.mission import MissionConfig
+from planning.planners.planner import Decision
+from planning.planners.stuck_recovery import RECOVERY, StuckRecovery
+from planning.world_model import WorldModel
 from surefoot.config.schema import Config
 from surefoot.evaluation.evaluate import evaluate
-from surefoot.fallback import Fallback
-from surefoot.look_about import WORD, LookAbout
-from surefoot.planners import Decision, make
-from surefoot.recordings.recording import RecordingInfo
 from surefoot.results.run_folder import RunFolder
 from surefoot.run import simulate
-from surefoot.run.pipeline import Pipeline
+from surefoot.run.simulate import make_planner
 
 CONFIG = replace(Config(), mission=MissionConfig(time_limit_s=90.0))
 SLOT = """
@@ -39,7 +38,7 @@ size = [0.24, 0.94, 0.32]
 """
 
 
-class Told:
+class Constant:
     """A planner that always asks for the same step."""
 
     reached = 0
@@ -47,23 +46,23 @@ class Told:
     def __init__(self, walk: WalkCommand) -> None:
         self.walk = walk
 
-    def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
+    def observe(self, world: WorldModel) -> None:
         """Nothing."""
 
-    def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
+    def decide(self, world: WorldModel) -> Decision:
         return Decision(self.walk, GazeCommand(), "walk")
 
-    def distance_to_goal(self, estimate: Estimate) -> float:
+    def distance_to_goal(self, world: WorldModel) -> float:
         return 1.0
 
-    def finished(self, estimate: Estimate) -> bool:
+    def finished(self, world: WorldModel) -> bool:
         return False
 
 
 def seen(stamp_s, *obstacles):
-    """Somebody who knows where it is and sees something."""
+    """A localised robot with tracks."""
     pose = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
-    return Estimate(stamp_s, pose, (), (), obstacles, None)
+    return WorldModel(Estimate(stamp_s, pose, obstacles=obstacles))
 
 
 def mover(x, y):
@@ -72,29 +71,27 @@ def mover(x, y):
 
 def words(walk, obstacles=lambda stamp: (), steps=10):
     """Why each step was made, one every 0.65 s."""
-    planner = LookAbout(Told(walk), CONFIG, ((2.0, 0.0),))
-    pipeline = Pipeline(CONFIG, RecordingInfo("none", "simulation"))
+    planner = StuckRecovery(Constant(walk), CONFIG.planning, ((2.0, 0.0),))
     stamps = 0.65 * np.arange(steps)
     return [
-        planner.decide(Frame(t), seen(t, *obstacles(t)), pipeline).why.startswith(WORD)
-        for t in stamps.tolist()
+        planner.decide(seen(t, *obstacles(t))).why.startswith(RECOVERY) for t in stamps.tolist()
     ]
 
 
-def test_who_has_stood_for_three_seconds_looks_about():
+def test_a_robot_that_has_stood_for_three_seconds_scans():
     assert words(WalkCommand()) == [False] * 6 + [True] * 4
 
 
 @pytest.mark.parametrize("walk", [WalkCommand(0.02, 0.0, 0.0), WalkCommand(0.0, 0.0, 0.2)])
-def test_who_walks_or_turns_is_not_stuck(walk):
+def test_a_robot_that_walks_or_turns_is_not_stuck(walk):
     assert not any(words(walk))
 
 
-def test_who_lets_somebody_by_is_not_stuck():
+def test_a_robot_that_waits_for_a_moving_obstacle_is_not_stuck():
     assert not any(words(WalkCommand(), lambda t: (mover(0.8, 0.3),)))
 
 
-def test_looking_about_ends_when_something_comes_near():
+def test_a_scan_ends_when_a_moving_obstacle_comes_near():
     found = words(WalkCommand(), lambda t: (mover(0.8, 0.3),) if t > 5.0 else ())
     assert found == [False] * 6 + [True] * 2 + [False] * 2
 
@@ -103,10 +100,12 @@ def test_looking_about_ends_when_something_comes_near():
     ("change", "expected"),
     [({}, True), ({"look_about": False}, False), ({"planner": "field"}, False)],
 )
-def test_the_joint_stack_looks_about_unless_told_not_to(change, expected):
-    planner = make(replace(CONFIG, mission=replace(CONFIG.mission, **change)), ((1.0, 0.0),))
-    assert isinstance(planner, Fallback)
-    assert isinstance(planner._planner, LookAbout) is expected
+def test_the_search_planner_has_the_recovery_unless_it_is_switched_off(change, expected):
+    planner = make_planner(
+        replace(CONFIG, mission=replace(CONFIG.mission, **change)), ((1.0, 0.0),)
+    )
+    assert isinstance(planner, DepthLossFallback)
+    assert isinstance(planner._planner, StuckRecovery) is expected
 
 
 def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path):
@@ -124,4 +123,4 @@ def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path):
     assert way.positions[-1, 0] > 1.8  # beyond the cartons
     made = run.read_csv("commands.csv")
     assert made is not None
-    assert any(word.startswith(WORD) for word in made.words("why"))
+    assert any(word.startswith(RECOVERY) for word in made.words("why"))

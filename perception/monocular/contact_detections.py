@@ -21,14 +21,14 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8, UInt16
 
-from perception.monocular.back_projection import FARTHEST_M, floor_points, project
-from perception.monocular.components import components
-from perception.monocular.deviations import DeviationConfig
-from perception.monocular.edges import find_edges
-from perception.monocular.result import MonocularResult, Picture
-from perception.obstacles.track import Detection
-from perception.primitives.obstacle import Obstacle
-from perception.primitives.pose import Pose2
+from ..obstacles.track import Detection
+from ..primitives.obstacle import Obstacle
+from ..primitives.pose import Pose2
+from .back_projection import FARTHEST_M, floor_points, project
+from .components import components
+from .deviations import DeviationConfig
+from .edges import find_edges
+from .result import MonocularResult, Picture
 
 DEVIATIONS = DeviationConfig()
 PITCH_RAD, YAW_RAD, ROLL_RAD, HEIGHT_M = np.sqrt(np.diag(DEVIATIONS.eye_covariance)).tolist()
@@ -45,7 +45,7 @@ RING = np.stack([np.cos(np.arange(16) * math.pi / 8), np.sin(np.arange(16) * mat
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class FloorContacts:
     """What one picture shows, seams and specks taken for the floor they are.
 
     Args:
@@ -72,17 +72,17 @@ class Sight:
         return answer
 
 
-def sight(result: MonocularResult) -> Sight:
+def floor_contacts(result: MonocularResult) -> FloorContacts:
     """Take a cycle's picture in."""
     picture = result.current
     ground = _without_specks(result.ground, picture)
     edges = find_edges(ground).groups
     labels, boxes, _ = components(np.asarray(cv2.bitwise_not(ground), np.uint8), 8)
     contacts = tuple(_contact(edge, labels, boxes, picture) for edge in edges)
-    return Sight(picture, ground, edges, contacts)
+    return FloorContacts(picture, ground, edges, contacts)
 
 
-def detections(seen: Sight, robot: Pose2, farthest_m: float) -> list[Detection]:
+def detections(seen: FloorContacts, robot: Pose2, farthest_m: float) -> list[Detection]:
     """Every obstacle of a picture that may be a disc, body frame.
 
     Args:

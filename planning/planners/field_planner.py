@@ -1,8 +1,8 @@
-"""The univector field straight to the goal: no search, no via points, the guard alone beside it.
+"""Planner by the univector field straight to the goal: without search or via points, checked by the guard.
 
-What moves is a disc of the field, and every occupied cell near by is one that stands; the additions of seed 001
-(virtual obstacles, change of speed, gaze, uncertainty) are switches of `univector`. Where the field has a trap (a
-hollow that opens towards the robot) this planner stays in it; that is what the search is for.
+Moving obstacles are discs of the field, and so is every occupied cell near the robot. The additions of seed 001
+(virtual obstacles, velocity change, gaze coupling, uncertainty) are switches of `univector`. In a local minimum of
+the field, such as a concave obstacle, this planner gets stuck; the search planner does not.
 
 Source: seed 001, sections 4 and 6; cells as discs are ours.
 """
@@ -15,22 +15,20 @@ import numpy as np
 from jaxtyping import Float
 
 from mapping.grid.egocentric_grid import EgocentricGrid
-from perception.estimate import Estimate
-from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
-from planning import footsteps
-from planning.commands import GazeCommand, WalkCommand
-from planning.gaze.attention import Known
-from planning.gaze.policy import GazePolicy
-from planning.safety.guard import Guard
-from planning.univector import motion
 
-from .config.schema import Config
+from .. import footsteps
+from ..commands import GazeCommand, WalkCommand
+from ..gaze.attention import Known
+from ..gaze.policy import GazePolicy
+from ..safety.guard import Guard
+from ..univector import motion
+from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
-from .planners import Decision
-from .run.pipeline import Pipeline
+from .planner import Decision
+from .settings import PlanningConfig
 
 MOVER = 0.3  # probability of moving from which a track counts as a mover, as the guard has it
 OCCUPIED = 0.5  # seed 003: a cell of this probability is never walked over
@@ -41,12 +39,12 @@ BESIDE_M = 0.05  # ours: a cell this near to a mover's disc is the mover's own
 class FieldPlanner(GoalSeeker):
     """Walks along the field to one goal after the other."""
 
-    def __init__(self, config: Config, goals: Sequence[tuple[float, float]]) -> None:
-        """Set out.
+    def __init__(self, config: PlanningConfig, goals: Sequence[tuple[float, float]]) -> None:
+        """Begin with the first goal.
 
         Args:
-            config: Of everything.
-            goals: Where to walk, one after the other, map frame, m.
+            config: Settings of planning.
+            goals: In order, map frame, m.
         """
         self._goals: Goals
         super().__init__(Goals(goals, config.mission, config.mission.headings_deg))
@@ -55,31 +53,24 @@ class FieldPlanner(GoalSeeker):
         self._guard = Guard(config.guard)
         self._speed_mps = 0.0
 
-    def notice(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> None:
-        """Nothing to be done between footsteps: the pipeline remembers."""
+    def observe(self, world: WorldModel) -> None:
+        """Nothing to do between footsteps."""
 
-    def decide(self, frame: Frame, estimate: Estimate, pipeline: Pipeline) -> Decision:
+    def decide(self, world: WorldModel) -> Decision:
         """The field's step, if the guard lets it pass."""
         goal = self._goals.present
-        if estimate.pose is None or pipeline.grid is None or goal is None:
+        if world.pose is None or world.grid is None or goal is None:
             return Decision(WalkCommand(), GazeCommand(), "blocked")
-        robot, config = estimate.pose2, self._config
-        obstacles = [o.gone_straight() if o.moving >= MOVER else o for o in estimate.obstacles]
+        robot, config = world.pose2, self._config
+        obstacles = [o.gone_straight() if o.moving >= MOVER else o for o in world.tracks]
         movers = [o for o in obstacles if o.moving >= MOVER]
-        cells = _cells(pipeline.grid, movers)
-        known = Known(
-            estimate.pose,
-            pipeline.grid,
-            pipeline.confidence,
-            pipeline.landmarks,
-            estimate.sightings,
-        )
-        gaze = self._gaze.next(estimate.stamp_s, robot, goal, obstacles, known)
+        cells = _cells(world.grid, movers)
+        gaze = self._gaze.next(world.stamp_s, robot, goal, obstacles, Known.of(world))
         desired, why = WalkCommand(), "survey"
         if not self._gaze.surveying:
-            desired = self._desired(estimate.pose, goal, movers, cells, pipeline.grid.cell_m)
+            desired = self._desired(world.pose, goal, movers, cells, world.grid.cell_m)
             why = "walk"
-        walk = self._guard.choose(desired, estimate.pose, obstacles, cells, goal, estimate.stamp_s)
+        walk = self._guard.choose(desired, world.pose, obstacles, cells, goal, world.stamp_s)
         self._speed_mps = walk.forward_m / config.guard.gait.step_s
         return Decision(walk, gaze, why if walk == desired else "guard")
 

@@ -15,11 +15,13 @@ from planning.avoidance.choice import Choice
 from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import Leg, on_line, passage
 from planning.commands import GazeCommand
+from planning.planners.avoidance_planner import DIRECTIONS, INTO_RAD, AvoidancePlanner
+from planning.planners.settings import PlanningConfig
+from planning.world_model import WorldModel
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.shapes import Box
 from sim.world import World
-from surefoot.avoidance_planner import DIRECTIONS, INTO_RAD, AvoidancePlanner
 from surefoot.config.schema import Config
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.run.pipeline import Pipeline
@@ -40,9 +42,9 @@ def _grid(robot: Pose2, occupied: list[tuple[float, float]]) -> EgocentricGrid:
     return EgocentricGrid.restored(GridConfig(), content)
 
 
-def _estimate(robot: Pose2) -> Estimate:
+def _world(robot: Pose2) -> WorldModel:
     pose = Gaussian(np.array([robot.x, robot.y, robot.yaw]), 1e-6 * np.eye(3))
-    return Estimate(10.0, pose, (), (), (), None)
+    return WorldModel(Estimate(10.0, pose))
 
 
 def _sees(pan: float, tilt: float) -> bool:
@@ -62,7 +64,7 @@ def test_nine_views_leave_no_stripe_of_the_ground_ahead_unseen():
 def test_views_of_who_is_turned_by_its_own_head_show_things_where_they_stand():
     """A thing in the world, seen by a body that has turned by eight degrees meanwhile."""
     thing, heading = np.array([1.4, 0.8, 0.2]), 0.3
-    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
     planner._scan(Pose2(0.5, 0.1, heading + 0.05), heading)
     stood = Pose2(0.5, 0.1, heading).inverse().apply(thing[None, :2])[0]
     for k, (pan, tilt) in enumerate(DIRECTIONS):
@@ -74,7 +76,7 @@ def test_views_of_who_is_turned_by_its_own_head_show_things_where_they_stand():
 
 
 def test_a_head_counts_as_aimed_where_it_was_told_to_look_or_where_it_comes_to_rest():
-    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
 
     def aimed(*offs_deg: float) -> list[bool]:
         planner._scan(Pose2(), 0.0)
@@ -92,7 +94,7 @@ def test_a_head_counts_as_aimed_where_it_was_told_to_look_or_where_it_comes_to_r
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_out_of_a_closed_passage_the_robot_backs_before_it_looks_again(side):
-    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
     legs = passage("SS", Pivot(0.0, 0.3 * side, 0.3, 0.0), Pose2(), 1.6)
     slip = legs[2]
     robot = Pose2(0.8, 0.3 * side, slip.target.yaw)
@@ -106,7 +108,7 @@ def test_out_of_a_closed_passage_the_robot_backs_before_it_looks_again(side):
 
 
 def test_a_passage_stays_open_between_cells_that_stand_beside_it():
-    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
     slip = passage("SS", Pivot(0.0, 0.3, 0.3, 0.0), Pose2(), 1.6)[2]
     robot = Pose2(0.8, 0.3, slip.target.yaw)
     beside = [(0.8 + 0.05 * k, y) for k in range(6) for y in (0.2, 0.4)]
@@ -114,7 +116,7 @@ def test_a_passage_stays_open_between_cells_that_stand_beside_it():
 
 
 def test_a_cell_in_the_corridor_to_the_goal_blocks_and_one_beside_or_behind_it_does_not():
-    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
     goal = np.array([3.0, 0.0])
 
     def blocked(*places: tuple[float, float]) -> bool:
@@ -127,21 +129,21 @@ def test_a_cell_in_the_corridor_to_the_goal_blocks_and_one_beside_or_behind_it_d
 
 
 def test_what_stands_behind_the_goal_blocks_nothing():
-    planner = AvoidancePlanner(Config(), [(0.5, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(0.5, 0.0)])
     cells = np.array([[0.7, 0.0], [0.7, 0.05]])
     assert not planner._blocked(Pose2(), 0.0, cells, np.array([0.5, 0.0]))
 
 
 @pytest.mark.parametrize("motion", ["SS", "RF", "TS"])
 def test_the_legs_are_walked_to_their_end_on_open_ground(motion):
-    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
     found = Pivot(0.7 if motion[0] == "R" else 0.0, 0.3, 0.3, 0.0)
     legs = passage(motion, found, Pose2(), 1.2)
     planner._legs, robot = list(legs), Pose2()
     planner._phase = "pass"
     planner.choices = [_choice(motion, found)]
     for _ in range(300):
-        decision = planner._pass(_estimate(robot), _grid(robot, []), np.array([3.0, 0.0]))
+        decision = planner._pass(_world(robot), _grid(robot, []), np.array([3.0, 0.0]))
         if decision is None:
             break
         walk = decision.walk
@@ -155,14 +157,14 @@ def _choice(motion, found):
     return Choice(motion, 1, found, 0.5, 0.5, 0.3, 1.0, (0.0,) * 7, "")
 
 
-def test_a_track_on_what_stood_there_is_no_mover_and_one_in_the_open_may_be():
-    planner = AvoidancePlanner(Config(), [(3.0, 0.0)])
+def test_a_track_on_what_was_scanned_is_no_mover_and_one_in_the_open_may_be():
+    planner = AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])
     planner._faces = np.array([[[1.0, 0.6], [1.0, -0.6]]])
-    assert planner._stood_there(np.array([1.1, 0.5]))
-    assert planner._stood_there(np.array([1.2, -0.7]))
-    assert not planner._stood_there(np.array([0.3, 0.0]))
-    assert not planner._stood_there(np.array([1.0, 1.2]))
-    assert not AvoidancePlanner(Config(), [(3.0, 0.0)])._stood_there(np.array([1.0, 0.0]))
+    assert planner._was_scanned(np.array([1.1, 0.5]))
+    assert planner._was_scanned(np.array([1.2, -0.7]))
+    assert not planner._was_scanned(np.array([0.3, 0.0]))
+    assert not planner._was_scanned(np.array([1.0, 1.2]))
+    assert not AvoidancePlanner(PlanningConfig(), [(3.0, 0.0)])._was_scanned(np.array([1.0, 0.0]))
 
 
 @pytest.mark.parametrize("primitive", ["S", "F"])
@@ -179,7 +181,7 @@ def test_who_errs_about_its_pose_still_goes_through_the_middle(primitive, away_m
     )
     floor = (FloorArea("planks/pine", extent),)
     scene = Scene("a gap", 0, extent, floor, boxes, (), (), true, ())
-    planner = AvoidancePlanner(Config(), [(2.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(2.0, 0.0)])
     leg = Leg(primitive, Pose2(1.2, 0.0, true.yaw), 0.24)
     with (
         World(scene, "tiny", 0) as world,
@@ -188,8 +190,8 @@ def test_who_errs_about_its_pose_still_goes_through_the_middle(primitive, away_m
         pipeline = Pipeline(Config(), RecordingInfo(name="", kind="simulation", start=believed))
         robot.look(GazeCommand(-math.pi / 2 if primitive == "S" else 0.0, INTO_RAD))
         for _ in range(12):
-            estimate = pipeline.cycle(robot.read())
-            moved = planner._in_the_middle(leg, estimate)
-    middle = (estimate.pose2 @ true.inverse()).apply(np.array([[front + depth / 2, 0.0]]))
+            world_model = pipeline.cycle(robot.read())
+            moved = planner._in_the_middle(leg, world_model)
+    middle = (world_model.pose2 @ true.inverse()).apply(np.array([[front + depth / 2, 0.0]]))
     assert abs(on_line(leg, believed, middle)[0, 1]) > 0.008  # where the leg would have led
     assert abs(on_line(moved, believed, middle)[0, 1]) < 0.004
