@@ -63,8 +63,8 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
     """Assign the tracks of a run to the true obstacles.
 
     Args:
-        tracks: Entries of obstacles.json: stamp, track, mean (4), covariance (4x4) and seen, whether a
-            detection updated the track in this frame (default: yes).
+        tracks: Entries of obstacles.json: stamp, track, mean (4), covariance (4x4) and seen, the stamp of
+            the last detection (default: this frame).
         truth: Columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps.
     """
     by_stamp: dict[float, list[dict[str, Any]]] = defaultdict(list)
@@ -87,7 +87,7 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
         apart = np.linalg.norm(means[:, None, :2] - true_states[None, rows, :2], axis=-1)
         for entry, gaps in zip(entries, apart, strict=True):
             nearest = int(np.argmin(gaps))
-            if entry.get("seen", True):
+            if float(entry.get("seen", stamp)) >= stamp:
                 owners[int(entry["track"])] = (
                     identities[rows[nearest]] if gaps[nearest] < GATE_M else UNLISTED
                 )

@@ -643,6 +643,25 @@ def test_tracks_are_assigned_to_the_nearest_obstacles(tmp_path):
     assert "static_obstacle_position_rmse_m" not in found
 
 
+def test_a_track_without_detection_keeps_its_obstacle_near_another_one(tmp_path):
+    run = RunFolder.create(tmp_path)
+    truth, tracks = [], []
+    for i in range(6):
+        t = 0.5 * i
+        truth += [(t, "cart", 0.1 * t, 0.0, 0.1, 0.0, 0.1), (t, "post", 2.0, 0.0, 0.0, 0.0, 0.1)]
+        mean = (
+            [0.1 * t, 0.0, 0.1, 0.0] if i < 3 else [2.0, 0.0, 0.1, 0.0]
+        )  # predicted into the post
+        P = np.eye(4).tolist()
+        tracks.append({"stamp": t, "track": 1, "mean": mean, "covariance": P, "seen": min(t, 1.0)})
+    names = ("stamp_s", "identity", "x_m", "y_m", "vx_mps", "vy_mps", "radius_m")
+    run.write_csv("truth/obstacles.csv", names, truth)
+    run.write_json("obstacles.json", {"tracks": tracks, "footprints": []})
+    found = evaluate(run)
+    assert found["moving_obstacle_tracked_share"] == 1.0
+    assert found["static_obstacle_tracked_share"] == 0.0
+
+
 def test_times_are_reported_per_stage_and_in_total_without_the_first_frame(tmp_path):
     run = RunFolder.create(tmp_path)
     rows = [(0.0, 900.0, 9.0), *((0.1 * i, float(i), 1.0) for i in range(1, 102))]
