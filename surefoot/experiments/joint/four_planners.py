@@ -185,7 +185,7 @@ def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], numb
         axes.set_aspect("equal")
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
-        style.key(axes, columns=2)
+        style.legend(axes, columns=2)
         PICTURES.mkdir(parents=True, exist_ok=True)
         (PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png").write_bytes(
             style.png(figure, dpi=110)

@@ -291,7 +291,7 @@ def _draw(
         right.plot(measured[row], ".", markersize=3, color=style.ESTIMATE, label="measured")
         right.plot(shots[here], measured[row][here], "o", color=style.WRONG, label="flying")
         right.set(xlabel="column of the marked row, px", ylabel="m")
-        style.key(right, 4)
+        style.legend(right, 4)
         lower.imshow(smeared, cmap="viridis", vmin=0.0, vmax=3.0)
         lower.axhline(row, color=style.INK, linewidth=0.8)
         turned = f"{TURNING_RADPS:g} rad/s over {1e3 * INTEGRATION_S:g} ms"
