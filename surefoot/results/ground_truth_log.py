@@ -63,7 +63,7 @@ class TruthLog:
             self._floors,
         )
         folder.write_csv(
-            "truth/clearance.csv", ("stamp_s", "clearance_m", "thing"), self._clearances
+            "truth/clearance.csv", ("stamp_s", "clearance_m", "object"), self._clearances
         )
         x_min, y_min, x_max, y_max = self._scene.extent
         origin = np.array([x_min, y_min]) - 0.5

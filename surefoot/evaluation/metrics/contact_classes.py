@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...results.tables import Table
-from .contacts import contact_intervals
+from .contacts import contact_intervals, nearest_objects
 from .obstacles import moving, track_errors
 
 CLASSES = ("standing", "unseen", "late", "reversal", "other", "avoidable")
@@ -38,13 +38,13 @@ def contact_classes(
     """Time, object and class of each contact, in order.
 
     Args:
-        clearance: Columns stamp_s, clearance_m, thing.
+        clearance: Columns stamp_s, clearance_m, object.
         trajectory: True poses (stamp, x, y, yaw) of the robot.
         obstacles: True obstacles, columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps, radius_m.
         tracks: Entries of obstacles.json.
     """
     stamps, gaps = clearance.numbers("stamp_s"), clearance.numbers("clearance_m")
-    contacts = contact_intervals(stamps, gaps, clearance.words("thing"))
+    contacts = contact_intervals(stamps, gaps, nearest_objects(clearance))
     if not contacts:
         return []
     errors = track_errors(tracks, obstacles)

@@ -31,10 +31,15 @@ def contact_intervals(
     return intervals
 
 
+def nearest_objects(clearance: Table) -> list[str]:
+    """Name of the nearest object in each row of clearance.csv; older runs name the column "thing"."""
+    return clearance.words("object" if "object" in clearance.columns else "thing")
+
+
 def contact_metrics(clearance: Table) -> dict[str, float]:
     """min_clearance_m (negative: penetration), median_clearance_m, contacts, contact_seconds."""
     stamps, gaps = clearance.numbers("stamp_s"), clearance.numbers("clearance_m")
-    intervals = contact_intervals(stamps, gaps, clearance.words("thing"))
+    intervals = contact_intervals(stamps, gaps, nearest_objects(clearance))
     return {
         "min_clearance_m": float(np.nanmin(gaps)),
         "median_clearance_m": float(np.nanmedian(gaps)),
@@ -96,7 +101,7 @@ class Contact:
 
     Args:
         stamp_s: Its beginning.
-        thing: Name of the object.
+        object_name: Name of the object.
         moves: Whether the object moves.
         unseen_s: Time since its last detection, s; infinite if it was never detected.
         followed_s: Time since its track began, s.
@@ -106,7 +111,7 @@ class Contact:
     """
 
     stamp_s: float
-    thing: str
+    object_name: str
     moves: bool
     unseen_s: float
     followed_s: float

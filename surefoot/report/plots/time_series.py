@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...evaluation.evaluate import planar_estimates, true_trajectory
-from ...evaluation.metrics.contacts import contact_intervals
+from ...evaluation.metrics.contacts import contact_intervals, nearest_objects
 from ...evaluation.metrics.floor import floor_errors
 from ...evaluation.metrics.gauge_alignment import FLOOR, SPACE
 from ...evaluation.metrics.obstacles import moving, track_errors
@@ -93,9 +93,8 @@ def clearance(run: RunFolder) -> Drawn | None:
     table = run.read_csv("truth/clearance.csv")
     if table is None:
         return None
-    stamps, gaps, objects = (
-        table.numbers("stamp_s"), table.numbers("clearance_m"), table.words("thing"),
-    )  # fmt: skip
+    stamps, gaps = table.numbers("stamp_s"), table.numbers("clearance_m")
+    objects = nearest_objects(table)
     if not np.isfinite(gaps).any():
         return None
     seconds = _since_start(stamps)

@@ -89,12 +89,12 @@ def test_errors_of_real_trajectories_are_those_of_the_evo_package(
     recordings, truth, estimate, figures
 ):
     reference = read_tum(recordings / "tum_trajectories" / truth)
-    believed = read_tum(recordings / "tum_trajectories" / estimate)
+    estimated = read_tum(recordings / "tum_trajectories" / estimate)
     count, ate, aligned, scaled, scale, rpe_m, rpe_deg = figures
-    found = trajectory_metrics(believed, reference)
-    mine, theirs = associate(believed.stamps, reference.stamps)
+    found = trajectory_metrics(estimated, reference)
+    mine, theirs = associate(estimated.stamps, reference.stamps)
     pairs = (np.arange(len(mine) - 30), np.arange(30, len(mine)))
-    lengths, angles = relative_errors(pick(believed, mine), pick(reference, theirs), pairs)
+    lengths, angles = relative_errors(pick(estimated, mine), pick(reference, theirs), pairs)
     assert found["matched_poses"] == count
     names = ("ate_m", "ate_aligned_m", "ate_scaled_m", "scale")
     np.testing.assert_allclose(

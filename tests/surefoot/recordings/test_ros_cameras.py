@@ -40,15 +40,15 @@ def lens(model, d, p=P):
     return {"model": model, "d": d, "k": K.ravel(), "p": np.ravel(p)}
 
 
-def write(path, kind, depth, said, colour=None, colour_said=None, picture=None):
+def write(path, kind, depth, info, colour=None, colour_info=None, picture=None):
     """Three depth images, and colour images of the same frame if a topic is given."""
     bag = bags.Bag(path, kind)
     for i in range(3):
         stamp = 1.0 + 0.1 * i
-        bag.write(info_of(depth), bag.info(stamp, "camera", **said), stamp)
+        bag.write(info_of(depth), bag.info(stamp, "camera", **info), stamp)
         bag.write(depth, depth_message(bag, depth, i, stamp), stamp)
         if colour is not None:
-            bag.write(info_of(colour), bag.info(stamp, "camera", **colour_said), stamp)
+            bag.write(info_of(colour), bag.info(stamp, "camera", **colour_info), stamp)
             shown = bags.colour(i) if picture is None else picture
             bag.write(colour, bag.image(stamp, "camera", shown, "rgb8"), stamp)
     return bag.close()
@@ -93,15 +93,15 @@ def seen_by_opencv(d):
 def test_a_raw_image_has_the_distortion_of_opencv(tmp_path, kind, model, d):
     camera = camera_of(write(tmp_path / "walk", kind, "/cam/depth/image_raw", lens(model, d)))
     pixels = seen_by_opencv(d)
-    assert np.abs(pixels - seen_by_opencv(np.zeros(5))).max() > 0.5  # the lens can be told
+    assert np.abs(pixels - seen_by_opencv(np.zeros(5))).max() > 0.5  # the lens distorts visibly
     np.testing.assert_allclose(camera.project(POINTS), pixels, atol=1e-9)
     np.testing.assert_allclose(camera.back_project(pixels, POINTS[:, 2]), POINTS, atol=1e-9)
 
 
 def test_a_rational_lens_with_zero_denominator_has_five_coefficients(tmp_path):
-    said = lens("rational_polynomial", (*PLUMB_BOB, 0.0, 0.0, 0.0))
+    info = lens("rational_polynomial", (*PLUMB_BOB, 0.0, 0.0, 0.0))
     assert (
-        camera_of(write(tmp_path / "walk", "ros2", "/cam/depth/image", said)).distortion
+        camera_of(write(tmp_path / "walk", "ros2", "/cam/depth/image", info)).distortion
         == PLUMB_BOB
     )
 
@@ -130,8 +130,8 @@ def test_a_rectified_image_is_not_undistorted_again(tmp_path, kind, topic):
 
 @pytest.mark.parametrize("kind", bags.KINDS)
 def test_a_rectified_image_without_p_has_k_and_no_lens(tmp_path, kind):
-    said = lens("equidistant", FISHEYE, np.zeros(12))
-    camera = camera_of(write(tmp_path / "walk", kind, "/cam/depth/image_rect_raw", said))
+    info = lens("equidistant", FISHEYE, np.zeros(12))
+    camera = camera_of(write(tmp_path / "walk", kind, "/cam/depth/image_rect_raw", info))
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (30.0, 31.0, 15.2, 11.9)
     assert not camera.is_distorted
 
@@ -173,8 +173,8 @@ def test_the_last_part_of_a_topic_name_marks_rectified_images(topic, rectified):
 )
 def test_an_unknown_lens_is_refused_with_advice(tmp_path, kind, model, d):
     bag = write(tmp_path / "walk", kind, "/cam/depth/image_raw", lens(model, d))
-    said = f"topic /cam/depth/camera_info of the images /cam/depth/image_raw.*'{model}'.*image_proc"
-    with pytest.raises(RecordingError, match=said):
+    info = f"topic /cam/depth/camera_info of the images /cam/depth/image_raw.*'{model}'.*image_proc"
+    with pytest.raises(RecordingError, match=info):
         open_recording(bag)
 
 
@@ -187,8 +187,8 @@ def test_nonfinite_coefficients_are_refused(tmp_path):
 @pytest.mark.parametrize("model", ["equidistant", "fisheye", "none_of_these", "plumb_bob", ""])
 @pytest.mark.parametrize("count", [0, 8])
 def test_a_lens_without_coefficients_has_no_distortion(tmp_path, model, count):
-    said = lens(model, np.zeros(count))
-    camera = camera_of(write(tmp_path / "walk", "ros1", "/cam/depth/image_raw", said))
+    info = lens(model, np.zeros(count))
+    camera = camera_of(write(tmp_path / "walk", "ros1", "/cam/depth/image_raw", info))
     assert camera.distortion == (0.0,) * 5
     assert (camera.fx, camera.cy) == (30.0, 11.9)
 
@@ -214,9 +214,9 @@ def test_a_refused_lens_fails_its_own_recording_of_a_batch_only(tmp_path):
 @pytest.mark.parametrize("topic", ["image_raw", "image_rect"])
 def test_depth_registered_to_colour_keeps_its_pixels(tmp_path, topic):
     """Both raw or both rectified: one camera, colours untouched."""
-    said = lens("plumb_bob", PLUMB_BOB)
+    info = lens("plumb_bob", PLUMB_BOB)
     bag = write(
-        tmp_path / "walk", "ros2", f"/cam/depth_registered/{topic}", said, f"/cam/rgb/{topic}", said
+        tmp_path / "walk", "ros2", f"/cam/depth_registered/{topic}", info, f"/cam/rgb/{topic}", info
     )
     frame = next(iter(open_recording(bag).frames()))
     assert frame.colour.camera == frame.depth.camera
@@ -258,8 +258,8 @@ def test_rectified_images_of_a_camera_are_preferred(tmp_path):
     bag = bags.Bag(tmp_path / "walk", "ros2")
     for i in range(5):
         stamp = 1.0 + 0.1 * i
-        said = lens("equidistant", FISHEYE)
-        bag.write("/cam/depth/camera_info", bag.info(stamp, "camera", **said), stamp)
+        info = lens("equidistant", FISHEYE)
+        bag.write("/cam/depth/camera_info", bag.info(stamp, "camera", **info), stamp)
         for name in ("image_raw", "image_rect")[: 1 if i == 0 else 2]:
             message = bag.image(stamp, "camera", bags.depth_mm(i), "16UC1")
             bag.write(f"/cam/depth/{name}", message, stamp)

@@ -134,7 +134,7 @@ def _obstacles(
         clearances.append((t, *min(gaps)))
     header = ("stamp_s", "identity", "x_m", "y_m", "vx_mps", "vy_mps", "radius_m", "height_m")
     run.write_csv("truth/obstacles.csv", header, truth)
-    run.write_csv("truth/clearance.csv", ("stamp_s", "clearance_m", "thing"), clearances)
+    run.write_csv("truth/clearance.csv", ("stamp_s", "clearance_m", "object"), clearances)
     standing = [
         {"centre_m": [(b[0] + b[1]) / 2, (b[2] + b[3]) / 2], "length_m": b[1] - b[0], "width_m": b[3] - b[2],
          "yaw_rad": 0.02, "height_m": 0.5, "covariance": np.eye(4).tolist(), "points": 900}
@@ -294,12 +294,14 @@ def browse(page: Path, scratch: Path) -> tuple[str, list[str]]:
     )
     text = log.read_text()
     try:
-        said = json.loads(text)
+        log_data = json.loads(text)
     except json.JSONDecodeError:  # a log that was not closed lacks its last brackets
-        said = json.loads(text.rstrip().rstrip(",") + "]}")
-    start = said["constants"]["logEventTypes"]["URL_REQUEST_START_JOB"]
+        log_data = json.loads(text.rstrip().rstrip(",") + "]}")
+    start = log_data["constants"]["logEventTypes"]["URL_REQUEST_START_JOB"]
     asked = [
-        event["params"] for event in said["events"] if event["type"] == start and "params" in event
+        event["params"]
+        for event in log_data["events"]
+        if event["type"] == start and "params" in event
     ]
     urls = [
         str(one["url"]) for one in asked if "url" in one and one.get("initiator") != BROWSER_ITSELF
