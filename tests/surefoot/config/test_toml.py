@@ -49,7 +49,7 @@ def test_every_value_is_written_so_that_no_default_can_change_a_run():
     ("table", "said"),
     [
         ({"sead": 1}, "did you mean seed"),
-        ({"grid": {"cel_m": 0.1}}, "grid.cel_m; did you mean cell_m"),
+        ({"grid": {"cel_m": 0.1}}, "grid.cel_m; did you mean grid.cell_m"),
         ({"seed": "one"}, "seed='one': expected a whole number"),
         ({"seed": True}, "seed=True: expected a whole number"),
         ({"mission": {"tolerance_m": float("nan")}}, "expected a finite number"),
