@@ -8,8 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ..depth.sources import DepthSources
 from ..floor.levelling import UP, shadow
 from ..floor.prior import handheld_prior
+from ..localisation.camera_pose import CameraPose
 from ..localisation.filter import UpdateReport
 from ..localisation.pose_source import Placed, PriorConfig
 from ..localisation.registration import RegistrationReport
@@ -38,8 +40,10 @@ class OdometryPoses:
         rng: np.random.Generator,
         prior: PriorConfig,
         config: OdometerConfig | None = None,
+        sources: DepthSources | None = None,
     ) -> None:
         self._prior = prior
+        self._sources = sources or DepthSources()
         self.odometer = Odometer(rng, config)
         self._step: Step | None = None
         self._covariances: dict[
@@ -52,6 +56,20 @@ class OdometryPoses:
         """The camera in the upright map frame; None until a floor is seen."""
         start = self.odometer.T_world_start
         return None if start is None or self._step is None else start @ self._step.T_start_camera
+
+    @property
+    def T_map_origin(self) -> Pose3 | None:
+        """The first image's axes in the upright map frame; None until a floor is seen."""
+        return self.odometer.T_world_start
+
+    @property
+    def camera(self) -> CameraPose | None:
+        """The latest image's pose in the axes of the first one; None if it is lost."""
+        step = self._step
+        if step is None or step.state in (LOST, RESTARTED):
+            return None
+        distortion = self.odometer.config.back_end.distortion
+        return CameraPose(step.T_start_camera, self._covariance, distortion)
 
     @property
     def _alone(self) -> bool:
@@ -78,10 +96,11 @@ class OdometryPoses:
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Follow the camera; a frame without depth leaves it where it was."""
-        if frame.depth is None:
+        image = self._sources.for_odometry(frame)
+        if image is None:
             return None
         number = len(self.odometer.states)
-        step = self._step = self.odometer.take(frame)
+        step = self._step = self.odometer.take_images(image.depth, image.rgb, image.sensor)
         first = self.odometer.config.back_end.distortion
         before = self._covariances.get(step.reference, first)
         reference = step.T_start_camera @ step.motion.inverse()

@@ -78,9 +78,9 @@ class Odometer:
             rgb = None  # not registered to the depth: of no use here
         return self.take_images(depth, rgb)
 
-    def take_images(self, depth: Depth, rgb: np.ndarray | None) -> Step:
+    def take_images(self, depth: Depth, rgb: np.ndarray | None, sensor: str = "depth") -> Step:
         """Place the next depth image, with its picture if there is one."""
-        floor = self._floor(depth)
+        floor = self._floor(depth, sensor)
         image = build(depth, rgb, floor, self.config.pyramid)
         step = self.odometry.track(image)
         if self.back_end is not None:
@@ -101,10 +101,10 @@ class Odometer:
         """How far each pose of `way` may be off; None without a solution."""
         return None if self.back_end is None else self.back_end.claims(solution)
 
-    def _floor(self, depth: Depth) -> Plane | None:
+    def _floor(self, depth: Depth, sensor: str) -> Plane | None:
         c = self.config
         seen = points.from_depth(depth, c.nearest_m, c.farthest_m, c.floor_stride)
-        found = choose.find(seen, handheld_prior(None), self._rng, c.floor, "depth")
+        found = choose.find(seen, handheld_prior(None), self._rng, c.floor, sensor)
         return None if found is None else found.plane
 
     def _upright(self, image: Pyramid, step: Step) -> None:
