@@ -5,12 +5,16 @@ A walking body has a planar pose instead; see `pose_source`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
+from ..primitives.frame import Frame
+from ..primitives.landmark import Sighting
 from ..primitives.pose import Pose3
+from .filter import UpdateReport
 
 
 class CameraPose(NamedTuple):
@@ -30,6 +34,10 @@ class CameraPose(NamedTuple):
 @runtime_checkable
 class CameraPoseSource(Protocol):
     """A pose source that knows the camera in space."""
+
+    def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
+        """Take in the next frame."""
+        ...
 
     @property
     def T_map_origin(self) -> Pose3 | None:

@@ -14,6 +14,8 @@ from mapping.grid.egocentric_grid import GridConfig
 from mapping.grid.world_map import WorldMapConfig
 from mapping.io.clouds import CloudConfig
 from mapping.objects.footprints import FootprintConfig
+from mapping.panorama.view_selection import ViewSelectionConfig
+from mapping.surface.tsdf_config import TsdfConfig
 from perception.depth.health import DepthTrustConfig
 from perception.depth.reach import ReachesConfig
 from perception.depth.stereo import StereoConfig
@@ -32,6 +34,7 @@ from perception.obstacles.colour_detection import ColouredConfig
 from perception.obstacles.tracker import TrackerConfig
 from perception.odometry.rgbd_odometry import OdometerConfig
 from perception.primitives.errors import ConfigError
+from perception.primitives.settings import setting
 from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
 from planning.gaze.policy import GazeConfig
@@ -66,6 +69,12 @@ class Config:
     scene: str = "home"
     seed: int = 0
     difficulty: float = USUAL  # ours: of the scene, in [0, 1]; see `sim.difficulty`
+    ignore_poses: bool = setting(
+        False,
+        "",
+        "estimate the trajectory without the poses of the recording, which serve as its truth",
+        "ours: poses of a recording are used by default",
+    )
     renderer: str = "auto"  # egl where it works, else tiny; a run writes down which it was
     mission: MissionConfig = field(default_factory=MissionConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
@@ -89,6 +98,8 @@ class Config:
     cloud: CloudConfig = field(default_factory=CloudConfig)
     obstacle_cloud: CloudConfig = field(default_factory=CloudConfig)
     footprints: FootprintConfig = field(default_factory=FootprintConfig)
+    surface: TsdfConfig = field(default_factory=TsdfConfig)
+    panorama: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)

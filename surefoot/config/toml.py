@@ -114,7 +114,7 @@ def _merge(kind: type[C], base: C | None, values: Mapping[str, Any], where: str)
         place = f"{where}.{key}" if where else key
         if key not in wanted:
             near = difflib.get_close_matches(key, wanted, 1, 0.5)
-            hint = f"did you mean {near[0]}?" if near else ""
+            hint = f"did you mean {where}{'.' if where else ''}{near[0]}?" if near else ""
             known = "" if near else "known here: " + ", ".join(wanted)
             raise ConfigError(f"unknown key {place}; {hint}{known}")
         inner = wanted[key]
@@ -128,7 +128,8 @@ def _merge(kind: type[C], base: C | None, values: Mapping[str, Any], where: str)
     try:
         return kind(**changes) if base is None else dataclasses.replace(base, **changes)  # type: ignore[type-var]
     except ConfigError as error:
-        raise ConfigError(f"[{where}] {error}" if where else str(error)) from error
+        text = str(error).removeprefix(f"{where.rpartition('.')[2]}: ")
+        raise ConfigError(f"[{where}] {text}" if where else text) from error
 
 
 def _default(kind: type[Any], key: str) -> Any:
