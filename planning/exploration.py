@@ -43,7 +43,7 @@ class ExplorationConfig:
 
 
 @dataclass(frozen=True)
-class Ground:
+class ExplorationMap:
     """A map as the explorer sees it.
 
     Args:
@@ -102,7 +102,7 @@ class Explorer:
         """Targets arrived at, or seen from afar."""
 
     def goal(
-        self, ground: Ground, here: Float[np.ndarray, "2"], stamp_s: float
+        self, ground: ExplorationMap, here: Float[np.ndarray, "2"], stamp_s: float
     ) -> Float[np.ndarray, "2"]:
         """Where to walk now, world frame, m: a place on the way to the target, or `here` if there is none."""
         self._shunned = [(place, until) for place, until in self._shunned if until > stamp_s]
@@ -118,7 +118,7 @@ class Explorer:
     def _is_done(
         self,
         target: _Target,
-        ground: Ground,
+        ground: ExplorationMap,
         ways: _Ways,
         here: Float[np.ndarray, "2"],
         stamp_s: float,
@@ -141,14 +141,14 @@ class Explorer:
     def _shun(self, target: _Target, stamp_s: float) -> None:
         self._shunned.append((target.place, stamp_s + self._config.shun_s))
 
-    def _choose(self, ground: Ground, ways: _Ways, stamp_s: float) -> _Target | None:
+    def _choose(self, ground: ExplorationMap, ways: _Ways, stamp_s: float) -> _Target | None:
         best = self._best_frontier(ground, ways)
         if best is not None:
             return _Target(best, True, ways.length(best), stamp_s)
         longest = self._longest_unseen(ground, ways)
         return None if longest is None else _Target(longest, False, ways.length(longest), stamp_s)
 
-    def _best_frontier(self, ground: Ground, ways: _Ways) -> Float[np.ndarray, "2"] | None:
+    def _best_frontier(self, ground: ExplorationMap, ways: _Ways) -> Float[np.ndarray, "2"] | None:
         labels, count = ndimage.label(ground.frontier(), np.ones((3, 3)))
         best, found = 0.0, None
         for label in range(1, count + 1):
@@ -164,7 +164,7 @@ class Explorer:
                 best, found = gain, stand
         return found
 
-    def _longest_unseen(self, ground: Ground, ways: _Ways) -> Float[np.ndarray, "2"] | None:
+    def _longest_unseen(self, ground: ExplorationMap, ways: _Ways) -> Float[np.ndarray, "2"] | None:
         cells = np.argwhere(np.isfinite(ways.metres) & (ways.metres > self._config.arrive_m))
         order = np.argsort(ground.updated_s[tuple(cells.T)], kind="stable")
         for place in ground.places(cells[order[:: max(1, len(order) // 200)]]):
@@ -180,7 +180,7 @@ class Explorer:
 class _Ways:
     """Shortest ways from one place to every passable cell, straight and diagonal steps."""
 
-    def __init__(self, ground: Ground, here: Float[np.ndarray, "2"], body_m: float) -> None:
+    def __init__(self, ground: ExplorationMap, here: Float[np.ndarray, "2"], body_m: float) -> None:
         self._ground = ground
         passable = ground.passable(body_m)
         start = ground.cell(here)
@@ -248,7 +248,7 @@ def _lattice(index: Int[np.ndarray, "rows columns"], cell_m: float) -> sparse.cs
 
 
 def _near(
-    ground: Ground, cells: Bool[np.ndarray, "rows columns"], place: Float[np.ndarray, "2"]
+    ground: ExplorationMap, cells: Bool[np.ndarray, "rows columns"], place: Float[np.ndarray, "2"]
 ) -> bool:
     """Whether one of the cells lies within 0.4 m of a place."""
     row, column = ground.cell(place)

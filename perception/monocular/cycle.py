@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ..primitives.errors import ConfigError, InputError
+from ..primitives.settings import setting
 from .adaptation import AdaptationConfig, FloorColours
 from .back_projection import FARTHEST_M, nearest_distance_m
 from .deviations import DeviationConfig, Sureness
@@ -28,6 +29,12 @@ from .result import Flows, MonocularResult, Picture
 class MonocularConfig:
     """The cycle of one camera."""
 
+    use: str = setting(
+        "auto",
+        "",
+        "when the pipeline looks for obstacles by colour: always, never, or auto (the planner needs it, or depth is lost)",
+        "ours",
+    )
     horizon_s: float = 0.65  # seed 000: T_DS + T_SS
     static_mps: float = 0.02  # seed 000: slower counts as standing
     fastest_mps: float = 0.5  # ours: robots have 0.1, corners taken for others 0.8 to 2;
@@ -41,6 +48,10 @@ class MonocularConfig:
     deviations: DeviationConfig = field(default_factory=DeviationConfig)
 
     def __post_init__(self) -> None:
+        if self.use not in ("auto", "always", "never"):
+            raise ConfigError(
+                f"monocular: use={self.use!r} is unknown; choose auto, always or never"
+            )
         for name in ("horizon_s", "static_mps", "noise_px"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):

@@ -9,6 +9,9 @@ from jaxtyping import Float
 
 from .gaussian import Gaussian
 
+MOVING = 0.3
+"""Probability of moving from which planning treats an obstacle as a moving one; ours."""
+
 
 @dataclass(frozen=True)
 class Obstacle:

@@ -37,7 +37,7 @@ def setting(default: T, unit: str, effect: str, origin: str) -> T:
         origin: The paper, or "ours" with a reason.
     """
     found: Any = dataclasses.field(default=default, metadata={KEY: Note(unit, effect, origin)})
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 def note_of(field: dataclasses.Field[Any]) -> Note | None:

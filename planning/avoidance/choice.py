@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from .complexity import FORMS, complexity
 from .direction import TIE, blocking, direction
@@ -44,7 +45,7 @@ class AvoidanceConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Things:
+class ObstacleTable:
     """What stands around, as plain arrays, base frame.
 
     Args:
@@ -89,13 +90,16 @@ class Choice:
     why: str
 
 
-def choose(things: Things, config: AvoidanceConfig | None = None) -> Choice | None:
+def choose(
+    things: ObstacleTable, config: AvoidanceConfig | None = None, robot: RobotModel = DARWIN_OP
+) -> Choice | None:
     """Decide; None if nothing blocks the way."""
     config = AvoidanceConfig() if config is None else config
     left, right = things.edges_m[:, 0], things.edges_m[:, 1]
-    corridor = config.pivot.body_width_m + 2 * config.pivot.clearance_m
+    body_m = robot.passage_width_m
+    corridor = body_m + 2 * config.pivot.clearance_m
     blocked = blocking(left, right, things.distance_m, corridor)
-    group = _joined(things, _parted(things, blocked, config), config)
+    group = _joined(things, _parted(things, blocked, config.fams.narrowest_m(body_m)), config)
     if not group.any():
         return None
     ahead = things.distance_m >= config.abreast * things.distance_m[group].min()
@@ -110,14 +114,14 @@ def choose(things: Things, config: AvoidanceConfig | None = None) -> Choice | No
     )
     gaps = {side: _gap(things, group, side, config.alongside_m) for side in (1, -1)}
     side = direction(total, gaps[1][0], gaps[-1][0], config.tie)
-    found = _on_side(things, group, side, gaps[side], total, config)
+    found = _on_side(things, group, side, gaps[side], total, config, body_m)
     if found.motion == "ST" and config.other_side:
-        other = _on_side(things, group, -side, gaps[-side], total, config)
+        other = _on_side(things, group, -side, gaps[-side], total, config, body_m)
         return found if other.motion == "ST" else other
     return found
 
 
-def _parted(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
+def _parted(things: ObstacleTable, group: np.ndarray, narrowest_m: float) -> np.ndarray:
     """Of a group with a way through it the part that is nearest to straight ahead."""
     index = np.flatnonzero(group)
     index = index[np.argsort(-things.edges_m[index, 0])]
@@ -125,7 +129,7 @@ def _parted(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.nd
         return group
     left, right = things.edges_m[index].T
     ends = np.minimum.accumulate(right)
-    parts = np.split(index, np.flatnonzero(ends[:-1] - left[1:] >= config.fams.narrowest_m) + 1)
+    parts = np.split(index, np.flatnonzero(ends[:-1] - left[1:] >= narrowest_m) + 1)
 
     def aside(part: np.ndarray) -> float:
         return max(0.0, -things.edges_m[part, 0].max(), things.edges_m[part, 1].min())
@@ -135,7 +139,7 @@ def _parted(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.nd
     return chosen
 
 
-def _joined(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
+def _joined(things: ObstacleTable, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
     """The group with every neighbour that overlaps it across the way at about its distance."""
     group = group.copy()
     while group.any():
@@ -151,7 +155,7 @@ def _joined(things: Things, group: np.ndarray, config: AvoidanceConfig) -> np.nd
 
 
 def _gap(
-    things: Things, group: np.ndarray, side: int, alongside_m: float
+    things: ObstacleTable, group: np.ndarray, side: int, alongside_m: float
 ) -> tuple[float, float, float]:
     """Free way beside the group: width, its deviation, and the group's edge there."""
     own, facing = (0, 1) if side > 0 else (1, 0)
@@ -175,25 +179,26 @@ def _gap(
 
 
 def _on_side(
-    things: Things,
+    things: ObstacleTable,
     group: np.ndarray,
     side: int,
     gap: tuple[float, float, float],
     total: float,
     config: AvoidanceConfig,
+    body_m: float,
 ) -> Choice:
     """Motion and pivot on one side."""
     free, sigma, edge = gap
     width = float(things.edges_m[group, 0].max() - things.edges_m[group, 1].min())
     distance = float(things.distance_m[group].min())
-    seen = np.array([width]), np.array([free]), config.fams, np.array([sigma])
+    seen = np.array([width]), np.array([free]), config.fams, np.array([sigma]), body_m
     fits, chosen = strengths(*seen)[:, 0], int(select(*seen)[0])
     motion = MOTIONS[chosen]
-    at = pivot(motion, side, edge, free, width, distance, config.pivot)
+    at = pivot(motion, side, edge, free, width, distance, config.pivot, body_m)
     word = "left" if side > 0 else "right"
     why = (
         f"blocked at {distance:.2f} m by {width:.2f} m; complexity {total:+.2f}, so {word}; "
-        f"gap there {free:.2f} m (+-{1e3 * sigma:.0f} mm), body {config.fams.body_width_m:.2f} m: "
+        f"gap there {free:.2f} m (+-{1e3 * sigma:.0f} mm), body {body_m:.2f} m: "
         f"{motion} ({float(fits[chosen]):.2f})"
     )
     if motion != "ST":

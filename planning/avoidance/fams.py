@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.robot_model import DARWIN_OP
 
 MOTIONS = ("ST", "SS", "SF", "RS", "RF", "TS", "TF")  # C1 to C7, eq. (24)
 SETS = ("NL", "NS", "Z", "PS", "PL")  # A1 to A5 and B1 to B5
@@ -35,21 +36,17 @@ TABLE = np.array(
 class FamsConfig:
     """Body and membership functions: triangles with shoulders, given by their peaks."""
 
-    body_width_m: float = 0.30  # w_r, seed 004
     obstacle_centres_m: tuple[float, ...] = (-0.20, 0.0, 0.40, 0.70, 1.00)  # specification
     gap_centres_m: tuple[float, ...] = (-0.15, -0.05, 0.05, 0.25, 0.50)  # specification
     caution_sigmas: float = 0.5  # ours: how sure a gap must be to be walked rather than sidestepped
     ordinal: bool = False  # eq. (26) as an average over the labels 1 to 7, for comparison
 
-    @property
-    def narrowest_m(self) -> float:
-        """The gap from which on it is rather one to slip through than none, m."""
+    def narrowest_m(self, body_width_m: float) -> float:
+        """The width from which a gap counts rather as passable sideways than as none, m."""
         none, slip = self.gap_centres_m[:2]
-        return self.body_width_m + (none + slip) / 2.0
+        return body_width_m + (none + slip) / 2.0
 
     def __post_init__(self) -> None:
-        if not self.body_width_m > 0.0:
-            raise ConfigError(f"fams: body_width_m={self.body_width_m} must be positive")
         for name in ("obstacle_centres_m", "gap_centres_m"):
             centres = getattr(self, name)
             if len(centres) != len(SETS) or not np.all(np.diff(centres) > 0.0):
@@ -85,6 +82,7 @@ def strengths(
     gap_m: Float[np.ndarray, "n"],
     config: FamsConfig,
     gap_sigma_m: Float[np.ndarray, "n"] | None = None,
+    body_width_m: float = DARWIN_OP.passage_width_m,
 ) -> Float[np.ndarray, "7 n"]:
     """f_m: how well each motion fits, 0 to 1, in the order of `MOTIONS`.
 
@@ -97,8 +95,8 @@ def strengths(
 
     Source: seed 004, eq. (23), (25) to (27); max over the rules of a motion is the specification's.
     """
-    wide = memberships(width_m - config.body_width_m, config.obstacle_centres_m)
-    spare = gap_m - config.body_width_m  # eq. (23), both
+    wide = memberships(width_m - body_width_m, config.obstacle_centres_m)
+    spare = gap_m - body_width_m  # eq. (23), both
     if gap_sigma_m is not None:
         sideways = config.gap_centres_m[1]
         surely = np.maximum(spare - config.caution_sigmas * gap_sigma_m, sideways)
@@ -118,6 +116,7 @@ def select(
     gap_m: Float[np.ndarray, "n"],
     config: FamsConfig | None = None,
     gap_sigma_m: Float[np.ndarray, "n"] | None = None,
+    body_width_m: float = DARWIN_OP.passage_width_m,
 ) -> Int[np.ndarray, "n"]:
     """The motion for each pair, as its place in `MOTIONS`; arguments as of `strengths`.
 
@@ -127,16 +126,21 @@ def select(
     """
     config = FamsConfig() if config is None else config
     if config.ordinal:
-        return _ordinal(width_m, gap_m, config)
-    return np.asarray(np.argmax(strengths(width_m, gap_m, config, gap_sigma_m), axis=0))
+        return _ordinal(width_m, gap_m, config, body_width_m)
+    return np.asarray(
+        np.argmax(strengths(width_m, gap_m, config, gap_sigma_m, body_width_m), axis=0)
+    )
 
 
 def _ordinal(
-    width_m: Float[np.ndarray, "n"], gap_m: Float[np.ndarray, "n"], config: FamsConfig
+    width_m: Float[np.ndarray, "n"],
+    gap_m: Float[np.ndarray, "n"],
+    config: FamsConfig,
+    body_width_m: float,
 ) -> Int[np.ndarray, "n"]:
     """The nearest label to the average of the labels that fire, weighed by their strengths."""
-    wide = memberships(width_m - config.body_width_m, config.obstacle_centres_m)
-    free = memberships(gap_m - config.body_width_m, config.gap_centres_m)
+    wide = memberships(width_m - body_width_m, config.obstacle_centres_m)
+    free = memberships(gap_m - body_width_m, config.gap_centres_m)
     fires = np.minimum(wide[:, None], free[None, :])
     mean = np.einsum("ijn,ij->n", fires, TABLE.astype(float)) / fires.sum(axis=(0, 1))
     return np.floor(mean + 0.5).astype(np.int64)

@@ -11,24 +11,21 @@ import math
 from dataclasses import dataclass
 
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.robot_model import DARWIN_OP
 
 
 @dataclass(frozen=True)
 class PivotConfig:
     """Body and clearance."""
 
-    body_width_m: float = 0.30  # w_r, seed 004
     clearance_m: float = 0.10  # c, specification
     literal: bool = False  # the printed formulas, for comparison only
 
-    @property
-    def half_m(self) -> float:
-        """From the middle of the body to what it passes, m; less where a gap is narrower."""
-        return self.body_width_m / 2 + self.clearance_m
+    def half_m(self, body_width_m: float) -> float:
+        """Distance kept from the middle of the body to an obstacle beside it, m; less in a narrower gap."""
+        return body_width_m / 2 + self.clearance_m
 
     def __post_init__(self) -> None:
-        if not self.body_width_m > 0.0:
-            raise ConfigError(f"pivot: body_width_m={self.body_width_m} must be positive")
         if self.clearance_m < 0.0:
             raise ConfigError(f"pivot: clearance_m={self.clearance_m} must not be negative")
 
@@ -57,6 +54,7 @@ def pivot(
     width_m: float,
     distance_m: float,
     config: PivotConfig | None = None,
+    body_width_m: float = DARWIN_OP.passage_width_m,
 ) -> Pivot:
     """The pivot of a motion.
 
@@ -78,7 +76,7 @@ def pivot(
         return Pivot(0.0, 0.0, 0.0, 0.0)
     if config.literal:
         return _printed(motion, side, gap_m, width_m, distance_m)
-    half = config.half_m
+    half = config.half_m(body_width_m)
     y = edge_m + side * min(gap_m / 2, half)
     if motion[0] == "S":
         return Pivot(0.0, y, abs(y), 0.0)

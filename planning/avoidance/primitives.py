@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from ..commands import WalkCommand
-from ..footsteps import GaitConfig, half_a_step_on
+from ..footsteps import half_a_step_on, limited_step
 from .pivot import Pivot
 
 NEAR_M = 0.02  # ours: about the slip of one step
@@ -30,7 +31,6 @@ LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ours: ... while it is on its lin
 # 50 (body of seed 004, dynamic), and a gap may leave 40
 QUICK_S = (0.25, 0.15)
 AHEAD_M = 0.10  # ours: looked ahead along a leg; five side steps
-BODY_M = (0.055, 0.082)  # seed 000: half of the body's depth and width
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,11 @@ def _way(leg: Leg, robot: Pose2) -> float:
 
 
 def in_the_way(
-    leg: Leg, robot: Pose2, cells: Float[np.ndarray, "n 2"], cell_m: float
+    leg: Leg,
+    robot: Pose2,
+    cells: Float[np.ndarray, "n 2"],
+    cell_m: float,
+    model: RobotModel = DARWIN_OP,
 ) -> Bool[np.ndarray, "n"]:
     """Which occupied cells lie where the body comes within the next steps of a leg.
 
@@ -177,7 +181,9 @@ def in_the_way(
     if leg.primitive not in ("F", "S"):
         return np.zeros(len(cells), dtype=np.bool_)
     ahead, across = on_line(leg, robot, cells).T
-    long, half = BODY_M if leg.primitive == "F" else BODY_M[::-1]
+    long, half = model.depth_m / 2, model.width_m / 2
+    if leg.primitive == "S":
+        long, half = half, long
     inside = (ahead > 0.0) & (ahead < long + AHEAD_M) & (np.abs(across) < half - cell_m / 2)
     return np.asarray(inside)
 
@@ -199,7 +205,7 @@ def reached(leg: Leg, robot: Pose2) -> bool:
 def step(
     leg: Leg,
     robot: Pose2,
-    gait: GaitConfig,
+    gait: GaitLimits,
     trim: Trim | None = None,
     last: WalkCommand | None = None,
 ) -> WalkCommand:
@@ -217,12 +223,12 @@ def step(
         last: The step before, which the body is still about to follow; None: it stands.
     """
     if leg.primitive == "ST":
-        return gait.command(0.0, 0.0, 0.0)
+        return limited_step(gait, 0.0, 0.0, 0.0)
     trim = Trim() if trim is None else trim
     here = leg.target.inverse() @ half_a_step_on(robot, last or WalkCommand())
     turn = wrap_angle(-here.yaw)
     if leg.primitive in ("R", "T"):
-        return gait.command(0.0, 0.0, CALM * turn)
+        return limited_step(gait, 0.0, 0.0, CALM * turn)
     # In the leg's own frame: to aim at its end instead would make of a little turn a long way off its line.
     if leg.primitive == "S":
         trim.learn(here.x, turn, sideways=True)
@@ -238,4 +244,4 @@ def step(
         )
         wish = (min(-here.x, gait.cruise_mps * gait.step_s), trim.left_m - CALM * here.y)
     ahead, aside = Pose2(0.0, 0.0, turn).apply(np.array(wish)) / gait.step_s
-    return gait.command(float(ahead), float(aside), CALM * turn + trim.turn_rad)
+    return limited_step(gait, float(ahead), float(aside), CALM * turn + trim.turn_rad)

@@ -23,24 +23,25 @@ from mapping.grid.egocentric_grid import EgocentricGrid
 from perception.obstacles.clustering import Cluster
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import GazeCommand
+from ..world_model import WorldModel
 from . import evaluations
-from .attention_config import AttentionConfig as AttentionConfig
-from .newcomers import Newcomers
+from .attention_settings import AttentionConfig as AttentionConfig
 from .sampling import from_camera, in_body, region
 from .sampling import sample_region as sample_region
 from .selection import in_view, shown
 from .tag_gain import gains
+from .untracked_targets import UntrackedTargets
 
-BODY_M = 0.15  # S_r, seed 001
 EVERY = 3  # of the sample points is laid over the map: a fifth of the view holds dozens still
 WAY_M = 1.0  # so far ahead the floor of the next steps lies
 
 
 @dataclass(frozen=True)
-class Known:
+class GazeContext:
     """What the cycle knows that a look can better.
 
     Args:
@@ -58,6 +59,20 @@ class Known:
     landmarks: Sequence[Landmark] = ()
     sightings: Sequence[Sighting] = ()
     clusters: Sequence[Cluster] = ()
+
+    @classmethod
+    def of(cls, world: WorldModel) -> GazeContext:
+        """From a world model whose pose is known."""
+        assert world.pose is not None
+        estimate = world.estimate
+        return cls(
+            world.pose,
+            world.grid,
+            world.confidence,
+            world.landmarks,
+            estimate.sightings,
+            estimate.clusters,
+        )
 
 
 @dataclass(frozen=True)
@@ -77,12 +92,12 @@ class Attention:
     psi_obstacles: dict[int, float]
 
 
-class Attentive:
+class AttentionModel:
     """Lays the map anew for every look; remembers what looks showed, and which were in vain."""
 
-    def __init__(self, config: AttentionConfig) -> None:
-        self.config = config
-        gaze = config.map
+    def __init__(self, config: AttentionConfig, robot: RobotModel = DARWIN_OP) -> None:
+        gaze = replace(config.map, head=robot.head)
+        self.config, self._robot = replace(config, map=gaze), robot
         self._narrow = replace(gaze, across_deg=gaze.across_deg - config.edge_deg)
         self._wide = replace(
             gaze, across_deg=config.tag_across_deg, down_deg=config.tag_across_deg, literal=False
@@ -90,7 +105,7 @@ class Attentive:
         self._way_s = -math.inf  # when the way was last looked at
         self._sought_s: dict[int, float] = {}  # by track: when a look went to where it may be
         self._trust: dict[int, float] = {}  # by landmark: that a look there shows it
-        self._newcomers = Newcomers(config)
+        self._newcomers = UntrackedTargets(config, robot.eye_m)
         self._stamp_s = 0.0
 
     def weigh(
@@ -98,7 +113,7 @@ class Attentive:
         stamp_s: float,
         via: Float[np.ndarray, "2"],
         obstacles: Sequence[Obstacle],
-        known: Known,
+        known: GazeContext,
         present: GazeCommand,
     ) -> Attention:
         """The gaze map of now.
@@ -152,15 +167,11 @@ class Attentive:
 
     def _movers(self, obstacles: Sequence[Obstacle]) -> list[Obstacle]:
         config = self.config
-        return [
-            o
-            for o in obstacles
-            if o.moving >= config.moving_share or o.seen_s - o.since_s < config.young_s
-        ]
+        return [o for o in obstacles if o.moving >= MOVING or o.seen_s - o.since_s < config.young_s]
 
     def _way(self, pose: Gaussian, via: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3"]:
         """A point on the floor where the next steps go: towards the via point, within a metre."""
-        way = from_camera(pose, via[None], self.config.eye_m)[0]
+        way = from_camera(pose, via[None], self._robot.eye_m)[0]
         way[:2] *= min(1.0, WAY_M / max(math.hypot(way[0], way[1]), 1e-9))
         return way
 
@@ -171,11 +182,11 @@ class Attentive:
 
     def _psi_way(self, pose: Gaussian, obstacles: Sequence[Obstacle]) -> float:
         places = in_body(pose, np.array([o.position for o in obstacles]).reshape(-1, 2))
-        radii = np.array([o.radius_m for o in obstacles]) + BODY_M
+        radii = np.array([o.radius_m for o in obstacles]) + self._robot.radius_m
         ahead = places[:, 0] > 0.0
         return evaluations.of_way(places[ahead], radii[ahead], self.config.map.evaluation)
 
-    def _stale(self, known: Known) -> tuple[np.ndarray, np.ndarray]:
+    def _stale(self, known: GazeContext) -> tuple[np.ndarray, np.ndarray]:
         """Sample points out of view, from the camera, and how stale each is, in [0, 1]."""
         if known.grid is None or known.confidence is None:
             return np.zeros((0, 3)), np.zeros(0)
@@ -185,7 +196,7 @@ class Attentive:
         unseen = confidence < 1.0
         lost = (1.0 - confidence[unseen]) / max(1.0 - fresh.config.stale_below, 1e-6)
         points = grid.centres().reshape(-1, 2)[cells[unseen]]
-        return from_camera(known.pose, points, config.eye_m), np.minimum(lost, 1.0) ** 2
+        return from_camera(known.pose, points, self._robot.eye_m), np.minimum(lost, 1.0) ** 2
 
     def _psi_movers(
         self, stamp_s: float, movers: Sequence[Obstacle], pose: Gaussian
@@ -208,7 +219,7 @@ class Attentive:
                 (alone / config.seek_s) ** 2, config.seek_max
             )
             worth[k] *= config.receding if receding[k] else 1.0
-            worth[k] *= config.young_share if mover.moving < config.moving_share else 1.0
+            worth[k] *= config.young_share if mover.moving < MOVING else 1.0
         return np.maximum(psi_ob, worth)
 
     def _may_be(
@@ -224,17 +235,17 @@ class Attentive:
             if unseen >= self.config.turned_back_s:
                 places.append(mover.position - 2.0 * mover.velocity * unseen)
                 whose.append(k)
-        there = from_camera(pose, np.array(places).reshape(-1, 2), self.config.eye_m)
+        there = from_camera(pose, np.array(places).reshape(-1, 2), self._robot.eye_m)
         return there, np.array(whose, np.int64)
 
-    def _tags(self, known: Known) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+    def _tags(self, known: GazeContext) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
         """Landmarks within reach, from the camera, and what a sighting of each would gain."""
         config, pose = self.config, known.pose
         if not known.landmarks:
             return np.zeros((0, 3)), np.zeros(0)
         places = np.array([mark.position for mark in known.landmarks])
         trust = np.array([self._trust.get(mark.identity, 1.0) for mark in known.landmarks])
-        body = from_camera(pose, places[:, :2], config.eye_m, places[:, 2])
+        body = from_camera(pose, places[:, :2], self._robot.eye_m, places[:, 2])
         near = np.hypot(body[:, 0], body[:, 1]) <= config.tag_reach_m
         due = gains(
             places[near, :2] - pose.mean[:2],
@@ -244,7 +255,7 @@ class Attentive:
         )
         return body[near], trust[near] * due
 
-    def _learn_tags(self, stamp_s: float, known: Known, present: GazeCommand) -> None:
+    def _learn_tags(self, stamp_s: float, known: GazeContext, present: GazeCommand) -> None:
         """A landmark in view that was not sighted is hidden or aslant from here: trust it less for a while."""
         config = self.config
         keep = math.exp(-(stamp_s - self._stamp_s) / config.tag_forget_s)
@@ -254,7 +265,7 @@ class Attentive:
             return
         seen = {sighting.identity for sighting in known.sightings}
         places = np.array([mark.position for mark in known.landmarks])
-        body = from_camera(known.pose, places[:, :2], config.eye_m, places[:, 2])
+        body = from_camera(known.pose, places[:, :2], self._robot.eye_m, places[:, 2])
         expected = in_view(body, present, self._wide)
         expected &= np.hypot(body[:, 0], body[:, 1]) <= config.tag_reach_m
         for mark, looked in zip(known.landmarks, expected, strict=True):

@@ -91,7 +91,7 @@ def of_obstacles(
     return np.minimum(alpha / config.obstacle_rate_mps, 1.0)
 
 
-def matter(
+def relevant(
     positions: Float[np.ndarray, "n 2"],
     velocities: Float[np.ndarray, "n 2"],
     robot_velocity: Float[np.ndarray, "2"],

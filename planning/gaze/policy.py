@@ -20,9 +20,10 @@ from jaxtyping import Float
 from perception.primitives.errors import ConfigError
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import GazeCommand
-from .attention import Attention, AttentionConfig, Attentive, Known
+from .attention import Attention, AttentionConfig, AttentionModel, GazeContext
 from .selection import GazeMapConfig, select
 from .sweep import Sweep, SweepConfig
 
@@ -46,25 +47,22 @@ class GazeConfig:
     attention: AttentionConfig = field(default_factory=AttentionConfig)
     sweep: SweepConfig = field(default_factory=SweepConfig)
     fixed_tilt_deg: float = 28.0  # ours: as the sweep's, the floor from 0.4 to 2.1 m
-    speed_radps: float = 4.0  # ours: MX-28 servo under load, as the head of the simulated body
     turning_s: float = 0.45  # T_DS + T_SS - dT, seed 000: from command to first picture
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise ConfigError(f"gaze: mode={self.mode!r} is unknown; choose {', '.join(MODES)}")
-        for name in ("speed_radps", "turning_s"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"gaze: {name}={value} must be positive and finite")
+        if not (math.isfinite(self.turning_s) and self.turning_s > 0.0):
+            raise ConfigError(f"gaze: turning_s={self.turning_s} must be positive and finite")
 
 
 class GazePolicy:
     """Decides each footstep's gaze."""
 
-    def __init__(self, config: GazeConfig) -> None:
-        self._config = config
-        self._sweep = Sweep(config.sweep)
-        self._attentive = Attentive(config.attention)
+    def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
+        self._config, self._head = config, robot.head
+        self._sweep = Sweep(config.sweep, robot.head)
+        self._attentive = AttentionModel(config.attention, robot)
         self._present = GazeCommand(0.0, math.radians(config.fixed_tilt_deg))
         self.attention: Attention | None = None
         """What the last decision weighed; None where it did not weigh anything."""
@@ -84,7 +82,7 @@ class GazePolicy:
         robot: Pose2,
         via: Float[np.ndarray, "2"],
         obstacles: Sequence[Obstacle],
-        known: Known | None = None,
+        known: GazeContext | None = None,
     ) -> GazeCommand:
         """Where to look until the next footstep.
 
@@ -103,7 +101,7 @@ class GazePolicy:
         else:
             self.attention = self._attentive.weigh(stamp_s, via, obstacles, known, self._present)
             reached = self._within_reach(self.attention.total)
-            gaze = select(reached, self._present, self._present, config.attention.map)
+            gaze = select(reached, self._present, self._present, self._attentive.config.map)
         if known is not None:
             self._attentive.decided(stamp_s, gaze, via, obstacles, known.pose)
         self._present = self._turned(gaze)
@@ -113,15 +111,15 @@ class GazePolicy:
         self, total: Float[np.ndarray, "rows columns"]
     ) -> Float[np.ndarray, "rows columns"]:
         """The map, nothing where the head does not get in time."""
-        gaze: GazeMapConfig = self._config.attention.map
-        reach = self._config.speed_radps * self._config.turning_s
+        gaze: GazeMapConfig = self._attentive.config.map
+        reach = self._head.speed_radps * self._config.turning_s
         far = np.abs(gaze.pans[:, None] - self._present.pan_rad) > reach
         far = far | (np.abs(gaze.tilts - self._present.tilt_rad) > reach)
         return np.where(far, 0.0, total)
 
     def _turned(self, gaze: GazeCommand) -> GazeCommand:
         """Where the head is when the next footstep is due: both joints go on until then."""
-        most = self._config.speed_radps * (self._config.turning_s + REST_S)
+        most = self._head.speed_radps * (self._config.turning_s + REST_S)
         pan = self._present.pan_rad + min(max(gaze.pan_rad - self._present.pan_rad, -most), most)
         tilt = self._present.tilt_rad + min(
             max(gaze.tilt_rad - self._present.tilt_rad, -most), most

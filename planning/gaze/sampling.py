@@ -59,7 +59,7 @@ def region(
         _gaze_kernels.sector(
             grid.centres().reshape(-1, 2),
             *(x, y, math.cos(yaw), math.sin(yaw)),
-            *(config.evaluation.nearest_m, farthest_m, math.cos(math.radians(config.pan_deg))),
+            *(config.evaluation.nearest_m, farthest_m, math.cos(math.radians(config.head.pan_deg))),
         )
     )
 

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import head_rotation
+from perception.primitives.robot_model import DARWIN_OP, HeadLimits
 
 from ..commands import GazeCommand
 from . import _gaze_kernels
@@ -31,8 +32,7 @@ class GazeMapConfig:
     """Directions, field of view, weights."""
 
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
-    pan_deg: float = 90.0  # own (specification): reach to each side
-    tilt_deg: tuple[float, float] = (0.0, 60.0)  # own (specification), down positive
+    head: HeadLimits = DARWIN_OP.head  # replaced by the robot's
     step_deg: float = 2.0  # own (specification)
     across_deg: float = 44.0  # seed 004: of the narrowest depth camera; seed 001's has 60
     down_deg: float = 35.0  # seed 004; seed 001's has 45
@@ -46,9 +46,7 @@ class GazeMapConfig:
     def __post_init__(self) -> None:
         if not 0.0 < self.step_deg <= 10.0:
             raise ConfigError(f"gaze: step_deg={self.step_deg} must lie in (0, 10]")
-        if not self.tilt_deg[0] < self.tilt_deg[1] <= 85.0:
-            raise ConfigError(f"gaze: tilt_deg={self.tilt_deg} must be (highest, lowest), below 85")
-        for name in ("pan_deg", "across_deg", "down_deg"):
+        for name in ("across_deg", "down_deg"):
             value = getattr(self, name)
             if not 0.0 < value < 180.0:
                 raise ConfigError(f"gaze: {name}={value} must lie in (0, 180)")
@@ -59,14 +57,15 @@ class GazeMapConfig:
     @cached_property
     def pans(self) -> Float[np.ndarray, "rows"]:
         """Of the map's rows, rad, left positive."""
-        steps = round(self.pan_deg / self.step_deg)
+        steps = round(self.head.pan_deg / self.step_deg)
         return _kept(np.radians(np.arange(-steps, steps + 1) * self.step_deg))
 
     @cached_property
     def tilts(self) -> Float[np.ndarray, "columns"]:
         """Of the map's columns, rad, down positive."""
-        steps = round((self.tilt_deg[1] - self.tilt_deg[0]) / self.step_deg)
-        return _kept(np.radians(self.tilt_deg[0] + np.arange(steps + 1) * self.step_deg))
+        highest, lowest = self.head.tilt_deg
+        steps = round((lowest - highest) / self.step_deg)
+        return _kept(np.radians(highest + np.arange(steps + 1) * self.step_deg))
 
 
 def _kept(directions: np.ndarray) -> np.ndarray:

@@ -17,8 +17,9 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.robot_model import DARWIN_OP, HeadLimits
 
 from ..commands import GazeCommand
 
@@ -27,7 +28,6 @@ from ..commands import GazeCommand
 class SweepConfig:
     """Angles and intervals of the gaze."""
 
-    max_pan_deg: float = 90.0  # own (specification): limit of the neck
     tilt_deg: float = 28.0  # ours: from 0.38 m, 35 deg of view, sees the floor from 0.4 to 2.1 m
     near_tilt_deg: float = 38.0  # ours: from 0.3 to 1.0 m, where something close must be followed
     near_m: float = 0.6  # ours: closer than this is close
@@ -38,7 +38,6 @@ class SweepConfig:
     close_m: float = 1.2  # ours: a mover this near ...
     close_revisit_s: float = 0.6  # ours: ... is looked for already after this
     revisit_m: float = 2.0  # own: if it is this near
-    moving_share: float = 0.3  # ours: less probable movers need no second look
     unwatched_s: float = 2.0  # own: the walking direction is never left for longer
     view_deg: float = 44.0  # seed 004: across the narrowest depth camera
 
@@ -47,18 +46,18 @@ class SweepConfig:
             raise ConfigError(
                 "sweep: survey_pans_deg and glance_pans_deg need at least one angle each"
             )
-        for pan in (*self.survey_pans_deg, *self.glance_pans_deg):
-            if not abs(pan) <= self.max_pan_deg:
-                raise ConfigError(
-                    f"sweep: pan of {pan} deg is beyond max_pan_deg={self.max_pan_deg}; lower it"
-                )
 
 
 class Sweep:
     """Decides each footstep's gaze; remembers when each direction had its turn."""
 
-    def __init__(self, config: SweepConfig) -> None:
-        self._config = config
+    def __init__(self, config: SweepConfig, head: HeadLimits = DARWIN_OP.head) -> None:
+        for pan in (*config.survey_pans_deg, *config.glance_pans_deg):
+            if not abs(pan) <= head.pan_deg:
+                raise ConfigError(
+                    f"sweep: pan of {pan} deg exceeds the neck's range of {head.pan_deg} deg; lower it"
+                )
+        self._config, self._limit = config, math.radians(head.pan_deg)
         self._surveyed = 0
         self._glances = 0
         self._ahead_s = -math.inf  # when the walking direction was last looked at
@@ -112,10 +111,6 @@ class Sweep:
         self._glances += 1
         return self._gaze(ahead + pan if abs(ahead + pan) <= self._limit else pan, math.inf)
 
-    @property
-    def _limit(self) -> float:
-        return math.radians(self._config.max_pan_deg)
-
     def _walking(self, robot: Pose2, via: np.ndarray) -> float:
         """Pan of the walking direction: towards the via point, half of it where it is far aside."""
         dx, dy = float(via[0]) - robot.x, float(via[1]) - robot.y
@@ -139,7 +134,7 @@ class Sweep:
         for obstacle in obstacles:
             unseen = stamp_s - obstacle.seen_s
             alone = min(unseen, stamp_s - self._sought_s.get(obstacle.track, -math.inf))
-            if obstacle.moving < config.moving_share:
+            if obstacle.moving < MOVING:
                 continue
             for place in _may_be(obstacle, unseen):
                 dx, dy = float(place[0]) - robot.x, float(place[1]) - robot.y

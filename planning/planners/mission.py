@@ -1,26 +1,26 @@
-"""What a walk is to do: planner, goals, tolerances, time."""
+"""What a walk is to do: planner, goals, tolerances, time limit."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from perception.primitives import plugins
 from perception.primitives.errors import ConfigError
+from perception.primitives.settings import setting
 
 PLANNERS = {
-    "search": "navigator:Navigator",
-    "field": "field_planner:FieldPlanner",
-    "swarm": "swarm_planner:SwarmPlanner",
-    "avoidance": "avoidance_planner:AvoidancePlanner",
+    "search": "planning.planners.search_planner:SearchPlanner",
+    "field": "planning.planners.field_planner:FieldPlanner",
+    "swarm": "planning.planners.swarm_planner:SwarmPlanner",
+    "avoidance": "planning.planners.avoidance_planner:AvoidancePlanner",
 }
-"""Who may decide the next footstep: name to module and class of this package."""
-
+"""Our planners: name to class."""
 
 ARRIVING = ("search", "field")
-"""Those of them that walk by the univector field, which can arrive with a given heading."""
+"""Those of them that can arrive with a given heading."""
 
-
-WANDERING = ("search",)
+EXPLORING = ("search",)
 """Those of them that explore."""
 
 
@@ -28,35 +28,49 @@ WANDERING = ("search",)
 class MissionConfig:
     """What a live run is to do."""
 
-    planner: str = "search"  # the joint stack; see `planners`
-    goals: int = 1  # how many of the scene's goals, in order
-    look_about: bool = True  # specification: where the search finds no way, seed 004's motions
-    wander: bool = False  # explore instead, until the time is up (seed 003, experiment E6)
-    tolerance_m: float = 0.10  # seed 000: goal tolerance
-    headings_deg: tuple[float, ...] = ()  # seed 001: to arrive with, one a goal; nan or none: any
-    heading_tolerance_deg: float = 5.0  # seed 001, E1: arrival error
-    time_limit_s: float = 300.0  # ours: a walk of 6 m takes 90 s, detours included 150 s
+    planner: str = setting(
+        "search", "", "search, field, swarm, avoidance, or package.module:Class", "ours"
+    )
+    goals: int = setting(1, "", "how many of the scene's goals, in order", "ours")
+    look_about: bool = setting(
+        True, "", "recover by panoramic scan and avoidance motion when stuck", "specification"
+    )
+    wander: bool = setting(
+        False, "", "explore until the time is up, without goals", "seed 003, experiment E6"
+    )
+    tolerance_m: float = setting(
+        0.10, "m", "distance at which a goal counts as reached", "seed 000"
+    )
+    headings_deg: tuple[float, ...] = setting(
+        (), "deg", "heading to arrive with, one per goal; nan: any", "seed 001"
+    )
+    heading_tolerance_deg: float = setting(
+        5.0, "deg", "error at which a heading counts as reached", "seed 001, E1"
+    )
+    time_limit_s: float = setting(
+        300.0, "s", "end of the run", "ours: a walk of 6 m takes 90 to 150 s"
+    )
 
     def __post_init__(self) -> None:
-        if self.planner not in PLANNERS:
-            raise ConfigError(
-                f"mission: planner={self.planner!r} is unknown; choose {', '.join(PLANNERS)}"
-            )
+        problem = plugins.check(self.planner, PLANNERS, "planner")
+        if problem is not None:
+            raise ConfigError(f"mission: {problem}")
+        own = self.planner not in PLANNERS
         if self.goals < 1:
             raise ConfigError(f"mission: goals={self.goals} must be at least 1")
         for name in ("tolerance_m", "time_limit_s", "heading_tolerance_deg"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"mission: {name}={getattr(self, name)} must be positive")
-        if self.wander and self.planner not in WANDERING:
+        if self.wander and not own and self.planner not in EXPLORING:
             raise ConfigError(
                 f"mission: planner={self.planner!r} walks to goals; leave wander off, or choose "
-                f"{' or '.join(WANDERING)}"
+                f"{' or '.join(EXPLORING)}"
             )
         if any(math.isinf(heading) for heading in self.headings_deg):
             raise ConfigError(
                 f"mission: headings_deg={self.headings_deg} must be finite; nan stands for any heading"
             )
-        if self.headings_deg and self.planner not in ARRIVING:
+        if self.headings_deg and not own and self.planner not in ARRIVING:
             raise ConfigError(
                 f"mission: planner={self.planner!r} arrives with any heading; leave headings_deg empty, or "
                 f"choose {' or '.join(ARRIVING)}"

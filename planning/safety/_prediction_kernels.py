@@ -9,7 +9,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def to_and_fro(
+def back_and_forth(
     seen_at: np.ndarray,
     sense: float,
     speed: float,

@@ -13,32 +13,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import WalkCommand
-from ..footsteps import GaitConfig
-from . import _peer_kernels as kernels
+from ..footsteps import limited_step
+from . import _baseline_kernels as kernels
+from .step_filter import BASELINE_CELL_M
 
 
 @dataclass(frozen=True)
 class DynamicWindowConfig:
     """Samples, horizon and weights."""
 
-    gait: GaitConfig = field(default_factory=GaitConfig)
     speeds: int = 9  # ours: from back to cruise, and top speed
     turns: int = 15  # ours: from right to left
     horizon_s: float = 5.2  # ours: eight steps
-    body_radius_m: float = 0.15  # S_r, seed 001
     margin_m: float = 0.05  # as the guard's
-    cell_distance_m: float = 0.17  # as the guard's
-    moving_share: float = 0.3  # as the guard's
     w_heading: float = 0.8  # Fox 1997: 2 of 2.4, here of 1
     w_clear: float = 0.1  # Fox 1997: 0.2
     w_speed: float = 0.1  # Fox 1997: 0.2
@@ -49,7 +47,7 @@ class DynamicWindowConfig:
             raise ConfigError(
                 f"dynamic window: speeds={self.speeds} and turns={self.turns} must be at least 2"
             )
-        for name in ("horizon_s", "body_radius_m", "clear_m"):
+        for name in ("horizon_s", "clear_m"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"dynamic window: {name}={getattr(self, name)} must be positive")
 
@@ -57,8 +55,11 @@ class DynamicWindowConfig:
 class DynamicWindow:
     """Chooses a speed and a turn for every step; without memory."""
 
-    def __init__(self, config: DynamicWindowConfig | None = None) -> None:
+    def __init__(
+        self, config: DynamicWindowConfig | None = None, robot: RobotModel = DARWIN_OP
+    ) -> None:
         self._config = config or DynamicWindowConfig()
+        self._robot = robot
 
     def choose(
         self,
@@ -70,12 +71,12 @@ class DynamicWindow:
         stamp_s: float,
     ) -> WalkCommand:
         """The step of the best pair; if no pair keeps clear, the one that does so longest."""
-        config, gait = self._config, self._config.gait
+        config, gait = self._config, self._robot.gait
         if desired == WalkCommand():
             return desired  # it is looking round
-        movers = [o for o in obstacles if o.moving >= config.moving_share]
+        movers = [o for o in obstacles if o.moving >= MOVING]
         discs = np.array(
-            [[*o.position, *o.velocity, o.radius_m + config.body_radius_m] for o in movers]
+            [[*o.position, *o.velocity, o.radius_m + self._robot.radius_m] for o in movers]
         ).reshape(-1, 5)
         slow = np.linspace(-gait.max_back_mps, gait.cruise_mps, config.speeds)
         speeds = np.append(slow, gait.max_speed_mps)  # linspace ends at cruise exactly
@@ -83,14 +84,14 @@ class DynamicWindow:
         pairs = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
         found = np.empty((len(pairs), 3))
         near = np.hypot(*(occupied - robot.mean[:2]).T) < 1.2
-        kernels.hold(
+        kernels.hold_speeds(
             robot.mean.astype(np.float64),
             pairs,
             gait.step_s,
             round(config.horizon_s / gait.step_s),
             discs,
             np.ascontiguousarray(occupied[near], np.float64),
-            config.cell_distance_m,
+            self._robot.breadth * BASELINE_CELL_M,
             target.astype(np.float64),
             found,
         )
@@ -102,4 +103,4 @@ class DynamicWindow:
         admissible = gap > config.margin_m
         best = int(np.argmax(np.where(admissible, worth, -10.0 + clear_s + gap)))
         speed, turn = (float(v) for v in pairs[best])
-        return gait.command(speed, 0.0, turn)
+        return limited_step(gait, speed, 0.0, turn)

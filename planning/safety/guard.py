@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -26,39 +25,31 @@ from jaxtyping import Float
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from ..commands import WalkCommand
-from ..footsteps import footstep, half_a_step_on
+from ..footsteps import footstep, half_a_step_on, limited_step
 from . import _guard_kernels
-from .guard_config import GuardConfig as GuardConfig
+from .guard_settings import CELL_CONTACT_M, CELL_DISTANCE_M
+from .guard_settings import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
-from .prediction import Habits
-
-
-@dataclass(frozen=True)
-class Assessment:
-    """What the guard made of one plan.
-
-    Args:
-        command: Its first step.
-        harm_m: What it risks, in metres of detour that avoiding it is worth; 0: nothing near.
-        cost_m: Harm, distance that it leaves to the target, and heading.
-    """
-
-    command: WalkCommand
-    harm_m: float
-    cost_m: float
+from .prediction import MotionPatterns
 
 
 class Guard:
     """The guard of one walk: remembers the ways of movers, and the plan begun."""
 
-    def __init__(self, config: GuardConfig) -> None:
-        self.config = config
-        self.habits = Habits(config.prediction)
+    def __init__(self, config: GuardConfig, robot: RobotModel) -> None:
+        self.config, self.robot = config, robot
+        self.habits = MotionPatterns(config.prediction)
         self._begun: np.ndarray | None = None
         self._last, self._last_s = WalkCommand(), -math.inf
-        self._plans = _fixed_plans(config)
+        self._plans = _fixed_plans(config.steps, robot.gait)
+
+    @property
+    def cell_distance_m(self) -> float:
+        """Distance kept between the middle of the body and that of an occupied cell, m."""
+        return self.robot.breadth * CELL_DISTANCE_M
 
     def choose(
         self,
@@ -83,17 +74,19 @@ class Guard:
         """
         self.habits.learn(obstacles)
         # others have decided since, if the last step of its own is long ago
-        long_ago = stamp_s - self._last_s > 1.5 * self.config.gait.step_s
+        long_ago = stamp_s - self._last_s > 1.5 * self.robot.gait.step_s
         ahead = half_a_step_on(
             Pose2(*robot.mean.tolist()), WalkCommand() if long_ago else self._last
         )
         robot = Gaussian(ahead.vector, robot.covariance)
-        scene = _Scene(robot, obstacles, occupied, target, self.config, stamp_s, self.habits)
+        scene = _Scene(
+            robot, obstacles, occupied, target, self.config, self.robot, stamp_s, self.habits
+        )
         self._last, self._last_s = self._safest(desired, scene), stamp_s
         return self._last
 
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
-        harm, _ = scene.judge(_wishes(desired, self.config)[:1])
+        harm, _ = scene.judge(_wishes(desired, self.robot.gait)[:1])
         if harm[0] <= self.config.pass_m:
             self._begun = None
             return desired
@@ -112,7 +105,7 @@ class Guard:
 
     def _with_wishes(self, desired: WalkCommand) -> np.ndarray:
         """The plans: the desired step and then pursuit first, what is left of the plan begun second."""
-        wishes = _wishes(desired, self.config)
+        wishes = _wishes(desired, self.robot.gait)
         begun = wishes[0].copy()
         if self._begun is not None:
             begun = self._begun.copy()
@@ -129,6 +122,7 @@ def choose(
     occupied: Float[np.ndarray, "n 2"],
     target: Float[np.ndarray, "2"],
     config: GuardConfig,
+    model: RobotModel = DARWIN_OP,
     stamp_s: float | None = None,
 ) -> WalkCommand:
     """As `Guard.choose`, for one step without memory.
@@ -138,32 +132,7 @@ def choose(
     """
     if stamp_s is None:
         stamp_s = max((obstacle.seen_s for obstacle in obstacles), default=0.0)
-    return Guard(config).choose(desired, robot, obstacles, occupied, target, stamp_s)
-
-
-def assess(
-    desired: WalkCommand,
-    robot: Gaussian,
-    obstacles: Sequence[Obstacle],
-    occupied: Float[np.ndarray, "n 2"],
-    target: Float[np.ndarray, "2"],
-    config: GuardConfig,
-    stamp_s: float | None = None,
-) -> list[Assessment]:
-    """Every plan, best first (the desired one if it is safe); arguments as for `choose`."""
-    plans = np.concatenate([_wishes(desired, config), _fixed_plans(config)])
-    if stamp_s is None:
-        stamp_s = max((obstacle.seen_s for obstacle in obstacles), default=0.0)
-    habits = Habits(config.prediction)
-    scene = _Scene(robot, obstacles, occupied, target, config, stamp_s, habits)
-    harm, cost = scene.judge(plans)
-    order = np.argsort(cost, kind="stable")
-    if harm[0] <= config.pass_m:
-        order = np.concatenate([[0], order[order != 0]])
-    return [
-        Assessment(desired if i == 0 else scene.step(plans[i]), float(harm[i]), float(cost[i]))
-        for i in order
-    ]
+    return Guard(config, model).choose(desired, robot, obstacles, occupied, target, stamp_s)
 
 
 class _Scene:
@@ -176,11 +145,12 @@ class _Scene:
         occupied: np.ndarray,
         target: np.ndarray,
         config: GuardConfig,
+        model: RobotModel,
         stamp_s: float,
-        habits: Habits,
+        habits: MotionPatterns,
     ) -> None:
-        gait = config.gait
-        where = Hypotheses(robot, stamp_s, config, habits)
+        gait = model.gait
+        where = Hypotheses(robot, stamp_s, config, model, habits)
         for obstacle in [*obstacles, *habits.remembered(obstacles, stamp_s)]:
             where.add(obstacle)
         for line in habits.lost(obstacles, stamp_s):
@@ -191,7 +161,7 @@ class _Scene:
             [gait.max_turn_rad, gait.step_s, gait.max_speed_mps, max(gait.max_side_mps, 1e-3)]
         )
         self._movers = where.arrays()
-        self._cells = _cells(robot.mean[:2], occupied, config)
+        self._cells = _cells(robot.mean[:2], occupied, config.steps, model)
         self._prices = np.array(
             [
                 config.soft_m,
@@ -237,18 +207,18 @@ class _Scene:
         begins = plan[3] > 0.0
         forward, left, turn = (plan[:3] if begins else plan[4:7]).tolist()
         if begins or plan[7] == 0.0:
-            return gait.command(forward / gait.step_s, left / gait.step_s, turn)
+            return limited_step(gait, forward / gait.step_s, left / gait.step_s, turn)
         dx, dy = (self._target - self._robot[:2]).tolist()
         if math.hypot(dx, dy) < 0.5 * forward:
-            return gait.command(0.0, 0.0, 0.0)
+            return limited_step(gait, 0.0, 0.0, 0.0)
         return footstep(
             math.atan2(dy, dx), forward / gait.step_s, Pose2(*self._robot.tolist()), gait
         )
 
 
-def _wishes(desired: WalkCommand, config: GuardConfig) -> np.ndarray:
+def _wishes(desired: WalkCommand, gait: GaitLimits) -> np.ndarray:
     """(c, 8) as `_guard_kernels.roll_out` takes them: the desired step, then pursuit; or then standing."""
-    cruise = config.gait.cruise_mps * config.gait.step_s
+    cruise = gait.cruise_mps * gait.step_s
     wish = [desired.forward_m, desired.lateral_m, desired.turn_rad]
     return np.array(
         [[*wish, 1, cruise, 0, 0, 1], [*wish, 1, 0, 0, 0, 0], [*wish, 2, 0, 0, 0, 0]], np.float64
@@ -256,9 +226,8 @@ def _wishes(desired: WalkCommand, config: GuardConfig) -> np.ndarray:
 
 
 @cache
-def _fixed_plans(config: GuardConfig) -> np.ndarray:
+def _fixed_plans(steps: int, gait: GaitLimits) -> np.ndarray:
     """(c, 8): every way to begin, for some steps, and every way to go on."""
-    gait = config.gait
     step, turn = gait.step_s, gait.max_turn_rad
     cruise, top = gait.cruise_mps * step, gait.max_speed_mps * step
     half, back, side = cruise / 2, -gait.max_back_mps * step, gait.max_side_mps * step
@@ -269,18 +238,19 @@ def _fixed_plans(config: GuardConfig) -> np.ndarray:
     thens += [[top, 0.0, sign * turn, 0.0] for sign in (0.0, 1.0, -1.0)]
     thens += [[back, 0.0, 0.0, 0.0]]
     plans = [[*first, n, *then] for first in firsts for n in (1, 3, 6) for then in thens]
-    plans += [[*first, config.steps, 0.0, 0.0, 0.0, 0.0] for first in firsts]
+    plans += [[*first, steps, 0.0, 0.0, 0.0, 0.0] for first in firsts]
     return np.array(plans, np.float64)
 
 
 def _cells(
-    here: np.ndarray, occupied: np.ndarray, config: GuardConfig
+    here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel
 ) -> tuple[np.ndarray, np.ndarray]:
     """The cells within reach, nearest first, the distance to be kept (no more than there is), and of contact."""
     gap = np.hypot(*(occupied - here).T)
-    reach = config.steps * config.gait.step_s * config.gait.max_speed_mps + config.cell_distance_m
+    wanted_m, contact_m = model.breadth * CELL_DISTANCE_M, model.breadth * CELL_CONTACT_M
+    reach = steps * model.gait.step_s * model.gait.max_speed_mps + wanted_m
     near = np.flatnonzero(gap <= reach)
     near = near[np.argsort(gap[near], kind="stable")]
-    wanted = np.clip(gap[near], config.cell_contact_m, config.cell_distance_m)
-    touch = np.minimum(np.full(len(wanted), config.cell_contact_m), gap[near])
+    wanted = np.clip(gap[near], contact_m, wanted_m)
+    touch = np.minimum(np.full(len(wanted), contact_m), gap[near])
     return np.ascontiguousarray(occupied[near], np.float64), np.stack([wanted, touch], axis=1)

@@ -14,11 +14,12 @@ import math
 import numpy as np
 
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
+from perception.primitives.robot_model import RobotModel
 
 from . import _guard_kernels
-from .guard_config import GuardConfig
-from .prediction import Habits, Line
+from .guard_settings import GuardConfig
+from .prediction import Line, MotionPatterns
 
 SURE = 0.95
 """A probability of moving above it needs no standing hypothesis, and the other way round."""
@@ -31,11 +32,17 @@ class Hypotheses:
     """Where discs may be at the samples, how far to keep away, and how likely they turn there."""
 
     def __init__(
-        self, robot: Gaussian, stamp_s: float, config: GuardConfig, habits: Habits
+        self,
+        robot: Gaussian,
+        stamp_s: float,
+        config: GuardConfig,
+        model: RobotModel,
+        habits: MotionPatterns,
     ) -> None:
         self._robot, self._stamp_s, self._config, self._habits = robot, stamp_s, config, habits
+        self._model = model
         samples = 2 * config.steps
-        self._times = (np.arange(samples) + 2) * config.gait.step_s / 2
+        self._times = (np.arange(samples) + 2) * model.gait.step_s / 2
         self._horizon_s = float(self._times[-1])
         self._here = robot.mean[:2].tolist()
         self._rest, self._never = np.zeros((samples, 2)), np.zeros(samples)
@@ -61,15 +68,15 @@ class Hypotheses:
         """All that one obstacle may do: stand, by the probability of that, or move."""
         config, times = self._config, self._times
         moves = obstacle.moving
-        if moves < config.moving_share and obstacle.radius_m > config.small_radius_m:
+        if moves < MOVING and obstacle.radius_m > config.small_radius_m:
             return
-        near = config.body_radius_m + obstacle.radius_m
+        near = self._model.radius_m + obstacle.radius_m
         away = math.dist(obstacle.position.tolist(), self._here)
-        reach = self._horizon_s * (config.gait.max_speed_mps + config.prediction.most_mps)
+        reach = self._horizon_s * (self._model.gait.max_speed_mps + config.prediction.most_mps)
         if away > reach + near + config.margin_m + config.max_sigma_m + config.soft_m:
             return
         if moves < SURE:
-            place = self._last_seen(obstacle) if moves >= config.moving_share else obstacle.position
+            place = self._last_seen(obstacle) if moves >= MOVING else obstacle.position
             doubt = min(config.sigmas * _place_deviation(self._robot, obstacle), config.margin_m)
             here = math.dist(place.tolist(), self._here)
             need = min(near + config.still_margin_m + doubt, max(here, near))
@@ -123,7 +130,7 @@ class Hypotheses:
         away = math.dist(middle.tolist(), self._here)
         if away > 0.5 * (line.high - line.low) + LOST_M:
             return
-        need = np.full(len(times), config.body_radius_m + line.radius_m + config.margin_m)
+        need = np.full(len(times), self._model.radius_m + line.radius_m + config.margin_m)
         need = np.where(times <= config.doubt_s, need, 0.0)
         pieces = 1 + int((line.high - line.low) / float(need[0]))
         for k in range(pieces):
@@ -150,7 +157,7 @@ class Hypotheses:
         turning = np.where(forecast.learnt, config.learnt_weight, config.turn_weight)
         always = np.full(len(times), distance)
         self._put(forecast.places, forecast.velocities, always, doubts, moves, turning)
-        if forecast.since_seen or unseen <= config.gait.step_s:
+        if forecast.since_seen or unseen <= self._model.gait.step_s:
             return
         velocity = obstacle.velocity
         speed = float(np.hypot(*velocity))

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 
-def barred(
+def is_blocked(
     here: Float[np.ndarray, "2"],
     there: Float[np.ndarray, "2"],
     standing: Float[np.ndarray, "n 2"],
@@ -26,7 +26,7 @@ def barred(
     return bool(((along > 0.0) & (along < length) & (aside < distance_m)).any())
 
 
-def farthest(
+def farthest_visible(
     here: Float[np.ndarray, "2"],
     points: Float[np.ndarray, "k 2"],
     standing: Float[np.ndarray, "n 2"],
@@ -41,6 +41,6 @@ def farthest(
         distance_m: How near to the way a place bars it.
     """
     for point in points[:0:-1]:
-        if not barred(here, point, standing, distance_m):
+        if not is_blocked(here, point, standing, distance_m):
             return np.asarray(point)
     return np.asarray(points[0])

@@ -125,7 +125,7 @@ class Line:
         return x - x0, y - y0, dx, dy
 
 
-class Habits:
+class MotionPatterns:
     """All lines learnt so far."""
 
     def __init__(self, config: PredictionConfig | None = None) -> None:
@@ -164,7 +164,7 @@ class Habits:
         rate = min(self._rate(obstacle, line), self.config.most_mps)
         places, velocities = np.empty((len(times), 2)), np.empty((len(times), 2))
         learnt = np.empty(len(times), np.bool_)
-        _prediction_kernels.to_and_fro(
+        _prediction_kernels.back_and_forth(
             seen_at,
             sense,
             rate,

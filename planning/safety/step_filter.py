@@ -13,9 +13,12 @@ from perception.primitives.obstacle import Obstacle
 
 from ..commands import WalkCommand
 
+BASELINE_CELL_M = 0.17
+"""Ours: distance that the baselines keep from the middle of an occupied cell, for a DARwIn-OP."""
+
 
 @runtime_checkable
-class Stepper(Protocol):
+class StepFilter(Protocol):
     """From the step that the field wants to the step that is made."""
 
     def choose(
@@ -40,7 +43,7 @@ class Stepper(Protocol):
         ...
 
 
-class Trusting:
+class Unfiltered:
     """Makes every step that the field wants: the published method alone."""
 
     def choose(

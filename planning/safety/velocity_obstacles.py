@@ -12,34 +12,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from ..commands import WalkCommand
-from ..footsteps import GaitConfig, footstep
-from . import _peer_kernels as kernels
+from ..footsteps import footstep
+from . import _baseline_kernels as kernels
+from .step_filter import BASELINE_CELL_M
 
 
 @dataclass(frozen=True)
 class VelocityObstacleConfig:
     """Samples, horizon and weight."""
 
-    gait: GaitConfig = field(default_factory=GaitConfig)
     directions: int = 48  # ours
     speeds: int = 4  # ours: up to top speed; and standing
     horizon_s: float = 8.0  # ours: as far as the guard looks
-    body_radius_m: float = 0.15  # S_r, seed 001
     margin_m: float = 0.05  # as the guard's
-    cell_distance_m: float = 0.17  # as the guard's
     cell_horizon_s: float = 2.0  # ours: what stands is the route's business until it is near
-    moving_share: float = 0.3  # as the guard's
     weight_m: float = 0.2  # van den Berg 2008: w, here m (speed times time to contact)
 
     def __post_init__(self) -> None:
@@ -48,20 +46,20 @@ class VelocityObstacleConfig:
                 f"velocity obstacles: directions={self.directions} must be at least 4 and "
                 f"speeds={self.speeds} at least 1"
             )
-        if not (self.horizon_s > 0.0 and self.body_radius_m > 0.0):
-            raise ConfigError(
-                f"velocity obstacles: horizon_s={self.horizon_s} and body_radius_m="
-                f"{self.body_radius_m} must be positive"
-            )
+        if not self.horizon_s > 0.0:
+            raise ConfigError(f"velocity obstacles: horizon_s={self.horizon_s} must be positive")
 
 
 class VelocityObstacles:
     """Chooses a velocity for every step; without memory."""
 
-    def __init__(self, config: VelocityObstacleConfig | None = None) -> None:
+    def __init__(
+        self, config: VelocityObstacleConfig | None = None, robot: RobotModel = DARWIN_OP
+    ) -> None:
         self._config = config or VelocityObstacleConfig()
+        self._robot = robot
         angles = np.arange(self._config.directions) * 2.0 * math.pi / self._config.directions
-        rates = self._config.gait.max_speed_mps * (1 + np.arange(self._config.speeds))
+        rates = robot.gait.max_speed_mps * (1 + np.arange(self._config.speeds))
         rates = rates / self._config.speeds
         fan = rates[:, None, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         self._fan = np.concatenate([np.zeros((1, 2)), fan.reshape(-1, 2)])
@@ -76,19 +74,17 @@ class VelocityObstacles:
         stamp_s: float,
     ) -> WalkCommand:
         """The step towards the velocity of least penalty."""
-        config, gait = self._config, self._config.gait
+        config, gait = self._config, self._robot.gait
         if desired == WalkCommand():
             return desired  # it is looking round
         wanted = target - robot.mean[:2]
         wanted = gait.cruise_mps * wanted / max(float(np.hypot(*wanted)), 1e-9)
-        movers = [o for o in obstacles if o.moving >= config.moving_share]
-        reach = config.body_radius_m + config.margin_m
+        movers = [o for o in obstacles if o.moving >= MOVING]
+        reach = self._robot.radius_m + config.margin_m
         discs = [[*o.position, *o.velocity, o.radius_m + reach, config.horizon_s] for o in movers]
         near = occupied[np.hypot(*(occupied - robot.mean[:2]).T) < 0.5]
-        cells = [
-            [float(x), float(y), 0.0, 0.0, config.cell_distance_m, config.cell_horizon_s]
-            for x, y in near
-        ]
+        cell_m = self._robot.breadth * BASELINE_CELL_M
+        cells = [[float(x), float(y), 0.0, 0.0, cell_m, config.cell_horizon_s] for x, y in near]
         velocities = np.concatenate([wanted[None], self._fan])
         contact_s = np.empty(len(velocities))
         kernels.times_to_contact(

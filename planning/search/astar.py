@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from perception.primitives.errors import InputError
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from . import _lattice_kernels as kernels
 from ._potential_kernels import free_disc
@@ -24,7 +25,7 @@ from .path import Path as Path
 from .path import Terrain as Terrain
 from .path import clearance
 from .path import lattice_cost as lattice_cost
-from .potential import SearchConfig, terrain
+from .potential import Reach, SearchConfig, terrain
 from .shortcuts import begun_at, shortcut
 
 BUCKET = 0.25
@@ -42,6 +43,7 @@ def prepare(
     start_xy: Float[np.ndarray, "2"],
     config: SearchConfig,
     penalty: Float[np.ndarray, "rows columns"] | None = None,
+    robot: RobotModel = DARWIN_OP,
 ) -> Terrain:
     """Potential and clearance of a map, unseen cells round the start counted as free.
 
@@ -56,8 +58,8 @@ def prepare(
     """
     seen, hidden = probability.copy(), unknown.copy()
     x, y = ((start_xy - origin) / cell_m - 0.5).tolist()
-    free_disc(seen, hidden, x, y, config.start_radius_m, cell_m)
-    strength, blocked = terrain(seen, hidden, cell_m, config)
+    free_disc(seen, hidden, x, y, Reach.of(config, robot).start_m, cell_m)
+    strength, blocked = terrain(seen, hidden, cell_m, config, robot)
     if penalty is not None:
         strength = strength + penalty
     hard = ~hidden & (seen >= config.p_solid)
@@ -72,6 +74,7 @@ def find_path(
     start_xy: Float[np.ndarray, "2"],
     goal_xy: Float[np.ndarray, "2"],
     config: SearchConfig,
+    robot: RobotModel = DARWIN_OP,
 ) -> Path | None:
     """The cheapest way over the map, shortcut.
 
@@ -96,8 +99,8 @@ def find_path(
     Source: seed 003, section 3 and ambiguities 3 to 5.
     """
     _check(probability, origin, cell_m, start_xy, goal_xy)
-    ground = prepare(probability, unknown, origin, cell_m, start_xy, config)
-    return search(ground, start_xy, goal_xy, config)
+    ground = prepare(probability, unknown, origin, cell_m, start_xy, config, None, robot)
+    return search(ground, start_xy, goal_xy, config, robot)
 
 
 def search(
@@ -105,6 +108,7 @@ def search(
     start_xy: Float[np.ndarray, "2"],
     goal_xy: Float[np.ndarray, "2"],
     config: SearchConfig,
+    robot: RobotModel = DARWIN_OP,
 ) -> Path | None:
     """`find_path` on a map already prepared."""
     start = _nearest_free(ground, start_xy)
@@ -120,7 +124,7 @@ def search(
         cells = _leave(ground, start, (float(y), float(x)), config.literal)
     if cells is None:
         return None
-    return _path(ground, cells, start_xy, goal_xy, config)
+    return _path(ground, cells, start_xy, goal_xy, Reach.of(config, robot).turn_m)
 
 
 def cheapest(
@@ -207,7 +211,7 @@ def _path(
     cells: np.ndarray,
     start_xy: np.ndarray,
     goal_xy: np.ndarray,
-    config: SearchConfig,
+    turn_m: float,
 ) -> Path:
     """The path of these cells; its ends are the given places where their own cells are free."""
     price, blocked = ground.price, ground.blocked
@@ -217,7 +221,7 @@ def _path(
     if len(line) == 1:
         line = np.vstack([line, line])
     kept = shortcut(line, price, blocked)
-    return Path(ground, cells, line, kept, goal_xy, config.turn_radius_m)
+    return Path(ground, cells, line, kept, goal_xy, turn_m)
 
 
 def _nearest_free(ground: Terrain, xy: np.ndarray) -> tuple[int, int] | None:

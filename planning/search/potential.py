@@ -12,11 +12,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from . import _potential_kernels as kernels
 
@@ -29,21 +31,16 @@ class SearchConfig:
 
     form: str = "smooth"  # of the potential: "smooth", or "khatib" for comparison
     margin_m: float = 0.30  # E0, own (specification)
-    body_radius_m: float = 0.16  # r_b, own (specification)
     alpha: float = 5.0  # own (specification): weight of the potential, per m of way
     p_unknown: float = 0.5  # own (specification): for cells never seen
     p_solid: float = 0.5  # own (specification): from here on a known cell is a hard obstacle
-    start_radius_m: float = 0.35  # own (specification): unseen cells this near the start are free
-    turn_radius_m: float = 0.19  # gait: 46 mm a step at cruise over 14 deg of turn a step
     literal: bool = False  # rank nodes by their own potential only; not optimal, for comparison
 
     def __post_init__(self) -> None:
         if self.form not in FORMS:
             raise ConfigError(f"search: form={self.form!r} is unknown; expected one of {FORMS}")
-        for name in ("margin_m", "body_radius_m", "start_radius_m", "turn_radius_m"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"search: {name}={value} must be a positive length in m")
+        if not (math.isfinite(self.margin_m) and self.margin_m > 0.0):
+            raise ConfigError(f"search: margin_m={self.margin_m} must be a positive length in m")
         if not (math.isfinite(self.alpha) and self.alpha >= 0.0):
             raise ConfigError(f"search: alpha={self.alpha} must be finite and not negative")
         for name in ("p_unknown", "p_solid"):
@@ -52,8 +49,40 @@ class SearchConfig:
                 raise ConfigError(f"search: {name}={value} must be a probability in [0, 1]")
 
 
-def pull(
-    distance_m: Float[np.ndarray, "*n"], cell_m: float, config: SearchConfig
+BODY_M = 0.16  # r_b, ours: body_radius of a DARwIn-OP
+START_M = 0.35  # ours: unseen cells within this distance of a DARwIn-OP count as free
+TURN_M = 0.19  # ours: turning radius of a DARwIn-OP, 46 mm a step at 14 deg a step
+
+
+class Reach(NamedTuple):
+    """Lengths of the search for one robot, m.
+
+    Args:
+        body_m: r_b, within which an obstacle blocks a cell.
+        margin_m: E0, within which it costs.
+        start_m: Radius round the start within which unseen cells count as free.
+        turn_m: Turning radius of the walk.
+    """
+
+    body_m: float
+    margin_m: float
+    start_m: float
+    turn_m: float
+
+    @staticmethod
+    def of(config: SearchConfig, robot: RobotModel) -> Reach:
+        """The lengths tuned on a DARwIn-OP, scaled to this robot."""
+        wide = robot.breadth
+        return Reach(
+            wide * BODY_M, wide * config.margin_m, wide * START_M, robot.leg_scale * TURN_M
+        )
+
+
+def repulsion(
+    distance_m: Float[np.ndarray, "*n"],
+    cell_m: float,
+    config: SearchConfig,
+    robot: RobotModel = DARWIN_OP,
 ) -> Float[np.ndarray, "*n"]:
     """What an obstacle that is certain (p = 1) adds to the potential at a distance, without unit.
 
@@ -66,17 +95,19 @@ def pull(
 
     Source: seed 003, section 3.
     """
+    reach = Reach.of(config, robot)
     if config.form == "khatib":
-        strength = config.body_radius_m * (
-            1.0 / np.maximum(distance_m, cell_m / 2) - 1.0 / config.margin_m
-        )
+        strength = reach.body_m * (1.0 / np.maximum(distance_m, cell_m / 2) - 1.0 / reach.margin_m)
     else:
-        strength = 1.0 - distance_m / config.margin_m
-    return np.where(distance_m < config.margin_m, strength**2, 0.0)
+        strength = 1.0 - distance_m / reach.margin_m
+    return np.where(distance_m < reach.margin_m, strength**2, 0.0)
 
 
 def potential(
-    probability: Float[np.ndarray, "rows columns"], cell_m: float, config: SearchConfig
+    probability: Float[np.ndarray, "rows columns"],
+    cell_m: float,
+    config: SearchConfig,
+    robot: RobotModel = DARWIN_OP,
 ) -> Float[np.ndarray, "rows columns"]:
     """U(k) = max over k' of p(k') times the pull at E(k, k').
 
@@ -88,17 +119,7 @@ def potential(
     Source: seed 003, section 3.
     """
     nothing = np.zeros(probability.shape, np.bool_)
-    return _spread(probability, nothing, cell_m, config)[0]
-
-
-def blocked_cells(
-    solid: Bool[np.ndarray, "rows columns"], cell_m: float, config: SearchConfig
-) -> Bool[np.ndarray, "rows columns"]:
-    """Cells that the body's middle must not enter: a solid cell's centre is within r_b of theirs.
-
-    Source: seed 003, section 3 ("does not step on or hit").
-    """
-    return _spread(np.zeros(solid.shape), solid, cell_m, config)[1]
+    return _spread(probability, nothing, cell_m, config, robot)[0]
 
 
 def terrain(
@@ -106,6 +127,7 @@ def terrain(
     unknown: Bool[np.ndarray, "rows columns"],
     cell_m: float,
     config: SearchConfig,
+    robot: RobotModel = DARWIN_OP,
 ) -> tuple[Float[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
     """Potential and blocked cells of a map with unseen cells.
 
@@ -129,26 +151,31 @@ def terrain(
         raise InputError(
             f"search: probabilities from {least} to {most}, expected [0, 1] without NaN"
         )
-    return _spread(filled, ~unknown & (filled >= config.p_solid), cell_m, config)
+    return _spread(filled, ~unknown & (filled >= config.p_solid), cell_m, config, robot)
 
 
 def _spread(
-    probability: np.ndarray, solid: np.ndarray, cell_m: float, config: SearchConfig
+    probability: np.ndarray,
+    solid: np.ndarray,
+    cell_m: float,
+    config: SearchConfig,
+    robot: RobotModel,
 ) -> tuple[np.ndarray, np.ndarray]:
     return kernels.spread(
         np.ascontiguousarray(probability, np.float64),
         np.ascontiguousarray(solid),
-        *_quarter(cell_m, config),
+        *_quarter(cell_m, config, robot),
     )
 
 
 @cache
-def _quarter(cell_m: float, config: SearchConfig) -> tuple[np.ndarray, np.ndarray]:
+def _quarter(
+    cell_m: float, config: SearchConfig, robot: RobotModel
+) -> tuple[np.ndarray, np.ndarray]:
     """Pull of a cell (down, right) of the middle, and whether it blocks it; the other quarters are the same."""
-    reach = math.ceil(max(config.margin_m, config.body_radius_m) / cell_m)
+    lengths = Reach.of(config, robot)
+    reach = math.ceil(max(lengths.margin_m, lengths.body_m) / cell_m)
     along = np.arange(reach + 1) * cell_m
     distance = np.hypot(along[:, None], along)
-    near = distance <= config.body_radius_m * (
-        1.0 + 1e-9
-    )  # exactly at r_b counts, whatever rounding
-    return pull(distance, cell_m, config), near
+    near = distance <= lengths.body_m * (1.0 + 1e-9)  # exactly at r_b counts, whatever rounding
+    return repulsion(distance, cell_m, config, robot), near

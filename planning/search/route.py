@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
 from .astar import Path, prepare, search
 from .potential import SearchConfig
@@ -68,8 +69,13 @@ class _Block:
 class Route:
     """Leads to one goal at a time; a new goal forgets the old path."""
 
-    def __init__(self, search_config: SearchConfig, config: RouteConfig | None = None) -> None:
-        self._search = search_config
+    def __init__(
+        self,
+        search_config: SearchConfig,
+        config: RouteConfig | None = None,
+        robot: RobotModel = DARWIN_OP,
+    ) -> None:
+        self._search, self._robot = search_config, robot
         self._config = RouteConfig() if config is None else config
         self._goal: np.ndarray | None = None
         self._blocks: list[_Block] = []
@@ -107,8 +113,10 @@ class Route:
         self._watch_progress(robot, goal)
         probability, unknown, origin = self._widened(probability, unknown, origin, cell_m, goal)
         penalty = self._penalty(probability.shape, origin, cell_m, here)
-        ground = prepare(probability, unknown, origin, cell_m, here, self._search, penalty)
-        self.path = search(ground, here, goal, self._search)
+        ground = prepare(
+            probability, unknown, origin, cell_m, here, self._search, penalty, self._robot
+        )
+        self.path = search(ground, here, goal, self._search, self._robot)
         return np.asarray(self.ahead(here)[0])
 
     def ahead(self, here: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 2"]:

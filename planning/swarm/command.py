@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.robot_model import GaitLimits
 
 from ..commands import WalkCommand
-from ..footsteps import GaitConfig, footstep
+from ..footsteps import footstep, limited_step
 
 PRINTED_STEP_M = 0.04  # S_F, seed 000
 
@@ -26,7 +27,7 @@ def angle_to(place: Float[np.ndarray, "2"], robot: Pose2) -> float:
     return wrap_angle(math.atan2(place[1] - robot.y, place[0] - robot.x) - robot.yaw)
 
 
-def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> WalkCommand:
+def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> WalkCommand:
     """C_w: a step at cruising speed to the place, turned by at most theta_safety.
 
     Args:
@@ -39,7 +40,7 @@ def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> Wa
     return footstep(robot.yaw + angle_to(place, robot), gait.cruise_mps, robot, gait)
 
 
-def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> WalkCommand:
+def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> WalkCommand:
     """The same as printed, for comparison: always 0.04 m, by an angle that forgets the robot's heading.
 
     It is that to the y axis, and of the arc tangent of a ratio: right for who faces along y, and for places ahead.
@@ -49,16 +50,16 @@ def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig) -> Wa
     x, y = place[0] - robot.x, place[1] - robot.y
     turn = -math.atan(x / y) if y != 0.0 else -math.copysign(math.pi / 2, x)
     turn = min(max(turn, -gait.max_turn_rad), gait.max_turn_rad)
-    return gait.command(PRINTED_STEP_M / gait.step_s, 0.0, turn)
+    return limited_step(gait, PRINTED_STEP_M / gait.step_s, 0.0, turn)
 
 
 def turning(
-    goal: Float[np.ndarray, "2"], robot: Pose2, gait: GaitConfig, literal: bool = False
+    goal: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits, literal: bool = False
 ) -> WalkCommand:
     """C_w,penalty: on the spot towards the goal; as printed always by +14 deg.
 
     Source: seed 000, section 5; the sign is ours.
     """
     if literal:
-        return gait.command(0.0, 0.0, gait.max_turn_rad)
-    return gait.command(0.0, 0.0, math.copysign(gait.max_turn_rad, angle_to(goal, robot)))
+        return limited_step(gait, 0.0, 0.0, gait.max_turn_rad)
+    return limited_step(gait, 0.0, 0.0, math.copysign(gait.max_turn_rad, angle_to(goal, robot)))

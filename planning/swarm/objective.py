@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from . import _objective_kernels
 from .floor_rows import FloorRows, upright
@@ -33,10 +34,7 @@ from .floor_rows import FloorRows, upright
 class ObjectiveConfig:
     """The robot's measures and the limits of the search."""
 
-    width_m: float = 0.164  # seed 000
-    depth_m: float = 0.110  # seed 000
     margin_m: float = 0.02  # own (specification): added to both half measures
-    safety_deg: float = 14.0  # theta_safety, seed 000
     window_steps: int = 4  # N_step, seed 000: the window is theta_safety N_step to both sides
     farthest_m: float = 6.0  # d_max, own (specification)
     top_share: float = 120.0 / 720.0  # seed 000: rows from 120 of 720 on
@@ -47,7 +45,7 @@ class ObjectiveConfig:
     literal: bool = False  # as printed: narrowing corridor, absolute angles; with penalty 1
 
     def __post_init__(self) -> None:
-        for name in ("width_m", "depth_m", "safety_deg", "farthest_m", "penalty"):
+        for name in ("farthest_m", "penalty"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"swarm: {name}={value} must be positive and finite")
@@ -58,10 +56,9 @@ class ObjectiveConfig:
         if not (math.isfinite(self.margin_m) and self.margin_m >= 0.0):
             raise ConfigError(f"swarm: margin_m={self.margin_m} must be finite and not negative")
 
-    @property
-    def window_rad(self) -> float:
-        """Greatest angle between the robot's heading and a pixel, p4."""
-        return math.radians(self.safety_deg) * self.window_steps
+    def window_rad(self, gait: GaitLimits) -> float:
+        """Largest angle between the heading and a pixel, p4: what the robot can turn within the steps."""
+        return gait.max_turn_rad * self.window_steps
 
 
 PRINTED = ObjectiveConfig(margin_m=0.0, penalty=1.0, literal=True)
@@ -101,6 +98,7 @@ class Objective:
         goal: Float[np.ndarray, "2"],
         config: ObjectiveConfig,
         sides_blocked: tuple[bool, bool] = (False, False),
+        model: RobotModel = DARWIN_OP,
     ) -> Objective:
         """Prepare the objective for one picture.
 
@@ -111,8 +109,9 @@ class Objective:
                 pixels are those of the upright picture from then on.
             robot: Pose of the body, world frame.
             goal: World frame, m.
-            config: Measures and limits.
+            config: Limits.
             sides_blocked: Whether S_m forbids the left and the right half of the picture.
+            model: Width, depth and gait of the robot.
 
         Raises:
             InputError: for a picture that is not the camera's, or a camera as `FloorRows.of` refuses.
@@ -131,8 +130,8 @@ class Objective:
             blocked,
             cv2.integral(blocked, sdepth=cv2.CV_32S),
             rows,
-            _footprints(floor, config),
-            _pack(floor, robot, goal, config, sides_blocked),
+            _footprints(floor, config, model),
+            _pack(floor, robot, goal, config, model, sides_blocked),
             floor,
             robot,
             config,
@@ -161,10 +160,10 @@ class Objective:
         return np.asarray(self.robot.apply(self.floor.floor_of(np.array([pixel], float)))[0])
 
 
-def _footprints(floor: FloorRows, config: ObjectiveConfig) -> np.ndarray:
+def _footprints(floor: FloorRows, config: ObjectiveConfig, model: RobotModel) -> np.ndarray:
     """Rows and half width that cover the image of the robot's rectangle about each row's floor."""
-    half_depth = config.depth_m / 2 + config.margin_m
-    half_width = config.width_m / 2 + config.margin_m
+    half_depth = model.depth_m / 2 + config.margin_m
+    half_width = model.width_m / 2 + config.margin_m
     ahead = np.where(np.isfinite(floor.ahead), floor.ahead, 0.0)
     top = np.floor(floor.row_of(ahead + half_depth) + 0.5)
     bottom = np.floor(floor.row_of(ahead - half_depth) + 0.5)
@@ -181,11 +180,13 @@ def _pack(
     robot: Pose2,
     goal: np.ndarray,
     config: ObjectiveConfig,
+    model: RobotModel,
     sides_blocked: tuple[bool, bool],
 ) -> np.ndarray:
     camera, (x, y, up) = floor.camera, floor.eye
     in_body = robot.inverse().apply(np.asarray(goal, np.float64))
     ahead, left = Pose2(yaw=-floor.heading_rad).apply(in_body)
+    window = config.window_rad(model.gait)
     turned = wrap_angle(robot.yaw - math.pi / 2) if config.literal else 0.0
     half = camera.width / 2
     first, end = (
@@ -198,9 +199,9 @@ def _pack(
             camera.cx,
             y,
             *floor.lines,
-            config.width_m / 2 + config.margin_m,
-            -config.window_rad,
-            config.window_rad,
+            model.width_m / 2 + config.margin_m,
+            -window,
+            window,
             math.sin(floor.tilt_rad),
             math.cos(floor.tilt_rad),
             x,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 from perception.primitives.errors import ConfigError
 
 from .glances import GlanceConfig
+from .ground_memory import GroundMemoryConfig
 from .objective import PRINTED, ObjectiveConfig
 from .search import SwarmConfig
-from .standing import StandingConfig
 
 PREDICTIONS = ("tracks", "flow")
 VERSIONS = ("ours", "published", "printed")
@@ -28,12 +27,11 @@ class SwarmWalkerConfig:
     version: str = "ours"
     objective: ObjectiveConfig = field(default_factory=ObjectiveConfig)
     search: SwarmConfig = field(default_factory=SwarmConfig)
-    standing: StandingConfig = field(default_factory=StandingConfig)
+    standing: GroundMemoryConfig = field(default_factory=GroundMemoryConfig)
     glance: GlanceConfig = field(default_factory=GlanceConfig)
     prediction: str = "tracks"  # ours: "flow" is the seed's, by two pictures 0.2 s apart
     guarded: bool = True  # ours: the guard looks 7.8 s ahead, the seed one step
     tilt_deg: float = 30.0  # seed 000: the head is bowed
-    detect_to_m: float = 2.5  # ours: beyond, half a degree of pitch is 15 cm
     goal_times_s: tuple[
         float, ...
     ] = ()  # from when each goal holds; none: when the last is reached
@@ -66,7 +64,5 @@ class SwarmWalkerConfig:
             raise ConfigError(
                 f"swarm: prediction={self.prediction!r} is unknown; choose {', '.join(PREDICTIONS)}"
             )
-        if not (math.isfinite(self.detect_to_m) and self.detect_to_m > 0.0):
-            raise ConfigError(f"swarm: detect_to_m={self.detect_to_m} must be positive and finite")
         if list(self.goal_times_s) != sorted(self.goal_times_s):
             raise ConfigError(f"swarm: goal_times_s={self.goal_times_s} must not go back in time")

@@ -80,7 +80,7 @@ def nearest_speed(place: np.ndarray, velocity: np.ndarray) -> float:
 
 
 @njit(cache=True)
-def doubtful_band(
+def widened_band(
     place: np.ndarray,
     velocity: np.ndarray,
     radius: float,

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from . import _collision_kernels as kernels
 
-NO_DOUBT = np.zeros((4, 4))
+EXACT = np.zeros((4, 4))
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def miss_deviation(
     return float(kernels.miss_deviation(place, velocity, covariance, speed_mps, horizon_s))
 
 
-def doubtful_band(
+def widened_band(
     place: Float[np.ndarray, "2"],
     velocity: Float[np.ndarray, "2"],
     radius_m: float,
@@ -111,4 +111,4 @@ def doubtful_band(
     Source: ours; seed 001 leaves uncertain velocities open.
     """
     given = place, velocity, radius_m, covariance
-    return _band(kernels.doubtful_band(*given, sigmas, max_sigma_m, horizon_s))
+    return _band(kernels.widened_band(*given, sigmas, max_sigma_m, horizon_s))

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.robot_model import DARWIN_OP
 
 from . import _kernels
 
@@ -47,7 +48,6 @@ class FieldConfig:
     d_e_m: float = 0.25  # own (specification): width of the band in which the field turns aside
     d_b_m: float = 0.30  # own (specification): further band in which it swings back
     k_r_m: float = 0.10  # K_r, own (specification)
-    body_radius_m: float = 0.15  # S_r, own (specification)
     eta_v_s: float = 0.5  # w_soe eta_vo, own (specification): growth with the obstacle's speed
     eta_psi_m: float = 0.05  # w_soe eta_imp, own (specification): growth with the evaluations psi
     gaze_coupling: bool = True
@@ -57,18 +57,13 @@ class FieldConfig:
     convexity: float = 0.7  # xi, own (specification)
     virtual_v_s: float = 12.0  # w_dist eta_vo, own (specification)
     virtual_psi_m: float = 0.3  # w_dist eta_imp, own (specification)
-    cruise_mps: float = 0.0615  # own (specification): 0.04 m a step, seed 000
-    top_speed_mps: float = 0.10  # own (specification)
     acceleration_mps2: float = 0.05  # own (specification)
     sigmas: float = 1.0  # ours: deviations that uncertainty adds
     max_sigma_m: float = 0.15  # ours, as the guard: more doubt than this would freeze the robot
     horizon_s: float = 8.0  # ours: collisions later than this are left to later steps
 
     def __post_init__(self) -> None:
-        for name in (
-            *("d_con_m", "d_e_m", "body_radius_m", "virtual_v_s", "cruise_mps"),
-            *("top_speed_mps", "acceleration_mps2", "horizon_s"),
-        ):
+        for name in (*("d_con_m", "d_e_m", "virtual_v_s", "acceleration_mps2", "horizon_s"),):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"field: {name}={value} must be positive and finite")
@@ -83,10 +78,6 @@ class FieldConfig:
             raise ConfigError(
                 f"field: convexity={self.convexity} must lie in (0, 1); 0.5 is straight"
             )
-        if self.cruise_mps > self.top_speed_mps:
-            raise ConfigError(
-                f"field: cruise_mps={self.cruise_mps} is above top_speed_mps={self.top_speed_mps}"
-            )
 
 
 PUBLISHED = FieldConfig(w_goal=0.75, w_avoid=0.25)
@@ -98,6 +89,7 @@ def extended_radius(
     speed_mps: Float[np.ndarray, "n"],
     psi: Float[np.ndarray, "n"],
     config: FieldConfig,
+    body_m: float = DARWIN_OP.radius_m,
 ) -> Float[np.ndarray, "n"]:
     """S_oe: how far the robot's middle stays from an obstacle's.
 
@@ -105,14 +97,15 @@ def extended_radius(
         radius_m: S_o of each obstacle.
         speed_mps: Of each obstacle.
         psi: psi_sf + psi_ob, in [0, 2], from the gaze evaluations; zeros where not used.
-        config: S_r, and what speed and importance add.
+        config: Growth with speed and importance.
+        body_m: S_r of the robot.
 
     Returns:
         S_oe of each, m.
 
     Source: seed 001, eq. (7).
     """
-    return config.body_radius_m + radius_m + config.eta_v_s * speed_mps + config.eta_psi_m * psi
+    return body_m + radius_m + config.eta_v_s * speed_mps + config.eta_psi_m * psi
 
 
 def move_to_goal(

@@ -11,23 +11,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.obstacle import Obstacle
+from perception.primitives.obstacle import MOVING, Obstacle
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from ..gaze import evaluations
 from ..gaze.evaluations import EvaluationConfig
 from . import fields
-from .collision import NO_DOUBT, doubtful_band, miss_deviation
+from .collision import EXACT, miss_deviation, widened_band
 from .fields import FieldConfig
 from .speed import CLEAR, VIRTUAL, Change, change, least_distance
 from .virtual_obstacle import VirtualObstacle, virtual_obstacle
 
-MOVES = 0.3  # ours, as the guard: less probable movers are taken to stand
 SLOWEST_MPS = 0.005  # ours: what is slower is no mover
 NO_CELLS = np.zeros((0, 2))
 
@@ -73,9 +73,8 @@ def advise(
     goal: Float[np.ndarray, "2"],
     goal_heading: float | None,
     config: FieldConfig,
-    step_s: float = 0.65,
+    model: RobotModel = DARWIN_OP,
     evaluation: EvaluationConfig | None = None,
-    cruise_mps: float | None = None,
     cells: Float[np.ndarray, "k 2"] = NO_CELLS,
     cell_m: float = 0.0,
 ) -> Advice:
@@ -88,16 +87,13 @@ def advise(
         goal: p_d, world frame, m.
         goal_heading: th_tg, rad; None for any.
         config: The field, its additions and their switches.
-        step_s: For how long the speed changes.
+        model: Radius, speeds and step time of the robot.
         evaluation: Thresholds of psi; None: the defaults.
-        cruise_mps: The speed that is wanted; None: the field's own. Never above the field's top speed.
         cells: Middles of occupied cells that stand beside the tracks, world frame, m.
         cell_m: Their side.
 
     Source: seed 001, section 4 and 6.
     """
-    if cruise_mps is not None:
-        config = replace(config, cruise_mps=min(cruise_mps, config.top_speed_mps))
     here, yaw = robot.mean[:2], float(robot.mean[2])
     R = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
     moves = np.array([_moves(o) for o in obstacles], np.bool_)
@@ -107,19 +103,19 @@ def advise(
     if config.gaze_coupling:
         psi = _psi(robot, obstacles, velocities, evaluation or EvaluationConfig())
     radii = np.array([o.radius_m for o in obstacles]).reshape(-1)
-    extended = fields.extended_radius(radii, np.hypot(*velocities.T), psi, config)
+    extended = fields.extended_radius(radii, np.hypot(*velocities.T), psi, config, model.radius_m)
     movers = [
         _Mover(
             R.T @ (centres[k] - here),
             R.T @ velocities[k],
-            relative_covariance(robot, obstacles[k]) if config.uncertainty else NO_DOUBT,
+            relative_covariance(robot, obstacles[k]) if config.uncertainty else EXACT,
             float(extended[k]),
             float(psi[k]),
             k,
         )
         for k in np.flatnonzero(moves).tolist()
     ]
-    changes, acceleration, bound = _speed(movers, speed_mps, config)
+    changes, acceleration, bound = _speed(movers, speed_mps, config, model.gait)
     all_changes = [CLEAR] * len(obstacles)
     for mover, one in zip(movers, changes, strict=True):
         all_changes[mover.number] = one
@@ -127,7 +123,7 @@ def advise(
     discs = [*centres, *cells]
     sizes = [
         *(extended + _place_doubt(robot, obstacles, config)),
-        *fields.extended_radius(still + cell_m / 2, still, still, config),
+        *fields.extended_radius(still + cell_m / 2, still, still, config, model.radius_m),
     ]
     for extra in _virtual(movers, changes, speed_mps, config):
         discs.append(here + R @ extra.place)
@@ -144,7 +140,7 @@ def advise(
         np.array([yaw]),
         virtual=virtual,
     )[0]
-    step = acceleration * step_s
+    step = acceleration * model.gait.step_s
     low, high = (bound, speed_mps) if bound < speed_mps else (speed_mps, bound)
     speed = min(max(speed_mps + step, low), high)
     heading = math.atan2(float(u[1]), float(u[0])) if np.hypot(*u) > 0.0 else yaw
@@ -186,7 +182,7 @@ def _virtual(
 
 
 def _moves(obstacle: Obstacle) -> bool:
-    return obstacle.moving >= MOVES and float(np.hypot(*obstacle.velocity)) >= SLOWEST_MPS
+    return obstacle.moving >= MOVING and float(np.hypot(*obstacle.velocity)) >= SLOWEST_MPS
 
 
 def _psi(
@@ -214,14 +210,14 @@ def _place_doubt(robot: Gaussian, obstacles: Sequence[Obstacle], config: FieldCo
 
 
 def _speed(
-    movers: Sequence[_Mover], speed_mps: float, config: FieldConfig
+    movers: Sequence[_Mover], speed_mps: float, config: FieldConfig, gait: GaitLimits
 ) -> tuple[list[Change], float, float]:
     """What is done about each mover; the acceleration, and the speed at which it ends."""
-    cruise = math.copysign(config.acceleration_mps2, config.cruise_mps - speed_mps)
+    cruise = math.copysign(config.acceleration_mps2, gait.cruise_mps - speed_mps)
     if not (config.velocity_change or config.virtual_obstacles):
-        return [CLEAR] * len(movers), cruise, config.cruise_mps
+        return [CLEAR] * len(movers), cruise, gait.cruise_mps
     bands = [
-        doubtful_band(
+        widened_band(
             *(mover.place, mover.velocity, mover.radius_m, mover.covariance),
             *(config.sigmas, config.max_sigma_m, config.horizon_s),
         )
@@ -229,26 +225,28 @@ def _speed(
     ]
     radii = [mover.radius_m + _miss_doubt(mover, speed_mps, config) for mover in movers]
     changes = [
-        change(mover.place, mover.velocity, radius, band, speed_mps, config)
+        change(mover.place, mover.velocity, radius, band, speed_mps, config, gait.max_speed_mps)
         for mover, radius, band in zip(movers, radii, bands, strict=True)
     ]
 
-    def clear(acceleration: float, bound: float | None = None) -> bool:
+    def clear(acceleration: float, bound: float) -> bool:
         return all(
-            least_distance(m.place, m.velocity, speed_mps, acceleration, config, bound) >= r - 1e-6
+            least_distance(m.place, m.velocity, speed_mps, acceleration, bound, config.horizon_s)
+            >= r - 1e-6
             for m, r, one in zip(movers, radii, changes, strict=True)
             if one.case != VIRTUAL.case
         )
 
     if not config.velocity_change:
-        return [_virtual_or_clear(c) for c in changes], cruise, config.cruise_mps
-    if clear(cruise, config.cruise_mps):
-        return [_virtual_or_clear(c) for c in changes], cruise, config.cruise_mps
+        return [_virtual_or_clear(c) for c in changes], cruise, gait.cruise_mps
+    if clear(cruise, gait.cruise_mps):
+        return [_virtual_or_clear(c) for c in changes], cruise, gait.cruise_mps
     asked = sorted({0.0, *(c.acceleration_mps2 for c in changes)}, key=abs)
     for acceleration in asked:
-        if clear(acceleration, speed_mps if acceleration == 0.0 else None):
-            bound = config.top_speed_mps if acceleration > 0.0 else 0.0
-            return changes, acceleration, speed_mps if acceleration == 0.0 else bound
+        bound = gait.max_speed_mps if acceleration > 0.0 else 0.0
+        bound = speed_mps if acceleration == 0.0 else bound
+        if clear(acceleration, bound):
+            return changes, acceleration, bound
     turned = [c if c.case == CLEAR.case else VIRTUAL for c in changes]
     return turned, -config.acceleration_mps2, 0.0  # none suits all: slow down, and turn aside
 

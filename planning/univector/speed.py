@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives.robot_model import DARWIN_OP
+
 from . import _collision_kernels as kernels
 from .collision import Band, contact
 from .fields import FieldConfig
@@ -49,28 +51,25 @@ def least_distance(
     velocity: Float[np.ndarray, "2"],
     speed_mps: float,
     acceleration_mps2: float,
-    config: FieldConfig,
-    bound_mps: float | None = None,
+    bound_mps: float,
+    horizon_s: float,
 ) -> float:
     """How near the robot comes to the middle of an obstacle within the horizon, m, if it does this.
 
     Args:
         place, velocity: Of the obstacle in O_R, m and m/s.
         speed_mps, acceleration_mps2: Of the robot along x.
-        config: Horizon and top speed.
-        bound_mps: The speed at which it ends; None: top speed, or standing.
+        bound_mps: Speed at which the acceleration ends.
+        horizon_s: How far ahead.
     """
-    bound = bound_mps
-    if bound is None:
-        bound = config.top_speed_mps if acceleration_mps2 > 0.0 else 0.0
     return float(
         kernels.least_distance(
-            place, velocity, speed_mps, acceleration_mps2, bound, config.horizon_s, SAMPLES
+            place, velocity, speed_mps, acceleration_mps2, bound_mps, horizon_s, SAMPLES
         )
     )
 
 
-def lawful(
+def contact_acceleration(
     place: Float[np.ndarray, "2"],
     velocity: Float[np.ndarray, "2"],
     speed_mps: float,
@@ -94,7 +93,7 @@ def lawful(
     return 2.0 * (contact_speed_mps * t - speed_mps * t) / t**2
 
 
-def escape(
+def escape_acceleration(
     place: Float[np.ndarray, "2"],
     velocity: Float[np.ndarray, "2"],
     radius_m: float,
@@ -128,6 +127,7 @@ def change(
     band: Band | None,
     speed_mps: float,
     config: FieldConfig,
+    top_mps: float = DARWIN_OP.gait.max_speed_mps,
     literal: bool = False,
 ) -> Change:
     """What to do about one mover.
@@ -137,7 +137,8 @@ def change(
         radius_m: S_oe, the deviation of the miss included where it counts.
         band: Colliding speeds, or None.
         speed_mps: Of the robot along x.
-        config: Limits.
+        config: Acceleration and horizon.
+        top_mps: Top speed of the robot.
         literal: The printed law as it is.
 
     Source: seed 001, section 4, velocity modification.
@@ -147,14 +148,17 @@ def change(
     size = float(np.hypot(*velocity))
     across = abs(float(velocity[0] * place[1] - velocity[1] * place[0])) / max(size, 1e-12)
     inside = across <= radius_m
-    if not literal and least_distance(place, velocity, speed_mps, 0.0, config) >= radius_m:
+    if (
+        not literal
+        and least_distance(place, velocity, speed_mps, 0.0, 0.0, config.horizon_s) >= radius_m
+    ):
         return VIRTUAL if inside else CLEAR  # it collides beyond the horizon
     if inside:
-        wanted = [("escape", escape(place, velocity, radius_m, speed_mps))]
+        wanted = [("escape", escape_acceleration(place, velocity, radius_m, speed_mps))]
     else:
         wanted = [
-            ("accelerate", _bounded(place, velocity, speed_mps, band.high, config.top_speed_mps)),
-            ("decelerate", lawful(place, velocity, speed_mps, max(band.low, 0.0))),
+            ("accelerate", _bounded(place, velocity, speed_mps, band.high, top_mps)),
+            ("decelerate", contact_acceleration(place, velocity, speed_mps, max(band.low, 0.0))),
         ]
     limit = config.acceleration_mps2
     for case, first in wanted:
@@ -163,7 +167,7 @@ def change(
         if literal:
             return Change(case, first)
         sign = -1.0 if case == "decelerate" else 1.0
-        found = _until_clear(place, velocity, radius_m, speed_mps, first, sign, config)
+        found = _until_clear(place, velocity, radius_m, speed_mps, first, sign, config, top_mps)
         if found is not None:
             return Change(case, found)
     return VIRTUAL
@@ -173,7 +177,7 @@ def _bounded(
     place: np.ndarray, velocity: np.ndarray, speed_mps: float, root: float, top: float
 ) -> float:
     """a_1, infinite if v_c1 is beyond reach."""
-    return lawful(place, velocity, speed_mps, root) if root <= top else math.inf
+    return contact_acceleration(place, velocity, speed_mps, root) if root <= top else math.inf
 
 
 def _until_clear(
@@ -184,11 +188,14 @@ def _until_clear(
     first: float,
     sign: float,
     config: FieldConfig,
+    top_mps: float,
 ) -> float | None:
     """The least acceleration of this sign, from the law's on, that keeps clear; None if none within limits does."""
 
     def clear(a: float) -> bool:
-        return least_distance(place, velocity, speed_mps, a, config) >= radius_m - 1e-9
+        bound = top_mps if a > 0.0 else 0.0
+        least = least_distance(place, velocity, speed_mps, a, bound, config.horizon_s)
+        return least >= radius_m - 1e-9
 
     low, high = sign * max(sign * first, 0.0), sign * config.acceleration_mps2
     if clear(low):

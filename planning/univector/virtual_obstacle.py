@@ -36,7 +36,7 @@ class VirtualObstacle:
     velocity: Float[np.ndarray, "2"]
 
 
-def shrunk(extended_m: float, share: float, convexity: float) -> float:
+def shrunken_radius(extended_m: float, share: float, convexity: float) -> float:
     """R_calc: radius at a share h_vo of the distance at which it vanishes, m.
 
     Args:
@@ -90,7 +90,7 @@ def virtual_obstacle(
     vanishes = config.virtual_v_s * float(np.hypot(*relative)) + config.virtual_psi_m * psi
     share = ahead / vanishes if vanishes > 0.0 else math.inf
     foot = place + ahead * along
-    radius = min(shrunk(extended_m, share, config.convexity), float(np.hypot(*foot)))
+    radius = min(shrunken_radius(extended_m, share, config.convexity), float(np.hypot(*foot)))
     if radius <= 0.0:
         return None
     return VirtualObstacle(foot, radius, speed_mps * along[0] * along)

@@ -53,16 +53,7 @@ def load(name: str, seed: int, difficulty: float = grades.USUAL) -> Scene:
 
 
 def _registry() -> dict[str, Callable[[int, float], Scene]]:
-    from . import (  # they build the values defined here
-        avoidance_scenes,
-        course,
-        flat,
-        home,
-        plain_room,
-        public_places,
-        rooms,
-        seed_rooms,
-    )
+    from . import avoidance_scenes, course, flat, home, plain_room, public_places, rooms, seed_rooms
 
     known: dict[str, Callable[[int, float], Scene]] = {
         "home": home.furnished,

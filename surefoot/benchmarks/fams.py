@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from perception.primitives.robot_model import DARWIN_OP
 from planning.avoidance.fams import MOTIONS, SETS, TABLE, FamsConfig, select
 
 from .benchmark import Benchmark, Comparison, race
@@ -53,8 +54,8 @@ def peer(config: FamsConfig) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
 
     def run(width_m: np.ndarray, gap_m: np.ndarray) -> np.ndarray:
         simulation = control.ControlSystemSimulation(system)
-        simulation.input["w"] = width_m - config.body_width_m
-        simulation.input["s"] = gap_m - config.body_width_m
+        simulation.input["w"] = width_m - DARWIN_OP.passage_width_m
+        simulation.input["s"] = gap_m - DARWIN_OP.passage_width_m
         simulation.compute()
         return np.asarray(np.round(simulation.output["motion"]), dtype=np.int64)
 

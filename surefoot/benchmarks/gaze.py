@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 
 from perception.primitives.pose import head_rotation
+from perception.primitives.robot_model import HeadLimits
 from planning.gaze.selection import GazeMapConfig, shown
 
 from .benchmark import Benchmark, Comparison, race
@@ -36,7 +37,7 @@ def in_numpy(
 
 def run() -> Comparison:
     """Three grounds; the ratio is the geometric mean."""
-    config = GazeMapConfig(pan_deg=60.0, tilt_deg=(0.0, 60.0), step_deg=2.0)
+    config = GazeMapConfig(head=HeadLimits(60.0, (0.0, 60.0)), step_deg=2.0)
     pans, tilts = config.pans, config.tilts
     rotations = np.array([[head_rotation(float(p), float(t)) for t in tilts] for p in pans])
     across, down = (math.tan(math.radians(a) / 2) for a in (config.across_deg, config.down_deg))

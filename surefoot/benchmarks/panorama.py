@@ -14,7 +14,7 @@ from jaxtyping import Float32
 
 from mapping.panorama import level_sets
 from mapping.panorama.adjustment import Placed
-from mapping.panorama.key_angles import KeyAngleConfig, locate, prepared
+from mapping.panorama.key_angles import locate, prepared
 from mapping.panorama.rendering import render
 from mapping.panorama.sphere import Sphere
 from mapping.panorama.views import View
@@ -81,7 +81,6 @@ def _finding(
     range_m: Float32[np.ndarray, "h w"], rng: np.random.Generator
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Nine cuts with fresh noise, up to 2 px from where they are expected."""
-    config = KeyAngleConfig()
     cuts = []
     for yaw, pitch in DIRECTIONS_DEG:
         x = round((yaw + 82 - 22) * PX_PER_DEG) + int(rng.integers(-2, 3))
@@ -96,7 +95,7 @@ def _finding(
         panorama = prepared(range_m)
         places = []
         for cut, _, expected in cuts:
-            found = locate(panorama, prepared(cut), expected, REACH_PX, config)
+            found = locate(panorama, prepared(cut), expected, REACH_PX)
             assert found is not None, "all of the panorama is known"
             places.append((found.x, found.y))
         return places

@@ -17,9 +17,9 @@ from perception.primitives.frame import DepthView, Frame, StepOdometry, StereoVi
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from planning.planners.search_planner import SearchPlanner
 
 from ..config.schema import Config
-from ..navigator import Navigator
 from ..recordings.recording import RecordingInfo
 from ..run.pipeline import Pipeline
 
@@ -53,10 +53,10 @@ def warm(say: Callable[[str], None]) -> None:
     info = RecordingInfo("warm-up", "simulation", start=Pose2())
     began = time.perf_counter()
     pipeline = Pipeline(config, info)
-    navigator = Navigator(config, [(2.0, 0.0)])
+    navigator = SearchPlanner(config.planning, [(2.0, 0.0)])
     for number in range(20):
         seen = frame(0.325 * number, rng)
-        navigator.decide(seen, pipeline.cycle(seen), pipeline)
+        navigator.decide(pipeline.cycle(seen))
     say(f"cycle and decision: {time.perf_counter() - began:.1f} s")
     began = time.perf_counter()
     from perception.depth.points import Points
@@ -86,11 +86,20 @@ def warm(say: Callable[[str], None]) -> None:
         np.array([[1.0, 0.0]]),
         np.array([2.0, 0.0]),
         config.guard,
+        config.robot_model,
     )
     crossing = Obstacle(
         Gaussian(np.array([0.4, 0.4, 0.0, -0.05]), np.eye(4) * 1e-4), 0.1, moving=1.0
     )
-    motion.advise(robot, 0.06, [mover, crossing], np.array([2.0, 0.0]), None, config.via_field)
+    motion.advise(
+        robot,
+        0.06,
+        [mover, crossing],
+        np.array([2.0, 0.0]),
+        None,
+        config.via_field,
+        config.robot_model,
+    )
     say(f"floors and guard: {time.perf_counter() - began:.1f} s")
     for part in (_walkers_by_picture, _camera_in_the_hand, _panorama):
         began = time.perf_counter()

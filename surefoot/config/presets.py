@@ -6,12 +6,14 @@ import dataclasses
 import math
 from typing import Any
 
+from perception.floor.classify import ClassConfig
 from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
-from sim.body.dynamic.anatomy import DARWIN
+from perception.primitives.robot_model import GaitLimits
 from sim.robot import RobotConfig
 
 from . import toml
+from .robot_model import model_of
 from .schema import Config
 
 WALKED_LOCALISER = LocaliserConfig(
@@ -44,44 +46,19 @@ WALKED_LANDMARKS = LandmarkConfig(
 tags .5 of 2); with these, set on two recorded walks, it is .8 and 1.0."""
 
 
-SCALED = {
-    "search": {"wide": ("body_radius_m", "margin_m", "start_radius_m"), "long": ("turn_radius_m",)},
-    "univector": {"wide": ("body_radius_m",), "long": ("cruise_mps", "top_speed_mps")},
-    "via_field": {"wide": ("body_radius_m",), "long": ("cruise_mps", "top_speed_mps")},
-    "guard": {"wide": ("body_radius_m", "cell_distance_m", "cell_contact_m"), "long": ()},
-    "guard.gait": {
-        "wide": (),
-        "long": ("cruise_mps", "max_speed_mps", "max_back_mps", "max_side_mps"),
-    },
-    "gaze.attention": {"wide": (), "long": ("eye_m",)},
-    "swarm.objective": {"wide": ("width_m", "depth_m"), "long": ()},
-}
-"""What plans by the measures of the body: grows with its width, or with the length of its legs."""
-
-
 def needs(robot: RobotConfig) -> dict[str, Any]:
-    """What this body needs otherwise than the defaults have it, as nested tables.
+    """Values that differ from the defaults for this body, as nested tables.
 
-    Odometry of steps that are really walked, the sway of their cameras, and the measures of another anatomy or
-    scale: radii as the circle round the trunk, steps and eye as the legs.
+    For the dynamic body the odometry of its steps and the sway of its cameras; for another anatomy or scale the
+    height below which points are obstacles.
     """
     found: dict[str, Any] = {}
     if robot.body == "dynamic":
         found["localiser"] = _differing(WALKED_LOCALISER, LocaliserConfig())
         found["landmarks"] = _differing(WALKED_LANDMARKS, LandmarkConfig())
-    body = robot.dynamic.body
-    if body == DARWIN:
-        return found
-    grown = {
-        "wide": math.hypot(*body.trunk_m[:2]) / math.hypot(*DARWIN.trunk_m[:2]),
-        "long": body.hip_m / DARWIN.hip_m,
-    }
-    plain = Config()
-    for place, names in SCALED.items():
-        table, part = found, plain
-        for key in place.split("."):
-            table, part = table.setdefault(key, {}), getattr(part, key)
-        table |= {name: grown[way] * getattr(part, name) for way in grown for name in names[way]}
+    height_m = model_of(robot, GaitLimits()).height_m
+    if height_m != ClassConfig().robot_height_m:
+        found["classes"] = {"robot_height_m": height_m}
     return found
 
 

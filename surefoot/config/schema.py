@@ -1,7 +1,7 @@
-"""One configuration made of every part's own.
+"""The configuration of a run: the parts of every package, joined.
 
-Works with no file at all; reads TOML, of which any part may be left out; a run writes the complete one
-beside its results, and that file runs again to the same numbers.
+It works without a file. A file may leave out any part. A run writes the complete configuration beside its results,
+and that file repeats the run to the same numbers.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mapping.io.clouds import CloudConfig
 from mapping.objects.footprints import FootprintConfig
 from mapping.panorama.view_selection import ViewSelectionConfig
 from mapping.surface.tsdf_config import TsdfConfig
-from perception.depth.health import DepthTrustConfig
+from perception.depth.health import DepthHealthConfig
 from perception.depth.reach import ReachesConfig
 from perception.depth.stereo import StereoConfig
 from perception.depth.structured_light import StructuredLightConfig
@@ -34,11 +34,13 @@ from perception.obstacles.colour_detection import ColouredConfig
 from perception.obstacles.tracker import TrackerConfig
 from perception.odometry.rgbd_odometry import OdometerConfig
 from perception.primitives.errors import ConfigError
+from perception.primitives.robot_model import GaitLimits, RobotModel
 from perception.primitives.settings import setting
 from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
 from planning.gaze.policy import GazeConfig
 from planning.planners.mission import MissionConfig
+from planning.planners.settings import BESIDE_GUARD, PlanningConfig
 from planning.safety.guard import GuardConfig
 from planning.search.potential import SearchConfig
 from planning.search.route import RouteConfig
@@ -48,34 +50,33 @@ from sim.robot import RobotConfig
 from sim.scenes.difficulty import USUAL
 from sim.scenes.difficulty import check as check_difficulty
 
+from .robot_model import model_of
+
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
-"""The robot's own camera as its calibration found it; another camera needs its own figures."""
+"""Ours: noise of the simulated robot's ToF camera by calibration; another camera needs its own values."""
 
 CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0002, 0.0003)))
-"""With that calibration little is left that all points of a TOF view have wrong alike (NEES of walks)."""
-
-
-BESIDE_GUARD = FieldConfig(
-    gaze_coupling=False, virtual_obstacles=False, velocity_change=False, uncertainty=False
-)
-"""The published field alone: beside a guard its additions are the guard's business. Measured (001-E4, 100 courses):
-field alone 153 contacts, with all additions 180, with the guard 1."""
+"""Ours: error common to all points of a ToF view after that calibration, from the NEES of walks."""
 
 
 @dataclass(frozen=True)
 class Config:
     """Everything a run depends on."""
 
-    scene: str = "home"
-    seed: int = 0
-    difficulty: float = USUAL  # ours: of the scene, in [0, 1]; see `sim.difficulty`
+    scene: str = setting("home", "", "name of a scene, or a scene file", "ours")
+    seed: int = setting(0, "", "seed of scene, noise and random choices", "ours")
+    difficulty: float = setting(
+        USUAL, "", "of the scene, 0 easy to 1 hard: number, speed and distance of obstacles", "ours"
+    )
     ignore_poses: bool = setting(
         False,
         "",
         "estimate the trajectory without the poses of the recording, which serve as its truth",
-        "ours: poses of a recording are used by default",
+        "ours",
     )
-    renderer: str = "auto"  # egl where it works, else tiny; a run writes down which it was
+    renderer: str = setting(
+        "auto", "", "egl, tiny (software), or auto (egl where it works)", "ours"
+    )
     mission: MissionConfig = field(default_factory=MissionConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     reach: ReachesConfig = field(default_factory=ReachesConfig)
@@ -102,6 +103,7 @@ class Config:
     panorama: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
+    gait: GaitLimits = field(default_factory=GaitLimits)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = BESIDE_GUARD  # of the planner `field`, straight to the goal
     via_field: FieldConfig = BESIDE_GUARD  # of the planner `search`, to its via points
@@ -110,10 +112,22 @@ class Config:
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
     avoidance: AvoidanceConfig = field(default_factory=AvoidanceConfig)
     gaze: GazeConfig = field(default_factory=GazeConfig)
-    depth_trust: DepthTrustConfig = field(default_factory=DepthTrustConfig)
+    depth_health: DepthHealthConfig = field(default_factory=DepthHealthConfig)
+
+    @property
+    def planning(self) -> PlanningConfig:
+        """The part that planners see."""
+        names = {item.name for item in dataclasses.fields(PlanningConfig)} - {"robot"}
+        parts = {name: getattr(self, name) for name in names}
+        return PlanningConfig(robot=self.robot_model, **parts)
+
+    @property
+    def robot_model(self) -> RobotModel:
+        """Sizes and limits of the configured body, for planning."""
+        return model_of(self.robot, self.gait)
 
     def resolved(self, renderer: str) -> Config:
-        """The same, with the renderer that was really used."""
+        """The same with the renderer that is used."""
         return dataclasses.replace(self, renderer=renderer)
 
     def __post_init__(self) -> None:

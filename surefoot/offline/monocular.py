@@ -87,7 +87,7 @@ def colour_floors(
         name = f"frame {number}"
         try:
             _check_pose(frame)
-            estimate = pipeline.cycle(_without_unusable_colour(frame))
+            estimate = pipeline.cycle(_without_unusable_colour(frame)).estimate
             picture = _picture(frame, estimate, recording)
             if before is not None and before.camera != picture.camera:
                 before = None

@@ -75,7 +75,7 @@ def gather(recording: Recording, config: Config, say: Say) -> Gathered:
     T_base_map: Pose3 | None = None
     kept: list[Pose3] = []
     for number, frame in enumerate(recording.frames()):
-        estimate = pipeline.cycle(frame)
+        estimate = pipeline.cycle(frame).estimate
         if not estimate.views:
             continue
         found.used += 1

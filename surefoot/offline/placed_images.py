@@ -188,7 +188,7 @@ class WalkingBody(PlacedImages):
     def images(self) -> Iterator[PlacedImage]:
         """The images, one after the other."""
         for frame in self.recording.frames():
-            estimate = self._pipeline.cycle(frame)
+            estimate = self._pipeline.cycle(frame).estimate
             if estimate.pose is not None:
                 self._rows.append(estimate_row(frame.stamp_s, estimate.pose))
             self.with_depth += bool(estimate.views)

@@ -1,10 +1,9 @@
-"""A live page on loopback: the map, the cloud, the robot and what moves, in three dimensions.
+"""A live page on loopback: map, cloud, robot and tracks in three dimensions.
 
-Beside the space stand the panes of seed 004's Fig. 6: the camera, the range camera, and, where the robot looks
-about, the last panorama.
+Beside the scene are the panes of seed 004's Fig. 6: the camera, the depth cameras, and the last panorama of a planner
+that scans.
 
-Needs the extra `viz` (viser: server and page in one, no outside request). It looks on; nothing that the
-run decides or writes depends on it.
+Needs the extra `viz` (viser: server and page in one, without outside requests). The run does not depend on it.
 """
 
 from __future__ import annotations
@@ -21,16 +20,19 @@ from jaxtyping import Float, UInt8
 from perception.estimate import Estimate
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Frame
+from planning.planners.planner import Planner
+from planning.world_model import WorldModel
 
-from ..planners import Planner
 from ..results.run_folder import RunFolder
-from ..run.pipeline import Pipeline
 
 HOST = "127.0.0.1"
 PANE_PX = 320  # width of a pane; more only fills the line
 FARTHEST_M = 3.0  # range that is brightest in the panes, as in the report
 CLOUD_POINTS = 20_000  # more make a browser slow and show nothing new
-STANDING, MOVING = (230, 159, 0), (213, 94, 0)  # orange and vermilion, told apart by everyone
+STANDING, MOVING = (
+    (230, 159, 0),
+    (213, 94, 0),
+)  # orange and vermilion, distinct for colour-blind readers
 
 
 class LivePage:
@@ -54,17 +56,15 @@ class LivePage:
         """Where a browser finds it."""
         return f"http://{HOST}:{self._server.get_port()}"
 
-    def show(
-        self, frame: Frame, pipeline: Pipeline, estimate: Estimate, planner: Planner | None = None
-    ) -> None:
+    def show(self, frame: Frame, world: WorldModel, planner: Planner | None = None) -> None:
         """Draw the state after one cycle.
 
         Args:
-            frame: What the sensors said.
-            pipeline, estimate: What was made of it.
-            planner: Who decides; one that looks about (`looks`) has its panorama shown.
+            frame: What the sensors gave.
+            world: What perception made of it.
+            planner: Decides; the last panorama of one that scans (`looks`) is shown.
         """
-        scene = self._server.scene
+        scene, estimate = self._server.scene, world.estimate
         self._show_panes(frame, estimate, planner)
         if estimate.pose is not None:
             x, y, yaw = (float(v) for v in estimate.pose.mean)
@@ -90,8 +90,8 @@ class LivePage:
         followed = {obstacle.track for obstacle in estimate.obstacles}
         for gone in [track for track in self._tracks if track not in followed]:
             self._tracks.pop(gone).remove()
-        if pipeline.grid is not None:
-            grid = pipeline.grid
+        if world.grid is not None:
+            grid = world.grid
             self.show_map(grid.probability, np.asarray(grid.origin), grid.cell_m)
 
     def _show_panes(self, frame: Frame, estimate: Estimate, planner: Planner | None) -> None:

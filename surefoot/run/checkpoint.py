@@ -18,7 +18,7 @@ from perception.primitives.errors import InputError, OutputError
 from ..config.schema import Config
 from ..results.camera_trajectory import CameraTrajectory
 from .pipeline import Pipeline
-from .run_recorder import Journal
+from .run_recorder import RunRecorder
 
 NAME = ".checkpoint.pickle"
 EVERY_S = 20.0  # ours: writing takes some ten milliseconds
@@ -32,12 +32,12 @@ class State:
 
     Args:
         pipeline: Pose source, tracks and maps.
-        journal: Tables of the run.
+        recorder: Tables of the run.
         camera: Trajectory of a freely moving camera.
     """
 
     pipeline: Pipeline
-    journal: Journal
+    recorder: RunRecorder
     camera: CameraTrajectory
 
 

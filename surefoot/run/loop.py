@@ -1,53 +1,60 @@
-"""The walking loop: read, estimate, decide, act, record."""
+"""The walking loop, the only one: read a frame, perceive, decide, act.
+
+Runs and studies iterate over it and record what they need. Over a recording there is no planner.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from dataclasses import dataclass
 
-from perception.estimate import Estimate
 from perception.primitives.frame import Frame
+from perception.primitives.stopwatch import Stopwatch
+from planning.planners.planner import Decision, Planner
+from planning.world_model import WorldModel
 
-from ..planners import Planner
 from .bodies import Body
-from .pipeline import Pipeline
-from .run_recorder import Journal
-from .stopwatch import Stopwatch
-
-if TYPE_CHECKING:
-    pass
-from .summary import Say
+from .perception_source import PerceptionSource
 
 
-def walk_loop(
-    body: Body,
-    pipeline: Pipeline,
-    planner: Planner | None,
-    journal: Journal,
-    say: Say,
-    after: Callable[[float], None] = lambda stamp_s: None,
-    page: Callable[[Frame, Pipeline, Estimate, Planner | None], None] | None = None,
-    aside: Callable[[], None] = lambda: None,
-) -> None:
-    """Read, estimate, decide, act, write down; until the goals are reached or the frames end."""
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """One pass of the loop.
+
+    Args:
+        frame: What the sensors gave.
+        world: What perception made of it.
+        decision: The footstep and gaze that were commanded; None between footsteps or without a planner.
+    """
+
+    frame: Frame
+    world: WorldModel
+    decision: Decision | None = None
+
+
+def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) -> Iterator[Cycle]:
+    """Every cycle of a walk or a recording, until the mission is over or the frames end.
+
+    The command of a cycle is given to the body before the cycle is yielded, and taken up by the body at its
+    next step.
+
+    Args:
+        body: A robot, or a recording played back.
+        perception: Makes the world model.
+        planner: Decides; None over a recording.
+    """
     while (frame := body.read()) is not None:
-        after(frame.stamp_s)
-        estimate = pipeline.cycle(frame)
+        world = perception.cycle(frame)
         decision, watch = None, Stopwatch()
         if planner is not None:
             with watch.stage("decide"):
-                planner.notice(frame, estimate, pipeline)
-                estimate = pipeline.told(estimate)
+                planner.observe(world)
                 if frame.footstep_due:
-                    decision = planner.decide(frame, estimate, pipeline)
-        estimate.timing_ms.update(watch.milliseconds)
+                    decision = planner.decide(world)
+        world.estimate.timing_ms.update(watch.milliseconds)
         if decision is not None:
             body.walk(decision.walk)
             body.look(decision.gaze)
-        journal.note(frame, estimate, decision)
-        aside()
-        if page is not None:
-            page(frame, pipeline, estimate, planner)
-        say(journal.progress(estimate, planner))
-        if planner is not None and planner.finished(estimate):
+        yield Cycle(frame, world, decision)
+        if planner is not None and planner.finished(world):
             break

@@ -1,8 +1,9 @@
-"""The cycle: from one frame of the sensors to where we are, what is there, and what the map says.
+"""The pipeline: from one frame of the sensors to pose, floor, obstacles, tracks and maps.
 
-It reads like the flow chart of seed 003, with the localiser and the tracks of seed 001 in front of the
-map: locate, measure depth, find the floor, tell obstacles from it, follow what moves, remember. The same
-cycle runs live and over a recording; deciding where to step is `navigator`'s part.
+The order is that of the flow chart of seed 003, with the localiser and the tracker of seed 001 before the maps:
+localise, measure depth, find the floor, classify points, track obstacles, map. While depth does not show the floor
+ahead, or for a planner by colour, the floor by colour of seed 000 gives detections too. The same pipeline runs live
+and over a recording. It is the only place that measures; planners read the `WorldModel` it returns.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from mapping.grid.confidence import ConfidenceLayer, looked_at
+from mapping.grid.dynamic_traces import DynamicTraces
 from mapping.grid.egocentric_grid import EgocentricGrid
-from mapping.grid.mover_traces import MoverTraces
 from mapping.grid.world_map import WorldMap
 from mapping.io.clouds import CloudBuilder
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points
+from perception.depth.health import DepthHealth
 from perception.depth.reach import ReachConfig
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
@@ -40,6 +42,7 @@ from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.pose_source import PoseSource
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.static_points import static_points
+from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, either
 from perception.obstacles import clustering, colour_detection
 from perception.obstacles.clustering import Cluster
 from perception.obstacles.track import Detection
@@ -48,10 +51,11 @@ from perception.odometry.odometry_poses import OdometryPoses
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
+from perception.primitives.stopwatch import Stopwatch
+from planning.world_model import WorldModel
 
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
-from .stopwatch import Stopwatch
 
 
 class Pipeline:
@@ -66,6 +70,9 @@ class Pipeline:
         self.rng = np.random.default_rng(config.seed)
         self.cloud = CloudBuilder(config.cloud)
         self.obstacle_cloud = CloudBuilder(config.obstacle_cloud)
+        self.health = DepthHealth(config.depth_health)
+        flow = config.swarm.as_walked.prediction == "flow"
+        self.colour_floor = ColourFloorFinder(config.monocular, flow)
         self._forget()
 
     def _forget(self) -> None:
@@ -74,10 +81,10 @@ class Pipeline:
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
         self._mapped_s: float | None = None
-        self._traces = MoverTraces()
+        self._traces = DynamicTraces()
 
-    def cycle(self, frame: Frame) -> Estimate:
-        """Take one frame all the way from pixels to the map."""
+    def cycle(self, frame: Frame) -> WorldModel:
+        """Take one frame from pixels to the maps."""
         watch = Stopwatch()
         with watch.stage("locate"):
             sightings = (
@@ -95,19 +102,26 @@ class Pipeline:
         with watch.stage("register"):
             views, registration = self._register(views)
         pose = self.whereabouts.pose
+        if frame.footstep_due and self.config.depth_health.fall_back:
+            self.health.update([(view.depth, view.floor) for view in views])
+        by_colour = None
+        if pose is not None and self._needs_colour_floor(frame):
+            with watch.stage("floor by colour"):
+                by_colour = self.colour_floor.find(frame.colour, _pose2(pose), frame.stamp_s)
         with watch.stage("obstacles"):
             found = self._cluster(views, pose)
             if pose is not None:
+                visible = visibility(views)
                 self.tracker.update(
                     frame.stamp_s,
-                    self._detections(found, frame),
+                    self._detections(found, frame, by_colour),
                     pose,
-                    visibility(views),
+                    visible if by_colour is None else either(visible, by_colour.shows_free),
                     [_detection(cluster) for cluster in found if not cluster.placed],
                 )
         with watch.stage("map"):
             self._remember(frame, views, pose)
-        return Estimate(
+        estimate = Estimate(
             frame.stamp_s,
             pose,
             tuple(views),
@@ -118,17 +132,17 @@ class Pipeline:
             tuple(sightings),
             watch.milliseconds,
             registration,
+            frame.colour,
+            by_colour,
+            self.health.healthy,
         )
+        return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
 
-    def told(self, estimate: Estimate) -> Estimate:
-        """The estimate of this frame with what the planner has shown the tracker since."""
-        if estimate.pose is None:
-            return estimate
-        return replace(
-            estimate,
-            obstacles=tuple(self.tracker.obstacles),
-            innovations=tuple(self.tracker.innovations),
-        )
+    def _needs_colour_floor(self, frame: Frame) -> bool:
+        """Whether obstacles are looked for by colour: the planner needs it, or depth is lost."""
+        if self.config.monocular.use != "auto":
+            return self.config.monocular.use == "always"
+        return self.config.mission.planner == "swarm" or not self.health.healthy
 
     def footprints(self) -> list[Footprint]:
         """Ground plans of what stands, from the obstacle points that the world map believes in."""
@@ -211,12 +225,14 @@ class Pipeline:
             obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
         )
 
-    def _detections(self, found: Sequence[Cluster], frame: Frame) -> list[Detection]:
-        """What the tracks learn from: things in depth whose middle is known, and by colour what depth does not place."""
+    def _detections(
+        self, found: Sequence[Cluster], frame: Frame, floor: ColourFloor | None
+    ) -> list[Detection]:
+        """Detections for the tracker: clusters with a known centre, and by colour what depth does not show."""
         placed = [_detection(cluster) for cluster in found if cluster.placed]
-        if frame.colour is None:
-            return placed
-        by_colour = colour_detection.detect(frame.colour, self.config.coloured)
+        by_colour = [] if floor is None else list(floor.detections)
+        if frame.colour is not None:
+            by_colour += colour_detection.detect(frame.colour, self.config.coloured)
         return placed + [
             seen
             for seen in by_colour
@@ -248,9 +264,9 @@ class Pipeline:
             self.confidence.see(
                 looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
             )
-        traces = self._traces.of_movers(self.tracker.obstacles, frame.stamp_s)
+        traces = self._traces.update(self.tracker.obstacles, frame.stamp_s)
         for one in (self.grid, self.world):
-            one.let_fade(*traces)
+            one.mark_moving(*traces)
             one.age(elapsed)
 
     def _remember_view(self, frame: Frame, view: SegmentedView, pose: Gaussian | None) -> None:

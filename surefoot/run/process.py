@@ -16,8 +16,9 @@ from . import checkpoint
 from .bodies import Playback
 from .checkpoint import State
 from .interrupt import stop_requested
+from .loop import cycles
 from .pipeline import Pipeline
-from .run_recorder import Journal
+from .run_recorder import RunRecorder
 from .summary import Say, Summary, _count, _reasons
 
 
@@ -49,26 +50,26 @@ def process(
     state = checkpoint.load(out, config) if resume and out is not None else None
     if state is None or out is None:
         folder = RunFolder.create(out, name=recording.info.name, reads=path)
-        journal = Journal(folder, config, recording.info, (), str(path))
-        state = State(Pipeline(config, recording.info), journal, CameraTrajectory())
+        recorder = RunRecorder(folder, config, recording.info, (), str(path))
+        state = State(Pipeline(config, recording.info), recorder, CameraTrajectory())
     else:
         folder = RunFolder(out)
-        say(f"resuming after frame {state.journal.frames}")
-    pipeline, journal, camera = state.pipeline, state.journal, state.camera
+        say(f"resuming after frame {state.recorder.frames}")
+    pipeline, recorder, camera = state.pipeline, state.recorder, state.camera
     keeper = checkpoint.Keeper(folder.root, config)
-    body = Playback(recording, skip=journal.frames)
+    body = Playback(recording, skip=recorder.frames)
     source = pipeline.whereabouts
     interrupted = False
     with stop_requested() as stopped:
-        while not interrupted and (frame := body.read()) is not None:
-            estimate = pipeline.cycle(frame)
-            journal.note(frame, estimate, None)
+        for cycle in cycles(body, pipeline, None):
+            recorder.note(cycle)
             if isinstance(source, CameraPoseSource) and source.camera is not None:
-                camera.append(frame.stamp_s, source.camera)
+                camera.append(cycle.world.stamp_s, source.camera)
             keeper(state)
-            say(journal.progress(estimate, None))
-            interrupted = stopped()
-    if journal.frames == 0:
+            say(recorder.progress(cycle.world, None))
+            if interrupted := stopped():
+                break
+    if recorder.frames == 0:
         raise RecordingError(
             f"{path}: none of its frames could be used ({_reasons(recording)}); "
             "check that this is the right folder and that its depth images open"
@@ -84,17 +85,17 @@ def process(
         camera.write(folder, source.T_map_origin)
     summary = Summary(
         folder.root,
-        journal.frames,
-        journal.seconds,
+        recorder.frames,
+        recorder.seconds,
         skipped=_count(recording),
-        notes=(*journal.notes(pipeline), *recording.remarks),
+        notes=(*recorder.notes(), *recording.remarks),
         interrupted=interrupted,
     )
     words = ["surefoot", "process", str(path), "--config", str(folder.path("config.toml"))]
     if description is not None:
         words += ["--description", str(description)]
     entries = {"command": shlex.join(words), "trajectory": "camera" if in_space else "body"}
-    journal.finish(pipeline, summary.as_dict() | entries)
+    recorder.finish(pipeline, summary.as_dict() | entries)
     if not interrupted:
         keeper.done()
     return summary

@@ -1,7 +1,7 @@
-"""What a run writes down while it goes on, and puts into its folder at the end.
+"""The run recorder: writes the tables and pictures of a run, and its maps at the end.
 
-Tables go to the disk row by row, so that a run of any length needs the same memory; only the time of every
-stage is kept, eight bytes each.
+Tables go to disk row by row, so that memory does not grow with the length of a run, except for eight bytes per
+stage and frame of timing.
 """
 
 from __future__ import annotations
@@ -9,11 +9,12 @@ from __future__ import annotations
 import importlib.metadata
 from array import array
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from mapping.io import clouds, grid_file, nav2
 from perception.estimate import Estimate
@@ -21,10 +22,11 @@ from perception.filtering.consistency import Innovation
 from perception.floor.segmented_view import SegmentedView
 from perception.primitives.frame import Frame
 from perception.primitives.obstacle import Obstacle
+from planning.planners.planner import Decision, Planner
+from planning.world_model import WorldModel
 
 from ..config import toml
 from ..config.schema import Config
-from ..planners import Decision, Planner
 from ..recordings.recording import RecordingInfo
 from ..results.measurement_log import (
     ODOMETRY,
@@ -36,6 +38,7 @@ from ..results.measurement_log import (
 )
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from .loop import Cycle
 from .pipeline import Pipeline
 
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
@@ -50,7 +53,7 @@ VIEW_WIDTH_PX = 360
 DRAWN_WIDTH_PX = 960  # of several panes
 
 
-class Journal:
+class RunRecorder:
     """The tables and pictures of one run."""
 
     def __init__(
@@ -87,8 +90,9 @@ class Journal:
         """From the first frame to the last, recording's clock."""
         return self._last_s - self._first_s
 
-    def note(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
-        """Write one cycle down."""
+    def note(self, cycle: Cycle) -> None:
+        """Write one cycle."""
+        frame, estimate, decision = cycle.frame, cycle.world.estimate, cycle.decision
         stamp = estimate.stamp_s
         self._first_s = stamp if self.frames == 0 else self._first_s
         self._last_s = stamp
@@ -124,21 +128,21 @@ class Journal:
         caption = f"{name}, t = {stamp_s:.1f} s"
         self._views.append({"stamp": stamp_s, "name": name, "file": file, "caption": caption})
 
-    def progress(self, estimate: Estimate, planner: Planner | None) -> str:
+    def progress(self, world: WorldModel, planner: Planner | None) -> str:
         """One line for the terminal."""
         text = f"frame {self.frames}"
         if self._info.frames:
             text += f" of {self._info.frames}"
-        text += f", t {estimate.stamp_s:.1f} s"
+        text += f", t {world.stamp_s:.1f} s"
         if planner is not None:
             if self._goals:
-                text += f", {planner.distance_to_goal(estimate):.2f} m to the goal"
+                text += f", {planner.distance_to_goal(world):.2f} m to the goal"
             else:
                 text += f", {planner.reached} places visited"
-            text += f", {len(estimate.obstacles)} tracks"
+            text += f", {len(world.tracks)} tracks"
         return text
 
-    def notes(self, pipeline: Pipeline) -> tuple[str, ...]:
+    def notes(self) -> tuple[str, ...]:
         """What the user should know about how the recording was used."""
         said = [f"floor seen in {self._floor_seen} of {self.frames} frames"]
         if not self._poses.rows:
@@ -226,8 +230,8 @@ class Journal:
             pictures.append(("colour", colour, VIEW_WIDTH_PX))
         for view in estimate.views:
             pictures.append((view.sensor, _depth_picture(view.depth.z), VIEW_WIDTH_PX))
-        if decision is not None and decision.drawn is not None:
-            drawn = cv2.cvtColor(decision.drawn(), cv2.COLOR_RGB2BGR)
+        drawn = _stages(estimate, decision)
+        if decision is not None and drawn is not None:
             pictures.append((f"stages, then {decision.why}", drawn, DRAWN_WIDTH_PX))
         for name, picture, width in pictures:
             height = round(picture.shape[0] * width / picture.shape[1])
@@ -244,6 +248,17 @@ class Journal:
                         "caption": f"{name}, t = {estimate.stamp_s:.1f} s",
                     }
                 )
+
+
+def _stages(estimate: Estimate, decision: Decision | None) -> UInt8[np.ndarray, "h w 3"] | None:
+    """The stages of the monocular cycle with the chosen pixel, BGR; None if the planner chose none."""
+    if decision is None or decision.image_target is None or estimate.colour_floor is None:
+        return None
+    from ..report.plots.monocular import stages  # loaded only for these pictures
+
+    target = decision.image_target
+    result = replace(estimate.colour_floor.result, movable=target.movable)
+    return np.asarray(cv2.cvtColor(stages(result, chosen_px=target.pixel), cv2.COLOR_RGB2BGR))
 
 
 def _footprints(pipeline: Pipeline) -> list[dict[str, Any]]:

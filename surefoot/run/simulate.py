@@ -1,10 +1,10 @@
-"""Whole runs: a walk through a simulated scene, a recording processed; both end in a run folder."""
+"""A walk through a simulated scene, ending in a run folder."""
 
 from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,41 +12,43 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from perception.estimate import Estimate
-from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose2, wrap_angle
+from planning.planners.factory import make
+from planning.planners.planner import Planner
 
 from ..config.schema import Config
-from ..planners import Planner, make
 from ..recordings.mcap_format import RecordingWriter
 from ..recordings.recording import RecordingInfo
 from ..results.run_folder import RunFolder
 from .bodies import LiveBody
-from .loop import walk_loop
+from .loop import cycles
 from .pipeline import Pipeline
-from .run_recorder import Journal
+from .run_recorder import RunRecorder
 from .summary import Say, Summary
 
 if TYPE_CHECKING:
-    from sim.robot import RobotConfig
+    from sim.robot import RobotConfig, SimulatedRobot
     from sim.scene import Scene
 
+    from ..report.live_view import LivePage
 
-DRAWS = 100  # ours: more means that there is no room
-START_COVARIANCE = np.diag(np.square([0.01, 0.01, np.radians(1.0)]))  # put down on its mark by hand
+
+DRAWS = 100  # ours: start poses to try
+START_COVARIANCE = np.diag(np.square([0.01, 0.01, np.radians(1.0)]))
+"""Ours: of the start pose of a robot that is placed on its mark by hand, m^2 and rad^2."""
 SETTLING = np.diag(np.square([0.005, 0.005, np.radians(3.0)]))
-"""Ours: a body with dynamics twists on its soles until they are at rest, one of four by some degrees."""
+"""Ours: added for a dynamic body, which turns by some degrees while its soles come to rest."""
 
 
 def start_covariance(robot: RobotConfig) -> Float[np.ndarray, "3 3"]:
-    """How far from its mark (x, y, yaw) the robot may stand when time begins, m and rad."""
+    """Covariance of the start pose (x, y, yaw) about its mark, m^2 and rad^2."""
     return START_COVARIANCE + SETTLING if robot.body == "dynamic" else START_COVARIANCE
 
 
-def put_down(scene: Scene, config: Config) -> Pose2:
-    """Where the robot really stands: drawn about its mark as `START_COVARIANCE` has it, clear of all things.
+def true_start(scene: Scene, config: Config) -> Pose2:
+    """The true start pose: drawn about its mark with `START_COVARIANCE`, clear of all obstacles.
 
-    A mark that has no such place about it is met exactly.
+    The mark itself if no such pose is found.
     """
     from sim.scenes.free_space import ROBOT_TOP_M
     from sim.shapes import distance
@@ -70,18 +72,18 @@ def simulate(
     """Walk through a simulated scene until its goals are reached or the time is up.
 
     Args:
-        config: Everything; `config.scene` and `config.seed` choose the world.
+        config: Settings; `config.scene` and `config.seed` choose the world.
         out: Run folder; None takes the next free one below runs/.
-        record: Keep what the sensors said in recording.mcap.
-        say: Progress.
-        watch: Follow on a live page.
+        record: Write the sensor data to recording.mcap.
+        say: Takes lines of progress.
+        watch: Show a live page.
 
     Raises:
-        InputError: Unknown scene.
+        InputError: Unknown scene or planner.
         OutputError: The folder cannot be written.
     """
     from sim.robot import SimulatedRobot
-    from sim.scenes import catalogue  # the simulation is loaded only by those who simulate
+    from sim.scenes import catalogue  # loaded only for simulation
     from sim.world import World
 
     from ..results.ground_truth_log import TruthLog
@@ -90,60 +92,77 @@ def simulate(
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
     with contextlib.ExitStack() as stack:
-        placed = replace(scene, start=put_down(scene, config))
+        placed = replace(scene, start=true_start(scene, config))
         world = stack.enter_context(World(placed, config.renderer, config.seed))
         begin = stack.enter_context(_recorder(folder, record))
         robot = stack.enter_context(SimulatedRobot(world, config.robot, config.seed))
-        info = RecordingInfo(
-            name=f"{scene.name}-{config.seed}",
-            kind="simulation",
-            landmarks=scene.landmarks,
-            start=scene.start,
-            scene=config.scene,
-            start_covariance=start_covariance(config.robot),
-            floor_height_world_m=0.0,
-            gravity_up_world=robot.up,
-        )
+        info = known_beforehand(scene, robot, config)
         body = LiveBody(robot, begin(info))
         pipeline = Pipeline(config, info)
-        planner = make(config, goals)
+        planner = make_planner(config, goals)
         truth = TruthLog(robot, scene)
-        journal = Journal(folder, config.resolved(renderer=world.renderer), info, goals)
+        recorder = RunRecorder(folder, config.resolved(renderer=world.renderer), info, goals)
         page = _page(watch, say)
-        walk_loop(body, pipeline, planner, journal, say, truth.note, page)
+        for cycle in cycles(body, pipeline, planner):
+            truth.note(cycle.frame.stamp_s)
+            recorder.note(cycle)
+            if page is not None:
+                page.show(cycle.frame, cycle.world, planner)
+            say(recorder.progress(cycle.world, planner))
         fell = body.fell_at_s
         if fell is not None:
             truth.note(fell)
         truth.write(folder)
     summary = Summary(
         folder.root,
-        journal.frames,
-        journal.seconds,
+        recorder.frames,
+        recorder.seconds,
         reached=(planner.reached, len(goals)) if goals else None,
         notes=() if fell is None else (f"the robot fell after {fell:.1f} s",),
         fell_at_s=fell,
         body=config.robot.body,
     )
-    _keep_looks(planner, journal)
-    journal.finish(pipeline, summary.as_dict())
+    _keep_looks(planner, recorder)
+    recorder.finish(pipeline, summary.as_dict())
     return summary
 
 
-def _keep_looks(planner: Planner, journal: Journal) -> None:
-    """What a planner looked about for, as pictures: the four panes of seed 004."""
+def make_planner(config: Config, goals: Sequence[tuple[float, float]]) -> Planner:
+    """The planner of a run, with recovery and fall-back as far as the robot's cameras allow."""
+    robot = config.robot
+    fall_back = config.depth_health.fall_back and robot.colour
+    return make(config.planning, goals, robot.tof, fall_back)
+
+
+def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> RecordingInfo:
+    """What the robot knows before it walks: its start, the landmarks, and the direction of gravity."""
+    return RecordingInfo(
+        name=f"{scene.name}-{config.seed}",
+        kind="simulation",
+        landmarks=scene.landmarks,
+        start=scene.start,
+        scene=config.scene,
+        start_covariance=start_covariance(config.robot),
+        floor_height_world_m=0.0,
+        gravity_up_world=robot.up,
+    )
+
+
+def _keep_looks(planner: Planner, recorder: RunRecorder) -> None:
+    """Panoramic scans of a planner as pictures with the four panes of seed 004."""
     if not hasattr(planner, "looks"):
         return
-    from ..report.plots import avoidance  # only this planner's pictures need it
+    from ..report.plots import avoidance  # loaded only for these pictures
 
     for look in planner.looks:
-        journal.keep_picture(look.stamp_s, "look about", avoidance.png_of(look))
+        recorder.keep_picture(look.stamp_s, "panoramic scan", avoidance.png_of(look))
 
 
 @contextlib.contextmanager
 def _recorder(
     folder: RunFolder, wanted: bool
 ) -> Iterator[Callable[[RecordingInfo], RecordingWriter | None]]:
-    """A way to start the recording once it is known what it is of; closed in any case."""
+    """A function that starts the recording, which is closed in any case."""
     with contextlib.ExitStack() as stack:
 
         def begin(info: RecordingInfo) -> RecordingWriter | None:
@@ -154,13 +173,11 @@ def _recorder(
         yield begin
 
 
-def _page(
-    watch: bool, say: Say
-) -> Callable[[Frame, Pipeline, Estimate, Planner | None], None] | None:
+def _page(watch: bool, say: Say) -> LivePage | None:
     if not watch:
         return None
     from ..report.live_view import LivePage
 
     page = LivePage()
     say(f"live page: {page.address}")
-    return page.show
+    return page

@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ..recordings.recording import Recording
-
-if TYPE_CHECKING:
-    pass
-
 
 Say = Callable[[str], None]
 

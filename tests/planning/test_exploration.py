@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 from perception.primitives.errors import ConfigError
-from planning.exploration import ExplorationConfig, Explorer, Ground, _Ways
+from planning.exploration import ExplorationConfig, ExplorationMap, Explorer, _Ways
 
 CELL = 0.05
 
@@ -36,8 +36,8 @@ class Walk:
         self.t = 0.0
         self.look()
 
-    def ground(self) -> Ground:
-        return Ground(
+    def ground(self) -> ExplorationMap:
+        return ExplorationMap(
             self.occupied & self.known, self.known.copy(), self.updated_s.copy(), np.zeros(2), CELL
         )
 
@@ -97,7 +97,9 @@ def test_ways_are_as_short_as_those_of_another_solver():
     rng = np.random.default_rng(3)
     occupied = ndimage.binary_dilation(rng.random((40, 50)) < 0.02, iterations=2)
     occupied[18:23, 18:23] = False
-    ground = Ground(occupied, ~np.zeros_like(occupied), np.zeros(occupied.shape), np.zeros(2), CELL)
+    ground = ExplorationMap(
+        occupied, ~np.zeros_like(occupied), np.zeros(occupied.shape), np.zeros(2), CELL
+    )
     here = np.array([20.5, 20.5]) * CELL
     ways = _Ways(ground, here, 0.06)
     free = np.isfinite(ways.metres)
@@ -124,7 +126,7 @@ def test_the_next_goal_lies_on_the_way_and_no_farther_than_asked():
 def test_walled_in_it_stays_where_it_is():
     occupied = np.ones((20, 20), dtype=bool)
     occupied[8:12, 8:12] = False
-    ground = Ground(occupied, np.ones_like(occupied), np.zeros((20, 20)), np.zeros(2), CELL)
+    ground = ExplorationMap(occupied, np.ones_like(occupied), np.zeros((20, 20)), np.zeros(2), CELL)
     here = np.array([0.5, 0.5])
     assert float(np.hypot(*(Explorer().goal(ground, here, 0.0) - here))) < 0.2
 

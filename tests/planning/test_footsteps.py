@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
-from planning.footsteps import GaitConfig, footstep
+from perception.primitives.robot_model import GaitLimits
+from planning.footsteps import footstep, limited_step
 
-GAIT = GaitConfig()
+GAIT = GaitLimits()
 angles = st.floats(-10.0, 10.0)
 
 
@@ -42,7 +43,7 @@ def test_ahead_it_walks_a_cruise_step_and_to_the_side_it_turns_on_the_spot():
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4))
 def test_a_command_is_the_wish_where_the_gait_can_do_it(forward, left, turn):
-    step = GAIT.command(forward, left, turn)
+    step = limited_step(GAIT, forward, left, turn)
     if -0.03 <= forward <= 0.10:
         assert step.forward_m == pytest.approx(0.65 * forward)
     if abs(left) <= 0.03:
@@ -52,4 +53,4 @@ def test_a_command_is_the_wish_where_the_gait_can_do_it(forward, left, turn):
 
 def test_a_cruise_above_the_top_speed_is_refused():
     with pytest.raises(ConfigError, match="cruise_mps"):
-        GaitConfig(cruise_mps=0.2)
+        GaitLimits(cruise_mps=0.2)

@@ -14,12 +14,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float
 
-from perception.estimate import Estimate
 from perception.localisation.filter import PoseFilter
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
@@ -28,18 +26,20 @@ from perception.primitives.pose import Pose2
 from planning.gaze import evaluations
 from planning.gaze.attention import sample_region
 from planning.gaze.policy import MODES
+from planning.planners.search_planner import SearchPlanner
+from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
 from sim.scenes import catalogue
 from sim.world import World
 
 from ...config.presets import on_body
 from ...config.schema import Config
-from ...navigator import Navigator
-from ...run.pipeline import Pipeline
+from ...run.bodies import LiveBody
+from ...run.loop import cycles
 from ...run.simulate import START_COVARIANCE
 from ..support.course_runner import course_config
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.geometric_perception import CourseSenses
+from ..support.geometric_perception import GeometricPerception
 from ..support.trials import each
 
 SCENE = "course"
@@ -76,28 +76,22 @@ class Looked:
     fell: bool = False
 
 
-class LocatedSenses(CourseSenses):
-    """Senses that must find their place by the tags in view."""
+class LocalisedPerception(GeometricPerception):
+    """Geometric perception whose pose comes from the localiser, by odometry, gyro and the tags in view."""
 
     def __init__(self, config: Config, robot: SimulatedRobot, seed: int) -> None:
-        super().__init__(config, robot, seed, truly=False)
+        super().__init__(config, robot, seed, perfect=False)
         scene = robot.world.scene
         self.landmarks = scene.landmarks
         self.localiser = PoseFilter(
             Gaussian(scene.start.vector, START_COVARIANCE), scene.landmarks, config.localiser
         )
-        self._sightings: tuple[Sighting, ...] = ()
         self._noise = np.random.default_rng([seed, 41])
 
-    def cycle(self, frame: Frame) -> Estimate:
-        """As before, with what was sighted."""
-        self._frame = frame
-        return replace(super().cycle(frame), sightings=self._sightings)
-
-    def _believed(self, true: Pose2, elapsed: float) -> Gaussian:
-        """By odometry, gyro and tags."""
-        self.localiser.predict(self._frame.odometry, self._frame.imu, elapsed)
-        self._sightings = tuple(self._look_for_tags(true)) if self._frame.footstep_due else ()
+    def _estimated(self, frame: Frame, true: Pose2, elapsed: float) -> Gaussian:
+        """The localiser's pose."""
+        self.localiser.predict(frame.odometry, frame.imu, elapsed)
+        self._sightings = tuple(self._look_for_tags(true)) if frame.footstep_due else ()
         self.localiser.update(self._sightings)
         return self.localiser.pose
 
@@ -143,26 +137,16 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
         World(scene, "tiny", seed) as world,
         SimulatedRobot(world, config.robot, seed) as robot,
     ):
-        senses = LocatedSenses(config, robot, seed)
-        planner = Navigator(config, goals)
-        while True:
-            frame = robot.read()
-            if robot.fallen:
-                break
-            estimate = senses.cycle(frame)
-            true = senses.truth.robot_pose()
-            gaps = np.hypot(senses.discs[:, 0] - true.x, senses.discs[:, 1] - true.y)
-            now = set(np.flatnonzero(gaps - senses.discs[:, 2] - BODY_M <= 0.0).tolist())
+        perception = LocalisedPerception(config, robot, seed)
+        planner = SearchPlanner(config.planning, goals)
+        for cycle in cycles(LiveBody(robot), perception, planner):
+            true = perception.truth.robot_pose()
+            gaps = np.hypot(perception.discs[:, 0] - true.x, perception.discs[:, 1] - true.y)
+            now = set(np.flatnonzero(gaps - perception.discs[:, 2] - BODY_M <= 0.0).tolist())
             contacts += len(now - touching)
             touching = now
-            if frame.footstep_due:
-                decision = planner.decide(frame, estimate, cast(Pipeline, senses))
-                robot.walk(decision.walk)
-                robot.look(decision.gaze)
-                if decision.why != "survey":
-                    found.append(_measures(senses, estimate, true, len(scene.movers), config))
-            if planner.finished(estimate):
-                break
+            if cycle.decision is not None and cycle.decision.why != "survey":
+                found.append(_measures(perception, cycle.world, true, len(scene.movers), config))
         sigma, mover, stale = np.array(found or [(math.nan,) * 3]).T
         return Looked(
             float(sigma.mean()),
@@ -176,24 +160,24 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
 
 
 def _measures(
-    senses: LocatedSenses, estimate: Estimate, true: Pose2, movers: int, config: Config
+    perception: LocalisedPerception, world: WorldModel, true: Pose2, movers: int, config: Config
 ) -> tuple[float, float, float]:
     """Deviation of the place, mean of those of the movers near, stale share."""
-    assert estimate.pose is not None
-    assert senses.grid is not None
-    assert senses.confidence is not None
+    assert world.pose is not None
+    assert perception.grid is not None
+    assert perception.confidence is not None
     lost = config.tracker.largest_sigma_m
     near = []
-    for x, y, radius in senses.discs[:movers]:
+    for x, y, radius in perception.discs[:movers]:
         if math.hypot(x - true.x, y - true.y) > NEAR_M:
             continue
-        tracks = [o for o in estimate.obstacles if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
+        tracks = [o for o in world.tracks if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
         sigmas = [evaluations.deviation(o.state.covariance[:2, :2]) for o in tracks]
         near.append(min(sigmas, default=lost))
     region = config.gaze.attention.map
-    _, confidence = sample_region(senses.grid, senses.confidence, estimate.pose, region)
+    _, confidence = sample_region(perception.grid, perception.confidence, world.pose, region)
     return (
-        evaluations.deviation(estimate.pose.covariance[:2, :2]),
+        evaluations.deviation(world.pose.covariance[:2, :2]),
         float(np.mean(near)) if near else math.nan,
         float(np.mean(confidence < config.confidence.stale_below)),
     )

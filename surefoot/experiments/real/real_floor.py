@@ -33,7 +33,7 @@ def cycles(path: Path, say: Say) -> Iterator[tuple[str, Estimate, Pipeline]]:
     pipeline = Pipeline(Config(), recording.info)
     for number, frame in enumerate(recording.frames()):
         say(f"{path.name} frame {number}")
-        yield f"{number}", pipeline.cycle(frame), pipeline
+        yield f"{number}", pipeline.cycle(frame).estimate, pipeline
 
 
 def errors(planes: list[tuple[Plane, Plane]]) -> tuple[np.ndarray, np.ndarray]:

@@ -51,8 +51,8 @@ class Quality:
 def quality(mesh: Mesh, room: ReplicaRoom, rng: np.random.Generator) -> Quality:
     """How good a mesh in the room's own frame is."""
     true = Mesh(room.mesh.vertices, room.mesh.triangles[room.seen], room.mesh.normals)
-    to_truth = away(scene_of(room.mesh), mesh.spread(SAMPLES, rng))
-    to_found = away(scene_of(mesh), true.spread(SAMPLES, rng))
+    to_truth = away(scene_of(room.mesh), mesh.sampled(SAMPLES, rng))
+    to_found = away(scene_of(mesh), true.sampled(SAMPLES, rng))
     precise, recalled = float(np.mean(to_truth < 0.02)), float(np.mean(to_found < 0.02))
     return Quality(
         1e3 * float(np.median(to_truth)),

@@ -20,18 +20,18 @@ from pathlib import Path
 
 import numpy as np
 
+from perception.monocular import contact_detections
 from perception.monocular import cycle as stages_of
 from perception.monocular.cycle import Monocular, MonocularConfig
 from perception.monocular.result import MonocularResult, Picture
 from perception.primitives.pose import Pose2
-from planning.footsteps import GaitConfig
+from perception.primitives.robot_model import GaitLimits
+from perception.primitives.stopwatch import Stopwatch
 from planning.swarm import command, search
 from planning.swarm.corners import Corners
 from planning.swarm.objective import Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
 
-from ... import monocular_tracks
-from ...run.stopwatch import Stopwatch
 from ..support.experiment import Experiment, Outcome, Say, Target
 from .monocular_cycle import walk
 
@@ -81,7 +81,7 @@ class Thinking:
     def __init__(self, first: Picture) -> None:
         self._monocular = Monocular(MonocularConfig())
         self._corners = Corners()
-        self._gait = GaitConfig()
+        self._gait = GaitLimits()
         self._rng = np.random.default_rng(5)
         self._goal = _body(first).apply(np.array([GOAL_M, 0.0]))
 
@@ -113,7 +113,7 @@ class Thinking:
             step_m = gait.cruise_mps * gait.step_s
             self._corners.update(result.corners_blocked, result.nearest_m, step_m)
         with watch.stage("specks"):  # as our walker fills them
-            ground = monocular_tracks.sight(result).ground
+            ground = contact_detections.floor_contacts(result).ground
             movable = np.where(result.predicted > 0, np.uint8(0), ground)
         with watch.stage("objective"):
             objective = Objective.of(

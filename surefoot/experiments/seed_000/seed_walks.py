@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planning.footsteps import GaitConfig
+from perception.primitives.robot_model import GaitLimits
 from planning.planners.mission import MissionConfig
 from sim.scenes import catalogue
 from sim.scenes.seed_rooms import GOAL_TIMES_S
@@ -24,7 +24,7 @@ def config_of(
     scene: str,
     seed: int,
     limit_s: float,
-    cruise_mps: float = GaitConfig().cruise_mps,
+    cruise_mps: float = GaitLimits().cruise_mps,
     body: str = "kinematic",
     version: str = "ours",
 ) -> Config:
@@ -40,14 +40,14 @@ def config_of(
     """
     config = Config(scene=scene, seed=seed)
     robot = replace(config.robot, tof=False, stereo=False, image_pairs=True)
-    gait = replace(config.guard.gait, cruise_mps=cruise_mps)
+    gait = replace(config.gait, cruise_mps=cruise_mps)
     if cruise_mps <= PRINTED_MPS:
         gait = replace(gait, max_speed_mps=cruise_mps)
     times = GOAL_TIMES_S[scene]
     config = replace(
         config,
         robot=robot,
-        guard=replace(config.guard, gait=gait),
+        gait=gait,
         swarm=replace(config.swarm, goal_times_s=times, version=version),
         mission=MissionConfig(planner="swarm", goals=len(times), time_limit_s=limit_s),
     )
@@ -76,7 +76,7 @@ def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
         last = there[0] if len(there) else -1
         figures[f"goal{k + 1}_approach_m"] = float(away[0] - away[last]) if len(away) else np.nan
     moved = np.hypot(*np.diff(walked.positions[:, :2], axis=0).T)
-    step_s = config.guard.gait.step_s
+    step_s = config.gait.step_s
     figures["footsteps"] = float(np.ceil((walked.stamps[-1] - walked.stamps[0]) / step_s))
     figures["walked_m"] = float(moved.sum())
     return figures

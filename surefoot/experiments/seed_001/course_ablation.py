@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...config.schema import BESIDE_GUARD
+from planning.planners.settings import BESIDE_GUARD
+
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import each
 from .course_trials import HEADER, Trial, figures, row, try_all

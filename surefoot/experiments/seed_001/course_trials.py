@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planning.safety.dynamic_window import DynamicWindow
-from planning.safety.step_filter import Stepper, Trusting
+from planning.safety.step_filter import StepFilter, Unfiltered
 from planning.safety.velocity_obstacles import VelocityObstacles
 from planning.univector.fields import FieldConfig
 
@@ -20,9 +20,9 @@ from ..support.trials import each
 
 PAPER_S = 560.2  # seed 001, section V-C
 
-STEPPERS: dict[str, Callable[[], Stepper | None]] = {
+STEPPERS: dict[str, Callable[[], StepFilter | None]] = {
     "guard": lambda: None,
-    "field": Trusting,
+    "field": Unfiltered,
     "dynamic window": DynamicWindow,
     "velocity obstacles": VelocityObstacles,
 }
@@ -35,7 +35,7 @@ class Trial:
 
     Args:
         scene, seed: Which course.
-        truly: With true perception.
+        perfect: Perception without errors.
         stepper: One of `STEPPERS`.
         field: Switches of the field; None: as beside the guard.
         body: Who walks.
@@ -43,7 +43,7 @@ class Trial:
 
     scene: str
     seed: int
-    truly: bool = False
+    perfect: bool = False
     stepper: str = "guard"
     field: FieldConfig | None = None
     body: str = "kinematic"
@@ -54,7 +54,7 @@ def try_out(trial: Trial) -> Walk:
     config = on_body(course_config(trial.scene, trial.seed), trial.body)
     if trial.field is not None:
         config = replace(config, via_field=trial.field)
-    return walk(config, trial.truly, STEPPERS[trial.stepper]())
+    return walk(config, trial.perfect, STEPPERS[trial.stepper]())
 
 
 def try_all(trials: Iterable[Trial], say: Say, body: str) -> list[Walk]:

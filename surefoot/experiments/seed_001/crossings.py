@@ -21,8 +21,8 @@ from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import DARWIN_OP
 from planning import footsteps
-from planning.footsteps import GaitConfig
 from planning.univector import motion
 from planning.univector.fields import FieldConfig
 from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
@@ -61,7 +61,7 @@ class Crossing:
 def cross(seed: int, field: FieldConfig) -> Crossing:
     """One encounter; the same mover and the same errors of each look for every field."""
     draw, looks = (np.random.default_rng(s) for s in np.random.SeedSequence([seed, 50]).spawn(2))
-    gait, sensor = GaitConfig(), GeometricSensor(GeometricSensorConfig(), looks)
+    gait, sensor = DARWIN_OP.gait, GeometricSensor(GeometricSensorConfig(), looks)
     place, velocity, radius = _mover(draw, gait.cruise_mps)
     tracker, robot, goal = ObstacleTracker(), Pose2(0.0, 0.0, 0.0), np.array([WAY_M, 0.0])
     speed, stamp, turning, clearance = gait.cruise_mps, 0.0, 0.0, math.inf
@@ -74,9 +74,7 @@ def cross(seed: int, field: FieldConfig) -> Crossing:
             for one in sensor.look(np.array([[*seen, radius]]), pan, TILT_RAD, True)
         ]
         tracker.update(stamp, detections, pose)
-        advice = motion.advise(
-            pose, speed, tracker.obstacles, goal, None, field, gait.step_s, None, gait.cruise_mps
-        )
+        advice = motion.advise(pose, speed, tracker.obstacles, goal, None, field)
         wanted = advice.speed_mps if field.velocity_change else gait.cruise_mps
         step = footsteps.footstep(advice.heading_rad, wanted, robot, gait)
         speed = step.forward_m / gait.step_s

@@ -13,12 +13,12 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1 with true perception and from the sensors; peers on a quarter of them."""
     quarter = max(seeds // 4, 1)
     kinds = {
-        "true perception": [Trial(SCENE, seed, truly=True) for seed in range(seeds)],
+        "true perception": [Trial(SCENE, seed, perfect=True) for seed in range(seeds)],
         "sensors": [Trial(SCENE, seed) for seed in range(seeds)],
     }
     for peer in PEERS:
         kinds[f"true perception: {peer}"] = [
-            Trial(SCENE, seed, truly=True, stepper=peer) for seed in range(quarter)
+            Trial(SCENE, seed, perfect=True, stepper=peer) for seed in range(quarter)
         ]
     walks = try_all([trial for trials in kinds.values() for trial in trials], say, body)
     table, found, begin = [HEADER], {}, 0

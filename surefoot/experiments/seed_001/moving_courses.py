@@ -25,7 +25,9 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     kinds = {
         "slow, sensors": [Trial("course", seed) for seed in range(seeds)],
         "fast, sensors": [Trial("fast_course", seed) for seed in range(seeds)],
-        "fast, true perception": [Trial("fast_course", seed, truly=True) for seed in range(seeds)],
+        "fast, true perception": [
+            Trial("fast_course", seed, perfect=True) for seed in range(seeds)
+        ],
     }
     for peer in PEERS:
         kinds[f"fast, sensors: {peer}"] = [

@@ -18,7 +18,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from planning.search.astar import Path, Terrain, find_path, lattice_cost, prepare
-from planning.search.potential import SearchConfig
+from planning.search.potential import BODY_M, SearchConfig
 
 from ..support.experiment import Experiment, Outcome, Say, Target
 from . import random_terrain
@@ -117,7 +117,7 @@ def violations(path: Path, grid: Grid, config: SearchConfig) -> int:
 
     A point on the border of two cells is in both, and counts only if both are too near.
     """
-    near = clearance_m(grid, config) <= config.body_radius_m
+    near = clearance_m(grid, config) <= BODY_M
     count = int(near[*path.cells.T].sum())
     corners = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * 1e-6 * CELL_M
     for line in (path.waypoints, path.curve):

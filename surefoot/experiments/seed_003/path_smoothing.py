@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from planning.search.astar import find_path
-from planning.search.potential import SearchConfig
+from planning.search.potential import TURN_M, SearchConfig
 from planning.search.shortcuts import total_turning
 
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -86,7 +86,7 @@ EXPERIMENT = Experiment(
         "cost_ratio": Target("<=", 1.0),
         "violations": Target("==", 0.0),
         "curve_cost_ratio": Target("<=", 1.0),
-        "least_arc_radius_m": Target(">=", SearchConfig().turn_radius_m - 1e-9),
+        "least_arc_radius_m": Target(">=", TURN_M - 1e-9),
     },
     seeds=500,
 )

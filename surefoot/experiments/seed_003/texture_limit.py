@@ -79,7 +79,7 @@ def floors_found(frames: list[Frame], start: Pose2) -> int:
     seen = 0
     for frame in frames:
         pipeline = Pipeline(Config(), RecordingInfo("plain", "simulation", start=start))
-        estimate = pipeline.cycle(frame)
+        estimate = pipeline.cycle(frame).estimate
         seen += any(view.seen is not None for view in estimate.views)
     return seen
 

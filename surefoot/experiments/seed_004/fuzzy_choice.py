@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from perception.primitives.robot_model import DARWIN_OP
 from planning.avoidance.fams import MOTIONS, FamsConfig, select
 
 from ..support.experiment import Experiment, Outcome, Say, Target
@@ -26,7 +27,7 @@ def situations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Width and gap of 10,000 draws of every class, and the class, as its place in `MOTIONS`."""
     w, s = config.obstacle_centres_m, config.gap_centres_m
-    body = config.body_width_m
+    body = DARWIN_OP.passage_width_m
     narrow, wide = body + (w[1] + w[2]) / 2, body + (w[3] + w[4]) / 2
     none, sideways = body + (s[0] + s[1]) / 2, body + (s[1] + s[2]) / 2
     widths = {"S": (0.0, narrow), "R": (narrow, wide), "T": (wide, WIDEST_M[0])}

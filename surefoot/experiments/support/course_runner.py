@@ -1,8 +1,7 @@
-"""One walk over a course by geometry alone, every contact counted and classed.
+"""One walk over a course, by geometric perception or from images, with every contact counted and classified.
 
-The body, its gait and its slip are those of the simulated robot, the planner is the real one; only pictures
-are left out (`course_senses`). A contact is the study's: the disc of seed 001's robot (S_r) touches
-another.
+Body, gait, slip and planner are those of every simulated walk. A contact is that of the study: the disc of seed 001's
+robot (S_r) touches another disc or a wall.
 """
 
 from __future__ import annotations
@@ -13,8 +12,11 @@ import numpy as np
 
 from perception.primitives.pose import wrap_angle
 from planning.planners.mission import MissionConfig
-from planning.safety.step_filter import Stepper
-from sim.robot import RobotConfig, SimulatedRobot
+from planning.planners.planner import Decision
+from planning.planners.search_planner import SearchPlanner
+from planning.safety.step_filter import StepFilter
+from planning.world_model import WorldModel
+from sim.robot import SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
 from sim.scenes.course import COLOURS
@@ -22,11 +24,12 @@ from sim.world import World
 
 from ...config.schema import Config
 from ...evaluation.metrics.contacts import BODY_RADIUS_M, Contact, Touch, class_of
-from ...navigator import Navigator
-from ...recordings.recording import RecordingInfo
+from ...run.bodies import LiveBody
+from ...run.loop import cycles
+from ...run.perception_source import PerceptionSource
 from ...run.pipeline import Pipeline
-from ...run.simulate import start_covariance
-from .geometric_perception import CourseSenses
+from ...run.simulate import known_beforehand
+from .geometric_perception import GeometricPerception
 
 PASSED_M = 0.30  # navigation study: a via point counts as reached when passed within 0.3 m
 TIME_LIMIT_S = 900.0  # ours: half as long again as the paper's 560.2 s
@@ -87,70 +90,71 @@ def pictures_config(scene: str, seed: int, config: Config | None = None) -> Conf
     )
 
 
-def walk(config: Config, truly: bool = False, stepper: Stepper | None = None) -> Walk:
+def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = None) -> Walk:
     """Walk the course of `config.scene` and `config.seed`.
 
     Args:
-        config: As from `course_config`, or `pictures_config`: then the whole pipeline sees.
-        truly: With true perception instead of the sensors'.
-        stepper: Who checks and makes the steps; None: the guard.
+        config: From `course_config`, or from `pictures_config` to perceive from images.
+        perfect: Perception without errors instead of simulated detections.
+        stepper: Checks every step; None: the guard.
     """
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
-    robot_config: RobotConfig = config.robot
     result, touching = Walk(), Touch()
-    pictures = robot_config.tof
+    images = config.robot.tof
     with (
-        World(scene, config.renderer if pictures else "tiny", config.seed) as world,
-        SimulatedRobot(world, robot_config, config.seed) as robot,
+        World(scene, config.renderer if images else "tiny", config.seed) as world,
+        SimulatedRobot(world, config.robot, config.seed) as robot,
     ):
-        senses = CourseSenses(config, robot, config.seed, truly)
-        pipeline = Pipeline(config, _told(scene, robot)) if pictures else senses
-        planner = Navigator(config, scene.goals, stepper)
-        while True:
-            frame = robot.read()
-            if robot.fallen:
-                result.fell = True
-                break
-            estimate = pipeline.cycle(frame)
-            if pictures:
-                senses.watch(frame.stamp_s, estimate.obstacles)
-            _judge(scene, senses, touching, frame.stamp_s, result)
-            if frame.footstep_due:
-                decision = planner.decide(frame, estimate, pipeline)
-                spent = decision.timing_ms | {"tracks": senses.tracking_ms}
-                result.decision_ms.append(sum(spent.values()))
-                result.cycle_ms.append(sum(spent.get(stage, 0.0) for stage in CYCLE))
-                robot.walk(decision.walk)
-                robot.look(decision.gaze)
-                true = senses.truth.robot_pose()
-                result.trace.append((frame.stamp_s, true.x, true.y, true.yaw))
-                if estimate.pose is not None:
-                    x, y, yaw = (estimate.pose.mean - true.vector).tolist()
-                    result.pose_errors.append((x, y, wrap_angle(yaw)))
-                result.turning_rad += abs(decision.walk.turn_rad)
-                result.guarded += decision.why == "guard"
+        geometric = GeometricPerception(config, robot, config.seed, perfect)
+        perception: PerceptionSource = geometric
+        if images:
+            perception = Pipeline(config, known_beforehand(scene, robot, config))
+        planner = SearchPlanner(config.planning, scene.goals, stepper)
+        body = LiveBody(robot)
+        for cycle in cycles(body, perception, planner):
+            stamp_s, decision = cycle.frame.stamp_s, cycle.decision
+            if images:
+                geometric.watch(stamp_s, cycle.world.tracks)
+            _judge(scene, geometric, touching, stamp_s, result)
+            if decision is not None:
+                _note(result, cycle.world, decision, geometric)
                 touching.step(decision.walk)
-            if planner.finished(estimate):
-                break
+        result.fell = body.fell_at_s is not None
         result.arrived = planner.reached == len(scene.goals) and not result.fell
         result.time_s = world.stamp_s
     return result
 
 
+def _note(
+    result: Walk, world: WorldModel, decision: Decision, geometric: GeometricPerception
+) -> None:
+    """Take in one decision."""
+    spent = decision.timing_ms | {"tracks": geometric.tracking_ms}
+    result.decision_ms.append(sum(spent.values()))
+    result.cycle_ms.append(sum(spent.get(stage, 0.0) for stage in CYCLE))
+    true = geometric.truth.robot_pose()
+    result.trace.append((world.stamp_s, true.x, true.y, true.yaw))
+    if world.pose is not None:
+        x, y, yaw = (world.pose.mean - true.vector).tolist()
+        result.pose_errors.append((x, y, wrap_angle(yaw)))
+    result.turning_rad += abs(decision.walk.turn_rad)
+    result.guarded += decision.why == "guard"
+
+
 def _judge(
-    scene: Scene, senses: CourseSenses, touching: Touch, stamp_s: float, result: Walk
+    scene: Scene, geometric: GeometricPerception, touching: Touch, stamp_s: float, result: Walk
 ) -> None:
     """Gaps of this instant; a new contact is noted with its class."""
-    true = senses.truth.robot_pose()
+    true = geometric.truth.robot_pose()
     x0, y0, x1, y1 = scene.extent
     wall = min(true.x - x0, true.y - y0, x1 - true.x, y1 - true.y)
-    away = np.hypot(senses.discs[:, 0] - true.x, senses.discs[:, 1] - true.y)
-    gaps = dict(enumerate((away - senses.discs[:, 2] - BODY_RADIUS_M).tolist()))
+    away = np.hypot(geometric.discs[:, 0] - true.x, geometric.discs[:, 1] - true.y)
+    gaps = dict(enumerate((away - geometric.discs[:, 2] - BODY_RADIUS_M).tolist()))
     gaps[-1] = wall - BODY_RADIUS_M
     result.clearance_m = min(result.clearance_m, *gaps.values())
     for index in touching.begun(gaps, APART_M):
-        record = senses.followed.get(index)
-        turned = senses.since_turned(index)
+        record = geometric.followed.get(index)
+        turned = geometric.since_turned(index)
         contact = Contact(
             stamp_s,
             "wall" if index < 0 else scene_name(scene, index),
@@ -161,20 +165,6 @@ def _judge(
             touching.standing,
         )
         result.contacts.append(replace(contact, kind=class_of(contact)))
-
-
-def _told(scene: Scene, robot: SimulatedRobot) -> RecordingInfo:
-    """What the robot is told beforehand: its start, the tags, and what is up."""
-    return RecordingInfo(
-        name=f"{scene.name}-{scene.seed}",
-        kind="simulation",
-        landmarks=scene.landmarks,
-        start=scene.start,
-        scene=scene.name,
-        start_covariance=start_covariance(robot.config),
-        floor_height_world_m=0.0,
-        gravity_up_world=robot.up,
-    )
 
 
 def scene_name(scene: Scene, index: int) -> str:

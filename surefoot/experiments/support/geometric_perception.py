@@ -1,9 +1,9 @@
-"""Senses without pictures: the same tracker, map and planner, fed by geometry instead of by cameras.
+"""Geometric perception: detections and range scans computed from the simulator's geometry instead of from images.
 
-A course takes 500 s of walking, and its pictures take minutes. Here the world is asked for what the cameras
-would show (`sim.sensors.geometric_sensor`), or, for comparison, for the whole truth. What follows is the product: the
-tracker, the egocentric grid, the confidence layer. Where the robot is comes with an error that wanders
-as that of the localiser does, and with its covariance.
+A course takes 500 s of walking, and rendering its images takes minutes. Here `sim.sensors.geometric_sensor` computes
+what the cameras would detect; with `perfect` everything is known without error, for comparison. Tracker, egocentric
+grid and confidence layer are those of the pipeline. The pose has a correlated error as large as the localiser's,
+and its covariance.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker, Visible
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.landmark import Landmark
+from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
+from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
 from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
 from sim.truth import Truth
@@ -56,17 +57,17 @@ class Followed:
     seen_s: float = -math.inf
 
 
-class CourseSenses:
-    """What `Pipeline` is to pictures: `cycle` takes a frame and gives an estimate."""
+class GeometricPerception:
+    """A perception source without images."""
 
-    def __init__(self, config: Config, robot: SimulatedRobot, seed: int, truly: bool) -> None:
+    def __init__(self, config: Config, robot: SimulatedRobot, seed: int, perfect: bool) -> None:
         """Begin.
 
         Args:
             config: Of tracker, grid and confidence.
-            robot: Walks without cameras.
+            robot: The simulated robot.
             seed: Of all errors.
-            truly: Tell the truth instead: everything, everywhere, without error or delay.
+            perfect: Everything is known, everywhere, without error or delay.
         """
         self.config = config
         self.landmarks: tuple[Landmark, ...] = ()
@@ -77,8 +78,9 @@ class CourseSenses:
         self.truth = Truth(robot)
         self.followed: dict[int, Followed] = {}
         self.tracking_ms = 0.0
-        """Time that the tracks of the latest frame took; 0 without sensors."""
-        self._robot, self._truly = robot, truly
+        """Time of the tracker in the latest frame, ms; 0 for perfect perception."""
+        self._sightings: tuple[Sighting, ...] = ()
+        self._robot, self._perfect = robot, perfect
         self._walls = np.array(robot.world.scene.extent, float)
         error, look = (
             np.random.default_rng(s) for s in np.random.SeedSequence([seed, 40]).spawn(2)
@@ -95,23 +97,26 @@ class CourseSenses:
         """x, y, radius of movers and posts now, in truth, m."""
         self._heights_m = [height for *_, height in things]
 
-    def cycle(self, frame: Frame) -> Estimate:
-        """One instant: where we are, what is seen, what is remembered."""
+    def cycle(self, frame: Frame) -> WorldModel:
+        """Pose, tracks and maps after one frame."""
         elapsed, self._stamp_s = frame.stamp_s - self._stamp_s, frame.stamp_s
         true = self.truth.robot_pose()
         self._move_on(frame.stamp_s)
-        pose = self._believed(true, elapsed)
-        if self._truly:
+        pose = self._estimated(frame, true, elapsed)
+        if self._perfect:
             obstacles = self._everything(frame.stamp_s)
             if frame.footstep_due:
                 self._map_everything(pose, frame.stamp_s)
         else:
             obstacles = self._look(frame, true, pose)
             self._map_view(frame.stamp_s, true, pose, elapsed)
-        return Estimate(frame.stamp_s, pose, (), (), tuple(obstacles), None)
+        estimate = Estimate(
+            frame.stamp_s, pose, obstacles=tuple(obstacles), sightings=self._sightings
+        )
+        return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
 
     def watch(self, stamp_s: float, obstacles: Sequence[Obstacle]) -> None:
-        """Only keep the record, of what a pipeline with pictures has tracks of."""
+        """Record which objects the tracks of another perception source follow."""
         self._stamp_s = stamp_s
         self._move_on(stamp_s)
         for one in obstacles:
@@ -132,9 +137,9 @@ class CourseSenses:
         """Time since a mover last reversed, s; infinite for what stands."""
         return self._stamp_s - self._turned_s.get(index, -math.inf)
 
-    def _believed(self, true: Pose2, elapsed: float) -> Gaussian:
-        """The true pose with an error that wanders; without one in truth."""
-        if self._truly:
+    def _estimated(self, frame: Frame, true: Pose2, elapsed: float) -> Gaussian:
+        """The true pose with a correlated error; without error for perfect perception."""
+        if self._perfect:
             return Gaussian(true.vector, np.eye(3) * 1e-8)
         keep = math.exp(-elapsed / POSE_MEMORY_S)
         fresh = self._deviations * self._rng.standard_normal(3)

@@ -22,7 +22,7 @@ from . import style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ...avoidance_planner import Look
+    from planning.planners.avoidance_planner import Look
 
 FARTHEST_M = 3.0
 EVERY = 7  # points shown in space

@@ -35,7 +35,7 @@ def test_the_map_frame_is_upright_and_the_way_agrees_with_the_true_one(recording
     for frame, height in zip(recording.frames(), heights, strict=True):
         true = frame.T_world_camera
         assert true is not None
-        estimate = pipeline.cycle(replace(frame, T_world_camera=None))
+        estimate = pipeline.cycle(replace(frame, T_world_camera=None)).estimate
         found = tracked.T_map_camera
         assert found is not None
         assert estimate.pose is not None

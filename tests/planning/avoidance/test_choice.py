@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import GaitLimits
 from planning.avoidance import primitives
-from planning.avoidance.choice import AvoidanceConfig, Things, choose
+from planning.avoidance.choice import AvoidanceConfig, ObstacleTable, choose
 from planning.avoidance.complexity import FORMS, complexity
 from planning.avoidance.direction import direction
 from planning.avoidance.fams import MOTIONS, TABLE, FamsConfig, memberships, select, strengths
 from planning.avoidance.pivot import PivotConfig, pivot
-from planning.footsteps import GaitConfig
 
 
 def _one(left_m: float, right_m: float, d: float, h: float, form: str) -> float:
@@ -146,15 +146,15 @@ def test_a_printed_turn_by_half_a_circle_is_walked(side):
 def test_the_pivot_clears_the_obstacle_by_the_clearance(edge, gap, motion):
     config = PivotConfig()
     at = pivot(motion, 1, edge, gap, 0.7, 1.05, config)
-    assert at.y_m - config.body_width_m / 2 - edge >= config.clearance_m - 1e-12
+    assert at.y_m - 0.30 / 2 - edge >= config.clearance_m - 1e-12
     mirrored = pivot(motion, -1, -edge, gap, 0.7, 1.05, config)
     assert (mirrored.x_m, mirrored.y_m) == pytest.approx((at.x_m, -at.y_m))
 
 
-def _things(spans: list[tuple[float, float]], d: float = 1.05) -> Things:
+def _things(spans: list[tuple[float, float]], d: float = 1.05) -> ObstacleTable:
     edges = np.array(spans)
     n = len(spans)
-    return Things(
+    return ObstacleTable(
         np.arctan2(edges, d),
         edges,
         np.full(n, d),
@@ -227,7 +227,7 @@ def test_the_other_side_is_tried_only_if_asked_for():
 @pytest.mark.parametrize("motion", [m for m in MOTIONS if m != "ST"])
 @pytest.mark.parametrize("side", [-1, 1])
 def test_the_legs_lead_through_the_gap_within_the_limits_of_the_gait(motion, side):
-    gait, start = GaitConfig(), Pose2(0.4, -0.3, 0.6)
+    gait, start = GaitLimits(), Pose2(0.4, -0.3, 0.6)
     edge, gap = 0.2, 0.26 if motion[1] == "S" else 0.5
     at = pivot(motion, side, side * edge, gap, 0.5, 1.05)
     robot, way = start, []

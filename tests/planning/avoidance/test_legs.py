@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.primitives.pose import Pose2
-from planning.avoidance.choice import AvoidanceConfig, Things, choose
+from perception.primitives.robot_model import GaitLimits
+from planning.avoidance.choice import AvoidanceConfig, ObstacleTable, choose
 from planning.avoidance.pivot import Pivot
 from planning.avoidance.primitives import Leg, Trim, in_the_way, passage, reached, retreat, step
-from planning.footsteps import GaitConfig
+from planning.footsteps import limited_step
 from sim.body import gait as walk
 
-GAIT = GaitConfig()
+GAIT = GaitLimits()
 START = Pose2(0.4, -0.2, 0.3)
 
 
@@ -90,7 +91,7 @@ def test_what_led_far_astray_once_teaches_nothing():
 
 def test_through_a_gap_the_body_goes_as_fast_as_ever_and_sways_less():
     command = step(Leg("F", Pose2(2.0, 0.0, 0.0)), Pose2(), GAIT)
-    usual = GAIT.command(GAIT.cruise_mps, 0.0, 0.0)
+    usual = limited_step(GAIT, GAIT.cruise_mps, 0.0, 0.0)
     assert command.forward_m / command.duration_s == pytest.approx(GAIT.cruise_mps)
 
     def sway(one) -> float:
@@ -136,9 +137,9 @@ def test_turns_have_nothing_to_retreat_from():
     assert retreat(Leg("R", START), START, 0.4) == []
 
 
-def _one_thing(open_m: tuple[float, float]) -> Things:
+def _one_thing(open_m: tuple[float, float]) -> ObstacleTable:
     edges = np.array([[0.25, -0.25]])
-    return Things(
+    return ObstacleTable(
         np.arctan2(edges, 1.0),
         edges,
         np.array([1.0]),
@@ -161,7 +162,7 @@ def test_ground_that_was_not_seen_is_no_gap():
 
 def test_unseen_ground_before_a_neighbour_bounds_the_gap():
     edges = np.array([[0.25, -0.25], [1.2, 1.0]])
-    both = Things(
+    both = ObstacleTable(
         np.arctan2(edges, 1.0),
         edges,
         np.array([1.0, 1.0]),

@@ -16,7 +16,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.obstacle import Obstacle
 from planning.commands import GazeCommand
-from planning.gaze.attention import AttentionConfig, Attentive, Known, sample_region
+from planning.gaze.attention import AttentionConfig, AttentionModel, GazeContext, sample_region
 from planning.gaze.selection import highest_plateau, worth
 from planning.gaze.tag_gain import gains
 
@@ -36,7 +36,7 @@ def mover(x, y, seen_s, vx=0.0, vy=0.0, moving=1.0, since_s=0.0):
 
 
 def values(attentive, stamp_s, obstacles=(), known=None, via=VIA):
-    attention = attentive.weigh(stamp_s, via, obstacles, known or Known(SURE), AHEAD)
+    attention = attentive.weigh(stamp_s, via, obstacles, known or GazeContext(SURE), AHEAD)
     return attention, lambda pan, tilt=30.0: worth(attention.total, at(pan, tilt), CONFIG.map)
 
 
@@ -48,7 +48,7 @@ def fresh_grid():
 
 
 def test_the_way_grows_urgent_until_it_is_looked_at():
-    attentive = Attentive(CONFIG)
+    attentive = AttentionModel(CONFIG)
     attentive.decided(0.0, AHEAD, VIA, [], SURE)
     found = [values(attentive, stamp)[1](0.0) for stamp in (0.65, 1.3, 2.6)]
     assert found[0] < found[1] < found[2]
@@ -60,7 +60,7 @@ def test_the_way_grows_urgent_until_it_is_looked_at():
 
 def test_the_longer_and_the_nearer_a_mover_is_unseen_the_more_it_is_worth():
     def worth_of(obstacle):
-        attentive = Attentive(CONFIG)
+        attentive = AttentionModel(CONFIG)
         attentive.decided(5.0, AHEAD, VIA, [], SURE)
         attention, value = values(attentive, 5.0, [obstacle])
         assert attention.psi_obstacles[7] >= 0.0
@@ -78,7 +78,7 @@ def test_the_longer_and_the_nearer_a_mover_is_unseen_the_more_it_is_worth():
 
 
 def test_a_mover_looked_for_in_vain_is_not_stared_at():
-    attentive, lost = Attentive(CONFIG), mover(0.5, 0.9, 0.0, since_s=-9.0)
+    attentive, lost = AttentionModel(CONFIG), mover(0.5, 0.9, 0.0, since_s=-9.0)
     before = values(attentive, 5.0, [lost])[0].psi_obstacles[7]
     attentive.decided(5.0, at(60.0), VIA, [lost], SURE)
     assert values(attentive, 5.2, [lost])[0].psi_obstacles[7] < 0.2 * before
@@ -86,8 +86,8 @@ def test_a_mover_looked_for_in_vain_is_not_stared_at():
 
 def test_long_unseen_it_is_looked_for_also_where_it_would_be_if_it_had_turned_back():
     lost = mover(0.5, 0.9, 0.0, 0.0, 0.10)  # by now, or back at (0.5, -0.1)
-    _, value = values(Attentive(CONFIG), 5.0, [lost])
-    nothing = values(Attentive(CONFIG), 5.0, [])[1]
+    _, value = values(AttentionModel(CONFIG), 5.0, [lost])
+    nothing = values(AttentionModel(CONFIG), 5.0, [])[1]
     assert value(60.0) > nothing(60.0)
     assert value(-30.0, 40.0) > nothing(-30.0, 40.0)
 
@@ -95,44 +95,44 @@ def test_long_unseen_it_is_looked_for_also_where_it_would_be_if_it_had_turned_ba
 def test_what_stands_for_sure_is_worth_nothing_and_what_is_new_is():
     stands = mover(0.5, 0.9, 0.0, moving=0.01, since_s=-20.0)
     new = mover(0.5, 0.9, 0.0, moving=0.01, since_s=-0.5)
-    _, value = values(Attentive(CONFIG), 5.0, [stands])
-    _, empty = values(Attentive(CONFIG), 5.0, [])
+    _, value = values(AttentionModel(CONFIG), 5.0, [stands])
+    _, empty = values(AttentionModel(CONFIG), 5.0, [])
     assert value(60.0) == empty(60.0)
-    assert values(Attentive(CONFIG), 5.0, [new])[1](60.0) > empty(60.0)
+    assert values(AttentionModel(CONFIG), 5.0, [new])[1](60.0) > empty(60.0)
 
 
 def test_a_thing_without_a_track_is_looked_at_again_and_less_after_looks_in_vain():
     thing = Cluster(np.array([0.5, 0.9]), np.eye(2) * 1e-4, 0.1, 0.4, 50, Footprint(0.2, 0.2, 0.0))
-    attentive, known = Attentive(CONFIG), Known(SURE, clusters=(thing,))
+    attentive, known = AttentionModel(CONFIG), GazeContext(SURE, clusters=(thing,))
     found = []
     for k, gaze in enumerate((at(-60.0), at(60.0), at(60.0), at(60.0))):
-        empty = values(Attentive(CONFIG), 1.0 + k)[1](60.0)
+        empty = values(AttentionModel(CONFIG), 1.0 + k)[1](60.0)
         found.append(values(attentive, 1.0 + k, (), known)[1](60.0) - empty)
         attentive.decided(1.0 + k, gaze, VIA, [], SURE)
     assert found[1] == pytest.approx(found[0])  # a look elsewhere does not count
     assert found[1] > found[2] > found[3] > 0.0
     later = 4.0 + CONFIG.met_s
     again = values(attentive, later, (), known)[1](60.0)
-    assert again - values(Attentive(CONFIG), later)[1](60.0) == pytest.approx(found[0])
+    assert again - values(AttentionModel(CONFIG), later)[1](60.0) == pytest.approx(found[0])
     tracked = [mover(0.5, 0.9, 1.0, moving=0.01, since_s=-20.0)]
-    empty = values(Attentive(CONFIG), 1.0)[1](60.0)
-    assert values(Attentive(CONFIG), 1.0, tracked, known)[1](60.0) == empty
+    empty = values(AttentionModel(CONFIG), 1.0)[1](60.0)
+    assert values(AttentionModel(CONFIG), 1.0, tracked, known)[1](60.0) == empty
 
 
 def test_what_the_edge_of_the_view_cuts_off_is_looked_at_with_what_may_be_hidden():
     seen = Cluster(
         np.array([0.8, 0.0]), np.eye(2) * 1e-4, 0.05, 0.4, 50, Footprint(0.1, 0.1, 0.0), whole=False
     )
-    known = Known(SURE, clusters=(seen,))
+    known = GazeContext(SURE, clusters=(seen,))
     gain = []
     for pan in (0.0, 15.0):  # the narrow view is 31 deg across: the middle is in both
-        with_it = values(Attentive(CONFIG), 1.0, (), known)[1](pan)
-        gain.append(with_it - values(Attentive(CONFIG), 1.0)[1](pan))
+        with_it = values(AttentionModel(CONFIG), 1.0, (), known)[1](pan)
+        gain.append(with_it - values(AttentionModel(CONFIG), 1.0)[1](pan))
     assert gain[0] > 1.4 * gain[1] > 0.0
     far = dataclasses.replace(seen, centre=np.array([2.0, 0.0]))
-    assert values(Attentive(CONFIG), 1.0, (), Known(SURE, clusters=(far,)))[1](0.0) == values(
-        Attentive(CONFIG), 1.0
-    )[1](0.0)
+    assert values(AttentionModel(CONFIG), 1.0, (), GazeContext(SURE, clusters=(far,)))[1](
+        0.0
+    ) == values(AttentionModel(CONFIG), 1.0)[1](0.0)
 
 
 def test_what_the_neck_cannot_turn_to_is_not_stared_at():
@@ -145,10 +145,14 @@ def test_what_the_neck_cannot_turn_to_is_not_stared_at():
         Footprint(0.2, 0.2, 0.0),
         whole=False,
     )
-    attentive, known, farthest = Attentive(CONFIG), Known(SURE, clusters=(behind,)), at(-90.0)
+    attentive, known, farthest = (
+        AttentionModel(CONFIG),
+        GazeContext(SURE, clusters=(behind,)),
+        at(-90.0),
+    )
     gain = []
     for k in range(4):
-        empty = values(Attentive(CONFIG), 1.0 + k)[1](-90.0)
+        empty = values(AttentionModel(CONFIG), 1.0 + k)[1](-90.0)
         gain.append(values(attentive, 1.0 + k, (), known)[1](-90.0) - empty)
         attentive.decided(1.0 + k, farthest, VIA, [], SURE)
     assert gain[0] > 0.0  # an end of it is in view, its middle is not
@@ -159,9 +163,9 @@ def test_stale_ground_draws_the_head_to_its_side():
     grid, confidence = fresh_grid()
     confidence.decay(4.0)
     confidence.see(grid.centres()[..., 1] < 0.3)  # all but the left
-    attentive = Attentive(CONFIG)
+    attentive = AttentionModel(CONFIG)
     attentive.decided(0.0, AHEAD, VIA, [], SURE)
-    attention, value = values(attentive, 0.1, (), Known(SURE, grid, confidence))
+    attention, value = values(attentive, 0.1, (), GazeContext(SURE, grid, confidence))
     assert attention.psi_map > 0.0
     assert value(50.0) > 5.0 * value(-50.0)
 
@@ -169,20 +173,22 @@ def test_stale_ground_draws_the_head_to_its_side():
 def test_a_vague_robot_looks_at_the_landmark_that_helps_and_forgets_one_that_is_hidden():
     marks = (Landmark(3, (0.6, 1.4, 0.4), 0.22), Landmark(4, (-1.5, 0.0, 0.4), 0.22))
     vague = Gaussian(np.zeros(3), np.diag([0.03, 0.03, 0.02]) ** 2)
-    attentive = Attentive(CONFIG)
+    attentive = AttentionModel(CONFIG)
     attentive.decided(0.0, AHEAD, VIA, [], vague)
-    _, value = values(attentive, 0.1, (), Known(vague, landmarks=marks))
+    _, value = values(attentive, 0.1, (), GazeContext(vague, landmarks=marks))
     assert value(66.0, 10.0) > 0.2
     # the head looks there, and nothing is sighted; then it is
-    hidden = Known(vague, landmarks=marks)
+    hidden = GazeContext(vague, landmarks=marks)
     sighting = Sighting(3, np.array([1.5, 1.1]), np.eye(2) * 1e-4)
     for _ in range(3):
         attentive.weigh(0.2, VIA, [], hidden, at(66.0, 10.0))
     tags, left = attentive._tags(hidden)
     assert len(tags) == 2
-    trusted = Attentive(CONFIG)._tags(hidden)[1]
+    trusted = AttentionModel(CONFIG)._tags(hidden)[1]
     assert left[0] < 0.1 * trusted[0]
-    attentive.weigh(0.3, VIA, [], Known(vague, None, None, marks, (sighting,)), at(66.0, 10.0))
+    attentive.weigh(
+        0.3, VIA, [], GazeContext(vague, None, None, marks, (sighting,)), at(66.0, 10.0)
+    )
     assert attentive._tags(hidden)[1][0] == pytest.approx(trusted[0])
 
 
@@ -221,7 +227,7 @@ def test_the_best_look_of_all_is_within_the_reach_of_the_neck():
     grid, confidence = fresh_grid()
     confidence.decay(9.0)
     others = [mover(0.3, -0.9, -4.0), mover(-0.5, 0.6, -4.0, 0.05)]
-    attention, _ = values(Attentive(CONFIG), 3.0, others, Known(SURE, grid, confidence))
+    attention, _ = values(AttentionModel(CONFIG), 3.0, others, GazeContext(SURE, grid, confidence))
     gaze = highest_plateau(attention.total, AHEAD, CONFIG.map)
     assert abs(gaze.pan_rad) <= math.radians(90.0) + 1e-9
     assert np.isfinite(attention.total).all()

@@ -13,11 +13,11 @@ from perception.primitives.errors import ConfigError
 from planning.gaze.evaluations import (
     EvaluationConfig,
     deviation,
-    matter,
     of_map,
     of_obstacles,
     of_self,
     of_way,
+    relevant,
 )
 
 CONFIG = EvaluationConfig()
@@ -80,8 +80,8 @@ def test_what_is_ahead_matters_and_behind_only_what_comes_nearer():
     velocities = np.array([[0.1, 0.0], [0.0, 0.0], [0.2, 0.0], [-0.1, 0.0]])
     walking = np.array([0.07, 0.0])
     # behind: a standing one is left behind, a faster one comes nearer, the last goes away
-    assert matter(places, velocities, walking).tolist() == [True, False, True, False]
-    assert matter(places, velocities, np.array([-0.07, 0.0])).tolist()[1]  # walking back on to it
+    assert relevant(places, velocities, walking).tolist() == [True, False, True, False]
+    assert relevant(places, velocities, np.array([-0.07, 0.0])).tolist()[1]  # walking back on to it
 
 
 def test_a_free_way_is_worth_a_look_and_a_blocked_one_is_not():

@@ -14,7 +14,8 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
-from planning.gaze.attention import Known
+from perception.primitives.robot_model import DARWIN_OP, HeadLimits, RobotModel
+from planning.gaze.attention import GazeContext
 from planning.gaze.policy import GazeConfig, GazePolicy
 from planning.gaze.selection import in_view
 from planning.gaze.sweep import Sweep
@@ -34,14 +35,14 @@ def mover(x, y, seen_s):
 class Standing:
     """A robot that stands in the middle of its map and looks about; the map grows stale behind its back."""
 
-    def __init__(self, config=CONFIG):
-        self.policy = GazePolicy(config)
+    def __init__(self, config=CONFIG, robot=DARWIN_OP):
+        self.policy = GazePolicy(config, robot)
         self.grid = EgocentricGrid(GridConfig(), np.zeros(2))
         self.confidence = ConfidenceLayer(self.grid)
         self.now = 0.0
 
     def look(self, obstacles=()):
-        known = Known(POSE, self.grid, self.confidence)
+        known = GazeContext(POSE, self.grid, self.confidence)
         gaze = self.policy.next(self.now, Pose2(), VIA, obstacles, known)
         self.now += STEP_S
         self.confidence.decay(STEP_S)
@@ -121,7 +122,7 @@ def test_it_stands_and_looks_round_first_and_again_when_asked():
 
 
 def test_a_slow_head_is_asked_only_for_what_it_reaches_in_time():
-    standing = Standing(replace(CONFIG, speed_radps=0.5)).surveyed()
+    standing = Standing(robot=RobotModel(head=HeadLimits(speed_radps=0.5))).surveyed()
     reach, before = 0.5 * CONFIG.turning_s, None
     for _ in range(20):
         present = standing.policy._present

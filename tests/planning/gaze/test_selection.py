@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3, head_rotation
+from perception.primitives.robot_model import HeadLimits
 from planning.commands import GazeCommand
 from planning.gaze.selection import GazeMapConfig, gaze_map, highest_plateau, select, shown, worth
 
@@ -126,12 +127,12 @@ def test_the_head_is_never_asked_beyond_its_reach():
             1.0, ground(rng, 30), 1.0, ground(rng, 1)[0], 1.0, np.ones(4), ground(rng, 4), CONFIG
         )
         gaze = highest_plateau(total, GazeCommand(), CONFIG)
-        assert abs(gaze.pan_rad) <= math.radians(CONFIG.pan_deg) + 1e-9
-        assert 0.0 <= gaze.tilt_rad <= math.radians(CONFIG.tilt_deg[1]) + 1e-9
+        assert abs(gaze.pan_rad) <= math.radians(CONFIG.head.pan_deg) + 1e-9
+        assert 0.0 <= gaze.tilt_rad <= math.radians(CONFIG.head.tilt_deg[1]) + 1e-9
 
 
 def test_impossible_directions_are_refused():
     with pytest.raises(ConfigError, match="tilt_deg"):
-        GazeMapConfig(tilt_deg=(50.0, 20.0))
+        HeadLimits(tilt_deg=(50.0, 20.0))
     with pytest.raises(ConfigError, match="step_deg"):
         GazeMapConfig(step_deg=0.0)

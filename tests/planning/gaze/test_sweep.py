@@ -114,5 +114,5 @@ def test_no_gaze_exceeds_the_neck_and_the_floor_near_the_feet_is_seen():
 
 
 def test_a_pan_beyond_the_neck_is_refused():
-    with pytest.raises(ConfigError, match="max_pan_deg"):
-        SweepConfig(glance_pans_deg=(120.0,))
+    with pytest.raises(ConfigError, match="range of 90"):
+        Sweep(SweepConfig(glance_pans_deg=(120.0,)))

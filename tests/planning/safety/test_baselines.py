@@ -11,13 +11,14 @@ from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import GaitLimits
 from planning.commands import WalkCommand
-from planning.footsteps import GaitConfig, footstep
+from planning.footsteps import footstep
 from planning.safety.dynamic_window import DynamicWindow, DynamicWindowConfig
-from planning.safety.step_filter import Stepper, Trusting
+from planning.safety.step_filter import StepFilter, Unfiltered
 from planning.safety.velocity_obstacles import VelocityObstacleConfig, VelocityObstacles
 
-GAIT = GaitConfig()
+GAIT = GaitLimits()
 NOTHING = np.zeros((0, 2))
 PEERS = [DynamicWindow, VelocityObstacles]
 
@@ -44,9 +45,9 @@ def play(stepper, target, mover_at, steps=60, cells=NOTHING):
     return gap, wall, pose
 
 
-@pytest.mark.parametrize("peer", [*PEERS, Trusting])
+@pytest.mark.parametrize("peer", [*PEERS, Unfiltered])
 def test_they_are_steppers(peer):
-    assert isinstance(peer(), Stepper)
+    assert isinstance(peer(), StepFilter)
 
 
 @pytest.mark.parametrize("peer", PEERS)

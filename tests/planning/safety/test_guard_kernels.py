@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,26 @@ import pytest
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
+from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import WalkCommand
 from planning.safety import _guard_kernels
-from planning.safety.guard import GuardConfig, assess, choose
+from planning.safety.guard import GuardConfig, Habits, _fixed_plans, _Scene, _wishes, choose
 
 CONFIG = GuardConfig()
 DISLOYAL = replace(CONFIG, keep_m=0.0, keep_share=0.0)
+GAIT = DARWIN_OP.gait
+
+
+def judged_plans(desired, robot, obstacles, occupied, target):
+    """(first step, harm) of every plan, all rolled out to the end, the best first."""
+    plans = np.concatenate([_wishes(desired, GAIT), _fixed_plans(CONFIG.steps, GAIT)])
+    habits = Habits(CONFIG.prediction)
+    scene = _Scene(robot, obstacles, occupied, target, DISLOYAL, DARWIN_OP, 0.0, habits)
+    harm, cost = scene.judge(plans)
+    order = np.argsort(cost, kind="stable")
+    if harm[0] <= CONFIG.pass_m:
+        order = np.concatenate([[0], order[order != 0]])
+    return [(desired if i == 0 else scene.step(plans[i]), float(harm[i])) for i in order]
 
 
 def crowd(seed):
@@ -35,9 +50,23 @@ def crowd(seed):
 def test_what_is_left_out_early_is_never_the_best(seed):
     robot, movers, wall, target = crowd(seed)
     desired = WalkCommand(0.0455, 0.0, 0.0)
-    chosen = choose(desired, robot, movers, wall, target, DISLOYAL, 0.0)
-    best = assess(desired, robot, movers, wall, target, DISLOYAL, 0.0)[0]
-    assert chosen == best.command
+    chosen = choose(desired, robot, movers, wall, target, DISLOYAL, stamp_s=0.0)
+    assert chosen == judged_plans(desired, robot, movers, wall, target)[0][0]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_plan_with_contact_is_not_the_best_where_a_clear_one_exists(seed):
+    plans = judged_plans(WalkCommand(0.0455, 0.0, 0.0), *crowd(seed))
+    harms = [harm for _, harm in plans]
+    assert harms[0] < CONFIG.contact_m or min(harms) > 0.0
+
+
+def test_the_first_step_of_every_plan_respects_the_limits():
+    plans = judged_plans(WalkCommand(0.0455, 0.0, 0.0), *crowd(1))
+    for command, _ in plans:
+        assert -0.0196 <= command.forward_m <= 0.0651
+        assert abs(command.lateral_m) <= 0.0196
+        assert abs(command.turn_rad) <= math.radians(14) + 1e-12
 
 
 def test_plans_that_begin_alike_are_judged_as_if_each_came_alone():
@@ -99,8 +128,8 @@ def test_doubt_along_its_line_keeps_the_robot_from_its_end_and_not_from_its_side
         mover = Obstacle(Gaussian(state, cov), 0.1, 0.4, 0, 1.0, 0.0)
         robot = Gaussian(np.array([0.0, 0.0, turned]), 1e-8 * np.eye(3))
         stand = WalkCommand()
-        plans = assess(stand, robot, [mover], np.zeros((0, 2)), 3.0 * ahead, DISLOYAL, 0.0)
-        return next(plan.harm_m for plan in plans if plan.command == stand)
+        plans = judged_plans(stand, robot, [mover], np.zeros((0, 2)), 3.0 * ahead)
+        return next(harm for command, harm in plans if command == stand)
 
     near = 0.15 + 0.1 + CONFIG.margin_m + 0.03  # clear by 3 cm, within the uneasy band
     for towards, across in ((ahead, (0.0, 0.12)), (left, (0.12, 0.0))):

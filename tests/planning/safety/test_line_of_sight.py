@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from planning.safety.line_of_sight import barred, farthest
+from planning.safety.line_of_sight import farthest_visible, is_blocked
 
 NEAR_M = 0.2
 
@@ -19,12 +19,12 @@ def test_barred_is_whatever_lies_near_a_point_of_the_way(seed):
     beside = 0 < nearest < 4000  # before and behind the ends it bars nothing
     if abs(away[nearest] - NEAR_M) > 1e-3:
         expected = beside and away[nearest] < NEAR_M
-        assert barred(here, goal, place[None], NEAR_M) == expected
+        assert is_blocked(here, goal, place[None], NEAR_M) == expected
 
 
 def test_nothing_bars_nothing():
-    assert not barred(np.zeros(2), np.ones(2), np.empty((0, 2)), NEAR_M)
-    assert not barred(np.zeros(2), np.zeros(2), np.ones((1, 2)), NEAR_M)
+    assert not is_blocked(np.zeros(2), np.ones(2), np.empty((0, 2)), NEAR_M)
+    assert not is_blocked(np.zeros(2), np.zeros(2), np.ones((1, 2)), NEAR_M)
 
 
 CORNER = np.array([[1.0, 0.0], [1.5, 0.5], [1.5, 3.0]])
@@ -42,5 +42,5 @@ CORNER = np.array([[1.0, 0.0], [1.5, 0.5], [1.5, 3.0]])
 )
 def test_a_path_is_followed_by_eye_to_the_last_point_that_nothing_hides(wall, point):
     standing = np.array(wall).reshape(-1, 2)
-    found = farthest(np.zeros(2), CORNER, standing, NEAR_M)
+    found = farthest_visible(np.zeros(2), CORNER, standing, NEAR_M)
     np.testing.assert_array_equal(found, point)

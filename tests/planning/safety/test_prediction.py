@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
-from planning.safety.prediction import Habits, PredictionConfig
+from planning.safety.prediction import MotionPatterns, PredictionConfig
 
 EVERY_S = 0.325
 
@@ -46,7 +46,7 @@ def learn(habits, start, direction, length, speed, begin_s, end_s, track=1, nois
 def test_after_a_whole_round_the_way_is_known_for_long(angle, length, speed, seed):
     rng = np.random.default_rng(seed)
     start, direction = rng.uniform(-2, 2, 2), np.array([math.cos(angle), math.sin(angle)])
-    habits, round_s = Habits(), 2 * length / speed
+    habits, round_s = MotionPatterns(), 2 * length / speed
     learn(habits, start, direction, length, speed, 0.0, 1.2 * round_s)
     now = 1.2 * round_s
     times = np.linspace(0.0, min(round_s, 30.0), 40)
@@ -59,7 +59,7 @@ def test_after_a_whole_round_the_way_is_known_for_long(angle, length, speed, see
 
 def test_noise_of_two_centimetres_blurs_it_little():
     rng = np.random.default_rng(3)
-    habits, start, direction = Habits(), np.array([1.0, 0.5]), np.array([0.6, 0.8])
+    habits, start, direction = MotionPatterns(), np.array([1.0, 0.5]), np.array([0.6, 0.8])
     learn(habits, start, direction, 1.2, 0.06, 0.0, 60.0, noise=rng)
     times = np.linspace(0.0, 15.0, 30)
     place, velocity = to_and_fro(start, direction, 1.2, 0.06, 60.0)
@@ -69,7 +69,12 @@ def test_noise_of_two_centimetres_blurs_it_little():
 
 
 def test_a_speed_that_is_vague_after_a_turn_is_taken_from_the_line():
-    habits, start, direction, speed = Habits(), np.array([0.0, 1.0]), np.array([1.0, 0.0]), 0.05
+    habits, start, direction, speed = (
+        MotionPatterns(),
+        np.array([0.0, 1.0]),
+        np.array([1.0, 0.0]),
+        0.05,
+    )
     learn(habits, start, direction, 1.0, speed, 0.0, 19.0)  # on the way out
     place = start + 0.98 * direction
     vague = np.diag([1e-4, 1e-4, 0.03**2, 0.03**2])
@@ -87,14 +92,14 @@ def test_a_speed_that_is_vague_after_a_turn_is_taken_from_the_line():
 def test_what_was_never_seen_goes_straight_on_and_may_turn_anywhere():
     times = np.linspace(0.5, 5.0, 10)
     one = seen(np.array([1.0, 2.0]), np.array([0.05, 0.0]), 3.0)
-    forecast = Habits().forecast(one, 3.0, times)
+    forecast = MotionPatterns().forecast(one, 3.0, times)
     np.testing.assert_allclose(forecast.places[:, 0], 1.0 + 0.05 * times)
     assert not forecast.learnt.any()
     assert not forecast.since_seen
 
 
 def test_a_track_forgotten_and_born_again_inherits_its_line():
-    habits, start, direction = Habits(), np.zeros(2), np.array([1.0, 0.0])
+    habits, start, direction = MotionPatterns(), np.zeros(2), np.array([1.0, 0.0])
     learn(habits, start, direction, 1.0, 0.08, 0.0, 30.0, track=1)
     place, velocity = to_and_fro(start, direction, 1.0, 0.08, 45.0)
     again = seen(place, velocity, 45.0, track=9)
@@ -104,7 +109,7 @@ def test_a_track_forgotten_and_born_again_inherits_its_line():
 
 
 def test_a_mover_lost_from_sight_is_remembered_where_its_line_leads_it():
-    habits, start, direction = Habits(), np.zeros(2), np.array([0.0, 1.0])
+    habits, start, direction = MotionPatterns(), np.zeros(2), np.array([0.0, 1.0])
     learn(habits, start, direction, 1.0, 0.08, 0.0, 30.0)
     (ghost,) = habits.remembered([], 45.0)
     true, _ = to_and_fro(start, direction, 1.0, 0.08, 45.0)
@@ -113,14 +118,14 @@ def test_a_mover_lost_from_sight_is_remembered_where_its_line_leads_it():
 
 
 def test_what_is_followed_is_not_remembered_twice():
-    habits, start, direction = Habits(), np.zeros(2), np.array([0.0, 1.0])
+    habits, start, direction = MotionPatterns(), np.zeros(2), np.array([0.0, 1.0])
     learn(habits, start, direction, 1.0, 0.08, 0.0, 30.0)
     place, velocity = to_and_fro(start, direction, 1.0, 0.08, 31.0)
     assert habits.remembered([seen(place, velocity, 31.0, track=7)], 31.0) == []
 
 
 def test_lost_with_its_ends_unknown_it_may_be_anywhere_on_its_line():
-    habits, start, direction = Habits(), np.zeros(2), np.array([1.0, 0.0])
+    habits, start, direction = MotionPatterns(), np.zeros(2), np.array([1.0, 0.0])
     learn(habits, start, direction, 2.0, 0.08, 0.0, 10.0)
     (line,) = habits.lost([], 20.0)
     assert line.high - line.low == pytest.approx(0.08 * 9.75, abs=0.02)
@@ -128,7 +133,7 @@ def test_lost_with_its_ends_unknown_it_may_be_anywhere_on_its_line():
 
 
 def test_a_turning_point_that_is_passed_is_forgotten():
-    habits, start, direction = Habits(), np.zeros(2), np.array([1.0, 0.0])
+    habits, start, direction = MotionPatterns(), np.zeros(2), np.array([1.0, 0.0])
     learn(habits, start, direction, 0.6, 0.08, 0.0, 12.0)
     assert np.isfinite([habits.lines[0].turn_low, habits.lines[0].turn_high]).any()
     for k, x in enumerate(np.arange(0.3, 1.2, 0.026)):
@@ -141,7 +146,7 @@ def test_a_turning_point_that_is_passed_is_forgotten():
 
 
 def test_what_stands_teaches_nothing():
-    habits = Habits()
+    habits = MotionPatterns()
     for stamp in np.arange(0.0, 5.0, EVERY_S):
         one = seen(np.array([1.0, 0.0]), np.array([0.004, 0.0]), stamp)
         habits.learn([one])

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from perception.primitives.errors import InputError
 from planning.search.astar import find_path, lattice_cost, prepare
-from planning.search.potential import SearchConfig
+from planning.search.potential import BODY_M, SearchConfig
 
 CELL_M = 0.05
 ORIGIN = np.array([-1.0, 2.0])
@@ -90,7 +90,7 @@ def test_no_path_enters_a_blocked_cell_and_shortcuts_cost_no_more(seed):
     straight_ends = CELL_M * (1 + config.alpha)  # the ends move inside their cells
     assert path.smoothed_cost_m <= path.cost_m + straight_ends
     if len(ground.solid):
-        assert path.clearance_m > config.body_radius_m - CELL_M * math.sqrt(0.5) - 1e-9
+        assert path.clearance_m > BODY_M - CELL_M * math.sqrt(0.5) - 1e-9
 
 
 def test_a_wall_with_a_gap_gives_the_lengths_of_the_specification():

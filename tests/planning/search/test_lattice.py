@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError
 from planning.search.astar import cheapest, find_path, lattice_cost, prepare
-from planning.search.potential import SearchConfig, potential, pull
+from planning.search.potential import BODY_M, TURN_M, SearchConfig, potential, repulsion
 
 CELL_M = 0.05
 
@@ -124,7 +124,7 @@ def test_a_goal_beyond_the_map_is_left_for_at_the_border_cell_of_least_total(see
 def test_khatibs_form_has_the_values_of_the_specification_times_the_radius_squared():
     # 1344 per m^2 on the cell itself, 0.4 at 5 cm from the margin.
     config = SearchConfig(form="khatib")
-    on, near, beyond = pull(np.array([0.0, 0.25, 0.30]), CELL_M, config) / config.body_radius_m**2
+    on, near, beyond = repulsion(np.array([0.0, 0.25, 0.30]), CELL_M, config) / BODY_M**2
     assert on == pytest.approx(1344, abs=1)
     assert near == pytest.approx(0.44, abs=0.01)
     assert beyond == 0.0
@@ -132,10 +132,10 @@ def test_khatibs_form_has_the_values_of_the_specification_times_the_radius_squar
 
 def test_both_forms_are_equal_at_the_body_radius_and_khatibs_is_steeper():
     smooth, khatib = SearchConfig(), SearchConfig(form="khatib")
-    at = np.array([smooth.body_radius_m])
-    assert pull(at, CELL_M, smooth) == pytest.approx(pull(at, CELL_M, khatib))
-    assert pull(at - 0.05, CELL_M, khatib) > pull(at - 0.05, CELL_M, smooth)
-    assert pull(at + 0.05, CELL_M, khatib) < pull(at + 0.05, CELL_M, smooth)
+    at = np.array([BODY_M])
+    assert repulsion(at, CELL_M, smooth) == pytest.approx(repulsion(at, CELL_M, khatib))
+    assert repulsion(at - 0.05, CELL_M, khatib) > repulsion(at - 0.05, CELL_M, smooth)
+    assert repulsion(at + 0.05, CELL_M, khatib) < repulsion(at + 0.05, CELL_M, smooth)
 
 
 def test_khatibs_potential_is_the_strongest_pull_of_any_cell():
@@ -154,8 +154,6 @@ def test_khatibs_potential_is_the_strongest_pull_of_any_cell():
 def test_an_unknown_form_is_named():
     with pytest.raises(ConfigError, match="form='steep' is unknown"):
         SearchConfig(form="steep")
-    with pytest.raises(ConfigError, match="turn_radius_m"):
-        SearchConfig(turn_radius_m=0.0)
 
 
 @settings(max_examples=30, deadline=None)
@@ -197,7 +195,7 @@ def test_the_curve_costs_no_more_than_the_lattice_path_and_bends_no_sharper_than
         u, v = b - a, c - b
         turn = abs(math.atan2(u[0] * v[1] - u[1] * v[0], float(u @ v)))
         radius = math.dist(a, c) / (2 * math.sin(turn)) if turn > 1e-9 else math.inf
-        sharp += turn >= 0.02 and radius < config.turn_radius_m * (1 - 1e-6)
+        sharp += turn >= 0.02 and radius < TURN_M * (1 - 1e-6)
     assert sharp <= path.corners
 
 

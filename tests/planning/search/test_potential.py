@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError, InputError
-from planning.search.potential import SearchConfig, blocked_cells, potential, terrain
+from planning.search.potential import SearchConfig, potential, terrain
 
 CELL_M = 0.05
 CONFIG = SearchConfig()
@@ -45,7 +45,8 @@ def test_cells_are_blocked_up_to_the_body_radius_and_not_beyond():
     solid[7, 7] = True
     rows, columns = np.indices(solid.shape)
     near = np.hypot(rows - 7, columns - 7) * CELL_M <= 0.16
-    np.testing.assert_array_equal(blocked_cells(solid, CELL_M, CONFIG), near)
+    _, blocked = terrain(solid.astype(float), np.zeros_like(solid), CELL_M, CONFIG)
+    np.testing.assert_array_equal(blocked, near)
 
 
 def test_unseen_cells_repel_by_half_and_block_nothing():

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from perception.primitives.robot_model import DARWIN_OP
 from planning.swarm import search
 from planning.swarm.floor_rows import FloorRows, upright
 from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
@@ -105,7 +106,7 @@ def test_on_bare_floor_the_value_is_the_distance_to_the_goal():
 
 def corridor_free(movable, T, target, config):
     """p2 the slow way: dense floor points of the corridor, each projected."""
-    half = config.width_m / 2 + config.margin_m
+    half = DARWIN_OP.width_m / 2 + config.margin_m
     reach = np.linalg.norm(target)
     along, left = target / reach, np.array([-target[1], target[0]]) / reach
     aside = np.linspace(-half, half, 15)
@@ -169,7 +170,7 @@ def test_who_stands_between_the_edges_of_the_corridor_blocks_it(radius, ahead, l
     place = o.place(best.pixel)
     direction = place / np.linalg.norm(place)
     passed = min(max(float(direction @ [ahead, left]), 0.0), float(np.linalg.norm(place)))
-    assert np.linalg.norm(passed * direction - [ahead, left]) > radius + CONFIG.width_m / 2
+    assert np.linalg.norm(passed * direction - [ahead, left]) > radius + DARWIN_OP.width_m / 2
 
 
 def test_a_place_farther_round_than_four_steps_turn_is_forbidden():
@@ -225,7 +226,7 @@ def test_a_camera_on_its_side_is_refused():
 
 
 def test_impossible_values_are_refused():
-    with pytest.raises(ConfigError, match="width_m=0"):
-        ObjectiveConfig(width_m=0.0)
+    with pytest.raises(ConfigError, match="penalty=0"):
+        ObjectiveConfig(penalty=0.0)
     with pytest.raises(ConfigError, match="window_steps=0"):
         ObjectiveConfig(window_steps=0)

@@ -10,6 +10,7 @@ from perception.monocular.back_projection import floor_points
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from perception.primitives.robot_model import DARWIN_OP
 from planning.swarm import search
 from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
@@ -71,7 +72,7 @@ class Looker:
         self.ahead = (self.places @ axis)[:, 0]  # of each row, along the camera's heading
         self.left = self.places @ [-axis[1], axis[0]]
         self.axis, self.u, self.v = axis, u, v
-        self.half = self.config.width_m / 2 + self.config.margin_m
+        self.half = DARWIN_OP.width_m / 2 + self.config.margin_m
 
     def column(self, rows, left):
         """Where a row shows the floor so far left, in fractions of a column."""
@@ -93,7 +94,7 @@ class Looker:
     def footprint(self):
         """p1."""
         e, config = self.slack, self.config
-        deep = config.depth_m / 2 + config.margin_m
+        deep = DARWIN_OP.depth_m / 2 + config.margin_m
         top = np.floor(self.row(self.ahead + deep) + 0.5 + e)
         bottom = np.floor(self.row(self.ahead - deep) + 0.5 - e)
         hidden = np.ones(self.blocked.shape, bool)
@@ -165,7 +166,7 @@ class Looker:
         if config.literal:  # measured from the y axis, and the robot looks along x
             bearing = bearing - math.pi / 2
         far = np.hypot(*self.places.transpose(2, 0, 1)) > config.farthest_m + e
-        turned = (np.abs(bearing) > config.window_rad + e) | far
+        turned = (np.abs(bearing) > config.window_rad(DARWIN_OP.gait) + e) | far
         half = CAMERA.width / 2
         lost = ((self.u < half) & self.sides[0]) | ((self.u >= half) & self.sides[1])
         seen = np.isfinite(self.places[..., 0]) & (np.nan_to_num(self.ahead) > 0.0)[:, None]

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2
-from planning.footsteps import GaitConfig
+from perception.primitives.robot_model import GaitLimits
 from planning.swarm import command
 from planning.swarm.corners import Corners
+from planning.swarm.ground_memory import GroundMemory, GroundMemoryConfig
 from planning.swarm.settings import SwarmWalkerConfig
-from planning.swarm.standing import Standing, StandingConfig
 
-GAIT = GaitConfig()
+GAIT = GaitLimits()
 metres = st.floats(-3.0, 3.0)
 angles = st.floats(-math.pi, math.pi)
 
@@ -138,7 +138,7 @@ HERE = np.zeros(2)
 
 
 def test_a_contact_is_remembered_until_floor_is_seen_there():
-    standing = Standing(StandingConfig())
+    standing = GroundMemory(GroundMemoryConfig())
     standing.update(0.0, HERE, np.array([[0.5, 0.1], [np.nan, np.nan], [5.0, 0.0]]), nothing)
     np.testing.assert_allclose(standing.places, [[0.5, 0.1]])
     standing.update(1.0, HERE, np.empty((0, 2)), nothing)
@@ -148,21 +148,21 @@ def test_a_contact_is_remembered_until_floor_is_seen_there():
 
 
 def test_a_contact_is_forgotten_in_time():
-    standing = Standing(StandingConfig(memory_s=5.0))
+    standing = GroundMemory(GroundMemoryConfig(memory_s=5.0))
     standing.update(0.0, HERE, np.array([[0.5, 0.1]]), nothing)
     standing.update(6.0, HERE, np.empty((0, 2)), nothing)
     assert len(standing.places) == 0
 
 
 def test_what_moves_is_not_standing():
-    standing = Standing(StandingConfig())
+    standing = GroundMemory(GroundMemoryConfig())
     standing.update(0.0, HERE, np.array([[0.5, 0.0], [0.8, 0.4]]), nothing)
     left = standing.apart_from(np.array([[0.55, 0.0]]), np.array([0.1]))
     np.testing.assert_allclose(left, [[0.8, 0.4]])
 
 
 def test_floor_once_seen_is_known_and_the_rest_is_not():
-    standing = Standing(StandingConfig())
+    standing = GroundMemory(GroundMemoryConfig())
     standing.update(0.0, HERE, np.empty((0, 2)), lambda places: places[:, 0] > 0.0)
     unknown = standing.never_seen(0.0, HERE)
     assert len(unknown) > 50
@@ -175,7 +175,7 @@ def test_floor_once_seen_is_known_and_the_rest_is_not():
 
 def test_the_memory_of_floor_walks_along():
     """Slots are used again 3.2 m on; what they held before is not taken for the new place."""
-    standing = Standing(StandingConfig())
+    standing = GroundMemory(GroundMemoryConfig())
     standing.update(0.0, HERE, np.empty((0, 2)), everything)
     assert len(standing.never_seen(0.0, HERE)) == 0
     far = np.array([3.2, 0.0])
@@ -184,4 +184,4 @@ def test_the_memory_of_floor_walks_along():
 
 def test_an_impossible_memory_is_refused():
     with pytest.raises(ConfigError, match="memory_s=0"):
-        StandingConfig(memory_s=0.0)
+        GroundMemoryConfig(memory_s=0.0)

@@ -10,12 +10,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from planning.univector.collision import (
-    NO_DOUBT,
+    EXACT,
     Band,
     colliding_speeds,
     contact,
-    doubtful_band,
     miss_deviation,
+    widened_band,
 )
 
 coordinates = st.floats(-2.0, 2.0)
@@ -89,9 +89,9 @@ def test_without_doubt_the_wider_band_is_the_band_and_with_doubt_it_holds_it():
     for _ in range(200):
         place, velocity = rng.uniform(-2, 2, 2), rng.normal(0, 0.08, 2)
         plain = colliding_speeds(place, velocity, RADIUS)
-        assert doubtful_band(place, velocity, RADIUS, NO_DOUBT, 1.0, 0.15, 8.0) == plain
+        assert widened_band(place, velocity, RADIUS, EXACT, 1.0, 0.15, 8.0) == plain
         P = np.diag([0.03, 0.03, 0.015, 0.015]) ** 2
-        wide = doubtful_band(place, velocity, RADIUS, P, 1.0, 0.15, 8.0)
+        wide = widened_band(place, velocity, RADIUS, P, 1.0, 0.15, 8.0)
         if plain is None:
             continue
         assert wide is not None

@@ -10,6 +10,7 @@ import pytest
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
+from perception.primitives.robot_model import GaitLimits, RobotModel
 from planning.univector.fields import FieldConfig
 from planning.univector.motion import advise, relative_covariance
 
@@ -17,6 +18,7 @@ PLAIN = FieldConfig(
     gaze_coupling=False, virtual_obstacles=False, velocity_change=False, uncertainty=False
 )
 SURE = np.eye(3) * 1e-12
+SLOW = RobotModel(gait=GaitLimits(cruise_mps=0.0615))  # seed 000: 0.04 m a step
 STEP_S, TURN = 0.65, math.radians(14.0)
 GOAL = np.array([4.0, 0.0])
 
@@ -28,12 +30,12 @@ def mover(x, y, vx, vy, sigma=1e-6, moving=1.0):
 
 def walk(config, start, velocity):
     """Walks to the goal past one mover: least gap, sum of turns, distance at which it first turned."""
-    pose, speed = np.zeros(3), config.cruise_mps
+    pose, speed = np.zeros(3), SLOW.gait.cruise_mps
     gap, turning, first = math.inf, 0.0, math.nan
     for k in range(140):
         at = start + velocity * k * STEP_S
         said = advise(
-            Gaussian(pose.copy(), SURE), speed, [mover(*at, *velocity)], GOAL, None, config
+            Gaussian(pose.copy(), SURE), speed, [mover(*at, *velocity)], GOAL, None, config, SLOW
         )
         turn = (said.heading_rad - pose[2] + math.pi) % (2 * math.pi) - math.pi
         turn = min(max(turn, -TURN), TURN)
@@ -71,9 +73,15 @@ def test_a_fast_mover_from_the_side_is_let_pass():
 
 def test_with_all_off_it_is_the_field_at_cruise():
     said = advise(
-        Gaussian(np.zeros(3), np.eye(3)), 0.0615, [mover(1.0, 0.0, -0.06, 0.0)], GOAL, None, PLAIN
+        Gaussian(np.zeros(3), np.eye(3)),
+        0.0615,
+        [mover(1.0, 0.0, -0.06, 0.0)],
+        GOAL,
+        None,
+        PLAIN,
+        SLOW,
     )
-    assert said.speed_mps == PLAIN.cruise_mps
+    assert said.speed_mps == SLOW.gait.cruise_mps
     assert not said.virtual.any()
     np.testing.assert_allclose(said.extended_m, [0.15 + 0.10 + 0.5 * 0.06])
     assert said.psi.tolist() == [0.0]
@@ -97,9 +105,9 @@ def test_doubt_slows_down_before_a_mover_that_the_mean_would_miss():
     velocity = np.array([0.0, -0.10])
     place = np.array([0.60, 0.35])  # passes before the robot at 0.33 m; S_oe is 0.30 m
     robot = Gaussian(np.zeros(3), SURE)
-    sure = advise(robot, 0.0615, [mover(*place, *velocity, 0.08)], GOAL, None, config)
+    sure = advise(robot, 0.0615, [mover(*place, *velocity, 0.08)], GOAL, None, config, SLOW)
     careful = replace(config, uncertainty=True)
-    doubtful = advise(robot, 0.0615, [mover(*place, *velocity, 0.08)], GOAL, None, careful)
+    doubtful = advise(robot, 0.0615, [mover(*place, *velocity, 0.08)], GOAL, None, careful, SLOW)
     assert sure.changes[0].case == "clear"
     assert doubtful.changes[0].case != "clear"
 
@@ -122,9 +130,9 @@ def test_the_relative_covariance_is_that_of_drawn_robots_and_obstacles():
 
 
 def test_nothing_in_the_way_is_walked_straight_at_cruise():
-    said = advise(Gaussian(np.zeros(3), SURE), 0.05, [], GOAL, None, FieldConfig())
+    said = advise(Gaussian(np.zeros(3), SURE), 0.05, [], GOAL, None, FieldConfig(), SLOW)
     assert said.heading_rad == pytest.approx(0.0)
-    assert said.speed_mps == FieldConfig().cruise_mps
+    assert said.speed_mps == SLOW.gait.cruise_mps
     assert said.changes == ()
 
 
@@ -137,10 +145,3 @@ def test_a_cell_beside_the_tracks_is_a_disc_of_half_its_side_that_stands():
     assert by_cell.heading_rad == pytest.approx(by_disc.heading_rad)
     assert by_cell.heading_rad < -math.radians(10.0)
     assert not by_cell.virtual.any()
-
-
-def test_the_speed_wanted_is_the_callers_up_to_the_fields_top():
-    here = Gaussian(np.zeros(3), SURE)
-    assert advise(here, 0.05, [], GOAL, None, PLAIN, cruise_mps=0.07).speed_mps == 0.07
-    top = PLAIN.top_speed_mps
-    assert advise(here, 0.08, [], GOAL, None, PLAIN, cruise_mps=0.5).speed_mps == top

@@ -7,13 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from perception.primitives.robot_model import DARWIN_OP
 from planning.univector._collision_kernels import travelled
 from planning.univector.collision import colliding_speeds, contact
 from planning.univector.fields import FieldConfig
-from planning.univector.speed import change, escape, lawful, least_distance
+from planning.univector.speed import (
+    change,
+    contact_acceleration,
+    escape_acceleration,
+    least_distance,
+)
 
 CONFIG = FieldConfig()
-RADIUS = 0.28
+RADIUS, TOP = 0.28, DARWIN_OP.gait.max_speed_mps
 
 
 def walked(place, velocity, speed, acceleration, seconds=8.0, dt=0.002):
@@ -21,7 +27,7 @@ def walked(place, velocity, speed, acceleration, seconds=8.0, dt=0.002):
     x, least = 0.0, np.inf
     for k in range(round(seconds / dt)):
         least = min(least, np.hypot(*(place + velocity * k * dt - [x, 0.0])))
-        speed_now = np.clip(speed + acceleration * k * dt, 0.0, CONFIG.top_speed_mps)
+        speed_now = np.clip(speed + acceleration * k * dt, 0.0, TOP)
         x += speed_now * dt
     return least
 
@@ -65,16 +71,18 @@ def test_the_printed_law_is_at_the_point_of_contact_at_the_time_of_contact():
     assert band is not None
     assert band.contains(speed)
     for root in (band.low, band.high):
-        a, t = lawful(place, velocity, speed, root), contact(place, velocity, root)
+        a, t = contact_acceleration(place, velocity, speed, root), contact(place, velocity, root)
         assert speed * t + 0.5 * a * t**2 == pytest.approx(root * t)
     assert (
-        lawful(place, velocity, speed, band.low) < 0.0 < lawful(place, velocity, speed, band.high)
+        contact_acceleration(place, velocity, speed, band.low)
+        < 0.0
+        < contact_acceleration(place, velocity, speed, band.high)
     )
 
 
 def test_the_escape_reaches_the_edge_of_the_band_when_the_obstacle_does():
     place, velocity, speed = np.array([0.2, -1.0]), np.array([0.0, 0.1]), 0.03
-    a = escape(place, velocity, RADIUS, speed)
+    a = escape_acceleration(place, velocity, RADIUS, speed)
     edge = 0.2 + RADIUS  # the mover comes along y, so its band ends there
     t = 1.0 / 0.1
     assert speed * t + 0.5 * a * t**2 == pytest.approx(edge)
@@ -107,5 +115,6 @@ def test_the_way_travelled_is_the_integral_of_the_bounded_speed(speed, accelerat
 def test_the_least_distance_is_that_of_walking_it():
     for place, velocity, _, speed in encounters(5, 10):
         for a in (-0.03, 0.0, 0.03):
-            found = least_distance(place, velocity, speed, a, CONFIG)
+            bound = TOP if a > 0.0 else 0.0
+            found = least_distance(place, velocity, speed, a, bound, CONFIG.horizon_s)
             assert found == pytest.approx(walked(place, velocity, speed, a), abs=0.004)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError, InputError
 from planning.univector.fields import FieldConfig
-from planning.univector.virtual_obstacle import shrunk, virtual_obstacle
+from planning.univector.virtual_obstacle import shrunken_radius, virtual_obstacle
 
 CONFIG = FieldConfig()
 shares = st.floats(0.0, 0.999)
@@ -18,22 +18,22 @@ convexities = st.floats(0.05, 0.95)
 
 @given(convexities)
 def test_the_curve_goes_from_the_obstacle_itself_through_xi_to_nothing(xi):
-    assert shrunk(1.0, 0.0, xi) == 1.0
-    assert shrunk(1.0, 1.0, xi) == 0.0
-    assert shrunk(1.0, xi, xi) == pytest.approx(xi)
+    assert shrunken_radius(1.0, 0.0, xi) == 1.0
+    assert shrunken_radius(1.0, 1.0, xi) == 0.0
+    assert shrunken_radius(1.0, xi, xi) == pytest.approx(xi)
 
 
 @given(shares, convexities)
 def test_the_curve_is_its_own_inverse_and_never_grows(share, xi):
-    here = shrunk(1.0, share, xi)
-    assert shrunk(1.0, min(here, 1.0), xi) == pytest.approx(share, abs=1e-9)
-    assert shrunk(1.0, min(share + 0.01, 1.0), xi) <= here
+    here = shrunken_radius(1.0, share, xi)
+    assert shrunken_radius(1.0, min(here, 1.0), xi) == pytest.approx(share, abs=1e-9)
+    assert shrunken_radius(1.0, min(share + 0.01, 1.0), xi) <= here
 
 
 @given(shares, st.floats(0.5, 0.9), st.floats(0.01, 0.09))
 def test_a_larger_xi_bulges_and_one_half_is_a_triangle(share, xi, more):
-    assert shrunk(0.3, share, 0.5) == pytest.approx(0.3 * (1.0 - share))
-    assert shrunk(0.3, share, xi + more) >= shrunk(0.3, share, xi) - 1e-12
+    assert shrunken_radius(0.3, share, 0.5) == pytest.approx(0.3 * (1.0 - share))
+    assert shrunken_radius(0.3, share, xi + more) >= shrunken_radius(0.3, share, xi) - 1e-12
 
 
 def test_it_stands_at_the_foot_of_the_perpendicular_and_moves_with_it():
@@ -71,4 +71,4 @@ def test_an_impossible_convexity_is_refused():
     with pytest.raises(ConfigError, match="convexity"):
         FieldConfig(convexity=1.0)
     with pytest.raises(InputError, match="convexity"):
-        shrunk(0.3, 0.5, 0.0)
+        shrunken_radius(0.3, 0.5, 0.0)

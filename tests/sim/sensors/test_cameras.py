@@ -13,6 +13,7 @@ from perception.depth.rectification import rectification, straightened
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Frame, StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from perception.primitives.stopwatch import Stopwatch
 from planning.commands import WalkCommand
 from sim.body.head import HeadConfig
 from sim.body.kinematic import SlipConfig, TrembleConfig
@@ -26,7 +27,6 @@ from surefoot.config.schema import Config
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.run.pipeline import Pipeline
-from surefoot.run.stopwatch import Stopwatch
 
 LENS = (-0.28, 0.07, 0.001, -0.0008, 0.0)  # as calibrated cameras of this opening have
 PLAIN = ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035), noise_grey=0.0)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from perception.localisation.filter import LocaliserConfig
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.robot_model import DARWIN_OP
 from planning.planners.mission import MissionConfig
 from sim.body.dynamic.anatomy import gait_for
 from surefoot.config import toml
@@ -113,31 +114,39 @@ def test_a_value_asked_for_stays_even_where_it_is_the_other_bodys():
 
 def test_what_was_written_with_another_body_reads_back_to_the_same(tmp_path):
     for overrides in (["robot.body=dynamic"], ["robot.dynamic.anatomy=tall"], []):
-        config = load(None, [*overrides, "guard.body_radius_m=0.2"])
+        config = load(None, [*overrides, "guard.react_s=1.5"])
         path = tmp_path / "config.toml"
         path.write_text(toml.dumps(config))
         assert load(path) == config
 
 
 @pytest.mark.parametrize("body", ["kinematic", "dynamic"])
-def test_planning_knows_how_large_the_body_is(body):
-    config = load(None, [f"robot.body={body}", "robot.dynamic.scale=2.0", "search.margin_m=0.5"])
-    plain = on_body(Config(), body)
-    for part in ("search", "univector", "via_field", "guard"):
-        assert getattr(config, part).body_radius_m == 2.0 * getattr(plain, part).body_radius_m
-    assert config.search.margin_m == 0.5
-    assert config.search.turn_radius_m == 2.0 * plain.search.turn_radius_m
-    assert config.gaze.attention.eye_m == 2.0 * plain.gaze.attention.eye_m
-    assert config.swarm.objective.width_m == 2.0 * plain.swarm.objective.width_m
-    gait, most = config.guard.gait, gait_for(config.robot.dynamic.body, config.robot.gait)
+def test_the_robot_model_grows_with_the_body(body):
+    plain = load(None, [f"robot.body={body}"]).robot_model
+    assert plain == DARWIN_OP
+    grown = load(None, [f"robot.body={body}", "robot.dynamic.scale=2.0"]).robot_model
+    for name in ("radius_m", "width_m", "depth_m", "height_m", "passage_width_m", "eye_m", "hip_m"):
+        assert getattr(grown, name) == pytest.approx(2.0 * getattr(plain, name))
+    assert (grown.breadth, grown.leg_scale) == (2.0, 2.0)
+    assert grown.gait.cruise_mps == 2.0 * plain.gait.cruise_mps
+    assert grown.gait.max_turn_deg == plain.gait.max_turn_deg
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
+def test_the_planned_steps_are_within_the_limits_of_the_body(scale):
+    config = load(None, [f"robot.dynamic.scale={scale}"])
+    most = gait_for(config.robot.dynamic.body, config.robot.gait)
+    gait = config.robot_model.gait
     assert gait.max_speed_mps * gait.step_s <= most.forward_limit_m
-    assert gait.cruise_mps == 2.0 * plain.guard.gait.cruise_mps
-    tall = load(None, [f"robot.body={body}", "robot.dynamic.anatomy=tall"])
-    assert tall.search.body_radius_m > math.hypot(0.30, 0.20) / 2  # seed 004: wide and deep
-    assert tall.localiser == plain.localiser
-    small = load(None, [f"robot.body={body}", "robot.dynamic.scale=0.5"])
-    least = gait_for(small.robot.dynamic.body, small.robot.gait)
-    assert small.guard.gait.max_speed_mps * small.guard.gait.step_s <= least.forward_limit_m
+
+
+def test_the_robot_of_seed_004_has_its_printed_size():
+    config = load(None, ["robot.dynamic.anatomy=tall"])
+    robot = config.robot_model
+    assert (robot.width_m, robot.depth_m, robot.passage_width_m) == (0.30, 0.20, 0.30)
+    assert robot.height_m == pytest.approx(0.60, abs=0.01)
+    assert robot.radius_m > math.hypot(0.30, 0.20) / 2
+    assert config.classes.robot_height_m == robot.height_m
 
 
 @pytest.mark.parametrize("body", ["kinematic", "dynamic"])

@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from perception.estimate import Estimate
 from perception.monocular.back_projection import camera_pose, floor_points
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
-from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from planning.planners.swarm_planner import SwarmPlanner
 from surefoot.cli.main import main
 from surefoot.config.schema import Config
 from surefoot.offline.job import Job
@@ -27,7 +26,6 @@ from surefoot.offline.monocular import UNUSABLE, colour_floors, run_monocular
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.run.pipeline import Pipeline
-from surefoot.swarm_planner import SwarmPlanner
 
 CAMERA = Camera.from_view(320, 240, math.radians(75.0), math.radians(60.0))
 WALK = Path(__file__).resolve().parents[3] / "data" / "walk"
@@ -284,7 +282,8 @@ def test_the_swarm_planner_stops_at_pictures_without_a_floor(kind):
     shade = 0 if kind == "black" else 150
     rgb = np.clip(rng.normal(shade, 2.0, (240, 320, 3)), 0, 9 if kind == "black" else 255)
     config = replace(Config(), scene="robots_room")
-    planner = SwarmPlanner(config, [(2.0, 0.0)])
+    config = replace(config, monocular=replace(config.monocular, use="always"))
+    planner = SwarmPlanner(config.planning, [(2.0, 0.0)])
     pipeline = Pipeline(config, RecordingInfo("live", "simulation", start=Pose2()))
     for k in range(3):
         frame = Frame(
@@ -292,14 +291,11 @@ def test_the_swarm_planner_stops_at_pictures_without_a_floor(kind):
             colour=ColourView(rgb.astype(np.uint8), CAMERA, head),
             footstep_due=True,
         )
-        pose = Gaussian(np.zeros(3), np.eye(3) * 1e-4)
-        estimate = Estimate(frame.stamp_s, pose, (), (), (), None)
-        planner.notice(frame, estimate, pipeline)
-        planner.decide(frame, estimate, pipeline)
-        assert (
-            planner.decide(frame, estimate, pipeline).walk.forward_m == 0.0
-        )  # no pixel to walk to
-        assert not planner.result.movable.any()
+        world = pipeline.cycle(frame)
+        planner.observe(world)
+        assert planner.decide(world).walk.forward_m == 0.0  # no pixel to walk to
+        assert world.colour_floor is not None
+        assert not world.colour_floor.result.movable.any()
 
 
 def test_floor_points_of_the_pictures_lie_where_the_scene_has_them():

@@ -13,7 +13,8 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3, head_rotation
-from surefoot.avoidance_planner import AvoidancePlanner
+from planning.planners.avoidance_planner import AvoidancePlanner
+from planning.planners.settings import PlanningConfig
 from surefoot.config.schema import Config
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.report.live_view import PANE_PX, LivePage
@@ -61,13 +62,13 @@ def cycle(pipeline, grey):
 
 def test_camera_range_and_panorama_stand_beside_the_space(server):
     page, pipeline = LivePage(), Pipeline(Config(), RecordingInfo("test", "rgbd"))
-    page.show(cycle(pipeline, 90)[0], pipeline, cycle(pipeline, 91)[1])
+    page.show(cycle(pipeline, 90)[0], cycle(pipeline, 91)[1])
     assert set(server.panes) == {"Camera", "Depth (depth)"}
-    planner = AvoidancePlanner(Config(), [(1.0, 0.0)])
+    planner = AvoidancePlanner(PlanningConfig(), [(1.0, 0.0)])
     drawing = SimpleNamespace(range_m=np.full((20, 100), 1.0))
     planner.looks = [SimpleNamespace(panorama=SimpleNamespace(drawing=drawing))]
-    frame, estimate = cycle(pipeline, 200)
-    page.show(frame, pipeline, estimate, planner)
+    frame, world = cycle(pipeline, 200)
+    page.show(frame, world, planner)
     assert set(server.panes) == {"Camera", "Depth (depth)", "Panoramic environment map"}
     assert server.panes["Camera"].image.shape == (240, PANE_PX, 3)
     assert (server.panes["Camera"].image == 200).all()  # the newest, in the same pane

@@ -35,7 +35,7 @@ def test_a_person_who_fills_the_view_is_followed_with_what_it_does():
         )
         robot.look(GazeCommand(math.radians(20.0), math.radians(30.0)))
         for _ in range(28):
-            estimate = pipeline.cycle(robot.read())
+            estimate = pipeline.cycle(robot.read()).estimate
             whole += sum(cluster.whole for cluster in estimate.clusters)
             x, y, vx, vy = world.movers()[0]
             for track in estimate.obstacles:

@@ -144,12 +144,12 @@ def scene_with(*things: StaticObject) -> Scene:
 
 def test_a_robot_stands_about_its_mark_as_its_prior_says():
     scene = scene_with()
-    placed = [simulate.put_down(scene, dataclasses.replace(Config(), seed=s)) for s in range(400)]
+    placed = [simulate.true_start(scene, dataclasses.replace(Config(), seed=s)) for s in range(400)]
     off = np.array([(p.x - 0.1, p.y + 0.2, wrap_angle(p.yaw - 3.14)) for p in placed])
     sigma = np.sqrt(np.diag(simulate.START_COVARIANCE))
     assert np.all(np.abs(off.mean(axis=0)) < 4.0 * sigma / np.sqrt(400))
     np.testing.assert_allclose(off.std(axis=0), sigma, rtol=4.0 / np.sqrt(800))
-    assert simulate.put_down(scene, Config()) == placed[0]
+    assert simulate.true_start(scene, Config()) == placed[0]
 
 
 def test_a_robot_is_put_down_clear_of_what_stands_there():
@@ -157,11 +157,12 @@ def test_a_robot_is_put_down_clear_of_what_stands_there():
         "box", (Box((0.1, -0.052, 0.2), (0.4, 0.1, 0.4), 0.0),)
     )  # 98 mm from the mark
     placed = [
-        simulate.put_down(scene_with(box), dataclasses.replace(Config(), seed=s)) for s in range(50)
+        simulate.true_start(scene_with(box), dataclasses.replace(Config(), seed=s))
+        for s in range(50)
     ]
     assert max(p.y for p in placed) <= -0.102 - np.hypot(0.110, 0.164) / 2
     tight = StaticObject("box", (Box((0.1, -0.15, 0.2), (0.4, 0.1, 0.4), 0.0),))
-    assert simulate.put_down(scene_with(tight), Config()) == scene_with().start
+    assert simulate.true_start(scene_with(tight), Config()) == scene_with().start
 
 
 def test_the_run_starts_off_the_mark_that_it_was_told(walked):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from surefoot.config.schema import BESIDE_GUARD
+from planning.planners.settings import BESIDE_GUARD
 from surefoot.experiments.seed_001.crossings import (
     LIMIT_S,
     MEETS_S,

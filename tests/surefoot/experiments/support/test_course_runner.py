@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from planning.commands import WalkCommand
-from planning.safety.line_of_sight import barred
-from planning.safety.step_filter import Trusting
+from planning.safety.guard import Guard
+from planning.safety.line_of_sight import is_blocked
+from planning.safety.step_filter import Unfiltered
 from sim.scenes import catalogue
 from surefoot.config.presets import on_body
 from surefoot.evaluation.metrics.contacts import Contact, Touch, class_of
@@ -24,16 +25,16 @@ def short(scene, seed, seconds):
     return replace(config, mission=replace(config.mission, time_limit_s=seconds))
 
 
-@pytest.mark.parametrize("truly", [True, False])
-def test_twenty_seconds_among_fast_movers_is_walked_without_contact(truly):
-    result = walk(short("fast_course", 0, 20.0), truly)
+@pytest.mark.parametrize("perfect", [True, False])
+def test_twenty_seconds_among_fast_movers_is_walked_without_contact(perfect):
+    result = walk(short("fast_course", 0, 20.0), perfect)
     assert result.contacts == []
     assert result.clearance_m > 0.0
     (_, x0, y0, _), (_, x1, y1, _) = result.trace[0], result.trace[-1]
     assert math.hypot(x1 - x0, y1 - y0) > 0.4
 
 
-class Listening(Trusting):
+class Listening(Unfiltered):
     """Makes every step wanted, and remembers what it was to be judged by."""
 
     def __init__(self):
@@ -52,7 +53,9 @@ def test_steps_are_judged_by_the_goal_where_only_movers_are_in_the_way():
     clear = [
         target
         for here, standing, target in stepper.heard
-        if not barred(here, goal, standing, config.guard.cell_distance_m)
+        if not is_blocked(
+            here, goal, standing, Guard(config.guard, config.robot_model).cell_distance_m
+        )
     ]
     assert len(clear) > 20
     np.testing.assert_allclose(clear, np.broadcast_to(goal, (len(clear), 2)), atol=1e-9)
@@ -91,7 +94,7 @@ def test_a_fall_ends_a_walk_that_tries_ways_of_looking(monkeypatch):
 
 
 def test_another_stepper_makes_the_steps():
-    result = walk(short("course", 2, 10.0), True, Trusting())
+    result = walk(short("course", 2, 10.0), True, Unfiltered())
     assert result.guarded == 0
 
 

@@ -1,0 +1,49 @@
+"""Planners by name, with the recovery and the fall-back that belong to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast
+
+from perception.primitives import plugins
+
+from .depth_loss_fallback import DepthLossFallback
+from .mission import PLANNERS
+from .planner import Planner
+from .settings import PlanningConfig
+from .stuck_recovery import StuckRecovery
+
+BY_DEPTH = ("search", "field")
+"""Planners that are replaced by the one by colour while depth does not show the floor ahead."""
+
+MEMBERS = ("reached", "observe", "decide", "distance_to_goal", "finished")
+
+
+def make(
+    config: PlanningConfig,
+    goals: Sequence[tuple[float, float]],
+    scan: bool = True,
+    fall_back: bool = True,
+) -> Planner:
+    """The planner that the mission asks for.
+
+    Args:
+        config: Settings of planning.
+        goals: Where to walk, one after the other, map frame, m.
+        scan: Whether the robot has a depth camera for panoramic scans, which the recovery needs.
+        fall_back: Whether the robot has a colour camera to walk by while depth is lost.
+
+    Raises:
+        InputError: A planner of the user's cannot be loaded.
+    """
+    mission = config.mission
+    planner = cast(
+        Planner, plugins.load(mission.planner, PLANNERS, "planner", MEMBERS)(config, goals)
+    )
+    if mission.wander or mission.planner not in BY_DEPTH:
+        return planner
+    if mission.planner == "search" and mission.look_about and scan:
+        planner = StuckRecovery(planner, config, goals)
+    if fall_back:
+        planner = DepthLossFallback(planner, config, goals)
+    return planner

@@ -1,0 +1,75 @@
+"""The planner protocol: from the world model to the next footstep and gaze.
+
+Four planners implement it: `search_planner` (grid search and univector field), `field_planner` (univector field
+to the goal), `swarm_planner` (seed 000, by one colour camera), `avoidance_planner` (seed 004). A planner of your
+own needs the five members below and a constructor that takes `PlanningConfig` and the goals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ..commands import GazeCommand, WalkCommand
+from ..world_model import WorldModel
+
+
+@dataclass(frozen=True, eq=False)
+class ImageTarget:
+    """The pixel that an image-based planner chose, for the report.
+
+    Args:
+        movable: (h, w), 255 where the planner would step.
+        pixel: (u, v) that it walks to; None if it found none.
+    """
+
+    movable: UInt8[np.ndarray, "h w"]
+    pixel: tuple[int, int] | None
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the body is asked to do, and why.
+
+    Args:
+        walk: The next footstep.
+        gaze: Where to look meanwhile.
+        why: One or two words: "survey", "walk", "guard", "blocked", or a planner's own.
+        timing_ms: Wall time of each stage, ms, of planners that measure it.
+        image_target: Of planners that choose a pixel.
+    """
+
+    walk: WalkCommand
+    gaze: GazeCommand
+    why: str
+    timing_ms: dict[str, float] = field(default_factory=dict, compare=False)
+    image_target: ImageTarget | None = field(default=None, compare=False)
+
+
+@runtime_checkable
+class Planner(Protocol):
+    """From the world model to the next footstep."""
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far; for an exploring planner, places visited."""
+        ...
+
+    def observe(self, world: WorldModel) -> None:
+        """Take in one frame; called for every frame, before any decision about it."""
+        ...
+
+    def decide(self, world: WorldModel) -> Decision:
+        """The next footstep and gaze; called once per footstep."""
+        ...
+
+    def distance_to_goal(self, world: WorldModel) -> float:
+        """Distance from the estimated pose to the present goal, m; 0 without one."""
+        ...
+
+    def finished(self, world: WorldModel) -> bool:
+        """Whether the mission is over; called once per frame."""
+        ...

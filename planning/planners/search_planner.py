@@ -1,0 +1,213 @@
+"""The default planner: grid search, univector field, guard and gaze.
+
+A* on the egocentric grid gives a via point (seed 003), the univector field leads there (seed 001), the guard
+replaces steps that come too close to static or moving obstacles (ours), and the gaze policy chooses where to look.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt8
+
+from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.grid.evidence import OCCUPIED
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import MOVING, Obstacle
+from perception.primitives.pose import Pose2
+from perception.primitives.stopwatch import Stopwatch
+
+from .. import footsteps
+from ..commands import GazeCommand, WalkCommand
+from ..exploration import ExplorationMap, Explorer
+from ..gaze.attention import GazeContext
+from ..gaze.policy import GazePolicy
+from ..safety.guard import Guard
+from ..safety.line_of_sight import farthest_visible
+from ..safety.step_filter import StepFilter
+from ..search.route import Route
+from ..univector import motion
+from ..world_model import WorldModel
+from .goals import Goals
+from .planner import Decision
+from .settings import PlanningConfig
+
+CELL_M = 0.05  # ours: half a cell's diagonal plus the position error of a track
+DEPTH_M = 0.15  # ours: least depth of furniture behind a visible face
+HIDDEN = np.float32(0.6)  # ours: occupancy assumed behind a visible face
+MOVER_COST = np.float32(
+    0.4
+)  # ours: occupancy that the search assumes for cells of moving obstacles
+
+
+class SearchPlanner:
+    """Walks to goals in order, or explores."""
+
+    def __init__(
+        self,
+        config: PlanningConfig,
+        goals: Sequence[tuple[float, float]],
+        stepper: StepFilter | None = None,
+    ) -> None:
+        """Begin with the first goal.
+
+        Args:
+            config: Settings of planning; `mission.wander` explores instead of going to the goals.
+            goals: In order, map frame, m.
+            stepper: Checks every step; None: the guard.
+        """
+        self._config, self._robot = config, config.robot
+        self._guard = Guard(config.guard, self._robot)
+        self._stepper: StepFilter = self._guard if stepper is None else stepper
+        self._goals = Goals(goals, config.mission, config.mission.headings_deg)
+        self._explorer = Explorer(config.exploration) if config.mission.wander else None
+        self._route = Route(config.search, config.route, self._robot)
+        self._gaze = GazePolicy(config.gaze, self._robot)
+        self._speed_mps = 0.0
+
+    @property
+    def reached(self) -> int:
+        """Goals reached so far; places visited when exploring."""
+        return self._goals.reached if self._explorer is None else self._explorer.visited
+
+    def distance_to_goal(self, world: WorldModel) -> float:
+        """Distance from the estimated pose to the present goal, m; 0 when all are reached."""
+        return 0.0 if self._explorer else self._goals.distance(world)
+
+    def finished(self, world: WorldModel) -> bool:
+        """Whether all goals are reached or the time is up; exploring ends with the time."""
+        if self._explorer is not None:
+            return world.stamp_s >= self._config.mission.time_limit_s
+        return self._goals.finished(world)
+
+    def observe(self, world: WorldModel) -> None:
+        """Nothing to do between footsteps."""
+
+    def decide(self, world: WorldModel) -> Decision:
+        """The next footstep and gaze; called once per footstep."""
+        goal = self._goal(world)
+        if world.pose is None or world.grid is None or goal is None:
+            return Decision(WalkCommand(), GazeCommand(), "blocked")
+        grid, robot, watch = world.grid, world.pose2, Stopwatch(time.thread_time)
+        obstacles = _supposed(world.tracks)
+        with watch.stage("route"):
+            probability, unknown, occupied = _as_ground(grid)
+            via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
+        with watch.stage("gaze"):
+            expected = self._guard.expected(obstacles, world.stamp_s)
+            gaze = self._gaze.next(world.stamp_s, robot, via, expected, GazeContext.of(world))
+        with watch.stage("field"):
+            desired, why = self._wanted(world.pose, via, obstacles)
+        with watch.stage("guard"):
+            standing = _not_movers(grid.centres()[occupied], obstacles)
+            here = world.pose.mean[:2]
+            near_m = self._guard.cell_distance_m
+            target = farthest_visible(here, self._route.ahead(here), standing, near_m)
+            walk = self._stepper.choose(
+                desired, world.pose, obstacles, standing, target, world.stamp_s
+            )
+        self._speed_mps = walk.forward_m / self._robot.gait.step_s
+        return Decision(walk, gaze, why if walk == desired else "guard", watch.milliseconds)
+
+    def _goal(self, world: WorldModel) -> Float[np.ndarray, "2"] | None:
+        """The present goal, map frame, m; None without one."""
+        if self._explorer is None:
+            return self._goals.present
+        if world.pose is None or world.world_map is None or not world.world_map.known.any():
+            return None
+        occupancy = world.world_map
+        known = occupancy.known
+        occupied = known & (occupancy.probability >= OCCUPIED)
+        ground = ExplorationMap(
+            occupied, known, occupancy.updated_s, occupancy.origin, occupancy.cell_m
+        )
+        visited = self._explorer.visited
+        goal = self._explorer.goal(ground, world.pose.mean[:2], world.stamp_s)
+        if self._explorer.visited > visited:
+            self._gaze.survey()
+        return goal
+
+    def _wanted(
+        self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
+    ) -> tuple[WalkCommand, str]:
+        """The step before the guard checks it, and why."""
+        if self._gaze.surveying:
+            return WalkCommand(), "survey"
+        if self._goals.turning and self._goals.heading is not None:
+            x, y, yaw = (float(v) for v in pose.mean)
+            gait = self._robot.gait
+            return footsteps.footstep(self._goals.heading, 0.0, Pose2(x, y, yaw), gait), "walk"
+        if self._route.path is None:
+            return WalkCommand(), "blocked"
+        return self._desired(pose, via, obstacles), "walk"
+
+    def _desired(
+        self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
+    ) -> WalkCommand:
+        """The field's step round moving obstacles; the path avoids the static ones."""
+        config, gait = self._config.via_field, self._robot.gait
+        x, y, yaw = (float(v) for v in pose.mean)
+        arrival = self._goals.heading if _same(via, self._goals.present) else None
+        movers = [o for o in obstacles if o.moving >= MOVING]
+        advice = motion.advise(
+            pose,
+            self._speed_mps,
+            movers,
+            via,
+            arrival,
+            config,
+            self._robot,
+            self._config.gaze.attention.map.evaluation,
+        )
+        speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
+        return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
+
+
+def _same(via: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"] | None) -> bool:
+    """Whether the via point is the goal."""
+    return goal is not None and np.array_equal(via, goal)
+
+
+def _as_ground(
+    grid: EgocentricGrid,
+) -> tuple[Float32[np.ndarray, "n n"], Bool[np.ndarray, "n n"], Bool[np.ndarray, "n n"]]:
+    """Occupancy and unknown cells for the search, and the cells that no step may touch.
+
+    Static obstacles extend behind the face that is seen, so unseen cells just behind it count as occupied. Cells of
+    moving obstacles are expensive for the search, not blocked: the guard avoids the obstacles themselves.
+    """
+    probability, known, moving = grid.probability, grid.known, grid.moving
+    occupied = known & (probability >= OCCUPIED)
+    standing = (occupied & ~moving).view(np.uint8)
+    near = cv2.dilate(standing, _diamond(round(DEPTH_M / grid.cell_m))).view(np.bool_)
+    behind = ~known & near
+    probability = np.where(known & moving, np.minimum(probability, MOVER_COST), probability)
+    probability = np.where(behind, HIDDEN, probability).astype(np.float32)
+    return probability, ~known & ~behind, occupied | behind
+
+
+def _supposed(obstacles: Sequence[Obstacle]) -> list[Obstacle]:
+    """Tracks, moving ones extrapolated straight on; field, guard and gaze add their own hypotheses."""
+    return [o.gone_straight() if o.moving >= MOVING else o for o in obstacles]
+
+
+def _not_movers(
+    cells: Float[np.ndarray, "n 2"], obstacles: Sequence[Obstacle]
+) -> Float[np.ndarray, "m 2"]:
+    """Occupied cells outside all moving tracks, which the guard predicts itself."""
+    movers = [o for o in obstacles if o.moving >= MOVING]
+    places = np.array([o.position for o in movers]).reshape(-1, 2)
+    reach = np.array([o.radius_m for o in movers]) + CELL_M
+    gaps = np.linalg.norm(cells[:, None] - places, axis=2)
+    return cells[(gaps > reach).all(axis=1)]
+
+
+@cache
+def _diamond(cells: int) -> UInt8[np.ndarray, "side side"]:
+    """Structuring element: cells within that many steps up, down, left and right."""
+    along = np.abs(np.arange(-cells, cells + 1))
+    return (along[:, None] + along <= cells).astype(np.uint8)
