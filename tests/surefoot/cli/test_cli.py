@@ -114,10 +114,10 @@ def test_an_impossible_number_is_refused_by_its_name(words):
 
 def test_an_unknown_key_in_a_file_is_named_with_the_file(tmp_path):
     path = tmp_path / "mine.toml"
-    path.write_text("[guard]\nmargn_m = 0.1\n")
+    path.write_text("[grid]\ncel_m = 0.1\n")
     code, shown = call("simulate", "--config", path)
     assert code == BAD_INPUT
-    assert "margn_m" in shown
+    assert "grid.cel_m; did you mean grid.cell_m?" in shown
     assert "mine.toml" in shown
 
 
