@@ -22,7 +22,7 @@ from jaxtyping import Float
 
 from ..primitives.pose import Pose2, wrap_angle
 
-X, Y, YAW, SLIP, CRAB, DRIFT, GYRO_BIAS, PAN, RANGE, TURN = range(10)
+X, Y, YAW, SLIP, LATERAL_SLIP, DRIFT, GYRO_BIAS, PAN, RANGE, TURN = range(10)
 """Entries of the walker's state: m, m, rad, m per step, m per step, rad per step, rad/s, rad, 1, rad.
 
 RANGE is by how many of their own deviations all ranges are too long alike: a lens, a printer or a renderer
@@ -44,7 +44,7 @@ def walk(state: np.ndarray, dt: float, motion: Pose2, steps: float) -> np.ndarra
     Returns:
         The state after it; slip, crab and drift are added in proportion to the steps made.
     """
-    ahead, left = motion.x + state[SLIP] * steps, motion.y + state[CRAB] * steps
+    ahead, left = motion.x + state[SLIP] * steps, motion.y + state[LATERAL_SLIP] * steps
     turn = motion.yaw + state[DRIFT] * steps
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     after = state.copy()

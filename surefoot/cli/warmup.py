@@ -142,9 +142,9 @@ def _camera_in_the_hand(rng: np.random.Generator) -> str:
         assert view is not None
         depth = structured_light.depth(view)
         rgb = rng.integers(0, 255, (*depth.z.shape, 3)).astype(np.uint8)
-        odometer.take_images(depth, rgb)
+        odometer.track_images(depth, rgb)
         surface.integrate(depth, Pose3(), rgb)
-    odometer.way()
+    odometer.trajectory()
     traversability(surface.mesh())
     return "odometry and surface"
 

@@ -24,8 +24,8 @@ from perception.depth.time_of_flight import TofConfig
 from perception.floor.choose import FloorConfig
 from perception.floor.classify import ClassConfig
 from perception.floor.refine import RefineConfig, SharedError
-from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
+from perception.localisation.localiser_noise import LocaliserConfig
 from perception.localisation.pose_source import PriorConfig
 from perception.localisation.registration import RegistrationConfig
 from perception.monocular.cycle import MonocularConfig

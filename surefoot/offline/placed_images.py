@@ -20,7 +20,7 @@ from perception.depth.undistortion import undistorted
 from perception.floor.segmented_view import SegmentedView, near_movers
 from perception.localisation.camera_pose import CameraPoseSource
 from perception.odometry.odometry import LOST, RESTARTED
-from perception.odometry.pose_uncertainty import Claims
+from perception.odometry.pose_uncertainty import PoseUncertainty
 from perception.odometry.rgbd_odometry import Odometer
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.obstacle import Obstacle
@@ -136,17 +136,18 @@ class OdometryCamera(PlacedImages):
 
     def __init__(self, recording: Recording, config: Config, say: Say) -> None:
         super().__init__(recording, config)
-        self._odometer = Odometer(np.random.default_rng(config.seed), config.odometer)
+        rng = np.random.default_rng(config.seed)
+        self._odometer = Odometer(rng, config.odometer, config.floor)
         stamps = []
         of = f" of {recording.info.frames}" if recording.info.frames else ""
         for frame in recording.frames():
             image = self.sources.for_odometry(frame)
             if image is None:
                 continue
-            step = self._odometer.take_images(image.depth, image.rgb, image.sensor)
+            step = self._odometer.track_images(image.depth, image.rgb, image.sensor)
             stamps.append(frame.stamp_s)
             say(f"trajectory: frame {len(stamps)}{of}, {step.state}")
-        poses, self._solution = self._odometer.way() if stamps else ([], None)
+        poses, self._solution = self._odometer.trajectory() if stamps else ([], None)
         states = self._odometer.states
         found = [state not in (LOST, RESTARTED) for state in states]
         self._poses = {s: p for s, p, known in zip(stamps, poses, found, strict=True) if known}
@@ -168,9 +169,11 @@ class OdometryCamera(PlacedImages):
     def write(self, folder: RunFolder) -> None:
         """Write trajectory.txt, the two tables of covariances, and graph.g2o."""
         write_poses(folder, "trajectory.txt", self._poses.items())
-        claims = self._odometer.claims(self._solution)
-        if claims is not None:
-            known = Claims(claims.from_start[self._found], claims.aligned[self._found])
+        uncertainty = self._odometer.uncertainty(self._solution)
+        if uncertainty is not None:
+            known = PoseUncertainty(
+                uncertainty.from_start[self._found], uncertainty.aligned[self._found]
+            )
             write_claims(folder, list(self._poses), list(self._poses.values()), known)
         if self._solution is not None and self._odometer.back_end is not None:
             factors = self._odometer.back_end.factors

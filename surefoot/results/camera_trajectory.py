@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.localisation.camera_pose import CameraPose
-from perception.odometry.pose_uncertainty import carried, gauge
+from perception.odometry.pose_uncertainty import error_transport, rigid_alignment
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import turned_covariance
 
@@ -107,18 +107,18 @@ def aligned_covariances(
     """
     if len(positions) < 3 or np.linalg.matrix_rank(positions - positions.mean(axis=0), 1e-9) < 2:
         return shared + own  # the alignment is not determined
-    moves, best = gauge(positions)
+    moves, best = rigid_alignment(positions)
     common = sum(G @ D @ G.T for G, D in zip(best, own, strict=True))
     left = np.empty_like(own)
     for i, (A, D, G) in enumerate(zip(moves, own, best, strict=True)):
         with_common = D @ G.T
         left[i] = D - A @ with_common.T - with_common @ A.T + A @ common @ A.T
 
-    at_origin = np.stack([carried(-position) for position in positions])
+    at_origin = np.stack([error_transport(-position) for position in positions])
     accumulated = at_origin @ shared @ at_origin.transpose(0, 2, 1)
     order = np.argsort(np.trace(accumulated, axis1=1, axis2=2), kind="stable")
     accumulated, moves, best = accumulated[order], moves[order], best[order]
-    carry = np.stack([carried(position) for position in positions[order]])
+    carry = np.stack([error_transport(position) for position in positions[order]])
     parts = best @ carry
     until = np.cumsum(accumulated @ parts.transpose(0, 2, 1), axis=0)
     later = np.cumsum(parts[::-1], axis=0)[::-1] - parts

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from perception.odometry.pose_uncertainty import Claims
+from perception.odometry.pose_uncertainty import PoseUncertainty
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose3
 
@@ -25,7 +25,7 @@ EXACT = 1e-4
 
 
 def write_claims(
-    folder: RunFolder, stamps: Sequence[float], poses: Sequence[Pose3], claims: Claims
+    folder: RunFolder, stamps: Sequence[float], poses: Sequence[Pose3], claims: PoseUncertainty
 ) -> None:
     """Write both tables.
 

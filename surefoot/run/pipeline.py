@@ -307,7 +307,8 @@ def _whereabouts(config: Config, info: RecordingInfo, sources: DepthSources) -> 
         return GivenPoses(info.gravity_up_world, config.prior)
     if info.start is None:
         alone = replace(config.odometer, loops=False)  # closing them takes the whole recording
-        return OdometryPoses(np.random.default_rng(config.seed), config.prior, alone, sources)
+        rng = np.random.default_rng(config.seed)
+        return OdometryPoses(rng, alone, config.floor, sources)
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from perception.floor.levelling import UP, rotation_between
-from perception.odometry.pose_uncertainty import TURN_M, gauge
+from perception.odometry.pose_uncertainty import TURN_M, rigid_alignment
 
 from ...results.tables import Table, Trajectory
 from .consistency import consistency_metrics, whitened
@@ -38,7 +38,7 @@ def errors_in_space(estimate: Trajectory, true: Trajectory) -> Float[np.ndarray,
     Returns:
         Axes of the estimate, m and rad.
     """
-    best = gauge(estimate.positions)[1]
+    best = rigid_alignment(estimate.positions)[1]
     centre = estimate.positions.mean(axis=0)
     turns = Rotation.from_quat(estimate.quats_xyzw)
     there = Rotation.from_quat(true.quats_xyzw)

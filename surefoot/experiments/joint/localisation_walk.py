@@ -25,10 +25,10 @@ from perception.floor.prior import kinematic_prior
 from perception.floor.segmented_view import RISING, SegmentedView, cut_off
 from perception.localisation.landmarks import (
     LandmarkConfig,
-    carried_to_body,
-    held_at_height,
+    constrained_to_height,
     range_and_bearing,
     tag_centre,
+    to_body_frame,
 )
 from perception.obstacles.clustering import cluster
 from perception.obstacles.track import Detection
@@ -142,8 +142,8 @@ class TagSensor:
             centre = tag_centre(pixels, mark.side_m, image.camera, self._config)
             if centre is None:
                 continue
-            in_body = carried_to_body(centre, T_body_camera, self._config)
-            at_height = held_at_height(in_body, mark.position[2], self._config)
+            in_body = to_body_frame(centre, T_body_camera, self._config)
+            at_height = constrained_to_height(in_body, mark.position[2])
             if at_height is not None:
                 found.append(range_and_bearing(at_height, mark.identity))
         return found

@@ -35,7 +35,7 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 
 METHODS = {
     "mdghm": SiftConfig(),
-    "squares": SiftConfig(straight=False),  # direction by the sums of squares, its quadrant kept
+    "squares": SiftConfig(first_order=False),  # direction by the sums of squares, its quadrant kept
     "printed": SiftConfig(literal=True),  # (4) and (9) as they are printed
     "descriptor": SiftConfig(moments_in_descriptor=True),
     "sift": SiftConfig(method="difference"),

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from perception.localisation.camera_pose import CameraPose
-from perception.odometry.pose_uncertainty import carried
+from perception.odometry.pose_uncertainty import error_transport
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import turned_covariance
 from surefoot.evaluation.metrics.gauge_alignment import errors_in_space
@@ -46,7 +46,7 @@ def claimed() -> tuple[np.ndarray, np.ndarray]:
     truth = walk(None)
     shared = [np.zeros((6, 6))]
     for before, after in itertools.pairwise(truth):
-        lever = carried(after.position - before.position)
+        lever = error_transport(after.position - before.position)
         step = turned_covariance(np.diag(STEP_SIGMA**2), after.rotation)
         shared.append(lever @ shared[-1] @ lever.T + step)
     return np.array(shared), np.repeat(np.diag(OWN_SIGMA**2)[None], STEPS, axis=0)

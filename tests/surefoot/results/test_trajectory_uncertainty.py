@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from perception.odometry.pose_uncertainty import Hung, carried, claims, gauge
+from perception.odometry.pose_uncertainty import (
+    AttachedImage,
+    error_transport,
+    pose_uncertainty,
+    rigid_alignment,
+)
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
@@ -100,7 +105,9 @@ def solved():
         solution = solve(made, start, (), SmootherConfig())
         kept = [one for one in made if not any(one is out for out in solution.rejected)]
         poses = {n: place.pose for n, place in solution.poses.items()}
-        told = claims(kept, poses, [Hung(poses[n], n, np.zeros((6, 6))) for n in range(POSES)])
+        told = pose_uncertainty(
+            kept, poses, [AttachedImage(poses[n], n, np.zeros((6, 6))) for n in range(POSES)]
+        )
         runs.append(([poses[n] for n in range(POSES)], told, way))
     return runs
 
@@ -148,7 +155,7 @@ def test_the_best_motion_leaves_nothing_of_a_motion():
     way = true_way()
     left = errors_in_space(trajectory(way), trajectory(turned(way)))
     np.testing.assert_allclose(left, 0.0, atol=1e-9)
-    moves, best = gauge(np.array([pose.position for pose in way]))
+    moves, best = rigid_alignment(np.array([pose.position for pose in way]))
     small = np.array([0.1, -0.2, 0.3, 0.02, 0.01, -0.03])
     np.testing.assert_allclose(np.einsum("nij,nj->i", best, moves @ small), small, atol=1e-12)
 
@@ -158,12 +165,16 @@ def test_an_image_beside_a_pose_of_the_graph_has_that_and_its_step():
     made = [Motion(0, 1, way[0].inverse() @ way[1], STEP)]
     poses = {0: way[0], 1: way[1]}
     nothing = np.zeros((6, 6))
-    hung = [Hung(way[0], 0, nothing), Hung(way[1], 1, nothing), Hung(way[2], 1, STEP)]
-    told = claims(made, poses, hung).from_start
-    both = claims(
+    hung = [
+        AttachedImage(way[0], 0, nothing),
+        AttachedImage(way[1], 1, nothing),
+        AttachedImage(way[2], 1, STEP),
+    ]
+    told = pose_uncertainty(made, poses, hung).from_start
+    both = pose_uncertainty(
         [*made, Motion(1, 2, way[1].inverse() @ way[2], STEP)],
         {**poses, 2: way[2]},
-        [Hung(pose, n, nothing) for n, pose in enumerate(way)],
+        [AttachedImage(pose, n, nothing) for n, pose in enumerate(way)],
     ).from_start
     np.testing.assert_allclose(told, both, atol=1e-12)
     np.testing.assert_allclose(told[0], 0.0, atol=1e-12)
@@ -174,11 +185,13 @@ def test_what_images_distort_is_as_if_each_hung_on_its_pose_by_a_motion_so_unsur
     own = np.diag(np.square([0.005] * 3 + [0.009] * 3))
     motions = [Motion(n, n + 1, way[n].inverse() @ way[n + 1], STEP) for n in range(3)]
     nothing = np.zeros((6, 6))
-    told = claims(motions, dict(enumerate(way)), [Hung(p, n, own) for n, p in enumerate(way)])
+    told = pose_uncertainty(
+        motions, dict(enumerate(way)), [AttachedImage(p, n, own) for n, p in enumerate(way)]
+    )
     hung = [Motion(n, 10 + n, Pose3(), own) for n in range(4)]
     poses = {**dict(enumerate(way)), **{10 + n: pose for n, pose in enumerate(way)}}
-    images = [Hung(pose, 10 + n, nothing) for n, pose in enumerate(way)]
-    expected = claims([*motions, *hung], poses, images)
+    images = [AttachedImage(pose, 10 + n, nothing) for n, pose in enumerate(way)]
+    expected = pose_uncertainty([*motions, *hung], poses, images)
     np.testing.assert_allclose(told.from_start, expected.from_start, atol=1e-12)
     np.testing.assert_allclose(told.aligned, expected.aligned, atol=1e-12)
     np.testing.assert_allclose(told.from_start[0], 0.0, atol=1e-12)
@@ -286,7 +299,11 @@ def test_a_map_is_held_against_a_truth_with_other_axes_but_not_of_another_body(t
 def test_the_heading_of_a_tilted_camera_has_what_its_turn_has():
     rng = np.random.default_rng(1)
     pose = true_way()[4]
-    covariance = carried(np.array([0.3, 0.2, 0.1])) @ STEP @ carried(np.array([0.3, 0.2, 0.1])).T
+    covariance = (
+        error_transport(np.array([0.3, 0.2, 0.1]))
+        @ STEP
+        @ error_transport(np.array([0.3, 0.2, 0.1])).T
+    )
     flat = flattened(pose, covariance)
     samples = []
     for _ in range(4000):
