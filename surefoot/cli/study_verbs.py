@@ -41,8 +41,8 @@ def evaluate(
     as_json: bool,
 ) -> None:
     """Compare RUN with its ground truth: errors, consistency, map, contacts; writes metrics.json and the report."""
-    from ..evaluation.evaluate import closing_table
     from ..evaluation.evaluate import evaluate as measure
+    from ..evaluation.targets import closing_table
     from ..report.page import write_report
     from ..results.run_folder import RunFolder
 

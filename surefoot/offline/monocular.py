@@ -25,7 +25,7 @@ from perception.primitives.frame import DepthView, Frame
 from perception.primitives.plane import Plane
 
 from ..config.schema import Config
-from ..recordings.recording import FrameError, Journal, Recording
+from ..recordings.recording import FrameError, Recording, SkipLog
 from ..report.plots.monocular import stages
 from ..run.pipeline import Pipeline
 from .colour_camera_pose import T_floor_colour
@@ -66,7 +66,7 @@ class ColourFloor:
 def colour_floors(
     recording: Recording,
     config: Config | None = None,
-    journal: Journal | None = None,
+    skips: SkipLog | None = None,
     say: Say = lambda text: None,
 ) -> Iterator[ColourFloor]:
     """The floor by colour of every frame with a picture; the cycle also gets the picture before it.
@@ -76,11 +76,11 @@ def colour_floors(
     Args:
         recording: A recording of any kind.
         config: Settings of pipeline and cycle.
-        journal: Receives the frames that cannot be used, with reasons.
+        skips: Receives the frames that cannot be used, with reasons.
         say: Receives details about unusable frames.
     """
     config = config or Config()
-    journal = journal or Journal()
+    skips = skips or SkipLog()
     monocular, pipeline = Monocular(config.monocular), Pipeline(config, recording.info)
     before: Picture | None = None
     for number, frame in enumerate(recording.frames()):
@@ -93,13 +93,13 @@ def colour_floors(
                 before = None
             result = monocular.cycle(before, picture)
         except FrameError as error:
-            journal.skip(name, str(error))
+            skips.skip(name, str(error))
             if frame.colour is not None:
                 before = None
             continue
         except InputError as error:
             say(f"{name}: {error}")
-            journal.skip(name, UNUSABLE)
+            skips.skip(name, UNUSABLE)
             before = None
             continue
         before = picture if estimate.pose is not None else None
@@ -163,9 +163,9 @@ def run_monocular(job: Job, say: Say) -> dict[str, Any]:
         RecordingError: No frame could be used.
         OutputError: The folder cannot be written.
     """
-    recording, journal, frames = job.recording, Journal(), 0
+    recording, skips, frames = job.recording, SkipLog(), 0
     ious: list[float] = []
-    for floor in colour_floors(recording, job.config, journal, say):
+    for floor in colour_floors(recording, job.config, skips, say):
         frames += 1
         file = f"stages-{floor.number:06d}.png"
         done, png = cv2.imencode(".png", cv2.cvtColor(stages(floor.result), cv2.COLOR_RGB2BGR))
@@ -177,7 +177,7 @@ def run_monocular(job: Job, say: Say) -> dict[str, Any]:
             ious.append(floor.iou)
             text += f", IoU {floor.iou:.3f}"
         say(text)
-    skipped = count_reasons([one.reason for one in (*recording.skipped, *journal.skipped)])
+    skipped = count_reasons([one.reason for one in (*recording.skipped, *skips.skipped)])
     if not frames:
         why = "; ".join(f"{count}: {reason}" for reason, count in skipped.items()) or "it is empty"
         raise RecordingError(

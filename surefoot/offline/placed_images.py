@@ -206,7 +206,7 @@ class WalkingBody(PlacedImages):
         """Write trajectory_covariance.csv and trajectory.txt of the body."""
         if self._rows:
             folder.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, self._rows)
-            folder.write_way()
+            folder.write_planar_trajectory()
 
 
 def static(view: SegmentedView, obstacles: tuple[Obstacle, ...]) -> Depth:

@@ -288,10 +288,10 @@ def _draw(
         shots, here = np.arange(measured.shape[1]), flying[row]
         right.plot(true[row], color=style.TRUTH, label="true range")
         right.plot(true[row] % wrap_m, ":", color=style.TRUTH, label=f"modulo {wrap_m:.2f} m")
-        right.plot(measured[row], ".", markersize=3, color=style.BELIEF, label="measured")
+        right.plot(measured[row], ".", markersize=3, color=style.ESTIMATE, label="measured")
         right.plot(shots[here], measured[row][here], "o", color=style.WRONG, label="flying")
         right.set(xlabel="column of the marked row, px", ylabel="m")
-        style.key(right, 4)
+        style.legend(right, 4)
         lower.imshow(smeared, cmap="viridis", vmin=0.0, vmax=3.0)
         lower.axhline(row, color=style.INK, linewidth=0.8)
         turned = f"{TURNING_RADPS:g} rad/s over {1e3 * INTEGRATION_S:g} ms"
