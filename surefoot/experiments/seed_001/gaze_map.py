@@ -168,7 +168,12 @@ def picture(
             at = (-obstacle.mean[1], obstacle.mean[0])
             above.add_patch(
                 Ellipse(
-                    at, 2 * long, 2 * short, angle=math.degrees(turn) + 90, color=ESTIMATE, alpha=0.4
+                    at,
+                    2 * long,
+                    2 * short,
+                    angle=math.degrees(turn) + 90,
+                    color=ESTIMATE,
+                    alpha=0.4,
                 )
             )
             above.plot(*at, "o", color=WRONG, markersize=4)

@@ -167,7 +167,11 @@ def test_an_image_beside_a_pose_of_the_graph_has_the_covariance_of_both():
     made = [Motion(0, 1, path[0].inverse() @ path[1], STEP)]
     poses = {0: path[0], 1: path[1]}
     nothing = np.zeros((6, 6))
-    hung = [AttachedImage(path[0], 0, nothing), AttachedImage(path[1], 1, nothing), AttachedImage(path[2], 1, STEP)]
+    hung = [
+        AttachedImage(path[0], 0, nothing),
+        AttachedImage(path[1], 1, nothing),
+        AttachedImage(path[2], 1, STEP),
+    ]
     covariances = pose_uncertainty(made, poses, hung).from_start
     both = pose_uncertainty(
         [*made, Motion(1, 2, path[1].inverse() @ path[2], STEP)],
@@ -299,7 +303,11 @@ def test_a_map_is_compared_with_a_truth_in_other_axes_but_not_of_another_body(tm
 def test_the_heading_of_a_tilted_camera_has_the_projected_covariance():
     rng = np.random.default_rng(1)
     pose = true_poses()[4]
-    covariance = error_transport(np.array([0.3, 0.2, 0.1])) @ STEP @ error_transport(np.array([0.3, 0.2, 0.1])).T
+    covariance = (
+        error_transport(np.array([0.3, 0.2, 0.1]))
+        @ STEP
+        @ error_transport(np.array([0.3, 0.2, 0.1])).T
+    )
     flat = planar_gaussian(pose, covariance)
     samples = []
     for _ in range(4000):

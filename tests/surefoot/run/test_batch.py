@@ -85,7 +85,7 @@ def test_a_killed_worker_and_a_broken_recording_cost_nothing_else_and_a_restart_
         **{f"walk_{name}": "done" for name in "abcde"},
         "walk_broken": "failed",
     }
-    assert "not readable as a picture" in rows["walk_broken"]["error"]
+    assert "cannot be decoded" in rows["walk_broken"]["error"]
     assert running.returncode == 1, said
     assert not list(many.glob("out/.part-*"))
     written = {path: path.stat().st_mtime_ns for path in many.glob("out/walk_*/summary.json")}
