@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 
 from ..primitives.frame import ColourView, Depth, DepthView, Frame
 from . import stereo, structured_light, time_of_flight
-from .rectification import straightened
+from .rectification import rectified
 from .stereo import StereoConfig
 from .structured_light import StructuredLightConfig
 from .time_of_flight import TofConfig
@@ -102,7 +102,7 @@ class DepthSources:
             assert frame.depth is not None
             return structured_light.depth(frame.depth, self.structured_light)
         assert frame.stereo is not None
-        return stereo.depth(straightened(frame.stereo), self.stereo)
+        return stereo.depth(rectified(frame.stereo), self.stereo)
 
     def __getstate__(self) -> dict[str, object]:
         """Without the images of the latest frame: a checkpoint has no use for them."""
@@ -120,7 +120,7 @@ def registered_picture(frame: Frame, sensor: str) -> UInt8[np.ndarray, "h w 3"] 
         colour = frame.colour
         return colour.rgb if colour is not None and registered(frame.depth, colour) else None
     if sensor == "stereo" and frame.stereo is not None:
-        return np.asarray(cv2.cvtColor(straightened(frame.stereo).left, cv2.COLOR_GRAY2RGB))
+        return np.asarray(cv2.cvtColor(rectified(frame.stereo).left, cv2.COLOR_GRAY2RGB))
     return None
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from ..floor.levelling import shadow
+from ..floor.levelling import camera_above_floor
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
@@ -102,7 +102,7 @@ class BackEnd:
         self._steps.append(step)
         placed = step.state not in (LOST, RESTARTED)
         if image.floor is not None and self._T_world_start is None and placed:
-            self._T_world_start = shadow(image.floor) @ step.T_start_camera.inverse()
+            self._T_world_start = camera_above_floor(image.floor) @ step.T_start_camera.inverse()
         if not is_reference:
             return
         if step.state != FIRST:

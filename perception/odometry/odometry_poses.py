@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..depth.sources import DepthSources
 from ..floor.choose import FloorConfig
-from ..floor.levelling import UP, shadow
+from ..floor.levelling import UP, camera_above_floor
 from ..floor.prior import handheld_prior
 from ..localisation.camera_pose import CameraPose
 from ..localisation.filter import UpdateReport
@@ -138,7 +138,7 @@ class OdometryPoses:
     def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> PlacedCamera | None:
         """The camera at the pose of odometry; None while it is lost."""
         if self._unrelated:
-            return None if floor is None else PlacedCamera(shadow(floor), floor)
+            return None if floor is None else PlacedCamera(camera_above_floor(floor), floor)
         T = self.T_map_camera
         if T is None or self._step is None or self._step.state in (LOST, RESTARTED):
             return None

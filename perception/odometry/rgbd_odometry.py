@@ -15,7 +15,7 @@ from ..depth import points, structured_light
 from ..depth.structured_light import StructuredLightConfig
 from ..floor import choose
 from ..floor.choose import FloorConfig
-from ..floor.levelling import shadow
+from ..floor.levelling import camera_above_floor
 from ..floor.prior import handheld_prior
 from ..primitives.errors import InputError
 from ..primitives.frame import Depth, Frame
@@ -131,4 +131,4 @@ class Odometer:
     def _level(self, image: Pyramid, step: Step) -> None:
         """The first floor that is found defines the vertical and height zero."""
         if self._T_world_start is None and image.floor is not None and step.state != LOST:
-            self._T_world_start = shadow(image.floor) @ step.T_start_camera.inverse()
+            self._T_world_start = camera_above_floor(image.floor) @ step.T_start_camera.inverse()

@@ -69,7 +69,7 @@ def _peer() -> tuple[Any, list[str]]:
 
 def _pyswarms(peer: Any, objective: Objective) -> float:
     """The global-best swarm of pyswarms with the same constants."""
-    height, width = objective.blocked.shape
+    height, width = objective.arrays.blocked.shape
     inertia, own, others, _ = search.MODES["constriction"]
     low = np.array([0.0, objective.config.top_share * height])
     optimiser = peer.single.GlobalBestPSO(

@@ -35,7 +35,7 @@ def in_numpy(
     to_goal = goal - places
     rho_rg = np.hypot(to_goal[:, 0], to_goal[:, 1])
     th_rd = np.arctan2(to_goal[:, 1], to_goal[:, 0])
-    phi = np.where(rho_rg > config.d_con_m, th_rd, th_rd + config.k_beta * (goal_heading - th_rd))
+    phi = np.where(rho_rg > config.d_con_m, th_rd, th_rd + -1.0 * (goal_heading - th_rd))
     towards = np.column_stack([np.cos(phi), np.sin(phi)])
     total = np.zeros_like(places)
     for centre, radius in zip(centres, radii, strict=True):
@@ -45,7 +45,7 @@ def in_numpy(
         share = np.where(
             rho < radius + config.d_e_m,
             (rho - radius) / config.d_e_m,
-            2.0 - (radius + config.d_e_m + config.k_r_m) / (rho + config.k_r_m),
+            2.0 - (radius + config.d_e_m + fields.K_R_M) / (rho + fields.K_R_M),
         )
         sign = np.where(p_od[0] * p_or[:, 1] - p_od[1] * p_or[:, 0] < 0.0, 1.0, -1.0)
         inside = rho < radius

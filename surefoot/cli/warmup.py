@@ -97,7 +97,7 @@ def warm(say: Callable[[str], None]) -> None:
         [mover, crossing],
         np.array([2.0, 0.0]),
         None,
-        config.via_field,
+        config.univector,
         config.robot_model,
     )
     say(f"floors and guard: {time.perf_counter() - began:.1f} s")

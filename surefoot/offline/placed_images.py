@@ -17,7 +17,7 @@ from jaxtyping import UInt8
 
 from perception.depth.sources import DepthSources, registered_picture
 from perception.depth.undistortion import undistorted
-from perception.floor.segmented_view import SegmentedView, near_movers
+from perception.floor.segmented_view import SegmentedView, near_moving_obstacles
 from perception.localisation.camera_pose import CameraPoseSource
 from perception.odometry.odometry import LOST, RESTARTED
 from perception.odometry.pose_uncertainty import PoseUncertainty
@@ -214,7 +214,7 @@ def static(view: SegmentedView, obstacles: tuple[Obstacle, ...]) -> Depth:
     z = view.depth.z
     x, y = view.depth.camera.slopes
     points = view.T_map_camera.apply(np.stack(np.broadcast_arrays(x * z, y * z, z), axis=-1))
-    near = near_movers(points[..., :2].reshape(-1, 2).astype(np.float64), obstacles)
+    near = near_moving_obstacles(points[..., :2].reshape(-1, 2).astype(np.float64), obstacles)
     moving = near.reshape(z.shape) & (points[..., 2] > ABOVE_FLOOR_M)
     return (
         replace(view.depth, z=np.where(moving, np.float32(np.nan), z))

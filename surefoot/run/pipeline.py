@@ -31,8 +31,8 @@ from perception.floor.segmented_view import (
     RISING,
     SegmentedView,
     colours_of,
-    cut_off,
-    near_movers,
+    near_moving_obstacles,
+    truncated,
     visibility,
 )
 from perception.localisation import landmarks
@@ -220,7 +220,7 @@ class Pipeline:
         for view, mask in zip(views, rising, strict=True):
             reach: ReachConfig = getattr(self.config.reach, view.sensor)
             others = [other for other in views if other is not view]
-            cut.append(cut_off(view, reach, others)[mask])
+            cut.append(truncated(view, reach, others)[mask])
         return clustering.cluster(
             obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
         )
@@ -275,7 +275,7 @@ class Pipeline:
         used = np.isin(view.classes, (*OBSTACLES, classify.FLOOR))
         upright, classes = view.upright[used], view.classes[used]
         is_obstacle = np.isin(classes, OBSTACLES)
-        is_moving = is_obstacle & near_movers(upright[:, :2], self.tracker.obstacles)
+        is_moving = is_obstacle & near_moving_obstacles(upright[:, :2], self.tracker.obstacles)
         camera = view.T_map_camera.position
         drop = np.abs(upright[:, 2] - view.floor.offset_m) / view.points.xyz[used, 2]
         self.grid.update(

@@ -171,7 +171,7 @@ def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], numb
         for thing in scene.obstacles:
             for part in thing.parts:
                 axes.fill(*outline(part).T, color=style.FAINT)
-        for mover in scene.movers:
+        for mover in scene.moving_objects:
             line = np.array([mover.start, mover.end])
             axes.plot(*line.T, color=style.WRONG, linewidth=4.0, alpha=0.35)
         for planner, colour, (metrics, way) in zip(planners, style.SERIES, found, strict=False):

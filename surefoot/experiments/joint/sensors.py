@@ -227,7 +227,7 @@ _EXACT = TofConfig(
 
 def _caster(scene: Scene) -> RayCaster:
     caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
+    caster.place([mover.start for mover in scene.moving_objects])
     return caster
 
 
@@ -256,7 +256,9 @@ def wrapped_and_flying() -> Outcome:
     caster = _caster(scene)
     turning = TofCamera(replace(config, integration_s=INTEGRATION_S), np.random.default_rng(64))
     motion = Motion(np.zeros(3), np.array([0.0, 0.0, TURNING_RADPS]))
-    smeared = turning.measure_moving((caster, motion.moved(pose, s)) for s in turning.instants)[0]
+    smeared = turning.measure_moving(
+        (caster, motion.pose_after(pose, s)) for s in turning.instants
+    )[0]
     artefact = (np.abs(smeared - measured) > 0.1) & ~flying
     _draw(measured, true, flying, smeared, config.wrap_m)
     return Outcome(

@@ -74,7 +74,7 @@ def simulated(seed: int) -> Iterator[Case]:
     """A room's range and amplitude, by a camera that rolls, and by one that stands elsewhere."""
     scene = catalogue.load("home", seed)
     caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
+    caster.place([mover.start for mover in scene.moving_objects])
     rng = np.random.default_rng([seed, 40])
     tof = TofCamera(TofConfig(), rng)
     camera = tof.camera
