@@ -54,7 +54,7 @@ def test_every_value_is_written_so_that_no_default_can_change_a_run():
         ({"seed": True}, "seed=True: expected a whole number"),
         ({"mission": {"tolerance_m": float("nan")}}, "expected a finite number"),
         ({"mission": 3}, r"expected a table \[mission\]"),
-        ({"mission": {"goals": 0}}, r"\[mission\] mission: goals=0 must be at least 1"),
+        ({"mission": {"goals": 0}}, r"\[mission\] goals=0 must be at least 1"),
         ({"robot": {"tof_mount_m": [0.0, 0.1]}}, "expected 3 values"),
         ({"robot": {"tof_mount_m": 0.1}}, "expected a list"),
         ({"renderer": "gpu"}, "choose auto, egl or tiny"),
