@@ -21,6 +21,7 @@ from ..recordings.mcap_format import RecordingWriter
 from ..recordings.recording import RecordingInfo
 from ..results.run_folder import RunFolder
 from .bodies import LiveBody
+from .interrupt import stop_requested
 from .loop import cycles
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
@@ -76,6 +77,8 @@ def simulate(
 ) -> Summary:
     """Walk through a simulated scene until its goals are reached or the time is up.
 
+    After Ctrl-C the run folder holds the walk up to the last frame.
+
     Args:
         config: Settings; `config.scene` and `config.seed` choose the world.
         out: Run folder; None takes the next free one below runs/.
@@ -108,12 +111,16 @@ def simulate(
         truth = TruthLog(robot, scene)
         recorder = RunRecorder(folder, config.resolved(renderer=world.renderer), info, goals)
         page = _page(watch, say)
+        interrupted = False
+        stopped = stack.enter_context(stop_requested())
         for cycle in cycles(body, pipeline, planner):
             truth.note(cycle.frame.stamp_s)
             recorder.note(cycle)
             if page is not None:
                 page.show(cycle.frame, cycle.world, planner)
             say(recorder.progress(cycle.world, planner))
+            if interrupted := stopped():
+                break
         fell = body.fell_at_s
         if fell is not None:
             truth.note(fell)
@@ -126,6 +133,7 @@ def simulate(
         notes=() if fell is None else (f"the robot fell after {fell:.1f} s",),
         fell_at_s=fell,
         body=config.robot.body,
+        interrupted=interrupted,
     )
     _keep_looks(planner, recorder)
     recorder.finish(pipeline, summary.as_dict())
