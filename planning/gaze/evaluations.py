@@ -36,7 +36,7 @@ class EvaluationConfig:
     obstacle_rate_mps: float = setting(
         0.02, "m/s", "threshold T_o at which psi_ob is 1: deviation times speed by distance", "ours"
     )
-    obstacle_weight: float = setting(1.0, "", "factor omega_o of psi_ob", "ours")
+    obstacle_weight: float = 1.0  # ours; factor omega_o of psi_ob
     way_free_m: float = setting(1.0, "m", "free distance d_nThres at which psi_way is 1", "ours")
 
     def __post_init__(self) -> None:

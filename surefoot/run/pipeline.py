@@ -69,7 +69,7 @@ class Pipeline:
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
         self.cloud = CloudBuilder(config.cloud)
-        self.obstacle_cloud = CloudBuilder(config.obstacle_cloud)
+        self.obstacle_cloud = CloudBuilder(config.cloud)
         self.health = DepthHealth(config.depth_health)
         flow = config.swarm.as_walked.prediction == "flow"
         self.colour_floor = ColourFloorFinder(config.monocular, flow)
@@ -77,7 +77,7 @@ class Pipeline:
 
     def _forget(self) -> None:
         """Start the maps anew."""
-        self.world = WorldMap(self.config.world_map)
+        self.world = WorldMap(self.config.world_map, self.config.grid.evidence)
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
         self._mapped_s: float | None = None
