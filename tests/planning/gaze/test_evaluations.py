@@ -17,7 +17,6 @@ from planning.gaze.evaluations import (
     of_obstacles,
     of_self,
     of_way,
-    relevant,
 )
 
 CONFIG = EvaluationConfig()
@@ -75,16 +74,7 @@ def test_vaguer_faster_or_nearer_never_counts_less(sigma, speed, away):
     assert psi(sigma, 0.0, away) == 0.0
 
 
-def test_what_is_ahead_matters_and_behind_only_what_comes_nearer():
-    places = np.array([[1.0, 0.0], [-1.0, 0.0], [-1.0, 0.0], [-1.0, 0.5]])
-    velocities = np.array([[0.1, 0.0], [0.0, 0.0], [0.2, 0.0], [-0.1, 0.0]])
-    walking = np.array([0.07, 0.0])
-    # behind: a standing one is left behind, a faster one comes nearer, the last goes away
-    assert relevant(places, velocities, walking).tolist() == [True, False, True, False]
-    assert relevant(places, velocities, np.array([-0.07, 0.0])).tolist()[1]  # walking back on to it
-
-
-def test_a_free_way_is_worth_a_look_and_a_blocked_one_is_not():
+def test_psi_way_is_the_free_distance_by_its_threshold():
     places, radii = np.array([[0.8, 0.0], [0.0, 1.5]]), np.array([0.3, 0.2])
     assert of_way(places, radii, CONFIG) == pytest.approx(0.5)
     assert of_way(places[1:], radii[1:], CONFIG) == 1.0
