@@ -42,7 +42,7 @@ from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.pose_source import PoseSource
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.static_points import static_points
-from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, either
+from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, seen_by_any
 from perception.obstacles import clustering, colour_detection
 from perception.obstacles.clustering import Cluster
 from perception.obstacles.track import Detection
@@ -115,7 +115,7 @@ class Pipeline:
                     frame.stamp_s,
                     self._detections(found, frame, by_colour),
                     pose,
-                    visible if by_colour is None else either(visible, by_colour.shows_free),
+                    visible if by_colour is None else seen_by_any(visible, by_colour.shows_free),
                     [_detection(cluster) for cluster in found if not cluster.placed],
                 )
         with watch.stage("map"):

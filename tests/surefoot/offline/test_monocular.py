@@ -246,9 +246,9 @@ def test_the_recording_that_is_read_is_not_written_over(tmp_path):
 
 
 def test_settings_reach_the_cycle_and_bad_ones_are_refused_in_words(tmp_path):
-    code, shown = call("monocular", WALK, "--out", tmp_path / "o", "--set", "monocular.corner_px=0")
+    code, shown = call("monocular", WALK, "--out", tmp_path / "o", "--set", "monocular.farthest_m=0")
     assert code == 2
-    assert "corner_px=0 must be at least 1" in shown
+    assert "farthest_m=0.0 must be positive and finite" in shown
     short = replace(Config().monocular, farthest_m=1.0)
     near = list(colour_floors(Scene(), replace(Config(), monocular=short)))
     contacts = np.concatenate([o.contact_world for f in near for o in f.result.obstacles])
