@@ -140,8 +140,8 @@ def _fill_small_regions(
     left, top, wide, high = (boxes[:, k] for k in range(4))
     feet = np.stack([left + wide / 2.0, (top + high).astype(np.float64)], axis=1)
     foot_points = floor_points(feet, picture.camera, picture.T_world_camera, math.inf)
-    eye = picture.T_world_camera.position
-    ray = np.sqrt(((foot_points - eye[:2]) ** 2).sum(axis=1) + eye[2] ** 2)
+    camera_position = picture.T_world_camera.position
+    ray = np.sqrt(((foot_points - camera_position[:2]) ** 2).sum(axis=1) + camera_position[2] ** 2)
     with np.errstate(invalid="ignore"):
         small = (wide * ray / picture.camera.fx < NARROW_M) | (
             high * ray / picture.camera.fy < FLAT_M
@@ -229,8 +229,8 @@ def _disc(
     points = contact[np.isfinite(contact).all(axis=1)]
     if len(points) < 2:
         return None
-    eye = picture.T_world_camera.position
-    bearing, off, ranges = _polar(points - eye[:2])
+    camera_position = picture.T_world_camera.position
+    bearing, off, ranges = _polar(points - camera_position[:2])
     half = 0.5 * float(np.ptp(off)) + 0.5 / picture.camera.fx
     bearing += 0.5 * float(off.max() + off.min())
     front = float(np.quantile(ranges, 0.1))
@@ -239,7 +239,9 @@ def _disc(
         return None
     if not _is_round(ranges[np.argsort(off)], radius, front, picture):
         return None
-    centre = eye[:2] + (front + radius) * np.array([math.cos(bearing), math.sin(bearing)])
+    centre = camera_position[:2] + (front + radius) * np.array(
+        [math.cos(bearing), math.sin(bearing)]
+    )
     return Detection(
         robot.inverse().apply(centre),
         _covariance(picture, robot, bearing, front, radius),
@@ -254,8 +256,8 @@ def _is_round(
 
     This rejects parts of a wall that are visible between two objects.
     """
-    eye_height = float(picture.T_world_camera.position[2])
-    tolerance = RAGGED_PX * (eye_height**2 + front**2) / eye_height / picture.camera.fy
+    camera_height = float(picture.T_world_camera.position[2])
+    tolerance = RAGGED_PX * (camera_height**2 + front**2) / camera_height / picture.camera.fy
     part = max(1, len(ranges) // 6)
     first, last = float(np.median(ranges[:part])), float(np.median(ranges[-part:]))
     depth = float(np.quantile(ranges, 0.9)) - front
@@ -266,14 +268,14 @@ def _covariance(
     picture: Picture, robot: Pose2, bearing: float, front: float, radius: float
 ) -> Float[np.ndarray, "2 2"]:
     """Covariance of a disc's centre, body frame, m^2: sway of the trunk, edge pixels, and deviation from a disc."""
-    eye_height = float(picture.T_world_camera.position[2])
-    per_rad = (eye_height**2 + front**2) / eye_height  # m along the floor per rad of pitch
+    camera_height = float(picture.T_world_camera.position[2])
+    per_rad = (camera_height**2 + front**2) / camera_height  # m along the floor per rad of pitch
     axis = picture.T_world_camera.rotation[:2, 2]
     lateral = abs(math.sin(bearing - math.atan2(axis[1], axis[0])))
     along = (
         (per_rad * PITCH_RAD) ** 2
         + (per_rad * lateral * ROLL_RAD) ** 2
-        + (front / eye_height * HEIGHT_M) ** 2
+        + (front / camera_height * HEIGHT_M) ** 2
         + (per_rad * EDGE_PX / picture.camera.fy) ** 2
         + (0.3 * radius) ** 2
     )
