@@ -11,6 +11,20 @@ from typing import Any
 
 from .errors import InputError
 
+_GIVEN: dict[str, Any] = {}
+"""Classes that a program handed over itself, by reference."""
+
+
+def reference(found: Any) -> str:
+    """`package.module:Class` of a class of the user's own.
+
+    In this process `load` gives back this very class, so that it may also come from a script, a notebook or a
+    function.
+    """
+    name = f"{found.__module__}:{found.__name__}"
+    _GIVEN[name] = found
+    return name
+
 
 def is_reference(name: str) -> bool:
     """Whether a name has the form `package.module:Class`."""
@@ -51,7 +65,7 @@ def load(name: str, known: Mapping[str, str], what: str, members: tuple[str, ...
     if own and here not in sys.path:
         sys.path.append(here)
     try:
-        found = getattr(importlib.import_module(module), attribute)
+        found = _GIVEN.get(name) or getattr(importlib.import_module(module), attribute)
     except ImportError as error:
         raise InputError(
             f"{what} {name!r}: module {module!r} cannot be imported ({error}); "
