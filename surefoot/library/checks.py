@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,11 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth, DepthView
 from perception.primitives.pose import Pose3
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+else:
+    ArrayLike = object  # anything: the functions here look at it themselves
 
 C = TypeVar("C")
 MILLIMETRES = 50.0  # ours: a median depth above this, in m, is a depth in millimetres
@@ -49,7 +54,7 @@ def image_shape(image: npt.NDArray[Any], camera: Camera, what: str) -> None:
 
 
 def metres(
-    depth: npt.ArrayLike, camera: Camera, scale_per_metre: float | None, what: str = "depth_m"
+    depth: ArrayLike, camera: Camera, scale_per_metre: float | None, what: str = "depth_m"
 ) -> Float32[np.ndarray, "h w"]:
     """A depth or range image in m, NaN where there is none.
 
@@ -90,10 +95,10 @@ def metres(
 
 
 def depth_image(
-    depth_m: npt.ArrayLike,
+    depth_m: ArrayLike,
     camera: Camera,
     scale_per_metre: float | None = None,
-    sigma_m: npt.ArrayLike | None = None,
+    sigma_m: ArrayLike | None = None,
     T_body_camera: Pose3 | None = None,
 ) -> Depth:
     """A depth image with its standard deviation.
@@ -125,7 +130,7 @@ def depth_image(
     return Depth(image, sigma, camera, T_body_camera)
 
 
-def grey(image: npt.ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"]:
+def grey(image: ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "h w"]:
     """A grey image, converted from RGB where needed.
 
     Raises:
@@ -145,7 +150,7 @@ def grey(image: npt.ArrayLike, camera: Camera, what: str) -> UInt8[np.ndarray, "
     return np.asarray(cv2.cvtColor(values, cv2.COLOR_RGB2GRAY))
 
 
-def colour(image: npt.ArrayLike, camera: Camera, what: str = "rgb") -> UInt8[np.ndarray, "h w 3"]:
+def colour(image: ArrayLike, camera: Camera, what: str = "rgb") -> UInt8[np.ndarray, "h w 3"]:
     """A colour image.
 
     Raises:
@@ -161,7 +166,7 @@ def colour(image: npt.ArrayLike, camera: Camera, what: str = "rgb") -> UInt8[np.
 
 
 def numbers(
-    values: npt.ArrayLike | None,
+    values: ArrayLike | None,
     shape: Sequence[int | None],
     what: str,
     default: float | None = None,
@@ -201,7 +206,7 @@ def numbers(
     return array
 
 
-def covariances(values: npt.ArrayLike | None, shape: Sequence[int], what: str) -> np.ndarray:
+def covariances(values: ArrayLike | None, shape: Sequence[int], what: str) -> np.ndarray:
     """Covariance matrices: symmetric, no negative eigenvalue.
 
     Raises:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from perception.depth import points
 from perception.depth.points import Points
@@ -20,16 +19,17 @@ from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
 
 from . import checks
+from .checks import ArrayLike
 
 
 def find_floor(
-    depth_m: npt.ArrayLike,
+    depth_m: ArrayLike,
     camera: Camera,
-    up: npt.ArrayLike | None = None,
+    up: ArrayLike | None = None,
     T_body_camera: Pose3 | None = None,
     *,
     scale_per_metre: float | None = None,
-    sigma_m: npt.ArrayLike | None = None,
+    sigma_m: ArrayLike | None = None,
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
     seed: int = 0,
@@ -66,7 +66,7 @@ def find_floor(
 
 
 def search(
-    cloud: Points, depth: Depth, up: npt.ArrayLike | None, structured_light: bool, seed: int
+    cloud: Points, depth: Depth, up: ArrayLike | None, structured_light: bool, seed: int
 ) -> Floor | None:
     """The floor among the points of a checked image.
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float
 
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
@@ -16,6 +15,7 @@ from planning.gaze.evaluations import EvaluationConfig
 from planning.gaze.selection import GazeMapConfig
 
 from . import checks
+from .checks import ArrayLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,17 +42,17 @@ class GazeMap:
 
 
 def gaze_map(
-    waypoint: npt.ArrayLike,
-    positions: npt.ArrayLike = (),
-    velocities: npt.ArrayLike | None = None,
-    covariances: npt.ArrayLike | None = None,
+    waypoint: ArrayLike,
+    positions: ArrayLike = (),
+    velocities: ArrayLike | None = None,
+    covariances: ArrayLike | None = None,
     *,
-    pose_covariance: npt.ArrayLike | None = None,
-    stale: npt.ArrayLike = (),
+    pose_covariance: ArrayLike | None = None,
+    stale: ArrayLike = (),
     fresh: int = 0,
-    radii_m: npt.ArrayLike = 0.1,
+    radii_m: ArrayLike = 0.1,
     present: GazeCommand | None = None,
-    robot_velocity: npt.ArrayLike = (0.0, 0.0),
+    robot_velocity: ArrayLike = (0.0, 0.0),
     robot: RobotModel = DARWIN_OP,
     **settings: Any,
 ) -> GazeMap:

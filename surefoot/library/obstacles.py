@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
@@ -20,20 +19,21 @@ from perception.primitives.errors import InputError
 from perception.primitives.plane import Plane
 
 from . import checks
+from .checks import ArrayLike
 from .floor import search
 
 HEADROOM_M = 0.10  # seed 003: what is higher than the robot by this is no obstacle
 
 
 def find_obstacles(
-    depth_m: npt.ArrayLike,
+    depth_m: ArrayLike,
     camera: Camera,
     floor: Plane | None = None,
     *,
-    up: npt.ArrayLike | None = None,
+    up: ArrayLike | None = None,
     robot_height_m: float = 0.46,
     scale_per_metre: float | None = None,
-    sigma_m: npt.ArrayLike | None = None,
+    sigma_m: ArrayLike | None = None,
     nearest_m: float = 0.3,
     farthest_m: float = 4.0,
     seed: int = 0,
@@ -91,9 +91,7 @@ def find_obstacles(
     )
 
 
-def find_footprints(
-    points_m: npt.ArrayLike, sightings: npt.ArrayLike | None = None
-) -> list[Footprint]:
+def find_footprints(points_m: ArrayLike, sightings: ArrayLike | None = None) -> list[Footprint]:
     """Ground plans of the objects in a point cloud, those of most points first.
 
     Args:

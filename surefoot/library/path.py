@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float
 
 from perception.primitives.errors import InputError
@@ -14,15 +13,16 @@ from planning.search import astar
 from planning.search.potential import SearchConfig
 
 from . import checks
+from .checks import ArrayLike
 
 
 def find_path(
-    occupancy: npt.ArrayLike,
+    occupancy: ArrayLike,
     cell_m: float,
-    start: npt.ArrayLike,
-    goal: npt.ArrayLike,
+    start: ArrayLike,
+    goal: ArrayLike,
     *,
-    origin: npt.ArrayLike = (0.0, 0.0),
+    origin: ArrayLike = (0.0, 0.0),
     robot: RobotModel = DARWIN_OP,
     smooth: bool = False,
     **settings: Any,

@@ -7,7 +7,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from mapping.objects.footprints import Footprint
 from perception.primitives.camera import Camera
@@ -30,6 +29,7 @@ from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
 from ..run import pipeline as run_pipeline
 from . import checks
+from .checks import ArrayLike
 
 
 class Pipeline:
@@ -51,8 +51,8 @@ class Pipeline:
         *,
         landmarks: Sequence[Landmark] = (),
         start: Pose2 | None = None,
-        start_covariance: npt.ArrayLike | None = None,
-        up_world: npt.ArrayLike | None = None,
+        start_covariance: ArrayLike | None = None,
+        up_world: ArrayLike | None = None,
     ) -> None:
         """Begin with empty maps.
 
@@ -99,15 +99,15 @@ class Pipeline:
         self,
         stamp_s: float,
         *,
-        depth_m: npt.ArrayLike | None = None,
+        depth_m: ArrayLike | None = None,
         camera: Camera | None = None,
         scale_per_metre: float | None = None,
-        range_m: npt.ArrayLike | None = None,
-        amplitude: npt.ArrayLike | None = None,
-        left: npt.ArrayLike | None = None,
-        right: npt.ArrayLike | None = None,
+        range_m: ArrayLike | None = None,
+        amplitude: ArrayLike | None = None,
+        left: ArrayLike | None = None,
+        right: ArrayLike | None = None,
         baseline_m: float | None = None,
-        rgb: npt.ArrayLike | None = None,
+        rgb: ArrayLike | None = None,
         rgb_camera: Camera | None = None,
         T_body_camera: Pose3 | None = None,
         T_world_camera: Pose3 | None = None,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from jaxtyping import Float32
 
 from perception.depth import stereo
@@ -15,6 +14,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.frame import StereoView
 
 from . import checks
+from .checks import ArrayLike
 
 
 class StereoDepth(NamedTuple):
@@ -34,8 +34,8 @@ class StereoDepth(NamedTuple):
 
 
 def stereo_depth(
-    left: npt.ArrayLike,
-    right: npt.ArrayLike,
+    left: ArrayLike,
+    right: ArrayLike,
     camera: Camera,
     baseline_m: float,
     *,

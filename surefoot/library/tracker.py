@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig
@@ -15,6 +14,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
 from . import checks
+from .checks import ArrayLike
 
 
 class Tracker:
@@ -50,9 +50,9 @@ class Tracker:
     def update(
         self,
         stamp_s: float,
-        positions: npt.ArrayLike,
-        covariances: npt.ArrayLike,
-        radii_m: npt.ArrayLike = 0.1,
+        positions: ArrayLike,
+        covariances: ArrayLike,
+        radii_m: ArrayLike = 0.1,
         pose: Gaussian | None = None,
     ) -> list[Obstacle]:
         """Advance to this time and take in the detections.
