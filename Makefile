@@ -43,6 +43,9 @@ demo: $(WARM)  ## a live walk, its recording processed, both judged
 test: $(WARM)  ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q
 
+test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot
+	BLOCKED_PACKAGES="sim surefoot" $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
+
 lint: $(READY)  ## style, types, import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .

@@ -1,65 +1,48 @@
-"""Heights: how high the surface on a cell is, and how sure we are of it.
+"""Heights: the surface height of a cell and its variance.
 
-A frame gives the mean height of the points of one cell and its variance. Into that go the depth noise of
-the points and how uneven the cell is, which average out over points and frames; what the floor is unsure
-of there; and how far the cell may be displaced by the error of the pose, times the slope of its surface.
-The last two are shared by all points of a frame and last from frame to frame, so that many frames do not
-make them smaller than the best of them said. What lies beyond the gate is a new surface.
+A frame gives the mean height of the points in a cell and the variance of that mean. Depth noise and the
+unevenness of the cell average out over points and frames. The error of the floor plane, and the error of the
+pose times the slope of the surface, are common to all points of a frame and persist from frame to frame:
+fusing more frames does not reduce the variance below theirs. A mean outside the gate is a new surface.
 
-Source: ours; the idea of a height with the variance of the pose in it after Fankhauser et al. 2014.
+Source: ours; a height with the pose variance in it after Fankhauser et al. 2014.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
-from . import _grid_kernels
+from . import _terrain_kernels
 
-
-@dataclass(frozen=True)
-class HeightConfig:
-    """What is unknown about heights, and when a surface is a new one."""
-
-    sigma_m: float = 0.002  # ours: of a frame's heights, beyond noise, floor and pose
-    gate_sigmas: float = 3.0  # ours: a mean farther off is that of another surface
-
-    def __post_init__(self) -> None:
-        for name in ("sigma_m", "gate_sigmas"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"heights: {name}={value} must be positive and finite")
+GATE_SIGMAS = 3.0  # ours: a mean further off belongs to another surface
 
 
 def floor_form(floor: Plane | None) -> Float[np.ndarray, "3 3"]:
-    """Variance of the floor's height as a form over (x, y, 1), m^2; zero where no floor is given.
+    """Variance of the floor's height as a quadratic form over (x, y, 1), m^2; zero without a floor.
 
     Args:
-        floor: In the world frame, near to level: a place (x, y, 0) is higher by a t0.p + b t1.p + c for the
-            error (a, b, c) that its covariance tells of.
+        floor: World frame, close to level. Its error (a, b, c) raises a place p = (x, y, 0) by
+            a t0.p + b t1.p + c.
     """
     if floor is None:
         return np.zeros((3, 3))
     covariance = np.ascontiguousarray(floor.covariance, np.float64)
-    return np.asarray(_grid_kernels.floor_form(np.ascontiguousarray(floor.tangents), covariance))
+    return np.asarray(_terrain_kernels.floor_form(np.ascontiguousarray(floor.tangents), covariance))
 
 
 def pose_form(pose: Gaussian | None) -> Float[np.ndarray, "3 3"]:
-    """Variance of a place along one axis, mean of both, as a form over (x, y, 1), m^2; zero without a pose.
+    """Positional variance of a place as a quadratic form over (x, y, 1), mean of both axes, m^2.
 
     Args:
-        pose: Over (x, y, yaw) of the body, world frame: a place is displaced by the error of its position
-            and turned round it by that of its yaw.
+        pose: (x, y, yaw) of the body, world frame. Its position error shifts a place and its yaw error
+            rotates it about the body. None gives zero.
     """
     if pose is None:
         return np.zeros((3, 3))
     x, y = float(pose.mean[0]), float(pose.mean[1])
     covariance = np.ascontiguousarray(pose.covariance, np.float64)
-    return np.asarray(_grid_kernels.pose_form(x, y, covariance))
+    return np.asarray(_terrain_kernels.pose_form(x, y, covariance))

@@ -1,10 +1,10 @@
-"""A square window on an endless lattice, scrolling with the robot: an offset moves, the data does not.
+"""A square window on an endless lattice that scrolls with the robot: an offset moves, the data does not.
 
-The lattice is fixed in the world, with the start in the middle of one of its cells; the window is the N x N
-part of it with the robot in the centre. Every layer is a torus: the cell that leaves on one side is the
-memory of the one that enters on the other. The window is never turned.
+The lattice is fixed in the world, with the start position in the centre of one of its cells. The window is
+the N x N part of it with the robot in the centre cell. Every layer is a torus: a cell that leaves on one side
+is reused for one that enters on the other. The window never rotates.
 
-Source: seed 003, section 3, eq. (1) and (2), Fig. 5 and 6.
+Source: Han 2018 (seed 003), section 3, eq. (1) and (2), Fig. 5 and 6.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import SupportsIndex
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Float, Float32, Int, Shaped
 
 from perception.primitives.errors import InputError
 
@@ -23,13 +23,13 @@ def whole_cells(
     cell_m: float,
     literal: bool = False,
 ) -> tuple[Int[np.ndarray, "2"], Float[np.ndarray, "2"]]:
-    """Split a step into whole cells to shift by and a rest inside the centre cell.
+    """Split a step into whole cells to shift by and a remainder inside the centre cell.
 
     Args:
         offset: R, the robot in its centre cell, each in [-S_c/2, S_c/2), world axes, m.
         step: M, displacement of the robot, world axes, m.
         cell_m: S_c, side of a cell.
-        literal: Forget the old R, as eq. (2) is printed; drifts, for comparison only.
+        literal: Drop the old R, as eq. (2) is printed; drifts, for comparison only.
 
     Returns:
         A, the cells crossed along each axis, and the new R, m.
@@ -42,17 +42,17 @@ def whole_cells(
 
 
 class Window:
-    """Where the window is, and the layers that scroll with it."""
+    """Position of the window, and the layers that scroll with it."""
 
     def __init__(
         self, cells: int, cell_m: float, position_world: Float[np.ndarray, "2"], literal: bool
     ) -> None:
-        """N (odd) cells along a side, the robot at the position (2,), m, in the middle of its cell."""
+        """N (odd) cells along a side; the robot starts at the position (2,), m, in the centre of its cell."""
         self._n, self._cell_m, self._literal = cells, cell_m, literal
         self._start = _finite(position_world)
         self._anchor = self._start - 0.5 * cell_m  # lower left corner of lattice cell (0, 0)
         self._first = np.array([-(cells // 2), -(cells // 2)])  # lattice cell (x, y) of [0, 0]
-        self._corner = np.array([0, 0])  # where that cell is in the layers, (x, y)
+        self._corner = np.array([0, 0])  # its index in the layers, (x, y)
         self._rest = np.zeros(2)  # R
         self._layers: list[tuple[np.ndarray, float]] = []
         self._centres: tuple[tuple[int, int], np.ndarray] | None = None
@@ -64,12 +64,12 @@ class Window:
 
     @property
     def position(self) -> Float[np.ndarray, "2"]:
-        """Of the robot, world frame, m: middle of the centre cell plus R."""
+        """Position of the robot, world frame, m: centre of the centre cell plus R."""
         return self._start + (self._first + self._n // 2) * self.cell_m + self._rest
 
     @property
     def offset(self) -> Float[np.ndarray, "2"]:
-        """R, the robot from the middle of the centre cell, m, each in [-S_c/2, S_c/2)."""
+        """R, position of the robot in the centre cell, m, each in [-S_c/2, S_c/2)."""
         return self._rest.copy()
 
     @property
@@ -78,16 +78,16 @@ class Window:
         return self._start + (self._first - 0.5) * self.cell_m
 
     def cell_of(self, xy: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
-        """Cells [row, column] of places in the world, m; outside the grid where not in [0, N)."""
+        """Cells [row, column] of world positions, m; indices outside [0, N) are outside the grid."""
         lattice = np.floor((xy - self._anchor) * (1.0 / self.cell_m)).astype(np.int64)
         return (lattice - self._first)[..., ::-1]
 
     def centre_of(self, row: SupportsIndex, column: SupportsIndex) -> Float[np.ndarray, "2"]:
-        """Middle of a cell, world frame, m."""
+        """Centre of a cell, world frame, m."""
         return self._start + (self._first + np.array([int(column), int(row)])) * self.cell_m
 
     def centres(self) -> Float[np.ndarray, "rows columns 2"]:
-        """Middles of all cells, world frame, m; not to be written into, kept until the grid moves."""
+        """Centres of all cells, world frame, m; read-only, cached until the grid moves."""
         at = (int(self._first[0]), int(self._first[1]))
         if self._centres is None or self._centres[0] != at:
             along = np.arange(self._n)
@@ -99,42 +99,37 @@ class Window:
         return self._centres[1]
 
     def new_layer(self, fill: float) -> Float32[np.ndarray, "rows columns"]:
-        """A further layer that scrolls with the grid; entering cells get `fill`.
+        """Add a layer that scrolls with the grid; entering cells get `fill`.
 
-        The array is the torus itself: read it through `unrolled`, write it through `rolled`.
+        The array is the torus itself: read it with `unrolled`, write it with `rolled`.
         """
         layer = np.full((self._n, self._n), fill, np.float32)
         self._add_layer(layer, fill)
         return layer
 
     def _add_layer(self, layer: np.ndarray, fill: float) -> None:
-        """Let an (n, n) array of any kind scroll, too."""
+        """Add an (n, n) array of any type to the layers."""
         self._layers.append((layer, fill))
 
-    def unrolled(self, layer: Float32[np.ndarray, "n n"]) -> Float32[np.ndarray, "n n"]:
-        """A layer of `new_layer` in world order, as a copy."""
-        return self._unrolled(layer)
-
-    def rolled(
-        self, view: Bool[np.ndarray, "n n"] | Float32[np.ndarray, "n n"]
-    ) -> Bool[np.ndarray, "n n"] | Float32[np.ndarray, "n n"]:
-        """A mask or values in world order, in the order of a layer of `new_layer`."""
-        return np.roll(view, (self._corner[1], self._corner[0]), (0, 1))
-
-    def _unrolled(self, layer: np.ndarray) -> np.ndarray:
+    def unrolled(self, layer: Shaped[np.ndarray, "n n"]) -> Shaped[np.ndarray, "n n"]:
+        """A layer in world order, as a copy."""
         return np.roll(layer, (-self._corner[1], -self._corner[0]), (0, 1))
 
-    def _whereabouts(self) -> dict[str, np.ndarray]:
+    def rolled(self, view: Shaped[np.ndarray, "n n"]) -> Shaped[np.ndarray, "n n"]:
+        """A mask or values in world order, reordered as the layers are stored."""
+        return np.roll(view, (self._corner[1], self._corner[0]), (0, 1))
+
+    def _placement(self) -> dict[str, np.ndarray]:
         return {"start": self._start.copy(), "first": self._first.copy(), "rest": self._rest.copy()}
 
     def _place(self, first: Int[np.ndarray, "2"], rest: Float[np.ndarray, "2"]) -> None:
-        """Take up the place of a saved window, before any layer is written."""
+        """Restore the position of a saved window, before any layer is written."""
         self._first = first.astype(np.int64)
         self._corner = (self._first + self._n // 2) % self._n
         self._rest = rest.astype(np.float64)
 
     def move(self, position_world: Float[np.ndarray, "2"]) -> None:
-        """Follow the robot to a place, (2,), m; rows and columns that enter are unseen (p = 1, t = 0).
+        """Follow the robot to a position, (2,), m; cells that enter are unseen (p = 1, t = 0).
 
         Raises:
             InputError: The position is not finite.
@@ -142,7 +137,7 @@ class Window:
         self.shift(_finite(position_world) - self.position)
 
     def shift(self, step_world: Float[np.ndarray, "2"]) -> None:
-        """Follow the robot by a displacement M, (2,), m, world axes: Rot(beta) (dx, dy) of a step.
+        """Follow the robot by a displacement M, (2,), m, world axes.
 
         Source: seed 003, eq. (1) and (2), cases (a) and (b).
         """
@@ -162,7 +157,7 @@ class Window:
 
 
 def _entering(shift: int, corner: int, n: int) -> list[slice]:
-    """Layer indices of the lines that enter when the window, now at `corner`, has moved by `shift`."""
+    """Slices of a layer that enter when the window, now at `corner`, has moved by `shift` cells."""
     count = min(abs(shift), n)
     first = (corner + (n - count if shift > 0 else 0)) % n
     return [slice(first, min(first + count, n)), slice(0, max(first + count - n, 0))]
@@ -171,6 +166,6 @@ def _entering(shift: int, corner: int, n: int) -> list[slice]:
 def _finite(position: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
     if not np.isfinite(position).all():
         raise InputError(
-            f"grid: position {position} is not finite; keep the last pose until the localiser has one"
+            f"grid: position {position} is not finite; keep the last pose until the localiser has a new one"
         )
     return position.astype(np.float64)

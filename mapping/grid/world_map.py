@@ -1,36 +1,36 @@
-"""The world map: what the whole run saw, on a grid that stays and grows.
+"""The world map: the occupancy of everything a run saw, on a fixed grid that grows.
 
-The same evidence as in the terrain map, on a lattice whose cell corners are multiples of the cell size in
-the world frame, so that maps of several runs lie on top of each other. Each cell also keeps the height of
-the highest thing at rest that was seen on it (ours).
+It applies the evidence of the terrain map on a lattice whose cell corners are multiples of the cell size in
+the world frame, so that maps of several runs align. Each cell also keeps the height of the highest static
+obstacle point (ours).
 
-Source: seed 003, section 3 (evidence).
+Source: Han 2018 (seed 003), section 3 (evidence).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.settings import setting
 
-from . import _kernels
-from .evidence import EvidenceConfig, age, fold, kinds_of, let_fade, probability_of
+from . import _evidence_kernels
+from .evidence import EvidenceConfig, age, kinds_of, mark_moving, probability_of, update_cells
 
 GROWTH = 64  # cells by which the map grows at least, so that it rarely does
 
 
 @dataclass(frozen=True)
 class WorldMapConfig:
-    """Grain and largest extent of the world map."""
+    """Resolution and largest extent of the world map."""
 
-    cell_m: float = 0.05  # ours: as the terrain map
-    most_cells: int = (
-        16_000_000  # ours: 200 m x 200 m of 5 cm; points that would need more are dropped
+    cell_m: float = setting(
+        0.05, "m", "side of a cell of the world map", "ours: as the terrain map"
     )
+    most_cells: int = 16_000_000  # ours: 200 m x 200 m of 5 cm; points beyond are dropped
     evidence: EvidenceConfig = field(default_factory=lambda: EvidenceConfig(tail_share=0.1))
 
     def __post_init__(self) -> None:
@@ -42,29 +42,13 @@ class WorldMapConfig:
             )
 
 
-class OccupancyMap(NamedTuple):
-    """A finished map, as it is saved and loaded.
-
-    Args:
-        probability: (rows, columns), p that an obstacle covers the cell; row 0 at the smallest y.
-        origin: Lower left corner of cell [0, 0], world frame, m.
-        cell_m: Side of a cell, m.
-        known: (rows, columns), whether the cell was ever seen.
-    """
-
-    probability: Float32[np.ndarray, "rows columns"]
-    origin: Float[np.ndarray, "2"]
-    cell_m: float
-    known: Bool[np.ndarray, "rows columns"]
-
-
 class WorldMap:
-    """Probability, stamp and height for each cell that was ever seen."""
+    """Occupancy probability, time of the last update and obstacle height of every cell ever seen."""
 
     def __init__(self, config: WorldMapConfig | None = None) -> None:
         """An empty map of no cells."""
         self.config = config or WorldMapConfig()
-        self.dropped = 0  # points too far away to keep
+        self.dropped = 0  # points beyond the largest extent
         self._first = np.zeros(2, np.int64)  # lattice cell (x, y) of cell [0, 0]
         self._log_odds = np.zeros((0, 0), np.float32)
         self._updated_s = np.zeros((0, 0))
@@ -94,7 +78,7 @@ class WorldMap:
 
     @property
     def updated_s(self) -> Float[np.ndarray, "rows columns"]:
-        """Stamp of the cell's last update, s; 0 where never seen."""
+        """Time of the cell's last update, s; 0 where never seen."""
         return self._updated_s.copy()
 
     @property
@@ -104,7 +88,7 @@ class WorldMap:
         return np.where(occupied, self._height_m, np.float32(np.nan))
 
     def cell_of(self, xy: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
-        """Cells [row, column] of places in the world, m; outside the map where not in its shape."""
+        """Cells [row, column] of world positions, m; indices outside the shape are outside the map."""
         lattice = np.floor(xy * (1.0 / self.cell_m)).astype(np.int64)
         return (lattice - self._first)[..., ::-1]
 
@@ -116,17 +100,17 @@ class WorldMap:
         heights_m: Float[np.ndarray, "n"] | None = None,
         is_moving: Bool[np.ndarray, "n"] | None = None,
     ) -> None:
-        """Remember what one frame showed; each cell changes at most once.
+        """Update the map by one frame; each cell changes at most once.
 
         Args:
-            points_xy: Floor and obstacle points on the floor plane, world frame, m; NaN is passed over.
-            is_obstacle: Whether each rises above (or falls below) the floor.
+            points_xy: Floor and obstacle points on the floor plane, world frame, m; NaN is ignored.
+            is_obstacle: Whether each point is above (or below) the floor.
             stamp_s: Time of the frame, s.
-            heights_m: Of each point above the floor, m; None leaves the heights as they are.
-            is_moving: Whether each obstacle point belongs to something that moves; None: none does.
+            heights_m: Height of each point above the floor, m; None keeps the stored heights.
+            is_moving: Whether each obstacle point belongs to a moving obstacle; None: none does.
 
         Raises:
-            InputError: One flag or height a point is missing.
+            InputError: The number of flags or heights differs from the number of points.
         """
         flags = len(is_obstacle) if heights_m is None else min(len(is_obstacle), len(heights_m))
         if len(points_xy) != flags:
@@ -142,18 +126,20 @@ class WorldMap:
         anchor, per_m = np.zeros(2), 1.0 / self.cell_m
         columns, rows = (int(v) for v in high - low + 1)
         tally = np.zeros(3 * rows * columns + 1, np.int32)
-        _kernels.count_points(points, kinds, anchor, per_m, low, rows, columns, tally)
+        _evidence_kernels.count_points(points, kinds, anchor, per_m, low, rows, columns, tally)
         counts = tally[:-1].reshape(3, rows, columns)
         row, column = (int(v) for v in (low - self._first)[::-1])
         layers = (self._log_odds, self._updated_s, self._moving)
-        fold(counts, layers, (row, column), stamp_s, self.config.evidence)
+        update_cells(counts, layers, (row, column), stamp_s, self.config.evidence)
         if heights_m is not None:
             top = self._height_m[row : row + rows, column : column + columns]
-            _kernels.highest_in_cells(points, heights_m, kinds, anchor, per_m, low, top)
+            _evidence_kernels.highest_in_cells(points, heights_m, kinds, anchor, per_m, low, top)
         self._latest_s = stamp_s
 
-    def let_fade(self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]) -> None:
-        """What was marked in these discs has turned out to move; world frame, m (see `EgocentricGrid`)."""
+    def mark_moving(
+        self, centres: Float[np.ndarray, "k 2"], radii_m: Float[np.ndarray, "k"]
+    ) -> None:
+        """Reclassify the obstacles in these discs as moving; world frame, m (see `EgocentricGrid`)."""
         shape = self._log_odds.shape
         for centre, radius_m in zip(centres, radii_m, strict=True):
             corners = self.cell_of(np.array([centre - radius_m, centre + radius_m + self.cell_m]))
@@ -162,37 +148,24 @@ class WorldMap:
             along, up = (self.cell_m * np.arange(n) for n in (edge - column, end - row))
             near = np.hypot(x + along - centre[0], (y + up - centre[1])[:, None]) <= radius_m
             part = np.s_[row:end, column:edge]
-            let_fade(self._log_odds[part], self._moving[part], near, self.config.evidence)
+            mark_moving(self._log_odds[part], self._moving[part], near)
 
     def age(self, seconds: float) -> None:
-        """Let what moves fade where the latest frame did not see it; seconds since the last call."""
+        """Fade moving obstacles that the latest frame did not see; seconds since the last call."""
         away = self._updated_s < self._latest_s
-        age(self._log_odds, self._moving, away, seconds, self.config.evidence)
+        age(self._log_odds, self._moving, away, seconds)
         self._updated_s[np.isinf(self._log_odds)] = 0.0
-
-    def crop(self) -> OccupancyMap:
-        """The smallest rectangle that holds every seen cell; of no cells while nothing was seen."""
-        rows, columns = (
-            np.flatnonzero(self.known.any(axis=1)),
-            np.flatnonzero(self.known.any(axis=0)),
-        )
-        if not len(rows):
-            nothing = np.zeros((0, 0), np.bool_)
-            return OccupancyMap(nothing.astype(np.float32), self.origin, self.cell_m, nothing)
-        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        corner = (self._first + np.array([columns[0], rows[0]])) * self.cell_m
-        return OccupancyMap(self.probability[part], corner, self.cell_m, self.known[part])
 
     def _make_room(
         self, points: Float[np.ndarray, "n 2"]
     ) -> tuple[Int[np.ndarray, "2"], Int[np.ndarray, "2"]] | None:
-        """Grow so that the points fit; the first and last lattice cell (x, y) that they touch.
+        """Grow so that the points fit; returns the first and last lattice cell (x, y) that hold points.
 
-        Points that would make the map larger than allowed are dropped and counted: those far from the
-        middle of the map, or of the points where there is no map yet. None if no point is left.
+        If the map would exceed its largest extent, points far from its centre (or from the median of the
+        points, while it is empty) are dropped and counted. None if no point is left.
         """
         per_m = 1.0 / self.cell_m
-        bounds = np.array(_kernels.lattice_bounds(points, per_m))
+        bounds = np.array(_evidence_kernels.lattice_bounds(points, per_m))
         if not np.isfinite(bounds).all():
             return None
         low, high = bounds[:2], bounds[2:]

@@ -1,1 +1,5 @@
-"""Maps as files of other programs."""
+"""Maps and clouds as files.
+
+Read `atomic_write` (a file is complete or absent), `grid_file` (the terrain map with all its layers), `nav2`
+(occupancy maps for ROS) and `clouds` (the coloured cloud of a run, PLY).
+"""

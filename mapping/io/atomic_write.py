@@ -1,6 +1,6 @@
-"""A file is complete or absent, never half-written.
+"""Atomic writing: a file is complete or absent.
 
-The content goes into a temporary file beside the target, which then takes its name in one step.
+The content goes into a temporary file beside the target, which then replaces the target in one step.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from perception.primitives.errors import OutputError
 
 
 @contextmanager
-def complete(target: Path) -> Iterator[Path]:
-    """Give a temporary path with the target's suffix; on leaving without an error it becomes the target.
+def atomic_path(target: Path) -> Iterator[Path]:
+    """A temporary path with the target's suffix; it replaces the target if the block ends without error.
 
     Raises:
         OutputError: The folder is absent, read-only or full.

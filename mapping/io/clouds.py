@@ -1,7 +1,7 @@
-"""The coloured cloud of a run: one averaged point for each voxel that was hit.
+"""The coloured cloud of a run: the mean point and colour of each voxel.
 
-Memory stays bounded: when the voxels run out, they double in size and the cloud is thinned. Nothing else of
-mapping imports Open3D, and here only writing does.
+Memory is bounded: when the number of voxels reaches its limit, their size doubles and the cloud is thinned.
+Only reading and writing PLY files need Open3D.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from perception.primitives.errors import ConfigError, InputError, OutputError
+from perception.primitives.settings import setting
 
-from ..grid import _kernels
-from .atomic_write import complete
+from . import _voxel_kernels
+from .atomic_write import atomic_path
 
 logger = logging.getLogger(__name__)
 
@@ -26,10 +27,17 @@ FIRST_CAPACITY = 1 << 14  # voxels
 
 @dataclass(frozen=True)
 class CloudConfig:
-    """Grain and largest size of the cloud."""
+    """Resolution and largest size of a cloud."""
 
-    voxel_m: float = 0.02  # ours: a depth camera's noise at 2 m
-    most_voxels: int = 1_000_000  # ours: 100 MB, 27 MB as a file
+    voxel_m: float = setting(
+        0.02, "m", "side of a voxel of the cloud", "ours: depth noise of the cameras at 2 m"
+    )
+    most_voxels: int = setting(
+        1_000_000,
+        "",
+        "number of voxels at which their size doubles",
+        "ours: 100 MB in memory, 27 MB as a file",
+    )
 
     def __post_init__(self) -> None:
         if not self.voxel_m > 0.0:
@@ -39,7 +47,7 @@ class CloudConfig:
 
 
 class CloudBuilder:
-    """Averages points voxel by voxel; the order of points is that in which voxels were first hit."""
+    """Averages points per voxel; voxels are ordered by their first hit."""
 
     def __init__(self, config: CloudConfig | None = None) -> None:
         """An empty cloud."""
@@ -59,10 +67,10 @@ class CloudBuilder:
         points_world: Float[np.ndarray, "n 3"],
         colours: UInt8[np.ndarray, "n 3"] | None = None,
     ) -> None:
-        """Add the points of one frame, world frame, m, with their colours, red first; NaN is passed over.
+        """Add the points of one frame, world frame, m, with their colours, RGB; NaN is ignored.
 
         Raises:
-            InputError: Not one colour a point.
+            InputError: The number of colours differs from the number of points.
         """
         if colours is not None and len(colours) != len(points_world):
             raise InputError(
@@ -73,7 +81,7 @@ class CloudBuilder:
         points = np.ascontiguousarray(points_world)
         done = 0
         while done < len(points):
-            done, self._used = _kernels.add_to_voxels(
+            done, self._used = _voxel_kernels.add_to_voxels(
                 points,
                 tints,
                 1.0 / self.voxel_m,
@@ -92,7 +100,7 @@ class CloudBuilder:
         self._calls += 1
 
     def cloud(self) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"] | None]:
-        """The mean point of each voxel, world frame, m, and its mean colour; None if none was ever given."""
+        """Mean point of each voxel, world frame, m, and its mean colour; None without colours."""
         counts = self._counts[: self._used, np.newaxis]
         means = self._sums[: self._used] / counts
         colours = np.rint(means[:, 3:]).astype(np.uint8) if self._coloured else None
@@ -100,7 +108,7 @@ class CloudBuilder:
 
     @property
     def sightings(self) -> Int[np.ndarray, "n"]:
-        """In how many additions (frames) each voxel was hit, in the order of `cloud`."""
+        """Number of frames (calls of `add`) that hit each voxel, in the order of `cloud`."""
         return self._hits[: self._used].copy()
 
     def _allocate(self, capacity: int) -> None:
@@ -112,7 +120,7 @@ class CloudBuilder:
         self._table = np.full(1 << (2 * capacity - 1).bit_length(), -1, np.int64)
 
     def _make_room(self) -> None:
-        """Twice the voxels; where that is too many, voxels of twice the size."""
+        """Double the number of voxels; at the limit, double their size instead."""
         used, old = self._used, (self._keys, self._sums, self._counts, self._hits, self._last)
         capacity = min(2 * len(self._keys), self.config.most_voxels)
         self._allocate(capacity)
@@ -120,7 +128,7 @@ class CloudBuilder:
             new = (self._keys, self._sums, self._counts, self._hits, self._last)
             for target, source in zip(new, old, strict=True):
                 target[:used] = source[:used]
-            _kernels.rebuild_table(self._keys, used, self._table)
+            _voxel_kernels.rebuild_table(self._keys, used, self._table)
             return
         self.voxel_m *= 2
         logger.warning("cloud: %d voxels in use, thinned to %g m", used, self.voxel_m)
@@ -130,14 +138,13 @@ class CloudBuilder:
         order = np.argsort(np.argsort(first))  # groups in the order in which they were first hit
         group = order[group.reshape(-1)]
         self._used = len(first)
-        half = 1 << 20
-        x, y, z = (cells[np.sort(first)].astype(np.int64) + half).T
+        x, y, z = (cells[np.sort(first)].astype(np.int64) + _voxel_kernels.REACH).T
         self._keys[: self._used] = (x << 42) | (y << 21) | z
         np.add.at(self._sums, group, sums[:used])
         np.add.at(self._counts, group, counts[:used])
         np.maximum.at(self._hits, group, hits[:used])
         np.maximum.at(self._last, group, last[:used])
-        _kernels.rebuild_table(self._keys, self._used, self._table)
+        _voxel_kernels.rebuild_table(self._keys, self._used, self._table)
 
 
 def save_ply(
@@ -146,9 +153,9 @@ def save_ply(
     """Write a binary PLY, complete or absent.
 
     Args:
-        path: Of the file, ending in .ply.
+        path: File name that ends in .ply.
         points: At least one, m.
-        colours: Red first; None writes none.
+        colours: RGB; None writes none.
 
     Raises:
         OutputError: It cannot be written, or Open3D cannot be loaded.
@@ -160,7 +167,7 @@ def save_ply(
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     if colours is not None:
         cloud.colors = open3d.utility.Vector3dVector(colours / 255.0)
-    with complete(path) as temporary:
+    with atomic_path(path) as temporary:
         if not open3d.io.write_point_cloud(str(temporary), cloud):
             raise OutputError(
                 f"cannot write {path}: Open3D refused {len(points)} points; expected at least one, a path "
@@ -171,10 +178,10 @@ def save_ply(
 def load_ply(
     path: Path,
 ) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"] | None]:
-    """Points in m, and their colours, red first, or None.
+    """Points, m, and their colours, RGB, or None.
 
     Raises:
-        InputError: The file is missing or holds no points, or Open3D cannot be loaded.
+        InputError: The file is missing or empty, or Open3D cannot be loaded.
     """
     if not path.is_file():
         raise InputError(f"cloud {path} does not exist; give a .ply file")
@@ -196,7 +203,7 @@ _LIBRARIES = (
 
 
 def _open3d() -> Any:
-    """Open3D, imported late: it takes a second, and only saving and loading need it."""
+    """Open3D, imported on use: it takes a second."""
     import open3d
 
     return open3d

@@ -1,11 +1,11 @@
-"""The terrain map as one file, to look at later or to go on from: a zip of arrays that NumPy reads.
+"""The terrain map as one file: a zip of arrays that NumPy reads, for display or to resume from.
 
-Every array is in world order, row 0 at the smallest y, so that `numpy.load` alone is enough to draw it.
-A map that was saved and loaded goes on to the same bits.
+Every array is in world order, row 0 at the smallest y, so that `numpy.load` suffices to plot it. Updates of
+a map that was saved and loaded give the same bits as those of the original.
 
-Arrays: `format`; `settings` (the grid's configuration, JSON); `start`, `first`, `rest` and `latest_s` (where
-the grid is); `log_odds`, `updated_s`, `moving`, `height_m`, `height_variance_m2`, `raised`; and
-`confidence` where there is such a layer.
+Arrays: `format`; `settings` (the grid's configuration, JSON); `start`, `first`, `rest` and `latest_s`
+(position and time of the grid); `log_odds`, `updated_s`, `moving`, `height_m`, `height_variance_m2`,
+`raised`; and optionally `confidence`.
 
 Source: ours.
 """
@@ -28,15 +28,14 @@ from perception.primitives.errors import ConfigError, InputError
 from ..grid.confidence import ConfidenceConfig, ConfidenceLayer
 from ..grid.egocentric_grid import EgocentricGrid, GridConfig
 from ..grid.evidence import EvidenceConfig
-from ..grid.heights import HeightConfig
-from .atomic_write import complete
+from .atomic_write import atomic_path
 
-FORMAT = 1
+FORMAT = 2
 DAMAGE = (
     *(ValueError, SyntaxError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError),
     *(zipfile.BadZipFile, zlib.error, struct.error),
 )
-"""What reading a damaged file may end in: header, directory, checksum or a length may be wrong."""
+"""Errors of reading a damaged file: its header, directory, checksum or a length may be wrong."""
 
 PLACES = {"start": ((2,), "f"), "first": ((2,), "i"), "rest": ((2,), "f"), "latest_s": ((), "f")}
 LAYERS = {
@@ -50,15 +49,15 @@ LAYERS = {
 
 
 def save(path: Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = None) -> Path:
-    """Write the map, complete or not at all, and give the path back.
+    """Write the map atomically and return the path.
 
     Args:
-        path: Of the file, suffix ".npz".
+        path: File name that ends in .npz.
         grid: The map.
-        confidence: Its confidence layer, kept in the same file.
+        confidence: Its confidence layer, for the same file.
 
     Raises:
-        InputError: Another suffix.
+        InputError: The suffix is another one.
         OutputError: The folder cannot be written.
     """
     if path.suffix != ".npz":
@@ -68,7 +67,7 @@ def save(path: Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = 
     if confidence is not None:
         settings["confidence"] = asdict(confidence.config)
         content["confidence"] = confidence.values
-    with complete(path) as temporary, temporary.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             format=np.array(FORMAT),
@@ -79,10 +78,10 @@ def save(path: Path, grid: EgocentricGrid, confidence: ConfidenceLayer | None = 
 
 
 def load(path: Path) -> tuple[EgocentricGrid, ConfidenceLayer | None]:
-    """Read a map; nothing in the file is believed unchecked.
+    """Read a map; every value in the file is checked.
 
     Raises:
-        InputError: The file is absent, truncated, not such a map, or holds what no map can hold.
+        InputError: The file is absent, truncated, no terrain map, or has impossible values.
     """
     content = _arrays(path)
     settings, config = _settings(path, content)
@@ -110,7 +109,7 @@ def load(path: Path) -> tuple[EgocentricGrid, ConfidenceLayer | None]:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Everything in the file, checksums verified, nothing unpickled."""
+    """All arrays of the file, with checksums verified and pickles refused."""
     try:
         file = np.load(path, allow_pickle=False)
         if isinstance(file, np.ndarray):
@@ -122,7 +121,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         raise InputError(f"terrain map {path} cannot be read: {reason}") from error
     except DAMAGE as error:
         raise InputError(
-            f"terrain map {path} is no such file or damaged ({error}); save it anew"
+            f"terrain map {path} is no terrain map or damaged ({error}); save it again"
         ) from error
 
 
@@ -137,7 +136,6 @@ def _settings(path: Path, content: Mapping[str, np.ndarray]) -> tuple[dict[str, 
         settings = json.loads(str(content["settings"]))
         values = {k: v for k, v in settings.items() if k != "confidence"}
         values["evidence"] = EvidenceConfig(**values["evidence"])
-        values["heights"] = HeightConfig(**values["heights"])
         return settings, GridConfig(**values)
     except (ValueError, KeyError, TypeError, AttributeError, ConfigError) as error:
         raise InputError(f"terrain map {path}: its settings cannot be used: {error}") from error
@@ -159,7 +157,7 @@ def _expect(
 
 def _check_values(path: Path, content: Mapping[str, np.ndarray], config: GridConfig) -> None:
     odds, seen = content["log_odds"], np.isfinite(content["log_odds"])
-    limit = max(config.evidence.limit, 10.0)  # first sightings may lie outside the limit
+    limit = max(config.evidence.limit, 10.0)  # first observations may exceed the limit
     half = config.cell_m / 2 * (1 + 1e-9)
     variance = content["height_variance_m2"]
     measured = np.isfinite(content["height_m"])
@@ -180,5 +178,5 @@ def _check_values(path: Path, content: Mapping[str, np.ndarray], config: GridCon
     wrong = [name for name, right in checks.items() if not right]
     if wrong:
         raise InputError(
-            f"terrain map {path}: {', '.join(wrong)} hold values that no map has; the file is damaged"
+            f"terrain map {path}: {', '.join(wrong)} hold impossible values; the file is damaged"
         )

@@ -1,7 +1,7 @@
-"""Maps as files for ROS: the yaml and pgm pair of map_server and Nav2.
+"""Occupancy maps as files for ROS: the yaml and pgm pair of map_server and Nav2.
 
-The picture has row 0 on top, that is the largest y; 254 is free, 0 occupied, 205 unknown. The yaml gives
-the lower left corner of the lower left pixel.
+Image row 0 is the top, the largest y; 254 is free, 0 occupied, 205 unknown. The yaml gives the lower left
+corner of the lower left pixel.
 
 Source: the map_server format, "trinary" and "scale" modes.
 """
@@ -10,20 +10,34 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
 from perception.primitives.errors import InputError
 
-from ..grid.world_map import OccupancyMap
-from .atomic_write import complete
+from .atomic_write import atomic_path
 
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
 OCCUPIED_ABOVE = 0.65  # map_server: default occupied_thresh
-FREE_BELOW = (
-    0.196  # map_server: default free_thresh; Nav2's 0.25 would read its own unknown as free
-)
+FREE_BELOW = 0.196  # map_server: free_thresh; with Nav2's 0.25 an unknown pixel would read as free
+
+
+class OccupancyMap(NamedTuple):
+    """An occupancy map read from a file.
+
+    Args:
+        probability: (rows, columns), p that an obstacle covers the cell; row 0 at the smallest y.
+        origin: Lower left corner of cell [0, 0], world frame, m.
+        cell_m: Side of a cell, m.
+        known: (rows, columns), whether the cell was ever seen.
+    """
+
+    probability: Float32[np.ndarray, "rows columns"]
+    origin: Float[np.ndarray, "2"]
+    cell_m: float
+    known: Bool[np.ndarray, "rows columns"]
 
 
 def save(
@@ -36,13 +50,13 @@ def save(
 ) -> Path:
     """Write `name.pgm`, then `name.yaml`; each is complete or absent. Returns the yaml's path.
 
-    A map without any cell becomes one unknown cell, so that what opens maps can open it.
+    An empty map is written as one unknown cell, so that map readers accept it.
 
     Args:
         folder: An existing folder.
-        name: Of both files, without suffix.
+        name: Name of both files, without suffix.
         probability: p that an obstacle covers the cell; row 0 at the smallest y.
-        known: Whether the cell was ever seen; others become unknown, as does p between the thresholds.
+        known: Whether the cell was ever seen. Unseen cells, and p between the thresholds, are unknown.
         origin: Lower left corner of cell [0, 0], world frame, m.
         cell_m: Side of a cell, m.
 
@@ -54,7 +68,7 @@ def save(
     if probability.size:
         pixels[known & (probability < FREE_BELOW)] = FREE
         pixels[known & (probability > OCCUPIED_ABOVE)] = OCCUPIED
-    with complete(folder / f"{name}.pgm") as path:
+    with atomic_path(folder / f"{name}.pgm") as path:
         path.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + pixels[::-1].tobytes())
     yaml = (
         f"image: {name}.pgm\n"
@@ -65,7 +79,7 @@ def save(
         f"occupied_thresh: {OCCUPIED_ABOVE}\n"
         f"free_thresh: {FREE_BELOW}\n"
     )
-    with complete(folder / f"{name}.yaml") as path:
+    with atomic_path(folder / f"{name}.yaml") as path:
         path.write_text(yaml, encoding="utf-8")
     return folder / f"{name}.yaml"
 
@@ -73,10 +87,10 @@ def save(
 def load(path: Path) -> OccupancyMap:
     """Read a map by its yaml file, as map_server does.
 
-    Trinary: p is 0 (free), 0.5 (unknown) or 1 (occupied). Scale: p between the thresholds is kept.
+    Mode "trinary" gives p of 0 (free), 0.5 (unknown) or 1 (occupied); "scale" keeps p between the thresholds.
 
     Raises:
-        InputError: A file is missing, truncated or not of this format, or the map is rotated.
+        InputError: A file is missing, truncated or of another format, or the map is rotated.
     """
     entries = _entries(path)
     image = entries["image"].strip("\"'")
@@ -96,7 +110,7 @@ def load(path: Path) -> OccupancyMap:
     if mode == "scale":
         scaled = np.where(occupied, np.float32(1), np.where(free, np.float32(0), p))
         return OccupancyMap(scaled, origin, cell_m, np.ones(p.shape, np.bool_))
-    raise InputError(f"{path}: mode {mode!r} is not read; save the map as trinary or scale")
+    raise InputError(f"{path}: mode {mode!r} is not supported; save the map as trinary or scale")
 
 
 def _entries(path: Path) -> dict[str, str]:
@@ -129,17 +143,19 @@ def _origin(path: Path, text: str) -> Float[np.ndarray, "2"]:
     except ValueError as error:
         raise InputError(f"{path}: origin={text!r} must be [x, y, yaw]") from error
     if abs(yaw) > 1e-9:
-        raise InputError(f"{path}: origin is turned by {yaw} rad; only maps with yaw 0 are read")
+        raise InputError(
+            f"{path}: origin is rotated by {yaw} rad; only maps with yaw 0 are supported"
+        )
     return np.array([x, y])
 
 
 def _read_pgm(path: Path) -> UInt8[np.ndarray, "rows columns"]:
-    """A binary PGM of one byte a pixel; comments in its header are passed over."""
+    """A binary PGM of one byte per pixel; comments in its header are skipped."""
     try:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(
-            f"map image {path} cannot be read: {error.strerror}; it belongs beside the yaml"
+            f"map image {path} cannot be read: {error.strerror}; it must be beside the yaml"
         ) from error
     gap = rb"(?:\s|#[^\n]*\n)+"
     header = re.match(rb"P5" + gap + rb"(\d+)" + gap + rb"(\d+)" + gap + rb"(\d+)\s", content)

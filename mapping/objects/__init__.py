@@ -1,1 +1,6 @@
-"""Ground plans and boxes of what stands."""
+"""Shapes of single obstacles on the floor.
+
+Read `footprints` (rectangles from the accumulated obstacle cloud) and `cuboid` (a box from one depth image).
+
+Source: ours.
+"""

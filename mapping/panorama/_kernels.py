@@ -1,9 +1,11 @@
-"""Loops over the pixels of a panorama: drawing views, correlating windows, labelling level sets."""
+"""Compiled loops over the pixels of a panorama: drawing views, correlation, labelling of level sets."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
+
+from ..pinhole import Pinhole
 
 
 @njit(cache=True, nogil=True)
@@ -13,20 +15,26 @@ def draw(
     sigma: np.ndarray,
     rotation: np.ndarray,
     centre: np.ndarray,
-    intrinsics: np.ndarray,
+    camera: Pinhole,
     base: np.ndarray,
     out_range: np.ndarray,
     out_sigma: np.ndarray,
 ) -> None:
-    """Draw one view on the sphere, seen from the base's centre.
+    """Draw one view on the sphere, as seen from the sphere's centre.
 
-    rays: (h, w, 3) unit directions, base frame. z, sigma: (a, b) of the view. rotation: base to camera.
-    centre: the camera in the base. intrinsics: fx, fy, cx, cy. base: the sphere's centre.
-    out_range, out_sigma: (h, w), out: what this view says of each pixel; untouched elsewhere.
-    A place off the sphere's centre moves by parallax: the range is found by three rounds of looking up.
+    For a camera off the centre, the parallax is resolved by four iterations of range and pixel.
+
+    Args:
+        rays: (h, w, 3) unit directions, base frame.
+        z, sigma: (a, b) depth of the view and its standard deviation, m.
+        rotation: (3, 3), base to camera.
+        centre: (3,), position of the camera, base frame, m.
+        camera: Intrinsics of the view.
+        base: (3,), centre of the sphere, base frame, m.
+        out_range, out_sigma: (h, w), m; written where the view has depth.
     """
     height, width = z.shape
-    fx, fy, cx, cy = intrinsics
+    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     sx, sy, sz = centre[0] - base[0], centre[1] - base[1], centre[2] - base[2]
     moved = abs(sx) + abs(sy) + abs(sz) > 1e-9
     for r in range(rays.shape[0]):
@@ -68,10 +76,13 @@ def fuse(
     out_sigma: np.ndarray,
     newest: np.ndarray,
 ) -> None:
-    """Of several drawings of one panorama the nearest range and, averaged, what lies close behind it.
+    """Fuse several drawings: the nearest range, averaged with the ranges close behind it.
 
-    ranges, sigmas: (n, h, w), NaN where a view says nothing. within: m behind the nearest, or four deviations.
-    out_range, out_sigma: (h, w). newest: (h, w), the last view that took part, -1 where none did.
+    Args:
+        ranges, sigmas: (n, h, w), m; NaN where a view has no depth.
+        within: Largest distance behind the nearest range, m; at least four standard deviations are used.
+        out_range, out_sigma: (h, w), m, out.
+        newest: (h, w), out: index of the last view that took part, -1 if none did.
     """
     count, height, width = ranges.shape
     for r in range(height):
@@ -108,11 +119,15 @@ def correlate(
     least: float,
     out: np.ndarray,
 ) -> None:
-    """Normalised correlation of a template with a window of places, over pixels that both know.
+    """Normalised cross correlation of a template over a window of offsets, on pixels known in both.
 
-    panorama, known: (H, W) float32, values (0 where unknown) and 1 where known. template, shown: (h, w)
-    likewise. (top, left): first place of the template's corner. row_step: every how many rows are compared.
-    out: (rows, columns) float32, -2 where fewer than `least` pixels are shared.
+    Args:
+        panorama, known: (H, W) float32, values (0 where unknown) and 1 where known.
+        template, shown: (h, w), likewise.
+        top, left: First position of the template's corner, px.
+        row_step: Every how many rows are compared.
+        least: Fewest common pixels.
+        out: (rows, columns) float32, out; -2 where fewer pixels are common.
     """
     height, width = template.shape
     for dr in range(out.shape[0]):
@@ -145,8 +160,13 @@ def correlate(
 def label(levels: np.ndarray, labels: np.ndarray, parent: np.ndarray) -> int:
     """Label 8-connected pixels of equal level in one pass, then number the labels from 1.
 
-    levels: (h, w) int, 0 is nothing. labels: (h, w) int32, out. parent: (h w / 2 + 2,) int32, scratch.
-    Returns how many there are.
+    Args:
+        levels: (h, w) int, 0 for none.
+        labels: (h, w) int32, out.
+        parent: (h w + 2,) int32, scratch.
+
+    Returns:
+        Number of labels.
     """
     height, width = levels.shape
     used = 0
@@ -160,7 +180,7 @@ def label(levels: np.ndarray, labels: np.ndarray, parent: np.ndarray) -> int:
                 continue
             left = c > 0 and row[c - 1] == level
             if r > 0 and above[c] == level:
-                # left and above already meet at the corner between them, if it is theirs too
+                # left and above are already connected if the corner between them has the same level
                 if left and above[c - 1] != level:
                     mine[c] = _join(parent, mine[c - 1], theirs[c])
                 else:
@@ -196,7 +216,7 @@ def label(levels: np.ndarray, labels: np.ndarray, parent: np.ndarray) -> int:
 
 @njit(cache=True, nogil=True)
 def measure(levels: np.ndarray, labels: np.ndarray, table: np.ndarray) -> None:
-    """Box, size and level of every part. table: (n, 6) left, top, right, bottom, area, level, out."""
+    """Box, area and level of every part; table: (n, 6) int32 left, top, right, bottom, area, level, out."""
     height, width = levels.shape
     for k in range(table.shape[0]):
         table[k, 0], table[k, 1], table[k, 2], table[k, 3] = width, height, -1, -1
@@ -220,6 +240,7 @@ def measure(levels: np.ndarray, labels: np.ndarray, table: np.ndarray) -> None:
 
 @njit(cache=True, nogil=True, inline="always")
 def _join(parent: np.ndarray, one: int, other: int) -> int:
+    """Merge two labels of a union-find forest; returns their root."""
     while parent[one] != one:
         parent[one] = parent[parent[one]]
         one = parent[one]

@@ -1,9 +1,9 @@
-"""All views at once: the poses that agree best with every pair and with every prior, by GTSAM.
+"""Pose graph of all views: the poses that agree best with every pair and every prior, by GTSAM.
 
-Pairs enter as factors between two poses, with a kernel that stops listening to those that contradict the
-rest; priors as they are. What comes back has marginal covariances. GTSAM stays in this file.
+Pairs enter as factors between two poses with a robust kernel, priors without one. The result has marginal
+covariances. No other file of mapping uses GTSAM.
 
-Source: seed 004, section 4 (v), as reconstructed; Dellaert and Kaess 2017.
+Source: Kang 2013 (seed 004), section 4 (v), as reconstructed; Dellaert and Kaess 2017.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
 
 from .pairs import Link
 
-ANCHOR_SIGMA = 1e-4  # rad, m: a first view without prior stays where it is
-LOOSE = np.diag([3.0**2] * 3 + [30.0**2] * 3)
-"""rad^2, m^2: a view without prior may be anywhere; it keeps the equations solvable if no pair is believed."""
-ADRIFT_RAD = 0.5  # a view whose rotation stays vaguer than this is not placed
-CAUCHY = 2.0  # ours: in deviations; a pair further off than that is believed less
+ANCHOR_SIGMA = 1e-4  # ours: rad, m; fixes the first view if no view has a prior
+WEAK_PRIOR = np.diag([3.0**2] * 3 + [30.0**2] * 3)
+"""Covariance for a view without prior, rad^2 and m^2 (ours): keeps the graph solvable without links."""
+MOST_SIGMA_RAD = 0.5  # ours: a view with a larger rotation sigma is not placed
+CAUCHY = 2.0  # ours: scale of the robust kernel, in standard deviations
 
 
 @dataclass(frozen=True)
 class Prior:
-    """Where a view was by joints and localiser; covariance rotation first, axes of the camera."""
+    """Prior pose of a view by joints and localisation; covariance rotation first, axes of the camera."""
 
     pose: Pose3
     covariance: Float[np.ndarray, "6 6"]
@@ -36,16 +36,16 @@ class Prior:
 
 @dataclass(frozen=True)
 class Placed:
-    """Where a view is.
+    """Estimated pose of a view.
 
     Args:
         T_base_camera: Its pose.
         covariance: Rotation (rad^2), then translation (m^2), axes of the camera.
-        by: What carries it: "features", "surfaces" or, where no pair was found, "encoders".
-        links: How many pairs hold it.
-        yaws: Covariance of its turn about the base's vertical with that of every view, rad^2; 0 for a view
-            that is not placed. Two views that share an error of the encoders agree better than this
-            view's own deviation tells: their difference has `a.yaws[a] + b.yaws[b] - 2 a.yaws[b]`.
+        by: Its evidence: "features", "surfaces", or "encoders" if it has no link.
+        links: Number of its links.
+        yaws: Covariance of its rotation about the base's vertical with that of every view, rad^2; 0 for a
+            view that is not placed. The relative yaw of two views with a common encoder error is more
+            certain than either: its variance is `a.yaws[a] + b.yaws[b] - 2 a.yaws[b]`.
     """
 
     T_base_camera: Pose3
@@ -61,19 +61,19 @@ def adjust(
     """Poses of all views.
 
     Args:
-        priors: One a view; None where nothing is known beforehand.
-        links: Pairs.
-        rotations_only: Adjust rotations and leave the places to the priors (or at the origin).
+        priors: One per view; None if unknown.
+        links: Relative poses of pairs.
+        rotations_only: Adjust rotations and keep the positions of the priors (or the origin).
 
     Returns:
-        One a view; None for a view that has neither a prior nor a chain of believed pairs to one that has. If
-        no view has a prior, the first one looks along the base's x axis from its origin, by definition.
+        One per view; None for a view without a prior and without a chain of links to a view with one. If no
+        view has a prior, the first one defines the base: at its origin, looking along its x axis.
     """
     given = list(priors)
     if given and all(prior is None for prior in given):
         straight = Pose3.from_rotation(CAMERA_IN_BODY_AXES, np.zeros(3))
         given[0] = Prior(straight, ANCHOR_SIGMA**2 * np.eye(6))
-    start = _spread(given, links)
+    start = _initial_poses(given, links)
     reached = [number for number, pose in enumerate(start) if pose is not None]
     if not reached:
         return [None] * len(given)
@@ -81,7 +81,7 @@ def adjust(
     placed: list[Placed | None] = []
     for number, pose in enumerate(poses):
         mine = [link for link in links if number in (link.first, link.second)]
-        if pose is None or np.diag(covariances[number])[:3].max() > ADRIFT_RAD**2:
+        if pose is None or np.diag(covariances[number])[:3].max() > MOST_SIGMA_RAD**2:
             placed.append(None)
             continue
         by = "features" if any(link.by == "features" for link in mine) else "encoders"
@@ -91,8 +91,8 @@ def adjust(
     return placed
 
 
-def _spread(priors: Sequence[Prior | None], links: Sequence[Link]) -> list[Pose3 | None]:
-    """First guesses: the priors, and from them along the strongest pairs."""
+def _initial_poses(priors: Sequence[Prior | None], links: Sequence[Link]) -> list[Pose3 | None]:
+    """Initial poses: the priors, propagated along the strongest links."""
     poses: list[Pose3 | None] = [None if prior is None else prior.pose for prior in priors]
     ordered = sorted(links, key=lambda link: (-link.inliers, link.first, link.second))
     grown = True
@@ -128,16 +128,16 @@ def _solve(
     factor_between = gtsam.BetweenFactorRot3 if rotations_only else gtsam.BetweenFactorPose3
     factor_prior = gtsam.PriorFactorRot3 if rotations_only else gtsam.PriorFactorPose3
     kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY)
-    graph, trusting = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
+    robust_graph, plain_graph = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
     values = gtsam.Values()
     for number, pose in enumerate(start):
         if pose is not None:
             values.insert(number, value(pose))
         prior = priors[number]
-        known = prior or (None if pose is None else Prior(pose, LOOSE))
+        known = prior or (None if pose is None else Prior(pose, WEAK_PRIOR))
         if known is not None:
             noise = gtsam.noiseModel.Gaussian.Covariance(known.covariance[:size, :size])
-            for one in (graph, trusting):
+            for one in (robust_graph, plain_graph):
                 one.add(factor_prior(number, value(known.pose), noise))
     for link in links:
         if start[link.first] is None or start[link.second] is None:
@@ -145,13 +145,14 @@ def _solve(
         noise = gtsam.noiseModel.Gaussian.Covariance(link.covariance[:size, :size])
         robust = gtsam.noiseModel.Robust.Create(kernel, noise)
         ends = (link.first, link.second, value(link.T_first_second))
-        graph.add(factor_between(*ends, robust))
-        trusting.add(factor_between(*ends, noise))
-    # from the priors alone a good pair far off from them would be taken for a false one
-    trusted = gtsam.LevenbergMarquardtOptimizer(trusting, values).optimize()
-    ways = [gtsam.LevenbergMarquardtOptimizer(graph, v).optimize() for v in (values, trusted)]
-    best = min(ways, key=graph.error)
-    marginals = gtsam.Marginals(graph, best)
+        robust_graph.add(factor_between(*ends, robust))
+        plain_graph.add(factor_between(*ends, noise))
+    # started from the priors alone, the robust kernel would reject a good link far from them
+    plain = gtsam.LevenbergMarquardtOptimizer(plain_graph, values).optimize()
+    optimize = gtsam.LevenbergMarquardtOptimizer
+    solutions = [optimize(robust_graph, guess).optimize() for guess in (values, plain)]
+    best = min(solutions, key=robust_graph.error)
+    marginals = gtsam.Marginals(robust_graph, best)
     poses: list[Pose3 | None] = []
     covariances = {}
     for number, pose in enumerate(start):
@@ -172,7 +173,7 @@ def _solve(
 
 
 def _yaws(marginals: Any, poses: Sequence[Pose3 | None]) -> Float[np.ndarray, "n n"]:
-    """Joint covariance of all views' turns about the base's vertical, rad^2."""
+    """Joint covariance of all views' rotations about the base's vertical, rad^2."""
     known = [(number, pose) for number, pose in enumerate(poses) if pose is not None]
     joint = marginals.jointMarginalCovariance([number for number, _ in known])
     found = np.zeros((len(poses), len(poses)))

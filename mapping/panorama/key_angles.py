@@ -1,10 +1,10 @@
-"""Key angles: where in the panorama the head's own directions lie, and every angle between them.
+"""Key angles: the head's own directions in the finished panorama, and the angles between them.
 
-Each view is drawn once more at its nominal direction and looked for in the panorama by fast normalised
-cross correlation, only where registration allows it to be. Where a view lies tells at which column and row
-the head's yaw and pitch are; between them angles are linear, as the panorama is drawn on a sphere.
+Each view is drawn again at its nominal direction and located in the panorama by fast normalised cross
+correlation, within a window that the registration allows. Its location gives the column and row of the head's
+yaw and pitch. Between key angles, angles are linear, as the panorama is drawn on a sphere.
 
-Source: seed 004, eq. (11) after Lewis 1995, eq. (12).
+Source: Kang 2013 (seed 004), eq. (11) after Lewis 1995, eq. (12).
 """
 
 from __future__ import annotations
@@ -17,47 +17,32 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Float32
 
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import InputError
 
 from . import _kernels
 from .rendering import Drawing, corner, draw_view
 from .sphere import angles_of
 from .views import View
 
-SAME_KEY_RAD = math.radians(1.0)  # ours: of sorted angles, neighbours nearer share a key angle
-
-
-@dataclass(frozen=True)
-class KeyAngleConfig:
-    """Where views are looked for, and what is believed."""
-
-    window_deg: float = 2.0  # spec of 004: further from the head's angle it is not believed
-    least_likeness: float = 0.9  # spec of 004: below it the head's angle is taken
-    row_step: int = 4  # ours: every fourth row tells as much, for a quarter of the time
-    least_share: float = 0.25  # ours: of the template that must lie on known ground
-
-    def __post_init__(self) -> None:
-        if not self.window_deg > 0.0 or self.row_step < 1:
-            raise ConfigError(
-                f"key angles: window_deg={self.window_deg} must be positive and "
-                f"row_step={self.row_step} at least 1"
-            )
-        if not -1.0 <= self.least_likeness <= 1.0 or not 0.0 < self.least_share <= 1.0:
-            raise ConfigError("key angles: least_likeness lies in -1 to 1, least_share in (0, 1]")
+WINDOW_RAD = math.radians(2.0)  # seed 004 as specified: a match further off is wrong
+LEAST_CORRELATION = 0.9  # seed 004 as specified: below, the head's own angle is used
+ROW_STEP = 4  # ours: every fourth row suffices, in a quarter of the time
+LEAST_SHARE = 0.25  # ours: of the template that must overlap known pixels
+SAME_KEY_RAD = math.radians(1.0)  # ours: consecutive sorted angles this close share a key angle
 
 
 class Found(NamedTuple):
-    """Where a template's corner lies best: column and row, px with fraction, and how alike it is."""
+    """Best location of a template's corner: column and row, px, and the correlation there."""
 
     x: float
     y: float
-    likeness: float
+    correlation: float
 
 
 def prepared(
     image: Float32[np.ndarray, "h w"],
 ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
-    """An image about its mean with 0 where it is NaN, and 1 where it is known."""
+    """An image without its mean (0 where NaN), and its mask of known pixels as 0 and 1."""
     known = np.isfinite(image)
     mean = np.float32(image[known].mean()) if known.any() else np.float32(0.0)
     return np.where(known, image - mean, np.float32(0.0)), known.astype(np.float32)
@@ -68,25 +53,25 @@ def locate(
     template: tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]],
     expected: tuple[int, int],
     reach: tuple[int, int],
-    config: KeyAngleConfig,
+    row_step: int = ROW_STEP,
 ) -> Found | None:
-    """Where a template lies in a panorama, by normalised cross correlation within a window.
+    """Locate a template in a panorama by normalised cross correlation within a window.
 
     Args:
-        panorama: Values and knowledge, as of `prepared`.
-        template: Likewise.
+        panorama: Values and mask, see `prepared`.
+        template: Values and mask.
         expected: (x, y) of its upper left corner, px.
-        reach: How far across and down it may be from there, px.
-        config: Row step and least share.
+        reach: Largest offset from there in columns and rows, px.
+        row_step: Every how many rows are compared.
 
     Returns:
-        The best place, to a fraction of a pixel by a parabola; None if too little is shared.
+        The best location, with subpixel accuracy by a parabola; None if too few pixels overlap.
 
     Source: seed 004, eq. (11).
     """
     (values, known), (wanted, shown) = panorama, template
     out = np.empty((2 * reach[1] + 1, 2 * reach[0] + 1), np.float32)
-    least = max(16.0, config.least_share * wanted.size / config.row_step)
+    least = max(16.0, LEAST_SHARE * wanted.size / row_step)
     _kernels.correlate(
         values,
         known,
@@ -94,7 +79,7 @@ def locate(
         shown,
         expected[1] - reach[1],
         expected[0] - reach[0],
-        config.row_step,
+        row_step,
         least,
         out,
     )
@@ -111,7 +96,7 @@ def locate(
 
 
 def _vertex(values: Float32[np.ndarray, "n"], best: int) -> float:
-    """Offset of a parabola's top from the highest of three values; 0 at the end of the row."""
+    """Offset of a parabola's vertex from the largest of three values; 0 at the end of the row."""
     if not 0 < best < len(values) - 1 or min(values[best - 1], values[best + 1]) < -1.5:
         return 0.0
     left, middle, right = (float(v) for v in values[best - 1 : best + 2])
@@ -124,8 +109,8 @@ class AngleLaw:
     """Angles along one axis of the panorama, linear between key angles.
 
     Args:
-        keys_rad: Key angles, growing.
-        pixels: Where each lies, px; growing or falling throughout.
+        keys_rad: Key angles, increasing.
+        pixels: Pixel of each, strictly monotonic.
     """
 
     keys_rad: Float[np.ndarray, "n"]
@@ -138,10 +123,12 @@ class AngleLaw:
         if not (np.all(steps > 0.0) or np.all(steps < 0.0)) or np.any(
             np.diff(self.keys_rad) <= 0.0
         ):
-            raise InputError("angle law: key angles must grow, and their pixels run one way")
+            raise InputError(
+                "angle law: key angles must increase, and their pixels be strictly monotonic"
+            )
 
     def angle(self, pixel: Float[np.ndarray, "*m"]) -> Float[np.ndarray, "*m"]:
-        """Angle at pixels, rad; beyond the ends the last segment goes on.
+        """Angle at pixels, rad; extrapolated linearly beyond the ends.
 
         Source: seed 004, eq. (12).
         """
@@ -153,28 +140,24 @@ class AngleLaw:
         return np.asarray(keys[k] + share * (keys[k + 1] - keys[k]))
 
 
-def laws(
-    drawing: Drawing, views: Sequence[View], config: KeyAngleConfig | None = None
-) -> tuple[AngleLaw, AngleLaw]:
-    """The laws of theta over columns and phi over rows, by finding the views in the panorama.
+def laws(drawing: Drawing, views: Sequence[View]) -> tuple[AngleLaw, AngleLaw]:
+    """The laws of theta over columns and phi over rows, from the views located in the panorama.
 
     Args:
         drawing: The panorama.
-        views: Those it was made of; the priors are the head's own directions.
-        config: What is believed.
+        views: Its views; the priors are the head's own directions.
 
     Returns:
-        theta over x and phi over y. A view that is not found where the head says counts as lying there.
+        theta over x and phi over y. A view not found in its window keeps the direction of the head.
 
     Raises:
         InputError: Fewer than two different yaws or pitches among the views with a prior.
 
     Source: seed 004, section 2.2.2 (A over x, B over y).
     """
-    config = config or KeyAngleConfig()
     panorama, sphere = prepared(drawing.range_m), drawing.sphere
     scale = sphere.px_per_rad
-    reach = math.ceil(math.radians(config.window_deg) * scale)
+    reach = math.ceil(WINDOW_RAD * scale)
     across: list[tuple[float, float]] = []
     down: list[tuple[float, float]] = []
     for view in views:
@@ -185,8 +168,8 @@ def laws(
         y = (sphere.top_rad - phi) * scale
         template, _, part = draw_view(view, view.prior, scale, drawing.centre)
         place = corner(part, sphere)
-        found = locate(panorama, prepared(template), place, (reach, reach), config)
-        if found is not None and found.likeness >= config.least_likeness:
+        found = locate(panorama, prepared(template), place, (reach, reach))
+        if found is not None and found.correlation >= LEAST_CORRELATION:
             off = (found.x - place[0], found.y - place[1])
             if max(abs(off[0]), abs(off[1])) < reach:
                 x, y = x + off[0], y + off[1]
@@ -196,7 +179,7 @@ def laws(
 
 
 def _law(found: list[tuple[float, float]]) -> AngleLaw:
-    """The law through views' angles and pixels; those that follow each other closely share a key."""
+    """The law through angles and pixels of the views; close consecutive angles share a key."""
     pairs = np.array(sorted(found)).reshape(-1, 2)
     groups = np.split(pairs, np.flatnonzero(np.diff(pairs[:, 0]) >= SAME_KEY_RAD) + 1)
     means = np.array([group.mean(axis=0) for group in groups if group.size]).reshape(-1, 2)

@@ -1,9 +1,10 @@
-"""Level sets: the panorama cut into slices of forward distance, and in each the parts that hang together.
+"""Level sets: segmentation of the panorama by forward distance.
 
-All slices are labelled in one pass: two neighbours belong together if they lie in the same slice.
+The panorama is cut into levels of forward distance `r cos(phi) cos(theta)`, so that a face perpendicular to
+the x axis lies in one level. Two neighbouring pixels belong to one part if they lie in the same level. All
+levels are labelled in one pass.
 
-Source: seed 004, eq. (13) and (14); slices by forward distance `r cos(phi) cos(theta)`, so that a face
-across the way lies in one of them.
+Source: Kang 2013 (seed 004), eq. (13) and (14).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.settings import setting
 
 from . import _kernels
 from .sphere import Sphere
@@ -23,10 +25,12 @@ from .sphere import Sphere
 
 @dataclass(frozen=True)
 class LevelConfig:
-    """How finely forward distance is cut."""
+    """Range and number of the levels."""
 
-    farthest_m: float = 2.5  # seed 004: d_max
-    count: int = 50  # seed 004: m; dd = 0.05 m
+    farthest_m: float = setting(
+        2.5, "m", "forward distance up to which obstacles are segmented", "seed 004: d_max"
+    )
+    count: int = setting(50, "", "number of levels of forward distance", "seed 004: m; dd = 0.05 m")
 
     def __post_init__(self) -> None:
         if not self.farthest_m > 0.0 or not 1 <= self.count <= 255:
@@ -39,7 +43,7 @@ class LevelConfig:
 def forward_distance(
     range_m: Float32[np.ndarray, "h w"], sphere: Sphere
 ) -> Float32[np.ndarray, "h w"]:
-    """`d = r cos(phi) cos(theta)`, m, NaN where there is no range. Source: seed 004, eq. (15)."""
+    """`d = r cos(phi) cos(theta)`, m, NaN without range. Source: seed 004, eq. (15)."""
     theta = sphere.left_rad + np.arange(sphere.width) / sphere.px_per_rad
     phi = sphere.top_rad - np.arange(sphere.height) / sphere.px_per_rad
     return np.asarray(range_m * np.outer(np.cos(phi), np.cos(theta)).astype(np.float32))
@@ -48,9 +52,9 @@ def forward_distance(
 def levels(
     forward_m: Float32[np.ndarray, "h w"], config: LevelConfig | None = None
 ) -> UInt8[np.ndarray, "h w"]:
-    """The slice of every pixel, `floor(d / dd) + 1`; 0 where there is none or it is too far.
+    """Level of every pixel, `floor(d / dd) + 1`; 0 without range or beyond the farthest level.
 
-    Source: seed 004, eq. (13), without the inner floor, which leaves three slices of a metre.
+    Source: seed 004, eq. (13), without the inner floor, which would leave three levels of a metre each.
     """
     config = config or LevelConfig()
     with np.errstate(invalid="ignore"):
@@ -61,13 +65,13 @@ def levels(
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """Parts of a panorama that hang together within a slice.
+    """Connected parts of a panorama within a level.
 
     Args:
         labels: Part of every pixel, from 1 in reading order of their first pixels; 0 for none.
-        boxes: (left, top, right, bottom) of each part, px, the last ones inclusive.
-        areas: Pixels of each part.
-        levels: Slice of each part.
+        boxes: (left, top, right, bottom) of each part, px, all inclusive.
+        areas: Number of pixels of each part.
+        levels: Level of each part.
     """
 
     labels: Int32[np.ndarray, "h w"]
@@ -80,10 +84,10 @@ class Parts:
 
 
 def label(slices: UInt8[np.ndarray, "h w"]) -> Parts:
-    """Parts that hang together within a slice, 8-connected.
+    """8-connected parts within a level.
 
     Args:
-        slices: As of `levels`; 0 belongs to nothing.
+        slices: Level of every pixel, see `levels`; 0 for none.
 
     Source: seed 004, eq. (14).
     """
@@ -95,27 +99,26 @@ def label(slices: UInt8[np.ndarray, "h w"]) -> Parts:
     return Parts(labels, table[:, :4], table[:, 4], table[:, 5])
 
 
-def merged(
+def merge_parts(
     parts: Parts, forward_m: Float32[np.ndarray, "h w"], reach_px: int, step_m: float, least_px: int
 ) -> Int32[np.ndarray, "h w"]:
-    """Things: parts of neighbouring slices that touch, put together.
+    """Obstacles: touching parts of the same or adjacent levels, merged.
 
-    A face on the border between two slices, one across them, and a top that recedes are each one thing in
-    several parts. Two parts belong together if somewhere pixels of both lie within reach of each other,
-    in slices that follow each other, and no farther apart in distance than one slice.
+    A face on the border of two levels, a face oblique to them, and a receding top each consist of several
+    parts. Two parts merge if pixels of both lie within reach of each other, in the same or adjacent levels,
+    and differ in distance by at most one level.
 
     Args:
-        parts: As of `label`.
-        forward_m: Forward distance the slices were cut by.
-        reach_px: How near pixels must lie, across and down.
-        step_m: How near in distance.
-        least_px: Things of fewer pixels are left out.
+        parts: See `label`.
+        forward_m: Forward distance from which the levels were made.
+        reach_px: Largest pixel distance, in rows and columns.
+        step_m: Largest difference of distance.
+        least_px: Obstacles of fewer pixels are dropped.
 
     Returns:
-        Number of the thing at every pixel, from 1 in reading order; 0 for none.
+        Label of the obstacle at every pixel, from 1 in reading order; 0 for none.
 
-    Source: seed 004, eq. (14); touching pixels in place of boxes that overlap, as a thing beside another
-    would be taken for its part.
+    Source: seed 004, eq. (14); touching pixels replace overlapping boxes, which would merge neighbours.
     """
     labels = parts.labels
     slice_of = np.concatenate([[0], parts.levels]).astype(np.int32)[labels]
@@ -134,14 +137,14 @@ def merged(
     i, j = np.concatenate(pairs, axis=1)
     count = len(parts) + 1
     graph = coo_array((np.ones(i.size, np.int8), (i, j)), shape=(count, count))
-    _, thing = connected_components(graph, directed=False)
-    areas = np.bincount(thing, weights=np.concatenate([[0], parts.areas]), minlength=count)
-    kept = areas[thing] >= least_px
+    _, obstacle = connected_components(graph, directed=False)
+    areas = np.bincount(obstacle, weights=np.concatenate([[0], parts.areas]), minlength=count)
+    kept = areas[obstacle] >= least_px
     kept[0] = False
     number = np.zeros(count, np.int32)
-    _, first = np.unique(thing[kept], return_index=True)
-    order = thing[kept][np.sort(first)]
+    _, first = np.unique(obstacle[kept], return_index=True)
+    order = obstacle[kept][np.sort(first)]
     rank = np.zeros(count, np.int32)
     rank[order] = np.arange(1, order.size + 1)
-    number[kept] = rank[thing[kept]]
+    number[kept] = rank[obstacle[kept]]
     return number[labels]

@@ -1,12 +1,13 @@
-"""What stands around, as the panorama tells it: obstacles from left to right, and the gaps between them.
+"""Obstacles of a panorama from left to right, and the gaps between them.
 
-This is what the panoramic map hands to planning: for the complexity measure and the fuzzy selection of a
-motion nothing else is needed. `sizes` makes it from a drawn panorama.
+This is the output of the panoramic map: the complexity measure and the fuzzy selection of an avoidance
+motion need nothing else. `sizes` computes it.
 
-Angles are azimuths in the base frame, positive to the LEFT, as everywhere outside `sphere` (seed 004's
-theta is minus this); edges are places on the floor plan, x ahead and y left, seen from the base's origin.
+Angles are azimuths in the base frame, positive to the LEFT, as everywhere outside `sphere` (theta of seed
+004 has the opposite sign). Edges are positions on the floor plane, x ahead and y left, relative to the
+origin of the base frame.
 
-Source: seed 004, section 2.3, eq. (14) to (20).
+Source: Kang 2013 (seed 004), section 2.3, eq. (14) to (20).
 """
 
 from __future__ import annotations
@@ -19,22 +20,22 @@ from perception.primitives.errors import InputError
 
 @dataclass(frozen=True)
 class PanoramaObstacle:
-    """One thing that stands on the floor within the farthest level.
+    """One obstacle on the floor within the farthest level.
 
     Args:
         left_rad, right_rad: Azimuth of its left and right edge, left positive; left_rad >= right_rad.
-        distance_m: Forward distance d of its nearest part from the base's origin (along x, not along the
-            ray).
-        width_m: Across the way (along y), between both edges.
-        height_m: Of its top above the floor.
-        sigma_left_rad, sigma_right_rad, sigma_distance_m, sigma_width_m, sigma_height_m: Deviations.
+        distance_m: Forward distance d of its nearest part from the base's origin, along x.
+        width_m: Lateral distance of its edges, along y.
+        height_m: Height of its top above the floor.
+        sigma_left_rad, sigma_right_rad, sigma_distance_m, sigma_width_m, sigma_height_m: Standard
+            deviations.
         left_edge_m, right_edge_m: (x, y) of the edges, base frame.
-        label: Its number in the panorama's labels of obstacles, from 1.
+        label: Its label in the panorama, from 1.
         levels: First and last level set it lies in, from 1; the nearest part lies in the first.
-        pixels: How many pixels of the panorama show it.
-        cut_left, cut_right: Whether the edge is not its own, as it goes on behind something nearer or
-            beyond the panorama: width is then what is seen of it, a lower bound.
-        cut_top: Whether its top is beyond the panorama or above what counts as an obstacle.
+        pixels: Number of its pixels in the panorama.
+        cut_left, cut_right: Whether a nearer obstacle or the end of the panorama cuts that edge: the
+            width is then a lower bound.
+        cut_top: Whether its top is beyond the panorama or above the highest obstacle height.
     """
 
     left_rad: float
@@ -70,14 +71,14 @@ class PanoramaObstacle:
 
     @property
     def bearing_rad(self) -> float:
-        """Azimuth of its middle, left positive."""
+        """Azimuth of its centre, left positive."""
         return 0.5 * (self.left_rad + self.right_rad)
 
     @staticmethod
     def across(
         left_m: float, right_m: float, distance_m: float, height_m: float
     ) -> PanoramaObstacle:
-        """A face across the way, known exactly: from y = left_m to y = right_m at x = distance_m."""
+        """A face perpendicular to x, known exactly: from y = left_m to y = right_m at x = distance_m."""
         return PanoramaObstacle(
             left_rad=math.atan2(left_m, distance_m),
             right_rad=math.atan2(right_m, distance_m),
@@ -91,14 +92,14 @@ class PanoramaObstacle:
 
 @dataclass(frozen=True)
 class PanoramaGap:
-    """Free way between two neighbours, or between the last one and where the panorama (or a wall) ends.
+    """Free space between two neighbouring obstacles, or between the outermost one and the panorama's end.
 
     Args:
         left, right: Index in `Surroundings.obstacles` of the neighbour on that side; None at an end.
-        left_rad, right_rad: Azimuths it lies between, left positive.
-        width_m: Passable width, across the way (along y); not positive where neighbours overlap.
-        sigma_width_m: Its deviation.
-        distance_m: Forward distance of the farther one of the two.
+        left_rad, right_rad: Azimuths of its sides, left positive.
+        width_m: Passable lateral width, along y; not positive if the neighbours overlap.
+        sigma_width_m: Its standard deviation.
+        distance_m: Forward distance of the farther neighbour.
     """
 
     left: int | None
@@ -112,11 +113,11 @@ class PanoramaGap:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """All obstacles, and all gaps between them, from left to right.
+    """All obstacles round the robot and the gaps between them, from left to right.
 
     Args:
-        obstacles: By the azimuth of their middle, falling.
-        gaps: One more than there are obstacles if both ends count, `gaps[0]` left of all of them.
+        obstacles: Sorted by falling azimuth of their centres.
+        gaps: One more than the obstacles within the farthest level; `gaps[0]` is the leftmost.
     """
 
     obstacles: tuple[PanoramaObstacle, ...]
@@ -125,13 +126,6 @@ class Surroundings:
     def __len__(self) -> int:
         return len(self.obstacles)
 
-    def gap_beside(self, index: int, left: bool) -> PanoramaGap | None:
-        """The gap on one side of an obstacle; None if there is none that counts."""
-        for gap in self.gaps:
-            if (gap.right if left else gap.left) == index:
-                return gap
-        return None
-
 
 def gaps_between(
     obstacles: tuple[PanoramaObstacle, ...], ends_rad: tuple[float, float], farthest_m: float
@@ -139,13 +133,13 @@ def gaps_between(
     """The gaps of obstacles that are sorted from left to right.
 
     Args:
-        obstacles: By azimuth, falling.
+        obstacles: Sorted by falling azimuth.
         ends_rad: Azimuths of the panorama's left and right end.
-        farthest_m: A gap counts only if both its neighbours are nearer.
+        farthest_m: Only obstacles up to this distance bound a gap.
 
-    The passable width is what lies between the two edges across the way; the printed one, `d (tan theta_L -
-    tan theta_R)` with the larger d, is the same for neighbours at one distance and too wide for others,
-    as it stretches the nearer edge to the farther's distance. At the ends it is `d (tan end - tan edge)`.
+    The passable width is the lateral distance of the two edges. The printed width, `d (tan theta_L -
+    tan theta_R)` with the larger d, agrees for neighbours at one distance and is too large for others, as
+    it extends the nearer edge to the farther distance. At the ends it is `d (tan end - tan edge)`.
 
     Source: seed 004, eq. (20).
     """
@@ -176,7 +170,7 @@ def gaps_between(
 
 
 def _across(obstacle: PanoramaObstacle, left: bool) -> float:
-    """Deviation of one edge's y, m."""
+    """Standard deviation of y of one edge, m."""
     angle, sigma, edge = (
         (obstacle.left_rad, obstacle.sigma_left_rad, obstacle.left_edge_m)
         if left
@@ -188,6 +182,6 @@ def _across(obstacle: PanoramaObstacle, left: bool) -> float:
 
 
 def _tangent(angle_rad: float) -> float:
-    """Tangent, held below a right angle, where a way across has no end."""
+    """Tangent, with the angle limited to 85 deg."""
     limit = math.radians(85.0)
     return math.tan(min(max(angle_rad, -limit), limit))

@@ -1,11 +1,11 @@
-"""Drawing the placed views: range, its sigma and its age at every pixel of the sphere.
+"""Rendering: range, sigma and time stamp at every pixel of the sphere, from the views and their poses.
 
-The sphere's centre is one place, the cameras are near it: each view is drawn as seen from the centre, by
-looking up where a ray meets its depth. Where views disagree the nearest range wins, as it hides the rest;
-what lies within 3 cm behind it (or four of its deviations, far away) is the same surface and is averaged by
-its variance.
+The sphere has one centre and the cameras are near it: each view is drawn as seen from the centre, by
+intersecting each ray with its depth. If views disagree, the nearest range occludes the others. Ranges up to
+3 cm behind it (or four standard deviations, at long range) belong to the same surface and are averaged with
+inverse variance.
 
-Source: seed 004, section 4 (vi), as reconstructed.
+Source: Kang 2013 (seed 004), section 4 (vi), as reconstructed.
 """
 
 from __future__ import annotations
@@ -16,29 +16,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 
+from ..pinhole import pinhole_of
 from . import _kernels
 from .adjustment import Placed
 from .sphere import Sphere, direction, window_of_view
 from .views import View
 
-RIM_PX = 4
-
-
-@dataclass(frozen=True)
-class RenderConfig:
-    """Grain of the panorama, and what counts as one surface."""
-
-    px_per_deg: float = 4.0  # seed 004: 176 px over 44 deg
-    same_m: float = 0.03  # spec of 004: within 3 cm it is one surface
-
-    def __post_init__(self) -> None:
-        if not (self.px_per_deg > 0.0 and self.same_m > 0.0):
-            raise ConfigError(
-                f"render: px_per_deg={self.px_per_deg} and same_m={self.same_m} must be positive"
-            )
+RIM_PX = 4  # ours: parallax extends a view seen from the centre by less than this
+SAME_M = 0.03  # seed 004 as specified: ranges this close are one surface
+PX_PER_DEG = 4.0  # seed 004: 176 px over 44 deg
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +35,11 @@ class Drawing:
 
     Args:
         sphere: Angles of the pixels.
-        centre: Of the sphere, base frame, m.
-        range_m: From the centre, NaN where no view looks or none has depth.
-        sigma_m: Deviation of it: noise of the views.
-        stamp_s: When each pixel was last seen, s; NaN where it was not.
-        view: Which view saw it last, as they were given; -1 where none did.
+        centre: Centre of the sphere, base frame, m.
+        range_m: Range from the centre, NaN where unknown.
+        sigma_m: Standard deviation of the range by depth noise.
+        stamp_s: Time at which each pixel was last seen, s; NaN if never.
+        view: Index of the view that saw it last; -1 if none did.
     """
 
     sphere: Sphere
@@ -62,7 +50,7 @@ class Drawing:
     view: Int[np.ndarray, "h w"]
 
     def points(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """The panorama as a cloud: points in the base frame, m, and the deviation along their rays."""
+        """The panorama as a cloud: points in the base frame, m, and sigma along their rays, m."""
         row, column = np.nonzero(np.isfinite(self.range_m))
         rays = direction(*self.sphere.angles(column.astype(float), row.astype(float)))
         xyz = self.centre + rays * self.range_m[row, column, None]
@@ -70,21 +58,17 @@ class Drawing:
 
 
 def render(
-    views: Sequence[View], placed: Sequence[Placed | None], config: RenderConfig | None = None
+    views: Sequence[View], placed: Sequence[Placed | None], px_per_deg: float = PX_PER_DEG
 ) -> Drawing | None:
-    """Draw all views that are placed; None if there is none.
-
-    A view's drawing is where its own directions fall; lens distortion must have been removed.
-    """
-    config = config or RenderConfig()
+    """Draw all placed views, whose images must be free of lens distortion; None without one."""
     known = [(view, place) for view, place in zip(views, placed, strict=True) if place is not None]
     if not known:
         return None
     numbers = np.array([k for k, place in enumerate(placed) if place is not None])
-    px_per_rad = float(np.degrees(config.px_per_deg))
+    px_per_rad = float(np.degrees(px_per_deg))
     centre = np.mean([place.T_base_camera.position for _, place in known], axis=0)
     drawn = [draw_view(view, place.T_base_camera, px_per_rad, centre) for view, place in known]
-    sphere = _around([part for _, _, part in drawn], px_per_rad)
+    sphere = _enclosing([part for _, _, part in drawn], px_per_rad)
     shape = (len(known), sphere.height, sphere.width)
     ranges, sigmas = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     for number, (view_range, view_sigma, part) in enumerate(drawn):
@@ -95,15 +79,15 @@ def render(
     range_m, sigma_m = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
     newest = np.empty(shape[1:], np.int64)
     order = np.argsort([view.stamp_s for view, _ in known], kind="stable")
-    _kernels.fuse(ranges[order], sigmas[order], config.same_m, range_m, sigma_m, newest)
+    _kernels.fuse(ranges[order], sigmas[order], SAME_M, range_m, sigma_m, newest)
     stamps = np.array([known[i][0].stamp_s for i in order])
     stamp = np.where(newest >= 0, stamps[newest], np.nan)
     shown = np.where(newest >= 0, numbers[order][newest], -1)
     return Drawing(sphere, centre, range_m, sigma_m, stamp, shown)
 
 
-def _around(windows: Sequence[Sphere], px_per_rad: float) -> Sphere:
-    """The window round all windows of one grid."""
+def _enclosing(windows: Sequence[Sphere], px_per_rad: float) -> Sphere:
+    """The smallest window that contains windows of one grid."""
     left = min(w.left_rad for w in windows)
     top = max(w.top_rad for w in windows)
     right = max(w.left_rad + (w.width - 1) / px_per_rad for w in windows)
@@ -123,10 +107,10 @@ def draw_view(
     px_per_rad: float,
     centre: Float[np.ndarray, "3"],
 ) -> tuple[Float32[np.ndarray, "a b"], Float32[np.ndarray, "a b"], Sphere]:
-    """Range from the centre and its deviation, m, over the part of the sphere that one view covers."""
+    """Range from the centre and its sigma, m, over the part of the sphere that one view covers."""
     camera = view.depth.camera
     part = window_of_view(camera, T_base_camera.rotation, px_per_rad)
-    part = Sphere(  # a rim, as seen from the centre a view may reach a little further
+    part = Sphere(
         part.width + 2 * RIM_PX,
         part.height + 2 * RIM_PX,
         px_per_rad,
@@ -141,7 +125,7 @@ def draw_view(
         view.depth.sigma,
         np.ascontiguousarray(T_base_camera.rotation.T),
         T_base_camera.position,
-        np.array([camera.fx, camera.fy, camera.cx, camera.cy]),
+        pinhole_of(camera),
         centre,
         range_m,
         sigma_m,

@@ -1,13 +1,12 @@
-"""Where things end, measured in the views themselves: finer than a pixel, and told in the base frame.
+"""Edges of obstacles, measured in the views with subpixel accuracy, in the base frame.
 
-The panorama says which thing a pixel belongs to; where it ends is asked of the views, as drawing them on
-one sphere moves edges by up to a pixel. In each row of a view the edge lies half way between the last pixel
-that shows the thing and the first that shows what is beyond: a mixed pixel between both knows nothing and
-is shared by them. An edge crosses the rows at different places within the pixel, so that their mean is
-finer than one.
+The panorama labels the pixels of an obstacle; its edges are measured in the views themselves, as drawing the
+views on one sphere displaces edges by up to a pixel. In each image row the edge lies half way between the
+last pixel of the obstacle and the first pixel of the background; a mixed pixel between them is shared. An
+edge crosses the rows at different offsets within a pixel, so that the mean is finer than a pixel.
 
-Source: seed 004, section 8 ("one pixel is 0.34 to 0.83 % of the width: sub-pixel edges are needed");
-the method is ours.
+Source: Kang 2013 (seed 004), section 8 ("one pixel is 0.34 to 0.83 % of the width: sub-pixel edges are
+needed"); the method is ours.
 """
 
 from __future__ import annotations
@@ -18,53 +17,33 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Int32
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
 
 from .rendering import Drawing
 from .views import View
 
-
-@dataclass(frozen=True)
-class SilhouetteConfig:
-    """How edges are read off the rows of a view."""
-
-    mixed_px: int = 3  # ours: what lies beyond an edge is looked for so far behind it
-    nearer_m: float = 0.025  # ours: what is so much nearer hides the edge; five deviations
-    outer_share: float = 0.25  # ours: an edge is what this share of the rows reach or exceed
-    same_px: float = 1.5  # ours: rows that end so close to it show the same edge
-    alike_rows: float = 4.0  # ours: neighbouring rows cross at the same place in the pixel
-    least_px: float = 0.08  # ours: deviation of an edge that many rows agree upon
-    inner_px: int = 5  # ours: so many pixels tell how a face goes on to its edge
-    bent_share: float = (
-        0.02  # ours: off a face by more of their depth, they show a crease or two things
-    )
-    hidden_share: float = 0.3  # ours: an edge hidden in so many rows is not the thing's own
-    same_range_m: float = 0.05  # seed 004: one slice; a pixel so near to the drawing's is the same
-
-    def __post_init__(self) -> None:
-        if self.mixed_px < 1 or self.inner_px < 2:
-            raise ConfigError(
-                f"silhouettes: mixed_px={self.mixed_px} must be at least 1 and "
-                f"inner_px={self.inner_px} at least 2"
-            )
-        for name in ("nearer_m", "same_px", "alike_rows", "least_px", "same_range_m"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"silhouettes: {name}={getattr(self, name)} must be positive")
-        if not 0.0 < self.outer_share < 1.0:
-            raise ConfigError(f"silhouettes: outer_share={self.outer_share} must lie in (0, 1)")
+MIXED_PX = 3  # ours: the background is searched up to this far behind an edge
+NEARER_M = 0.025  # ours: a background nearer by this occludes the edge; five standard deviations
+OUTER_SHARE = 0.25  # ours: share of the rows that reach the edge or beyond
+SAME_PX = 1.5  # ours: rows that end this close to the edge show the same edge
+CORRELATED_ROWS = 4.0  # ours: neighbouring rows that cross an edge at the same offset in the pixel
+LEAST_PX = 0.08  # ours: smallest standard deviation of an edge
+INNER_PX = 5  # ours: pixels from which a face is extrapolated to its edge
+BENT_SHARE = 0.02  # ours: relative depth residual of a face above which it has a crease
+HIDDEN_SHARE = 0.3  # ours: an edge occluded in more rows is not the obstacle's own
+SAME_RANGE_M = 0.05  # seed 004: one level; pixel and panorama this close show the same surface
 
 
 @dataclass(frozen=True, eq=False)
-class Seeing:
-    """One view that is placed, with the thing each of its pixels shows.
+class LabelledView:
+    """A view with an estimated pose and the obstacle label of each of its pixels.
 
     Args:
-        view: As given.
-        T_base_camera: Where it was.
-        number: Of the view, as they were given.
-        labels: Thing at each pixel, as of the panorama; 0 for none.
+        view: The view.
+        T_base_camera: Its pose.
+        number: Its index among the views of the panorama.
+        labels: Obstacle at each pixel, numbered as in the panorama; 0 for none.
     """
 
     view: View
@@ -73,7 +52,7 @@ class Seeing:
     labels: Int32[np.ndarray, "h w"]
 
 
-def recognise(
+def label_view(
     view: View,
     T_base_camera: Pose3,
     number: int,
@@ -81,19 +60,17 @@ def recognise(
     labels: Int32[np.ndarray, "a b"],
     floor: Plane,
     heights_m: tuple[float, float],
-    config: SilhouetteConfig,
-) -> Seeing:
-    """Find the panorama's things in one of its views.
+) -> LabelledView:
+    """Transfer the obstacle labels of the panorama to one of its views.
 
     Args:
-        view: As given to the panorama.
-        T_base_camera: Where it was placed.
-        number: Of the view.
-        drawing: The panorama's.
-        labels: Its things.
+        view: The view.
+        T_base_camera: Its pose.
+        number: Its index.
+        drawing: The panorama.
+        labels: Obstacle labels of the panorama.
         floor: Base frame.
-        heights_m: Least and greatest height of a thing's pixels above the floor.
-        config: How near a pixel must be to what is drawn there.
+        heights_m: Lowest and highest height of obstacle pixels above the floor.
     """
     z = view.depth.z
     points = view.depth.camera.rays * z[..., None].astype(np.float64)
@@ -116,22 +93,21 @@ def recognise(
             np.clip(x + dx, 0, sphere.width - 1),
         )
         with np.errstate(invalid="ignore"):
-            close = np.abs(drawing.range_m[place] - distance) <= config.same_range_m
+            close = np.abs(drawing.range_m[place] - distance) <= SAME_RANGE_M
         new = (mine == 0) & close
         mine[new] = labels[place][new]
     found[row, column] = mine
-    for _ in range(config.mixed_px):
-        _grow(found, standing, z, config.nearer_m)
-    return Seeing(view, T_base_camera, number, found)
+    for _ in range(MIXED_PX):
+        _grow(found, standing, z)
+    return LabelledView(view, T_base_camera, number, found)
 
 
 def _grow(
     labels: Int32[np.ndarray, "h w"],
     standing: Bool[np.ndarray, "h w"],
     z: Float32[np.ndarray, "h w"],
-    within_m: float,
 ) -> None:
-    """Give pixels without a label that of a neighbour at the same depth, in place: drawing loses rims."""
+    """Give unlabelled pixels the label of a neighbour at the same depth, in place: drawing loses rims."""
     height, width = labels.shape
     before = labels.copy()
     for down, across in ((0, -1), (0, 1), (-1, 0), (1, 0)):
@@ -144,22 +120,22 @@ def _grow(
             slice(max(0, across), width + min(0, across)),
         )
         with np.errstate(invalid="ignore"):
-            same = np.abs(z[here] - z[there]) <= within_m
+            same = np.abs(z[here] - z[there]) <= NEARER_M
         new = standing[here] & (labels[here] == 0) & (before[there] > 0) & same
         labels[here][new] = before[there][new]
 
 
 @dataclass(frozen=True, eq=False)
-class Crossings:
-    """Where rows (or columns) of one view leave a thing.
+class EdgeCrossings:
+    """Points at which rows (or columns) of one view cross an edge of an obstacle.
 
     Args:
-        points: Of the edge, base frame, m.
-        values: How far outward each lies: azimuth to the left or right, rad, or height above the floor, m.
-        unit: What a pixel is there, in the same unit.
-        hidden: Whether what comes next is nearer.
-        open: Whether the view ends there, or nothing is known beyond.
-        number: Of the view.
+        points: Edge points, base frame, m.
+        values: Outward coordinate: azimuth to the left or right, rad, or height above the floor, m.
+        unit: Size of a pixel there, in the same unit.
+        hidden: Whether the background is nearer, so that it occludes the edge.
+        open: Whether the view ends there, or the background is unknown.
+        number: Index of the view.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -170,15 +146,19 @@ class Crossings:
     number: int
 
 
-def crossings(
-    seeing: Seeing, label: int, side: str, floor: Plane, config: SilhouetteConfig
-) -> Crossings | None:
-    """Where a view's rows leave a thing to the "left" or "right", or its columns leave it at the "top".
+def edge_crossings(view: LabelledView, label: int, side: str, floor: Plane) -> EdgeCrossings | None:
+    """Subpixel crossings of one side of an obstacle in one view.
+
+    Args:
+        view: The view with its labels.
+        label: Number of the obstacle.
+        side: "left", "right" or "top".
+        floor: Base frame.
 
     Returns:
-        None if the view does not show the thing.
+        None if the view does not show the obstacle.
     """
-    mask, z = seeing.labels == label, seeing.view.depth.z
+    mask, z = view.labels == label, view.view.depth.z
     if side == "top":
         mask, z = mask.T, z.T
     elif side == "right":
@@ -186,45 +166,45 @@ def crossings(
     lines = np.flatnonzero(mask.sum(axis=1) >= 2)
     if lines.size == 0:
         return None
-    end, own, hidden, outside = row_ends(mask[lines], z[lines], config)
+    end, own, hidden, outside = row_ends(mask[lines], z[lines])
     if side == "right":
         end = z.shape[1] - 1 - end
     u, v = (lines.astype(float), end) if side == "top" else (end, lines.astype(float))
-    camera = seeing.view.depth.camera
+    camera = view.view.depth.camera
     points = camera.back_project(np.column_stack([u, v]), own)
-    points = points @ seeing.T_base_camera.rotation.T + seeing.T_base_camera.position
+    points = points @ view.T_base_camera.rotation.T + view.T_base_camera.position
     if side == "top":
         values, unit = floor.distance(points), own / camera.fy
     else:
         sign = 1.0 if side == "left" else -1.0
         values = sign * np.arctan2(points[:, 1], points[:, 0])
         unit = own / camera.fx / np.hypot(points[:, 0], points[:, 1])
-    return Crossings(points, values, unit, hidden, outside, seeing.number)
+    return EdgeCrossings(points, values, unit, hidden, outside, view.number)
 
 
 def row_ends(
-    mask: Bool[np.ndarray, "h w"], z: Float32[np.ndarray, "h w"], config: SilhouetteConfig
+    mask: Bool[np.ndarray, "h w"], z: Float32[np.ndarray, "h w"]
 ) -> tuple[
     Float[np.ndarray, "h"], Float[np.ndarray, "h"], Bool[np.ndarray, "h"], Bool[np.ndarray, "h"]
 ]:
-    """Of each row its first end: place in px, depth of the thing there, whether hidden, whether open."""
+    """First edge of each row: position, px; depth of the obstacle, m; whether occluded; whether open."""
     line = np.arange(mask.shape[0])
     last = mask.argmax(axis=1)
     end = last - 0.5
     beyond = np.full(line.size, np.nan)
-    for step in range(1, config.mixed_px + 2):
+    for step in range(1, MIXED_PX + 2):
         place = last - step
-        told = np.where(place >= 0, z[line, np.maximum(place, 0)], np.nan)
-        further = np.where(place >= 1, z[line, np.maximum(place - 1, 0)], told)
+        behind = np.where(place >= 0, z[line, np.maximum(place, 0)], np.nan)
+        further = np.where(place >= 1, z[line, np.maximum(place - 1, 0)], behind)
         with np.errstate(invalid="ignore"):
-            mixed = np.abs(further - told) > config.nearer_m + config.bent_share * told
-        mixed &= step <= config.mixed_px
-        new = np.isnan(beyond) & np.isfinite(told) & ~mixed
-        beyond[new] = told[new]
+            mixed = np.abs(further - behind) > NEARER_M + BENT_SHARE * behind
+        mixed &= step <= MIXED_PX
+        new = np.isnan(beyond) & np.isfinite(behind) & ~mixed
+        beyond[new] = behind[new]
         end[new] = last[new] - 0.5 * step
-    own = _depth_at(mask, z, last, end, config)
+    own = _depth_at(mask, z, last, end)
     with np.errstate(invalid="ignore"):
-        hidden = beyond < own - config.nearer_m
+        hidden = beyond < own - NEARER_M
     return end, own, hidden, (last <= 1) & np.isnan(beyond)
 
 
@@ -233,17 +213,16 @@ def _depth_at(
     z: Float32[np.ndarray, "h w"],
     last: Int[np.ndarray, "h"],
     end: Float[np.ndarray, "h"],
-    config: SilhouetteConfig,
 ) -> Float[np.ndarray, "h"]:
-    """Depth of the thing at its end: its face, on which 1/z is linear, goes on as far as the edge."""
+    """Depth of the obstacle at its edge, extrapolated along its face, on which 1/z is linear."""
     line = np.arange(mask.shape[0])[:, None]
-    steps = np.arange(config.inner_px)
+    steps = np.arange(INNER_PX)
     reach = np.minimum(last[:, None] + steps, mask.shape[1] - 1)
     shown = mask[line, reach] & np.isfinite(z[line, reach])
     inverse = np.where(shown, 1.0 / z[line, reach].astype(np.float64), np.nan)
     whole = shown.all(axis=1)
     level = 1.0 / np.nanmedian(inverse, axis=1)
-    middle = (config.inner_px - 1) / 2.0
+    middle = (INNER_PX - 1) / 2.0
     slope = (np.where(shown, inverse, 0.0) @ (steps - middle)) / float(
         ((steps - middle) ** 2).sum()
     )
@@ -252,19 +231,19 @@ def _depth_at(
         steps - middle
     )
     bent = np.abs(np.where(shown, inverse / line_of - 1.0, 0.0)).max(axis=1)
-    return np.where(whole & (bent < config.bent_share), straight, level)
+    return np.where(whole & (bent < BENT_SHARE), straight, level)
 
 
 @dataclass(frozen=True)
-class End:
-    """An edge of a thing, all views together.
+class Edge:
+    """An edge of an obstacle, fused from all views.
 
     Args:
-        point: Its place, base frame, m.
-        value: Azimuth outward, rad, or height, m.
-        sigma: Deviation of it as pixels give it; poses come on top.
-        view: The view that shows most of it.
-        own: Whether it is the thing's own edge: neither hidden nor cut off.
+        point: Its position, base frame, m.
+        value: Outward azimuth, rad, or height, m.
+        sigma: Standard deviation of `value` by pixels, without the view's pose.
+        view: Index of the view that shows most of it.
+        own: Whether it is the obstacle's own edge, neither occluded nor cut off.
     """
 
     point: tuple[float, float, float]
@@ -274,15 +253,14 @@ class End:
     own: bool
 
 
-def agreed(found: Sequence[Crossings], config: SilhouetteConfig) -> End | None:
-    """One edge out of what several views' rows say.
+def fuse_edge(found: Sequence[EdgeCrossings]) -> Edge | None:
+    """One edge from the crossings in several views.
+
+    The view whose rows reach furthest outward defines the edge (`OUTER_SHARE` of its rows), and all rows of
+    all views that end close to it are averaged. Open rows count only if there are no others.
 
     Args:
-        found: Of one side of one thing.
-        config: Which rows count.
-
-    The outermost view leads: what a share of its rows reach is the edge, and every row of any view that
-    ends close to it counts. Rows that are open count only where there are no others.
+        found: Crossings of one side of one obstacle.
     """
     free = any(not c.open.all() for c in found)
     usable = [(c, ~c.open if free else np.ones(c.open.size, bool)) for c in found]
@@ -290,23 +268,23 @@ def agreed(found: Sequence[Crossings], config: SilhouetteConfig) -> End | None:
     if not usable:
         return None
     reach, unit = max(
-        (float(np.quantile(c.values[kept], 1.0 - config.outer_share)), float(np.median(c.unit)))
+        (float(np.quantile(c.values[kept], 1.0 - OUTER_SHARE)), float(np.median(c.unit)))
         for c, kept in usable
     )
-    close = [(c, kept & (np.abs(c.values - reach) <= config.same_px * unit)) for c, kept in usable]
+    close = [(c, kept & (np.abs(c.values - reach) <= SAME_PX * unit)) for c, kept in usable]
     values = np.concatenate([c.values[kept] for c, kept in close])
     if values.size == 0:
         return None
     point = np.concatenate([c.points[kept] for c, kept in close]).mean(axis=0)
     spread = max(float(values.std()), 0.15 * unit)
-    sigma = spread / np.sqrt(max(values.size / config.alike_rows, 1.0))
+    sigma = spread / np.sqrt(max(values.size / CORRELATED_ROWS, 1.0))
     hidden = np.concatenate([c.hidden[kept] for c, kept in close])
     leading = max(close, key=lambda pair: int(pair[1].sum()))[0]
     x, y, z = (float(v) for v in point)
-    return End(
+    return Edge(
         (x, y, z),
         float(values.mean()),
-        max(float(sigma), config.least_px * unit),
+        max(float(sigma), LEAST_PX * unit),
         leading.number,
-        free and float(hidden.mean()) < config.hidden_share,
+        free and float(hidden.mean()) < HIDDEN_SHARE,
     )

@@ -1,10 +1,10 @@
-"""The sphere a panorama is drawn on: angle to the right and upwards, the same angle for every pixel.
+"""The sphere on which a panorama is drawn: every pixel covers the same angle to the right and upwards.
 
-theta is positive to the right, phi upwards (the seed's signs; theta is minus the bearing), both in the base
-frame's axes. On a plane the angles would not be linear in the pixel, and the law of seed 004's eq. (12)
-would err by degrees.
+theta is positive to the right and phi upwards (the signs of the seed; theta is minus the azimuth), both in the
+base frame. On a plane the angles would not be linear in the pixel, and eq. (12) of seed 004 would err by
+degrees.
 
-Source: seed 004, section 4; warp `x = f theta, y = -f phi` after Brown and Lowe 2007.
+Source: Kang 2013 (seed 004), section 4; warp `x = f theta, y = -f phi` after Brown and Lowe 2007.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class Sphere:
     """A window of the sphere as a grid of pixels; pixel centres at integers.
 
     Args:
-        width: Columns, theta grows with them.
-        height: Rows, phi falls with them.
-        px_per_rad: f, the same along both.
+        width: Number of columns; theta increases with them.
+        height: Number of rows; phi decreases with them.
+        px_per_rad: f, the same along both axes.
         left_rad: theta of column 0.
         top_rad: phi of row 0.
     """
@@ -63,12 +63,6 @@ class Sphere:
         """(theta, phi) of pixels, rad."""
         return self.left_rad + x / self.px_per_rad, self.top_rad - y / self.px_per_rad
 
-    def pixels(
-        self, theta: Float[np.ndarray, "*n"], phi: Float[np.ndarray, "*n"]
-    ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-        """(x, y) of angles, px."""
-        return (theta - self.left_rad) * self.px_per_rad, (self.top_rad - phi) * self.px_per_rad
-
     @property
     def rays(self) -> Float[np.ndarray, "h w 3"]:
         """Unit direction of every pixel in the base frame."""
@@ -95,9 +89,9 @@ def angles_of(
 def window_of_view(
     camera: Camera, R_base_camera: Float[np.ndarray, "3 3"], px_per_rad: float
 ) -> Sphere:
-    """The smallest window round all of a view's border, whole pixels of one common grid.
+    """The smallest window that contains a view's border, in whole pixels of one common grid.
 
-    Windows of views with the same `px_per_rad` are cuts of the same grid, and differ by whole pixels.
+    Windows of views with the same `px_per_rad` are parts of the same grid, and differ by whole pixels.
     """
     u = np.linspace(-0.5, camera.width - 0.5, 33)
     v = np.linspace(-0.5, camera.height - 0.5, 33)
@@ -122,7 +116,7 @@ def window_of_view(
 def look_up(
     sphere: Sphere, camera: Camera, R_base_camera: Float[np.ndarray, "3 3"]
 ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
-    """Where in the view every pixel of the sphere lies, (u, v), px; -1 where not in it."""
+    """Pixel (u, v) of the view for every pixel of the sphere; -1 outside the view."""
     rays = sphere.rays @ R_base_camera
     pixels = camera.project(rays)
     outside = ~camera.contains(pixels)
@@ -133,7 +127,7 @@ def look_up(
 def warp_picture(
     picture: UInt8[np.ndarray, "h w"], u: Float32[np.ndarray, "a b"], v: Float32[np.ndarray, "a b"]
 ) -> tuple[UInt8[np.ndarray, "a b"], np.ndarray]:
-    """A view's picture on the sphere by its look-up table, and where the sphere shows it."""
+    """An image of a view warped to the sphere by its look-up table, and the mask of its pixels."""
     shown = u >= 0.0
     warped = cv2.remap(picture, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(warped), shown

@@ -1,10 +1,9 @@
-"""From views to a panorama: features, pairs, all poses at once, then range on a sphere.
+"""Stitching: features, pairs, pose graph of all views, and rendering on a sphere.
 
-What a view rests upon is told for each: features, surfaces laid upon each other, or the encoders alone.
-Nothing is guessed: a view without enough matches keeps its prior, a view without a prior and without
-matches is left out.
+Each view reports its evidence: features, aligned surfaces, or the encoders alone. A view without enough
+matches keeps its prior. A view without a prior and without matches is left out.
 
-Source: seed 004, Table 1 as reconstructed (Brown and Lowe 2007); surfaces are ours.
+Source: Kang 2013 (seed 004), Table 1 as reconstructed (Brown and Lowe 2007); surfaces are ours.
 """
 
 from __future__ import annotations
@@ -18,33 +17,47 @@ import numpy as np
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
+from perception.primitives.settings import setting
 
 from .adjustment import Placed, Prior, adjust
-from .pairs import Link, PairConfig, Seen, motion_link, pair_up, rotation_link, see
-from .rendering import Drawing, RenderConfig, render
-from .surfaces import Surface, SurfaceConfig, align, surface
+from .pairs import (
+    GUIDED_RAD,
+    Link,
+    PairConfig,
+    ViewFeatures,
+    extract_features,
+    match_features,
+    motion_link,
+    rotation_link,
+)
+from .rendering import PX_PER_DEG, Drawing, render
+from .surfaces import align, surface
 from .views import PriorConfig, View, prior_covariance
+
+NECK_SIGMA_M = 0.002  # ours: play of the neck from one view to the next, while standing
+OVERLAP_RAD = math.radians(6.0)  # ours: views with a smaller overlap by their priors are no pair
 
 
 @dataclass(frozen=True)
 class StitchConfig:
     """The steps of a panorama."""
 
-    moving: bool = False  # adjust places too; else the camera turns about a known (or no) place
-    surfaces: bool = True  # where places are adjusted or known: lay depth images upon each other
-    partners: int = 6  # Brown and Lowe 2007: partners of each view; 0 takes all
-    neck_m: float = 0.002  # ours: play of the neck from one view to the next, while standing
-    overlap_deg: float = 6.0  # ours: views whose priors say they share less are not compared
+    partners: int = setting(
+        6, "", "pairs used for each view, the best first; 0 uses all", "Brown and Lowe 2007"
+    )
+    px_per_deg: float = setting(
+        PX_PER_DEG, "px/deg", "resolution of the panorama", "seed 004: 176 px over 44 deg"
+    )
+    moving: bool = False  # estimate positions too; else the camera rotates about known positions
+    surfaces: bool = True  # align depth images where positions are estimated or known
     pairs: PairConfig = field(default_factory=PairConfig)
-    surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
-    render: RenderConfig = field(default_factory=RenderConfig)
 
     def __post_init__(self) -> None:
         if self.partners < 0:
             raise ConfigError(f"stitch: partners={self.partners} must not be negative")
-        if not self.neck_m > 0.0:
-            raise ConfigError(f"stitch: neck_m={self.neck_m} must be positive")
+        if not self.px_per_deg > 0.0:
+            raise ConfigError(f"stitch: px_per_deg={self.px_per_deg} must be positive")
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +65,8 @@ class Panorama:
     """The panoramic environment map.
 
     Args:
-        placed: One a view: pose, covariance and what carries it; None for a view left out.
-        links: The pairs that were used.
+        placed: Pose, covariance and evidence of each view; None for a view left out.
+        links: The pairs in use.
         drawing: Range, sigma and age on the sphere; None if no view is placed.
     """
 
@@ -65,56 +78,58 @@ class Panorama:
 def stitch(
     views: Sequence[View], rng: np.random.Generator, config: StitchConfig | None = None
 ) -> Panorama:
-    """Place the views and draw them.
+    """Estimate the poses of the views and draw them.
 
     Args:
         views: In any order.
-        rng: Chance of the searches.
-        config: Which steps.
+        rng: Random numbers of the searches.
+        config: The steps.
     """
     config = config or StitchConfig()
     placed, links = place(views, rng, config)
-    return Panorama(placed, links, render(views, placed, config.render))
+    return Panorama(placed, links, render(views, placed, config.px_per_deg))
 
 
 def place(
     views: Sequence[View], rng: np.random.Generator, config: StitchConfig
 ) -> tuple[list[Placed | None], list[Link]]:
-    """Only the poses, and the pairs they rest upon."""
-    seen = [see(view, config.pairs) for view in views]
+    """The poses of the views, and the pairs in use."""
+    features = [extract_features(view, config.pairs) for view in views]
     priors = [
         None
         if view.prior is None
         else Prior(view.prior, prior_covariance(view.prior, config.prior))
         for view in views
     ]
-    links = _links(views, seen, rng, config)
-    links = _chosen(links, len(views), config.partners)
+    links = _links(views, features, rng, config)
+    links = _best_links(links, len(views), config.partners)
     known_places = all(view.prior is not None for view in views)
     if config.surfaces and (config.moving or known_places):
-        links = _laid(views, links, config)
+        links = _align_surfaces(views, links, config)
         return adjust(priors, links, rotations_only=False), links
     return adjust(priors, links, rotations_only=not config.moving), links
 
 
 def _links(
-    views: Sequence[View], seen: Sequence[Seen], rng: np.random.Generator, config: StitchConfig
+    views: Sequence[View],
+    features: Sequence[ViewFeatures],
+    rng: np.random.Generator,
+    config: StitchConfig,
 ) -> list[Link]:
-    """All pairs of views that features accept."""
+    """All pairs of views accepted by their features."""
     links = []
     for i, j in itertools.combinations(range(len(views)), 2):
-        if not _may_overlap(views[i], views[j], config.overlap_deg):
+        if not _may_overlap(views[i], views[j]):
             continue
-        both = (seen[i], seen[j])
+        both = (features[i], features[j])
         if config.moving:
-            matches = pair_up(*both, config.pairs)
-            link = motion_link((i, j), both, matches, rng, config.pairs)
+            link = motion_link((i, j), both, match_features(*both), rng)
         else:
-            told = _between(views[i].prior, views[j].prior)
-            matches = pair_up(*both, config.pairs, told)
+            expected = _between(views[i].prior, views[j].prior)
+            matches = match_features(*both, expected)
             offset = _offset(views[i].prior, views[j].prior)
             link = rotation_link((i, j), both, matches, offset, rng, config.pairs)
-            if link is not None and told is not None and _contradicts(link, told, config.pairs):
+            if link is not None and expected is not None and _contradicts(link, expected):
                 link = None
         if link is not None:
             links.append(link)
@@ -126,22 +141,22 @@ def _between(first: Pose3 | None, second: Pose3 | None) -> Pose3 | None:
     return None if first is None or second is None else second.inverse() @ first
 
 
-def _contradicts(link: Link, T_second_first: Pose3, config: PairConfig) -> bool:
-    """Whether a pair turns further from the encoders than these can be off: few features, all in a line."""
+def _contradicts(link: Link, T_second_first: Pose3) -> bool:
+    """Whether a link is outside the encoders' error, as for few features, all on a line."""
     turn = T_second_first.rotation @ link.T_first_second.rotation
     cosine = (float(np.trace(turn)) - 1.0) / 2.0
-    return cosine < math.cos(math.radians(config.guided_deg))
+    return cosine < math.cos(GUIDED_RAD)
 
 
 def _offset(first: Pose3 | None, second: Pose3 | None) -> np.ndarray | None:
-    """The first camera seen from the second, first's axes; None without priors."""
+    """Position of the first camera relative to the second, first's axes, m; None without priors."""
     if first is None or second is None:
         return None
     return np.asarray(first.rotation.T @ (first.position - second.position))
 
 
-def _may_overlap(first: View, second: View, overlap_deg: float) -> bool:
-    """Whether two views share some of their width by their priors; yes where one has none."""
+def _may_overlap(first: View, second: View) -> bool:
+    """Whether two views overlap by their priors; true without priors."""
     if first.prior is None or second.prior is None:
         return True
     reach = 0.0
@@ -149,12 +164,12 @@ def _may_overlap(first: View, second: View, overlap_deg: float) -> bool:
         camera = view.depth.camera
         reach += math.atan(math.hypot(camera.width / camera.fx, camera.height / camera.fy) / 2.0)
     between = float(first.prior.rotation[:, 2] @ second.prior.rotation[:, 2])
-    aside = math.acos(min(max(between, -1.0), 1.0))
-    return aside < reach - math.radians(overlap_deg)
+    angle = math.acos(min(max(between, -1.0), 1.0))
+    return angle < reach - OVERLAP_RAD
 
 
-def _chosen(links: list[Link], count: int, partners: int) -> list[Link]:
-    """Of each view's pairs the best, and then ranks that double: what is far apart stiffens the chain."""
+def _best_links(links: list[Link], count: int, partners: int) -> list[Link]:
+    """The best links of each view, at ranks that double: links of distant views stiffen the chain."""
     if partners == 0:
         return links
     kept: set[tuple[int, int]] = set()
@@ -167,15 +182,15 @@ def _chosen(links: list[Link], count: int, partners: int) -> list[Link]:
     return [link for link in links if (link.first, link.second) in kept]
 
 
-def _laid(views: Sequence[View], links: list[Link], config: StitchConfig) -> list[Link]:
-    """The pairs again by their depth, from where features or priors put them."""
-    thin: list[Surface] = [surface(view.depth, config.surface) for view in views]
+def _align_surfaces(views: Sequence[View], links: list[Link], config: StitchConfig) -> list[Link]:
+    """The links refined by aligning depth, starting from features or priors."""
+    surfaces = [surface(view.depth) for view in views]
     by_pair = {(link.first, link.second): link for link in links}
-    if not config.moving:  # priors are good enough to begin from
+    if not config.moving:  # the priors are good enough as a start
         for i, j in itertools.combinations(range(len(views)), 2):
-            if (i, j) not in by_pair and _may_overlap(views[i], views[j], config.overlap_deg):
+            if (i, j) not in by_pair and _may_overlap(views[i], views[j]):
                 by_pair[i, j] = Link(i, j, Pose3(), np.eye(6), 0, 0, "surfaces")
-    laid = []
+    refined = []
     for (i, j), link in sorted(by_pair.items()):
         start = link.T_first_second
         one, other = views[i].prior, views[j].prior
@@ -183,10 +198,12 @@ def _laid(views: Sequence[View], links: list[Link], config: StitchConfig) -> lis
             by_prior = one.inverse() @ other
             rotation = start.rotation if link.by == "features" else by_prior.rotation
             start = Pose3.from_rotation(rotation, by_prior.position)
-        still = math.inf if config.moving else config.neck_m
-        found = align(thin[i], thin[j], start, config.surface, still)
+        position_sigma = math.inf if config.moving else NECK_SIGMA_M
+        found = align(surfaces[i], surfaces[j], start, position_sigma)
         if found is not None:
-            laid.append(replace(link, T_first_second=found.T_to_from, covariance=found.covariance))
+            refined.append(
+                replace(link, T_first_second=found.T_to_from, covariance=found.covariance)
+            )
         elif link.by == "features":
-            laid.append(link)
-    return laid
+            refined.append(link)
+    return refined

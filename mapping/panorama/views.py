@@ -1,8 +1,8 @@
-"""What a panorama is made of: views, each with a depth image, a picture to find features in, and a prior.
+"""Views: the input of a panorama. Each has a depth image, grey images for features, and a prior pose.
 
-The base frame is the one in which the panorama's angles are told: the body frame while standing, the
-world frame for views taken while walking, the first view's own camera frame where nobody knows better.
-The prior is where the joints (and the localiser) say the camera was; without one the views alone must do.
+Angles of the panorama refer to the base frame: the body frame for a standing robot, the world frame for views
+taken while walking, or the camera frame of the first view if no pose is known. The prior comes from the
+joint encoders and the localisation; without it the views are placed by their content alone.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from perception.features.pictures import range_picture
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import Depth
 from perception.primitives.pose import Pose3
+from perception.primitives.settings import setting
 
 
 @dataclass(frozen=True)
 class View:
-    """One view of the surroundings.
+    """One view.
 
     Args:
-        depth: With its sigma; its `T_body_camera` is not used, the prior is.
-        pictures: Grey pictures of the same pixels: range made visible, amplitude, colour as grey.
-        prior: T_base_camera by encoders and localiser; None without either.
-        stamp_s: When it was taken, s.
+        depth: Depth with sigma; the prior replaces its `T_body_camera`.
+        pictures: Grey images of the same pixels: range, amplitude, or colour as grey.
+        prior: T_base_camera by encoders and localisation; None if unknown.
+        stamp_s: Time of the view, s.
     """
 
     depth: Depth
@@ -39,44 +40,38 @@ class View:
         for picture in self.pictures:
             if picture.shape != self.depth.z.shape:
                 raise InputError(
-                    f"view: picture of {picture.shape} px beside depth of {self.depth.z.shape}; "
+                    f"view: picture of {picture.shape} px for depth of {self.depth.z.shape}; "
                     "give pictures of the same pixels"
                 )
 
 
 YAWS_DEG = (-60.0, -30.0, 0.0, 30.0, 60.0)
-PITCHES_DEG = (-17.0, 0.0, 17.0)
-PLANS = ("nine", "fifteen", "three_by_three")
+PITCHES_DEG = (-17.0, 17.0)
+OTHER_DEG = 0.1  # ours: standard deviation of roll, and of gear play about any axis
 
 
-def head_directions(plan: str = "nine") -> list[tuple[float, float]]:
-    """(pan, tilt) of the head for each view, rad, left and down positive as `head_rotation` has them.
+def head_directions() -> list[tuple[float, float]]:
+    """(pan, tilt) of the head for the nine views, rad, left and down positive as in `head_rotation`.
 
-    Args:
-        plan: "nine": all yaws level, and two up and two down between them; "fifteen": all yaws at all
-            pitches; "three_by_three": yaws of -30, 0, 30 deg at all pitches.
+    All key yaws at level, and two views above and two below between them.
 
     Source: seed 004, section 4 (key yaw -60 to 60 by 30 deg, key pitch -17, 0, 17 deg; nine views).
     """
-    if plan == "nine":
-        wanted = [(yaw, 0.0) for yaw in YAWS_DEG]
-        wanted += [(yaw, pitch) for pitch in (-17.0, 17.0) for yaw in (-30.0, 30.0)]
-    elif plan == "fifteen":
-        wanted = [(yaw, pitch) for pitch in PITCHES_DEG for yaw in YAWS_DEG]
-    elif plan == "three_by_three":
-        wanted = [(yaw, pitch) for pitch in PITCHES_DEG for yaw in YAWS_DEG[1:4]]
-    else:
-        raise ConfigError(f"panorama: plan={plan!r} is unknown; use one of {', '.join(PLANS)}")
+    wanted = [(yaw, 0.0) for yaw in YAWS_DEG]
+    wanted += [(yaw, pitch) for pitch in PITCHES_DEG for yaw in (-30.0, 30.0)]
     return [(-math.radians(yaw), -math.radians(pitch)) for yaw, pitch in wanted]
 
 
 @dataclass(frozen=True)
 class PriorConfig:
-    """How far the prior may be trusted; deviations, rad and m."""
+    """Standard deviations of the prior pose."""
 
-    pan_deg: float = 0.5  # spec of 004: encoders off by 0.5 deg
-    tilt_deg: float = 0.5  # spec of 004
-    rest_deg: float = 0.1  # ours: roll, and what gears give in any direction
+    pan_deg: float = setting(
+        0.5, "deg", "standard deviation of the pan encoder", "seed 004 as specified"
+    )
+    tilt_deg: float = setting(
+        0.5, "deg", "standard deviation of the tilt encoder", "seed 004 as specified"
+    )
     position_m: float = 0.005  # ours: neck and lever arm, while standing
 
     def __post_init__(self) -> None:
@@ -86,17 +81,17 @@ class PriorConfig:
 
 
 def prior_covariance(prior: Pose3, config: PriorConfig) -> Float[np.ndarray, "6 6"]:
-    """Of a prior pose: rotation (rad^2), then translation (m^2), both in the camera's axes.
+    """Covariance of a prior pose: rotation (rad^2), then translation (m^2), both in the camera's axes.
 
-    An error of the pan joint turns about the base's vertical, one of the tilt joint about the camera's x.
+    A pan error rotates about the vertical of the base, a tilt error about the x axis of the camera.
     """
     upright = prior.rotation.T[:, 2]
-    sideways = np.array([1.0, 0.0, 0.0])
+    horizontal = np.array([1.0, 0.0, 0.0])
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = (
         math.radians(config.pan_deg) ** 2 * np.outer(upright, upright)
-        + math.radians(config.tilt_deg) ** 2 * np.outer(sideways, sideways)
-        + math.radians(config.rest_deg) ** 2 * np.eye(3)
+        + math.radians(config.tilt_deg) ** 2 * np.outer(horizontal, horizontal)
+        + math.radians(OTHER_DEG) ** 2 * np.eye(3)
     )
     covariance[3:, 3:] = config.position_m**2 * np.eye(3)
     return covariance
@@ -109,14 +104,14 @@ def view_of_depth(
     prior: Pose3 | None = None,
     stamp_s: float = 0.0,
 ) -> View:
-    """A view whose pictures are its range made visible and, where there is one, another.
+    """A view with its range as a grey image, and optionally another image.
 
     Args:
-        depth: As from any sensor.
-        farthest_m: Range that is white in the picture, m.
+        depth: Depth of any sensor.
+        farthest_m: Range that is white in the range image, m.
         picture: Amplitude or colour as grey, of the same pixels.
         prior: T_base_camera.
-        stamp_s: When it was taken.
+        stamp_s: Time of the view, s.
     """
     visible = range_picture(depth.z, farthest_m)
     pictures = (visible,) if picture is None else (visible, picture)

@@ -1,29 +1,71 @@
-"""Compiled: blocks of voxels in a hash table, filled from depth images, and the surface through them.
+"""Compiled loops of the surface map: voxel blocks in a hash table, and fusion of depth into them.
 
-A block is 8x8x8 voxels. Blocks are found by their whole-number place, packed into one key, in a table with
-open addressing. Voxel (i, j, k) of the world lies at (i, j, k) times the voxel's size.
+A block has 8x8x8 voxels. Its integer coordinates, packed into one key, index a hash table with open
+addressing. Voxel (i, j, k) of the map is at (i, j, k) times the voxel size.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+
+from ..pinhole import Pinhole
 
 SIDE = 8
 CELLS = SIDE**3
 EMPTY = np.int64(-1)
-FIXED = 256.0  # colours are kept as 16 bit, the lower 8 behind the point
+FIXED = 256.0  # colours are 16 bit fixed point, with 8 fractional bits
+
+
+class Blocks(NamedTuple):
+    """Storage of all blocks.
+
+    Args:
+        keys, values: Hash table: (slots,) int64 keys, (slots,) int32 block numbers.
+        places: (capacity, 3) int32, coordinates of each block, in blocks.
+        stamps: (capacity,) int64, number of the last image that touched it.
+        voxels: (capacity, CELLS, 2) float32, distance in [-1, 1] truncation bands, and weight.
+        colours: (capacity, CELLS, 3) uint16 RGB, or (0, CELLS, 3) without colours.
+    """
+
+    keys: np.ndarray
+    values: np.ndarray
+    places: np.ndarray
+    stamps: np.ndarray
+    voxels: np.ndarray
+    colours: np.ndarray
+
+
+class Fusion(NamedTuple):
+    """Parameters of the fusion, m.
+
+    Args:
+        nearest, farthest: Depth range.
+        band: Truncation distance.
+        voxel: Side of a voxel.
+        unit_sigma: Depth sigma with weight 1.
+        most_weight: Largest weight of a voxel.
+    """
+
+    nearest: float
+    farthest: float
+    band: float
+    voxel: float
+    unit_sigma: float
+    most_weight: float
 
 
 @njit(cache=True, inline="always")
 def key_of(i: int, j: int, k: int) -> np.int64:
-    """One number for a block's place; up to a million blocks each way."""
+    """Coordinates of a block, up to a million along each axis, packed into one key."""
     return np.int64(((i + 1048576) << 42) | ((j + 1048576) << 21) | (k + 1048576))
 
 
 @njit(cache=True, inline="always")
 def slot_of(keys: np.ndarray, key: np.int64) -> int:
-    """Where the key is in the table, or where it would go."""
+    """Slot of the key in the table, or the free slot for it."""
     mask = len(keys) - 1
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     slot = int(mixed >> np.uint64(32)) & mask
@@ -34,14 +76,14 @@ def slot_of(keys: np.ndarray, key: np.int64) -> int:
 
 @njit(cache=True)
 def find(keys: np.ndarray, values: np.ndarray, i: int, j: int, k: int) -> int:
-    """Number of a block, -1 if there is none."""
+    """Number of a block; -1 if it does not exist."""
     slot = slot_of(keys, key_of(i, j, k))
     return values[slot] if keys[slot] != EMPTY else -1
 
 
 @njit(cache=True)
 def rehash(places: np.ndarray, count: int, keys: np.ndarray, values: np.ndarray) -> None:
-    """Fill an empty table."""
+    """Fill an empty hash table with the first `count` blocks."""
     for number in range(count):
         key = key_of(places[number, 0], places[number, 1], places[number, 2])
         slot = slot_of(keys, key)
@@ -54,23 +96,31 @@ def touch(
     x: np.ndarray,
     y: np.ndarray,
     T: np.ndarray,
-    nearest: float,
-    farthest: float,
-    band: float,
-    block_m: float,
+    rule: Fusion,
     stride: int,
-    keys: np.ndarray,
-    values: np.ndarray,
-    places: np.ndarray,
-    stamps: np.ndarray,
+    blocks: Blocks,
     stamp: int,
     count: int,
     visible: np.ndarray,
 ) -> tuple[int, int]:
-    """Blocks within the band around the surface that is seen, made where missing.
+    """Find the blocks within the band around the visible surface; missing ones are created.
 
-    Returns (number of blocks, number of visible ones); the latter -1 if the room did not suffice.
+    Args:
+        z: (h, w) depth, m.
+        x, y: (w,) and (h,), slopes of the pixels' rays.
+        T: (4, 4), camera to map.
+        rule: Range, band and voxel size.
+        stride: Pixels between samples.
+        blocks: Storage; changed.
+        stamp: Number of the image.
+        count: Blocks in use.
+        visible: (capacity,) int64, out: numbers of the blocks.
+
+    Returns:
+        (blocks in use, visible blocks); the latter is -1 if the capacity is exceeded.
     """
+    keys, values, places, stamps = blocks.keys, blocks.values, blocks.places, blocks.stamps
+    nearest, farthest, band, block_m = rule.nearest, rule.farthest, rule.band, SIDE * rule.voxel
     seen = 0
     inverse = 1.0 / block_m
     samples = int(np.ceil(2.0 * band * inverse * 1.5)) + 1
@@ -113,31 +163,34 @@ def integrate(
     z: np.ndarray,
     sigma: np.ndarray,
     rgb: np.ndarray,
-    intrinsics: np.ndarray,
+    camera: Pinhole,
     T: np.ndarray,
-    farthest: float,
-    band: float,
-    voxel: float,
-    sigma_unit: float,
-    most_weight: float,
-    places: np.ndarray,
+    rule: Fusion,
     visible: np.ndarray,
-    voxels: np.ndarray,
-    colours: np.ndarray,
+    blocks: Blocks,
 ) -> None:
-    """Running mean of the distance to the surface, of weight 1/sigma^2, in every voxel of the blocks.
+    """Update the weighted mean distance to the surface in every voxel of the visible blocks.
 
-    `T` maps the world to the camera. Distance is along the axis, over the band, at most 1.
+    The distance is along the optical axis, divided by the band and at most 1; its weight is 1/sigma^2.
+
+    Args:
+        z, sigma: (h, w) depth and its standard deviation, m.
+        rgb: (h, w, 3) uint8, or (1, 1, 3) without colours.
+        T: (4, 4), map to camera.
+        visible: Numbers of the blocks.
+        blocks: Storage; changed.
     """
-    fx, fy, cx, cy = intrinsics.astype(np.float32)
+    places, voxels, colours, voxel = blocks.places, blocks.voxels, blocks.colours, rule.voxel
+    fx, fy = np.float32(camera.fx), np.float32(camera.fy)
+    cx, cy = np.float32(camera.cx), np.float32(camera.cy)
     height, width = z.shape
     coloured = rgb.shape[0] > 1
     one = np.float32(1.0)
     half = np.float32(0.5)
-    per_band = np.float32(1.0 / band)
-    unit2 = np.float32(sigma_unit * sigma_unit)
-    most = np.float32(most_weight)
-    far = np.float32(farthest)
+    per_band = np.float32(1.0 / rule.band)
+    unit2 = np.float32(rule.unit_sigma * rule.unit_sigma)
+    most = np.float32(rule.most_weight)
+    far = np.float32(rule.farthest)
     step = np.float32(voxel)
     sx, sy, sz = np.float32(T[0, 2]) * step, np.float32(T[1, 2]) * step, np.float32(T[2, 2]) * step
     for number in visible:
@@ -186,166 +239,3 @@ def integrate(
                                 old + (np.float32(rgb[iv, iu, c]) * np.float32(FIXED) - old) * share
                             )
                             colour[c] = np.uint16(new + half)
-
-
-@njit(cache=True)
-def sample(
-    keys: np.ndarray,
-    values: np.ndarray,
-    voxels: np.ndarray,
-    i: int,
-    j: int,
-    k: int,
-) -> tuple[int, int]:
-    """(block, voxel in it) of a voxel of the world; block -1 if there is none."""
-    number = find(keys, values, i >> 3, j >> 3, k >> 3)
-    return number, ((i & 7) * SIDE + (j & 7)) * SIDE + (k & 7)
-
-
-@njit(cache=True)
-def corners(
-    keys: np.ndarray,
-    values: np.ndarray,
-    voxels: np.ndarray,
-    colours: np.ndarray,
-    places: np.ndarray,
-    count: int,
-    least_weight: float,
-    voxel: float,
-    ids: np.ndarray,
-    vertices: np.ndarray,
-    normals: np.ndarray,
-    tints: np.ndarray,
-) -> int:
-    """A vertex in every cell that the surface cuts; call with no room for vertices to count them."""
-    found = 0
-    f = np.empty(8)
-    store = len(vertices) > 0
-    coloured = len(colours) > 0
-    around = np.empty(8, np.int64)
-    for number in range(count):
-        a, b, c = places[number]
-        for n in range(8):
-            around[n] = find(keys, values, a + (n >> 2), b + ((n >> 1) & 1), c + (n & 1))
-        for cell in range(CELLS):
-            i, j, k = cell >> 6, (cell >> 3) & 7, cell & 7
-            ids[number, cell] = -1
-            inside = 0
-            whole = True
-            tint = np.zeros(3)
-            for n in range(8):
-                x, y, z = i + (n >> 2), j + ((n >> 1) & 1), k + (n & 1)
-                block = around[((x >> 3) << 2) | ((y >> 3) << 1) | (z >> 3)]
-                if block < 0:
-                    whole = False
-                    break
-                at = (((x & 7) << 3) | (y & 7)) << 3 | (z & 7)
-                if voxels[block, at, 1] < least_weight:
-                    whole = False
-                    break
-                f[n] = voxels[block, at, 0]
-                if f[n] < 0.0:
-                    inside += 1
-                if store and coloured:
-                    for m in range(3):
-                        tint[m] += colours[block, at, m]
-            if not whole or inside == 0 or inside == 8:
-                continue
-            if store:
-                ids[number, cell] = found
-                p, g = crossing(f)
-                vertices[found, 0] = ((a * SIDE + i) + p[0]) * voxel
-                vertices[found, 1] = ((b * SIDE + j) + p[1]) * voxel
-                vertices[found, 2] = ((c * SIDE + k) + p[2]) * voxel
-                normals[found, 0], normals[found, 1], normals[found, 2] = g
-                for m in range(3):
-                    tints[found, m] = np.uint8(min(255.0, tint[m] / (8.0 * FIXED)))
-            found += 1
-    return found
-
-
-@njit(cache=True)
-def crossing(f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where the surface lies in a cell, and its unit normal towards free space.
-
-    The mean of the points where it cuts edges, then put onto the surface along the slope of the distance.
-    """
-    p, cuts = np.zeros(3), 0
-    for n in range(8):
-        for axis in range(3):
-            bit = 4 >> axis
-            if n & bit or (f[n] < 0.0) == (f[n | bit] < 0.0):
-                continue
-            t = f[n] / (f[n] - f[n | bit])
-            p[0] += t if axis == 0 else float((n >> 2) & 1)
-            p[1] += t if axis == 1 else float((n >> 1) & 1)
-            p[2] += t if axis == 2 else float(n & 1)
-            cuts += 1
-    p /= cuts
-    g = np.zeros(3)
-    value = 0.0
-    for n in range(8):
-        sx = p[0] if n & 4 else 1.0 - p[0]
-        sy = p[1] if n & 2 else 1.0 - p[1]
-        sz = p[2] if n & 1 else 1.0 - p[2]
-        value += f[n] * sx * sy * sz
-        g[0] += f[n] * sy * sz * (1.0 if n & 4 else -1.0)
-        g[1] += f[n] * sx * sz * (1.0 if n & 2 else -1.0)
-        g[2] += f[n] * sx * sy * (1.0 if n & 1 else -1.0)
-    size2 = g[0] * g[0] + g[1] * g[1] + g[2] * g[2]
-    if size2 > 1e-12:
-        for m in range(3):
-            p[m] = min(1.0, max(0.0, p[m] - value * g[m] / size2))
-        g /= np.sqrt(size2)
-    return p, g
-
-
-@njit(cache=True)
-def faces(
-    keys: np.ndarray,
-    values: np.ndarray,
-    voxels: np.ndarray,
-    places: np.ndarray,
-    count: int,
-    ids: np.ndarray,
-    triangles: np.ndarray,
-) -> int:
-    """Two triangles across every edge that the surface cuts; without room for them, count them."""
-    found = 0
-    store = len(triangles) > 0
-    quad = np.empty(4, np.int64)
-    for number in range(count):
-        a, b, c = places[number, 0] * SIDE, places[number, 1] * SIDE, places[number, 2] * SIDE
-        for cell in range(CELLS):
-            if voxels[number, cell, 1] <= 0.0:
-                continue
-            here = voxels[number, cell, 0] < 0.0
-            i, j, k = a + (cell >> 6), b + ((cell >> 3) & 7), c + (cell & 7)
-            for axis in range(3):
-                di, dj, dk = int(axis == 0), int(axis == 1), int(axis == 2)
-                block, at = sample(keys, values, voxels, i + di, j + dj, k + dk)
-                if block < 0 or voxels[block, at, 1] <= 0.0:
-                    continue
-                if (voxels[block, at, 0] < 0.0) == here:
-                    continue
-                complete = True
-                for n in range(4):
-                    s, t = ((n + 1) >> 1) & 1, n >> 1  # round the edge: 00, 10, 11, 01
-                    if axis == 0:
-                        block, at = sample(keys, values, voxels, i, j - s, k - t)
-                    elif axis == 1:
-                        block, at = sample(keys, values, voxels, i - t, j, k - s)
-                    else:
-                        block, at = sample(keys, values, voxels, i - s, j - t, k)
-                    quad[n] = ids[block, at] if block >= 0 else -1
-                    complete = complete and quad[n] >= 0
-                if not complete:
-                    continue
-                if store:
-                    one, three = (1, 3) if here else (3, 1)
-                    triangles[found, 0] = quad[0]
-                    triangles[found, 1], triangles[found, 2] = quad[one], quad[2]
-                    triangles[found + 1, 0] = quad[0]
-                    triangles[found + 1, 1], triangles[found + 1, 2] = quad[2], quad[three]
-                found += 2
-    return found

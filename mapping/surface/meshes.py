@@ -1,4 +1,4 @@
-"""A surface of triangles, and the file it goes to."""
+"""Triangle meshes, and their PLY files."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
-from ..io.atomic_write import complete
+from ..io.atomic_write import atomic_path
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,10 +16,10 @@ class Mesh:
     """Triangles in the map frame.
 
     Args:
-        vertices: m.
+        vertices: Positions, m.
         triangles: Indices of vertices, counter-clockwise as seen from free space.
-        normals: Of the vertices, unit length, towards free space.
-        colours: Of the vertices, red first; None where no pictures were given.
+        normals: Unit normals of the vertices, towards free space.
+        colours: RGB of the vertices; None without colours.
     """
 
     vertices: Float32[np.ndarray, "n 3"]
@@ -29,12 +29,12 @@ class Mesh:
 
     @property
     def areas(self) -> Float32[np.ndarray, "m"]:
-        """Of the triangles, m^2."""
+        """Areas of the triangles, m^2."""
         a, b, c = (self.vertices[self.triangles[:, n]] for n in range(3))
         return np.asarray(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1))
 
-    def spread(self, count: int, rng: np.random.Generator) -> Float32[np.ndarray, "count 3"]:
-        """Points all over the surface, as many for equal areas, m; none on a surface without area."""
+    def sampled(self, count: int, rng: np.random.Generator) -> Float32[np.ndarray, "count 3"]:
+        """Random points on the surface, uniform over its area, m; none without area."""
         areas = self.areas.astype(np.float64)
         if not areas.sum() > 0.0:
             return np.zeros((0, 3), np.float32)
@@ -45,10 +45,10 @@ class Mesh:
 
 
 def save_mesh(path: Path, mesh: Mesh) -> None:
-    """Write a binary PLY with normals, and colours if there are any; complete or absent.
+    """Write a binary PLY with normals and optional colours, atomically.
 
     Raises:
-        OutputError: It cannot be written.
+        OutputError: The file cannot be written.
     """
     fields = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")]
     columns = [*mesh.vertices.T, *mesh.normals.T]
@@ -65,7 +65,7 @@ def save_mesh(path: Path, mesh: Mesh) -> None:
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
     header += [f"property {kind} {name}" for kind, (name, _) in zip(kinds, fields, strict=True)]
     header += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
-    with complete(path) as temporary, temporary.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         file.write(("\n".join([*header, "end_header"]) + "\n").encode("ascii"))
         file.write(vertices.tobytes())
         file.write(triangles.tobytes())

@@ -7,7 +7,7 @@ from .tsdf_config import SurfaceMap, TsdfConfig
 
 
 def surface_map(config: TsdfConfig | None = None) -> SurfaceMap:
-    """The map of the chosen method."""
+    """An empty map of the configured method."""
     config = config or TsdfConfig()
     if config.method == "open3d":
         from .tsdf_open3d import Open3dMap

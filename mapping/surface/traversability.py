@@ -1,10 +1,10 @@
-"""Where one can walk in a place that was seen as a whole: height, slope, step and probability, cell by cell.
+"""Traversability: height, slope, step and foothold probability per cell of a mapped place.
 
-The surface is cut into columns. What hangs higher than the robot's head is left out. Of the rest each cell keeps
-its highest point; slope is that of the plane through the heights around, step the largest difference
-of height a foot would meet there.
+The surface is projected into cells. Points above the headroom are removed. Each cell keeps its highest point;
+its slope is that of the plane through the neighbouring heights, its step the largest height difference within
+a foot's width.
 
-Source: layers as in grid_map's traversability (Wermelinger et al. 2016); probability is ours.
+Source: layers as in grid_map's traversability (Wermelinger et al. 2016); the probability is ours.
 """
 
 from __future__ import annotations
@@ -19,25 +19,33 @@ from scipy import ndimage
 from scipy.special import ndtr
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.settings import setting
 
 from ..io import nav2
-from ..io.atomic_write import complete
+from ..io.atomic_write import atomic_path
 from .meshes import Mesh
+
+SIGMA_M = 0.008  # ours: of a fused height, less than half a voxel of 2 cm
+SIGMA_DEG = 4.0  # ours: of a slope from such heights over 12 cm
+BELOW_M = 0.15  # ours: surface further below the floor is a reflection or an error
+FARTHEST_M = 50.0  # ours: cells further from the origin are dropped
 
 
 @dataclass(frozen=True)
 class TraversabilityConfig:
-    """Grain, and what the robot can do."""
+    """Resolution, and limits of the robot."""
 
-    cell_m: float = 0.025  # ours: a little more than a voxel, so that no cell is missed
-    headroom_m: float = 0.7  # ours: DARwIn-OP is 0.45 tall; what hangs higher is no obstacle
-    most_step_m: float = 0.03  # ours: what its foot can clear
-    most_slope_deg: float = 15.0  # ours: what it can stand on
-    foot_m: float = 0.075  # ours: width over which a step is felt
-    sigma_m: float = 0.008  # ours: of a fused height, less than half a voxel of 2 cm
-    sigma_deg: float = 4.0  # ours: of a slope from such heights over 12 cm
-    below_m: float = 0.15  # ours: surface farther below the floor is a mirror's, or an error
-    farthest_m: float = 50.0  # ours: cells farther from the origin are not made
+    cell_m: float = setting(
+        0.025, "m", "side of a cell of the traversability map", "ours: above a voxel, no gaps"
+    )
+    most_step_m: float = setting(
+        0.03, "m", "highest step that the robot can take", "ours: clearance of its foot"
+    )
+    most_slope_deg: float = setting(
+        15.0, "deg", "steepest slope on which the robot can stand", "ours: limit of its balance"
+    )
+    headroom_m: float = 0.7  # ours: DARwIn-OP is 0.45 tall; higher surfaces are no obstacle
+    foot_m: float = 0.075  # ours: width over which a step is measured
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -48,18 +56,18 @@ class TraversabilityConfig:
 
 @dataclass(frozen=True, eq=False)
 class Traversability:
-    """Layers over the floor; row 0 at the smallest y, column 0 at the smallest x, NaN where nothing was seen.
+    """Layers over the floor; row 0 at the smallest y, column 0 at the smallest x, NaN where unseen.
 
     Args:
-        height: Of the highest surface under the headroom, m over the floor z = 0.
-        slope: Of the ground around, rad.
-        step: Largest difference of height within a foot's width, m.
-        probability: That a foot can stand there.
-        covered: Share of the cell, as seen from above, by what rises more than a step; 1 where a wall is all
-            that was seen.
+        height: Height of the highest surface below the headroom over the floor z = 0, m.
+        slope: Slope of the surrounding ground, rad.
+        step: Largest height difference within a foot's width, m.
+        probability: Probability that a foot can stand there.
+        covered: Share of the cell's area, seen from above, of surface higher than a step; 1 if only a
+            vertical wall was seen.
         origin: Lower left corner of cell [0, 0], map frame, m.
         cell_m: Side of a cell, m.
-        config: What it was made with.
+        config: Its configuration.
     """
 
     height: Float32[np.ndarray, "rows columns"]
@@ -73,17 +81,17 @@ class Traversability:
 
     @property
     def known(self) -> Bool[np.ndarray, "rows columns"]:
-        """Cells that were seen."""
+        """Whether each cell was seen."""
         return np.isfinite(self.height)
 
     @property
     def occupied(self) -> Bool[np.ndarray, "rows columns"]:
-        """Ground plan of what stands: cells more than half covered. Who walks goes by `probability`."""
+        """Footprint of obstacles: cells more than half covered. For footholds see `probability`."""
         return self.known & (self.covered > 0.5)
 
     @property
     def centres(self) -> Float[np.ndarray, "rows columns 2"]:
-        """Of all cells, map frame, m."""
+        """Centres of all cells, map frame, m."""
         rows, columns = np.indices(self.height.shape)
         places = np.stack([columns, rows], axis=-1) + 0.5
         return np.asarray(self.origin + self.cell_m * places)
@@ -93,17 +101,17 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
     """Layers of a surface in an upright frame whose floor is z = 0.
 
     Args:
-        mesh: Of the whole place, m.
-        config: Grain and robot.
+        mesh: The surface, m.
+        config: Resolution and robot.
 
     Returns:
-        Layers over all that was seen; of no rows where nothing was.
+        Layers over the seen area; without rows for an empty mesh.
     """
     config = config or TraversabilityConfig()
-    points, plan = _dense(mesh)
-    near = (points[:, 2] < config.headroom_m) & (points[:, 2] > -config.below_m)
-    near &= np.abs(points[:, :2]).max(axis=1, initial=0.0) < config.farthest_m
-    points, plan = points[near], plan[near]
+    points, area = _dense(mesh)
+    near = (points[:, 2] < config.headroom_m) & (points[:, 2] > -BELOW_M)
+    near &= np.abs(points[:, :2]).max(axis=1, initial=0.0) < FARTHEST_M
+    points, area = points[near], area[near]
     if len(points) == 0:
         nothing = np.zeros((0, 0), np.float32)
         return Traversability(
@@ -116,7 +124,7 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
     height[~np.isfinite(height)] = np.nan
     rising = points[:, 2] > config.most_step_m
     high, low = (
-        np.bincount(row[mask] * height.shape[1] + column[mask], plan[mask], height.size).reshape(
+        np.bincount(row[mask] * height.shape[1] + column[mask], area[mask], height.size).reshape(
             height.shape
         )
         for mask in (rising, ~rising)
@@ -124,13 +132,13 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
     wall = (high + low < 1e-9) & (height > config.most_step_m)
     covered = np.where(wall, 1.0, high / np.maximum(high + low, 1e-9))
     slope, step = _slope(height, config), _step(height, config)
-    sure_step = ndtr((config.most_step_m - step) / (math.sqrt(2.0) * config.sigma_m))
-    sure_slope = ndtr((config.most_slope_deg - np.degrees(slope)) / config.sigma_deg)
+    step_ok = ndtr((config.most_step_m - step) / (math.sqrt(2.0) * SIGMA_M))
+    slope_ok = ndtr((config.most_slope_deg - np.degrees(slope)) / SIGMA_DEG)
     return Traversability(
         height,
         slope,
         step,
-        (sure_step * sure_slope).astype(np.float32),
+        (step_ok * slope_ok).astype(np.float32),
         covered.astype(np.float32),
         first * config.cell_m,
         config.cell_m,
@@ -139,23 +147,23 @@ def traversability(mesh: Mesh, config: TraversabilityConfig | None = None) -> Tr
 
 
 def save_nav2(folder: Path, name: str, layers: Traversability) -> Path:
-    """Write the map for Nav2: occupied where nobody can stand, free where one can; returns the yaml's path."""
+    """Write the map for Nav2: occupied where a foot cannot stand, free where it can; returns the yaml path."""
     blocked = 1.0 - np.nan_to_num(layers.probability, nan=0.5)
-    blocked[layers.occupied] = 1.0  # the top of a table is flat, and yet no floor
+    blocked[layers.occupied] = 1.0  # a table top is flat, but no floor
     return nav2.save(
         folder, name, blocked.astype(np.float32), layers.known, layers.origin, layers.cell_m
     )
 
 
 def save_layers(path: Path, layers: Traversability) -> None:
-    """Write all layers as .npz, by the names that grid_map uses: elevation, slope, step, traversability.
+    """Write all layers as .npz, with the names of grid_map: elevation, slope, step, traversability.
 
     `resolution` is the side of a cell and `origin` the lower left corner of cell [0, 0], m.
 
     Raises:
-        OutputError: It cannot be written.
+        OutputError: The file cannot be written.
     """
-    with complete(path) as temporary, temporary.open("wb") as file:
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             elevation=layers.height,
@@ -169,26 +177,26 @@ def save_layers(path: Path, layers: Traversability) -> None:
 
 
 def _dense(mesh: Mesh) -> tuple[Float32[np.ndarray, "n 3"], Float32[np.ndarray, "n"]]:
-    """Corners, edges' middles and middles of all triangles, nearer together than cells are wide.
+    """Samples of a mesh denser than the cells, with the area of their triangles seen from above, m^2.
 
-    With each the area that its triangle covers as seen from above, m^2.
+    The samples are the corners, the centres of the edges and the centre of each triangle.
     """
     a, b, c = (mesh.vertices[mesh.triangles[:, n]] for n in range(3))
     middles = ((a + b) / 2, (b + c) / 2, (c + a) / 2, (a + b + c) / 3)
-    plan = 0.5 * np.abs(_turn(b - a, c - a))
+    area = 0.5 * np.abs(_cross(b - a, c - a))
     points = np.concatenate([a, b, c, *middles]).astype(np.float32)
-    return points, np.tile(plan, 7).astype(np.float32)
+    return points, np.tile(area, 7).astype(np.float32)
 
 
-def _turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Twice the signed area between vectors, as seen from above."""
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross product of the vectors projected on the floor plane."""
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def _slope(
     height: Float32[np.ndarray, "rows columns"], config: TraversabilityConfig
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Of the least-squares plane through the known cells of 5x5, rad; where they tell none, 0."""
+    """Slope of the least-squares plane through the known cells of 5x5, rad; 0 if it is undetermined."""
     known = np.isfinite(height)
     z = np.where(known, height, 0.0).astype(np.float64)
     w = known.astype(np.float64)
@@ -213,7 +221,7 @@ def _slope(
 def _step(
     height: Float32[np.ndarray, "rows columns"], config: TraversabilityConfig
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Highest less lowest known cell within a foot's width, m."""
+    """Height difference of the known cells within a foot's width, m."""
     size = max(3, round(config.foot_m / config.cell_m) | 1)
     known = np.isfinite(height)
     highest = ndimage.maximum_filter(np.where(known, height, -np.inf), size)

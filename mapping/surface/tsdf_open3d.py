@@ -1,4 +1,4 @@
-"""Open3D's VoxelBlockGrid as a surface map, for comparison and for those who know it.
+"""Open3D's VoxelBlockGrid as a surface map, for comparison.
 
 Source: Dong et al., "ASH: a modern framework for parallel spatial hashing" (2021).
 """
@@ -18,9 +18,10 @@ from .tsdf_config import TsdfConfig, check
 
 
 class Open3dMap:
-    """Fuses like `Tsdf`, with equal weights for all pixels."""
+    """A surface map like `Tsdf`, with equal weights of all pixels."""
 
     def __init__(self, config: TsdfConfig | None = None) -> None:
+        """An empty map."""
         import open3d
 
         self.config = config or TsdfConfig()
@@ -41,7 +42,7 @@ class Open3dMap:
     def integrate(
         self, depth: Depth, T_map_camera: Pose3, rgb: UInt8[np.ndarray, "h w 3"] | None = None
     ) -> None:
-        """Take in one image; arguments as of `Tsdf`."""
+        """Fuse one image; arguments as in `Tsdf.integrate`."""
         check(depth, rgb)
         o3d, c = self._o3d, self.config
         z = np.nan_to_num(depth.z)[..., None]
@@ -58,7 +59,7 @@ class Open3dMap:
         self._grid.integrate(blocks, image, colour, K, K, E, *reach)
 
     def mesh(self) -> Mesh:
-        """The surface by marching cubes."""
+        """The current surface by marching cubes, map frame."""
         found = self._grid.extract_triangle_mesh(1.0)
         if "positions" not in found.vertex or "indices" not in found.triangle:
             none = np.zeros((0, 3), np.float32)

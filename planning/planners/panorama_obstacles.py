@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from mapping.panorama.obstacles import PanoramaObstacle, Surroundings
-from mapping.panorama.pieces import pieces, seen_aside
+from mapping.panorama.segments import observed_sector, outline_segments
 from mapping.panorama.stitching import Panorama
 
 from ..avoidance.choice import ObstacleTable
@@ -39,11 +39,13 @@ def things_of(
         closers: Centres of the cells that blocked earlier passages, base frame, m.
     """
     found = [o for o in around.obstacles if not o.cut_top]
-    found = [o for o in found + pieces(panorama, found, REACH_M) if o.distance_m <= reach_m]
+    found = [
+        o for o in found + outline_segments(panorama, found, REACH_M) if o.distance_m <= reach_m
+    ]
     found += [_closer(points) for points in closers if np.all(points[:, 0] > 0.0)]
     ahead = [o.distance_m for o in found if o.left_edge_m[1] > -0.25 and o.right_edge_m[1] < 0.25]
     distance = min(ahead, default=STOP_M)
-    left, right = (distance * math.tan(min(max(a, -1.4), 1.4)) for a in seen_aside(panorama))
+    left, right = (distance * math.tan(min(max(a, -1.4), 1.4)) for a in observed_sector(panorama))
     return ObstacleTable(
         np.array([[o.left_rad, o.right_rad] for o in found]).reshape(-1, 2),
         np.array([[o.left_edge_m[1], o.right_edge_m[1]] for o in found]).reshape(-1, 2),

@@ -11,7 +11,7 @@ from .presets import by_one_camera, fitted
 from .schema import Config
 
 DECIDING = ("scene", "robot", "mission")
-"""Parts of a configuration on which it depends what the others begin with."""
+"""Parts of a configuration that choose the defaults of the others."""
 
 
 def load(
@@ -24,9 +24,9 @@ def load(
 
     Args:
         path: TOML file; None for the defaults.
-        overrides: Single values as "grid.cell_m=0.02".
-        scene: Name of the scene, if it was given.
-        seed: Of everything random, if it was given.
+        overrides: Single values such as "grid.cell_m=0.02".
+        scene: Name of the scene; None: as configured.
+        seed: Of everything random; None: as configured.
 
     Raises:
         InputError, ConfigError: The file cannot be read, a key is unknown, a value impossible.

@@ -1,7 +1,7 @@
-"""One configuration made of every part's own.
+"""The configuration of a run: the parts of every package, joined.
 
-Works with no file at all; reads TOML, of which any part may be left out; a run writes the complete one
-beside its results, and that file runs again to the same numbers.
+It works without a file. A file may leave out any part. A run writes the complete configuration beside its results,
+and that file repeats the run to the same numbers.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from perception.depth.structured_light import StructuredLightConfig
 from perception.depth.time_of_flight import TofConfig
 from perception.floor.choose import FloorConfig
 from perception.floor.classify import ClassConfig
-from perception.floor.refine import RefineConfig, SharedError
-from perception.localisation.filter import LocaliserConfig
+from perception.floor.refine import RefineConfig
 from perception.localisation.landmarks import LandmarkConfig
+from perception.localisation.localiser_noise import LocaliserConfig
 from perception.localisation.pose_source import PriorConfig
 from perception.localisation.registration import RegistrationConfig
 from perception.monocular.cycle import MonocularConfig
@@ -33,6 +33,7 @@ from perception.obstacles.tracker import TrackerConfig
 from perception.odometry.rgbd_odometry import OdometerConfig
 from perception.primitives.errors import ConfigError
 from perception.primitives.robot_model import GaitLimits, RobotModel
+from perception.primitives.settings import setting
 from planning.avoidance.choice import AvoidanceConfig
 from planning.exploration import ExplorationConfig
 from planning.gaze.policy import GazeConfig
@@ -50,20 +51,24 @@ from sim.scenes.difficulty import check as check_difficulty
 from .robot_model import model_of
 
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
-"""The robot's own camera as its calibration found it; another camera needs its own figures."""
+"""Ours: noise of the simulated robot's ToF camera by calibration; another camera needs its own values."""
 
-CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0002, 0.0003)))
-"""With that calibration little is left that all points of a TOF view have wrong alike (NEES of walks)."""
+CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof_scale=0.0002, tof_bend=0.0003))
+"""Ours: error common to all points of a ToF view after that calibration, from the NEES of walks."""
 
 
 @dataclass(frozen=True)
 class Config:
     """Everything a run depends on."""
 
-    scene: str = "home"
-    seed: int = 0
-    difficulty: float = USUAL  # ours: of the scene, in [0, 1]; see `sim.difficulty`
-    renderer: str = "auto"  # egl where it works, else tiny; a run writes down which it was
+    scene: str = setting("home", "", "name of a scene, or a scene file", "ours")
+    seed: int = setting(0, "", "seed of scene, noise and random choices", "ours")
+    difficulty: float = setting(
+        USUAL, "", "of the scene, 0 easy to 1 hard: number, speed and distance of obstacles", "ours"
+    )
+    renderer: str = setting(
+        "auto", "", "egl, tiny (software), or auto (egl where it works)", "ours"
+    )
     mission: MissionConfig = field(default_factory=MissionConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     reach: ReachesConfig = field(default_factory=ReachesConfig)
@@ -90,8 +95,7 @@ class Config:
     route: RouteConfig = field(default_factory=RouteConfig)
     gait: GaitLimits = field(default_factory=GaitLimits)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
-    univector: FieldConfig = BESIDE_GUARD  # of the planner `field`, straight to the goal
-    via_field: FieldConfig = BESIDE_GUARD  # of the planner `search`, to its via points
+    univector: FieldConfig = BESIDE_GUARD
     guard: GuardConfig = field(default_factory=GuardConfig)
     monocular: MonocularConfig = field(default_factory=MonocularConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
@@ -112,7 +116,7 @@ class Config:
         return model_of(self.robot, self.gait)
 
     def resolved(self, renderer: str) -> Config:
-        """The same, with the renderer that was really used."""
+        """The same with the renderer that is used."""
         return dataclasses.replace(self, renderer=renderer)
 
     def __post_init__(self) -> None:

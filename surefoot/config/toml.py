@@ -1,7 +1,9 @@
 """TOML to nested frozen dataclasses and back, to the same bits.
 
-Every value has a name and a type; what is unknown or of another type is refused with its place, the nearest
-known name and what was expected. A value that a part itself refuses is reported with the same place.
+Fields made by `setting` are read and written as tables. Other fields are parameters for code: those that differ from
+their defaults are written to the table `internal` under their dotted names, so that a file holds everything a run
+depended on, and only there are they read. An unknown key or a value of another type is refused with its place, the
+nearest known name and what was expected.
 """
 
 from __future__ import annotations
@@ -12,15 +14,17 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import tomli_w
 
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.settings import note_of
 
 C = TypeVar("C")
+INTERNAL = "internal"
 WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text in quotes"}
 
 
@@ -28,10 +32,10 @@ def read(kind: type[C], path: Path, base: C | None = None, parts: Collection[str
     """A configuration from a TOML file, of which any part may be left out.
 
     Args:
-        kind: Of what.
+        kind: Class of the configuration.
         path: The file.
-        base: What holds where the file says nothing; None: the defaults.
-        parts: Only these keys and tables of the file count; none: all.
+        base: Values where the file has none; None: the defaults.
+        parts: Read only these keys and tables; empty: all.
 
     Raises:
         InputError: The file is missing or not TOML.
@@ -49,9 +53,12 @@ def read(kind: type[C], path: Path, base: C | None = None, parts: Collection[str
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"configuration {path} is not TOML: {error}") from error
     if parts:
+        internal = values.get(INTERNAL, {})
+        kept = {name: v for name, v in internal.items() if name.partition(".")[0] in parts}
         values = {key: value for key, value in values.items() if key in parts}
+        values |= {INTERNAL: kept} if kept else {}
     try:
-        return _merge(kind, base, values, "")
+        return _merge_all(kind, base, values, "")
     except ConfigError as error:
         raise ConfigError(f"configuration {path}: {error}") from error
 
@@ -62,16 +69,16 @@ def parse(kind: type[C], values: Mapping[str, Any], where: str = "") -> C:
     Raises:
         ConfigError: A key is unknown or a value impossible.
     """
-    return _merge(kind, None, values, where)
+    return _merge_all(kind, None, values, where)
 
 
 def changed(config: C, values: Mapping[str, Any]) -> C:
-    """The same configuration with the values of nested tables, all at once.
+    """The same configuration with the values of nested tables, settings or not, all at once.
 
     Raises:
         ConfigError: A key is unknown or a value impossible.
     """
-    return _merge(type(config), config, values, "")
+    return _merge(type(config), config, values, "", internal=True)
 
 
 def override(config: C, assignments: Sequence[str]) -> C:
@@ -103,26 +110,56 @@ def override(config: C, assignments: Sequence[str]) -> C:
 
 def dumps(config: Any) -> str:
     """The complete configuration as TOML; reading it gives an equal one."""
-    return tomli_w.dumps(_plain(config))
+    tables = _settings(config)
+    internal = dict(_internal(config, type(config)(), ""))
+    return tomli_w.dumps(tables | ({INTERNAL: internal} if internal else {}))
 
 
-def _merge(kind: type[C], base: C | None, values: Mapping[str, Any], where: str) -> C:
+def leaves(config: Any, where: str = "") -> Iterator[tuple[str, dataclasses.Field[Any], Any]]:
+    """Dotted name, field and value of everything in a configuration that is no dataclass itself."""
+    for item in dataclasses.fields(config):
+        value, name = getattr(config, item.name), f"{where}{item.name}"
+        if dataclasses.is_dataclass(value):
+            yield from leaves(value, f"{name}.")
+        else:
+            yield name, item, value
+
+
+def _merge_all(kind: type[C], base: C | None, values: Mapping[str, Any], where: str) -> C:
+    """A dataclass from its base (or defaults), tables of settings, and the table `internal`."""
+    tables = {key: value for key, value in values.items() if key != INTERNAL}
+    config = _merge(kind, base, tables, where)
+    internal = values.get(INTERNAL, {})
+    if not isinstance(internal, Mapping):
+        raise ConfigError(f"{INTERNAL}={internal!r}: expected a table [{INTERNAL}] of values")
+    for name, value in internal.items():
+        nested: Any = value
+        for key in reversed(name.split(".")):
+            nested = {key: nested}
+        config = _merge(kind, config, nested, "", internal=True)
+    return config
+
+
+def _merge(
+    kind: type[C], base: C | None, values: Mapping[str, Any], where: str, internal: bool = False
+) -> C:
     """A dataclass from its base (or defaults) and a table of changes."""
-    wanted = _fields(kind)
+    wanted = _fields(kind, internal)
     changes: dict[str, Any] = {}
     for key, value in values.items():
         place = f"{where}.{key}" if where else key
         if key not in wanted:
             near = difflib.get_close_matches(key, wanted, 1, 0.5)
-            hint = f"did you mean {near[0]}?" if near else ""
-            known = "" if near else "known here: " + ", ".join(wanted)
-            raise ConfigError(f"unknown key {place}; {hint}{known}")
+            if near:
+                prefix = f"{where}." if where else ""
+                raise ConfigError(f"unknown key {place}; did you mean {prefix}{near[0]}?")
+            raise ConfigError(f"unknown key {place}; known here: {', '.join(wanted)}")
         inner = wanted[key]
         if dataclasses.is_dataclass(inner):
             if not isinstance(value, Mapping):
                 raise ConfigError(f"{place}={value!r}: expected a table [{place}] of values")
             old = _default(kind, key) if base is None else getattr(base, key)
-            changes[key] = _merge(typing.cast("type[Any]", inner), old, value, place)
+            changes[key] = _merge(typing.cast("type[Any]", inner), old, value, place, internal)
         else:
             changes[key] = _value(inner, value, place)
     try:
@@ -141,9 +178,19 @@ def _default(kind: type[Any], key: str) -> Any:
     return None
 
 
-def _fields(kind: type[Any]) -> dict[str, Any]:
+def _fields(kind: type[Any], internal: bool) -> dict[str, Any]:
+    """Names and types that may be set: settings and tables that hold some; with `internal` all."""
     hints = typing.get_type_hints(kind)
-    return {item.name: hints[item.name] for item in dataclasses.fields(kind)}
+    return {
+        item.name: hints[item.name]
+        for item in dataclasses.fields(kind)
+        if internal or note_of(item) is not None or _has_settings(hints[item.name])
+    }
+
+
+def _has_settings(kind: Any) -> bool:
+    """Whether a type is a dataclass with settings in it or below it."""
+    return dataclasses.is_dataclass(kind) and bool(_fields(typing.cast("type[Any]", kind), False))
 
 
 def _value(wanted: Any, value: Any, place: str) -> Any:
@@ -178,10 +225,26 @@ def _tuple(wanted: Any, value: Any, place: str) -> tuple[Any, ...]:
     )
 
 
-def _plain(config: Any) -> Any:
-    if dataclasses.is_dataclass(config) and not isinstance(config, type):
-        values = {item.name: getattr(config, item.name) for item in dataclasses.fields(config)}
-        return {name: _plain(value) for name, value in values.items() if value is not None}
-    if isinstance(config, tuple):
-        return [_plain(value) for value in config]
-    return config
+def _settings(config: Any) -> dict[str, Any]:
+    """The settings as nested tables; None is left out."""
+    found: dict[str, Any] = {}
+    for item in dataclasses.fields(config):
+        value = getattr(config, item.name)
+        if dataclasses.is_dataclass(value):
+            inner = _settings(value)
+            found |= {item.name: inner} if inner else {}
+        elif note_of(item) is not None and value is not None:
+            found[item.name] = _plain(value)
+    return found
+
+
+def _internal(config: Any, base: Any, where: str) -> Iterator[tuple[str, Any]]:
+    """Dotted names and values of the fields that are no settings and differ from the defaults."""
+    defaults = {name: value for name, _, value in leaves(base, where)}
+    for name, item, value in leaves(config, where):
+        if note_of(item) is None and value is not None and value != defaults.get(name):
+            yield name, _plain(value)
+
+
+def _plain(value: Any) -> Any:
+    return [_plain(one) for one in value] if isinstance(value, tuple) else value

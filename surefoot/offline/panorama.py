@@ -175,7 +175,7 @@ def run_panorama(
     points, _ = drawing.points()
     clouds.save_ply(folder / "panorama.ply", points)
     with (
-        atomic_write.complete(folder / "panorama.npz") as temporary,
+        atomic_write.atomic_path(folder / "panorama.npz") as temporary,
         temporary.open("wb") as file,
     ):
         np.savez_compressed(
@@ -192,7 +192,7 @@ def run_panorama(
         ("panorama_obstacles.png", picture),
         ("panorama.json", (json.dumps(told, indent=2) + "\n").encode()),
     ):
-        with atomic_write.complete(folder / name) as temporary:
+        with atomic_write.atomic_path(folder / name) as temporary:
             temporary.write_bytes(content)
     return told
 

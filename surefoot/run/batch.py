@@ -22,7 +22,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from mapping.io.atomic_write import complete
+from mapping.io.atomic_write import atomic_path
 from perception.primitives.errors import ConfigError, InputError, SurefootError
 
 from ..config.schema import Config
@@ -276,7 +276,7 @@ def _row_of(path: Path, run: Path, status: str, wall_s: float = 0.0) -> Row:
 
 
 def _write(out: Path, recordings: Sequence[Path], rows: dict[Path, Row]) -> None:
-    with complete(out / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
+    with atomic_path(out / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [item.name for item in fields(Row)])
         table.writeheader()
         table.writerows(asdict(rows[path]) for path in recordings if path in rows)

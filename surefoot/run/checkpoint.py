@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from mapping.io.atomic_write import complete
+from mapping.io.atomic_write import atomic_path
 from perception.primitives.errors import InputError
 
 from ..config.schema import Config
@@ -65,7 +65,7 @@ class Keeper:
             return
         version = importlib.metadata.version("surefoot")
         kept = Checkpoint(recorder.frames, pipeline, recorder, self._config, version)
-        with complete(self._path) as part:
+        with atomic_path(self._path) as part:
             part.write_bytes(pickle.dumps(kept, protocol=pickle.HIGHEST_PROTOCOL))
         self._last_s = time.monotonic()
 

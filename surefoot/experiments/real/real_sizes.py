@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from mapping.objects import cuboid
-from mapping.objects.cuboid import Cuboid, CuboidConfig
+from mapping.objects.cuboid import Cuboid
 from perception.depth import points, structured_light
 from perception.floor import choose
 from perception.floor.prior import handheld_prior
@@ -36,7 +36,7 @@ CABINET_M = (0.5543, 0.4455, 0.7926)  # height of the top, width, length by trut
 REALSENSE = Camera(640, 480, 617.25, 617.549, 317.392, 245.98)
 CARTON_FRAMES = (0, 2, 3)  # where the carton with the digits is whole, by the set's description
 KINECT2 = Camera(730, 530, 529.5, 529.5, 364.0, 264.0)
-ROOM = CuboidConfig(farthest_m=7.0)
+ROOM_M = 7.0
 MARGIN_PX = 2.0  # a drawn rectangle so near to the image's border is cut by it
 LOST_M = 1.0  # what a view without a box counts as
 
@@ -51,7 +51,7 @@ def floor_of(depth: Depth) -> Plane | None:
 
 def largest_whole(depth: Depth, floor: Plane) -> Cuboid | None:
     """The largest thing that neither the image's border nor another thing cuts; None without one."""
-    labels = cuboid.things(depth, floor)
+    labels = cuboid.label_objects(depth, floor)
     for number in range(1, int(labels.max(initial=0)) + 1):
         found = cuboid.fit(depth, floor, labels == number)
         if found is not None and not found.cut:
@@ -163,7 +163,7 @@ def furniture(say: Say) -> tuple[dict[str, float], list[str]]:
         depth = structured_light.depth(
             DepthView(_read(folder / f"{name}.depth.png", 5000.0), KINECT2)
         )
-        labels = cuboid.things(depth, floor, ROOM)
+        labels = cuboid.label_objects(depth, floor, ROOM_M)
         drawn = pieces(folder / f"{name}.boxes.txt")
         for piece in drawn:
             if not piece.is_whole or any(piece.is_behind(other) for other in drawn):
@@ -175,12 +175,12 @@ def furniture(say: Say) -> tuple[dict[str, float], list[str]]:
             if shown.size == 0:
                 continue
             most = int(np.bincount(shown).argmax())
-            found = cuboid.fit(depth, floor, inside & (labels == most), ROOM)
+            found = cuboid.fit(depth, floor, inside & (labels == most))
             if found is None or found.cut:
                 continue
             off = {"height": found.height_m - piece.height_m}
             off["length"] = found.length_m - piece.sides_m[1]
-            if found.width_m > ROOM.thin_m:
+            if found.width_m > cuboid.THIN_M:
                 off["width"] = found.width_m - piece.sides_m[0]
             errors += [abs(value) for value in off.values()]
             listed = "  ".join(f"{side} {100 * value:+.0f} cm" for side, value in off.items())

@@ -14,6 +14,7 @@ from itertools import accumulate
 import numpy as np
 
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
+from mapping.grid.evidence import FIRST_FLOOR, FIRST_OBSTACLE
 
 from ..support.experiment import Experiment, Outcome, Say, Target
 
@@ -64,7 +65,7 @@ class Ground:
         part = self.window(position)
         floor, solid = seen[0][part], seen[1][part] >= 3
         odds, rule = self.odds[part], self.config.evidence
-        first = np.where(solid, rule.first_obstacle, rule.first_floor)
+        first = np.where(solid, FIRST_OBSTACLE, FIRST_FLOOR)
         step = np.where(solid, rule.obstacle, rule.floor)
         new = np.where(
             np.isinf(odds),

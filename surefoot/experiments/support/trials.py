@@ -22,7 +22,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
-from mapping.io.atomic_write import complete
+from mapping.io.atomic_write import atomic_path
 
 WORKERS = os.cpu_count() or 2
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
@@ -96,7 +96,7 @@ def _do(work: Callable[..., R], task: tuple[Any, ...], place: Path | None) -> R:
     """In the worker: make the trial, and keep it before anybody is told."""
     result = work(*task)
     if place is not None:
-        with complete(place) as part:
+        with atomic_path(place) as part:
             part.write_bytes(pickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL))
     return result
 

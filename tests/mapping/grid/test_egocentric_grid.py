@@ -1,6 +1,9 @@
-"""The grid that walks with the robot, against a map that stays, a NumPy twin, and paper."""
+"""The terrain map against a fixed map, a NumPy version and closed forms."""
 
 from __future__ import annotations
+
+import copy
+import pickle
 
 import numpy as np
 import pytest
@@ -8,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
-from mapping.grid.evidence import EvidenceConfig, log_odds
+from mapping.grid.evidence import OBSTACLE_POINTS, EvidenceConfig, log_odds
 from mapping.grid.scrolling import whole_cells
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2
@@ -45,13 +48,13 @@ def see(
 
 
 @given(st.tuples(inside, inside), st.tuples(metres, metres))
-def test_a_step_is_whole_cells_plus_a_rest(offset, step):
+def test_a_step_is_whole_cells_plus_a_remainder(offset, step):
     cells, rest = whole_cells(np.array(offset), np.array(step), CELL_M)
     np.testing.assert_allclose(cells * CELL_M + rest, np.add(offset, step), atol=1e-12)
     assert np.all(np.abs(rest) <= CELL_M / 2 + 1e-12)
 
 
-def test_the_printed_rest_forgets_where_the_robot_stood():
+def test_the_printed_eq_2_loses_the_offset_in_the_centre_cell():
     # Three steps of 0.02 m: 0.06 m is one cell and 0.01 m; eq. (2) as printed loses the first two.
     rest, literal, crossed = np.zeros(2), np.zeros(2), 0
     for _ in range(3):
@@ -99,7 +102,7 @@ class FixedMap:
         e = self.evidence
         for key, (floor, obstacle) in tally.items():
             old = self.cells.get(key)
-            if obstacle >= e.obstacle_points:
+            if obstacle >= OBSTACLE_POINTS:
                 odds = log_odds(0.85) if old is None else min(old[0] + e.obstacle, e.limit)
             elif floor:
                 odds = log_odds(0.15) if old is None else max(old[0] + e.floor, -e.limit)
@@ -116,7 +119,7 @@ class FixedMap:
         return p, t
 
 
-def test_a_thousand_random_steps_agree_with_a_map_that_stays():
+def test_a_thousand_random_steps_agree_with_a_fixed_map():
     # Seed 003, E3: identical cells, offset error below 1e-9 m.
     rng = np.random.default_rng(3)
     start = np.array([1.234, -0.777])
@@ -143,7 +146,7 @@ def test_a_thousand_random_steps_agree_with_a_map_that_stays():
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.tuples(metres, metres), min_size=1, max_size=6))
-def test_moving_there_and_back_keeps_what_stayed_inside(steps):
+def test_moving_there_and_back_keeps_the_cells_that_stayed_inside(steps):
     grid = EgocentricGrid(SMALL, np.zeros(2))
     n = SMALL.cells
     rng = np.random.default_rng(0)
@@ -202,7 +205,7 @@ def test_a_cell_never_seen_has_probability_one_and_time_zero():
     assert grid.probability[0, 0] == pytest.approx(0.85)
 
 
-def test_sightings_add_up_in_log_odds_within_the_limit():
+def test_observations_add_up_in_log_odds_within_the_limit():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     expected = log_odds(0.15)
     see(grid, 3, 4, 1.0, obstacle=False)
@@ -222,7 +225,7 @@ def test_an_obstacle_needs_three_points_and_then_wins_over_floor(obstacle_points
     assert grid.probability[5, 5] == pytest.approx(expected, abs=1e-6)
 
 
-def test_two_stray_obstacle_points_alone_leave_the_cell_unseen():
+def test_two_obstacle_points_alone_leave_a_cell_unseen():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     grid.update(cell_points(grid, 5, 5, 2), np.ones(2, bool), 1.0, np.zeros(2))
     assert not grid.known.any()
@@ -261,7 +264,7 @@ def test_points_in_single_precision_land_in_the_same_cells():
     np.testing.assert_array_equal(a.known, b.known)
 
 
-def test_a_mover_leaves_its_cell_after_one_floor_sighting_and_a_wall_does_not():
+def test_one_floor_observation_clears_a_moving_obstacle_and_not_a_wall():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     for k in range(5):
         see(grid, 2, 2, 1.0 + k, obstacle=True, moving=True)
@@ -275,7 +278,7 @@ def test_a_mover_leaves_its_cell_after_one_floor_sighting_and_a_wall_does_not():
     assert grid.probability[9, 9] > 0.9
 
 
-def test_a_thing_that_turns_out_to_move_is_held_loosely_from_then_on():
+def test_an_obstacle_that_turns_out_to_move_is_cleared_by_one_floor_observation():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     for k in range(5):
         see(grid, 2, 2, 1.0 + k, obstacle=True)
@@ -284,7 +287,7 @@ def test_a_thing_that_turns_out_to_move_is_held_loosely_from_then_on():
     assert grid.probability[2, 2] < 0.5
 
 
-def test_points_at_rest_in_the_cell_outweigh_those_of_a_mover():
+def test_static_points_in_a_cell_outweigh_moving_ones():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     points = np.tile(cell_points(grid, 4, 4, 3), (2, 1))
     grid.update(points, np.ones(6, bool), 1.0, np.zeros(2), is_moving=np.arange(6) < 3)
@@ -292,7 +295,7 @@ def test_points_at_rest_in_the_cell_outweigh_those_of_a_mover():
     assert grid.probability[4, 4] == pytest.approx(0.85, abs=1e-6)
 
 
-def test_movers_drift_to_one_half_while_nobody_looks_and_are_then_forgotten():
+def test_moving_obstacles_out_of_view_fade_to_one_half_and_are_forgotten():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, 2, 2, 1.0, obstacle=True, moving=True)
     see(grid, 3, 3, 1.0, obstacle=True)
@@ -306,10 +309,10 @@ def test_movers_drift_to_one_half_while_nobody_looks_and_are_then_forgotten():
     grid.age(30.0)
     assert not grid.known[2, 2]
     assert grid.updated_s[2, 2] == 0.0
-    assert grid.probability[3, 3] == pytest.approx(0.85, abs=1e-6)  # what stands does not age
+    assert grid.probability[3, 3] == pytest.approx(0.85, abs=1e-6)  # static obstacles do not age
 
 
-def test_a_ray_frees_only_the_stretch_in_which_it_is_lower_than_an_obstacle():
+def test_a_ray_clears_only_the_cells_in_which_it_is_lower_than_an_obstacle():
     # Camera 0.4 m high, lowest obstacle 0.03 m: 7.5 % of a ray of 1.5 m, that is 0.1125 m or two cells.
     grid = EgocentricGrid(GridConfig(), np.zeros(2))
     row, column = grid.cell_of(np.array([1.5, 0.0]))
@@ -317,13 +320,12 @@ def test_a_ray_frees_only_the_stretch_in_which_it_is_lower_than_an_obstacle():
     grid.update(*see_args, sensor_height_m=0.4)
     np.testing.assert_array_equal(np.flatnonzero(grid.known[row]), [column - 2, column - 1, column])
     assert grid.known.sum() == 3
-    for kept_still in ({"ray_clearing": False, "sensor_height_m": 0.4}, {}):
-        other = EgocentricGrid(GridConfig(), np.zeros(2))
-        other.update(*see_args, **kept_still)
-        assert other.known.sum() == 1
+    other = EgocentricGrid(GridConfig(), np.zeros(2))
+    other.update(*see_args)
+    assert other.known.sum() == 1
 
 
-def test_a_ray_never_frees_a_cell_in_which_something_was_seen():
+def test_a_ray_never_clears_a_cell_with_points():
     grid = EgocentricGrid(GridConfig(), np.zeros(2))
     row, column = grid.cell_of(np.array([1.5, 0.0]))
     points = np.concatenate(
@@ -333,30 +335,51 @@ def test_a_ray_never_frees_a_cell_in_which_something_was_seen():
     assert grid.probability[row, column - 1] == pytest.approx(0.85, abs=1e-6)
 
 
-def test_what_turns_out_to_move_fades_where_it_stood_and_nowhere_else():
+def test_marking_an_obstacle_as_moving_fades_its_cells_only():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     for stamp in (1.0, 2.0, 3.0):
         see(grid, 7, 7, stamp, obstacle=True)
         see(grid, 7, 11, stamp, obstacle=True)
     see(grid, 7, 8, 3.0, obstacle=False)
-    grid.let_fade(grid.centre_of(7, 7)[None], np.array([0.06]))
+    grid.mark_moving(grid.centre_of(7, 7)[None], np.array([0.06]))
     assert grid.moving.sum() == 1
     assert 0.5 < grid.probability[7, 7] < grid.probability[7, 11]
     assert grid.known.sum() == 3
     assert grid.probability[7, 8] < 0.5
     see(grid, 7, 7, 4.0, obstacle=False)
     assert grid.probability[7, 7] < 0.5
-    grid.let_fade(grid.centre_of(7, 11)[None], np.array([0.06]))
+    grid.mark_moving(grid.centre_of(7, 11)[None], np.array([0.06]))
     grid.age(60.0)
     assert not grid.known[7, 11]
 
 
-def test_the_robot_may_be_carried_away_further_than_the_grid_is_wide():
+def test_a_step_longer_than_the_grid_clears_it():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, 7, 7, 1.0, obstacle=True)
     grid.move(np.array([100.0, -50.0]))
     assert not grid.known.any()
     np.testing.assert_allclose(grid.position, [100.0, -50.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("copied", [lambda grid: pickle.loads(pickle.dumps(grid)), copy.deepcopy])
+def test_a_pickled_grid_accepts_further_updates_like_the_original(copied):
+    rng = np.random.default_rng(11)
+    grid = EgocentricGrid(SMALL, np.zeros(2))
+
+    def step(one: EgocentricGrid, points: np.ndarray, stamp_s: float) -> None:
+        one.move(points[0, :2])
+        one.update(points, points[:, 2] > 0.05, stamp_s, np.zeros(2), sensor_height_m=0.4)
+        one.age(0.3)
+
+    frames = rng.uniform(-0.4, 0.4, (6, 300, 3))
+    for k in range(3):
+        step(grid, frames[k], 1.0 + k)
+    other = copied(grid)
+    for k in range(3, 6):
+        for one in (grid, other):
+            step(one, frames[k], 1.0 + k)
+    for name, layer in grid.snapshot().items():
+        np.testing.assert_array_equal(other.snapshot()[name], layer, err_msg=name)
 
 
 def test_bad_input_is_refused_with_its_reason():
@@ -366,15 +389,15 @@ def test_bad_input_is_refused_with_its_reason():
     assert GridConfig().cells == 71
     with pytest.raises(ConfigError, match=r"cell_m=5\.0 must lie between"):
         GridConfig(cell_m=5.0)
-    with pytest.raises(ConfigError, match="mover=9"):
-        EvidenceConfig(mover=9.0)
+    with pytest.raises(ConfigError, match="limit=0"):
+        EvidenceConfig(limit=0.1)
     grid = EgocentricGrid(SMALL, np.zeros(2))
     with pytest.raises(InputError, match="not finite"):
         grid.move(np.array([np.nan, 0.0]))
 
 
-def test_kernel_and_numpy_count_the_same():
-    from mapping.grid import _kernels
+def test_kernel_and_numpy_counts_agree():
+    from mapping.grid import _evidence_kernels
 
     rng = np.random.default_rng(5)
     n, rows, columns = 30_000, 40, 60  # more than one block
@@ -383,7 +406,7 @@ def test_kernel_and_numpy_count_the_same():
     kinds = rng.integers(0, 3, n).astype(np.uint8)
     anchor, first = np.array([0.013, -0.02]), np.array([-25, -18])
     tally = np.ones(3 * rows * columns + 1, np.int32)
-    _kernels.count_points(points, kinds, anchor, 20.0, first, rows, columns, tally)
+    _evidence_kernels.count_points(points, kinds, anchor, 20.0, first, rows, columns, tally)
     expected = np.zeros((3, rows, columns), int)
     finite = np.isfinite(points[:, 0])
     cells = np.floor((points[finite] - anchor) * 20.0).astype(int) - first

@@ -1,4 +1,4 @@
-"""Heights of the terrain map: against paper, a NumPy twin, and their own claim of how sure they are."""
+"""Heights of the terrain map against closed forms, plain Python and their own variance."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
-from mapping.grid.heights import HeightConfig, floor_form, pose_form
-from perception.primitives.errors import ConfigError, InputError
+from mapping.grid.heights import floor_form, pose_form
+from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 
 SMALL = GridConfig(side_m=0.75, cell_m=0.05)
-BASE = SMALL.heights.sigma_m**2
+BASE = SMALL.height_sigma_m**2
 LEVEL = np.array([0.0, 0.0, 1.0])
 
 
@@ -40,13 +40,13 @@ def test_one_frame_gives_the_mean_and_the_variance_of_the_mean():
     assert np.isfinite(grid.height_m).sum() == 1
 
 
-def test_depth_noise_counts_where_the_points_happen_to_agree():
+def test_depth_noise_bounds_the_variance_when_the_points_agree_by_chance():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, at(grid, 5, 6, [0.0]), False, sigma_m=np.array([0.03]))
     assert grid.height_variance_m2[5, 6] == pytest.approx(0.03**2 + BASE, rel=1e-5)
 
 
-def test_a_tilted_floor_is_unsure_by_the_lever_of_the_place():
+def test_the_variance_of_a_tilted_floor_grows_with_the_lever_arm():
     grid = EgocentricGrid(SMALL, np.array([2.0, 1.0]))
     floor = Plane(LEVEL, 0.0, np.diag([0.01**2, 0.02**2, 0.003**2]))
     row, column = grid.cell_of(np.array([2.1, 0.9]))
@@ -57,7 +57,7 @@ def test_a_tilted_floor_is_unsure_by_the_lever_of_the_place():
     assert grid.height_variance_m2[row, column] == pytest.approx(expected, rel=1e-5)
 
 
-def test_an_unsure_pose_matters_on_a_slope_and_not_on_the_level():
+def test_pose_variance_adds_to_the_height_of_slopes_and_not_of_level_cells():
     # Heights spread evenly over a cell of 5 cm, 4 cm in all: the slope is 0.8.
     grid = EgocentricGrid(SMALL, np.zeros(2))
     pose = Gaussian(np.zeros(3), np.diag([0.02**2, 0.02**2, 0.0]))
@@ -71,7 +71,7 @@ def test_an_unsure_pose_matters_on_a_slope_and_not_on_the_level():
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_the_form_of_the_pose_is_the_variance_of_a_displaced_place(seed):
+def test_the_pose_form_is_the_positional_variance_of_a_place(seed):
     rng = np.random.default_rng(seed)
     root = rng.normal(0, [0.03, 0.03, 0.02], (3, 3))
     pose = Gaussian(rng.uniform(-2, 2, 3), root.T @ root)
@@ -91,7 +91,7 @@ def test_the_form_of_the_pose_is_the_variance_of_a_displaced_place(seed):
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_the_form_of_the_floor_does_not_depend_on_where_the_camera_was(seed):
+def test_the_floor_form_does_not_depend_on_the_camera_pose(seed):
     rng = np.random.default_rng(seed)
     root = rng.normal(0, [0.01, 0.01, 0.005], (3, 3))
     turned = Pose2(0.0, 0.0, rng.uniform(-3, 3)).lifted().rotation
@@ -106,7 +106,7 @@ def test_the_form_of_the_floor_does_not_depend_on_where_the_camera_was(seed):
     assert level @ floor_form(world) @ level == pytest.approx(expected, rel=1e-6)
 
 
-class Twin:
+class PlainFusion:
     """The same fusion cell by cell in plain Python, on the grid's own belief."""
 
     def __init__(self) -> None:
@@ -142,7 +142,7 @@ class Twin:
 
 def test_kernel_and_plain_python_fuse_the_same():
     rng = np.random.default_rng(8)
-    grid, twin = EgocentricGrid(GridConfig(side_m=0.35), np.zeros(2)), Twin()
+    grid, twin = EgocentricGrid(GridConfig(side_m=0.35), np.zeros(2)), PlainFusion()
     floor = Plane(LEVEL, 0.0, np.diag([0.0, 0.0, 0.004**2]))
     pose = Gaussian(np.zeros(3), np.diag([0.01**2, 0.03**2, 0.0]))
     shared = 0.004**2, (0.01**2 + 0.03**2) / 2
@@ -170,10 +170,10 @@ def test_kernel_and_plain_python_fuse_the_same():
         np.testing.assert_allclose(grid.height_variance_m2, expected[1], rtol=1e-3)
 
 
-def test_heights_are_as_wrong_as_their_variance_says():
-    # A bumpy floor, 20 frames, noise of the points and nothing else: NEES of each cell is chi-square.
+def test_height_errors_are_consistent_with_their_variance():
+    # A bumpy floor, 20 frames, depth noise only: NEES of each cell is chi-square.
     rng = np.random.default_rng(5)
-    config = GridConfig(side_m=1.55, heights=HeightConfig(sigma_m=1e-5))
+    config = GridConfig(side_m=1.55, height_sigma_m=1e-5)
     grid = EgocentricGrid(config, np.zeros(2))
     true = rng.normal(0.0, 0.002, (31, 31))
     sigma = rng.uniform(0.004, 0.02, (31, 31))
@@ -188,7 +188,7 @@ def test_heights_are_as_wrong_as_their_variance_says():
     assert stats.chi2.ppf(1e-4, 961) / 961 * 0.75 < nees.mean() < stats.chi2.ppf(0.9999, 961) / 961
 
 
-def test_errors_that_last_are_not_averaged_away():
+def test_errors_common_to_all_frames_are_not_averaged_away():
     # One wrong floor for all frames: the variance must go on covering it.
     rng = np.random.default_rng(6)
     offset = 0.004
@@ -204,7 +204,7 @@ def test_errors_that_last_are_not_averaged_away():
     assert stats.chi2.ppf(1e-3, 60) / 60 < np.mean(nees) < stats.chi2.ppf(0.999, 60) / 60
 
 
-def test_another_surface_replaces_the_old_one():
+def test_a_mean_outside_the_gate_replaces_the_height():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     for k in range(5):
         see(grid, at(grid, 5, 6, [0.10, 0.10, 0.11]), True, 1.0 + k)
@@ -212,18 +212,18 @@ def test_another_surface_replaces_the_old_one():
     assert grid.height_m[5, 6] == pytest.approx(0.3033, abs=1e-3)
 
 
-def test_when_the_obstacle_is_gone_so_is_its_height():
+def test_the_height_of_an_obstacle_is_removed_with_the_obstacle():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, at(grid, 5, 6, [0.10, 0.10, 0.11]), True)
     for k in range(2):
         see(grid, at(grid, 5, 6, [0.0]), False, 2.0 + k)
-        assert grid.height_m[5, 6] == pytest.approx(0.1033, abs=1e-3)  # still believed to stand
+        assert grid.height_m[5, 6] == pytest.approx(0.1033, abs=1e-3)  # still occupied
     see(grid, at(grid, 5, 6, [0.001]), False, 4.0)
     assert grid.probability[5, 6] < 0.5
     assert grid.height_m[5, 6] == pytest.approx(0.001)
 
 
-def test_a_ray_frees_a_cell_without_measuring_its_height():
+def test_a_cell_cleared_by_a_ray_has_no_height():
     grid = EgocentricGrid(GridConfig(), np.zeros(2))
     row, column = grid.cell_of(np.array([1.5, 0.0]))
     see(grid, at(grid, row, column, [0.0, 0.001, 0.002]), False, sensor_height_m=0.4)
@@ -231,7 +231,7 @@ def test_a_ray_frees_a_cell_without_measuring_its_height():
     assert np.isfinite(grid.height_m[row]).sum() == 1
 
 
-def test_heights_scroll_with_the_grid_and_what_enters_has_none():
+def test_heights_scroll_with_the_grid_and_entering_cells_have_none():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, at(grid, 7, 9, [0.2] * 3), True)
     grid.move(np.array([0.10, -0.05]))
@@ -242,7 +242,7 @@ def test_heights_scroll_with_the_grid_and_what_enters_has_none():
     assert np.isnan(grid.height_variance_m2).all()
 
 
-def test_points_without_heights_leave_heights_as_they_are():
+def test_points_without_heights_keep_the_stored_heights():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, at(grid, 7, 9, [0.2] * 3), True)
     see(grid, at(grid, 7, 9, [0.5] * 3)[:, :2], True, 2.0)
@@ -250,12 +250,12 @@ def test_points_without_heights_leave_heights_as_they_are():
     assert np.isfinite(grid.height_m).sum() == 1
 
 
-def test_what_is_forgotten_has_no_height():
+def test_a_forgotten_cell_has_no_height():
     grid = EgocentricGrid(SMALL, np.zeros(2))
     see(grid, at(grid, 3, 7, [0.2] * 3), True, is_moving=np.ones(3, np.bool_))
     see(grid, at(grid, 7, 7, [0.2] * 3), True)
     see(grid, at(grid, 0, 0, [0.0]), False, 2.0)
-    grid.let_fade(grid.centre_of(7, 7)[None], np.array([0.06]))
+    grid.mark_moving(grid.centre_of(7, 7)[None], np.array([0.06]))
     grid.age(100.0)
     assert np.isfinite(grid.height_m).sum() == 1
     assert np.isfinite(grid.height_m[0, 0])
@@ -289,8 +289,6 @@ def test_points_outside_and_nan_heights_change_nothing():
 
 
 def test_bad_input_is_refused_with_its_reason():
-    with pytest.raises(ConfigError, match=r"sigma_m=0\.0 must be positive"):
-        HeightConfig(sigma_m=0.0)
     grid = EgocentricGrid(SMALL, np.zeros(2))
     with pytest.raises(InputError, match="2 points but 1 sigmas"):
         grid.update.__wrapped__(  # without the shape check that tests add

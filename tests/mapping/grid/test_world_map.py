@@ -1,4 +1,4 @@
-"""The map that stays: the same evidence wherever it grows from."""
+"""The world map: its content does not depend on where it grows."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mapping.grid.world_map import WorldMap, WorldMapConfig
 from perception.primitives.errors import ConfigError, InputError
 
 
-def test_it_agrees_with_a_terrain_map_that_never_left():
+def test_it_agrees_with_a_terrain_map_that_does_not_move():
     # Start the terrain map in the middle of a world cell: then the two lattices are one.
     rng = np.random.default_rng(2)
     grid = EgocentricGrid(GridConfig(side_m=2.05), np.array([0.525, -0.275]))
@@ -41,7 +41,7 @@ def test_it_agrees_with_a_terrain_map_that_never_left():
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=1, max_size=8))
-def test_where_it_grows_does_not_change_what_it_holds(places):
+def test_its_content_does_not_depend_on_where_it_grows(places):
     world = WorldMap()
     expected: dict[tuple[int, int], float] = {}
     for k, place in enumerate(places):
@@ -56,28 +56,14 @@ def test_where_it_grows_does_not_change_what_it_holds(places):
         assert world.probability[row, column] == pytest.approx(1 / (1 + np.exp(-odds)), abs=1e-6)
 
 
-def test_the_crop_holds_every_seen_cell_and_nothing_more():
-    world = WorldMap()
-    for place in ((-3.01, 2.02), (1.26, -0.49)):
-        world.update(np.tile(np.array(place), (3, 1)), np.ones(3, bool), 1.0)
-    map_ = world.crop()
-    assert map_.known.sum() == 2
-    assert map_.known[0, -1]
-    assert map_.known[-1, 0]
-    np.testing.assert_allclose(map_.origin, [-3.05, -0.5], atol=1e-12)
-    assert map_.probability.shape == (51, 87)
-    assert map_.probability[0, 0] == 0.5  # between the two nothing was seen
-
-
-def test_an_empty_map_has_an_empty_crop_and_takes_empty_frames():
+def test_empty_frames_leave_an_empty_map():
     world = WorldMap()
     world.update(np.zeros((0, 2)), np.zeros(0, bool), 1.0)
     world.update(np.full((4, 2), np.nan), np.ones(4, bool), 1.0)
-    assert world.crop().probability.shape == (0, 0)
     assert world.probability.shape == (0, 0)
 
 
-def test_the_height_is_that_of_the_highest_thing_at_rest_while_the_cell_is_occupied():
+def test_the_height_is_that_of_the_highest_static_obstacle_point_of_an_occupied_cell():
     world = WorldMap()
     points = np.tile(np.array([[0.52, 0.52]]), (4, 1))
     heights = np.array([0.1, 0.3, np.nan, 0.2])
@@ -90,7 +76,7 @@ def test_the_height_is_that_of_the_highest_thing_at_rest_while_the_cell_is_occup
     assert np.isnan(world.height_m[cell])
 
 
-def test_heights_agree_with_their_numpy_twin():
+def test_heights_agree_with_numpy():
     rng = np.random.default_rng(4)
     points = rng.uniform(-1, 1, (5000, 2))
     heights = rng.uniform(0, 1, 5000)
@@ -105,7 +91,7 @@ def test_heights_agree_with_their_numpy_twin():
     assert held.sum() > 300
 
 
-def test_a_walker_leaves_no_trail_behind_once_the_floor_was_seen_again():
+def test_a_moving_obstacle_leaves_no_trail_on_floor_that_is_seen_again():
     # A disc walks 2 m through a seen floor; each frame shows the floor it no longer covers.
     rng = np.random.default_rng(6)
     grid, world = EgocentricGrid(GridConfig(), np.zeros(2)), WorldMap()
@@ -128,7 +114,7 @@ def test_a_walker_leaves_no_trail_behind_once_the_floor_was_seen_again():
     assert (world.known & (world.probability >= 0.5)).sum() <= 60
 
 
-def test_far_strays_do_not_blow_up_the_map():
+def test_outliers_far_away_do_not_enlarge_the_map():
     world = WorldMap(WorldMapConfig(most_cells=90_000))
     near = np.random.default_rng(0).uniform(-1, 1, (300, 2))
     world.update(np.concatenate([near, [[1e7, 0.0], [0.0, -1e9]]]), np.zeros(302, bool), 1.0)
@@ -151,7 +137,7 @@ def test_bad_input_is_refused_with_its_reason():
         )
 
 
-def test_noise_at_the_face_of_a_wall_does_not_thicken_the_map_of_it():
+def test_depth_noise_does_not_thicken_a_wall():
     """A wall that ends 3 mm behind the edge of a cell, seen from near: hundreds of points in each of its cells."""
     rng = np.random.default_rng(3)
     thick, thin = WorldMap(WorldMapConfig(evidence=EvidenceConfig())), WorldMap()
@@ -167,8 +153,8 @@ def test_noise_at_the_face_of_a_wall_does_not_thicken_the_map_of_it():
     assert thin.probability[tuple(thin.cell_of(behind))] > 0.9
 
 
-def test_a_thin_leg_before_a_wall_stays_in_the_map():
-    """A leg has fewer points than the wall behind it, not so few as noise has."""
+def test_a_thin_leg_in_front_of_a_wall_stays_in_the_map():
+    """A leg has fewer points than the wall behind it, but more than noise."""
     world = WorldMap()
     wall = np.column_stack([np.full(400, 1.02), np.repeat(np.arange(0.005, 0.05, 0.005), 45)[:400]])
     leg = np.column_stack([np.full(60, 0.96), np.full(60, 0.02)])

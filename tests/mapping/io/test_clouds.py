@@ -12,7 +12,7 @@ from perception.primitives.errors import ConfigError, InputError, OutputError
 
 
 def twin(frames: list[tuple[np.ndarray, np.ndarray]], voxel_m: float) -> dict:
-    """Means, colours and sightings of each voxel by a dictionary, in the order of the first hit."""
+    """Sums, counts and frames of each voxel by a dictionary, in the order of the first hit."""
     held: dict[tuple[int, ...], list] = {}
     for k, (points, colours) in enumerate(frames):
         for point, colour in zip(points, colours, strict=True):
@@ -43,7 +43,7 @@ def test_each_voxel_holds_the_mean_of_its_points(seed):
     np.testing.assert_array_equal(builder.sightings, [len(e[3]) for e in held.values()])
 
 
-def test_many_voxels_survive_the_growth_of_the_table():
+def test_growth_of_the_table_keeps_all_voxels():
     rng = np.random.default_rng(1)
     points = rng.uniform(-5, 5, (60_000, 3))
     builder = CloudBuilder(CloudConfig(voxel_m=0.02))
@@ -54,7 +54,7 @@ def test_many_voxels_survive_the_growth_of_the_table():
     assert builder.cloud()[1] is None
 
 
-def test_voxels_double_when_they_run_out_and_keep_the_mean():
+def test_voxels_double_in_size_at_the_limit_and_keep_the_mean():
     rng = np.random.default_rng(2)
     points = rng.uniform(-1, 1, (20_000, 3))
     builder = CloudBuilder(CloudConfig(voxel_m=0.02, most_voxels=3000))
@@ -69,7 +69,7 @@ def test_voxels_double_when_they_run_out_and_keep_the_mean():
     )
 
 
-def test_nan_and_what_is_too_far_are_passed_over():
+def test_nan_and_points_out_of_reach_are_ignored():
     builder = CloudBuilder()
     builder.add(np.array([[np.nan, 0, 0], [1e9, 0, 0], [0.5, 0.5, 0.5], [np.inf, 0, 0]]))
     assert len(builder) == 1
@@ -83,7 +83,7 @@ def test_bad_input_is_refused_with_its_reason():
         CloudConfig(most_voxels=1)
 
 
-def test_a_cloud_is_written_whole_and_read_back(tmp_path):
+def test_a_cloud_is_written_and_read_back(tmp_path):
     pytest.importorskip("open3d", reason="Open3D cannot be loaded here", exc_type=ImportError)
     rng = np.random.default_rng(3)
     points = rng.uniform(-1, 1, (100, 3))
@@ -102,6 +102,6 @@ def test_a_cloud_is_written_whole_and_read_back(tmp_path):
         load_ply(tmp_path / "bad.ply")
 
 
-def test_a_missing_cloud_is_told(tmp_path):
+def test_a_missing_cloud_is_reported(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         load_ply(tmp_path / "none.ply")

@@ -1,4 +1,4 @@
-"""The terrain map as a file: what is saved is loaded, goes on to the same bits, and damage is told."""
+"""The terrain map as a file: saved and loaded maps update alike, and damage is reported."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from mapping.grid.evidence import EvidenceConfig
 from mapping.io import grid_file
 from perception.primitives.errors import InputError, OutputError
 
-SMALL = GridConfig(side_m=0.75, cell_m=0.05, evidence=EvidenceConfig(mover=0.6))
+SMALL = GridConfig(side_m=0.75, cell_m=0.05, evidence=EvidenceConfig(limit=3.0))
 
 
 def walk(grid: EgocentricGrid, confidence: ConfidenceLayer, steps: int, seed: int) -> None:
-    """Some steps through random points, with all that a grid can do."""
+    """Random steps and points that use every function of a grid."""
     rng = np.random.default_rng(seed)
     for k in range(steps):
         grid.move(grid.position + rng.uniform(-0.06, 0.09, 2))
@@ -58,7 +58,7 @@ def assert_same(a: EgocentricGrid, b: EgocentricGrid) -> None:
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_a_loaded_map_goes_on_to_the_same_bits(tmp_path_factory, seed):
+def test_updates_of_a_loaded_map_give_the_same_bits(tmp_path_factory, seed):
     grid, confidence = walked(seed)
     path = grid_file.save(tmp_path_factory.mktemp("map") / "terrain.npz", grid, confidence)
     loaded, freshness = grid_file.load(path)
@@ -72,7 +72,7 @@ def test_a_loaded_map_goes_on_to_the_same_bits(tmp_path_factory, seed):
     np.testing.assert_array_equal(freshness.values, confidence.values)
 
 
-def test_a_map_never_used_and_without_confidence_is_kept_too(tmp_path):
+def test_an_unused_map_without_confidence_is_saved_too(tmp_path):
     grid = EgocentricGrid(SMALL, np.zeros(2))
     loaded, freshness = grid_file.load(grid_file.save(tmp_path / "m.npz", grid))
     assert freshness is None
@@ -107,24 +107,24 @@ def with_settings(path: Path, **changed: object) -> Path:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"format": np.array(9)}, "format 9, this version reads 1"),
+        ({"format": np.array(9)}, "format 9, this version reads 2"),
         ({"format": None}, "no array 'format'"),
         ({"moving": None}, "no array 'moving'"),
         ({"settings": np.array("{")}, "settings cannot be used"),
         ({"log_odds": np.zeros((3, 3), np.float32)}, r"'log_odds' is float32 of shape \(3, 3\)"),
         ({"first": np.zeros(2)}, "'first' is float64"),
-        ({"log_odds": np.full((15, 15), np.nan, np.float32)}, "log_odds, .* hold values"),
-        ({"rest": np.array([0.3, 0.0])}, "rest hold values"),
-        ({"start": np.array([np.inf, 0.0])}, "start, rest hold values"),
-        ({"latest_s": np.array(np.nan)}, "latest_s hold values"),
-        ({"updated_s": np.full((15, 15), np.inf)}, "updated_s hold values"),
-        ({"moving": np.ones((15, 15), bool)}, "moving hold values"),
+        ({"log_odds": np.full((15, 15), np.nan, np.float32)}, "log_odds, .* hold impossible"),
+        ({"rest": np.array([0.3, 0.0])}, "rest hold impossible"),
+        ({"start": np.array([np.inf, 0.0])}, "start, rest hold impossible"),
+        ({"latest_s": np.array(np.nan)}, "latest_s hold impossible"),
+        ({"updated_s": np.full((15, 15), np.inf)}, "updated_s hold impossible"),
+        ({"moving": np.ones((15, 15), bool)}, "moving hold impossible"),
         ({"height_variance_m2": np.full((15, 15), -1.0, np.float32)}, "height_variance_m2 hold"),
         ({"confidence": np.full((15, 15), 1.5, np.float32)}, r"confidence outside \[0, 1\]"),
         ({"confidence": np.zeros((2, 2), np.float32)}, "'confidence' is float32"),
     ],
 )
-def test_what_no_map_holds_is_refused_by_name(tmp_path, changed, message):
+def test_impossible_values_are_refused_by_name(tmp_path, changed, message):
     path = rewrite(grid_file.save(tmp_path / "m.npz", *walked(1)), **changed)
     with pytest.raises(InputError, match=message):
         grid_file.load(path)
@@ -134,8 +134,8 @@ def test_what_no_map_holds_is_refused_by_name(tmp_path, changed, message):
     ("changed", "message"),
     [
         ({"cell_m": -1.0}, "cell_m=-1"),
-        ({"evidence": {"mover": -2.0}}, "mover=-2"),
-        ({"heights": {}, "colour": 3}, "colour"),
+        ({"evidence": {"limit": -2.0}}, "limit=-2"),
+        ({"colour": 3}, "colour"),
         ({"evidence": 3}, "settings cannot be used"),
         ({"confidence": {"loss_per_s": -1.0}}, "loss_per_s"),
         ({"confidence": None}, "confidence layer"),
@@ -169,10 +169,10 @@ def test_a_damaged_file_is_refused_or_reads_the_same(saved, data):
         loaded, _ = grid_file.load(path)
     except InputError:
         return
-    assert_same(grid, loaded)  # the byte was one that nothing depends on
+    assert_same(grid, loaded)  # no content depends on that byte
 
 
-def test_what_is_no_map_at_all_is_told(tmp_path):
+def test_a_file_that_is_no_map_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read: No such file"):
         grid_file.load(tmp_path / "none.npz")
     np.save(tmp_path / "one.npy", np.zeros(3))
@@ -186,7 +186,7 @@ def test_what_is_no_map_at_all_is_told(tmp_path):
         grid_file.load(tmp_path / "pickled.npz")
 
 
-def test_a_file_that_cannot_be_written_is_told_and_leaves_the_old_one(tmp_path, monkeypatch):
+def test_a_failed_write_is_reported_and_keeps_the_old_file(tmp_path, monkeypatch):
     grid, confidence = walked(4)
     with pytest.raises(OutputError, match="cannot write"):
         grid_file.save(tmp_path / "no" / "m.npz", grid)

@@ -1,4 +1,4 @@
-"""Maps as map_server's files: written, read, and read by other eyes."""
+"""Maps as files of map_server: written, read, and read by OpenCV."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GOOD = "image: m.pgm\nresolution: 0.05\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\nocc
     st.tuples(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3)),
     st.sampled_from([0.05, 0.02, 0.1]),
 )
-def test_what_is_saved_is_loaded(tmp_path_factory, rows, columns, origin, cell_m):
+def test_a_saved_map_is_loaded_unchanged(tmp_path_factory, rows, columns, origin, cell_m):
     folder = tmp_path_factory.mktemp("map")
     rng = np.random.default_rng(rows * 100 + columns)
     state = rng.integers(0, 3, (rows, columns))  # free, occupied, unknown
@@ -45,7 +45,7 @@ def test_what_is_saved_is_loaded(tmp_path_factory, rows, columns, origin, cell_m
     assert sorted(f.name for f in folder.iterdir()) == ["m.pgm", "m.yaml"]
 
 
-def test_the_picture_shows_north_up_in_the_colours_of_map_server(tmp_path):
+def test_the_image_shows_the_largest_y_at_the_top_in_map_server_grey_values(tmp_path):
     p = np.array([[0.05, 0.95, 0.05], [0.05, 0.05, 0.5]], np.float32)
     known = np.array([[True, True, False], [True, True, True]])
     nav2.save(tmp_path, "m", p, known, np.zeros(2), 0.05)
@@ -53,8 +53,8 @@ def test_the_picture_shows_north_up_in_the_colours_of_map_server(tmp_path):
     np.testing.assert_array_equal(image, [[254, 254, 205], [254, 0, 205]])
 
 
-def test_the_thresholds_keep_its_own_unknown_unknown(tmp_path):
-    # 205 is p = 50/255 = 0.19608; a reader with free_thresh above that takes it for free.
+def test_unknown_pixels_lie_between_the_thresholds(tmp_path):
+    # 205 is p = 50/255 = 0.19608; a reader with a higher free_thresh reads it as free.
     path = nav2.save(
         tmp_path, "m", np.zeros((1, 1), np.float32), np.zeros((1, 1), bool), np.zeros(2), 0.05
     )
@@ -62,13 +62,13 @@ def test_the_thresholds_keep_its_own_unknown_unknown(tmp_path):
     assert float(entries["free_thresh"]) < 50 / 255 < float(entries["occupied_thresh"])
 
 
-def test_a_map_of_nothing_is_one_unknown_cell(tmp_path):
+def test_an_empty_map_is_one_unknown_cell(tmp_path):
     empty = np.zeros((0, 0))
     path = nav2.save(tmp_path, "m", empty.astype(np.float32), empty.astype(bool), np.zeros(2), 0.05)
     assert not nav2.load(path).known.any()
 
 
-def test_maps_of_others_are_read(tmp_path):
+def test_maps_of_other_writers_are_read(tmp_path):
     commented = b"P5\n# CREATOR: map_saver 0.05 m/pix\n2 2\n255\n\x00\xfe\xcd\x80"
     trinary = nav2.load(write(tmp_path, GOOD + "mode: trinary  # usual\n", commented))
     np.testing.assert_array_equal(trinary.probability, [[0.5, 0.5], [1.0, 0.0]])
@@ -85,10 +85,10 @@ def test_maps_of_others_are_read(tmp_path):
         (GOOD.replace("resolution: 0.05\n", ""), None, "no resolution"),
         (GOOD.replace("0.05", "fine"), None, "resolution='fine' must be a number"),
         (GOOD.replace("0.05", "-1"), None, "must be positive"),
-        (GOOD.replace("0.0]", "0.7]"), None, r"turned by 0\.7 rad"),
+        (GOOD.replace("0.0]", "0.7]"), None, r"rotated by 0\.7 rad"),
         (GOOD.replace("[-1.0, 2.0, 0.0]", "[1.0]"), None, "must be"),
         (GOOD.replace("m.pgm", "other.pgm"), None, "other.pgm cannot be read"),
-        (GOOD + "mode: raw\n", None, "mode 'raw' is not read"),
+        (GOOD + "mode: raw\n", None, "mode 'raw' is not supported"),
         (GOOD, b"P5\n4 4\n255\n\x00\x01", "2 bytes of pixels, expected 16"),
         (GOOD, b"P2\n1 1\n255\n7", r"expected a binary PGM \(P5\)"),
         (GOOD, b"", r"expected a binary PGM \(P5\)"),
@@ -100,7 +100,7 @@ def test_bad_maps_are_refused_with_their_reason(tmp_path, yaml, pgm, message):
         nav2.load(path)
 
 
-def test_a_missing_map_and_a_missing_folder_are_told(tmp_path):
+def test_a_missing_map_and_a_missing_folder_are_reported(tmp_path):
     with pytest.raises(InputError, match=r"none\.yaml cannot be read"):
         nav2.load(tmp_path / "none.yaml")
     with pytest.raises(OutputError, match=r"cannot write .*m\.pgm"):
@@ -114,7 +114,7 @@ def test_a_missing_map_and_a_missing_folder_are_told(tmp_path):
         )
 
 
-def test_a_write_that_fails_leaves_the_old_map_whole(tmp_path, monkeypatch):
+def test_a_failed_write_keeps_the_old_map(tmp_path, monkeypatch):
     one = (np.ones((1, 1), np.float32), np.ones((1, 1), bool), np.zeros(2), 0.05)
     path = nav2.save(tmp_path, "m", *one)
     before = {f.name: f.read_bytes() for f in tmp_path.iterdir()}

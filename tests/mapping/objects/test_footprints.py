@@ -1,4 +1,4 @@
-"""Ground plans: of boxes that are known on paper, and of the cabinet that was measured."""
+"""Footprints of generated boxes and of a measured cabinet."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.io.clouds import CloudBuilder, CloudConfig
-from mapping.objects.footprints import Footprint, FootprintConfig, find
+from mapping.objects.footprints import EDGE_SIGMA_M, Footprint, FootprintConfig, find
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3
 
@@ -50,7 +50,7 @@ def box(
 
 
 def placed(points: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
-    """The points carried to a place on the floor."""
+    """The points moved to a pose on the floor."""
     return Pose2(x, y, yaw).lifted().apply(points)
 
 
@@ -68,7 +68,7 @@ def turn_between(a: float, b: float) -> float:
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(-1.5, 1.5), st.booleans())
-def test_a_box_has_its_own_size_wherever_it_stands(seed, yaw, whole):
+def test_a_box_has_its_size_at_any_pose(seed, yaw, whole):
     rng = np.random.default_rng(seed)
     size = (0.8, 0.45, 0.5)
     faces = "front back left right top" if whole else "front left top"
@@ -83,7 +83,7 @@ def test_a_box_has_its_own_size_wherever_it_stands(seed, yaw, whole):
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.4, 1.0, -1.2])
-def test_two_faces_of_a_thing_higher_than_the_camera_give_its_whole_plan(yaw):
+def test_two_faces_of_an_obstacle_above_the_camera_give_its_whole_footprint(yaw):
     points = box(np.random.default_rng(1), (1.2, 0.6, 1.5), "front left", density=2000)
     (footprint,) = find(voxels(placed(points, 2.0, 1.0, yaw)))
     assert footprint.length_m == pytest.approx(1.2, abs=0.03)
@@ -91,7 +91,7 @@ def test_two_faces_of_a_thing_higher_than_the_camera_give_its_whole_plan(yaw):
     np.testing.assert_allclose(footprint.centre, [2.0, 1.0], atol=0.02)
 
 
-def test_a_face_seen_too_far_out_by_some_frames_does_not_move_the_edge():
+def test_a_face_displaced_in_some_frames_does_not_move_the_side():
     rng = np.random.default_rng(2)
     points = box(rng, (0.8, 0.45, 0.5))
     stray = points[rng.choice(len(points), 120, replace=False)] + rng.normal(0, 1, (120, 3)) * [
@@ -106,7 +106,7 @@ def test_a_face_seen_too_far_out_by_some_frames_does_not_move_the_edge():
     assert footprint.width_m == pytest.approx(0.45, abs=0.05)
 
 
-def test_things_a_hand_apart_are_two_and_parts_of_one_are_one():
+def test_obstacles_separate_at_wide_gaps_and_join_at_narrow_ones():
     rng = np.random.default_rng(3)
     a = placed(box(rng, (0.3, 0.2, 0.3)), 0.0, 0.0, 0.0)
     b = placed(box(rng, (0.3, 0.2, 0.3)), 0.0, 0.35, 0.0)  # 15 cm of floor between
@@ -115,7 +115,7 @@ def test_things_a_hand_apart_are_two_and_parts_of_one_are_one():
     assert len(find(voxels(np.concatenate([a, c])))) == 1
 
 
-def test_floor_mistaken_for_an_obstacle_does_not_belong_to_what_it_touches():
+def test_floor_misclassified_as_obstacle_is_separated_from_the_obstacle_it_touches():
     rng = np.random.default_rng(4)
     cabinet = box(rng, (0.8, 0.45, 0.5))
     floor = rng.uniform([0.2, -0.6, 0.05], [1.6, 0.6, 0.08], (6000, 3))
@@ -128,12 +128,12 @@ def test_floor_mistaken_for_an_obstacle_does_not_belong_to_what_it_touches():
 
 
 def test_the_covariance_covers_the_error_of_the_centre():
-    # Faces off by a random bias of the deviation the configuration states, as in fused depth.
+    # Faces displaced by a random bias of EDGE_SIGMA_M, as in fused depth.
     rng = np.random.default_rng(5)
     distances = []
     for _ in range(60):
         yaw = rng.uniform(-1.5, 1.5)
-        bias = rng.normal(0, FootprintConfig().edge_sigma_m, 4)
+        bias = rng.normal(0, EDGE_SIGMA_M, 4)
         size = (0.8 + bias[0] + bias[1], 0.45 + bias[2] + bias[3], 0.5)
         middle = Pose2(1.0, 2.0, yaw).apply(np.array([bias[0] - bias[1], bias[2] - bias[3]]) / 2)
         (footprint,) = find(voxels(placed(box(rng, size, density=2500), *middle, yaw)))
@@ -142,7 +142,7 @@ def test_the_covariance_covers_the_error_of_the_centre():
     assert 0.5 < np.mean(distances) / 2 < 1.5  # normalised error squared, two degrees of freedom
 
 
-def test_a_round_thing_has_its_diameter_both_ways():
+def test_a_cylinder_has_its_diameter_as_length_and_width():
     rng = np.random.default_rng(6)
     angle, height = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(0, 0.4, 6000)
     points = np.column_stack([0.15 * np.cos(angle), 0.15 * np.sin(angle), height])
@@ -166,14 +166,14 @@ def test_the_order_of_points_does_not_matter():
         assert a.length_m == pytest.approx(b.length_m, abs=1e-9)
 
 
-def test_nothing_stands_where_there_are_no_or_only_stray_points():
+def test_outliers_alone_are_no_obstacle():
     rng = np.random.default_rng(8)
     assert find(np.zeros((0, 3))) == []
     assert find(np.full((50, 3), np.nan)) == []
     assert find(rng.uniform(-3, 3, (150, 3))) == []
 
 
-def test_voxels_seen_once_on_a_thing_seen_often_are_stray():
+def test_voxels_seen_once_beside_a_well_seen_obstacle_are_outliers():
     rng = np.random.default_rng(9)
     points = voxels(box(rng, (0.8, 0.45, 0.5)))
     ghost = voxels(box(rng, (0.94, 0.45, 0.5), "right"))  # the same face, 7 cm out, in one frame
@@ -191,10 +191,10 @@ def test_a_single_frame_is_enough_for_a_footprint():
 
 
 def test_bad_configurations_are_refused_with_their_reason():
-    with pytest.raises(ConfigError, match=r"cell_m=0\.2 must be positive and at most gap_m=0\.08"):
-        FootprintConfig(cell_m=0.2)
-    with pytest.raises(ConfigError, match=r"skirt=1\.0"):
-        FootprintConfig(skirt=1.0)
+    with pytest.raises(ConfigError, match=r"gap_m=0\.01 must be at least 0\.02"):
+        FootprintConfig(gap_m=0.01)
+    with pytest.raises(ConfigError, match="least_points=2"):
+        FootprintConfig(least_points=2)
 
 
 # The cabinet of a real recording: 38 frames of depth, poses by motion capture.
@@ -232,18 +232,18 @@ def assert_is_the_cabinet(footprint: Footprint, recordings: Path) -> None:
 
 
 def near_the_cabinet(footprints: list[Footprint], recordings: Path) -> list[Footprint]:
-    """Footprints whose middle is in the cabinet or within half a metre of it."""
+    """Footprints with their centre in the cabinet or within half a metre of it."""
     x, y = np.loadtxt(recordings / "tum_fr3_cabinet" / "truth_objects.txt")[:2]
     return [f for f in footprints if np.linalg.norm(f.centre - [x, y]) < 0.9]
 
 
-def test_the_cabinet_is_one_thing_of_its_own_size(cabinet, recordings):
+def test_the_cabinet_is_one_obstacle_of_its_size(cabinet, recordings):
     footprints = find(cabinet.cloud()[0], sightings=cabinet.sightings)
     (footprint,) = near_the_cabinet(footprints, recordings)
     assert_is_the_cabinet(footprint, recordings)
 
 
-def test_the_cabinet_keeps_its_size_when_nobody_counted_sightings(cabinet, recordings):
+def test_the_cabinet_keeps_its_size_without_sightings(cabinet, recordings):
     points = cabinet.cloud()[0]
     footprint = find(points[points[:, 2] > 0.1])[0]
     truth = np.loadtxt(recordings / "tum_fr3_cabinet" / "truth_objects.txt")

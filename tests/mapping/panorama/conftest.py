@@ -1,4 +1,4 @@
-"""Views of simulated rooms by a turning head, with the poses they were truly taken from."""
+"""Views of simulated rooms by a turning head, with their true poses."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from perception.depth import time_of_flight
 from perception.features.pictures import amplitude_picture
 from perception.primitives.frame import RangeView
 from perception.primitives.pose import Pose3, head_rotation
-from sim.rendering.rays import RayCaster
-from sim.scenes import catalogue
-from sim.sensors.tof_camera import TofCamera, TofConfig
 
 LEVER = np.array([0.0, -0.035, 0.035])  # of the camera about the neck, camera axes, m
 
 
 def head_pose(pan_rad, tilt_rad):
-    """Where the camera is on a head so turned, half a metre above the floor."""
+    """Camera pose for pan and tilt of the head, half a metre above the floor."""
     rotation = head_rotation(pan_rad, tilt_rad)
     return Pose3.from_rotation(rotation, np.array([0.0, 0.0, 0.55]) + rotation @ LEVER)
 
 
 @pytest.fixture(scope="session")
 def look_round():
-    """Function of scene, seed and encoder error in deg to nine views and their true poses."""
+    """Function of scene, seed and encoder error in deg to nine views and their true poses; needs `sim`."""
+    rays = pytest.importorskip("sim.rendering.rays", reason="renders the views")
+    from sim.scenes import catalogue
+    from sim.sensors.tof_camera import TofCamera, TofConfig
 
     def look(scene_name, seed, error_deg, walk_m=0.0):
         scene = catalogue.load(scene_name, seed)
-        caster = RayCaster(scene)
-        caster.place([mover.start for mover in scene.movers])
+        caster = rays.RayCaster(scene)
+        caster.place([mover.start for mover in scene.moving_objects])
         rng = np.random.default_rng([seed, 99])
         camera = TofCamera(TofConfig(), rng)
         views, true = [], []

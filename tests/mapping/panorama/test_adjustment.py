@@ -1,4 +1,4 @@
-"""Which views the adjustment places: those that a believed pair, or a prior, holds."""
+"""The pose graph places views that have a prior or a certain link."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ TURN = Pose3.from_rotation(head_rotation(0.0, 0.2), np.array([0.1, 0.0, 0.0]))
 
 
 @pytest.mark.parametrize("rotations_only", [True, False])
-def test_a_view_without_prior_is_placed_if_its_pair_tells_how_it_lies(rotations_only):
+def test_a_view_without_prior_is_placed_by_a_certain_pair(rotations_only):
     sure = Link(0, 1, TURN, 1e-6 * np.eye(6), 50, 60)
     placed = adjust([FIRST, None], [sure], rotations_only)
     assert placed[1] is not None

@@ -1,4 +1,4 @@
-"""What encoders know beforehand: where features must lie, how far a pair may turn, that a neck stays."""
+"""Encoder priors: they predict features, limit the rotation of a pair, and fix the neck position."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mapping.panorama.adjustment import Prior, adjust
-from mapping.panorama.pairs import Link, PairConfig, Seen, pair_up
-from mapping.panorama.surfaces import SurfaceConfig, align, surface
+from mapping.panorama.pairs import Link, ViewFeatures, match_features
+from mapping.panorama.surfaces import align, surface
 from mapping.panorama.views import PriorConfig, prior_covariance
 from perception.features.matching import match
 from perception.primitives.camera import Camera
@@ -24,7 +24,7 @@ def unit(values):
     return values / np.linalg.norm(values, axis=1, keepdims=True)
 
 
-def test_only_pairs_in_question_are_matched():
+def test_only_allowed_pairs_are_matched():
     rng = np.random.default_rng(0)
     first = unit(rng.standard_normal((6, 128)))
     second = unit(np.concatenate([first, first + 0.3 * unit(rng.standard_normal((6, 128)))]))
@@ -34,14 +34,14 @@ def test_only_pairs_in_question_are_matched():
     np.testing.assert_array_equal(match(first, second, None, allowed)[:, 1], np.arange(6) + 6)
 
 
-def test_the_only_one_in_question_must_still_look_alike():
+def test_a_single_candidate_must_still_be_similar():
     rng = np.random.default_rng(1)
     first, second = unit(rng.standard_normal((5, 128))), unit(rng.standard_normal((5, 128)))
     assert len(match(first, second, None, np.eye(5, dtype=bool))) == 0
 
 
-def test_like_features_elsewhere_do_not_confuse_where_encoders_know():
-    """Every feature occurs twice, as on a row of equal boxes: nobody can tell, but the encoders can."""
+def test_encoders_resolve_ambiguous_features():
+    """Every feature occurs twice, as on a row of equal boxes; only the encoders can tell them apart."""
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-0.5, 0.5, (12, 2)), np.full(12, 1.5)])
     points = np.concatenate([points, points + np.array([0.4, 0.0, 0.0])])
@@ -51,44 +51,40 @@ def test_like_features_elsewhere_do_not_confuse_where_encoders_know():
 
     def seen(xyz):
         reach = np.linalg.norm(xyz, axis=1)
-        return Seen(xyz / reach[:, None], reach, words, np.zeros(len(xyz), np.int64))
+        return ViewFeatures(xyz / reach[:, None], reach, words, np.zeros(len(xyz), np.int64))
 
     both = seen(points), seen(turn.apply(points))
-    assert len(pair_up(*both, PairConfig())) == 0
-    guided = pair_up(*both, PairConfig(), turn)
+    assert len(match_features(*both)) == 0
+    guided = match_features(*both, turn)
     assert len(guided) == 24
     np.testing.assert_array_equal(guided[:, 0], guided[:, 1])
 
 
 def wall_and_floor(pan):
-    """A wall across the way and the floor: nothing tells where along the wall one looks."""
+    """A wall perpendicular to x, and the floor: the position along the wall is unobservable."""
     pose = Pose3.from_rotation(head_rotation(pan, 0.3), np.array([0.0, 0.0, 0.55]))
     rays = TOF.rays @ pose.rotation.T
     with np.errstate(divide="ignore"):
         z = np.where(rays[..., 2] < 0.0, -0.55 / rays[..., 2], np.inf)
         z = np.minimum(z, np.where(rays[..., 0] > 0.0, 1.2 / rays[..., 0], np.inf))
     z = z + 0.003 * np.random.default_rng(round(1e3 * abs(pan))).standard_normal(z.shape)
-    return pose, surface(
-        Depth(z.astype(np.float32), np.full(z.shape, 0.004, np.float32), TOF), SurfaceConfig()
-    )
+    return pose, surface(Depth(z.astype(np.float32), np.full(z.shape, 0.004, np.float32), TOF))
 
 
-def test_a_neck_that_stays_does_not_slide_along_a_wall():
+def test_a_fixed_neck_position_prevents_sliding_along_a_wall():
     one, target = wall_and_floor(0.15)
     other, source = wall_and_floor(-0.15)
     true = one.inverse() @ other
     off = Rotation.from_rotvec(one.rotation.T @ [0.0, 0.0, math.radians(1.0)]).as_matrix()
-    found = align(
-        target, source, Pose3.from_rotation(off @ true.rotation, true.position), None, 0.002
-    )
+    found = align(target, source, Pose3.from_rotation(off @ true.rotation, true.position), 0.002)
     assert found is not None
     assert np.linalg.norm(found.T_to_from.position - true.position) < 0.004
     turn = Rotation.from_matrix(found.T_to_from.rotation.T @ true.rotation).magnitude()
     assert math.degrees(turn) < 0.25
 
 
-def test_views_that_hang_together_share_their_yaw():
-    """Two encoders off by half a degree each; a good pair leaves their mean unsure, not their difference."""
+def test_linked_views_have_correlated_yaws():
+    """A good pair makes the difference of two yaws certain, and leaves their mean uncertain."""
     poses = [Pose3.from_rotation(head_rotation(pan, 0.0), np.zeros(3)) for pan in (0.25, -0.25)]
     priors = [Prior(pose, prior_covariance(pose, PriorConfig())) for pose in poses]
     sigma = math.radians(0.05)
@@ -100,7 +96,7 @@ def test_views_that_hang_together_share_their_yaw():
     np.testing.assert_allclose(a.yaws[1], b.yaws[0])
 
 
-def test_a_good_pair_far_off_the_encoders_is_heard():
+def test_a_good_pair_far_from_the_encoders_is_used():
     poses = [Pose3.from_rotation(head_rotation(pan, 0.0), np.zeros(3)) for pan in (0.25, -0.25)]
     off = Pose3.from_rotation(head_rotation(math.radians(1.4), 0.0), np.zeros(3))
     level = Pose3.from_rotation(head_rotation(0.0, 0.0), np.zeros(3))

@@ -1,4 +1,4 @@
-"""Sizes of what stands in a panorama: simulated boxes that are known, by a camera with all its errors."""
+"""Sizes of obstacles in a panorama: simulated boxes, by a camera with all its errors."""
 
 from __future__ import annotations
 
@@ -7,24 +7,26 @@ import math
 import numpy as np
 import pytest
 
-from mapping.panorama import printed
+from mapping.panorama import literal_formulas
 from mapping.panorama.adjustment import Placed
-from mapping.panorama.pieces import pieces
-from mapping.panorama.rendering import RenderConfig, render
+from mapping.panorama.rendering import render
+from mapping.panorama.segments import outline_segments
 from mapping.panorama.sizes import SizeConfig, surroundings
 from mapping.panorama.stitching import Panorama, StitchConfig, stitch
 from mapping.panorama.views import View, view_of_depth
 from perception.depth import time_of_flight
 from perception.features.pictures import amplitude_picture
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import InputError
 from perception.primitives.frame import RangeView
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.rendering.rays import RayCaster
-from sim.scene import FloorArea, Scene, StaticObject
-from sim.scenes.rooms import walls
-from sim.sensors.tof_camera import TofCamera, TofConfig
-from sim.shapes import Box
+
+rays = pytest.importorskip("sim.rendering.rays", reason="renders the views")
+
+from sim.scene import FloorArea, Scene, StaticObject  # noqa: E402
+from sim.scenes.rooms import walls  # noqa: E402
+from sim.sensors.tof_camera import TofCamera, TofConfig  # noqa: E402
+from sim.shapes import Box  # noqa: E402
 
 EXTENT = (-0.8, -2.2, 3.4, 2.2)
 CALIBRATED = time_of_flight.TofConfig(wiggle_m=0.004, stray_share=0.02)
@@ -40,7 +42,7 @@ def views_of(boxes, seed=0, error_deg=0.0, yaws=(15.0, -15.0)):
     things = tuple(StaticObject(f"box {k}", (box,), 0.6) for k, box in enumerate(boxes))
     floor = (FloorArea("planks/pine", EXTENT),)
     room = walls(EXTENT, ("wall/white",) * 4)
-    caster = RayCaster(Scene("test", 0, EXTENT, floor, room + things, (), (), Pose2(), ((1.0, 0.0),)))  # fmt: skip
+    caster = rays.RayCaster(Scene("test", 0, EXTENT, floor, room + things, (), (), Pose2(), ((1.0, 0.0),)))  # fmt: skip
     caster.place([])
     rng = np.random.default_rng([seed, 7])
     camera = TofCamera(TofConfig(), rng)
@@ -58,9 +60,9 @@ def views_of(boxes, seed=0, error_deg=0.0, yaws=(15.0, -15.0)):
 
 
 def exactly(views, poses, px_per_deg=4.0):
-    """The panorama of poses that are known."""
+    """The panorama of exactly known poses."""
     placed = [Placed(pose, 1e-8 * np.eye(6), "encoders", 0, np.zeros(len(poses))) for pose in poses]
-    return Panorama(placed, [], render(views, placed, RenderConfig(px_per_deg=px_per_deg)))
+    return Panorama(placed, [], render(views, placed, px_per_deg))
 
 
 def box(x, y, depth, width, height, yaw=0.0):
@@ -77,7 +79,7 @@ def three():
     return boxes, surroundings(exactly(views, true), views)
 
 
-def test_things_are_listed_from_left_to_right_with_their_sizes(three):
+def test_obstacles_are_listed_from_left_to_right_with_their_sizes(three):
     boxes, seen = three
     assert len(seen) == 3
     for true, found in zip(boxes, seen.obstacles, strict=True):
@@ -106,7 +108,7 @@ def test_gaps_are_the_free_widths(three):
         assert 0.0 < gap.sigma_width_m < 0.02
 
 
-def test_what_is_behind_something_says_so():
+def test_an_occluded_edge_is_marked():
     boxes = [box(0.9, 0.0, 0.1, 0.2, 0.5), box(1.6, 0.25, 0.2, 0.6, 0.4)]
     views, true = views_of(boxes)
     behind = max(surroundings(exactly(views, true), views).obstacles, key=lambda o: o.distance_m)
@@ -114,14 +116,14 @@ def test_what_is_behind_something_says_so():
     assert not behind.cut_left
 
 
-def test_walls_end_above_what_counts():
+def test_walls_have_no_top_below_the_highest_obstacle_height():
     views, true = views_of([box(1.2, 0.0, 0.2, 0.3, 0.3), box(1.9, 0.5, 0.1, 0.4, 1.5)])
     seen = surroundings(exactly(views, true), views).obstacles
     assert [one.cut_top for one in seen if one.distance_m < 2.2] == [True, False]
 
 
-def test_widths_and_distances_hold_what_they_claim_with_encoders_off():
-    """Rows across two views: the error in deviations is about one, and a row keeps within 2 %."""
+def test_sizes_are_consistent_with_their_standard_deviations_under_encoder_errors():
+    """Rows of boxes across two views: errors within three sigmas, and widths within 2 %."""
     inside, off = [], []
     for seed in range(6):
         width, distance = 0.7 + 0.1 * seed, 1.05 + 0.04 * seed
@@ -139,14 +141,14 @@ def test_widths_and_distances_hold_what_they_claim_with_encoders_off():
     assert np.mean(inside) > 0.9
 
 
-def test_nothing_stands_in_an_empty_room():
+def test_an_empty_room_has_no_obstacles():
     views, true = views_of([])
     assert [o for o in surroundings(exactly(views, true), views).obstacles if not o.cut_top] == []
     assert len(surroundings(Panorama([None], [], None), [View(views[0].depth, ())])) == 0
 
 
-def test_a_yaw_that_two_views_share_does_not_widen_what_both_show():
-    """Encoders alone: a row that one view holds is surer than one that two views hold an end of."""
+def test_a_yaw_error_does_not_add_to_the_width_of_an_obstacle_within_one_view():
+    """By encoders alone, an obstacle within one view is more certain than one with an edge in each of two."""
     views, true = views_of([box(1.2, 0.35, 0.2, 0.3, 0.3), box(1.5, -0.05, 0.2, 1.3, 0.3)])
     sigma = math.radians(0.5)
     placed = [
@@ -163,17 +165,12 @@ def test_a_yaw_that_two_views_share_does_not_widen_what_both_show():
 @pytest.mark.parametrize(
     ("width_m", "short"), [(0.713, 0.036), (0.954, 0.061), (1.195, 0.091), (1.428, 0.122)]
 )
-def test_printed_widths_are_short_on_a_sphere_and_right_on_a_plane(width_m, short):
-    """At the distance of the table; 217.8 px/rad is the camera's own scale."""
-    flat = printed.width(1.05, 217.8 * width_m / 1.05)
+def test_printed_widths_are_too_small_on_a_sphere_and_correct_on_a_plane(width_m, short):
+    """At the distance of the published table; 217.8 px/rad is the camera's own resolution."""
+    flat = literal_formulas.width(1.05, 217.8 * width_m / 1.05)
     assert flat == pytest.approx(width_m, rel=0.001)
-    round_ = printed.width(1.05, 217.8 * 2.0 * math.atan(width_m / 2.0 / 1.05))
+    round_ = literal_formulas.width(1.05, 217.8 * 2.0 * math.atan(width_m / 2.0 / 1.05))
     assert 1.0 - round_ / width_m == pytest.approx(short, abs=0.001)
-
-
-def test_printed_levels_know_whole_metres_only():
-    found = printed.levels(np.array([0.3, 0.99, 1.0, 1.7, 2.4, np.nan]))
-    assert found.tolist() == [0, 0, 20, 20, 40, -1]
 
 
 def test_literal_sizes_count_pixels():
@@ -187,7 +184,7 @@ def test_literal_sizes_count_pixels():
     assert counted.left_rad == found.left_rad
 
 
-def test_literal_sizes_hold_however_finely_the_panorama_is_drawn():
+def test_literal_sizes_do_not_depend_on_the_resolution():
     views, true = views_of([box(1.05, 0.0, 0.2, 0.6, 0.3), box(1.05, 0.65, 0.2, 0.2, 0.3)])
 
     def sizes(px_per_deg):
@@ -202,45 +199,40 @@ def test_literal_sizes_hold_however_finely_the_panorama_is_drawn():
     np.testing.assert_allclose(fine, coarse, atol=0.012)  # two pixels and a half
 
 
-def test_the_whole_view_of_the_camera_counts_all_of_its_pixels():
-    across = printed.width(1.05, printed.ACROSS_PX_PER_RAD * math.radians(44.0))
-    down = printed.height(1.05, printed.DOWN_PX_PER_RAD * math.radians(35.0))
+def test_the_printed_width_of_the_whole_view_is_its_field_of_view():
+    across = literal_formulas.width(1.05, literal_formulas.ACROSS_PX_PER_RAD * math.radians(44.0))
+    down = literal_formulas.height(1.05, literal_formulas.DOWN_PX_PER_RAD * math.radians(35.0))
     assert across == pytest.approx(2.1 * math.tan(math.radians(22.0)))
     assert down == pytest.approx(2.1 * math.tan(math.radians(17.5)))
 
 
-def test_what_is_listed_is_not_cut_to_pieces_again_in_a_panorama_wider_than_what_counts():
+def test_whole_obstacles_are_not_split_again_in_a_wide_panorama():
     views, true = views_of(
         [box(1.1, 0.0, 0.2, 0.3, 0.3), box(0.02, 1.0, 0.06, 0.2, 0.5)], yaws=(15.0, -15.0, 70.0)
     )
     panorama = exactly(views, true)
     (ahead,) = [o for o in surroundings(panorama, views).obstacles if abs(o.bearing_rad) < 0.2]
-    found = pieces(panorama, [ahead], 1.65)
+    found = outline_segments(panorama, [ahead], 1.65)
     assert all(abs(one.bearing_rad) > 0.2 for one in found)
     assert all(abs(one.bearing_rad) < math.radians(85.0) for one in found)
 
 
-def test_what_reaches_from_a_wall_across_the_way_is_cut_off_it_at_the_corner():
-    """A room's side wall comes near the robot; what stands across the way must not seem as near."""
+def test_an_obstacle_at_a_wall_is_split_off_at_the_concave_corner():
+    """The side wall is near the robot; the box that touches it must not appear as near."""
     views, true = views_of([box(1.1, 1.25, 0.2, 1.9, 0.3)], yaws=(70.0, 45.0, 20.0, -5.0))
-    found = [one for one in pieces(exactly(views, true), [], 1.65) if one.width_m > 0.5]
+    found = [one for one in outline_segments(exactly(views, true), [], 1.65) if one.width_m > 0.5]
     (across,) = [one for one in found if one.right_edge_m[1] < 0.5]
     assert across.distance_m == pytest.approx(1.1, abs=0.05)
     assert across.right_edge_m[1] == pytest.approx(0.3, abs=0.03)
     assert across.width_m == pytest.approx(1.9, abs=0.1)
 
 
-def test_pieces_know_the_floor_of_the_listing_and_refuse_another():
+def test_segments_refuse_another_floor_than_that_of_the_listing():
     views, true = views_of([box(1.1, 0.2, 0.2, 0.3, 0.3), box(0.8, -0.3, 0.2, 0.3, 0.1)])
     panorama, floor = exactly(views, true), Plane(np.array([0.0, 0.0, 1.0]), -0.12)
     whole = surroundings(panorama, views, floor).obstacles
     near = [one for one in whole if one.distance_m < 1.65]
     assert len(near) == 1
-    assert pieces(panorama, whole, 1.65, floor=floor) == []
-    with pytest.raises(InputError, match="the floor that surroundings was given"):
-        pieces(panorama, whole, 1.65)
-
-
-def test_borders_out_of_order_are_refused():
-    with pytest.raises(ConfigError, match="floor_m"):
-        SizeConfig(floor_m=0.8)
+    assert outline_segments(panorama, whole, 1.65, floor=floor) == []
+    with pytest.raises(InputError, match="the floor and the config that surroundings was given"):
+        outline_segments(panorama, whole, 1.65)

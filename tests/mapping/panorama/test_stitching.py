@@ -1,4 +1,4 @@
-"""The panorama against the truth of simulated rooms and of a real kitchen."""
+"""The panorama against the ground truth of simulated rooms and of a real kitchen."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def rotations(placed):
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("boxes", 0), ("home", 0), ("corridor", 1)])
-def test_encoders_half_a_degree_off_are_put_right(look_round, scene, seed):
+def test_stitching_corrects_encoder_errors_of_half_a_degree(look_round, scene, seed):
     views, true = look_round(scene, seed, 0.5)
     placed, _ = place(views, np.random.default_rng(0), StitchConfig())
     truth = [pose.rotation for pose in true]
@@ -40,7 +40,7 @@ def test_encoders_half_a_degree_off_are_put_right(look_round, scene, seed):
     assert rms_deg(rotations(placed), truth) <= 0.3
 
 
-def test_the_covariances_of_the_rotations_are_what_the_errors_are(look_round):
+def test_rotation_errors_are_consistent_with_their_covariances(look_round):
     squares, count = 0.0, 0
     for seed in range(3):
         views, true = look_round("boxes", seed, 0.5)
@@ -49,18 +49,18 @@ def test_the_covariances_of_the_rotations_are_what_the_errors_are(look_round):
             error = Rotation.from_matrix(p.T_base_camera.rotation.T @ t.rotation).as_rotvec()
             squares += float(error @ np.linalg.solve(p.covariance[:3, :3], error))
             count += 1
-    # the nine errors of a panorama hang together, so that three panoramas are like some nine numbers
+    # the errors within a panorama are correlated: three panoramas count as about nine numbers
     low, high = stats.chi2.ppf([0.005, 0.995], 9) / 3
     assert low < squares / count < high
 
 
-def test_walking_between_views_is_taken_into_account(look_round):
+def test_known_motion_between_views_is_compensated(look_round):
     views, true = look_round("boxes", 1, 0.5, walk_m=0.03)
     placed, _ = place(views, np.random.default_rng(0), StitchConfig())
     assert rms_deg(rotations(placed), [pose.rotation for pose in true]) <= 0.3
 
 
-def test_nothing_to_match_leaves_the_encoders_and_says_so(look_round):
+def test_views_without_matches_keep_the_encoders(look_round):
     views, _ = look_round("boxes", 0, 0.5)
     empty = [
         View(
@@ -78,7 +78,7 @@ def test_nothing_to_match_leaves_the_encoders_and_says_so(look_round):
         np.testing.assert_allclose(p.T_base_camera.rotation, v.prior.rotation, atol=1e-9)
 
 
-def test_features_alone_never_make_the_encoders_much_worse(look_round):
+def test_features_alone_are_not_much_worse_than_the_encoders(look_round):
     views, true = look_round("home", 1, 0.5)
     placed, _ = place(views, np.random.default_rng(0), StitchConfig(surfaces=False))
     truth = [pose.rotation for pose in true]
@@ -88,7 +88,7 @@ def test_features_alone_never_make_the_encoders_much_worse(look_round):
     assert {p.by for p in placed} <= {"features", "encoders"}
 
 
-def test_a_view_without_prior_and_without_partner_is_left_out(look_round):
+def test_a_view_without_prior_and_matches_is_left_out(look_round):
     views, _ = look_round("boxes", 0, 0.0)
     blind = views[3].depth
     alone = View(
@@ -100,7 +100,7 @@ def test_a_view_without_prior_and_without_partner_is_left_out(look_round):
     assert placed[1] is None
 
 
-def test_the_panorama_shows_the_room_where_it_is(look_round):
+def test_the_panorama_agrees_with_the_room(look_round):
     views, true = look_round("boxes", 2, 0.5)
     panorama = stitch(views, np.random.default_rng(0))
     drawing = panorama.drawing
@@ -108,9 +108,7 @@ def test_the_panorama_shows_the_room_where_it_is(look_round):
     assert np.degrees(drawing.sphere.height / drawing.sphere.px_per_rad) == pytest.approx(70, abs=6)
     xyz, sigma = drawing.points()
     off = []
-    for pose, view in zip(
-        true, views, strict=True
-    ):  # what each view truly saw, middle of its image
+    for pose, view in zip(true, views, strict=True):  # centre of each image
         z = view.depth.z[60:84, 70:106]
         seen = pose.apply(view.depth.camera.rays[60:84, 70:106] * z[..., None]).reshape(-1, 3)
         seen = seen[np.isfinite(seen).all(axis=1)][::60]
@@ -135,14 +133,14 @@ def test_key_angles_are_linear_to_half_a_degree(look_round):
     assert direction(theta.angle(x[:1]), phi.angle(y[:1])).shape == (1, 3)
 
 
-def test_the_same_chance_gives_the_same_panorama(look_round):
+def test_the_same_random_numbers_give_the_same_panorama(look_round):
     views, _ = look_round("corridor", 0, 0.5)
     one, other = (place(views, np.random.default_rng(7), StitchConfig())[0] for _ in range(2))
     for a, b in zip(one, other, strict=True):
         assert a.T_base_camera == b.T_base_camera
 
 
-def test_a_kitchen_turned_past_without_encoders(recordings):
+def test_a_real_kitchen_is_stitched_without_encoders(recordings):
     folder = recordings / "sevenscenes_redkitchen" / "pan"
     camera = Camera(640, 480, 585.0, 585.0, 320.0, 240.0)
     views, true = [], []

@@ -1,4 +1,4 @@
-"""The fused surface: against a sphere and a wall of which everything is known, and Open3D's."""
+"""The surface map against a known sphere and Open3D, and traversability against known ground."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_sphere_is_found_to_a_few_millimetres(method: str) -> None:
     for pose in views() if method == "compiled" else views() * 2:
         surface.integrate(sphere(pose), pose)
     mesh = surface.mesh()
-    points = mesh.spread(5000, np.random.default_rng(0))
+    points = mesh.sampled(5000, np.random.default_rng(0))
     errors = np.abs(np.linalg.norm(points - CENTRE, axis=1) - RADIUS)
     assert len(mesh.triangles) > 500
     assert np.median(errors) < 0.003
@@ -69,7 +69,7 @@ def test_triangles_and_normals_face_the_camera() -> None:
     assert np.mean(np.sum(faces * outward[mesh.triangles[:, 0]], axis=1)[front] > 0.0) > 0.98
 
 
-def test_colours_of_the_picture_are_on_the_surface() -> None:
+def test_the_surface_has_the_colours_of_the_image() -> None:
     surface = Tsdf()
     rgb = np.zeros((120, 160, 3), np.uint8)
     rgb[...] = (200, 100, 50)
@@ -80,29 +80,31 @@ def test_colours_of_the_picture_are_on_the_surface() -> None:
     assert np.median(colours, axis=0) == pytest.approx((200, 100, 50), abs=3)
 
 
-def test_looking_again_costs_no_memory_and_many_blocks_find_room() -> None:
+def test_seeing_a_surface_again_adds_no_blocks_and_storage_grows() -> None:
     surface = Tsdf(TsdfConfig(voxel_m=0.002, band_voxels=3.0))
     surface.integrate(sphere(Pose3()), Pose3())
     first = surface.blocks
     surface.integrate(sphere(Pose3()), Pose3())
     assert surface.blocks == first
-    assert first > 1024  # it first had room for so many
+    assert first > 1024  # the first capacity
 
 
-def test_nothing_seen_is_an_empty_surface() -> None:
+def test_a_map_without_images_has_an_empty_surface() -> None:
     mesh = Tsdf().mesh()
     assert len(mesh.vertices) == len(mesh.triangles) == 0
-    assert len(mesh.spread(10, np.random.default_rng(0))) == 0
+    assert len(mesh.sampled(10, np.random.default_rng(0))) == 0
     assert traversability(mesh).height.size == 0
 
 
-def test_images_that_do_not_fit_are_refused() -> None:
+def test_unsuitable_images_and_settings_are_refused() -> None:
     with pytest.raises(InputError, match="register"):
         Tsdf().integrate(sphere(Pose3()), Pose3(), np.zeros((10, 10, 3), np.uint8))
     with pytest.raises(ConfigError, match="method"):
         TsdfConfig(method="octree")
     with pytest.raises(ConfigError, match="voxel_m"):
         TsdfConfig(voxel_m=-1.0)
+    with pytest.raises(ConfigError, match="farthest_m"):
+        TsdfConfig(farthest_m=0.1)
 
 
 def test_a_saved_mesh_is_read_back_by_open3d(tmp_path: Path) -> None:
@@ -148,7 +150,7 @@ def test_a_box_on_a_floor_is_occupied_and_the_floor_is_free(tmp_path: Path) -> N
     layers = traversability(place)
     centres = layers.centres
     box = (centres[..., 0] > 0.0) & (centres[..., 0] < 0.38) & (np.abs(centres[..., 1]) < 0.19)
-    # the floor goes on under this box, so height tells it, and nobody can stand at its edge
+    # the floor continues under this box, so its height shows it, and its edge is no foothold
     assert np.all(layers.height[box][5:-5] > 0.3)
     far = layers.known & (centres[..., 0] < -0.2)
     assert np.all(layers.probability[far] > 0.9)
@@ -160,7 +162,7 @@ def test_a_box_on_a_floor_is_occupied_and_the_floor_is_free(tmp_path: Path) -> N
         assert np.array_equal(read["elevation"], layers.height, equal_nan=True)
 
 
-def test_a_ramp_has_its_slope_and_what_hangs_high_is_left_out() -> None:
+def test_a_ramp_has_its_slope_and_surface_above_the_headroom_is_ignored() -> None:
     floor = sheet(0.0, (-0.5, 0.5), (-0.5, 0.5))
     ramp = Mesh(floor.vertices.copy(), floor.triangles, floor.normals)
     ramp.vertices[:, 2] = 0.2 * ramp.vertices[:, 0] + 0.15

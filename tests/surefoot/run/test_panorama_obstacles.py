@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mapping.panorama.obstacles import Surroundings
-from mapping.panorama.pieces import pieces, seen_aside
+from mapping.panorama.segments import observed_sector, outline_segments
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from planning.avoidance.choice import choose
@@ -30,7 +30,7 @@ def _look(motion: str, seed: int) -> tuple[Scene, Panorama, Surroundings]:
 
 
 def _span(scene: Scene, name: str) -> tuple[float, float]:
-    box = next(thing.parts[0] for thing in scene.things if thing.name == name)
+    box = next(thing.parts[0] for thing in scene.static_objects if thing.name == name)
     assert isinstance(box, Box)
     return box.centre[1] + box.size[1] / 2, box.centre[1] - box.size[1] / 2
 
@@ -55,7 +55,7 @@ def test_the_gap_is_that_between_the_cartons(motion):
 
 def test_walls_that_hang_together_are_cut_where_the_outline_leaps_and_bound_the_ground():
     _, panorama, around = _look("SF", 3)
-    found = pieces(panorama, [o for o in around.obstacles if not o.cut_top], 1.5)
+    found = outline_segments(panorama, [o for o in around.obstacles if not o.cut_top], 1.5)
     walls = [one for one in found if one.width_m < 0.1]
     assert any(one.right_edge_m[1] == pytest.approx(1.25, abs=0.03) for one in walls)
     assert any(one.left_edge_m[1] == pytest.approx(-1.25, abs=0.03) for one in walls)
@@ -81,6 +81,6 @@ def test_cells_that_closed_a_passage_block_it():
 
 def test_ground_is_known_as_far_aside_as_the_head_turned():
     _, panorama, _ = _look("SF", 3)
-    left, right = seen_aside(panorama)
+    left, right = observed_sector(panorama)
     assert np.degrees(left) == pytest.approx(82.0, abs=3.0)
     assert np.degrees(right) == pytest.approx(-82.0, abs=3.0)

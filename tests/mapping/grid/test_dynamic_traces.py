@@ -1,10 +1,10 @@
-"""What was taken to stand and moves after all leaves no trace in the maps; what stands stays."""
+"""Obstacles that turn out to move leave no trace in the maps; static obstacles stay."""
 
 import numpy as np
 import pytest
 
+from mapping.grid.dynamic_traces import DynamicTraces
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
-from mapping.grid.mover_traces import MoverTraces
 from mapping.grid.world_map import WorldMap
 from perception.floor.segmented_view import MARGIN_M
 from perception.primitives.gaussian import Gaussian
@@ -18,38 +18,38 @@ def track(number: int, x: float, moving: float, seen_s: float) -> Obstacle:
     return Obstacle(state, RADIUS_M, track=number, moving=moving, seen_s=seen_s)
 
 
-def test_the_places_where_it_seemed_to_stand_are_told_once_it_moves() -> None:
-    traces = MoverTraces()
+def test_discs_of_a_track_are_returned_once_when_it_starts_to_move() -> None:
+    traces = DynamicTraces()
     for stamp, x in zip((0.0, 1.0, 2.0), (1.0, 1.01, 1.08), strict=True):
-        discs, _ = traces.of_movers([track(4, x, 0.2, stamp), track(5, 3.0, 0.1, stamp)], stamp)
+        discs, _ = traces.update([track(4, x, 0.2, stamp), track(5, 3.0, 0.1, stamp)], stamp)
         assert not len(discs)
-    discs, radii = traces.of_movers([track(4, 1.2, 0.95, 3.0), track(5, 3.0, 0.1, 3.0)], 3.0)
+    discs, radii = traces.update([track(4, 1.2, 0.95, 3.0), track(5, 3.0, 0.1, 3.0)], 3.0)
     np.testing.assert_allclose(discs[:, 0], [1.0, 1.08])
     np.testing.assert_allclose(radii, RADIUS_M + MARGIN_M)
-    discs, _ = traces.of_movers([track(4, 1.3, 0.95, 4.0), track(5, 3.0, 0.1, 4.0)], 4.0)
+    discs, _ = traces.update([track(4, 1.3, 0.95, 4.0), track(5, 3.0, 0.1, 4.0)], 4.0)
     assert not len(discs)
 
 
-def test_where_it_was_only_believed_to_be_is_no_trace() -> None:
-    """Between sightings a track's place is a guess, and nothing was drawn there."""
-    traces = MoverTraces()
-    traces.of_movers([track(4, 1.0, 0.2, 0.0)], 0.0)
-    traces.of_movers([track(4, 2.0, 0.2, 0.0)], 5.0)
-    discs, _ = traces.of_movers([track(4, 2.5, 0.95, 6.0)], 6.0)
+def test_predicted_positions_are_no_traces() -> None:
+    """Between detections the position of a track is a prediction, and no cell was marked there."""
+    traces = DynamicTraces()
+    traces.update([track(4, 1.0, 0.2, 0.0)], 0.0)
+    traces.update([track(4, 2.0, 0.2, 0.0)], 5.0)
+    discs, _ = traces.update([track(4, 2.5, 0.95, 6.0)], 6.0)
     np.testing.assert_allclose(discs[:, 0], [1.0])
 
 
 @pytest.mark.parametrize("kind", ["grid", "world"])
-def test_a_map_forgets_the_trace_and_keeps_the_wall_beside(kind: str) -> None:
+def test_the_maps_clear_a_dynamic_trace_and_keep_the_wall_beside_it(kind: str) -> None:
     grid, world = EgocentricGrid(GridConfig(), np.zeros(2)), WorldMap()
     for stamp in (1.0, 2.0):
         for x in (1.0, 1.5):
             points = np.array([x, 0.0]) + 0.001 * np.arange(6)[:, None]
-            grid.update(points, np.ones(6, bool), stamp, np.zeros(2), ray_clearing=False)
+            grid.update(points, np.ones(6, bool), stamp, np.zeros(2))
             world.update(points, np.ones(6, bool), stamp)
     one = grid if kind == "grid" else world
-    one.let_fade(np.array([[1.0, 0.0]]), np.array([RADIUS_M + MARGIN_M]))
-    grid.update(np.array([[0.5, 0.5]]), np.zeros(1, bool), 3.0, np.zeros(2), ray_clearing=False)
+    one.mark_moving(np.array([[1.0, 0.0]]), np.array([RADIUS_M + MARGIN_M]))
+    grid.update(np.array([[0.5, 0.5]]), np.zeros(1, bool), 3.0, np.zeros(2))
     world.update(np.array([[0.5, 0.5]]), np.zeros(1, bool), 3.0)
     one.age(60.0)
     here, beside = (tuple(one.cell_of(np.array([x, 0.001]))) for x in (1.001, 1.501))
@@ -57,22 +57,22 @@ def test_a_map_forgets_the_trace_and_keeps_the_wall_beside(kind: str) -> None:
     assert one.probability[beside] > 0.9
 
 
-def test_discs_beyond_the_edge_of_the_world_map_do_no_harm() -> None:
+def test_discs_beyond_the_edge_of_the_world_map_change_nothing() -> None:
     world = WorldMap()
-    world.let_fade(np.array([[9.0, 9.0]]), np.array([0.2]))
+    world.mark_moving(np.array([[9.0, 9.0]]), np.array([0.2]))
     world.update(np.zeros((3, 2)), np.ones(3, bool), 1.0)
-    world.let_fade(np.array([[0.0, 0.0], [-50.0, 40.0]]), np.array([0.3, 0.3]))
+    world.mark_moving(np.array([[0.0, 0.0], [-50.0, 40.0]]), np.array([0.3, 0.3]))
     assert world.probability[tuple(world.cell_of(np.zeros(2)))] < 0.8
 
 
-def test_just_the_cells_whose_middle_is_in_the_disc_fade() -> None:
+def test_only_cells_with_their_centre_in_the_disc_fade() -> None:
     """Wherever the map begins: a far point has made it grow."""
     rng = np.random.default_rng(2)
     centre, radius = np.array([0.13, -0.31]), 0.17
     points = np.repeat(rng.uniform(-0.6, 0.6, (800, 2)), 3, axis=0)
     world = WorldMap()
     world.update(np.concatenate([points, [[-3.0, 2.0]]]), np.ones(2401, bool), 1.0)
-    world.let_fade(centre[None], np.array([radius]))
+    world.mark_moving(centre[None], np.array([radius]))
     rows, columns = np.indices(world.probability.shape)
     middles = world.origin + world.cell_m * (np.stack([columns, rows], axis=-1) + 0.5)
     inside = np.hypot(*np.moveaxis(middles - centre, -1, 0)) <= radius

@@ -1,17 +1,49 @@
-"""Compiled inner loops of the terrain map: points with heights into cells, rays, and heights fused.
+"""Compiled loops of the terrain map: points with heights into cells, free space along rays, height fusion.
 
-Arrays and scalars only; what they mean is told in `egocentric_grid` and `heights`, and their NumPy twins
-are in the tests.
+See `egocentric_grid` and `heights`; NumPy versions are in the tests.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 BLOCK = 512  # points indexed at a time: they stay in the first-level cache for the second loop
-RAY = -1  # floor count of a cell that only rays have freed: evidence, but no point
-FLOOR, STILL, MOVING = 0, 1, 2  # kinds of points, in the order of `counts`
+RAY = -1  # floor count of a cell without points that a ray has cleared
+
+
+class Placement(NamedTuple):
+    """Where the window of a grid is.
+
+    Args:
+        row, column: Cell of the torus that holds window cell [0, 0].
+        x_m, y_m: Lower left corner of the window, world frame, m.
+        cell_m: Side of a cell, m.
+    """
+
+    row: int
+    column: int
+    x_m: float
+    y_m: float
+    cell_m: float
+
+
+class HeightRule(NamedTuple):
+    """How the heights of a frame are fused.
+
+    Args:
+        measured: Whether the points have heights.
+        obstacle_points: Fewer obstacle points in a cell are noise.
+        base_m2: Variance of a frame's heights besides noise, floor and pose, m^2.
+        gate: Squared Mahalanobis distance beyond which the surface is a new one.
+    """
+
+    measured: bool
+    obstacle_points: int
+    base_m2: float
+    gate: float
 
 
 @njit(cache=True)
@@ -24,7 +56,7 @@ def add_run(
     squares: float,
     variance: float,
 ) -> None:
-    """Add what points in a row, all in one cell, came to."""
+    """Add the sums of consecutive points in one cell."""
     counts[cell] += run
     sums[cell, 0] += total
     sums[cell, 1] += squares
@@ -44,23 +76,23 @@ def gather(
     counts: np.ndarray,
     sums: np.ndarray,
 ) -> None:
-    """Count the points of each kind in each cell of a window, and sum up their heights.
+    """Count the points of each kind in each cell of a window, and sum their heights.
 
-    The window is that of `_kernels.count_points`. Points outside, and NaN, go to a place of their own. The
-    indices come first, in loops that vectorise. Neighbours in an image mostly fall into one cell: the
-    second loop adds them up in registers and goes to memory once for each run.
+    Window and lattice are those of `_evidence_kernels.count_points`. A first loop over indices vectorises.
+    Neighbouring pixels mostly fall into one cell: the second loop sums them in registers and writes once
+    per run.
 
     Args:
         flat: (3 n,) float64: x, y, height of each point, m.
         obstacle: (n,) uint8, 1 for an obstacle.
-        moving: (n,) uint8, 1 for what moves, or of no length.
-        sigma: (n,) float64, deviation of each height, m, or of no length.
-        anchor: (2,), m.
-        per_m: Cells in a metre.
+        moving: (n,) uint8, 1 for a moving obstacle; or empty.
+        sigma: (n,) float64, standard deviation of each height, m; or empty.
+        anchor: (2,), lower left corner of lattice cell (0, 0), m.
+        per_m: Cells per metre.
         first: (2,), lattice cell (x, y) of the window's corner.
         side: Rows and columns of the window.
-        counts: (3 side^2 + 1,) int32, all zero: kinds, rows, columns, then those outside.
-        sums: (3 side^2 + 1, 3) float64, all zero: of heights, of their squares, of squared sigmas.
+        counts: (3 side^2 + 1,) int32, all zero: kinds, rows, columns, then points outside.
+        sums: (3 side^2 + 1, 3) float64, all zero: heights, squared heights, squared sigmas.
     """
     ax, ay, fx, fy = anchor[0], anchor[1], first[0], first[1]
     cells = np.int32(side * side)
@@ -101,13 +133,12 @@ def gather(
 
 @njit(cache=True)
 def clear_before_floor(counts: np.ndarray, sensor: np.ndarray, stretch: float) -> None:
-    """Add ray evidence: cells just before a seen floor cell, where the ray runs below any obstacle.
+    """Clear the cells in front of a seen floor cell, where the ray runs lower than any obstacle.
 
     Args:
-        counts: (3, rows, columns) int32; the floor count of a cell without any points that such a ray
-            passes becomes `RAY`.
-        sensor: (2,), the sensor in the window, (x, y) in cells (cell middles at + 0.5).
-        stretch: Lowest obstacle's height over the sensor's height: the share of the ray that is below it.
+        counts: (3, rows, columns) int32; the floor count of such a cell without points becomes `RAY`.
+        sensor: (2,), position (x, y) of the sensor in the window, in cells (cell centres at + 0.5).
+        stretch: Height of the lowest obstacle over that of the sensor: the share of the ray below it.
     """
     rows, columns = counts.shape[1], counts.shape[2]
     sensor_x, sensor_y = sensor[0], sensor[1]
@@ -145,9 +176,9 @@ def floor_form(tangents: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 @njit(cache=True)
 def pose_form(x: float, y: float, covariance: np.ndarray) -> np.ndarray:
-    """Mean over both axes of the variance of a place (x, y, 1), by that of a pose at (x, y, any); (3, 3)."""
+    """Form over (x, y, 1) of the positional variance by a pose at (x, y, any), mean of both axes; (3, 3)."""
     result = np.zeros((3, 3))
-    along = np.zeros((3, 3))  # what an error of the pose moves a place by, along x
+    along = np.zeros((3, 3))  # displacement of a place along x, per pose error
     along[0, 2], along[2, 1], along[2, 2] = 1.0, -1.0, y
     add_form(result, along, covariance, 0.5)
     along[:] = 0.0  # along y
@@ -180,7 +211,7 @@ def form(matrix: np.ndarray, x: float, y: float) -> float:
 def measure(
     count: int, total: float, squares: float, noise: float, base: float
 ) -> tuple[float, float, float]:
-    """Mean height of the points of a cell, their spread (a variance), and the mean's own variance."""
+    """Mean height of the points of a cell, their variance, and the variance of the mean."""
     mean = total / count
     spread = max(0.0, squares / count - mean * mean)
     each = max(spread * count / max(1, count - 1), noise / count)
@@ -195,69 +226,62 @@ def fuse_heights(
     heights: np.ndarray,
     variances: np.ndarray,
     raised: np.ndarray,
-    corner: tuple[int, int],
-    place: tuple[float, float, float],
+    place: Placement,
     floor_form: np.ndarray,
     pose_form: np.ndarray,
-    measured: bool,
-    obstacle_points: int,
-    base: float,
-    gate: float,
+    rule: HeightRule,
 ) -> None:
-    """Fuse what a frame measured into the heights of the cells, after the evidence was folded in.
-
-    Clears the counts and sums for the next frame.
+    """Fuse the heights of a frame into the cells, after `fold_evidence`; clears counts and sums.
 
     Args:
         counts: (3, side, side) int32.
         sums: (3 side^2 + 1, 3) float64, of `gather`.
-        log_odds: The map (a torus, as for `_kernels.fold_evidence`), (side, side) float32.
+        log_odds: (side, side) float32, torus as for `fold_evidence`.
         heights, variances: Same shape, float32, m and m^2; NaN: not measured; changed.
         raised: Same shape, bool: the height is that of an obstacle; changed.
-        corner: Map cell [row, column] of the window's cell [0, 0].
-        place: x and y of the window's lower left corner, world frame, m, and the side of a cell, m.
+        place: The window.
         floor_form: (3, 3), variance of the floor's height at (x, y, 1), m^2.
         pose_form: (3, 3), variance of a place along one axis at (x, y, 1), m^2.
-        measured: The points had heights.
-        obstacle_points: Fewer are stray.
-        base: Variance of a frame's heights that nobody knows the reason of, m^2.
-        gate: Squared deviations beyond which the surface is a new one.
+        rule: How heights are fused.
     """
     side = counts.shape[1]
     cells = side * side
     for row in range(side):
-        r = (corner[0] + row) % side
+        r = (place.row + row) % side
         for column in range(side):
             flat = row * side + column
-            floor, still, mover = (
+            floor, static, mobile = (
                 counts[0, row, column],
                 counts[1, row, column],
                 counts[2, row, column],
             )
-            if floor == 0 and still == 0 and mover == 0:
+            if floor == 0 and static == 0 and mobile == 0:
                 continue
-            c = (corner[1] + column) % side
-            believed = log_odds[r, c] > 0.0
-            if raised[r, c] != believed:  # what was measured here is no more
+            c = (place.column + column) % side
+            occupied = log_odds[r, c] > 0.0
+            if raised[r, c] != occupied:  # the surface measured here has gone
                 heights[r, c] = np.nan
                 variances[r, c] = np.nan
-                raised[r, c] = believed
-            rising = still + mover >= obstacle_points
-            first, count = (cells, still + mover) if rising else (0, floor)
-            if measured and rising == believed and count > 0:
+                raised[r, c] = occupied
+            rising = static + mobile >= rule.obstacle_points
+            first, count = (cells, static + mobile) if rising else (0, floor)
+            if rule.measured and rising == occupied and count > 0:
                 total, squares, noise = 0.0, 0.0, 0.0
                 for kind in range(2 if rising else 1):
                     total += sums[first + kind * cells + flat, 0]
                     squares += sums[first + kind * cells + flat, 1]
                     noise += sums[first + kind * cells + flat, 2]
-                mean, spread, own = measure(count, total, squares, noise, base)
-                x, y = place[0] + (column + 0.5) * place[2], place[1] + (row + 0.5) * place[2]
-                slope2 = 12.0 * spread / (place[2] * place[2])  # of an even slope of that spread
+                mean, spread, own = measure(count, total, squares, noise, rule.base_m2)
+                x = place.x_m + (column + 0.5) * place.cell_m
+                y = place.y_m + (row + 0.5) * place.cell_m
+                slope2 = (
+                    12.0 * spread / (place.cell_m * place.cell_m)
+                )  # of a plane with that spread
                 shared = form(floor_form, x, y) + slope2 * form(pose_form, x, y)
                 old, old_variance = heights[r, c], variances[r, c]
                 new = own + shared
                 apart = (mean - old) ** 2
-                if mover > 0 or not apart <= gate * (old_variance + new):  # also where NaN
+                if mobile > 0 or not apart <= rule.gate * (old_variance + new):  # also where NaN
                     heights[r, c], variances[r, c] = mean, new
                 else:
                     gain = old_variance / (old_variance + new)
