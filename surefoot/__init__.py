@@ -29,6 +29,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mapping.objects.footprints import Footprint
     from perception.obstacles.clustering import Cluster
+    from perception.obstacles.motion_model import MotionModel
+    from perception.obstacles.track import Detection
     from perception.primitives.camera import Camera
     from perception.primitives.errors import InputError, SurefootError
     from perception.primitives.frame import (
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
     from perception.primitives.pose import Pose2, Pose3
     from perception.primitives.robot_model import RobotModel
     from planning.commands import GazeCommand, WalkCommand
+    from planning.gaze.policy import GazePolicy
     from planning.planners.planner import Decision, Planner
     from planning.world_model import WorldModel
 
@@ -68,6 +71,8 @@ if TYPE_CHECKING:
 _MODULES = {
     "mapping.objects.footprints": ("Footprint",),
     "perception.obstacles.clustering": ("Cluster",),
+    "perception.obstacles.motion_model": ("MotionModel",),
+    "perception.obstacles.track": ("Detection",),
     "perception.primitives.camera": ("Camera",),
     "perception.primitives.errors": ("InputError", "SurefootError"),
     "perception.primitives.frame": (
@@ -80,6 +85,7 @@ _MODULES = {
     "perception.primitives.pose": ("Pose2", "Pose3"),
     "perception.primitives.robot_model": ("RobotModel",),
     "planning.commands": ("GazeCommand", "WalkCommand"),
+    "planning.gaze.policy": ("GazePolicy",),
     "planning.planners.planner": ("Decision", "Planner"),
     "planning.world_model": ("WorldModel",),
     "surefoot.config.schema": ("Config",),
@@ -97,12 +103,12 @@ _MODULES = {
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
-    "Camera", "Cluster", "ColourView", "Config", "Decision", "Depth", "DepthView", "Footprint", "Frame",
-    "Gaussian", "GazeCommand", "Imu", "InputError", "Landmark", "Obstacle", "Pipeline", "Plane", "Planner",
-    "Pose2", "Pose3", "RangeView", "Recording", "RecordingInfo", "RobotModel", "Run", "StepOdometry",
-    "StereoView", "SurefootError", "Tracker", "WalkCommand", "WorldModel", "__version__", "evaluate",
-    "find_floor", "find_footprints", "find_obstacles", "find_path", "gaze_map", "map", "monocular", "panorama",
-    "process", "simulate", "stereo_depth",
+    "Camera", "Cluster", "ColourView", "Config", "Decision", "Depth", "DepthView", "Detection", "Footprint",
+    "Frame", "Gaussian", "GazeCommand", "GazePolicy", "Imu", "InputError", "Landmark", "MotionModel",
+    "Obstacle", "Pipeline", "Plane", "Planner", "Pose2", "Pose3", "RangeView", "Recording", "RecordingInfo",
+    "RobotModel", "Run", "StepOdometry", "StereoView", "SurefootError", "Tracker", "WalkCommand",
+    "WorldModel", "__version__", "evaluate", "find_floor", "find_footprints", "find_obstacles", "find_path",
+    "gaze_map", "map", "monocular", "panorama", "process", "simulate", "stereo_depth",
 ]  # fmt: skip
 
 

@@ -26,6 +26,11 @@ def reference(found: Any) -> str:
     return name
 
 
+def name_of(found: str | type) -> str:
+    """The name of an implementation, given as such or as a class."""
+    return found if isinstance(found, str) else reference(found)
+
+
 def is_reference(name: str) -> bool:
     """Whether a name has the form `package.module:Class`."""
     module, colon, attribute = name.partition(":")

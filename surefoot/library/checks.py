@@ -19,7 +19,7 @@ from perception.primitives.frame import Depth, DepthView
 from perception.primitives.pose import Pose3
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike as ArrayLike
 else:
     ArrayLike = object  # anything: the functions here look at it themselves
 

@@ -10,8 +10,8 @@ from perception.depth import points
 from perception.depth.reach import ReachConfig
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
-from perception.floor.levelling import shadow
-from perception.floor.segmented_view import RISING, SegmentedView, cut_off
+from perception.floor.levelling import camera_above_floor
+from perception.floor.segmented_view import RISING, SegmentedView, truncated
 from perception.obstacles import clustering
 from perception.obstacles.clustering import Cluster, ClusterConfig
 from perception.primitives.camera import Camera
@@ -77,7 +77,7 @@ def find_obstacles(
         floor, plane = found.plane, found.among_points
     assert plane is not None
     classes = classify.classify(cloud, plane, ClassConfig(robot_height_m=height_m))
-    T_floor_camera = shadow(floor)
+    T_floor_camera = camera_above_floor(floor)
     upright = T_floor_camera.apply(cloud.xyz)
     upright[:, 2] = floor.distance(cloud.xyz)
     view = SegmentedView("depth", depth, cloud, classes, floor, None, T_floor_camera, upright)
@@ -87,7 +87,7 @@ def find_obstacles(
         cloud.sigma[rising],
         np.zeros(2),
         ClusterConfig(robot_top_m=height_m + HEADROOM_M),
-        cut_off(view, reach)[rising],
+        truncated(view, reach)[rising],
     )
 
 

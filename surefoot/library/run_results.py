@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from mapping.grid.egocentric_grid import EgocentricGrid
-from mapping.grid.world_map import OccupancyMap
 from mapping.io import grid_file, nav2
+from mapping.io.nav2 import OccupancyMap
 from mapping.objects.footprints import Footprint
 
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from perception.depth import stereo
-from perception.depth.rectification import straightened
+from perception.depth.rectification import rectified
 from perception.depth.stereo import StereoConfig
 from perception.primitives.camera import Camera
 from perception.primitives.frame import StereoView
@@ -67,7 +67,7 @@ def stereo_depth(
         checks.positive(baseline_m, "baseline_m"),
         camera,
     )
-    view = straightened(pair)
+    view = rectified(pair)
     config = StereoConfig(least_reliability=least_reliability, nearest_m=nearest_m)
     matched = stereo.disparity(view, config)
     depth = stereo.depth_of(view, matched, config)

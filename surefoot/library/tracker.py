@@ -9,6 +9,7 @@ import numpy as np
 
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig
+from perception.primitives import plugins
 from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -23,19 +24,28 @@ class Tracker:
     Source: seed 001, sections 2 and 14; data association and the evidence of motion are ours.
     """
 
-    def __init__(self, speed_sigma_mps: float = 0.06, **settings: Any) -> None:
+    def __init__(
+        self,
+        speed_sigma_mps: float = 0.06,
+        motion_model: str | type = "switching",
+        **settings: Any,
+    ) -> None:
         """Begin without tracks.
 
         Args:
             speed_sigma_mps: Standard deviation of an obstacle's speed along each axis, m/s: about 0.06 for
                 small robots, 0.7 for people.
+            motion_model: "switching" (constant velocity with stops and reversals), "package.module:Class", or a
+                class of your own (see `surefoot.MotionModel`).
             settings: Fields of `perception.obstacles.tracker.TrackerConfig`: `hits_to_show` detections before
                 a track is reported (3), `max_radius_m` (0.35), `oldest_s` without detection (12).
 
         Raises:
             InputError: A setting is unknown or impossible.
         """
-        config = checks.configured(TrackerConfig, settings, "Tracker")
+        config = checks.configured(
+            TrackerConfig, {"motion_model": plugins.name_of(motion_model), **settings}, "Tracker"
+        )
         speed = checks.positive(speed_sigma_mps, "speed_sigma_mps")
         track = dataclasses.replace(config.track, speed_sigma_mps=speed)
         self._config = dataclasses.replace(config, track=track)

@@ -59,9 +59,9 @@ def simulate(
 
     chosen: dict[str, Any] = {}
     if planner is not None:
-        chosen["mission.planner"] = _reference(planner)
+        chosen["mission.planner"] = plugins.name_of(planner)
     if gaze is not None:
-        chosen["gaze.mode"] = _reference(gaze)
+        chosen["gaze.mode"] = plugins.name_of(gaze)
     if body is not None:
         chosen["robot.body"] = body
     if seconds is not None:
@@ -253,11 +253,6 @@ def _own_config(path: Path) -> Path | None:
     """The settings that a recorded run was walked with."""
     own = path / "config.toml"
     return own if own.is_file() and (path / "recording.mcap").is_file() else None
-
-
-def _reference(found: str | type) -> str:
-    """The name of a plug-in, or of a class."""
-    return found if isinstance(found, str) else plugins.reference(found)
 
 
 def _folder(out: Place | None) -> tuple[Path, tempfile.TemporaryDirectory[str] | None]:

@@ -25,7 +25,6 @@ from perception.primitives.landmark import Sighting
 from perception.primitives.pose import Pose2
 from planning.gaze import evaluations
 from planning.gaze.attention import sample_region
-from planning.gaze.policy import MODES
 from planning.planners.search_planner import SearchPlanner
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
