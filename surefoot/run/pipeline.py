@@ -8,7 +8,7 @@ and over a recording. It is the only place that measures; planners read the `Wor
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +20,10 @@ from mapping.grid.world_map import WorldMap
 from mapping.io.clouds import CloudBuilder
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
-from perception.depth import points, stereo, structured_light, time_of_flight
+from perception.depth import points
 from perception.depth.health import DepthHealth
 from perception.depth.reach import ReachConfig
-from perception.depth.rectification import rectified
+from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
 from perception.floor.segmented_view import (
@@ -64,7 +64,8 @@ class Pipeline:
     def __init__(self, config: Config, info: RecordingInfo) -> None:
         self.config = config
         self.landmarks = info.landmarks
-        self.whereabouts = _whereabouts(config, info)
+        self.depth_sources = DepthSources(config.tof, config.structured_light, config.stereo)
+        self.whereabouts = _whereabouts(config, info, self.depth_sources)
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
         self.cloud = CloudBuilder(config.cloud)
@@ -93,7 +94,7 @@ class Pipeline:
             )
             report = self.whereabouts.update(frame, sightings)
         views = []
-        for sensor, depth in self._depths(frame, watch):
+        for sensor, depth in self.depth_sources.images(frame, watch.stage):
             with watch.stage("floor"):
                 view = self._understand(sensor, depth)
             if view is not None:
@@ -155,19 +156,6 @@ class Pipeline:
         believed = np.zeros(len(points), dtype=bool)
         believed[inside] = probability[rows[inside], columns[inside]] > 0.5
         return footprints.find(points[believed], self.config.footprints, sightings[believed])
-
-    def _depths(self, frame: Frame, watch: Stopwatch) -> Iterator[tuple[str, Depth]]:
-        """Every depth image of the frame, whatever sensor it comes from."""
-        with watch.stage("depth"):
-            tof = None if frame.tof is None else time_of_flight.depth(frame.tof, self.config.tof)
-        if tof is not None:
-            yield "tof", tof
-        if frame.depth is not None:
-            yield "depth", structured_light.depth(frame.depth, self.config.structured_light)
-        if frame.stereo is not None:
-            with watch.stage("stereo"):
-                pair = stereo.depth(rectified(frame.stereo), self.config.stereo)
-            yield "stereo", pair
 
     def _understand(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None where there is nothing to stand on."""
@@ -313,15 +301,14 @@ class Pipeline:
         self.obstacle_cloud.add(upright[is_obstacle & ~is_moving], None)
 
 
-def _whereabouts(config: Config, info: RecordingInfo) -> PoseSource:
+def _whereabouts(config: Config, info: RecordingInfo, sources: DepthSources) -> PoseSource:
     """Who can say where the body is."""
     if info.poses_given:
         return GivenPoses(info.gravity_up_world, config.prior)
     if info.start is None:
         alone = replace(config.odometer, loops=False)  # closing them takes the whole recording
-        return OdometryPoses(
-            np.random.default_rng(config.seed), alone, config.floor, config.structured_light
-        )
+        rng = np.random.default_rng(config.seed)
+        return OdometryPoses(rng, alone, config.floor, sources)
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None

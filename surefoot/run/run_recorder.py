@@ -184,7 +184,7 @@ class RunRecorder:
                 "renderer": self._config.renderer,
                 "version": importlib.metadata.version("surefoot"),
                 "recording": self._recording,
-                "command": self._command(),
+                "command": summary.get("command") or self._command(),
             },
         )
         write_report(folder)
@@ -211,7 +211,7 @@ class RunRecorder:
             table.close()
         self._commands.close(keep_empty=False)
         self._poses.close(keep_empty=False)
-        if self._poses.rows:
+        if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
             self._folder.write_planar_trajectory()
         self._tracks.close_into("tracks", {"footprints": _footprints(pipeline)})
         times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
