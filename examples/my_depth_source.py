@@ -13,7 +13,9 @@ from surefoot import Depth
 LEAST_AMPLITUDE = 0.01  # of the strongest return
 
 
-def strong_returns(frame):  # surefoot.Frame -> surefoot.Depth, or None if the frame has nothing to use
+def strong_returns(
+    frame,
+):  # surefoot.Frame -> surefoot.Depth, or None if the frame has nothing to use
     tof = frame.tof
     if tof is None:
         return None

@@ -1,7 +1,7 @@
 """A gaze policy of your own: look at the nearest moving obstacle, else left and right of the path by turns.
 
-    surefoot simulate home --gaze examples.my_gaze:NearestFirst
-    surefoot experiment INT-2 --seeds 2 --gaze examples.my_gaze:NearestFirst
+surefoot simulate home --gaze examples.my_gaze:NearestFirst
+surefoot experiment INT-2 --seeds 2 --gaze examples.my_gaze:NearestFirst
 """
 
 import math

@@ -1,7 +1,7 @@
 """A planner of your own: straight to the goal, standing still while something is in the way.
 
-    surefoot simulate boxes --planner examples.my_planner:WalkStraight
-    surefoot experiment INT-4 --seeds 4 --planner examples.my_planner:WalkStraight
+surefoot simulate boxes --planner examples.my_planner:WalkStraight
+surefoot experiment INT-4 --seeds 4 --planner examples.my_planner:WalkStraight
 """
 
 import numpy as np

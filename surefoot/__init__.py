@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mapping.objects.footprints import Footprint
+    from perception.depth.sources import DepthSource
     from perception.obstacles.clustering import Cluster
     from perception.obstacles.motion_model import MotionModel
     from perception.obstacles.track import Detection
@@ -70,6 +71,7 @@ if TYPE_CHECKING:
 
 _MODULES = {
     "mapping.objects.footprints": ("Footprint",),
+    "perception.depth.sources": ("DepthSource",),
     "perception.obstacles.clustering": ("Cluster",),
     "perception.obstacles.motion_model": ("MotionModel",),
     "perception.obstacles.track": ("Detection",),
@@ -103,7 +105,7 @@ _MODULES = {
 _HOME = {name: module for module, names in _MODULES.items() for name in names}
 
 __all__ = [
-    "Camera", "Cluster", "ColourView", "Config", "Decision", "Depth", "DepthView", "Detection", "Footprint",
+    "Camera", "Cluster", "ColourView", "Config", "Decision", "Depth", "DepthSource", "DepthView", "Detection", "Footprint",
     "Frame", "Gaussian", "GazeCommand", "GazePolicy", "Imu", "InputError", "Landmark", "MotionModel",
     "Obstacle", "Pipeline", "Plane", "Planner", "Pose2", "Pose3", "RangeView", "Recording", "RecordingInfo",
     "RobotModel", "Run", "StepOdometry", "StereoView", "SurefootError", "Tracker", "WalkCommand",
