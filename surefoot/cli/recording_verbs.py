@@ -153,7 +153,7 @@ def monocular(
     \b
     Examples:
       surefoot monocular data/walk
-      surefoot monocular ~/rgbd_dataset_freiburg3_cabinet --set monocular.farthest_m=4
+      surefoot monocular ~/rgbd_dataset_freiburg3_cabinet --out runs/floor
     """
     from ..offline.job import Job
     from ..offline.monocular import run_monocular

@@ -110,12 +110,11 @@ def warm(say: Callable[[str], None]) -> None:
 def _walkers_by_picture(rng: np.random.Generator) -> str:
     """Seed 000: the cycle of pictures, the swarm and the exact search."""
     from perception.monocular.cycle import Monocular, MonocularConfig
-    from planning.swarm import search
+    from planning.swarm import random_floors, search
     from planning.swarm.objective import Objective, ObjectiveConfig
     from planning.swarm.search import SwarmConfig
 
     from ..benchmarks import monocular
-    from ..experiments.support import random_floors
 
     previous, current = monocular.scene(rng)
     Monocular(MonocularConfig()).cycle(previous, current)

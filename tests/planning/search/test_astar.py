@@ -1,4 +1,4 @@
-"""The search against Dijkstra's algorithm of scipy, and the rules for odd starts and goals."""
+"""The search against scipy's Dijkstra, and blocked or outside starts and goals."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_the_printed_evaluation_is_never_cheaper_than_the_optimum():
     assert worse > 5  # it does lose optimality
 
 
-def test_a_goal_outside_the_map_is_left_for_on_its_own_side():
+def test_a_goal_outside_the_map_is_approached_on_its_side():
     probability = np.full((41, 41), 0.02)
     known = np.zeros((41, 41), bool)
     start, goal = centre(20, 20), centre(20, 140)
@@ -166,7 +166,7 @@ def test_a_start_beside_a_thin_wall_does_not_jump_to_its_other_side():
     assert path.cells[0, 0] > 20
 
 
-def test_a_goal_locked_in_has_no_path():
+def test_an_enclosed_goal_has_no_path():
     probability = np.full((41, 41), 0.02)
     probability[25, 25:] = probability[25:, 25] = 0.99
     known = np.zeros((41, 41), bool)

@@ -42,7 +42,7 @@ def test_a_staircase_over_free_ground_becomes_one_straight_line():
     np.testing.assert_array_equal(kept, path[[0, -1]])
 
 
-def test_shortcuts_never_cost_more_and_take_away_half_of_the_turning():
+def test_shortcuts_never_cost_more_and_halve_the_turning():
     before = after = 0.0
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -75,7 +75,7 @@ def test_a_rounded_corner_turns_no_sharper_than_the_radius_allows():
     assert (found.arcs, found.corners) == (1, 0)
 
 
-def test_a_corner_whose_arc_and_whose_omission_are_blocked_stays():
+def test_a_corner_stays_if_its_arc_and_its_removal_are_blocked():
     corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
     blocked = np.zeros((30, 30), bool)
     blocked[4:9, 16:20] = True
@@ -84,14 +84,14 @@ def test_a_corner_whose_arc_and_whose_omission_are_blocked_stays():
     assert (found.arcs, found.corners) == (0, 1)
 
 
-def test_a_corner_too_tight_for_an_arc_is_left_out_where_the_straight_line_is_free():
+def test_a_tight_corner_is_removed_if_the_direct_segment_is_free():
     zigzag = np.array([[2.0, 2.0], [12.0, 2.0], [12.0, 3.0], [25.0, 3.0]])
     found = rounded(zigzag, 6.0, np.ones((30, 30)), np.zeros((30, 30), bool))
     assert found.corners == 0
     assert total_turning(found.points) < total_turning(zigzag) / 4
 
 
-def test_an_arc_that_costs_more_than_its_corner_waits_for_an_allowance():
+def test_an_arc_that_costs_more_than_its_corner_needs_an_allowance():
     # The inside of the corner is dear: cutting it costs more than walking round.
     corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
     rows, columns = np.indices((30, 30))

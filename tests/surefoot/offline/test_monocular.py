@@ -250,9 +250,9 @@ def test_the_folder_of_the_recording_is_refused_as_output(tmp_path):
 
 
 def test_settings_reach_the_cycle_and_impossible_ones_are_refused(tmp_path):
-    code, shown = call("monocular", WALK, "--out", tmp_path / "o", "--set", "monocular.corner_px=0")
+    code, shown = call("monocular", WALK, "--out", tmp_path / "o", "--set", "monocular.use=perhaps")
     assert code == 2
-    assert "corner_px=0 must be at least 1" in shown
+    assert "use='perhaps' is unknown" in shown
     short = replace(Config().monocular, farthest_m=1.0)
     near = list(colour_floors(Scene(), replace(Config(), monocular=short)))
     contacts = np.concatenate([o.contact_world for f in near for o in f.result.obstacles])
