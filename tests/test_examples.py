@@ -40,7 +40,14 @@ def test_a_planner_and_a_gaze_policy_take_at_most_thirty_lines(name):
 def test_the_planner_walks_towards_the_goal(tmp_path):
     run(
         *("simulate", "boxes", "--planner", "examples.my_planner:WalkStraight"),
-        *("--set", "mission.time_limit_s=6", "--out", tmp_path / "walk"),
+        *(
+            "--set",
+            "mission.time_limit_s=6",
+            "--set",
+            "robot.stereo=false",
+            "--out",
+            tmp_path / "walk",
+        ),
     )
     walk = surefoot.Run(tmp_path / "walk")
     assert walk.trajectory is not None
@@ -53,7 +60,14 @@ def test_the_planner_walks_towards_the_goal(tmp_path):
 def test_the_gaze_policy_looks_left_and_right_by_turns_from_the_first_step(tmp_path):
     run(
         *("simulate", "empty_room", "--gaze", "examples.my_gaze:NearestFirst"),
-        *("--set", "mission.time_limit_s=5", "--out", tmp_path / "walk"),
+        *(
+            "--set",
+            "mission.time_limit_s=5",
+            "--set",
+            "robot.stereo=false",
+            "--out",
+            tmp_path / "walk",
+        ),
     )
     table = surefoot.Run(tmp_path / "walk")._files.read_csv("commands.csv")
     assert table is not None

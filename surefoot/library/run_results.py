@@ -221,7 +221,7 @@ class Run:
 
     @cached_property
     def layers(self) -> dict[str, np.ndarray]:
-        """Of `surefoot.map`: height, slope, step, traversability and more, (rows, columns); else empty."""
+        """Of `surefoot.map`: elevation, slope, step, traversability, (rows, columns); else empty."""
         if not self._files.has("layers.npz"):
             return {}
         with np.load(self.path("layers.npz"), allow_pickle=False) as file:

@@ -11,6 +11,7 @@ import pytest
 import surefoot
 from surefoot.results.run_folder import RunFolder
 
+ONE_CAMERA = {"robot.stereo": False, "robot.colour": False}
 WALK = Path(__file__).resolve().parents[3] / "data" / "walk"
 
 
@@ -51,7 +52,7 @@ def test_the_figures_against_the_truth_come_with_the_run(processed):
 
 
 def test_a_temporary_folder_goes_with_its_run():
-    run = surefoot.simulate("empty_room", seconds=1.5)
+    run = surefoot.simulate("empty_room", seconds=1.5, settings=ONE_CAMERA)
     folder = run.folder
     assert folder.is_dir()
     del run
@@ -61,7 +62,10 @@ def test_a_temporary_folder_goes_with_its_run():
 
 def test_a_named_folder_stays_and_opens_again(tmp_path):
     run = surefoot.simulate(
-        "empty_room", seconds=1.5, out=tmp_path / "walk", settings={"world_map.cell_m": 0.1}
+        "empty_room",
+        seconds=1.5,
+        out=tmp_path / "walk",
+        settings={**ONE_CAMERA, "world_map.cell_m": 0.1},
     )
     assert "cell_m = 0.1" in run.path("config.toml").read_text()
     again = surefoot.Run(tmp_path / "walk")
@@ -95,7 +99,7 @@ class Still:
 
 
 def test_a_class_of_ones_own_walks_and_is_named_in_the_config():
-    run = surefoot.simulate("empty_room", planner=Still, seconds=2.0)
+    run = surefoot.simulate("empty_room", planner=Still, seconds=2.0, settings=ONE_CAMERA)
     assert run.trajectory is not None
     assert np.ptp(run.trajectory.poses[:, 0]) < 0.02
     assert f'planner = "{__name__}:Still"' in run.path("config.toml").read_text()
@@ -121,3 +125,17 @@ def test_unknown_names_are_refused():
         surefoot.process(WALK / "nothing")
     with pytest.raises(surefoot.InputError, match="does not exist"):
         surefoot.Run(WALK / "nothing")
+
+
+@pytest.mark.parametrize("verb", ["map", "panorama", "monocular"])
+def test_the_offline_verbs_return_their_runs(verb):
+    settings = {"surface.voxel_m": 0.05} if verb == "map" else {}
+    run = getattr(surefoot, verb)(WALK, settings=settings)
+    assert run.summary["kind"] == verb
+    assert run.summary["frames"] > 0
+    assert run.report.is_file()
+    if verb == "map":
+        assert run.path("mesh.ply").is_file()
+        assert run.layers["traversability"].shape == run.layers["elevation"].shape
+        assert run.trajectory is not None
+        assert run.map is not None
