@@ -36,14 +36,11 @@ SAMPLES = 200  # candidates among the cells to see again
 class ExplorationConfig:
     """Frontiers that count, and patience on the way to them."""
 
-    least_frontier_m: float = setting(
-        0.20, "m", "length below which a frontier is ignored", "ours: gaps of the sensor"
+    least_frontier_m: float = (
+        0.20  # ours: gaps of the sensor; length below which a frontier is ignored
     )
-    ahead_m: float = setting(
-        1.20,
-        "m",
-        "largest distance of the next goal along the path",
-        "ours: the local map holds it",
+    ahead_m: float = (
+        1.20  # ours: the local map holds it; largest distance of the next goal along the path
     )
     patience_s: float = setting(
         45.0, "s", "time without progress after which a target is given up", "ours"

@@ -37,18 +37,20 @@ TABLE = np.array(
 class FamsConfig:
     """Membership functions: triangles with shoulders, given by their peaks."""
 
-    obstacle_centres_m: tuple[float, ...] = setting(
-        (-0.20, 0.0, 0.40, 0.70, 1.00),
-        "m",
-        "peaks of the sets of obstacle width minus body width",
-        "ours; lost in seed 004",
-    )
-    gap_centres_m: tuple[float, ...] = setting(
-        (-0.15, -0.05, 0.05, 0.25, 0.50),
-        "m",
-        "peaks of the sets of gap width minus body width",
-        "ours; lost in seed 004",
-    )
+    obstacle_centres_m: tuple[float, ...] = (
+        -0.20,
+        0.0,
+        0.40,
+        0.70,
+        1.00,
+    )  # ours; lost in seed 004; peaks of the sets of obstacle width minus body width
+    gap_centres_m: tuple[float, ...] = (
+        -0.15,
+        -0.05,
+        0.05,
+        0.25,
+        0.50,
+    )  # ours; lost in seed 004; peaks of the sets of gap width minus body width
     caution_sigmas: float = setting(
         0.5,
         "",

@@ -27,11 +27,8 @@ STRAIGHT_RAD = math.radians(3.0)  # tolerance of a heading
 CALM = 0.6  # share of the deviation that one step corrects; 1 oscillates, since the pose lags
 LEARN = 0.02  # share of the deviation that each step adds to the systematic correction ...
 LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ... for deviations up to these
-QUICK_S = (
-    0.25,
-    0.15,
-)  # single and double support in a gap: sway 30 mm instead of 50 (dynamic body of
-# seed 004), where the clearance may be 40 mm
+# single and double support in a gap: 30 mm of sway instead of 50 (dynamic body of seed 004), within 40 mm of clearance
+QUICK_S = (0.25, 0.15)
 AHEAD_M = 0.10  # distance along a leg that is checked for obstacles; five side steps
 
 

@@ -95,11 +95,6 @@ class Path:
         return lattice_cost(self.cells, self.ground.price) * self.ground.cell_m
 
     @property
-    def smoothed_cost_m(self) -> float:
-        """E of the way points."""
-        return self._cost(self.kept) * self.ground.cell_m
-
-    @property
     def length_m(self) -> float:
         """Length of the way points."""
         return float(np.hypot(*np.diff(self.waypoints, axis=0).T).sum())
@@ -108,11 +103,6 @@ class Path:
     def clearance_m(self) -> float:
         """Least distance of the way points and their segments to the centre of a solid cell; infinite without any."""
         return clearance(self.kept, self.ground.solid) * self.ground.cell_m
-
-    @property
-    def remaining_m(self) -> float:
-        """Straight distance from the last way point to the goal."""
-        return float(np.hypot(*(self.goal - self.waypoints[-1])))
 
     @cached_property
     def _rounded(self) -> Rounded:

@@ -39,7 +39,7 @@ class SearchConfig:
         "ours",
     )
     alpha: float = setting(5.0, "", "weight of the potential per metre of path", "ours")
-    p_unknown: float = setting(0.5, "", "probability of occupancy of unseen cells", "ours")
+    p_unknown: float = 0.5  # ours; probability of occupancy of unseen cells
     p_solid: float = setting(
         OCCUPIED, "", "probability from which a known cell blocks the body", "ours"
     )

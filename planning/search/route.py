@@ -21,7 +21,6 @@ from jaxtyping import Bool, Float
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
-from perception.primitives.settings import setting
 
 from .astar import Path, prepare, search
 from .potential import SearchConfig
@@ -44,12 +43,10 @@ BLOCK_PENALTY = 4.0  # potential added there: expensive, not forbidden
 class RouteConfig:
     """Loyalty to the old path, and patience."""
 
-    loyalty: float = setting(
-        0.03, "", "potential added off the present path", "ours: 15 % of the path cost at alpha 5"
+    loyalty: float = (
+        0.03  # ours: 15 % of the path cost at alpha 5; potential added off the present path
     )
-    patience_steps: int = setting(
-        15, "", "steps without progress after which another path is taken", "ours: 10 s"
-    )
+    patience_steps: int = 15  # ours: 10 s; steps without progress after which another path is taken
     memory_steps: int = 200  # ours: 130 s for which a place is avoided, enough for a detour
 
     def __post_init__(self) -> None:

@@ -61,23 +61,12 @@ def start_at(
     return np.asarray(kernels.start_at(np.ascontiguousarray(path), given, price, blocked))
 
 
-def segment_cost(
-    begin: Float[np.ndarray, "2"],
-    end: Float[np.ndarray, "2"],
-    price: Float[np.ndarray, "rows columns"],
-    blocked: Bool[np.ndarray, "rows columns"],
-) -> float:
-    """Line integral of the cost along a segment (x, y) in cells; infinite if it enters a blocked cell."""
-    ends = np.ascontiguousarray(np.stack([begin, end]))
-    return float(kernels.polyline_cost(price, blocked, ends))
-
-
 def polyline_cost(
     points: Float[np.ndarray, "n 2"],
     price: Float[np.ndarray, "rows columns"],
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> float:
-    """Sum of `segment_cost` over a polyline, in cells."""
+    """Line integral of the cost along a polyline (x, y) in cells; infinite if it enters a blocked cell."""
     return float(kernels.polyline_cost(price, blocked, np.ascontiguousarray(points)))
 
 

@@ -12,7 +12,7 @@ import click
 
 from .recording_verbs import map_verb, monocular, panorama
 from .run_verbs import process, simulate, smooth
-from .study_verbs import bench, completion, doctor, evaluate, experiment, view
+from .study_verbs import bench, completion, doctor, evaluate, experiment, settings, view
 from .terminal import Verbs
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -41,6 +41,6 @@ def main(debug: bool) -> None:
 
 for _verb in (
     simulate, process, smooth, map_verb, panorama, monocular,
-    evaluate, view, experiment, bench, doctor, completion,
+    evaluate, view, experiment, bench, settings, doctor, completion,
 ):  # fmt: skip
     main.add_command(_verb)

@@ -159,6 +159,19 @@ def doctor(as_json: bool) -> None:
 
 
 @click.command()
+@click.option("--markdown", is_flag=True, help="Print the page docs/settings.md.")
+def settings(markdown: bool) -> None:
+    """List every setting with its default, unit and effect."""
+    from ..config import reference
+
+    if markdown:
+        click.echo(reference.markdown(), nl=False)
+        return
+    for name, default, unit, effect, _ in reference.rows():
+        click.echo(f"{name} = {default} {unit}".rstrip() + f"  # {effect}")
+
+
+@click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
     """Print the completion script of SHELL; source it in the shell's start-up file."""

@@ -70,7 +70,7 @@ def warm(say: Callable[[str], None]) -> None:
     xyz = np.column_stack([rng.uniform(-1, 1, (400, 2)), rng.uniform(1, 2, 400)])
     xyz[:, 1] = 0.4
     cloud = Points(xyz, np.full(400, 0.005), np.arange(400))
-    expected = pipeline.whereabouts.expected_floor(None)
+    expected = pipeline.pose_source.expected_floor(None)
     for method in ("ransac", "hough"):
         choose.find(cloud, expected, rng, choose.FloorConfig(method=method))
     mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)

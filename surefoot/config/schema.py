@@ -108,7 +108,6 @@ class Config:
     world_map: WorldMapConfig = field(default_factory=WorldMapConfig)
     odometer: OdometerConfig = field(default_factory=OdometerConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
-    obstacle_cloud: CloudConfig = field(default_factory=CloudConfig)
     footprints: FootprintConfig = field(default_factory=FootprintConfig)
     surface: TsdfConfig = field(default_factory=TsdfConfig)
     panorama: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)

@@ -108,8 +108,8 @@ class GivenCamera(PlacedImages):
         super().__init__(recording, config)
         self._trajectory = CameraTrajectory()
         pipeline = Pipeline(config, recording.info)
-        assert isinstance(pipeline.whereabouts, CameraPoseSource)
-        self._source = pipeline.whereabouts
+        assert isinstance(pipeline.pose_source, CameraPoseSource)
+        self._source = pipeline.pose_source
         if self._source.T_map_origin is None:  # without gravity, the first floor seen defines up
             for frame in recording.frames():
                 pipeline.cycle(frame)

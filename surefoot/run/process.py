@@ -58,7 +58,7 @@ def process(
     pipeline, recorder, camera = state.pipeline, state.recorder, state.camera
     keeper = checkpoint.Keeper(folder.root, config)
     body = Playback(recording, skip=recorder.frames)
-    source = pipeline.whereabouts
+    source = pipeline.pose_source
     interrupted = False
     with stop_requested() as stopped:
         for cycle in cycles(body, pipeline, None):

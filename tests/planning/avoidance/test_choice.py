@@ -106,7 +106,7 @@ def test_an_uncertain_gap_never_leads_to_walking_or_stopping(width, gap, sigma):
     assert doubtful == sure or (sure[1], doubtful[1]) == ("F", "S")
 
 
-def test_the_pivot_of_the_specification():
+def test_the_default_pivot_in_closed_form():
     at = pivot("RF", 1, 0.36, 0.5, 0.72, 1.05)
     assert at.distance_m == pytest.approx(1.01, abs=0.005)
     assert math.degrees(at.turn_rad) == pytest.approx(37.0, abs=0.5)

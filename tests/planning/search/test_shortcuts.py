@@ -9,7 +9,7 @@ import pytest
 
 from planning.search.astar import find_path, prepare
 from planning.search.potential import SearchConfig
-from planning.search.shortcuts import polyline_cost, rounded, segment_cost, shortcut, total_turning
+from planning.search.shortcuts import polyline_cost, rounded, shortcut, total_turning
 
 CELL_M = 0.05
 
@@ -18,13 +18,13 @@ def test_a_segment_through_an_even_price_costs_its_length_times_the_price():
     price, blocked = np.full((20, 20), 3.0), np.zeros((20, 20), bool)
     begin, end = np.array([2.2, 3.1]), np.array([15.7, 11.4])
     length = float(np.hypot(*(end - begin)))
-    assert segment_cost(begin, end, price, blocked) == pytest.approx(3.0 * length)
+    assert polyline_cost(np.stack([begin, end]), price, blocked) == pytest.approx(3.0 * length)
 
 
 def test_a_segment_through_a_slope_costs_the_price_of_its_middle():
     price = np.broadcast_to(1.0 + 0.1 * np.arange(20.0), (20, 20)).copy()
     blocked = np.zeros((20, 20), bool)
-    cost = segment_cost(np.array([2.0, 5.0]), np.array([12.0, 5.0]), price, blocked)
+    cost = polyline_cost(np.array([[2.0, 5.0], [12.0, 5.0]]), price, blocked)
     assert cost == pytest.approx(10.0 * 1.7)
 
 
@@ -32,7 +32,7 @@ def test_a_segment_into_a_blocked_cell_costs_infinitely_much():
     blocked = np.zeros((20, 20), bool)
     blocked[5, 8] = True
     assert math.isinf(
-        segment_cost(np.array([2.0, 5.0]), np.array([12.0, 5.0]), np.ones((20, 20)), blocked)
+        polyline_cost(np.array([[2.0, 5.0], [12.0, 5.0]]), np.ones((20, 20)), blocked)
     )
 
 
