@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
 from planning.commands import GazeCommand
@@ -99,7 +99,7 @@ def gaze_map(
     )
     ground = checks.numbers(stale, (None, 2), "stale")
     speed = checks.numbers(robot_velocity, (2,), "robot_velocity")
-    counted = evaluations.relevant(places, moved, speed)
+    counted = _relevant(places, moved, speed)
     psi_obstacles = np.where(counted, evaluations.of_obstacles(places, moved, spreads, limits), 0.0)
     psi_way = evaluations.of_way(places[counted], radii[counted] + robot.radius_m, limits)
     psi_map = evaluations.of_map(len(ground), int(fresh))
@@ -123,3 +123,13 @@ def gaze_map(
 def _from_eye(places: Float[np.ndarray, "n 2"], robot: RobotModel) -> Float[np.ndarray, "n 3"]:
     """Places on the floor relative to the camera above the body's origin, body axes, m."""
     return np.column_stack([places, np.full(len(places), -robot.eye_m)])
+
+
+def _relevant(
+    places: Float[np.ndarray, "n 2"],
+    velocities: Float[np.ndarray, "n 2"],
+    robot_velocity: Float[np.ndarray, "2"],
+) -> Bool[np.ndarray, "n"]:
+    """The set of eq. (3), O_dted|bappr: all obstacles ahead, and those behind that approach."""
+    approaching = np.sum(places * (velocities - robot_velocity), axis=1) < 0.0
+    return np.asarray((places[:, 0] > 0.0) | approaching)
