@@ -32,7 +32,7 @@ def test_each_package_is_the_one_of_this_tree(package):
 def test_every_module_says_what_it_is(path):
     tree = ast.parse(path.read_text())
     assert ast.get_docstring(tree)
-    if path.name == "__init__.py":
+    if path.name == "__init__.py" and path.parent.name != "surefoot":  # the public library
         assert len(tree.body) == 1, "a chapter opening holds a docstring and nothing else"
 
 

@@ -37,3 +37,8 @@ class ReachesConfig:
     tof: ReachConfig = ReachConfig(0.15, 3.0, 1)  # seed 004: 5 m ambiguity, noise 20 mm at 3 m
     stereo: ReachConfig = ReachConfig(0.20, 2.0, 2)  # seed 003: to 3 m; beyond 2 m TOF is better
     depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect: quantised to centimetres beyond 4 m
+
+    def of(self, source: str) -> ReachConfig:
+        """The range of a depth source; a user's own has that of an RGB-D camera."""
+        found: ReachConfig = getattr(self, source, self.depth)
+        return found

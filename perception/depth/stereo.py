@@ -143,7 +143,11 @@ def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:
     Source: seed 003, section 3.
     """
     config = config or StereoConfig()
-    matched = disparity(view, config)
+    return depth_of(view, disparity(view, config), config)
+
+
+def depth_of(view: StereoView, matched: Disparity, config: StereoConfig) -> Depth:
+    """Depth of a pair that is matched already, as `depth` gives it."""
     fB = np.float32(view.camera.fx * view.baseline_m)
     with np.errstate(invalid="ignore", divide="ignore"):
         reliable = matched.reliability >= np.float32(max(config.least_reliability, 1e-6))

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..depth.points import Points
+from ..primitives import plugins
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from ..primitives.settings import setting
@@ -97,6 +98,8 @@ class RefineConfig:
             "depth": SharedError(self.depth_share, self.depth_share),
             None: SharedError(self.unknown_share, self.unknown_share),
         }
+        if sensor is not None and plugins.is_reference(sensor):  # a depth source of the user's
+            return errors[None]
         if sensor not in errors:
             raise ConfigError(f"floor: sensor={sensor!r} is unknown; choose tof, stereo, depth")
         return errors[sensor]

@@ -19,11 +19,13 @@ from jaxtyping import Bool, Float
 from scipy.optimize import linear_sum_assignment
 
 from ..filtering.consistency import Innovation
+from ..primitives import plugins
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import Obstacle
 from ..primitives.settings import setting
-from .track import Detection, Track, TrackConfig
+from .motion_model import MEMBERS, MODELS, MotionModel
+from .track import Detection, TrackConfig
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Which places (n, 2), world frame, m, have a free line of sight in this frame."""
@@ -56,9 +58,18 @@ class TrackerConfig:
         0.35, "m", "radius above which a detection is not tracked", "ours: furniture is in the map"
     )
     largest_sigma_m: float = 0.5  # ours: position uncertainty that ends a track
+    motion_model: str = setting(
+        "switching",
+        "",
+        "filter of one obstacle: switching (constant velocity, stops, reversals), or package.module:Class",
+        "seed 001; stops and reversals ours",
+    )
     track: TrackConfig = field(default_factory=TrackConfig)
 
     def __post_init__(self) -> None:
+        problem = plugins.check(self.motion_model, MODELS, "motion model")
+        if problem is not None:
+            raise ConfigError(f"tracker: {problem}")
         for name in ("hits_to_show", "misses_to_die"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"tracker: {name}={getattr(self, name)} must be at least 1")
@@ -72,7 +83,7 @@ class TrackerConfig:
 class _Record:
     """A track and its detection history."""
 
-    track: Track
+    track: MotionModel
     number: int
     since_s: float
     seen_s: float
@@ -84,7 +95,13 @@ class ObstacleTracker:
     """All tracked obstacles."""
 
     def __init__(self, config: TrackerConfig | None = None) -> None:
+        """Begin without tracks.
+
+        Raises:
+            InputError: A motion model of the user's cannot be loaded.
+        """
         self.config = config or TrackerConfig()
+        self._model = plugins.load(self.config.motion_model, MODELS, "motion model", MEMBERS)
         self._records: list[_Record] = []
         self._born = 0
         self._stamp_s: float | None = None
@@ -154,7 +171,7 @@ class ObstacleTracker:
         for choice, seen in enumerate(usable):
             if choice not in taken:
                 self._born += 1
-                track = Track(seen, robot, self.config.track)
+                track = self._model(seen, robot, self.config.track)
                 self._records.append(_Record(track, self._born, stamp_s, stamp_s))
         self._merge()
 
@@ -245,7 +262,7 @@ class ObstacleTracker:
         self._records = kept
 
 
-def _from_part(part: Detection, track: Track) -> Detection:
+def _from_part(part: Detection, track: MotionModel) -> Detection:
     """A truncated detection; the missing radius widens its covariance, as always the same side may be hidden."""
     off = PART_M + PART_OFF * abs(track.radius_m - part.radius_m)
     covariance = part.covariance + np.eye(2) * off**2

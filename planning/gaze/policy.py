@@ -1,5 +1,8 @@
 """The gaze policies: by the evaluations, by a fixed order of glances, or always straight ahead.
 
+A policy of a user's own has the one method of `GazePolicy`, and a constructor that takes `GazeConfig` and
+`RobotModel`; planners reach every policy through a `GazeControl`.
+
 With the evaluations the head turns to the middle of the highest plateau of the gaze map, among the directions that
 it reaches before the next image, and keeps its direction unless another is clearly better.
 
@@ -12,11 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import ConfigError
+from perception.primitives import plugins
+from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
@@ -28,7 +33,13 @@ from .evaluations import EvaluationConfig
 from .selection import GazeMapConfig, select
 from .sweep import TILT_DEG, Sweep
 
-MODES = ("evaluations", "sweep", "fixed")
+POLICIES = {
+    "evaluations": "planning.gaze.policy:EvaluationGaze",
+    "sweep": "planning.gaze.policy:SweepGaze",
+    "fixed": "planning.gaze.policy:FixedGaze",
+}
+"""Our policies: name to class."""
+
 FIRST_IMAGE_S = 0.45  # T_DS + T_SS - dT of seed 000: from the command to the first image of a step
 REST_S = 0.20  # dT of seed 000: from the first image of a step to the second, and the next decision
 
@@ -47,34 +58,25 @@ class GazeConfig:
     """The policy and the gaze map of its evaluations."""
 
     mode: str = setting(
-        "evaluations", "", "gaze policy: evaluations, sweep or fixed (straight ahead)", "seed 001"
+        "evaluations",
+        "",
+        "gaze policy: evaluations, sweep, fixed (straight ahead), or package.module:Class",
+        "seed 001",
     )
     map: GazeMapConfig = field(default_factory=lambda: LIVE_MAP)
 
     def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise ConfigError(f"gaze: mode={self.mode!r} is unknown; choose {', '.join(MODES)}")
+        problem = plugins.check(self.mode, POLICIES, "gaze policy")
+        if problem is not None:
+            raise ConfigError(f"gaze: {problem}")
 
 
-class GazePolicy:
-    """Chooses one gaze per footstep."""
+@runtime_checkable
+class GazePolicy(Protocol):
+    """Chooses one gaze per footstep.
 
-    def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
-        self._config, self._head = config, robot.head
-        self._sweep = Sweep(robot.head)
-        self._model = AttentionModel(config.map, robot)
-        self._present = GazeCommand(0.0, math.radians(TILT_DEG))
-        self.attention: Attention | None = None
-        """The evaluations of the last decision; None if another policy made it."""
-
-    @property
-    def surveying(self) -> bool:
-        """Whether the initial survey is under way; the robot should stand meanwhile."""
-        return self._config.mode != "fixed" and self._sweep.surveying
-
-    def survey(self) -> None:
-        """Survey the surroundings again, from the next gaze on."""
-        self._sweep.survey()
+    A policy that surveys its surroundings first, while the robot stands, has `surveying` and `survey()` too.
+    """
 
     def next(
         self,
@@ -91,12 +93,123 @@ class GazePolicy:
             robot: Pose, world frame.
             via: Via point, world frame, m.
             obstacles: Tracks, world frame.
-            known: Input of the evaluations; None: the sweep decides.
+            known: Pose with covariance, grid, its confidence, landmarks, clusters; None if not known.
         """
-        config, self.attention = self._config, None
-        if config.mode == "fixed":
-            gaze = GazeCommand(0.0, math.radians(TILT_DEG))
-        elif config.mode == "sweep" or known is None or self._sweep.surveying:
+        ...
+
+
+class GazeControl:
+    """The configured policy as planners use it."""
+
+    def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
+        """Make the policy.
+
+        Raises:
+            InputError: A policy of the user's cannot be loaded.
+        """
+        self._name = config.mode
+        made = plugins.load(config.mode, POLICIES, "gaze policy", ("next",))
+        self.policy = cast(GazePolicy, made(config, robot))
+
+    @property
+    def surveying(self) -> bool:
+        """Whether a survey is under way; the robot should stand meanwhile."""
+        return bool(getattr(self.policy, "surveying", False))
+
+    def survey(self) -> None:
+        """Survey the surroundings again, from the next gaze on, if the policy does so."""
+        again = getattr(self.policy, "survey", None)
+        if again is not None:
+            again()
+
+    def next(
+        self,
+        stamp_s: float,
+        robot: Pose2,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        known: GazeContext | None = None,
+    ) -> GazeCommand:
+        """The gaze until the next footstep; arguments as for `GazePolicy`.
+
+        Raises:
+            InputError: A policy of the user's returns something else.
+        """
+        gaze = self.policy.next(stamp_s, robot, via, obstacles, known)
+        if not isinstance(gaze, GazeCommand):
+            raise InputError(
+                f"gaze policy {self._name!r} returned a {type(gaze).__name__}; expected a GazeCommand"
+            )
+        return gaze
+
+
+class FixedGaze:
+    """Always straight ahead."""
+
+    def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
+        self._gaze = GazeCommand(0.0, math.radians(TILT_DEG))
+
+    def next(
+        self,
+        stamp_s: float,
+        robot: Pose2,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        known: GazeContext | None = None,
+    ) -> GazeCommand:
+        """The same as ever."""
+        return self._gaze
+
+
+class SweepGaze(Sweep):
+    """Survey, path and glances in a fixed order."""
+
+    def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
+        super().__init__(robot.head)
+
+    def next(
+        self,
+        stamp_s: float,
+        robot: Pose2,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        known: GazeContext | None = None,
+    ) -> GazeCommand:
+        """As `Sweep.next`; nothing else counts."""
+        return super().next(stamp_s, robot, via, obstacles)
+
+
+class EvaluationGaze:
+    """By the evaluations; surveys first, and sweeps where their input is missing."""
+
+    def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
+        self._head = robot.head
+        self._sweep = Sweep(robot.head)
+        self._model = AttentionModel(config.map, robot)
+        self._present = GazeCommand(0.0, math.radians(TILT_DEG))
+        self.attention: Attention | None = None
+        """The evaluations of the last decision; None if another policy made it."""
+
+    @property
+    def surveying(self) -> bool:
+        """Whether the initial survey is under way; the robot should stand meanwhile."""
+        return self._sweep.surveying
+
+    def survey(self) -> None:
+        """Survey the surroundings again, from the next gaze on."""
+        self._sweep.survey()
+
+    def next(
+        self,
+        stamp_s: float,
+        robot: Pose2,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        known: GazeContext | None = None,
+    ) -> GazeCommand:
+        """The best direction of the gaze map within reach of the head."""
+        self.attention = None
+        if known is None or self._sweep.surveying:
             gaze = self._sweep.next(stamp_s, robot, via, obstacles)
         else:
             self.attention = self._model.weigh(stamp_s, via, obstacles, known, self._present)

@@ -35,7 +35,7 @@ from ..avoidance.primitives import Leg
 from ..commands import GazeCommand, WalkCommand
 from ..footsteps import limited_step
 from ..gaze.attention import GazeContext
-from ..gaze.policy import GazePolicy
+from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
 from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
@@ -97,7 +97,7 @@ class AvoidancePlanner(GoalSeeker):
         """
         super().__init__(Goals(goals, config.mission))
         self._config, self._robot = config, config.robot
-        self._gaze = GazePolicy(config.gaze, self._robot)
+        self._gaze = GazeControl(config.gaze, self._robot)
         self._guard = Guard(config.guard, self._robot)
         self._rng = np.random.default_rng([config.seed, 41])
         self._phase = "walk"

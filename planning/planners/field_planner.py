@@ -23,7 +23,7 @@ from perception.primitives.pose import Pose2
 from .. import footsteps
 from ..commands import GazeCommand, WalkCommand
 from ..gaze.attention import GazeContext
-from ..gaze.policy import GazePolicy
+from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
 from ..univector import motion
 from ..world_model import WorldModel
@@ -48,7 +48,7 @@ class FieldPlanner(GoalSeeker):
         self._goals: Goals
         super().__init__(Goals(goals, config.mission, config.mission.headings_deg))
         self._config, self._robot = config, config.robot
-        self._gaze = GazePolicy(config.gaze, self._robot)
+        self._gaze = GazeControl(config.gaze, self._robot)
         self._guard = Guard(config.guard, self._robot)
         self._speed_mps = 0.0
 

@@ -25,7 +25,7 @@ from .. import footsteps
 from ..commands import GazeCommand, WalkCommand
 from ..exploration import ExplorationMap, Explorer
 from ..gaze.attention import GazeContext
-from ..gaze.policy import GazePolicy
+from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
 from ..safety.line_of_sight import farthest_visible
 from ..safety.step_filter import StepFilter
@@ -68,7 +68,7 @@ class SearchPlanner:
             Explorer(config.exploration, self._robot) if config.mission.wander else None
         )
         self._route = Route(config.search, config.route, self._robot)
-        self._gaze = GazePolicy(config.gaze, self._robot)
+        self._gaze = GazeControl(config.gaze, self._robot)
         self._speed_mps = 0.0
 
     @property

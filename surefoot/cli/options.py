@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from ..results.run_folder import RunFolder
 
 PATH = click.Path(path_type=Path)
+READER = "surefoot.reader"
 
 out_option = click.option("--out", type=PATH, help="Output folder; default runs/NAME-N.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
@@ -20,14 +22,32 @@ set_option = click.option(
     "overrides",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Change one setting, such as grid.cell_m=0.02; may be repeated.",
+    help="Change one setting, such as world_map.cell_m=0.02; may be repeated.",
 )
 config_option = click.option(
     "--config", "config_path", type=PATH, help="TOML file of settings; any may be left out."
 )
-description_option = click.option(
-    "--description", type=PATH, help="A recording.toml that is not in the recording's folder."
-)
+
+
+def _keep_reader(context: click.Context, parameter: click.Parameter, value: str | None) -> None:
+    context.meta[READER] = value
+
+
+def description_option(verb: Callable[..., None]) -> Callable[..., None]:
+    """The options that say how to read a recording: --description and --reader."""
+    described = click.option(
+        "--description", type=PATH, help="A recording.toml that is not in the recording's folder."
+    )
+    read = click.option(
+        "--reader",
+        metavar="NAME",
+        expose_value=False,
+        callback=_keep_reader,
+        help="Your own reader of recordings, package.module:Class.",
+    )
+    return described(read(verb))
+
+
 ignore_poses_option = click.option(
     "--ignore-poses",
     is_flag=True,
@@ -50,6 +70,9 @@ def settings(
         config_path = own if own.is_file() else None
     if ignore_poses:
         overrides = (*overrides, "ignore_poses=true")
+    reader = click.get_current_context().meta.get(READER)
+    if reader is not None:
+        overrides = (*overrides, f"reader={reader}")
     return load(config_path, overrides)
 
 

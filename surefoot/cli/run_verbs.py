@@ -46,6 +46,11 @@ if TYPE_CHECKING:
     help="Planner: search, field, swarm, avoidance, or your own package.module:Class.",
 )
 @click.option(
+    "--gaze",
+    metavar="NAME",
+    help="Gaze policy: evaluations, sweep, fixed, or your own package.module:Class.",
+)
+@click.option(
     "--body",
     type=click.Choice(["kinematic", "dynamic"]),
     help="kinematic: exact footsteps with odometry noise; dynamic: servos and contacts in physics.",
@@ -67,6 +72,7 @@ def simulate(
     seed: int | None,
     difficulty: float | None,
     planner: str | None,
+    gaze: str | None,
     body: str | None,
     record: bool,
     watch: bool,
@@ -93,6 +99,8 @@ def simulate(
         overrides = (*overrides, f"difficulty={difficulty}")
     if planner is not None:
         overrides = (*overrides, f"mission.planner={planner}")
+    if gaze is not None:
+        overrides = (*overrides, f"gaze.mode={gaze}")
     if body is not None:
         overrides = (*overrides, f"robot.body={body}")
     if wander is not None:

@@ -17,6 +17,7 @@ from typing import Any
 
 import click
 
+from perception.primitives import plugins
 from perception.primitives.errors import InputError, OutputError, SurefootError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -69,9 +70,9 @@ class Verbs(click.Group):
         except Exception as error:
             if ctx.params.get("debug"):
                 traceback.print_exc()
+            words = plugins.fault(error) or f"unexpected {type(error).__name__}: {error}"
             click.echo(
-                f"surefoot: unexpected {type(error).__name__}: {error}; "
-                "run again with --debug before the verb for the full traceback",
+                f"surefoot: {words}; run again with --debug before the verb for the full traceback",
                 err=True,
             )
             ctx.exit(FAILED)

@@ -18,6 +18,7 @@ from mapping.panorama.view_selection import ViewSelectionConfig
 from mapping.surface.tsdf_config import TsdfConfig
 from perception.depth.health import DepthHealthConfig
 from perception.depth.reach import ReachesConfig
+from perception.depth.sources import SENSORS
 from perception.depth.stereo import StereoConfig
 from perception.depth.structured_light import StructuredLightConfig
 from perception.depth.time_of_flight import TofConfig
@@ -33,6 +34,7 @@ from perception.obstacles.clustering import ClusterConfig
 from perception.obstacles.colour_detection import ColouredConfig
 from perception.obstacles.tracker import TrackerConfig
 from perception.odometry.rgbd_odometry import OdometerConfig
+from perception.primitives import plugins
 from perception.primitives.errors import ConfigError
 from perception.primitives.robot_model import GaitLimits, RobotModel
 from perception.primitives.settings import setting
@@ -72,6 +74,15 @@ class Config:
         False,
         "",
         "estimate the trajectory without the poses of the recording, which serve as its truth",
+        "ours",
+    )
+    depth_sources: tuple[str, ...] = setting(
+        SENSORS, "", "sources of depth: tof, depth, stereo, or package.module:Class", "ours"
+    )
+    reader: str = setting(
+        "",
+        "",
+        "recording reader, package.module:Class; empty: by the format of the recording",
         "ours",
     )
     renderer: str = setting(
@@ -139,5 +150,11 @@ class Config:
         if self.mission.planner == "swarm" and not self.robot.colour:
             raise ConfigError("mission: planner='swarm' walks by colour; set robot.colour=true")
         check_difficulty(self.difficulty)
+        for name in self.depth_sources:
+            problem = plugins.check(name, dict.fromkeys(SENSORS, ""), "depth source")
+            if problem is not None:
+                raise ConfigError(f"depth_sources: {problem}")
+        if self.reader and not plugins.is_reference(self.reader):
+            raise ConfigError(f"reader={self.reader!r} must be package.module:Class")
         if self.renderer not in ("auto", "egl", "tiny"):
             raise ConfigError(f"renderer={self.renderer!r} is unknown; choose auto, egl or tiny")

@@ -65,7 +65,7 @@ class Job:
             RecordingError: The recording cannot be read.
             OutputError: The folder cannot be written.
         """
-        recording = open_input(path, description, config.ignore_poses)
+        recording = open_input(path, description, config.ignore_poses, config.reader)
         return _begin(Job, verb, recording, config, out, path, description)
 
     @property

@@ -60,7 +60,9 @@ class PlacedImages(ABC):
     def __init__(self, recording: Recording, config: Config) -> None:
         self.recording = recording
         self.config = config
-        self.sources = DepthSources(config.tof, config.structured_light, config.stereo)
+        self.sources = DepthSources(
+            config.tof, config.structured_light, config.stereo, config.depth_sources
+        )
         self.frames = self.with_depth = self.lost = self.doubtful = self.closures = 0
 
     @abstractmethod

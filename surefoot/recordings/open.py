@@ -5,7 +5,8 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
-from perception.primitives.errors import RecordingError
+from perception.primitives import plugins
+from perception.primitives.errors import InputError, RecordingError
 
 from .description import FILE_NAME, Description, read_description
 from .euroc import is_euroc, open_euroc
@@ -29,22 +30,36 @@ KINDS = (
 )
 
 
-def open_recording(path: Path, description: Path | None = None) -> Recording:
-    """Open a recording of any known format.
+def open_recording(path: Path, description: Path | None = None, reader: str = "") -> Recording:
+    """Open a recording of any known format, or by a reader of the user's own.
 
     Args:
         path: A file or folder.
         description: A recording.toml in another place; by default the one in the folder, if any. With a table
             [depth] it describes a plain folder completely; otherwise it completes a known layout.
+        reader: "package.module:Class", called with the path; empty: by the format.
 
     Raises:
         RecordingError: There is no such path, its format is unknown, or it cannot be read as a whole.
     """
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder{_nearest(path)}; expected {KINDS}")
+    if reader:
+        return _open_with(reader, path)
     if path.is_file():
         return _open_file(path, description)
     return _open_folder(path, _description(path, description))
+
+
+def _open_with(reader: str, path: Path) -> Recording:
+    """By a reader of the user's own."""
+    recording: Recording = plugins.load(reader, {}, "recording reader", ("frames",))(path)
+    missing = [name for name in ("info", "skipped", "remarks") if not hasattr(recording, name)]
+    if missing:
+        raise InputError(
+            f"recording reader {reader!r} lacks {', '.join(missing)}; see the protocol Recording"
+        )
+    return recording
 
 
 def _open_file(path: Path, description: Path | None) -> Recording:

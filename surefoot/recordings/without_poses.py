@@ -57,7 +57,7 @@ class WithoutPoses:
 
 
 def open_input(
-    path: Path, description: Path | None = None, ignore_poses: bool = False
+    path: Path, description: Path | None = None, ignore_poses: bool = False, reader: str = ""
 ) -> Recording:
     """Open a recording, on request without its poses.
 
@@ -65,9 +65,10 @@ def open_input(
         path: A file or folder.
         description: A recording.toml kept elsewhere.
         ignore_poses: Set the recording's poses aside.
+        reader: A reader of the user's own, "package.module:Class".
 
     Raises:
         RecordingError: The recording cannot be read, or has no poses to ignore.
     """
-    recording = open_recording(path, description)
+    recording = open_recording(path, description, reader)
     return WithoutPoses(recording) if ignore_poses else recording

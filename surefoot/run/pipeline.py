@@ -22,7 +22,6 @@ from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
 from perception.depth import points
 from perception.depth.health import DepthHealth
-from perception.depth.reach import ReachConfig
 from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
@@ -64,7 +63,9 @@ class Pipeline:
     def __init__(self, config: Config, info: RecordingInfo) -> None:
         self.config = config
         self.landmarks = info.landmarks
-        self.depth_sources = DepthSources(config.tof, config.structured_light, config.stereo)
+        self.depth_sources = DepthSources(
+            config.tof, config.structured_light, config.stereo, config.depth_sources
+        )
         self.pose_source = make_pose_source(config, info, self.depth_sources)
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
@@ -159,7 +160,7 @@ class Pipeline:
 
     def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
-        reach: ReachConfig = getattr(self.config.reach, sensor)
+        reach = self.config.reach.of(sensor)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.pose_source.expected_floor(depth.T_body_camera)
         floor = choose.find(cloud, expected, self.rng, self.config.floor, sensor)
@@ -218,7 +219,7 @@ class Pipeline:
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
         cut = []
         for view, mask in zip(views, rising, strict=True):
-            reach: ReachConfig = getattr(self.config.reach, view.sensor)
+            reach = self.config.reach.of(view.sensor)
             others = [other for other in views if other is not view]
             cut.append(truncated(view, reach, others)[mask])
         return clustering.cluster(
@@ -262,7 +263,7 @@ class Pipeline:
         for view in views:
             self._add_to_maps(frame, view, pose)
             self.confidence.see(
-                looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
+                looked_at(view, self.grid, self.config.reach.of(view.sensor).farthest_m)
             )
         traces = self._traces.update(self.tracker.obstacles, frame.stamp_s)
         for one in (self.grid, self.world):

@@ -46,7 +46,7 @@ def process(
         InputError, RecordingError: The recording as a whole cannot be read, or its checkpoint cannot.
         OutputError: The folder cannot be written.
     """
-    recording = open_input(path, description, config.ignore_poses)
+    recording = open_input(path, description, config.ignore_poses, config.reader)
     state = checkpoint.load(out, config) if resume and out is not None else None
     if state is None or out is None:
         folder = RunFolder.create(out, name=recording.info.name, reads=path)

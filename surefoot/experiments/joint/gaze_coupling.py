@@ -25,7 +25,6 @@ from perception.primitives.landmark import Sighting
 from perception.primitives.pose import Pose2
 from planning.gaze import evaluations
 from planning.gaze.attention import sample_region
-from planning.gaze.policy import MODES
 from planning.planners.search_planner import SearchPlanner
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
@@ -188,8 +187,8 @@ def _measures(
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Three walks a seed; about ten seconds of one core each."""
-    todo = [(seed, mode, body) for seed in range(seeds) for mode in MODES]
-    found: dict[str, list[Looked]] = {mode: [] for mode in MODES}
+    todo = [(seed, mode, body) for seed in range(seeds) for mode in POLICIES]
+    found: dict[str, list[Looked]] = {mode: [] for mode in POLICIES}
     for (_, mode, _), one in zip(todo, each(look, todo), strict=True):
         found[mode].append(one)
         say(f"{sum(map(len, found.values()))} of {len(todo)} walks")

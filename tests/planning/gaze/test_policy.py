@@ -10,13 +10,15 @@ import pytest
 
 from mapping.grid.confidence import ConfidenceLayer
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
-from perception.primitives.errors import ConfigError
+from perception.primitives import plugins
+from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, HeadLimits, RobotModel
+from planning.commands import GazeCommand
 from planning.gaze.attention import GazeContext
-from planning.gaze.policy import FIRST_IMAGE_S, GazeConfig, GazePolicy
+from planning.gaze.policy import FIRST_IMAGE_S, EvaluationGaze, GazeConfig, GazeControl
 from planning.gaze.selection import in_view
 from planning.gaze.sweep import Sweep
 
@@ -36,7 +38,7 @@ class Standing:
     """A standing robot whose map becomes stale where it does not look."""
 
     def __init__(self, config=CONFIG, robot=DARWIN_OP):
-        self.policy = GazePolicy(config, robot)
+        self.policy = GazeControl(config, robot)
         self.grid = EgocentricGrid(GridConfig(), np.zeros(2))
         self.confidence = ConfidenceLayer(self.grid)
         self.now = 0.0
@@ -90,13 +92,13 @@ def test_an_obstacle_out_of_sight_is_looked_for_within_three_gazes():
 
 
 def test_the_sweep_policy_is_the_sweep_and_the_fixed_policy_never_turns():
-    sweep, policy = Sweep(), GazePolicy(replace(CONFIG, mode="sweep"))
+    sweep, policy = Sweep(), GazeControl(replace(CONFIG, mode="sweep"))
     for k in range(20):
         others = [mover(0.6, -0.8, 0.0)]
         assert policy.next(k * STEP_S, Pose2(), VIA, others) == sweep.next(
             k * STEP_S, Pose2(), VIA, others
         )
-    fixed = GazePolicy(replace(CONFIG, mode="fixed"))
+    fixed = GazeControl(replace(CONFIG, mode="fixed"))
     assert not fixed.surveying
     gazes = {fixed.next(k * STEP_S, Pose2(), VIA, []) for k in range(9)}
     assert len(gazes) == 1
@@ -104,10 +106,11 @@ def test_the_sweep_policy_is_the_sweep_and_the_fixed_policy_never_turns():
 
 
 def test_without_a_context_the_sweep_decides():
-    policy, sweep = GazePolicy(CONFIG), Sweep()
+    policy, sweep = GazeControl(CONFIG), Sweep()
     for k in range(15):
         assert policy.next(k * STEP_S, Pose2(), VIA, []) == sweep.next(k * STEP_S, Pose2(), VIA, [])
-        assert policy.attention is None
+        assert isinstance(policy.policy, EvaluationGaze)
+        assert policy.policy.attention is None
 
 
 def test_the_survey_comes_first_and_again_on_request():
@@ -125,7 +128,7 @@ def test_a_slow_head_gets_directions_that_it_reaches_in_time():
     standing = Standing(robot=RobotModel(head=HeadLimits(speed_radps=0.5))).surveyed()
     reach, before = 0.5 * FIRST_IMAGE_S, None
     for _ in range(20):
-        present = standing.policy._present
+        present = standing.policy.policy._present
         gaze = standing.look([mover(0.1, 1.0, -9.0)])
         assert abs(gaze.pan_rad - present.pan_rad) <= reach + math.radians(3.0)
         before = gaze
@@ -135,3 +138,32 @@ def test_a_slow_head_gets_directions_that_it_reaches_in_time():
 def test_an_unknown_mode_is_refused():
     with pytest.raises(ConfigError, match="evaluations, sweep, fixed"):
         GazeConfig(mode="stare")
+
+
+class Ceiling:
+    """A policy of a user's own, with nothing but the one method."""
+
+    def __init__(self, config, robot):
+        self.gaze = GazeCommand(0.1, 0.2)
+
+    def next(self, stamp_s, robot, via, obstacles, known=None):
+        return self.gaze
+
+
+def test_a_policy_of_ones_own_needs_one_method():
+    policy = GazeControl(replace(CONFIG, mode=plugins.reference(Ceiling)))
+    assert not policy.surveying
+    policy.survey()
+    assert policy.next(0.0, Pose2(), VIA, []) == GazeCommand(0.1, 0.2)
+
+
+def test_a_policy_that_returns_no_gaze_is_named():
+    policy = GazeControl(replace(CONFIG, mode=plugins.reference(Ceiling)))
+    policy.policy.gaze = (0.1, 0.2)
+    with pytest.raises(InputError, match=r"Ceiling.*tuple.*GazeCommand"):
+        policy.next(0.0, Pose2(), VIA, [])
+
+
+def test_a_policy_without_the_method_is_refused():
+    with pytest.raises(InputError, match=r"Standing.*lacks next"):
+        GazeControl(replace(CONFIG, mode=plugins.reference(Standing)))

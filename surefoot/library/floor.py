@@ -1,0 +1,91 @@
+"""The floor in one depth image."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from perception.depth import points
+from perception.depth.points import Points
+from perception.floor import choose
+from perception.floor.choose import Floor
+from perception.floor.prior import handheld_prior, kinematic_prior
+from perception.localisation.pose_source import PriorConfig
+from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError
+from perception.primitives.frame import Depth
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3
+
+from . import checks
+from .checks import ArrayLike
+
+
+def find_floor(
+    depth_m: ArrayLike,
+    camera: Camera,
+    up: ArrayLike | None = None,
+    T_body_camera: Pose3 | None = None,
+    *,
+    scale_per_metre: float | None = None,
+    sigma_m: ArrayLike | None = None,
+    nearest_m: float = 0.3,
+    farthest_m: float = 4.0,
+    seed: int = 0,
+) -> Plane | None:
+    """The floor in a depth image: a plane n.p + h = 0 with its covariance.
+
+    Args:
+        depth_m: (h, w), depth along the optical axis, m; NaN, 0 or negative where there is none. Integers
+            need `scale_per_metre`.
+        camera: Intrinsics; axes x right, y down, z ahead.
+        up: (3,), direction that points up in the camera frame, of any length, to about 3 degrees (an
+            accelerometer). None: the camera is held upright to about 25 degrees.
+        T_body_camera: Camera in a body frame with z = 0 on the floor, to about 1 degree and 1 cm (joint
+            angles). It replaces `up`, and finds floors of which little is visible.
+        scale_per_metre: Units per metre of an integer image: 1000 for millimetres.
+        sigma_m: Standard deviation of depth, one number or (h, w), m. None: that of a structured-light camera,
+            1.2 mm + 1.9 mm (z - 0.4)^2.
+        nearest_m, farthest_m: Depths outside this range are not used.
+        seed: Of the random samples; equal seeds give equal planes.
+
+    Returns:
+        Plane in the camera frame: `normal` points up, `offset_m` is the camera's height over the floor in m,
+        `covariance` is (3, 3) over (two tilts in rad, offset in m). None if no floor is found.
+
+    Raises:
+        InputError: The image has the wrong shape or type, or an argument is impossible.
+
+    Source: seed 003, section 3, Fig. 4; Nguyen, Izadi, Lovell 2012 (noise).
+    """
+    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m, T_body_camera)
+    cloud = points.from_depth(depth, nearest_m, farthest_m)
+    found = search(cloud, depth, up, sigma_m is None, seed)
+    return None if found is None else found.plane
+
+
+def search(
+    cloud: Points, depth: Depth, up: ArrayLike | None, structured_light: bool, seed: int
+) -> Floor | None:
+    """The floor among the points of a checked image.
+
+    Args:
+        cloud: Points of the image.
+        depth: The image.
+        up: As for `find_floor`.
+        structured_light: Whether the noise is that of a structured-light camera, with its shared error.
+        seed: Of the random samples.
+    """
+    T_body_camera = depth.T_body_camera
+    if T_body_camera is not None:
+        config = PriorConfig()
+        tilt = math.radians(config.joints_tilt_deg)
+        prior = kinematic_prior(T_body_camera, tilt, config.joints_height_m)
+    else:
+        direction = None if up is None else checks.numbers(up, (3,), "up")
+        if direction is not None and not np.any(direction):
+            raise InputError("up must not be the zero vector")
+        prior = handheld_prior(direction)
+    sensor = "depth" if structured_light else None
+    return choose.find(cloud, prior, np.random.default_rng(seed), None, sensor)

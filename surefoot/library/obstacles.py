@@ -1,0 +1,122 @@
+"""Obstacles in one depth image, and footprints in a point cloud."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapping.objects import footprints
+from mapping.objects.footprints import Footprint
+from perception.depth import points
+from perception.depth.reach import ReachConfig
+from perception.floor import classify
+from perception.floor.classify import ClassConfig
+from perception.floor.levelling import camera_above_floor
+from perception.floor.segmented_view import RISING, SegmentedView, truncated
+from perception.obstacles import clustering
+from perception.obstacles.clustering import Cluster, ClusterConfig
+from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError
+from perception.primitives.plane import Plane
+
+from . import checks
+from .checks import ArrayLike
+from .floor import search
+
+HEADROOM_M = 0.10  # seed 003: what is higher than the robot by this is no obstacle
+
+
+def find_obstacles(
+    depth_m: ArrayLike,
+    camera: Camera,
+    floor: Plane | None = None,
+    *,
+    up: ArrayLike | None = None,
+    robot_height_m: float = 0.46,
+    scale_per_metre: float | None = None,
+    sigma_m: ArrayLike | None = None,
+    nearest_m: float = 0.3,
+    farthest_m: float = 4.0,
+    seed: int = 0,
+) -> list[Cluster] | None:
+    """Objects that rise from the floor in a depth image, the nearest first.
+
+    Positions are in the frame on the floor straight below the camera: x where the camera looks, y to the left,
+    z up from the floor, m.
+
+    Args:
+        depth_m: (h, w), depth along the optical axis, m, as for `find_floor`.
+        camera: Intrinsics.
+        floor: The floor in the camera frame, as `find_floor` returns it; None searches it in this image.
+        up: Direction that points up in the camera frame, for that search.
+        robot_height_m: Points more than 0.1 m above this do not make an obstacle by themselves.
+        scale_per_metre: Units per metre of an integer image.
+        sigma_m: Standard deviation of depth, as for `find_floor`.
+        nearest_m, farthest_m: Depths outside this range are not used.
+        seed: Of the search for the floor.
+
+    Returns:
+        Clusters with `centre` (2,) and `covariance` (2, 2) of the covering disc, m and m^2, its `radius_m`,
+        `height_m` above the floor, `points`, and the rectangle `footprint` of the visible part. Where `placed`
+        is False the object is cut off by the image, by the range or by something nearer, and its centre is only
+        that of the visible part. An empty list if there are no obstacles; None if no floor is found.
+
+    Raises:
+        InputError: The image has the wrong shape or type, or an argument is impossible.
+
+    Source: seed 003, section 3 (classes of points); clusters and their covariance are ours.
+    """
+    depth = checks.depth_image(depth_m, camera, scale_per_metre, sigma_m)
+    height_m = checks.positive(robot_height_m, "robot_height_m")
+    reach = ReachConfig(nearest_m, farthest_m)
+    cloud = points.from_depth(depth, nearest_m, farthest_m)
+    plane = floor
+    if floor is None:
+        found = search(cloud, depth, up, sigma_m is None, seed)
+        if found is None:
+            return None
+        floor, plane = found.plane, found.among_points
+    assert plane is not None
+    classes = classify.classify(cloud, plane, ClassConfig(robot_height_m=height_m))
+    T_floor_camera = camera_above_floor(floor)
+    upright = T_floor_camera.apply(cloud.xyz)
+    upright[:, 2] = floor.distance(cloud.xyz)
+    view = SegmentedView("depth", depth, cloud, classes, floor, None, T_floor_camera, upright)
+    rising = np.isin(classes, RISING)
+    return clustering.cluster(
+        upright[rising],
+        cloud.sigma[rising],
+        np.zeros(2),
+        ClusterConfig(robot_top_m=height_m + HEADROOM_M),
+        truncated(view, reach)[rising],
+    )
+
+
+def find_footprints(points_m: ArrayLike, sightings: ArrayLike | None = None) -> list[Footprint]:
+    """Ground plans of the objects in a point cloud, those of most points first.
+
+    Args:
+        points_m: (n, 3), points of obstacles without the floor, z the height above it, m; best one point a voxel
+            of about 2 cm. Rows with NaN are left out.
+        sightings: (n,), integers, in how many images each point was seen; None if not known. Points seen once
+            do not count where others were seen more often.
+
+    Returns:
+        Rectangles: `centre` (2,), `length_m` and `width_m`, `yaw_rad` of the longer side, `height_m`, and
+        `covariance` (2, 2) of the centre, in the frame of the points.
+
+    Raises:
+        InputError: The points are not (n, 3) numbers, or there is not one number of sightings a point.
+
+    Source: ours; rectangle of least area after Freeman and Shapira 1975.
+    """
+    cloud = np.asarray(points_m)
+    if cloud.ndim != 2 or cloud.shape[1] != 3 or cloud.dtype.kind not in "fui":
+        raise InputError(
+            f"points_m is {cloud.dtype} of shape {cloud.shape}; expected (n, 3) of numbers, m"
+        )
+    counts = None if sightings is None else np.asarray(sightings)
+    if counts is not None and (counts.shape != (len(cloud),) or counts.dtype.kind not in "ui"):
+        raise InputError(
+            f"sightings is {counts.dtype} of shape {counts.shape}; expected ({len(cloud)},) of integers"
+        )
+    return footprints.find(cloud.astype(np.float64), None, counts)

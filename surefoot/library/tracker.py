@@ -1,0 +1,109 @@
+"""Tracks of obstacles from detections."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from perception.obstacles.track import Detection
+from perception.obstacles.tracker import ObstacleTracker, TrackerConfig
+from perception.primitives import plugins
+from perception.primitives.errors import InputError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+
+from . import checks
+from .checks import ArrayLike
+
+
+class Tracker:
+    """Tracks obstacles by one UKF each: detections in, positions and velocities with covariances out.
+
+    Source: seed 001, sections 2 and 14; data association and the evidence of motion are ours.
+    """
+
+    def __init__(
+        self,
+        speed_sigma_mps: float = 0.06,
+        motion_model: str | type = "switching",
+        **settings: Any,
+    ) -> None:
+        """Begin without tracks.
+
+        Args:
+            speed_sigma_mps: Standard deviation of an obstacle's speed along each axis, m/s: about 0.06 for
+                small robots, 0.7 for people.
+            motion_model: "switching" (constant velocity with stops and reversals), "package.module:Class", or a
+                class of your own (see `surefoot.MotionModel`).
+            settings: Fields of `perception.obstacles.tracker.TrackerConfig`: `hits_to_show` detections before
+                a track is reported (3), `max_radius_m` (0.35), `oldest_s` without detection (12).
+
+        Raises:
+            InputError: A setting is unknown or impossible.
+        """
+        config = checks.configured(
+            TrackerConfig, {"motion_model": plugins.name_of(motion_model), **settings}, "Tracker"
+        )
+        speed = checks.positive(speed_sigma_mps, "speed_sigma_mps")
+        track = dataclasses.replace(config.track, speed_sigma_mps=speed)
+        self._config = dataclasses.replace(config, track=track)
+        self._tracker = ObstacleTracker(self._config)
+        self._stamp_s: float | None = None
+
+    @property
+    def obstacles(self) -> list[Obstacle]:
+        """The reported tracks, world frame, in order of their numbers."""
+        return self._tracker.obstacles
+
+    def update(
+        self,
+        stamp_s: float,
+        positions: ArrayLike,
+        covariances: ArrayLike,
+        radii_m: ArrayLike = 0.1,
+        pose: Gaussian | None = None,
+    ) -> list[Obstacle]:
+        """Advance to this time and take in the detections.
+
+        Args:
+            stamp_s: Time, s; larger than at the previous call.
+            positions: (n, 2), detections in the body frame (x ahead, y left), m; an empty list for none.
+            covariances: (n, 2, 2), or (2, 2) for all, of the positions by the sensor alone, m^2.
+            radii_m: One number or (n,), m.
+            pose: Gaussian over the body's (x, y, yaw) in the world, m and rad; None: the sensor stands at the
+                origin, and body frame and world frame are one.
+
+        Returns:
+            Tracks: `position`, `velocity`, `state` (Gaussian over x, y, vx, vy), `moving` (probability),
+            `track` (its number), `radius_m`, `seen_s`; world frame.
+
+        Raises:
+            InputError: An array has the wrong shape, the time does not advance, or a radius exceeds
+                `max_radius_m`.
+        """
+        stamp = float(checks.numbers(stamp_s, (), "stamp_s"))
+        if self._stamp_s is not None and stamp <= self._stamp_s:
+            raise InputError(f"stamp_s={stamp} does not follow {self._stamp_s}")
+        places = checks.numbers(positions, (None, 2), "positions")
+        count = len(places)
+        given = np.asarray(covariances, np.float64)
+        shared = np.broadcast_to(given, (count, 2, 2)) if given.shape == (2, 2) else given
+        spreads = checks.covariances(shared, (count, 2, 2), "covariances")
+        radii = checks.numbers(radii_m, (count,), "radii_m")
+        most = self._config.max_radius_m
+        if (radii < 0.0).any() or (radii > most).any():
+            raise InputError(
+                f"radii_m must lie in [0, {most}]; set max_radius_m for larger obstacles"
+            )
+        robot = Gaussian(np.zeros(3), np.zeros((3, 3))) if pose is None else pose
+        if robot.mean.shape != (3,):
+            raise InputError(f"pose has {len(robot.mean)} numbers; expected x, y, yaw")
+        seen = [
+            Detection(place, spread, float(radius))
+            for place, spread, radius in zip(places, spreads, radii, strict=True)
+        ]
+        self._tracker.update(stamp, seen, robot)
+        self._stamp_s = stamp
+        return self.obstacles

@@ -1,0 +1,266 @@
+"""The verbs of the command line as functions that return runs."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from perception.primitives import plugins
+from perception.primitives.errors import InputError
+
+from ..config.load import load
+from ..config.schema import Config
+from .run_results import Run, opened
+
+Place = str | Path
+Say = Callable[[str], None]
+
+
+def simulate(
+    scene: str | None = None,
+    *,
+    planner: str | type | None = None,
+    gaze: str | type | None = None,
+    body: str | None = None,
+    seed: int | None = None,
+    seconds: float | None = None,
+    record: bool = False,
+    config: Config | Place | None = None,
+    settings: Mapping[str, Any] | None = None,
+    out: Place | None = None,
+    say: Say | None = None,
+) -> Run:
+    """Walk a simulated humanoid through a scene, from its sensors alone.
+
+    Args:
+        scene: Name of a shipped scene or path of a scene file; None: "home", or that of `config`.
+        planner: "search", "field", "swarm" or "avoidance", "package.module:Class", or a class of your own (see
+            `surefoot.Planner`).
+        gaze: "evaluations", "sweep" or "fixed", "package.module:Class", or a class of your own (see
+            `surefoot.GazePolicy`).
+        body: "kinematic" or "dynamic".
+        seed: Of scene, noise and random choices.
+        seconds: End of the run, s of the simulation.
+        record: Keep the sensor data as recording.mcap.
+        config: Settings, or a TOML file of them; None for the defaults.
+        settings: Single settings, such as {"world_map.cell_m": 0.02}; they go before `config`.
+        out: Run folder; None for a temporary one.
+        say: Takes lines of progress.
+
+    Raises:
+        InputError: Unknown scene, planner or setting, or a plug-in that cannot be loaded.
+        OutputError: The folder cannot be written.
+    """
+    from ..run.simulate import simulate as run
+
+    chosen: dict[str, Any] = {}
+    if planner is not None:
+        chosen["mission.planner"] = plugins.name_of(planner)
+    if gaze is not None:
+        chosen["gaze.mode"] = plugins.name_of(gaze)
+    if body is not None:
+        chosen["robot.body"] = body
+    if seconds is not None:
+        chosen["mission.time_limit_s"] = float(seconds)
+    asked = _config(config, {**(settings or {}), **chosen}, scene, seed)
+    folder, temporary = _folder(out)
+    run(asked, folder, record, say or _silent)
+    return opened(folder, temporary)
+
+
+def process(
+    recording: Place,
+    *,
+    description: Place | None = None,
+    config: Config | Place | None = None,
+    settings: Mapping[str, Any] | None = None,
+    out: Place | None = None,
+    say: Say | None = None,
+) -> Run:
+    """Process a recording: poses, floor, obstacles, tracks and maps.
+
+    Args:
+        recording: Folder or file, of any format that `surefoot process --help` lists.
+        description: A recording.toml kept elsewhere.
+        config: Settings, or a TOML file of them; None for those a recorded run was walked with, else the
+            defaults.
+        settings: Single settings, such as {"world_map.cell_m": 0.02}; they go before `config`.
+        out: Run folder; None for a temporary one.
+        say: Takes lines of progress.
+
+    Raises:
+        RecordingError: The recording cannot be read.
+        InputError: A setting is unknown or impossible.
+        OutputError: The folder cannot be written.
+    """
+    from ..run.process import process as run
+
+    path = Path(recording)
+    asked = _config(_own_config(path) if config is None else config, settings)
+    folder, temporary = _folder(out)
+    run(path, None if description is None else Path(description), asked, folder, say or _silent)
+    return opened(folder, temporary)
+
+
+def map(
+    recording: Place,
+    *,
+    description: Place | None = None,
+    config: Config | Place | None = None,
+    settings: Mapping[str, Any] | None = None,
+    out: Place | None = None,
+    say: Say | None = None,
+) -> Run:
+    """Map a whole recording: camera trajectory with loop closure, surface, and where a robot can walk.
+
+    Arguments and errors as for `process`. The surface is `run.path("mesh.ply")`, the maps are `run.map` and
+    `run.layers`; "surface.voxel_m" sets the resolution.
+    """
+    from ..offline.map import map_recording
+
+    return _offline("map", map_recording, recording, description, config, settings, out, say)
+
+
+def panorama(
+    recording: Place,
+    *,
+    description: Place | None = None,
+    config: Config | Place | None = None,
+    settings: Mapping[str, Any] | None = None,
+    out: Place | None = None,
+    say: Say | None = None,
+) -> Run:
+    """Stitch the views of a recording to one panoramic map, and find obstacles and gaps in it.
+
+    Arguments and errors as for `process`. The results are `run.path("panorama.json")` and
+    `run.path("panorama.npz")`.
+    """
+    from ..offline.panorama import run_panorama
+
+    return _offline("panorama", run_panorama, recording, description, config, settings, out, say)
+
+
+def monocular(
+    recording: Place,
+    *,
+    description: Place | None = None,
+    config: Config | Place | None = None,
+    settings: Mapping[str, Any] | None = None,
+    out: Place | None = None,
+    say: Say | None = None,
+) -> Run:
+    """Find the floor of a recording by colour alone; compared with depth where there is any.
+
+    Arguments and errors as for `process`. The figures are in `run.summary`, the pictures in `run.folder`.
+    """
+    from ..offline.monocular import run_monocular
+
+    return _offline("monocular", run_monocular, recording, description, config, settings, out, say)
+
+
+def evaluate(
+    run: Run | Place,
+    truth: Place | None = None,
+    *,
+    surface: Place | None = None,
+    truth_sigma: tuple[float, float] = (0.0, 0.0),
+) -> Run:
+    """Compare a run with the truth: errors, consistency, map, contacts.
+
+    Writes metrics.json and the report anew.
+
+    Args:
+        run: A run or its folder.
+        truth: Trajectory in TUM text; None for the run's own truth/.
+        surface: Mesh or cloud of the true surfaces.
+        truth_sigma: Standard deviations of the given truth itself, m and rad.
+
+    Returns:
+        The run; the figures are its `metrics`.
+
+    Raises:
+        InputError: There is no such run, or the truth cannot be read.
+        OutputError: The folder cannot be written.
+    """
+    from ..evaluation.evaluate import evaluate as measure
+    from ..report.page import write_report
+    from ..results.run_folder import RunFolder
+
+    judged = run if isinstance(run, Run) else Run(run)
+    folder = RunFolder.open(judged.folder)
+    measure(
+        folder,
+        None if truth is None else Path(truth),
+        None if surface is None else Path(surface),
+        truth_sigma,
+    )
+    write_report(folder)
+    return judged
+
+
+def _offline(
+    verb: str,
+    work: Callable[..., object],
+    recording: Place,
+    description: Place | None,
+    config: Config | Place | None,
+    settings: Mapping[str, Any] | None,
+    out: Place | None,
+    say: Say | None,
+) -> Run:
+    from ..offline.job import Job
+
+    path = Path(recording)
+    asked = _config(_own_config(path) if config is None else config, settings)
+    folder, temporary = _folder(out)
+    given = None if description is None else Path(description)
+    work(Job.open(verb, path, given, asked, folder), say or _silent)
+    return opened(folder, temporary)
+
+
+def _config(
+    config: Config | Place | None,
+    settings: Mapping[str, Any] | None,
+    scene: str | None = None,
+    seed: int | None = None,
+) -> Config:
+    """The configuration, with single settings, scene and seed."""
+    changes = [f"{key}={_value(key, value)}" for key, value in (settings or {}).items()]
+    if isinstance(config, Config):
+        from dataclasses import replace
+
+        from ..config import toml
+
+        changed = toml.override(config, changes)
+        changed = changed if scene is None else replace(changed, scene=scene)
+        return changed if seed is None else replace(changed, seed=seed)
+    return load(None if config is None else Path(config), changes, scene, seed)
+
+
+def _value(key: str, value: Any) -> str:
+    """A value as TOML."""
+    try:
+        return tomli_w.dumps({"v": value}).partition("=")[2].strip()
+    except TypeError as error:
+        raise InputError(f"setting {key}={value!r}: {error}") from error
+
+
+def _own_config(path: Path) -> Path | None:
+    """The settings that a recorded run was walked with."""
+    own = path / "config.toml"
+    return own if own.is_file() and (path / "recording.mcap").is_file() else None
+
+
+def _folder(out: Place | None) -> tuple[Path, tempfile.TemporaryDirectory[str] | None]:
+    if out is not None:
+        return Path(out), None
+    temporary = tempfile.TemporaryDirectory(prefix="surefoot-")
+    return Path(temporary.name) / "run", temporary
+
+
+def _silent(text: str) -> None:
+    """Nobody listens."""

@@ -1,0 +1,236 @@
+"""The functions of the public library against geometry that is known."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+import surefoot
+from perception.primitives.pose import head_rotation
+
+CAMERA = surefoot.Camera.from_view(160, 120, 1.0, 0.8)
+HEIGHT_M, TILT_RAD = 0.9, 0.5
+UP = head_rotation(0.0, TILT_RAD).T @ np.array([0.0, 0.0, 1.0])
+BOX = (1.4, 0.10, 0.40)  # x of the front, half width, height, m
+
+
+def scene(box: bool = False, seed: int = 0, noise: bool = True) -> np.ndarray:
+    """Depth of a floor 0.9 m below a camera that looks 0.5 rad down, perhaps with a box ahead, m."""
+    rays = CAMERA.rays @ head_rotation(0.0, TILT_RAD).T
+    with np.errstate(divide="ignore"):
+        depth = HEIGHT_M / -rays[..., 2]
+    depth[(depth < 0.0) | (depth > 4.0)] = np.nan
+    if box:
+        front, half, top = BOX
+        hit = front / rays[..., 0]
+        z = HEIGHT_M + hit * rays[..., 2]
+        on = (np.abs(hit * rays[..., 1]) < half) & (z > 0.0) & (z < top)
+        depth = np.where(on, np.fmin(depth, hit), depth)
+    if noise:
+        sigma = 0.0012 + 0.0019 * (depth - 0.4) ** 2
+        depth = depth + sigma * np.random.default_rng(seed).normal(size=depth.shape)
+    return depth
+
+
+@pytest.mark.parametrize("up", [None, tuple(UP)])
+def test_the_floor_is_the_true_plane_within_its_covariance(up):
+    true = surefoot.Plane(UP, HEIGHT_M)
+    for seed in range(5):
+        found = surefoot.find_floor(scene(seed=seed), CAMERA, up)
+        assert found is not None
+        error = found.error_to(true)
+        assert error @ np.linalg.solve(found.covariance, error) < 16.3  # chi-square, 3, 0.999
+        assert found.angle_to(true) < math.radians(0.2)
+        assert found.offset_m == pytest.approx(HEIGHT_M, abs=0.01)
+
+
+def test_a_known_mount_gives_the_floor_in_the_same_frame():
+    mount = surefoot.Pose3.from_rotation(head_rotation(0.0, TILT_RAD), np.array([0, 0, HEIGHT_M]))
+    found = surefoot.find_floor(scene(), CAMERA, T_body_camera=mount)
+    assert found is not None
+    np.testing.assert_allclose(found.normal, UP, atol=0.005)
+
+
+def test_integer_depth_with_its_scale_gives_the_same_floor():
+    millimetres = np.nan_to_num(1000.0 * scene()).round().astype(np.uint16)
+    found = surefoot.find_floor(millimetres, CAMERA, scale_per_metre=1000.0)
+    assert found is not None
+    assert found.offset_m == pytest.approx(HEIGHT_M, abs=0.01)
+
+
+def test_no_floor_in_a_wall():
+    wall = np.full((120, 160), 1.5)
+    assert surefoot.find_floor(wall, CAMERA, UP) is None
+    assert surefoot.find_obstacles(wall, CAMERA, up=UP) is None
+
+
+@pytest.mark.parametrize(
+    ("depth", "camera", "message"),
+    [
+        (np.ones((120, 160), np.uint16), CAMERA, "scale_per_metre"),
+        (1000.0 * np.ones((120, 160)), CAMERA, "millimetres"),
+        (np.ones((60, 160)), CAMERA, r"expects \(120, 160\)"),
+        (np.ones((120, 160, 3)), CAMERA, "expected"),
+        (np.ones((120, 160), bool), CAMERA, "expected"),
+    ],
+)
+def test_a_wrong_depth_image_is_refused_with_what_was_expected(depth, camera, message):
+    with pytest.raises(surefoot.InputError, match=message):
+        surefoot.find_floor(depth, camera)
+
+
+def test_a_camera_with_nan_is_refused():
+    with pytest.raises(surefoot.InputError, match="fx"):
+        surefoot.Camera(160, 120, math.nan, 100.0, 80.0, 60.0)
+
+
+def test_a_box_on_the_floor_is_found_at_its_place():
+    found = surefoot.find_obstacles(scene(box=True), CAMERA)
+    assert found is not None
+    assert len(found) == 1
+    (box,) = found
+    front, half, top = BOX
+    assert box.placed
+    assert box.height_m == pytest.approx(top, abs=0.03)
+    assert box.footprint.length_m == pytest.approx(2 * half, abs=0.03)
+    assert abs(box.centre[1]) < 0.02
+    assert front - 0.02 < box.centre[0] < front + half  # only the front is seen
+    again = surefoot.find_obstacles(
+        scene(box=True), CAMERA, surefoot.find_floor(scene(box=True), CAMERA)
+    )
+    assert again is not None
+    np.testing.assert_allclose(again[0].centre, box.centre, atol=0.01)
+
+
+def test_no_obstacles_on_an_empty_floor():
+    assert surefoot.find_obstacles(scene(), CAMERA) == []
+
+
+def test_the_footprint_of_a_block_is_its_rectangle():
+    x, y, z = np.meshgrid(
+        np.arange(1, 1.51, 0.02), np.arange(0, 0.31, 0.02), np.arange(0.02, 0.4, 0.02)
+    )
+    (found,) = surefoot.find_footprints(np.stack([x, y, z], axis=-1).reshape(-1, 3))
+    np.testing.assert_allclose(found.centre, [1.25, 0.15], atol=0.02)
+    assert found.length_m == pytest.approx(0.5, abs=0.03)
+    assert found.width_m == pytest.approx(0.3, abs=0.03)
+    with pytest.raises(surefoot.InputError, match=r"\(n, 3\)"):
+        surefoot.find_footprints(np.zeros((5, 2)))
+
+
+def test_stereo_depth_is_that_of_a_textured_plane_within_its_sigma():
+    rng = np.random.default_rng(1)
+    texture = rng.integers(0, 256, (120, 220), np.uint8)
+    shift = 12  # px: Z = f B / d
+    left, right = texture[:, 20:180], texture[:, 20 + shift : 180 + shift]
+    camera = surefoot.Camera(160, 120, 200.0, 200.0, 79.5, 59.5)
+    found = surefoot.stereo_depth(left, right, camera, 0.06)
+    true = 200.0 * 0.06 / shift
+    inner = found.depth_m[10:-10, 40:-10]
+    assert np.isfinite(inner).mean() > 0.95
+    errors = np.abs(inner - true) / found.sigma_m[10:-10, 40:-10]
+    assert np.nanmean(errors < 2.0) > 0.95
+    assert 0.0 <= found.reliability.min() <= found.reliability.max() <= 1.0
+    with pytest.raises(surefoot.InputError, match="uint8"):
+        surefoot.stereo_depth(left.astype(float), right, camera, 0.06)
+
+
+def test_the_gaze_turns_to_the_obstacle_that_is_vague_fast_and_near():
+    vague = np.diag([0.02, 0.02])
+    found = surefoot.gaze_map(
+        (1.0, -0.1),
+        [(0.7, 0.7), (0.8, -0.8)],
+        [(0.0, -0.1), (0.0, 0.0)],
+        [vague, vague],
+        way_weight=0.05,
+    )
+    psi = math.sqrt(0.02) * 0.1 / math.hypot(0.7, 0.7) / 0.02  # eq. (3)
+    assert found.psi_obstacles.tolist() == pytest.approx([psi, 0.0])  # the second one stands
+    assert found.best.pan_rad > math.radians(20.0)
+    assert found.values.shape == (len(found.pans_rad), len(found.tilts_rad))
+    assert found.values.max() == pytest.approx(
+        found.values[
+            np.argmin(np.abs(found.pans_rad - found.best.pan_rad)),
+            np.argmin(np.abs(found.tilts_rad - found.best.tilt_rad)),
+        ]
+    )
+
+
+def test_without_obstacles_the_gaze_shows_the_waypoint():
+    found = surefoot.gaze_map((1.0, 0.3))
+    axes = head_rotation(found.best.pan_rad, found.best.tilt_rad)
+    right, down, ahead = axes.T @ np.array([1.0, 0.3, -0.38])
+    assert abs(right / ahead) < math.tan(math.radians(22.0))
+    assert abs(down / ahead) < math.tan(math.radians(17.5))
+
+
+def test_gaze_input_of_the_wrong_shape_is_refused():
+    with pytest.raises(surefoot.InputError, match="waypoint"):
+        surefoot.gaze_map((1.0, 0.0, 0.0))
+    with pytest.raises(surefoot.InputError, match="covariances"):
+        surefoot.gaze_map((1.0, 0.0), [(1.0, 0.0)])
+    with pytest.raises(surefoot.InputError, match="unknown setting"):
+        surefoot.gaze_map((1.0, 0.0), colour="red")
+
+
+def dijkstra_cost(price: np.ndarray, blocked: np.ndarray, start: tuple, goal: tuple) -> float:
+    """Least cost on the 8-neighbour lattice, by Dijkstra's method."""
+    done: set[tuple] = set()
+    queue = [(0.0, start)]
+    while queue:
+        cost, node = heapq.heappop(queue)
+        if node == goal:
+            return cost
+        if node in done:
+            continue
+        done.add(node)
+        for dr in (-1, 0, 1):
+            for dc in (-1, 0, 1):
+                r, c = node[0] + dr, node[1] + dc
+                inside = 0 <= r < price.shape[0] and 0 <= c < price.shape[1]
+                if inside and not blocked[r, c] and (dr or dc):
+                    step = math.hypot(dr, dc) * (price[node] + price[r, c]) / 2.0
+                    heapq.heappush(queue, (cost + step, (r, c)))
+    return math.inf
+
+
+def test_the_path_costs_no_more_than_dijkstras_and_keeps_clear():
+    from planning.search.astar import prepare
+    from planning.search.potential import SearchConfig
+
+    occupied = np.zeros((60, 80), bool)
+    occupied[20:45, 40] = True
+    start, goal = np.array([0.52, 1.53]), np.array([3.52, 1.53])
+    path = surefoot.find_path(occupied, 0.05, start, goal)
+    assert path is not None
+    np.testing.assert_allclose(path[[0, -1]], [start, goal])
+    terrain = prepare(
+        occupied.astype(float), np.zeros_like(occupied), np.zeros(2), 0.05, start, SearchConfig()
+    )
+    best = 0.05 * dijkstra_cost(terrain.price, terrain.blocked, (30, 10), (30, 70))
+    assert terrain.cost_m(path) <= best + 0.05  # ends lie inside their cells, not at the centres
+    walls = (np.argwhere(occupied)[:, ::-1] + 0.5) * 0.05
+    dense = np.concatenate([np.linspace(a, b, 50) for a, b in itertools.pairwise(path)])
+    apart = np.linalg.norm(dense[:, None] - walls, axis=2).min()
+    assert apart > 0.16 - 0.025 * math.sqrt(2.0)  # body radius less half a cell's diagonal
+
+
+def test_no_path_through_a_closed_wall():
+    occupied = np.zeros((40, 40), bool)
+    occupied[:, 20] = True
+    assert surefoot.find_path(occupied, 0.05, (0.4, 1.0), (1.7, 1.0)) is None
+
+
+def test_unknown_cells_are_nan_and_can_be_crossed():
+    cells = np.zeros((40, 40))
+    cells[:, 20] = np.nan
+    assert surefoot.find_path(cells, 0.05, (0.4, 1.0), (1.7, 1.0)) is not None
+
+
+def test_a_map_of_integers_is_refused():
+    with pytest.raises(surefoot.InputError, match="probabilities"):
+        surefoot.find_path(np.zeros((40, 40), np.int8), 0.05, (0.4, 1.0), (1.7, 1.0))
