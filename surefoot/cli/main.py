@@ -433,8 +433,8 @@ def experiment(
             click.echo(f"{name:<14} {experiments.load(name).title}")
         return
     chosen = experiments.load(identity)
-    shelf = trials.Shelf(Path("runs") / "experiments" / identity, resume)
-    with progress() as say, trials.kept(shelf):
+    shelf = trials.ResultCache(Path("runs") / "experiments" / identity, resume)
+    with progress() as say, trials.cached(shelf):
         chosen, outcome = experiments.measure(chosen, say, seeds, body)
     result = experiments.judge(chosen, outcome)
     shown = (

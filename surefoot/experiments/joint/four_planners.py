@@ -26,12 +26,12 @@ from ...config.schema import Config
 from ...report.plots import style
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_trials
 from ..support.walks import walk
 
 SCENES = ("corridor", "robots_room", "boxes", "home")
 ORDER = ("field", "search", "swarm", "avoidance")
-MADE_FOR = {
+INTENDED_SCENES = {
     "field": ("robots_room",),  # seed 001: discs, standing or moving; a hollow is a trap
     "search": SCENES,  # seeds 003 and 001 together
     "swarm": ("corridor", "robots_room", "boxes"),  # seed 000: a floor of one kind
@@ -44,7 +44,7 @@ MADE_FOR = {
 LIMIT_S = 180.0  # ours: the longest way takes 95 s without any obstacle
 PICTURES = Path("runs") / "INT-4"
 
-Walked = tuple[dict[str, Any], np.ndarray]
+WalkResult = tuple[dict[str, Any], np.ndarray]
 
 
 def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
@@ -62,8 +62,8 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Scenes 0 to n - 1, every planner in each; four of them make one of each kind."""
     planners = [name for name in ORDER if name in PLANNERS]
     todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
-    found: list[Walked] = []
-    for walked in each(_walk, [(config,) for config in todo]):
+    found: list[WalkResult] = []
+    for walked in run_trials(_walk, [(config,) for config in todo]):
         found.append(walked)
         say(f"{len(found)} of {len(todo)} walks")
         if len(found) % len(planners) == 0:
@@ -93,7 +93,7 @@ def compare(
         "   time s  computing s"
     ]
     for planner in ORDER:
-        own = MADE_FOR[planner]
+        own = INTENDED_SCENES[planner]
         groups = {"all": SCENES, "own": own, **{kind: (kind,) for kind in SCENES}}
         for name, kinds in groups.items():
             walks = [
@@ -119,7 +119,7 @@ def _line(planner: str, label: str, row: dict[str, float]) -> str:
     )
 
 
-def _walk(config: Config) -> Walked:
+def _walk(config: Config) -> WalkResult:
     """Metrics and true way of one walk."""
     way: list[np.ndarray] = []
 
@@ -162,7 +162,9 @@ def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
     }
 
 
-def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], number: int) -> None:
+def _draw(
+    config: Config, planners: Sequence[str], found: Sequence[WalkResult], number: int
+) -> None:
     """The scene from above, the ways of all planners in it."""
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
     with style.styled():

@@ -40,7 +40,7 @@ from ...run.simulate import START_COVARIANCE
 from ..support.course_runner import course_config
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.geometric_perception import GeometricPerception
-from ..support.trials import each
+from ..support.trials import run_trials
 
 SCENE = "course"
 LEGS = 3  # of the course, about 9 m
@@ -54,7 +54,7 @@ BEARING_RAD = 0.0071  # the same of a bearing
 
 
 @dataclass(frozen=True)
-class Looked:
+class GazeWalk:
     """What came of one walk, means over its steps.
 
     Args:
@@ -124,7 +124,9 @@ class LocalisedPerception(GeometricPerception):
         return math.acos(min(across, 1.0))
 
 
-def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE) -> Looked:
+def walk_with_gaze(
+    seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE
+) -> GazeWalk:
     """One walk with one way of looking."""
     base = on_body(course_config(scene_name, seed), body)
     config = replace(base, gaze=replace(base.gaze, mode=mode))
@@ -148,7 +150,7 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
             if cycle.decision is not None and cycle.decision.why != "survey":
                 found.append(_measures(perception, cycle.world, true, len(scene.movers), config))
         sigma, mover, stale = np.array(found or [(math.nan,) * 3]).T
-        return Looked(
+        return GazeWalk(
             float(sigma.mean()),
             float(np.nanmean(mover)) if np.isfinite(mover).any() else math.nan,
             float(stale.mean()),
@@ -186,14 +188,14 @@ def _measures(
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Three walks a seed; about ten seconds of one core each."""
     todo = [(seed, mode, body) for seed in range(seeds) for mode in MODES]
-    found: dict[str, list[Looked]] = {mode: [] for mode in MODES}
-    for (_, mode, _), one in zip(todo, each(look, todo), strict=True):
+    found: dict[str, list[GazeWalk]] = {mode: [] for mode in MODES}
+    for (_, mode, _), one in zip(todo, run_trials(walk_with_gaze, todo), strict=True):
         found[mode].append(one)
         say(f"{sum(map(len, found.values()))} of {len(todo)} walks")
     mean = {
         mode: {
             name: float(np.nanmean([getattr(one, name) for one in walks]))
-            for name in Looked.__dataclass_fields__
+            for name in GazeWalk.__dataclass_fields__
         }
         for mode, walks in found.items()
     }

@@ -24,10 +24,10 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.ospa import ospa
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_trials
 from . import localisation_trial as trials
-from .localisation_trial import Fault, Following, Trial
-from .localisation_walk import Moment, walk
+from .localisation_trial import Fault, TrackerTrial, Trial
+from .localisation_walk import WalkInstant, walk
 
 FAULTY_EVERY = 5  # of the seeds
 LOST_S, DARK_S, JUMP_M, LATE_S, OUTLIERS = 40.0, 10.0, 0.5, 0.05, 0.3
@@ -44,15 +44,15 @@ def one_walk(seed: int, body: str = "kinematic") -> Figures:
     rng = np.random.default_rng([seed, 51])
     start, marks = scene.start, scene.landmarks
     runs = {
-        "full": trials.begin(start, marks, config, rng),
-        "bare": trials.begin(start, marks, config, rng, landmarks=False),
-        "blind": trials.begin(start, marks, config, rng, landmarks=False, registration=False),
+        "full": trials.make_trial(start, marks, config, rng),
+        "bare": trials.make_trial(start, marks, config, rng, landmarks=False),
+        "blind": trials.make_trial(start, marks, config, rng, landmarks=False, registration=False),
     }
     if seed % FAULTY_EVERY == 0:
-        runs["tags"] = trials.begin(start, marks, config, rng, registration=False)
+        runs["tags"] = trials.make_trial(start, marks, config, rng, registration=False)
         for name, fault in faults(rng).items():
-            runs[name] = trials.begin(start, marks, config, rng, fault=fault)
-    following, fell = Following(config), False
+            runs[name] = trials.make_trial(start, marks, config, rng, fault=fault)
+    following, fell = TrackerTrial(config), False
     for moment in walk(seed, config):
         fell = moment.fell
         if not fell:
@@ -60,7 +60,7 @@ def one_walk(seed: int, body: str = "kinematic") -> Figures:
     found = summary(runs, following) | {"falls": float(fell)}
     if "tags" in runs:
         found["filter_rmse_m"] = rms(runs["tags"].position_m)
-        found["fixed_lag_rmse_m"] = rms(trials.looked_back(runs["tags"], marks, config))
+        found["fixed_lag_rmse_m"] = rms(trials.fixed_lag_errors(runs["tags"], marks, config))
     return found
 
 
@@ -75,7 +75,7 @@ def faults(rng: np.random.Generator) -> dict[str, Fault]:
     return dict(zip(FAULTS, made, strict=True))
 
 
-def step(moment: Moment, runs: dict[str, Trial], following: Following) -> None:
+def step(moment: WalkInstant, runs: dict[str, Trial], following: TrackerTrial) -> None:
     """One instant for all; movers are followed by the first."""
     movers = following.obstacles
     for run in runs.values():
@@ -83,7 +83,7 @@ def step(moment: Moment, runs: dict[str, Trial], following: Following) -> None:
     following.step(moment, next(iter(runs.values())).walker.pose)
 
 
-def summary(runs: dict[str, Trial], following: Following) -> Figures:
+def summary(runs: dict[str, Trial], following: TrackerTrial) -> Figures:
     """Of one walk: root mean squares and mean NEES."""
     full, bare, blind = runs["full"], runs["bare"], runs["blind"]
     found = {
@@ -113,15 +113,15 @@ def summary(runs: dict[str, Trial], following: Following) -> Figures:
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1."""
     found: list[Figures] = []
-    for figures in each(one_walk, [(seed, body) for seed in range(seeds)]):
+    for figures in run_trials(one_walk, [(seed, body) for seed in range(seeds)]):
         found.append(figures)
         say(f"{len(found)} of {seeds} walks")
     fallen = [seed for seed, one in enumerate(found) if one["falls"]]
     lines = [f"seed {seed} fell" for seed in fallen]
-    return Outcome(together(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])
+    return Outcome(combine(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])
 
 
-def together(found: list[Figures]) -> Figures:
+def combine(found: list[Figures]) -> Figures:
     """Over all walks: root mean squares of the root mean squares, means of the NEES, and the bands."""
     figures: Figures = {}
     for name in dict.fromkeys(name for one in found for name in one):

@@ -29,7 +29,7 @@ from sim.truth import ObstacleTruth
 
 from ...config.schema import Config
 from ...run.simulate import START_COVARIANCE
-from .localisation_walk import Moment
+from .localisation_walk import WalkInstant
 
 HERE_COVARIANCE = np.diag(np.square([0.001, 0.001, math.radians(0.05)]))
 """Without markers the start is the origin of the map, by definition; it is only not quite a point."""
@@ -46,7 +46,7 @@ KNEE_M, REACH_M = 0.15, 2.7
 BELIEVED = 0.5
 """Probability of moving above which a track counts as a mover."""
 
-Fault = Callable[[Moment], Moment]
+Fault = Callable[[WalkInstant], WalkInstant]
 
 
 @dataclass
@@ -72,12 +72,12 @@ class Trial:
     def __post_init__(self) -> None:
         self.start = self.walker.pose
 
-    def step(self, moment: Moment, movers: list[Obstacle]) -> None:
+    def step(self, moment: WalkInstant, movers: list[Obstacle]) -> None:
         """Take in one instant, and write down the error."""
         told = self.fault(moment)
         self.walker.update(told.frame, told.sightings if self.landmarks else [])
         if self.registration and told.views:
-            placed = [carried(view, self.walker.pose) for view in told.views]
+            placed = [at_pose(view, self.walker.pose) for view in told.views]
             self.walker.register([static_points(view, movers) for view in placed])
         pose = self.walker.pose
         error = pose.mean - told.pose.vector
@@ -105,7 +105,7 @@ class Trial:
         return np.degrees(np.array(self.errors)[:, 2])
 
 
-def begin(
+def make_trial(
     start: Pose2,
     marks: tuple[Landmark, ...],
     config: Config,
@@ -127,7 +127,7 @@ def begin(
     return trial if fault is None else replace(trial, fault=fault)
 
 
-def looked_back(
+def fixed_lag_errors(
     trial: Trial, marks: tuple[Landmark, ...], config: Config
 ) -> Float[np.ndarray, "n"]:
     """Position error, m, of every instant as a fixed-lag smoother settles it, told the same but the scans."""
@@ -138,14 +138,14 @@ def looked_back(
     return np.linalg.norm(means - np.array([pose.vector[:2] for pose in trial.poses]), axis=1)
 
 
-def carried(view: SegmentedView, pose: Gaussian) -> SegmentedView:
+def at_pose(view: SegmentedView, pose: Gaussian) -> SegmentedView:
     """A view in the body frame, placed in the world at a pose."""
     x, y, yaw = (float(v) for v in pose.mean)
     T = Pose2(x, y, yaw).lifted()
     return replace(view, T_map_camera=T @ view.T_map_camera, upright=T.apply(view.upright))
 
 
-class Following:
+class TrackerTrial:
     """The tracker of moving obstacles at a localiser's poses, and how well it does."""
 
     def __init__(self, config: Config) -> None:
@@ -166,16 +166,16 @@ class Following:
         """Those followed now."""
         return self._tracker.obstacles
 
-    def step(self, moment: Moment, pose: Gaussian) -> None:
+    def step(self, moment: WalkInstant, pose: Gaussian) -> None:
         """Take in one instant."""
         stamp = moment.frame.stamp_s
-        views = [carried(view, pose) for view in moment.views]
-        true_views = [carried(v, Gaussian(moment.pose.vector, np.eye(3))) for v in moment.views]
+        views = [at_pose(view, pose) for view in moment.views]
+        true_views = [at_pose(v, Gaussian(moment.pose.vector, np.eye(3))) for v in moment.views]
         self._tracker.update(stamp, moment.detections, pose, visibility(views))
         tracks = self._tracker.obstacles
         for mover in moment.movers:
             track = self._track_of(
-                mover, tracks, stamp, any(in_sight(v, mover) for v in true_views)
+                mover, tracks, stamp, any(is_visible(v, mover) for v in true_views)
             )
             if track is None:
                 continue
@@ -207,7 +207,7 @@ class Following:
         return max(mine, key=lambda one: one.seen_s, default=None)
 
 
-def in_sight(view: SegmentedView, mover: ObstacleTruth) -> bool:
+def is_visible(view: SegmentedView, mover: ObstacleTruth) -> bool:
     """Whether a mover is in a truly placed view, and nothing nearer hides its middle."""
     _, x, y, _, _, radius, height = mover
     seen = view.T_map_camera.inverse().apply(np.array([[x, y, min(KNEE_M, height / 2)]]))
@@ -227,7 +227,7 @@ def _apart(track: Obstacle, mover: ObstacleTruth) -> float:
 def outliers(share: float, rng: np.random.Generator) -> Fault:
     """So many of the sightings are of something else: anywhere in view, as sure as the true ones."""
 
-    def fault(moment: Moment) -> Moment:
+    def fault(moment: WalkInstant) -> WalkInstant:
         sightings = [
             Sighting(
                 one.identity,
@@ -246,7 +246,7 @@ def outliers(share: float, rng: np.random.Generator) -> Fault:
 def blackout(begin_s: float, seconds: float) -> Fault:
     """No camera says anything for a while."""
 
-    def fault(moment: Moment) -> Moment:
+    def fault(moment: WalkInstant) -> WalkInstant:
         dark = begin_s <= moment.frame.stamp_s < begin_s + seconds
         return replace(moment, sightings=[], views=(), detections=[]) if dark else moment
 
@@ -257,7 +257,7 @@ def jump(at_s: float, metres: float) -> Fault:
     """The joints report once that the body was thrown ahead."""
     done: list[float] = []
 
-    def fault(moment: Moment) -> Moment:
+    def fault(moment: WalkInstant) -> WalkInstant:
         odometry = moment.frame.odometry
         if done or odometry is None or moment.frame.stamp_s < at_s:
             return moment
@@ -277,7 +277,7 @@ def late(seconds: float) -> Fault:
     joints = [Pose2(), Pose2()]  # where they had the body, and where they say so
     past: list[tuple[float, np.ndarray]] = []  # stamp and rate of the frame before
 
-    def fault(moment: Moment) -> Moment:
+    def fault(moment: WalkInstant) -> WalkInstant:
         odometry, imu, stamp = moment.frame.odometry, moment.frame.imu, moment.frame.stamp_s
         if odometry is None or imu is None:
             return moment

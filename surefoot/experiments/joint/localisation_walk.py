@@ -71,7 +71,7 @@ class TagNoise:
 
 
 @dataclass(frozen=True)
-class Moment:
+class WalkInstant:
     """One instant: what the sensors say, understood as far as no pose is needed; and the truth.
 
     Args:
@@ -168,7 +168,7 @@ def _reached(rays: RayCaster, origin: Float[np.ndarray, "3"], places: np.ndarray
     return bool(np.all(hits.distance_m > lengths - 0.02))
 
 
-def walk(seed: int, config: Config) -> Iterator[Moment]:
+def walk(seed: int, config: Config) -> Iterator[WalkInstant]:
     """Survey the room, then follow a free way through it for ten metres, or until the robot falls.
 
     Args:
@@ -181,7 +181,7 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
     with World(scene, "tiny", seed) as world, SimulatedRobot(world, robot, seed) as body:
         truth = Truth(body)
         tags = TagSensor(scene, TagNoise(), config.landmarks, rng)
-        guide = _Guide(scene)
+        guide = _RouteFollower(scene)
         walked, before = 0.0, truth.robot_pose()
         for _ in range(MOST_FRAMES):
             frame = body.read()
@@ -189,7 +189,7 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
             movers = [one for one in truth.obstacles() if one[0] < STILL]
             if body.fallen:  # what its cameras see now means nothing
                 blind = replace(frame, tof=None, colour=None, stereo=None)
-                yield Moment(blind, [], (), [], pose, movers, fell=True)
+                yield WalkInstant(blind, [], (), [], pose, movers, fell=True)
                 return
             assert frame.tof is not None
             assert frame.tof.T_body_camera is not None
@@ -198,9 +198,9 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
                 image = body.config.colour_camera
                 true = body.camera_in_world(image.mount_m)
                 sightings = tags.look(world.rays, image, true, frame.tof.T_body_camera)
-            views, detections = understood(frame, config, rng)
+            views, detections = segment_frame(frame, config, rng)
             blind = replace(frame, tof=None, colour=None, stereo=None)
-            yield Moment(blind, sightings, views, detections, pose, movers)
+            yield WalkInstant(blind, sightings, views, detections, pose, movers)
             walked += math.hypot(pose.x - before.x, pose.y - before.y)
             before = pose
             if walked >= LENGTH_M:
@@ -211,7 +211,7 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
                 body.look(gaze)
 
 
-def understood(
+def segment_frame(
     frame: Frame, config: Config, rng: np.random.Generator
 ) -> tuple[tuple[SegmentedView, ...], list[Detection]]:
     """The depth image in the body frame: floor, what rises, and things whose middle is known."""
@@ -247,7 +247,7 @@ def understood(
     ]
 
 
-class _Guide:
+class _RouteFollower:
     """Leads by the truth: which step and which gaze next."""
 
     def __init__(self, scene: Scene) -> None:

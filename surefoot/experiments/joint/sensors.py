@@ -39,8 +39,8 @@ from sim.shapes import Box
 from sim.world import World
 
 from ...report.plots import style
-from ..seed_003.stereo_range import true_depth
 from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.true_depth import true_depth
 
 PICTURES = Path("runs/experiments/sensors")
 EYE_M = 0.383  # of the robot while it walks
@@ -63,14 +63,14 @@ TOF_M = {(0.3, 1.0): 4, (1.0, 1.5): 6, (1.5, 2.0): 11, (2.0, 3.0): 18}  # notes:
 
 
 @dataclass(frozen=True)
-class Look:
+class CameraPose:
     """A pose of the left camera, and the home it looks at."""
 
     scene: Scene
     T_world_camera: Pose3
 
 
-def looks(seeds: int) -> Iterator[Look]:
+def camera_poses(seeds: int) -> Iterator[CameraPose]:
     """Poses in every home, the same for the same seed."""
     for seed in range(seeds):
         scene = catalogue.load("home", seed)
@@ -82,7 +82,7 @@ def looks(seeds: int) -> Iterator[Look]:
             body = Pose2(x, y, float(rng.uniform(-math.pi, math.pi))).lifted()
             turned = head_rotation(float(rng.uniform(-1.0, 1.0)), float(rng.uniform(0.1, 0.7)))
             head = Pose3.from_rotation(turned, np.array([0.03, 0.0, EYE_M]))
-            yield Look(scene, body @ head)
+            yield CameraPose(scene, body @ head)
 
 
 def on_one_surface(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
@@ -93,7 +93,7 @@ def on_one_surface(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     return np.asarray(ndimage.binary_erosion(calm) & np.isfinite(depth))
 
 
-def within(band: tuple[float, float], depth: np.ndarray) -> np.ndarray:
+def in_band(band: tuple[float, float], depth: np.ndarray) -> np.ndarray:
     """Which depths lie in a band."""
     return np.asarray((depth >= band[0]) & (depth < band[1]))
 
@@ -107,7 +107,7 @@ def _quantiles(parts: list[np.ndarray]) -> tuple[float, float]:
     return float(half), float(most)
 
 
-def rendered(views: list[Look], camera: Camera, say: Say) -> Outcome:
+def renderer_errors(views: list[CameraPose], camera: Camera, say: Say) -> Outcome:
     """Depth of each renderer that works here, against rays."""
     figures: dict[str, float] = {}
     table = ["depth of the renderers against rays, median / p95 mm"]
@@ -127,7 +127,7 @@ def rendered(views: list[Look], camera: Camera, say: Say) -> Outcome:
             judged.append(np.where(good, error, np.inf)[away])  # what it leaves out is wrong
             met += int(np.isfinite(true).sum())
             for band, parts in errors.items():
-                parts.append(error[good & within(band, true)])
+                parts.append(error[good & in_band(band, true)])
             say(f"{renderer}: {number + 1} of {len(views)} views")
         cells = []
         for (low, high), parts in errors.items():
@@ -143,7 +143,7 @@ def rendered(views: list[Look], camera: Camera, say: Say) -> Outcome:
     return Outcome(figures, table)
 
 
-def matched(views: list[Look], robot: RobotConfig, say: Say) -> Outcome:
+def stereo_errors(views: list[CameraPose], robot: RobotConfig, say: Say) -> Outcome:
     """Depth by stereo: our matcher and OpenCV's two, on the same pairs."""
     config, baseline = robot.stereo_camera, robot.baseline_m
     camera = config.camera
@@ -156,14 +156,14 @@ def matched(views: list[Look], robot: RobotConfig, say: Say) -> Outcome:
             true = true_depth(world, camera, look.T_world_camera)
         height = (look.T_world_camera.apply((camera.rays * true[..., None]).reshape(-1, 3)))[:, 2]
         ground = np.abs(height.reshape(true.shape)) < 1e-3
-        ground &= within((0.3, 3.0), true)
+        ground &= in_band((0.3, 3.0), true)
         pair = StereoView(left, right, baseline, camera)
         for method in stereo.METHODS:
             seen = stereo.depth(pair, stereo.StereoConfig(method=method)).z
             error = np.abs(seen - true)
             for band in STEREO_M:
                 errors[method, band].append(
-                    error[np.isfinite(error) & within(band, true) & on_one_surface(true)]
+                    error[np.isfinite(error) & in_band(band, true) & on_one_surface(true)]
                 )
             if ground.any():
                 floor[method].append(float(np.isfinite(seen[ground]).mean()))
@@ -192,7 +192,7 @@ def _mm(parts: list[np.ndarray]) -> str:
     return f"{half:.1f} / {most:.0f}"
 
 
-def ranged(views: list[Look], say: Say) -> Outcome:
+def tof_errors(views: list[CameraPose], say: Say) -> Outcome:
     """Deviation from shot to shot and bias of the time-of-flight camera."""
     exact = replace(_EXACT, dark=0.0)
     spread: dict[tuple[float, float], list[np.ndarray]] = {band: [] for band in TOF_M}
@@ -205,7 +205,7 @@ def ranged(views: list[Look], say: Say) -> Outcome:
         shots = np.stack([camera.measure(caster, look.T_world_camera)[0] for _ in range(SHOTS)])
         good = np.isfinite(shots).all(axis=0) & on_one_surface(true)
         for band in TOF_M:
-            mine = good & within(band, true)
+            mine = good & in_band(band, true)
             spread[band].append(shots.var(axis=0, ddof=1)[mine])
             bias[band].append((shots.mean(axis=0) - true)[mine])
         say(f"time of flight: {number + 1} of {len(views)} views")
@@ -305,11 +305,11 @@ def _draw(
 def run(seeds: int, say: Say) -> Outcome:
     """Six views in each of so many homes."""
     robot = RobotConfig()
-    views = list(looks(seeds))
+    views = list(camera_poses(seeds))
     parts = [
-        rendered(views, robot.stereo_camera.camera, say),
-        matched(views, robot, say),
-        ranged(views, say),
+        renderer_errors(views, robot.stereo_camera.camera, say),
+        stereo_errors(views, robot, say),
+        tof_errors(views, say),
         wrapped_and_flying(),
     ]
     figures = {name: value for part in parts for name, value in part.figures.items()}

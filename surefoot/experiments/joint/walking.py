@@ -20,7 +20,7 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_trials
 
 STEPS = 300
 PUSH_N, PUSH_S, PUSH_EVERY = 10.0, 0.1, 100
@@ -49,7 +49,7 @@ TRIALS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Walked:
+class WalkResult:
     """What came of one walk.
 
     Args:
@@ -71,7 +71,7 @@ class Walked:
     realtime_factor: float
 
 
-def walk(trial: Trial, seed: int) -> Walked:
+def walk(trial: Trial, seed: int) -> WalkResult:
     """One walk of random commands."""
     from sim.body.dynamic.walker import DynamicBody, DynamicConfig
     from sim.body.gait import GaitConfig
@@ -100,7 +100,7 @@ def walk(trial: Trial, seed: int) -> Walked:
         walked = body.ticks * gait.tick_s
         fallen = body.fallen
         body.close()
-    return Walked(trial.name, seed, steps, fallen, errors, sway, walked / seconds)
+    return WalkResult(trial.name, seed, steps, fallen, errors, sway, walked / seconds)
 
 
 def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
@@ -115,8 +115,8 @@ def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
             "take --body dynamic, or leave it out"
         )
     todo = [(trial, seed) for trial in TRIALS for seed in range(seeds)]
-    found: list[Walked] = []
-    for one in each(walk, todo):
+    found: list[WalkResult] = []
+    for one in run_trials(walk, todo):
         found.append(one)
         fell = sum(w.fallen for w in found)
         say(f"{len(found)} of {len(todo)} walks, {fell} falls")
@@ -226,7 +226,7 @@ def _head(body) -> list[float]:  # type: ignore[no-untyped-def]
     ]
 
 
-def _table(found: list[Walked], usual: list[Walked]) -> list[str]:
+def _table(found: list[WalkResult], usual: list[WalkResult]) -> list[str]:
     lines = [f"{len(found)} walks of {STEPS} random commands"]
     fallen = [one for one in found if one.fallen]
     lines += [f"  {one.trial}: seed {one.seed} fell in step {one.steps + 1}" for one in fallen]

@@ -32,11 +32,11 @@ from ...recordings import mrclam
 from ...recordings.plaza import read_plaza
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
-from .inertial import tilt
-from .journeys import Course, Verdict, judge, rms
+from .planar_smoother import smooth_journey
 from .range_only import follow_ranges
+from .robot_run import RobotRun, RunErrors, rms, run_errors
 from .robot_tracks import RobotTracks
-from .smoothed import smooth_journey
+from .tilt_filter import tilt
 
 ROBOTS = (1, 3)
 LARGEST_MARGIN = 4.0
@@ -64,7 +64,7 @@ class Fitted:
         return dataclasses.replace(self.config, **wider)
 
     @classmethod
-    def to(cls, course: Course) -> Fitted:
+    def to(cls, course: RobotRun) -> Fitted:
         """By the likelihood of a robot's innovations; the margin by its truth."""
         found = cls(*fit(partial(course.journey, course.instants(judged=False))))
         instants = course.instants()
@@ -73,7 +73,7 @@ class Fitted:
         for _ in range(6):
             tried = dataclasses.replace(found, margin=(low * high) ** 0.5)
             poses = follow(journey, tried.cautious)
-            consistent = judge(course, instants, poses.means, poses.covariances).anees <= 1.0
+            consistent = run_errors(course, instants, poses.means, poses.covariances).anees <= 1.0
             low, high = (low, tried.margin) if consistent else (tried.margin, high)
         return dataclasses.replace(found, margin=high)
 
@@ -81,7 +81,7 @@ class Fitted:
 def run(seeds: int, say: Say) -> Outcome:
     """Both robots, their companions, the mower and the IMU; nothing here is random."""
     folder = real_data.folder("mrclam6")
-    courses = {robot: Course.read(folder, robot) for robot in ROBOTS}
+    courses = {robot: RobotRun.read(folder, robot) for robot in ROBOTS}
     fitted = {}
     for robot, course in courses.items():
         say(f"parameters that make the innovations of robot {robot} likeliest")
@@ -97,10 +97,10 @@ def run(seeds: int, say: Say) -> Outcome:
         instants = course.instants()
         journey = course.journey(instants, use.delay_s)
         fitted_only = follow(journey, use.config)
-        as_fitted = judge(course, instants, fitted_only.means, fitted_only.covariances)
+        as_fitted = run_errors(course, instants, fitted_only.means, fitted_only.covariances)
         known = follow(journey, use.cautious)
-        verdict = judge(course, instants, known.means, known.covariances)
-        unknown = judge(course, instants, *follow_unknown(journey, use.cautious))
+        verdict = run_errors(course, instants, known.means, known.covariances)
+        unknown = run_errors(course, instants, *follow_unknown(journey, use.cautious))
         figures.update(_figures(f"r{robot}", verdict, unknown, course.dead_reckoning()))
         say(f"robot {robot} smoothed")
         figures.update(smoothed(f"r{robot}", course, use, verdict))
@@ -134,7 +134,7 @@ def run(seeds: int, say: Say) -> Outcome:
     return Outcome(figures, table)
 
 
-def smoothed(name: str, course: Course, use: Fitted, known: Verdict) -> dict[str, float]:
+def smoothed(name: str, course: RobotRun, use: Fitted, known: RunErrors) -> dict[str, float]:
     """Error of the smoothed journey, and against the filter's."""
     instants = course.seconds()
     journey = course.journey(instants, use.delay_s)
@@ -145,7 +145,7 @@ def smoothed(name: str, course: Course, use: Fitted, known: Verdict) -> dict[str
 
 def companions(
     folder: Path,
-    course: Course,
+    course: RobotRun,
     instants: np.ndarray,
     own: Followed,
     config: PlanarConfig,
@@ -168,7 +168,7 @@ def companions(
 
 
 def _figures(
-    name: str, known: Verdict, unknown: Verdict, dead_reckoning_m: float
+    name: str, known: RunErrors, unknown: RunErrors, dead_reckoning_m: float
 ) -> dict[str, float]:
     return {
         f"{name}_rmse_m": known.rmse_m,

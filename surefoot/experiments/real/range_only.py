@@ -16,7 +16,7 @@ from perception.filtering.square_root import SquareRootFilter
 from perception.primitives.gaussian import Gaussian
 
 from ...recordings.plaza import RangeLog
-from .journeys import rms
+from .robot_run import rms
 
 SCALE = 3  # entry of the state, after x, y, yaw
 GATE = chi_square_quantile(0.99, 1)  # robust: the tail of radio ranges is long

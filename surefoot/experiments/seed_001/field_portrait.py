@@ -34,7 +34,7 @@ ARROWS = 33
 
 
 @dataclass(frozen=True)
-class Portrait:
+class FieldWorld:
     """One world.
 
     Args:
@@ -48,7 +48,7 @@ class Portrait:
     extended_m: Float[np.ndarray, "n"]
 
 
-def draw(seed: int) -> Portrait:
+def draw(seed: int) -> FieldWorld:
     """Goal near the middle, obstacles round it; seed 0 has the paper's arrival angle."""
     rng = np.random.default_rng([seed, 62])
     goal = rng.uniform(-0.3, 0.3, 2) if seed else np.zeros(2)
@@ -62,10 +62,10 @@ def draw(seed: int) -> Portrait:
     extended = fields.extended_radius(
         np.full(OBSTACLES, 0.10), np.zeros(OBSTACLES), np.zeros(OBSTACLES), FieldConfig()
     )
-    return Portrait(goal, heading, np.array(centres), extended)
+    return FieldWorld(goal, heading, np.array(centres), extended)
 
 
-def starts(world: Portrait) -> Float[np.ndarray, "n 2"]:
+def starts(world: FieldWorld) -> Float[np.ndarray, "n 2"]:
     """Evenly spaced along the edge of the picture, outside every obstacle."""
     along = (np.arange(STARTS) + 0.5) / STARTS * 4.0
     half, side = SIDE_M / 2, along.astype(int) % 4
@@ -76,8 +76,8 @@ def starts(world: Portrait) -> Float[np.ndarray, "n 2"]:
     return np.column_stack([x, y])
 
 
-def follow(
-    world: Portrait, config: FieldConfig, among: bool, literal: bool = False
+def streamlines(
+    world: FieldWorld, config: FieldConfig, among: bool, literal: bool = False
 ) -> list[Float[np.ndarray, "n 2"]]:
     """The tracks of points that follow the field, all at once, each until the goal.
 
@@ -115,7 +115,7 @@ def follow(
 
 
 @dataclass(frozen=True)
-class Fate:
+class StreamlineStatistics:
     """How the tracks of one portrait ended: arrived share, errors of heading, least gap over S_oe."""
 
     arrived: float
@@ -124,7 +124,7 @@ class Fate:
     nearest: float
 
 
-def fate(world: Portrait, tracks: list[np.ndarray]) -> Fate:
+def statistics(world: FieldWorld, tracks: list[np.ndarray]) -> StreamlineStatistics:
     """Judge the tracks; the nearest distance as a share of S_oe."""
     arrived, errors, nearest = [], [], math.inf
     for track in tracks:
@@ -135,7 +135,7 @@ def fate(world: Portrait, tracks: list[np.ndarray]) -> Fate:
             errors.append(abs(math.degrees((off + math.pi) % (2 * math.pi) - math.pi)))
         away = np.hypot(*(track[:, None] - world.centres).transpose(2, 0, 1))
         nearest = min(nearest, float((away / world.extended_m).min()))
-    return Fate(
+    return StreamlineStatistics(
         float(np.mean(arrived)),
         float(np.mean(errors)) if errors else math.nan,
         max(errors, default=math.nan),
@@ -144,7 +144,7 @@ def fate(world: Portrait, tracks: list[np.ndarray]) -> Fate:
 
 
 def picture(
-    world: Portrait, tracks: dict[str, list[np.ndarray]], configs: dict[str, FieldConfig]
+    world: FieldWorld, tracks: dict[str, list[np.ndarray]], configs: dict[str, FieldConfig]
 ) -> bytes:
     """Arrows of the field and the tracks, one panel for each pair of weights."""
     from matplotlib.patches import Circle
@@ -191,11 +191,11 @@ def run(seeds: int, say: Say) -> Outcome:
     table = ["seed  arrived %  error deg (worst)  nearest/S_oe   printed: arrived %  nearest/S_oe"]
     for seed in range(seeds):
         world = draw(seed)
-        tracks = {name: follow(world, config, True) for name, config in configs.items()}
-        a, b = (fate(world, found) for found in tracks.values())
+        tracks = {name: streamlines(world, config, True) for name, config in configs.items()}
+        a, b = (statistics(world, found) for found in tracks.values())
         ours.append(a)
         printed.append(b)
-        alone.append(fate(world, follow(world, FieldConfig(), False)))
+        alone.append(statistics(world, streamlines(world, FieldConfig(), False)))
         if seed == 0:
             FOLDER.mkdir(parents=True, exist_ok=True)
             (FOLDER / "portrait.png").write_bytes(picture(world, tracks, configs))

@@ -90,7 +90,9 @@ def draw(seed: int, config: GazeMapConfig) -> Situation:
     )
 
 
-def ours(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "rows columns"]:
+def map_by_planner(
+    situation: Situation, config: GazeMapConfig
+) -> Float[np.ndarray, "rows columns"]:
     """The product's map."""
     return gaze_map(
         *(situation.psi_map, situation.stale, situation.psi_way, situation.way),
@@ -98,7 +100,9 @@ def ours(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "rows
     )
 
 
-def by_force(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "rows columns"]:
+def map_by_brute_force(
+    situation: Situation, config: GazeMapConfig
+) -> Float[np.ndarray, "rows columns"]:
     """Eq. (5) and (6), direction by direction and place by place."""
     across, down = (math.tan(math.radians(a) / 2) for a in (config.across_deg, config.down_deg))
 
@@ -122,7 +126,7 @@ def by_force(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "
     return total + config.map_weight * situation.psi_map * counts / max(counts.max(), 1.0)
 
 
-def flooded(
+def plateau_by_flood_fill(
     total: Float[np.ndarray, "rows columns"], present: GazeCommand, config: GazeMapConfig
 ) -> GazeCommand:
     """The middle of the highest plateau by flooding; of several the one nearest to the present gaze."""
@@ -207,9 +211,9 @@ def run(seeds: int, say: Say) -> Outcome:
     table = ["seed  pan deg  tilt deg  directions that differ  as by brute force"]
     for seed in range(seeds):
         situation = draw(seed, config)
-        total, forced = ours(situation, config), by_force(situation, config)
+        total, forced = map_by_planner(situation, config), map_by_brute_force(situation, config)
         chosen = highest_plateau(total, situation.present, config)
-        wanted = flooded(forced, situation.present, config)
+        wanted = plateau_by_flood_fill(forced, situation.present, config)
         off.append(float(np.mean(~np.isclose(total, forced, atol=1e-9))))
         apart.append(
             math.degrees(

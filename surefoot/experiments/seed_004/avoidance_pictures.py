@@ -26,7 +26,7 @@ from ...config.schema import Config
 from ...report.plots import avoidance, style
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.walks import falls_of, walk_all
+from ..support.walks import total_falls, walk_all
 from .avoidance_walks import config_of
 from .panorama_scenes import nine_views
 
@@ -94,7 +94,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         "panes": float(len(configs)),
         "blocked_share": blocked / len(configs),
         "contacts": float(sum(m["contacts"] for m in walked)),
-        "falls": falls_of(walked),
+        "falls": total_falls(walked),
     }
     return Outcome(figures, [f"pictures: {PICTURES}"])
 

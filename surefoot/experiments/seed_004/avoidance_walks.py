@@ -17,7 +17,7 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.walks import falls_of, walk_all
+from ..support.walks import total_falls, walk_all
 
 LIMIT_S, STOP_LIMIT_S = 200.0, 40.0  # ours: the longest passage, slips at 3 cm/s, takes 150 s
 
@@ -62,13 +62,13 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         figures[f"success_{motion.lower()}"] = float(good)
         table.append(
             f"{motion:<6}  {good:3d}/{seeds:<3d}  {sum(meant):8d}  {sum(arrived):7d}"
-            f"  {sum(m['contacts'] for m in mine):8.0f}  {falls_of(mine):5.0f}  {1e3 * clearance:6.0f} mm"
+            f"  {sum(m['contacts'] for m in mine):8.0f}  {total_falls(mine):5.0f}  {1e3 * clearance:6.0f} mm"
         )
     figures["walks_per_configuration"] = float(seeds)
     figures["success_min_of_15"] = 15.0 * min(good_of) / seeds
     figures["success_pct"] = 100.0 * sum(good_of) / len(todo)
     figures["contacts"] = float(sum(m["contacts"] for m in walked))
-    figures["falls"] = falls_of(walked)
+    figures["falls"] = total_falls(walked)
     return Outcome(figures, table)
 
 

@@ -47,20 +47,20 @@ TURN_DEG = 20.0  # half of the 40 deg that a bin of the descriptor spans
 ROLLS_DEG = (15.0, 45.0, 75.0, 105.0, 135.0, 165.0, 180.0)
 NOISE_GREY = 3.0
 
-Move = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
+PixelMap = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
+class PicturePair:
     """Two pictures, and where a pixel of the first lies in the second (NaN: nowhere)."""
 
     group: str
     first: UInt8[np.ndarray, "h w"]
     second: UInt8[np.ndarray, "a b"]
-    move: Move
+    move: PixelMap
 
 
-def homography(matrix: Float[np.ndarray, "3 3"]) -> Move:
+def homography(matrix: Float[np.ndarray, "3 3"]) -> PixelMap:
     """Pixels through a homography."""
 
     def move(pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
@@ -70,7 +70,7 @@ def homography(matrix: Float[np.ndarray, "3 3"]) -> Move:
     return move
 
 
-def simulated(seed: int) -> Iterator[Case]:
+def simulated(seed: int) -> Iterator[PicturePair]:
     """A room's range and amplitude, by a camera that rolls, and by one that stands elsewhere."""
     scene = catalogue.load("home", seed)
     caster = RayCaster(scene)
@@ -93,19 +93,19 @@ def simulated(seed: int) -> Iterator[Case]:
             turned = straight @ Pose3.from_rotation(cv2.Rodrigues(about)[0], np.zeros(3))
             second = look(turned)
             move = _seen_from(camera, first[2], straight, turned)
-            yield Case("depth_roll", first[0], second[0], move)
-            yield Case("amplitude_roll", first[1], second[1], move)
+            yield PicturePair("depth_roll", first[0], second[0], move)
+            yield PicturePair("amplitude_roll", first[1], second[1], move)
         for pan_more, ahead in ((0.17, 0.0), (0.17, 0.1), (0.35, 0.1)):
             moved = Pose3.from_rotation(
                 head_rotation(pan + pan_more, 0.25), place + np.array([ahead, 0.05, 0.0])
             )
             second = look(moved)
             move = _seen_from(camera, first[2], straight, moved)
-            yield Case("depth_view", first[0], second[0], move)
-            yield Case("amplitude_view", first[1], second[1], move)
+            yield PicturePair("depth_view", first[0], second[0], move)
+            yield PicturePair("amplitude_view", first[1], second[1], move)
 
 
-def _seen_from(camera: Camera, range_m: np.ndarray, one: Pose3, other: Pose3) -> Move:
+def _seen_from(camera: Camera, range_m: np.ndarray, one: Pose3, other: Pose3) -> PixelMap:
     """Where the second camera sees the first one's pixels, by the first one's range."""
     between = other.inverse() @ one
 
@@ -120,7 +120,9 @@ def _seen_from(camera: Camera, range_m: np.ndarray, one: Pose3, other: Pose3) ->
     return move
 
 
-def turned_pictures(group: str, image: UInt8[np.ndarray, "h w"], seed: int) -> Iterator[Case]:
+def turned_pictures(
+    group: str, image: UInt8[np.ndarray, "h w"], seed: int
+) -> Iterator[PicturePair]:
     """A picture and the same one turned about its middle, each with noise of its own."""
     rng = np.random.default_rng([seed, 41])
     height, width = image.shape
@@ -133,10 +135,10 @@ def turned_pictures(group: str, image: UInt8[np.ndarray, "h w"], seed: int) -> I
         matrix = np.eye(3)
         matrix[:2] = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), roll, 1.0)
         other = cv2.warpAffine(image, matrix[:2], (width, height), flags=cv2.INTER_CUBIC)
-        yield Case(group, noisy(image), noisy(other), homography(matrix))
+        yield PicturePair(group, noisy(image), noisy(other), homography(matrix))
 
 
-def real(folders: tuple[Path, Path], seed: int) -> Iterator[Case]:
+def real(folders: tuple[Path, Path], seed: int) -> Iterator[PicturePair]:
     """Graffiti under turns and from aside; SR4000 under turns."""
     samples, planes = folders
     first, second = (cv2.imread(str(samples / name), 0) for name in ("graf1.png", "graf3.png"))
@@ -145,7 +147,7 @@ def real(folders: tuple[Path, Path], seed: int) -> Iterator[Case]:
         found = re.search(r"<data>(.*?)</data>", text, re.DOTALL)
         assert found is not None, "the file holds a 3x3 matrix"
         matrix = np.array([float(word) for word in found.group(1).split()]).reshape(3, 3)
-        yield Case("graf_view", _grey(first), _grey(second), homography(matrix))
+        yield PicturePair("graf_view", _grey(first), _grey(second), homography(matrix))
         yield from turned_pictures("graf_roll", _grey(first), seed)
     for name in ("sr4000_scene1.png", "sr4000_scene2.png", "sr4000_scene4.png"):
         picture = cv2.imread(str(planes / name), 0)
@@ -157,7 +159,7 @@ def _grey(image: np.ndarray) -> UInt8[np.ndarray, "h w"]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def score(case: Case, config: SiftConfig) -> tuple[float, float, float]:
+def score(case: PicturePair, config: SiftConfig) -> tuple[float, float, float]:
     """Shares of keypoints that come again, also with their direction, and that are matched rightly.
 
     All are shares of the smaller number of keypoints that both pictures can show. NaN below ten of them.

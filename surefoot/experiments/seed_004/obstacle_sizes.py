@@ -31,7 +31,7 @@ from sim.shapes import Box
 
 from ...config.schema import CALIBRATED_TOF
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_trials
 
 DISTANCES_M = (1.05, 1.29)
 WIDTHS_M = (0.713, 0.954, 1.195, 1.428)
@@ -99,7 +99,7 @@ def row(width_m: float, distance_m: float, seed: int) -> Scene:
     return Scene("row", seed, extent, area, tuple(things), (), (), Pose2(), ((3.0, 0.0),))
 
 
-def look_twice(scene: Scene, seed: int) -> list[View]:
+def two_views(scene: Scene, seed: int) -> list[View]:
     """Two views of a head whose encoders are off; priors are what they say."""
     caster = RayCaster(scene)
     caster.place([])
@@ -148,7 +148,7 @@ def readings(seed: int) -> dict[tuple[str, int, int], Reading | None]:
     found = {}
     for d, distance in enumerate(DISTANCES_M):
         for w, width in enumerate(WIDTHS_M):
-            views = look_twice(row(width, distance, seed), seed)
+            views = two_views(row(width, distance, seed), seed)
             for name, config in configs().items():
                 panorama = stitch(views, np.random.default_rng([seed, 62]), config)
                 found[name, d, w] = measure(panorama, views)
@@ -158,7 +158,7 @@ def readings(seed: int) -> dict[tuple[str, int, int], Reading | None]:
 def run(seeds: int, say: Say) -> Outcome:
     """Two distances, four widths, four chains a seed; about seven seconds a seed on one core."""
     everything: list[dict[tuple[str, int, int], Reading | None]] = []
-    for found in each(readings, [(seed,) for seed in range(seeds)]):
+    for found in run_trials(readings, [(seed,) for seed in range(seeds)]):
         everything.append(found)
         say(f"seed {len(everything) - 1}: {len(found)} rows measured")
     figures: dict[str, float] = {}

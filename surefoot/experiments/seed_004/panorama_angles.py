@@ -26,7 +26,7 @@ from sim.scenes import catalogue
 
 from ...report.plots.panorama import write_pictures
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_trials
 from .panorama_scenes import Score, nine_views, score
 
 ROOMS = ("boxes", "home", "corridor")
@@ -34,7 +34,7 @@ SCENES_A_SEED = 67  # 200 random scenes with three seeds
 PICTURES = Path("runs/experiments/004-E5")
 
 
-def look_round(room: str, seed: int) -> tuple[list[View], list[Pose3]]:
+def room_views(room: str, seed: int) -> tuple[list[View], list[Pose3]]:
     """Nine views from where the robot starts, and their true poses on the body."""
     return nine_views(catalogue.load(room, seed), np.random.default_rng([seed, 50]))
 
@@ -58,11 +58,11 @@ def law_errors_deg(panorama: Panorama, views: list[View]) -> float:
     return math.degrees(float(np.sqrt(np.mean(off**2))))
 
 
-def things_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
+def objects_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     """Random scenes: how often the count is right, and how far off gaps, widths and heights are."""
     count = min(seeds * SCENES_A_SEED, 200) if seeds <= 3 else seeds * SCENES_A_SEED
     scores: list[Score] = []
-    for one in each(score, [(number,) for number in range(count)]):
+    for one in run_trials(score, [(number,) for number in range(count)]):
         scores.append(one)
         if len(scores) % 20 == 0:
             say(f"{len(scores)} of {count} scenes of random things")
@@ -95,7 +95,7 @@ def run(seeds: int, say: Say) -> Outcome:
     ]
     for seed in range(seeds):
         for room in ROOMS:
-            views, true = look_round(room, seed)
+            views, true = room_views(room, seed)
             rng = np.random.default_rng([seed, 51])
             panorama = stitch(views, rng)
             by_features, _ = place(views, rng, replace(StitchConfig(), surfaces=False))
@@ -134,7 +134,7 @@ def run(seeds: int, say: Say) -> Outcome:
         if name != "nees"
     }
     figures["nees_per_axis"] = float(np.mean(found["nees"]))
-    measured, rows = things_and_gaps(seeds, say)
+    measured, rows = objects_and_gaps(seeds, say)
     figures |= measured
     table += [*rows, f"pictures: {PICTURES}"]
     return Outcome(figures, table)

@@ -40,7 +40,7 @@ BLIND_RAD = math.radians(8.0)  # within it no view looks further down than 17.5 
 NEAR_M, FAR_M = 0.7, 2.2
 
 
-class Laid(NamedTuple):
+class PlacedObject(NamedTuple):
     """A random thing: its shape, and where it lies as seen from the robot: azimuths and y, left first."""
 
     shape: Shape
@@ -50,7 +50,7 @@ class Laid(NamedTuple):
     right_m: float
 
 
-def head(pan_rad: float, tilt_rad: float) -> Pose3:
+def head_pose(pan_rad: float, tilt_rad: float) -> Pose3:
     """The camera on a head so turned, above the origin of the body."""
     rotation = head_rotation(float(pan_rad), float(tilt_rad))
     return Pose3.from_rotation(rotation, np.array([0.0, 0.0, CAMERA_HEIGHT_M]) + rotation @ LEVER_M)
@@ -64,7 +64,7 @@ def nine_views(scene: Scene, rng: np.random.Generator) -> tuple[list[View], list
     views, true = [], []
     for number, (pan, tilt) in enumerate(head_directions()):
         off = math.radians(ENCODER_DEG) * rng.standard_normal(2)
-        pose, prior = head(pan + off[0], tilt + off[1]), head(pan, tilt)
+        pose, prior = head_pose(pan + off[0], tilt + off[1]), head_pose(pan, tilt)
         range_m, amplitude = camera.measure(caster, scene.start.lifted() @ pose)
         view = RangeView(range_m, amplitude, camera.camera, prior)
         depth = time_of_flight.depth(view, CALIBRATED_TOF)
@@ -73,11 +73,11 @@ def nine_views(scene: Scene, rng: np.random.Generator) -> tuple[list[View], list
     return views, true
 
 
-def laid(shape: Shape) -> Laid:
+def placed(shape: Shape) -> PlacedObject:
     """A shape as it lies to a robot at the origin."""
     corners = outline(shape)
     azimuth = np.arctan2(corners[:, 1], corners[:, 0])
-    return Laid(
+    return PlacedObject(
         shape,
         float(azimuth.max()),
         float(azimuth.min()),
@@ -86,27 +86,27 @@ def laid(shape: Shape) -> Laid:
     )
 
 
-def _draw(rng: np.random.Generator) -> Laid:
+def _draw(rng: np.random.Generator) -> PlacedObject:
     bearing = rng.uniform(-0.8, 0.8) * REACH_RAD
     x = float(rng.uniform(NEAR_M, FAR_M))
     y, height = float(x * math.tan(bearing)), float(rng.uniform(0.15, 0.6))
     if rng.random() < 0.25:
-        return laid(Cylinder((x, y, height / 2), float(rng.uniform(0.08, 0.25)), height))
+        return placed(Cylinder((x, y, height / 2), float(rng.uniform(0.08, 0.25)), height))
     size = (float(rng.uniform(0.12, 0.45)), float(rng.uniform(0.12, 0.7)), height)
-    return laid(Box((x, y, height / 2), size, float(rng.uniform(-math.pi, math.pi))))
+    return placed(Box((x, y, height / 2), size, float(rng.uniform(-math.pi, math.pi))))
 
 
-def is_in_view(one: Laid) -> bool:
+def is_in_view(one: PlacedObject) -> bool:
     """Whether nine views show a good part of it: straight ahead they look down less far than aside."""
     down = math.radians(15.0 if one.right_rad < BLIND_RAD and one.left_rad > -BLIND_RAD else 32.0)
     nearest = float(np.min(np.linalg.norm(outline(one.shape), axis=1)))
     return one.shape.top_m - 0.10 > CAMERA_HEIGHT_M - nearest * math.tan(down)
 
 
-def random_things(rng: np.random.Generator) -> list[Laid]:
+def random_objects(rng: np.random.Generator) -> list[PlacedObject]:
     """One to five things, from left to right, none in front of another."""
     wanted = int(rng.integers(1, 6))
-    found: list[Laid] = []
+    found: list[PlacedObject] = []
     for _ in range(200):
         one = _draw(rng)
         nearest = float(np.min(np.linalg.norm(outline(one.shape), axis=1)))
@@ -125,7 +125,7 @@ def random_things(rng: np.random.Generator) -> list[Laid]:
     return sorted(found, key=lambda one: -(one.left_rad + one.right_rad))
 
 
-def scene_of(things: list[Laid], rng: np.random.Generator) -> Scene:
+def scene_of(things: list[PlacedObject], rng: np.random.Generator) -> Scene:
     """A hall with nothing else in it."""
     shown = [
         StaticObject(f"thing {k + 1}", (one.shape,), float(rng.uniform(0.35, 0.9)))
@@ -155,10 +155,10 @@ class Score(NamedTuple):
     heights_m: list[float]
 
 
-def look(seed: int) -> tuple[list[Laid], Panorama, list[View]]:
+def look(seed: int) -> tuple[list[PlacedObject], Panorama, list[View]]:
     """The random scene of a seed, and its panorama."""
     rng = np.random.default_rng([seed, 70])
-    things = random_things(rng)
+    things = random_objects(rng)
     views, _ = nine_views(scene_of(things, rng), rng)
     return things, stitch(views, rng), views
 
@@ -169,7 +169,7 @@ def score(seed: int) -> Score:
     return compare(things, surroundings(panorama, views))
 
 
-def compare(things: list[Laid], found: Surroundings) -> Score:
+def compare(things: list[PlacedObject], found: Surroundings) -> Score:
     """Truth against what was found; sizes and gaps only where the count is right."""
     empty = Score(len(things), len(found), [], [], [], [])
     if len(things) != len(found):

@@ -1,7 +1,7 @@
-"""Random rooms as one camera sees them: which pixels are floor, without rendering anything.
+"""Random rooms seen by one camera: the mask of floor pixels, computed geometrically without rendering.
 
-Walls on three sides and upright cylinders; a pixel is floor if the ray to it passes over none of them.
-Exact, so that what a search makes of the picture can be judged apart from how the picture came about.
+A room has walls on three sides and upright cylinders; a pixel shows the floor if its ray meets none of them. The
+mask is exact, so that a search in it is evaluated independently of image processing.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from perception.primitives.pose import Pose3, head_rotation
 from planning.swarm.floor_rows import FloorRows
 
 CAMERA = Camera.from_view(720, 720, math.radians(90.0), math.radians(90.0))  # seed 000
-EYE_M = (0.05, 0.0, 0.383)  # of the simulated robot, head bowed
+EYE_M = (0.05, 0.0, 0.383)  # camera of the simulated robot with its head tilted down, body frame
 TILT_DEG = 30.0  # seed 000
 
 
 @dataclass(frozen=True, eq=False)
 class RandomFloor:
-    """One picture.
+    """One view of a room.
 
     Args:
-        movable: Where floor is seen.
-        camera, T_body_camera: Who sees it.
-        goal: Body frame, m.
+        movable: Pixels that show the floor.
+        camera, T_body_camera: The camera and its pose on the body.
+        goal: Goal, body frame, m.
     """
 
     movable: Bool[np.ndarray, "h w"]
@@ -38,7 +38,7 @@ class RandomFloor:
 
 
 def make(rng: np.random.Generator, camera: Camera = CAMERA) -> RandomFloor:
-    """Two to nine cylinders of 8 to 60 cm across between walls, a goal up to 5 m ahead."""
+    """Two to nine cylinders of 8 to 60 cm diameter between walls, and a goal up to 5 m ahead."""
     place = Pose3.from_rotation(head_rotation(0.0, math.radians(TILT_DEG)), np.array(EYE_M))
     rows = FloorRows.of(camera, place)
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
@@ -58,7 +58,7 @@ def make(rng: np.random.Generator, camera: Camera = CAMERA) -> RandomFloor:
 
 
 def _gap(floor: np.ndarray, eye: np.ndarray, middle: np.ndarray, height: float) -> np.ndarray:
-    """How near the rays to floor points come to a vertical axis, below its top, m."""
+    """Least distance of the rays to floor points from a vertical axis, below its top, m."""
     ray = eye[:2] - floor
     away = middle - floor
     share = (away * ray).sum(axis=1) / np.maximum((ray**2).sum(axis=1), 1e-12)

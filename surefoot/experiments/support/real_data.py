@@ -1,4 +1,4 @@
-"""Where the real recordings are, and the floors that are known for them."""
+"""Location of the real recordings, and their reference floor planes and cameras."""
 
 from __future__ import annotations
 
@@ -8,15 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
+from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.plane import Plane
 
+KINECT2 = Camera(730, 530, 529.5, 529.5, 364.0, 264.0)
+"""Camera of the set sunrgbd_kinect2, by its own calibration."""
+
 
 def folder(name: str) -> Path:
-    """Folder of one real recording, below SUREFOOT_DATA (default ../shared/data).
+    """Folder of one real recording below SUREFOOT_DATA (default ../shared/data).
 
     Raises:
-        InputError: It is not there.
+        InputError: The folder does not exist.
     """
     root = Path(os.environ.get("SUREFOOT_DATA", "../shared/data"))
     if not (root / name).exists():
@@ -28,9 +32,9 @@ def folder(name: str) -> Path:
 
 
 def floors(path: Path) -> dict[str, Plane]:
-    """The known floors of a recording, by frame name, in the camera frame.
+    """Reference floor planes of a recording by frame name, camera frame.
 
-    The covariance is what the file itself claims: sigma_deg for both tilts, sigma_m for the height.
+    The covariance is that of the file: sigma_deg for both tilts, sigma_m for the height.
     """
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))

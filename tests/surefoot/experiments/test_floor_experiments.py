@@ -7,9 +7,9 @@ import pytest
 
 from perception.depth.points import Points
 from perception.primitives.plane import Plane
-from surefoot.experiments.real.real_planes import NYU, Curve, as_depth, residual_noise
+from surefoot.experiments.real.labelled_floors import NYU, Curve, as_depth, residual_noise
 from surefoot.experiments.seed_003 import walls
-from surefoot.experiments.support.floor_views import head
+from surefoot.experiments.support.floor_views import random_view
 
 
 @pytest.mark.parametrize("kind", list(walls.KINDS))
@@ -27,7 +27,7 @@ def test_a_bare_wall_shows_no_floor():
 
 def test_the_joints_of_a_head_are_off_as_they_claim():
     rng = np.random.default_rng(0)
-    looks = [head(rng, (0.3, 1.5), (10.0, 40.0)) for _ in range(400)]
+    looks = [random_view(rng, (0.3, 1.5), (10.0, 40.0)) for _ in range(400)]
     errors = np.array([look.prior.error_to(look.floor) for look in looks])
     claimed = np.sqrt(np.diag(looks[0].prior.covariance))
     np.testing.assert_allclose(errors.std(axis=0), claimed, rtol=0.15)

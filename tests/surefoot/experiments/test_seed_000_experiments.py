@@ -29,10 +29,10 @@ def pair():
 
 def test_a_pane_without_anything_in_it_is_not_counted(pair):
     whole = Monocular(MonocularConfig()).cycle(*pair)
-    assert monocular_cycle.shown(whole) == 8
+    assert monocular_cycle.panes_with_content(whole) == 8
     alone = Monocular(MonocularConfig()).cycle(None, pair[1])
     object.__setattr__(alone, "edges", np.zeros_like(alone.edges))
-    assert monocular_cycle.shown(alone) == 7
+    assert monocular_cycle.panes_with_content(alone) == 7
 
 
 def test_stages_of_an_earlier_run_are_not_counted(tmp_path, monkeypatch):

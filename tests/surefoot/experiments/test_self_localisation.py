@@ -9,11 +9,11 @@ import pytest
 
 from perception.planar.planar import PlanarConfig, follow
 from perception.primitives.gaussian import Gaussian
-from surefoot.experiments.real.inertial import GRAVITY, TiltFilter, tilt
-from surefoot.experiments.real.journeys import Course, judge
+from surefoot.experiments.real.planar_smoother import smooth_journey
 from surefoot.experiments.real.range_only import follow_ranges
+from surefoot.experiments.real.robot_run import RobotRun, run_errors
 from surefoot.experiments.real.robot_tracks import RobotTracks
-from surefoot.experiments.real.smoothed import smooth_journey
+from surefoot.experiments.real.tilt_filter import GRAVITY, TiltFilter, tilt
 from surefoot.recordings.plaza import RangeLog
 
 SURE = Gaussian(np.zeros(3), np.diag([0.01, 0.01, 0.005]) ** 2)
@@ -107,14 +107,14 @@ def test_a_mower_whose_ranges_are_long_finds_the_scale_and_its_way():
 
 def test_the_first_minutes_of_a_real_robot(recordings):
     """With the parameters as guessed: decimetres, far better than odometry; smoothing makes it better still."""
-    course = Course.read(recordings / "mrclam6", 3)
-    short = Course(
+    course = RobotRun.read(recordings / "mrclam6", 3)
+    short = RobotRun(
         course.log, course.places, course.subjects, course.truth,
         course.start_s, course.start_s + 250.0,
     )  # fmt: skip
     instants = short.instants()
     found = follow(short.journey(instants, 0.2))
-    verdict = judge(short, instants, found.means, found.covariances)
+    verdict = run_errors(short, instants, found.means, found.covariances)
     assert verdict.rmse_m < 0.15
     assert verdict.heading_deg < 2.0
     assert short.dead_reckoning() > 0.5

@@ -6,17 +6,16 @@ import numpy as np
 import pytest
 
 from planning.search.potential import SearchConfig
-from surefoot.experiments.seed_003 import random_terrain
 from surefoot.experiments.seed_003.path_search import (
     SIDE,
-    ask,
     costs_m,
-    ground_of,
+    prepared_terrain,
+    solve,
     terrains,
     violations,
 )
 from surefoot.experiments.seed_003.path_smoothing import arc_radii_m
-from surefoot.experiments.support import experiment
+from surefoot.experiments.support import experiment, random_terrain
 
 
 def quiet(text: str) -> None:
@@ -40,7 +39,7 @@ def test_the_grid_walks_like_a_map_that_stays_and_the_printed_rule_loses_the_rob
 def test_the_oracle_finds_a_violation_where_there_is_one():
     config = SearchConfig()
     grid = terrains(3)[2]
-    path = ask(grid, grid.goal, config).path
+    path = solve(grid, grid.goal, config).path
     assert path is not None
     assert violations(path, grid, config) == 0
     row, column = path.cells[len(path.cells) // 2]
@@ -53,7 +52,7 @@ def test_the_oracle_knows_the_cost_of_a_straight_walk():
     grid = random_terrain.Grid(
         np.zeros((SIDE, SIDE)), np.zeros((SIDE, SIDE), bool), np.full(2, 0.525), np.full(2, 3.025)
     )
-    reached = costs_m(ground_of(grid, SearchConfig()), (10, 10))
+    reached = costs_m(prepared_terrain(grid, SearchConfig()), (10, 10))
     assert reached[10, 60] == pytest.approx(50 * 0.05)
     assert reached[60, 60] == pytest.approx(50 * 0.05 * np.sqrt(2))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from surefoot.experiments.joint import four_planners
-from surefoot.experiments.joint.four_planners import MADE_FOR, ORDER, SCENES
+from surefoot.experiments.joint.four_planners import INTENDED_SCENES, ORDER, SCENES
 
 
 def test_four_scenes_are_one_of_each_kind_and_everybody_walks_in_the_same():
@@ -33,5 +33,5 @@ def test_shares_are_told_by_planner_and_by_kind():
     assert figures["field_boxes_arrived_share"] == 1.0
     assert figures["field_own_success_share"] == 1.0, "a hollow is not what the field is made for"
     assert figures["search_walks"] == 8
-    assert figures["swarm_own_walks"] == 2 * len(MADE_FOR["swarm"])
+    assert figures["swarm_own_walks"] == 2 * len(INTENDED_SCENES["swarm"])
     assert len(table) == 1 + len(ORDER) * (2 + len(SCENES))

@@ -23,8 +23,8 @@ from surefoot.config.presets import on_body
 from surefoot.config.schema import Config
 from surefoot.experiments.joint import localisation
 from surefoot.experiments.joint import localisation_trial as trials
-from surefoot.experiments.joint.localisation import together
-from surefoot.experiments.joint.localisation_walk import Moment, TagNoise, TagSensor, walk
+from surefoot.experiments.joint.localisation import combine
+from surefoot.experiments.joint.localisation_walk import TagNoise, TagSensor, WalkInstant, walk
 from surefoot.experiments.support.experiment import load, measure
 
 
@@ -98,7 +98,7 @@ def test_localisation_is_walked_by_the_body_asked_for(monkeypatch: pytest.Monkey
     assert outcome.table == ["seed 1 fell"]
 
 
-def told(stamp_s: float, turn_rad: float = 0.1) -> Moment:
+def told(stamp_s: float, turn_rad: float = 0.1) -> WalkInstant:
     frame = Frame(
         stamp_s,
         odometry=StepOdometry(Pose2(0.02, 0.0, turn_rad), 0.5),
@@ -106,7 +106,7 @@ def told(stamp_s: float, turn_rad: float = 0.1) -> Moment:
     )
     seen = [Sighting(k, np.array([2.0, 0.1]), np.eye(2) * 1e-4) for k in range(4)]
     pose = Pose2(0.02 * stamp_s / 0.5, 0.0, 0.0)
-    return Moment(frame, seen, (), [], pose, [])
+    return WalkInstant(frame, seen, (), [], pose, [])
 
 
 def test_a_jump_is_told_once() -> None:
@@ -146,7 +146,7 @@ def test_sums_over_walks_are_root_mean_squares_and_plain_means() -> None:
     ]  # fmt: skip
     found = [dict.fromkeys(names, 1.0), dict.fromkeys(names, 2.0)]
     del found[1]["clock_anees"]
-    figures = together(found)
+    figures = combine(found)
     assert_allclose(figures["position_rmse_m"], math.sqrt(2.5))
     assert figures["anees_pose"] == 1.5
     assert figures["clock_anees"] == 1.0
@@ -158,7 +158,7 @@ def test_sums_over_walks_are_root_mean_squares_and_plain_means() -> None:
 def test_without_cameras_a_trial_goes_on_by_its_feet() -> None:
     scene = catalogue.load("home", 0)
     rng = np.random.default_rng(0)
-    trial = trials.begin(scene.start, scene.landmarks, Config(), rng)
+    trial = trials.make_trial(scene.start, scene.landmarks, Config(), rng)
     for k in range(1, 6):
         trial.step(replace(told(0.5 * k), sightings=[]), [])
     assert len(trial.nees) == 5

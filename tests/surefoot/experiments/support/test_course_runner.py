@@ -17,7 +17,7 @@ from surefoot.config.presets import on_body
 from surefoot.evaluation.metrics.contacts import Contact, Touch, class_of
 from surefoot.experiments.joint import gaze_coupling
 from surefoot.experiments.seed_001.course_trials import HEADER, figures, row
-from surefoot.experiments.support.course_runner import Walk, course_config, walk
+from surefoot.experiments.support.course_runner import CourseWalk, course_config, walk
 
 
 def short(scene, seed, seconds):
@@ -78,7 +78,7 @@ def test_a_fall_ends_the_walk_and_is_counted():
     assert result.fell
     assert not result.arrived
     assert result.time_s < 30.0
-    stood = Walk(time_s=9.0, cycle_ms=[1.0], decision_ms=[1.0], pose_errors=[(0.0, 0.0, 0.0)])
+    stood = CourseWalk(time_s=9.0, cycle_ms=[1.0], decision_ms=[1.0], pose_errors=[(0.0, 0.0, 0.0)])
     assert figures([result, stood])["falls"] == 1.0
     assert row("x", [result, stood])[: HEADER.index("falls") + len("falls")].endswith("  1")
 
@@ -87,7 +87,7 @@ def test_a_fall_ends_a_walk_that_tries_ways_of_looking(monkeypatch):
     monkeypatch.setattr(
         gaze_coupling, "course_config", lambda scene, seed: too_steep(course_config(scene, seed))
     )
-    looked = gaze_coupling.look(0, "fixed", "dynamic")
+    looked = gaze_coupling.walk_with_gaze(0, "fixed", "dynamic")
     assert looked.fell
     assert not looked.arrived
     assert looked.time_s < 60.0

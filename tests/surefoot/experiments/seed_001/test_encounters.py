@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from planning.planners.settings import BESIDE_GUARD
-from surefoot.experiments.seed_001.crossings import (
+from surefoot.experiments.seed_001.encounters import (
     LIMIT_S,
     MEETS_S,
     RADIUS_M,
     SPEED_MPS,
     _mover,
-    cross,
-    cross_all,
+    encounter,
+    encounters,
 )
 
 SEEDS = range(40)
@@ -32,8 +32,8 @@ def test_movers_and_robot_would_be_on_the_way_at_the_same_time() -> None:
 
 def test_doubt_keeps_the_robot_farther_from_movers_and_costs_little_time() -> None:
     """The same encounters with and without it: fewer near misses, and every goal is reached all the same."""
-    certain = cross_all(SEEDS, BESIDE_GUARD)
-    doubtful = cross_all(SEEDS, replace(BESIDE_GUARD, uncertainty=True))
+    certain = encounters(SEEDS, BESIDE_GUARD)
+    doubtful = encounters(SEEDS, replace(BESIDE_GUARD, uncertainty=True))
     near = [sum(one.clearance_m < 0.05 for one in some) for some in (certain, doubtful)]
     times = [np.mean([one.time_s for one in some]) for some in (certain, doubtful)]
     assert near[1] < near[0]
@@ -43,4 +43,4 @@ def test_doubt_keeps_the_robot_farther_from_movers_and_costs_little_time() -> No
 
 def test_an_encounter_comes_out_the_same_again() -> None:
     field = replace(BESIDE_GUARD, velocity_change=True, uncertainty=True)
-    assert cross(3, field) == cross(3, field)
+    assert encounter(3, field) == encounter(3, field)

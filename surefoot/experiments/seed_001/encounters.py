@@ -44,7 +44,7 @@ SURE = np.eye(3) * 1e-8  # the robot knows where it is
 
 
 @dataclass(frozen=True)
-class Crossing:
+class Encounter:
     """What came of one encounter.
 
     Args:
@@ -58,7 +58,7 @@ class Crossing:
     turning_rad: float
 
 
-def cross(seed: int, field: FieldConfig) -> Crossing:
+def encounter(seed: int, field: FieldConfig) -> Encounter:
     """One encounter; the same mover and the same errors of each look for every field."""
     draw, looks = (np.random.default_rng(s) for s in np.random.SeedSequence([seed, 50]).spawn(2))
     gait, sensor = DARWIN_OP.gait, GeometricSensor(GeometricSensorConfig(), looks)
@@ -85,12 +85,12 @@ def cross(seed: int, field: FieldConfig) -> Crossing:
             away = math.hypot(place[0] - robot.x, place[1] - robot.y)
             clearance = min(clearance, away - radius - BODY_RADIUS_M)
         stamp += gait.step_s
-    return Crossing(clearance, stamp, turning)
+    return Encounter(clearance, stamp, turning)
 
 
-def cross_all(seeds: Sequence[int], field: FieldConfig) -> list[Crossing]:
+def encounters(seeds: Sequence[int], field: FieldConfig) -> list[Encounter]:
     """Many encounters, in order."""
-    return [cross(seed, field) for seed in seeds]
+    return [encounter(seed, field) for seed in seeds]
 
 
 def _mover(

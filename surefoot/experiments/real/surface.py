@@ -25,7 +25,7 @@ from ...evaluation.metrics.trajectory import Alignment, align
 from ...recordings.open import open_recording
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
-from .real_odometry import blind, understood
+from .odometry import depth_and_colour, without_poses
 from .replica_room import ReplicaRoom, scene_of
 
 EVERY = 8  # of Replica's 2000 frames: each surface is still seen some twenty times
@@ -51,8 +51,8 @@ class Quality:
 def quality(mesh: Mesh, room: ReplicaRoom, rng: np.random.Generator) -> Quality:
     """How good a mesh in the room's own frame is."""
     true = Mesh(room.mesh.vertices, room.mesh.triangles[room.seen], room.mesh.normals)
-    to_truth = away(scene_of(room.mesh), mesh.sampled(SAMPLES, rng))
-    to_found = away(scene_of(mesh), true.sampled(SAMPLES, rng))
+    to_truth = distances_to(scene_of(room.mesh), mesh.sampled(SAMPLES, rng))
+    to_found = distances_to(scene_of(mesh), true.sampled(SAMPLES, rng))
     precise, recalled = float(np.mean(to_truth < 0.02)), float(np.mean(to_found < 0.02))
     return Quality(
         1e3 * float(np.median(to_truth)),
@@ -61,7 +61,7 @@ def quality(mesh: Mesh, room: ReplicaRoom, rng: np.random.Generator) -> Quality:
     )
 
 
-def away(scene: Any, points: np.ndarray) -> np.ndarray:
+def distances_to(scene: Any, points: np.ndarray) -> np.ndarray:
     """Distance of each point to the surface, m."""
     import open3d
 
@@ -82,7 +82,7 @@ def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
         odometer = Odometer(np.random.default_rng(seed))
         say(f"office: seed {seed}, odometry and maps by true poses")
         true = []
-        for frame, pose in blind(room.frames(np.random.default_rng(seed), EVERY)):
+        for frame, pose in without_poses(room.frames(np.random.default_rng(seed), EVERY)):
             odometer.take(frame)
             true.append(pose)
             for one in maps.values():
@@ -90,9 +90,9 @@ def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
         say(f"office: seed {seed}, map by our poses")
         way, _ = odometer.way()
         own = maps["our poses"] = surface_map()
-        laid = onto(way, true)
+        laid = rigid_alignment(way, true)
         turn = Pose3.from_rotation(laid.rotation, laid.translation)
-        again = blind(room.frames(np.random.default_rng(seed), EVERY))
+        again = without_poses(room.frames(np.random.default_rng(seed), EVERY))
         for (frame, _), pose in zip(again, way, strict=True):
             fuse(own, frame, turn @ pose)
         for name, one in maps.items():
@@ -119,11 +119,11 @@ def office_figures(worst: dict[str, list[Quality]]) -> dict[str, float]:
 
 def fuse(surface: SurfaceMap, frame: Any, pose: Pose3) -> None:
     """One frame into one map."""
-    depth, rgb = understood(frame)
+    depth, rgb = depth_and_colour(frame)
     surface.integrate(depth, pose, rgb)
 
 
-def onto(way: list[Pose3], true: list[Pose3]) -> Alignment:
+def rigid_alignment(way: list[Pose3], true: list[Pose3]) -> Alignment:
     """The rigid motion that lays our world over the true one: what was never told cannot be known."""
     laid = align(
         np.array([pose.position for pose in way]), np.array([pose.position for pose in true])
@@ -138,7 +138,7 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     odometer = Odometer(np.random.default_rng(0))
     say("cabinet: odometry")
     images, true = [], []
-    for frame, pose in blind(open_recording(path).frames()):
+    for frame, pose in without_poses(open_recording(path).frames()):
         odometer.take(frame)
         assert frame.depth is not None
         images.append(structured_light.depth(frame.depth))
@@ -149,13 +149,15 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     for depth, pose in zip(images, way, strict=True):
         surface.integrate(depth, pose)
     layers = traversability(surface.mesh())
-    laid = onto(way, true)
+    laid = rigid_alignment(way, true)
     centres = layers.centres.reshape(-1, 2)
     world = laid.apply(np.column_stack([centres, np.zeros(len(centres))]))[:, :2]
     box = [float(word) for word in (path / "truth_objects.txt").read_text().split()]
-    inside = within(world, box, 0.0).reshape(layers.height.shape)
-    beside = within(world, box, CLEAR_M).reshape(layers.height.shape)
-    about = within(world, box, 0.5).reshape(layers.height.shape)  # other things stand farther off
+    inside = in_rectangle(world, box, 0.0).reshape(layers.height.shape)
+    beside = in_rectangle(world, box, CLEAR_M).reshape(layers.height.shape)
+    about = in_rectangle(world, box, 0.5).reshape(
+        layers.height.shape
+    )  # other things stand farther off
     occupied = layers.occupied & about
     iou = float(np.sum(occupied & inside) / np.sum(occupied | inside))
     floor = about & ~beside & layers.known
@@ -164,7 +166,7 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     return figures, [f"cabinet              footprint IoU {iou:.3f}   floor free {free:.3f}"]
 
 
-def within(
+def in_rectangle(
     points: Float[np.ndarray, "n 2"], box: list[float], more_m: float
 ) -> Bool[np.ndarray, "n"]:
     """Whether points lie in a turned rectangle (x y z yaw half-length half-width half-height), widened."""

@@ -27,7 +27,7 @@ from perception.primitives.pose import Pose3
 from ...recordings.open import open_recording
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
-from . import real_sizes
+from . import object_sizes
 
 SIFT = SiftConfig(upsample=False, most=1000)  # 640 x 480 has enough without
 LOST_DEG = 180.0  # what a view that was not placed counts as
@@ -106,7 +106,7 @@ def kitchen(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
 def run(seeds: int, say: Say) -> Outcome:
     """The kitchen, about two minutes, the worst of up to three searches; then sizes, ten seconds."""
     figures, table = kitchen(seeds, say)
-    for part in (real_sizes.cabinet, real_sizes.carton, real_sizes.furniture):
+    for part in (object_sizes.cabinet, object_sizes.carton, object_sizes.furniture):
         measured, rows = part(say)
         figures |= measured
         table += rows

@@ -21,7 +21,7 @@ GRID_S = 0.1  # errors are taken ten times a second, seen or unseen
 
 
 @dataclass(frozen=True)
-class Course:
+class RobotRun:
     """A robot's recording with its truth.
 
     Args:
@@ -40,7 +40,7 @@ class Course:
     end_s: float
 
     @classmethod
-    def read(cls, folder: Path, robot: int) -> Course:
+    def read(cls, folder: Path, robot: int) -> RobotRun:
         """One robot of an MRCLAM folder."""
         log, truth = mrclam.read_robot(folder, robot), mrclam.read_truth(folder, robot)
         marks: Mapping[int, tuple[float, float]] = mrclam.read_landmarks(folder)
@@ -124,7 +124,7 @@ class Course:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RunErrors:
     """Errors of a journey against motion capture, on a regular grid of time.
 
     Args:
@@ -140,12 +140,12 @@ class Verdict:
     pose_anees: float
 
 
-def judge(
-    course: Course,
+def run_errors(
+    course: RobotRun,
     instants: Float[np.ndarray, "n"],
     means: Float[np.ndarray, "n 3"],
     covariances: Float[np.ndarray, "n 3 3"],
-) -> Verdict:
+) -> RunErrors:
     """Hold poses at the instants against the truth, each weighed by the time that it stands for."""
     grid = np.arange(course.start_s, course.end_s, GRID_S)
     on_grid = np.isin(instants, grid)
@@ -155,7 +155,7 @@ def judge(
     sighted = course.log.stamps_s[course.sightings()]
     before = np.searchsorted(sighted, stamps, side="right") - 1
     near = (before >= 0) & (stamps - sighted[np.maximum(before, 0)] <= 1.0)
-    return Verdict(
+    return RunErrors(
         rms(errors[:, :2]),
         float(np.degrees(np.median(np.abs(errors[near, 2])))),
         float(np.mean(nees(errors[:, :2], covariances[:, :2, :2]))) / 2.0,

@@ -29,7 +29,7 @@ from perception.primitives.plane import Plane
 
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
-from . import real_floor
+from . import floors
 
 FIRST_NOISE_GREY = 2.0  # assumed deviation of a pixel, until the residuals of the floor are seen
 NEAR_SIGMAS = 3.0
@@ -198,7 +198,7 @@ def bedroom(say: Say) -> tuple[dict[str, float], list[str]]:
 def run(seeds: int, say: Say) -> Outcome:
     """All sets; nothing here is random, so seeds change nothing."""
     figures, table = labelled(SR4000, "sr4000", say)
-    for part in (labelled(NYU, "nyu", say), bedroom(say), real_floor.people(say)):
+    for part in (labelled(NYU, "nyu", say), bedroom(say), floors.people(say)):
         figures |= part[0]
         table += part[1]
     figures["pcl_kinect_people"] = figures.pop("five_people_count")

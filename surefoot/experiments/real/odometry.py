@@ -46,7 +46,7 @@ SLIP_M = 0.10  # a step that is so wrong is a slip
 
 
 @dataclass
-class Way:
+class TrajectoryResult:
     """Poses of one contestant beside the truth."""
 
     found: list[Pose3]
@@ -89,14 +89,16 @@ class Way:
         )
 
 
-def blind(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Pose3]]:
+def without_poses(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Pose3]]:
     """Frames without their poses, and the poses apart."""
     for frame in frames:
         assert frame.T_world_camera is not None
         yield replace(frame, T_world_camera=None), frame.T_world_camera
 
 
-def ours(frames: Iterable[Frame], seed: int = 0, method: str = "hybrid") -> tuple[Way, Way]:
+def our_odometry(
+    frames: Iterable[Frame], seed: int = 0, method: str = "hybrid"
+) -> tuple[TrajectoryResult, TrajectoryResult]:
     """The way step by step, and the way with loops closed."""
     config = OdometerConfig()
     chosen = AlignConfig(method=method)
@@ -107,7 +109,7 @@ def ours(frames: Iterable[Frame], seed: int = 0, method: str = "hybrid") -> tupl
     )
     odometer = Odometer(np.random.default_rng(seed), config)
     steps, true = [], []
-    for frame, pose in blind(frames):
+    for frame, pose in without_poses(frames):
         steps.append(odometer.take(frame))
         true.append(pose)
     bad = (LOST, RESTARTED, DOUBTFUL)
@@ -115,8 +117,10 @@ def ours(frames: Iterable[Frame], seed: int = 0, method: str = "hybrid") -> tupl
     lost = odometer.odometry.losses
     joined, solution = odometer.way()
     claims = odometer.claims(solution)
-    walked = Way([step.T_start_camera for step in steps], true, lost, told)
-    return walked, Way(joined, true, lost, told, None if claims is None else claims.aligned)
+    walked = TrajectoryResult([step.T_start_camera for step in steps], true, lost, told)
+    return walked, TrajectoryResult(
+        joined, true, lost, told, None if claims is None else claims.aligned
+    )
 
 
 def _trajectory(way: list[Pose3], placed: Bool[np.ndarray, "n"]) -> Trajectory:
@@ -128,15 +132,15 @@ def _trajectory(way: list[Pose3], placed: Bool[np.ndarray, "n"]) -> Trajectory:
     )
 
 
-def peer(name: str, frames: Iterable[Frame]) -> Way | None:
+def baseline_odometry(name: str, frames: Iterable[Frame]) -> TrajectoryResult | None:
     """Each image over the one before; None where the peer is not installed."""
     try:
         lay = aligner(name)
         config = AlignConfig()
         before: Pyramid | None = None
-        here, way = Pose3(), Way([], [])
-        for frame, pose in blind(frames):
-            depth, rgb = understood(frame)
+        here, way = Pose3(), TrajectoryResult([], [])
+        for frame, pose in without_poses(frames):
+            depth, rgb = depth_and_colour(frame)
             image = build(depth, rgb, None, PyramidConfig(finest_px=depth.camera.width, levels=1))
             if before is not None:
                 aligned = lay(before, image, [Pose3()], config)
@@ -152,19 +156,19 @@ def peer(name: str, frames: Iterable[Frame]) -> Way | None:
     return way
 
 
-def understood(frame: Frame) -> tuple[Depth, UInt8[np.ndarray, "h w 3"] | None]:
+def depth_and_colour(frame: Frame) -> tuple[Depth, UInt8[np.ndarray, "h w 3"] | None]:
     """Depth with its deviation, and the picture."""
     assert frame.depth is not None
     return structured_light.depth(frame.depth), None if frame.colour is None else frame.colour.rgb
 
 
-def recorded(name: str, say: Say) -> tuple[dict[str, float], list[str]]:
+def on_recording(name: str, say: Say) -> tuple[dict[str, float], list[str]]:
     """One recording: ours, ours by depth alone, and the peers."""
     recording = open_recording(real_data.folder(SETS[name]))
     figures: dict[str, float] = {}
     say(f"{name}: ours")
-    walked, joined = ours(recording.frames())
-    _, by_depth = ours(recording.frames(), method="depth")
+    walked, joined = our_odometry(recording.frames())
+    _, by_depth = our_odometry(recording.frames(), method="depth")
     figures[f"{name}_ate_m"] = joined.ate_m
     figures[f"{name}_odometry_ate_m"] = walked.ate_m
     if joined.claimed is not None:
@@ -177,7 +181,7 @@ def recorded(name: str, say: Say) -> tuple[dict[str, float], list[str]]:
     rows.append(row(name, "ours, depth only", by_depth))
     for other in PEERS:
         say(f"{name}: {other}")
-        way = peer(other, recording.frames())
+        way = baseline_odometry(other, recording.frames())
         if way is not None:
             key = other.replace("-", "_")
             figures[f"{name}_{key}_ate_m"] = way.ate_m
@@ -186,7 +190,7 @@ def recorded(name: str, say: Say) -> tuple[dict[str, float], list[str]]:
     return figures, rows
 
 
-def row(name: str, who: str, way: Way) -> str:
+def row(name: str, who: str, way: TrajectoryResult) -> str:
     """One line for people."""
     return (
         f"{name:<18} {who:<17} ATE {way.ate_m:8.4f} m   worst step {max(way.step_errors_m):7.4f} m"
@@ -202,7 +206,7 @@ def replica(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     for seed in range(seeds):
         say(f"replica: ours, seed {seed}")
         frames = room.frames(np.random.default_rng(seed), REPLICA_EVERY)
-        walked, joined = ours(frames, seed)
+        walked, joined = our_odometry(frames, seed)
         ates.append(joined.ate_m)
         odometry.append(walked.ate_m)
         worst.append(max(joined.step_errors_m))
@@ -218,7 +222,7 @@ def replica(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     }
     for other in PEERS:
         say(f"replica: {other}")
-        way = peer(other, room.frames(np.random.default_rng(0), PEERS_EVERY))
+        way = baseline_odometry(other, room.frames(np.random.default_rng(0), PEERS_EVERY))
         if way is not None:
             figures[f"replica_{other.replace('-', '_')}_ate_m"] = way.ate_m
             rows.append(row(f"replica 1/{PEERS_EVERY}", other, way))
@@ -231,7 +235,7 @@ def run(seeds: int, say: Say) -> Outcome:
     table: list[str] = []
     for name in SETS:
         try:
-            measured, rows = recorded(name, say)
+            measured, rows = on_recording(name, say)
         except InputError as error:
             table.append(f"{name:<18} {error}")
             continue
