@@ -1,11 +1,10 @@
-"""One mover crosses the robot's way: what doubt of its place and velocity is worth to the field.
+"""Encounters with a single moving obstacle that crosses the robot's path: the benefit of uncertainty to the field.
 
-A course mixes this with everything else (movers behind the robot, reversals, narrow ways). Here is nothing but
-the case that the collision test is made for: the mover goes straight on, the head follows it, its velocity is
-known as the tracker knows it after a few looks. Ways, sizes and instants are drawn; a few of them would not
-meet at all.
+Courses contain other situations as well (obstacles behind the robot, reversals, narrow passages). An encounter has only
+the case that the collision test is made for: the obstacle moves at constant velocity, the head follows it, and its
+velocity is estimated by the tracker. Paths, sizes and meeting times are random; a few pairs would not meet at all.
 
-Source: seed 001, section 4, and its open problem (uncertain velocities); the encounters are ours.
+Source: Yoo and Kim 2010 (seed 001), section 4, and its open problem (uncertain velocities); the encounters are ours.
 """
 
 from __future__ import annotations
@@ -29,28 +28,28 @@ from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
 
 from ...evaluation.metrics.contacts import BODY_RADIUS_M
 
-WAY_M = 3.0
+PATH_M = 3.0
 ARRIVED_M = 0.15
 LIMIT_S = 120.0
-MEETS_S = 8.0, 16.0  # when both would be nearest, if neither cared
-MISS_M = 0.4  # before or behind the meeting point, at most
-SPEED_MPS = 0.03, 0.06  # the slow movers of the courses
-CROSSES_DEG = 40.0, 140.0  # from the robot's way, from either side
+MEETS_S = 8.0, 16.0  # time of the closest approach without avoidance
+MISS_M = 0.4  # greatest offset of the obstacle from the meeting point
+SPEED_MPS = 0.03, 0.06  # slow moving obstacles of the courses
+CROSSES_DEG = 40.0, 140.0  # angle between both paths, from either side
 RADIUS_M = 0.08, 0.14
-TILT_RAD = 0.5  # of the head, which pans to the mover
+TILT_RAD = 0.5  # of the head, which pans to the obstacle
 MAX_PAN_RAD = 1.5
-PARTS = 5  # of a step, between which distances are taken
-SURE = np.eye(3) * 1e-8  # the robot knows where it is
+PARTS = 5  # of a step; distances are measured after each
+POSE_COVARIANCE = np.eye(3) * 1e-8  # the robot's pose is known
 
 
 @dataclass(frozen=True)
 class Encounter:
-    """What came of one encounter.
+    """Result of one encounter.
 
     Args:
-        clearance_m: Least gap between the surfaces; below 0: a contact.
-        time_s: Until the goal was reached, or the limit.
-        turning_rad: Sum of all turns.
+        clearance_m: Least gap between robot and obstacle; negative: a contact.
+        time_s: Time to the goal, at most `LIMIT_S`.
+        turning_rad: Sum of the absolute turns.
     """
 
     clearance_m: float
@@ -59,14 +58,14 @@ class Encounter:
 
 
 def encounter(seed: int, field: FieldConfig) -> Encounter:
-    """One encounter; the same mover and the same errors of each look for every field."""
+    """Simulate one encounter; obstacle and detection errors depend on the seed alone."""
     draw, looks = (np.random.default_rng(s) for s in np.random.SeedSequence([seed, 50]).spawn(2))
     gait, sensor = DARWIN_OP.gait, GeometricSensor(GeometricSensorConfig(), looks)
-    place, velocity, radius = _mover(draw, gait.cruise_mps)
-    tracker, robot, goal = ObstacleTracker(), Pose2(0.0, 0.0, 0.0), np.array([WAY_M, 0.0])
+    place, velocity, radius = _moving_obstacle(draw, gait.cruise_mps)
+    tracker, robot, goal = ObstacleTracker(), Pose2(0.0, 0.0, 0.0), np.array([PATH_M, 0.0])
     speed, stamp, turning, clearance = gait.cruise_mps, 0.0, 0.0, math.inf
     while stamp < LIMIT_S and math.hypot(goal[0] - robot.x, goal[1] - robot.y) > ARRIVED_M:
-        pose = Gaussian(robot.vector, SURE)
+        pose = Gaussian(robot.vector, POSE_COVARIANCE)
         seen = robot.inverse().apply(place[None])[0]
         pan = min(max(math.atan2(seen[1], seen[0]), -MAX_PAN_RAD), MAX_PAN_RAD)
         detections = [
@@ -89,16 +88,16 @@ def encounter(seed: int, field: FieldConfig) -> Encounter:
 
 
 def encounters(seeds: Sequence[int], field: FieldConfig) -> list[Encounter]:
-    """Many encounters, in order."""
+    """Simulate one encounter per seed, in order."""
     return [encounter(seed, field) for seed in seeds]
 
 
-def _mover(
+def _moving_obstacle(
     draw: np.random.Generator, cruise_mps: float
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]:
-    """Place at the beginning, velocity and radius of what crosses the x axis, which the robot walks along."""
+    """Initial position, velocity and radius of an obstacle that crosses the x axis, the robot's path."""
     along = math.radians(draw.uniform(*CROSSES_DEG)) * draw.choice([-1.0, 1.0])
     velocity = draw.uniform(*SPEED_MPS) * np.array([math.cos(along), math.sin(along)])
     meets = draw.uniform(*MEETS_S)
-    there = np.array([cruise_mps * meets + draw.uniform(-MISS_M, MISS_M), 0.0])
-    return there - velocity * meets, velocity, float(draw.uniform(*RADIUS_M))
+    meeting_point = np.array([cruise_mps * meets + draw.uniform(-MISS_M, MISS_M), 0.0])
+    return meeting_point - velocity * meets, velocity, float(draw.uniform(*RADIUS_M))
