@@ -9,6 +9,8 @@ Source: Han 2018 (seed 000).
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from ..support.experiment import Experiment, Outcome, Say, Target

@@ -6,14 +6,17 @@ import csv
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
+from perception.primitives.frame import DepthView
 from perception.primitives.plane import Plane
 
 KINECT2 = Camera(730, 530, 529.5, 529.5, 364.0, 264.0)
 """Camera of the set sunrgbd_kinect2, by its own calibration."""
+KINECT2_PER_M = 5000.0
 
 
 def folder(name: str) -> Path:
@@ -29,6 +32,19 @@ def folder(name: str) -> Path:
             "set SUREFOOT_DATA to the folder that holds it"
         )
     return root / name
+
+
+def kinect2_view(name: str) -> DepthView:
+    """Depth image of one view of sunrgbd_kinect2.
+
+    Raises:
+        InputError: The image cannot be read.
+    """
+    path = folder("sunrgbd_kinect2") / f"{name}.depth.png"
+    raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if raw is None:
+        raise InputError(f"image {path} cannot be read; is the data set complete?")
+    return DepthView(np.where(raw == 0, np.nan, raw / KINECT2_PER_M).astype(np.float32), KINECT2)
 
 
 def floors(path: Path) -> dict[str, Plane]:
