@@ -17,17 +17,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
-from jaxtyping import Float32
 
 from mapping.objects import cuboid
 from mapping.objects.cuboid import Cuboid
 from perception.depth import points, structured_light
 from perception.floor import choose
 from perception.floor.prior import handheld_prior
-from perception.primitives.camera import Camera
-from perception.primitives.frame import Depth, DepthView
+from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
 
 from ...recordings.open import open_recording
@@ -35,7 +32,6 @@ from ..support import real_data
 from ..support.experiment import Say
 
 CABINET_M = (0.5543, 0.4455, 0.7926)  # height of the top, width, length by truth_objects.txt
-REALSENSE = Camera(640, 480, 617.25, 617.549, 317.392, 245.98)
 CARTON_FRAMES = (0, 2, 3)  # frames that show the whole carton, by the description of the set
 ROOM_M = 7.0
 MARGIN_PX = 2.0  # a rectangle this close to the image border is truncated
@@ -86,19 +82,14 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     return figures, [row]
 
 
-def _read(path: Path, per_m: float) -> Float32[np.ndarray, "h w"]:
-    raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    assert raw is not None, f"{path} is an image"
-    return np.where(raw == 0, np.nan, raw / per_m).astype(np.float32)
-
-
 def carton(say: Say) -> tuple[dict[str, float], list[str]]:
     """realsense_low_boxes: the spread of a carton's size over three frames."""
-    folder = real_data.folder("realsense_low_boxes") / "depth"
-    images = sorted(folder.glob("*.png"))
+    frames = list(open_recording(real_data.folder("realsense_low_boxes")).frames())
     sizes = []
     for number in CARTON_FRAMES:
-        depth = structured_light.depth(DepthView(_read(images[number], 1000.0), REALSENSE))
+        view = frames[number].depth
+        assert view is not None, "the recording has depth in every frame"
+        depth = structured_light.depth(view)
         floor = floor_of(depth)
         found = None if floor is None else largest_whole(depth, floor)
         sizes.append((0.0, LOST_M * number) if found is None else (found.height_m, found.length_m))
