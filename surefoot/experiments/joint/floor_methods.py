@@ -64,11 +64,11 @@ def structured(view: FloorView, seen: SensorViews, rng: np.random.Generator) -> 
 
 def fit_in_space(cloud: Points, plane: Plane) -> Plane:
     """Unweighted least squares of point-to-plane distances over the points of a floor."""
-    mine = cloud.xyz[classify(cloud, plane) == FLOOR]
-    middle = mine.mean(axis=0)
-    _, vectors = np.linalg.eigh(np.cov((mine - middle).T))
+    floor_points = cloud.xyz[classify(cloud, plane) == FLOOR]
+    centroid = floor_points.mean(axis=0)
+    _, vectors = np.linalg.eigh(np.cov((floor_points - centroid).T))
     normal = vectors[:, 0] * math.copysign(1.0, float(vectors[:, 0] @ plane.normal))
-    return Plane(normal, -float(normal @ middle))
+    return Plane(normal, -float(normal @ centroid))
 
 
 def errors(planes: list[tuple[Plane | None, Plane]], name: str) -> dict[str, float]:
@@ -111,8 +111,8 @@ def run(seeds: int, say: Say) -> Outcome:
         say(f"{number + 1} of {VIEWS_A_SEED * seeds} views")
     figures: dict[str, float] = {}
     table = ["sensor method  " + HEADER]
-    for name, mine in scores.items():
-        figures |= summary(name, mine)
+    for name, method_scores in scores.items():
+        figures |= summary(name, method_scores)
         sensor, method = name.split("_")
         table.append(f"{sensor:<6} {method:<7} " + row(name, figures))
     figures |= errors(printed, "hough_as_printed") | errors(spatial, "stereo_in_space")

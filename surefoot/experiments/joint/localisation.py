@@ -69,13 +69,13 @@ def one_walk(seed: int, body: str = "kinematic") -> Figures:
 
 def faults(rng: np.random.Generator) -> dict[str, Fault]:
     """Faults by name."""
-    made = (
+    kinds = (
         trials.outliers(OUTLIERS, rng),
         trials.blackout(LOST_S, DARK_S),
         trials.jump(LOST_S, JUMP_M),
         trials.late(LATE_S),
     )
-    return dict(zip(FAULTS, made, strict=True))
+    return dict(zip(FAULTS, kinds, strict=True))
 
 
 def step(instant: WalkInstant, runs: dict[str, Trial], tracking: TrackerTrial) -> None:

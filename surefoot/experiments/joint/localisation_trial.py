@@ -72,13 +72,13 @@ class Trial:
     def __post_init__(self) -> None:
         self.start = self.localiser.pose
 
-    def step(self, instant: WalkInstant, movers: list[Obstacle]) -> None:
+    def step(self, instant: WalkInstant, tracks: list[Obstacle]) -> None:
         """Process one instant and record the error."""
         given = self.fault(instant)
         self.localiser.update(given.frame, given.sightings if self.landmarks else [])
         if self.registration and given.views:
             placed = [at_pose(view, self.localiser.pose) for view in given.views]
-            self.localiser.register([static_points(view, movers) for view in placed])
+            self.localiser.register([static_points(view, tracks) for view in placed])
         pose = self.localiser.pose
         error = pose.mean - given.pose.vector
         error[2] = wrap_angle(float(error[2]))
@@ -173,7 +173,7 @@ class TrackerTrial:
         true_views = [at_pose(v, Gaussian(instant.pose.vector, np.eye(3))) for v in instant.views]
         self._tracker.update(stamp, instant.detections, pose, visibility(views))
         tracks = self._tracker.obstacles
-        for obstacle in instant.movers:
+        for obstacle in instant.moving:
             track = self._track_of(
                 obstacle, tracks, stamp, any(is_visible(v, obstacle) for v in true_views)
             )
@@ -188,9 +188,9 @@ class TrackerTrial:
                 self.position_m.append(float(np.linalg.norm(error[:2])))
                 self.velocity_mps.append(float(np.linalg.norm(error[2:])))
         recent = stamp - RECENT_S
-        believed = [o.position for o in tracks if o.moving > MOVES and o.seen_s >= recent]
-        true = [m[1:3] for m in instant.movers if self._sighted.get(m[0], -np.inf) >= recent]
-        self.places.append((np.array(believed).reshape(-1, 2), np.array(true).reshape(-1, 2)))
+        moving_tracks = [o.position for o in tracks if o.moving > MOVES and o.seen_s >= recent]
+        true = [m[1:3] for m in instant.moving if self._sighted.get(m[0], -np.inf) >= recent]
+        self.places.append((np.array(moving_tracks).reshape(-1, 2), np.array(true).reshape(-1, 2)))
 
     def _track_of(
         self, obstacle: ObstacleTruth, tracks: list[Obstacle], stamp: float, seen: bool

@@ -81,7 +81,7 @@ class WalkInstant:
         views: Segmented depth image, body frame.
         detections: Detections of completely visible objects, body frame.
         pose: True pose.
-        movers: True moving obstacles: identity, x, y, vx, vy, radius, height.
+        moving: True moving obstacles: identity, x, y, vx, vy, radius, height.
         fell: Whether the robot fell, which ends the walk.
     """
 
@@ -90,7 +90,7 @@ class WalkInstant:
     views: tuple[SegmentedView, ...]
     detections: list[Detection]
     pose: Pose2
-    movers: list[ObstacleTruth]
+    moving: list[ObstacleTruth]
     fell: bool = False
 
 
@@ -187,10 +187,10 @@ def walk(seed: int, config: Config) -> Iterator[WalkInstant]:
         for _ in range(MAX_FRAMES):
             frame = body.read()
             pose = truth.robot_pose()
-            movers = [one for one in truth.obstacles() if one[0] < STILL]
+            moving = [one for one in truth.obstacles() if one[0] < STILL]
             if body.fallen:  # images of a fallen robot are not used
                 blind = replace(frame, tof=None, colour=None, stereo=None)
-                yield WalkInstant(blind, [], (), [], pose, movers, fell=True)
+                yield WalkInstant(blind, [], (), [], pose, moving, fell=True)
                 return
             assert frame.tof is not None
             assert frame.tof.T_body_camera is not None
@@ -201,13 +201,13 @@ def walk(seed: int, config: Config) -> Iterator[WalkInstant]:
                 sightings = tags.look(world.rays, image, true, frame.tof.T_body_camera)
             views, detections = segment_frame(frame, config, rng)
             blind = replace(frame, tof=None, colour=None, stereo=None)
-            yield WalkInstant(blind, sightings, views, detections, pose, movers)
+            yield WalkInstant(blind, sightings, views, detections, pose, moving)
             walked += math.hypot(pose.x - before.x, pose.y - before.y)
             before = pose
             if walked >= LENGTH_M:
                 return
             if frame.footstep_due:
-                step, gaze = guide.next(pose, movers)
+                step, gaze = guide.next(pose, moving)
                 body.walk(step)
                 body.look(gaze)
 
@@ -266,13 +266,13 @@ class _RouteFollower:
         self._next = 0
         self._steps = 0
 
-    def next(self, pose: Pose2, movers: list[ObstacleTruth]) -> tuple[WalkCommand, GazeCommand]:
+    def next(self, pose: Pose2, moving: list[ObstacleTruth]) -> tuple[WalkCommand, GazeCommand]:
         """Next step and gaze at a pose among moving obstacles."""
         survey = self._steps < len(SURVEY_DEG)
         pans = SURVEY_DEG if survey else GLANCES_DEG
         gaze = GazeCommand(math.radians(pans[self._steps % len(pans)]), math.radians(TILT_DEG))
         self._steps += 1
-        if survey or any(self._blocks_path(pose, x, y) for _, x, y, *_ in movers):
+        if survey or any(self._blocks_path(pose, x, y) for _, x, y, *_ in moving):
             return WalkCommand(), gaze
         while self._next < len(self._route) - 1:
             x, y = self._route[self._next]

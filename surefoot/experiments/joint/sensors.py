@@ -121,10 +121,10 @@ def renderer_errors(views: list[CameraPose], camera: Camera, say: Say) -> Outcom
         errors: dict[tuple[float, float], list[np.ndarray]] = {band: [] for band in RENDERED_M}
         compared: list[np.ndarray] = []
         valid_count = 0
-        for number, look in enumerate(views):
-            with World(look.scene, renderer) as world:
-                true = true_depth(world, camera, look.T_world_camera)
-                error = np.abs(world.rendered_depth(camera, look.T_world_camera) - true)
+        for number, view in enumerate(views):
+            with World(view.scene, renderer) as world:
+                true = true_depth(world, camera, view.T_world_camera)
+                error = np.abs(world.rendered_depth(camera, view.T_world_camera) - true)
             away = on_one_surface(true)
             good = away & np.isfinite(error)
             compared.append(np.where(good, error, np.inf)[away])  # a missing depth counts as wrong
@@ -152,12 +152,12 @@ def stereo_errors(views: list[CameraPose], robot: RobotConfig, say: Say) -> Outc
     camera = config.camera
     errors = {(m, band): [] for m in stereo.METHODS for band in STEREO_M}  # type: dict[tuple[str, tuple[float, float]], list[np.ndarray]]
     floor: dict[str, list[float]] = {method: [] for method in stereo.METHODS}
-    for number, look in enumerate(views):
+    for number, view in enumerate(views):
         rng = np.random.default_rng([number, 62])
-        with World(look.scene) as world:
-            left, right = stereo_pair(world, config, baseline, look.T_world_camera, rng)
-            true = true_depth(world, camera, look.T_world_camera)
-        height = (look.T_world_camera.apply((camera.rays * true[..., None]).reshape(-1, 3)))[:, 2]
+        with World(view.scene) as world:
+            left, right = stereo_pair(world, config, baseline, view.T_world_camera, rng)
+            true = true_depth(world, camera, view.T_world_camera)
+        height = (view.T_world_camera.apply((camera.rays * true[..., None]).reshape(-1, 3)))[:, 2]
         ground = np.abs(height.reshape(true.shape)) < 1e-3
         ground &= in_band((0.3, 3.0), true)
         pair = StereoView(left, right, baseline, camera)
@@ -200,17 +200,17 @@ def tof_errors(views: list[CameraPose], say: Say) -> Outcome:
     exact = replace(_EXACT, dark=0.0)
     spread: dict[tuple[float, float], list[np.ndarray]] = {band: [] for band in TOF_M}
     bias: dict[tuple[float, float], list[np.ndarray]] = {band: [] for band in TOF_M}
-    for number, look in enumerate(views):
-        caster = _caster(look.scene)
+    for number, view in enumerate(views):
+        caster = _caster(view.scene)
         camera = TofCamera(TofConfig(), np.random.default_rng([number, 63]))
         ideal = TofCamera(exact, np.random.default_rng(0))
-        true = ideal.measure(caster, look.T_world_camera)[0].astype(np.float64)
-        shots = np.stack([camera.measure(caster, look.T_world_camera)[0] for _ in range(SHOTS)])
+        true = ideal.measure(caster, view.T_world_camera)[0].astype(np.float64)
+        shots = np.stack([camera.measure(caster, view.T_world_camera)[0] for _ in range(SHOTS)])
         good = np.isfinite(shots).all(axis=0) & on_one_surface(true)
         for band in TOF_M:
-            mine = good & in_band(band, true)
-            spread[band].append(shots.var(axis=0, ddof=1)[mine])
-            bias[band].append((shots.mean(axis=0) - true)[mine])
+            mask = good & in_band(band, true)
+            spread[band].append(shots.var(axis=0, ddof=1)[mask])
+            bias[band].append((shots.mean(axis=0) - true)[mask])
         say(f"time of flight: {number + 1} of {len(views)} views")
     figures: dict[str, float] = {}
     table = ["time of flight: temporal standard deviation (notes), bias, mm"]

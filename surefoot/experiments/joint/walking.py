@@ -197,8 +197,8 @@ def _commands(body, gait, trial: Trial, rng: np.random.Generator):  # type: igno
         steps += 1
         now, plan = body.true_pose, body.planned_pose
         if before is not None and planned is not None:
-            made, asked = before.inverse() @ now, planned.inverse() @ plan
-            errors.append((asked.inverse() @ made).vector)
+            true_step, commanded_step = before.inverse() @ now, planned.inverse() @ plan
+            errors.append((commanded_step.inverse() @ true_step).vector)
         before, planned = now, plan
     return np.array(errors).reshape(-1, 3), np.array(head_sway), steps
 
@@ -234,11 +234,11 @@ def _table(found: list[WalkResult], standard: list[WalkResult]) -> list[str]:
     lines.append(
         "standard deviation of the head's sway around each multiple of the walk's frequency"
     )
-    whole = [one.head for one in standard if not one.fallen]
-    if not whole:
+    complete = [one.head for one in standard if not one.fallen]
+    if not complete:
         return lines
     for name, unit, column in CHANNELS:
-        bands = [spectrum(head[:, column], 6) for head in whole]
+        bands = [spectrum(head[:, column], 6) for head in complete]
         mean = unit * np.sqrt(np.mean([power**2 for _, power in bands], axis=0))
         if column == 0:
             heads = "".join(f"{f:8.2f}" for f in bands[0][0])

@@ -124,11 +124,11 @@ def our_odometry(
     bad = (LOST, RESTARTED, DOUBTFUL)
     flagged = frozenset(n for n, step in enumerate(steps) if step.state in bad)
     lost = odometer.odometry.losses
-    joined, solution = odometer.way()
+    closed, solution = odometer.way()
     claims = odometer.claims(solution)
-    walked = TrajectoryResult([step.T_start_camera for step in steps], true, lost, flagged)
-    return walked, TrajectoryResult(
-        joined, true, lost, flagged, None if claims is None else claims.aligned
+    odometry_only = TrajectoryResult([step.T_start_camera for step in steps], true, lost, flagged)
+    return odometry_only, TrajectoryResult(
+        closed, true, lost, flagged, None if claims is None else claims.aligned
     )
 
 
@@ -147,22 +147,22 @@ def baseline_odometry(name: str, frames: Iterable[Frame]) -> TrajectoryResult | 
         align_images = aligner(name)
         config = AlignConfig()
         before: Pyramid | None = None
-        here, way = Pose3(), TrajectoryResult([], [])
+        here, result = Pose3(), TrajectoryResult([], [])
         for frame, pose in without_poses(frames):
             depth, rgb = depth_and_colour(frame)
             image = build(depth, rgb, None, PyramidConfig(finest_px=depth.camera.width, levels=1))
             if before is not None:
                 aligned = align_images(before, image, [Pose3()], config)
                 if aligned is None:
-                    way.lost += 1
+                    result.lost += 1
                 else:
                     here = here @ aligned.motion
             before = image
-            way.found.append(here)
-            way.true.append(pose)
+            result.found.append(here)
+            result.true.append(pose)
     except ImportError:
         return None
-    return way
+    return result
 
 
 def depth_and_colour(frame: Frame) -> tuple[Depth, UInt8[np.ndarray, "h w 3"] | None]:
@@ -176,34 +176,34 @@ def on_recording(name: str, say: Say) -> tuple[dict[str, float], list[str]]:
     recording = open_recording(real_data.folder(SETS[name]))
     figures: dict[str, float] = {}
     say(f"{name}: ours")
-    walked, joined = our_odometry(recording.frames())
+    odometry_only, closed = our_odometry(recording.frames())
     _, by_depth = our_odometry(recording.frames(), method="depth")
-    figures[f"{name}_ate_m"] = joined.ate_m
-    figures[f"{name}_odometry_ate_m"] = walked.ate_m
-    if joined.claimed is not None:
-        figures[f"{name}_variance_ratio"] = joined.variance_ratio
+    figures[f"{name}_ate_m"] = closed.ate_m
+    figures[f"{name}_odometry_ate_m"] = odometry_only.ate_m
+    if closed.claimed is not None:
+        figures[f"{name}_variance_ratio"] = closed.variance_ratio
     figures[f"{name}_depth_only_ate_m"] = by_depth.ate_m
-    figures[f"{name}_step_max_m"] = max(joined.step_errors_m)
-    figures[f"{name}_silent_slips"] = float(walked.silent_slips)
-    figures[f"{name}_lost"] = float(walked.lost)
-    rows = [row(name, "ours", joined), row(name, "ours, no loops", walked)]
+    figures[f"{name}_step_max_m"] = max(closed.step_errors_m)
+    figures[f"{name}_silent_slips"] = float(odometry_only.silent_slips)
+    figures[f"{name}_lost"] = float(odometry_only.lost)
+    rows = [row(name, "ours", closed), row(name, "ours, no loops", odometry_only)]
     rows.append(row(name, "ours, depth only", by_depth))
     for other in BASELINES:
         say(f"{name}: {other}")
-        way = baseline_odometry(other, recording.frames())
-        if way is not None:
+        result = baseline_odometry(other, recording.frames())
+        if result is not None:
             key = other.replace("-", "_")
-            figures[f"{name}_{key}_ate_m"] = way.ate_m
-            figures[f"{name}_{key}_step_max_m"] = max(way.step_errors_m)
-            rows.append(row(name, other, way))
+            figures[f"{name}_{key}_ate_m"] = result.ate_m
+            figures[f"{name}_{key}_step_max_m"] = max(result.step_errors_m)
+            rows.append(row(name, other, result))
     return figures, rows
 
 
-def row(name: str, method: str, way: TrajectoryResult) -> str:
+def row(name: str, method: str, result: TrajectoryResult) -> str:
     """One row of the table."""
     return (
-        f"{name:<18} {method:<17} ATE {way.ate_m:8.4f} m   worst step {max(way.step_errors_m):7.4f} m"
-        f"   lost {way.lost:3d}   silent slips {way.silent_slips}"
+        f"{name:<18} {method:<17} ATE {result.ate_m:8.4f} m   worst step {max(result.step_errors_m):7.4f} m"
+        f"   lost {result.lost:3d}   silent slips {result.silent_slips}"
     )
 
 
@@ -215,13 +215,13 @@ def replica(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     for seed in range(seeds):
         say(f"replica: ours, seed {seed}")
         frames = room.frames(np.random.default_rng(seed), REPLICA_EVERY)
-        walked, joined = our_odometry(frames, seed)
-        ates.append(joined.ate_m)
-        odometry.append(walked.ate_m)
-        worst.append(max(joined.step_errors_m))
-        slips += walked.silent_slips
-        lost += walked.lost
-        rows += [row("replica", "ours", joined), row("replica", "ours, no loops", walked)]
+        odometry_only, closed = our_odometry(frames, seed)
+        ates.append(closed.ate_m)
+        odometry.append(odometry_only.ate_m)
+        worst.append(max(closed.step_errors_m))
+        slips += odometry_only.silent_slips
+        lost += odometry_only.lost
+        rows += [row("replica", "ours", closed), row("replica", "ours, no loops", odometry_only)]
     figures = {
         "replica_ate_m": max(ates),
         "replica_odometry_ate_m": max(odometry),
@@ -231,10 +231,10 @@ def replica(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     }
     for other in BASELINES:
         say(f"replica: {other}")
-        way = baseline_odometry(other, room.frames(np.random.default_rng(0), BASELINES_EVERY))
-        if way is not None:
-            figures[f"replica_{other.replace('-', '_')}_ate_m"] = way.ate_m
-            rows.append(row(f"replica 1/{BASELINES_EVERY}", other, way))
+        result = baseline_odometry(other, room.frames(np.random.default_rng(0), BASELINES_EVERY))
+        if result is not None:
+            figures[f"replica_{other.replace('-', '_')}_ate_m"] = result.ate_m
+            rows.append(row(f"replica 1/{BASELINES_EVERY}", other, result))
     return figures, rows
 
 

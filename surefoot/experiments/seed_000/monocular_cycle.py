@@ -48,11 +48,11 @@ Walk = list[tuple[Picture, Picture, Picture, Picture, "GroundTruth"]]
 class GroundTruth:
     """Truth at the time of the current image: moving robots, and the pixels that show the floor."""
 
-    def __init__(self, robot: SimulatedRobot, picture: Picture) -> None:
+    def __init__(self, robot: SimulatedRobot, image: Picture) -> None:
         world = robot.world
         self.moving_robots = world.movers()
         self.radii = [mover.radius_m for mover in world.scene.movers]
-        self.floor = true_floor(world.rays, picture)
+        self.floor = true_floor(world.rays, image)
 
     def displacements(self, horizon_s: float) -> list[tuple[np.ndarray, float, np.ndarray]]:
         """Position, radius and displacement within the horizon of every moving robot, at constant velocity."""
@@ -62,15 +62,15 @@ class GroundTruth:
         ]
 
 
-def true_floor(rays: RayCaster, picture: Picture) -> np.ndarray:
+def true_floor(rays: RayCaster, image: Picture) -> np.ndarray:
     """Pixels whose ray meets the floor first, by ray casting."""
-    pose = picture.T_world_camera
-    directions = picture.camera.rays.reshape(-1, 3) @ pose.rotation.T
+    pose = image.T_world_camera
+    directions = image.camera.rays.reshape(-1, 3) @ pose.rotation.T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     hits = rays.cast(pose.position, directions.astype(np.float32))
     with np.errstate(invalid="ignore"):
         z = pose.position[2] + hits.distance_m * directions[:, 2]
-    return np.asarray(z < ON_FLOOR_M).reshape(picture.rgb.shape[:2])
+    return np.asarray(z < ON_FLOOR_M).reshape(image.rgb.shape[:2])
 
 
 def image_pairs(seed: int, cycles: int, scene: str = "robots_room") -> Walk:
@@ -110,11 +110,11 @@ def _pictures(frame: Frame, truth: Truth) -> tuple[Picture, Picture]:
     return given, joints
 
 
-def prediction_errors(result: MonocularResult, moment: GroundTruth) -> list[tuple[float, float]]:
+def prediction_errors(result: MonocularResult, truth: GroundTruth) -> list[tuple[float, float]]:
     """Error, m, and NEES of the predicted edge of every moving robot that is near and seen whole."""
     errors = []
     eye = result.current.T_world_camera.position[:2]
-    for centre, radius, moved in moment.displacements(result.horizon_s):
+    for centre, radius, moved in truth.displacements(result.horizon_s):
         if np.hypot(*(centre - eye)) > BEYOND_M:
             continue
         seen = _obstacle_of(result.obstacles, centre, radius)
@@ -122,8 +122,10 @@ def prediction_errors(result: MonocularResult, moment: GroundTruth) -> list[tupl
             true_edge = _edge(seen, result.current, centre, radius) + moved
             off = np.nanmean(seen.predicted_world - true_edge, axis=0)
             if np.isfinite(off).all():
-                claimed = np.nanmean(seen.predicted_covariance, axis=0)
-                errors.append((float(np.hypot(*off)), float(off @ np.linalg.solve(claimed, off))))
+                covariance = np.nanmean(seen.predicted_covariance, axis=0)
+                errors.append(
+                    (float(np.hypot(*off)), float(off @ np.linalg.solve(covariance, off)))
+                )
     return errors
 
 
@@ -139,13 +141,11 @@ def _obstacle_of(
     return best
 
 
-def _edge(
-    obstacle: SeenObstacle, picture: Picture, centre: np.ndarray, radius: float
-) -> np.ndarray:
+def _edge(obstacle: SeenObstacle, image: Picture, centre: np.ndarray, radius: float) -> np.ndarray:
     """Where the image column of each edge pixel meets the moving robot's circle; NaN where it misses it."""
     pixels = obstacle.edge.astype(np.float64)
-    a = floor_points(pixels + np.array([0.0, 30.0]), picture.camera, picture.T_world_camera)
-    b = floor_points(pixels, picture.camera, picture.T_world_camera)
+    a = floor_points(pixels + np.array([0.0, 30.0]), image.camera, image.T_world_camera)
+    b = floor_points(pixels, image.camera, image.T_world_camera)
     along = (b - a) / np.hypot(*(b - a).T)[:, None]
     ahead = np.einsum("ij,ij->i", centre - a, along)
     lateral = np.hypot(*(a + ahead[:, None] * along - centre).T)
@@ -164,33 +164,33 @@ def run(seeds: int, say: Say) -> Outcome:
     FOLDER.mkdir(parents=True, exist_ok=True)
     ious: list[float] = []
     errors: dict[str, list[tuple[float, float]]] = {"given": [], "joints": []}
-    drawn: list[int] = []
+    pane_counts: list[int] = []
     table = ["seed  floor IoU  predictions  median error, m"]
     for seed in range(seeds):
         cycle = Monocular(MonocularConfig(deviations=EXACT))
         by_joints = Monocular(MonocularConfig())
-        mine: list[tuple[float, float]] = []
+        seed_errors: list[tuple[float, float]] = []
         saved = False
-        for number, (before, now, joints_before, joints_now, moment) in enumerate(
+        for number, (before, now, joints_before, joints_now, truth) in enumerate(
             image_pairs(seed, CYCLES)
         ):
             result = cycle.cycle(before, now)
             ground = result.ground > 0
-            ious.append(float((ground & moment.floor).sum() / (ground | moment.floor).sum()))
-            mine += prediction_errors(result, moment)
-            errors["joints"] += prediction_errors(
-                by_joints.cycle(joints_before, joints_now), moment
-            )
+            ious.append(float((ground & truth.floor).sum() / (ground | truth.floor).sum()))
+            seed_errors += prediction_errors(result, truth)
+            errors["joints"] += prediction_errors(by_joints.cycle(joints_before, joints_now), truth)
             if not saved and (number == CYCLES - 1 or any(o.moving for o in result.obstacles)):
                 saved = True
-                picture = cv2.cvtColor(stages(result), cv2.COLOR_RGB2BGR)
+                image = cv2.cvtColor(stages(result), cv2.COLOR_RGB2BGR)
                 name = FOLDER / f"stages-{seed}.png"
                 name.unlink(missing_ok=True)
-                cv2.imwrite(str(name), picture)
-                drawn.append(panes_with_content(result) if name.is_file() else 0)
-        errors["given"] += mine
-        median = float(np.median([error for error, _ in mine])) if mine else math.nan
-        table.append(f"{seed:4d}  {np.mean(ious[-CYCLES:]):9.4f}  {len(mine):11d}  {median:15.4f}")
+                cv2.imwrite(str(name), image)
+                pane_counts.append(panes_with_content(result) if name.is_file() else 0)
+        errors["given"] += seed_errors
+        median = float(np.median([error for error, _ in seed_errors])) if seed_errors else math.nan
+        table.append(
+            f"{seed:4d}  {np.mean(ious[-CYCLES:]):9.4f}  {len(seed_errors):11d}  {median:15.4f}"
+        )
         say(table[-1])
     given, joints = (np.array(errors[name]).reshape(-1, 2) for name in ("given", "joints"))
     return Outcome(
@@ -206,7 +206,7 @@ def run(seeds: int, say: Say) -> Outcome:
             "prediction_nees_joints": float(np.mean(joints[:, 1])),
             "prediction_nees_joints_inside": float(np.mean(joints[:, 1] <= INSIDE)),
             "predictions": float(len(given)),
-            "stages": float(min(drawn, default=0)),
+            "stages": float(min(pane_counts, default=0)),
         },
         table,
     )

@@ -80,8 +80,8 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         }
     result["contacts_saved_by_guard"] = result["contacts_field_alone"] - result["contacts_guard"]
     result["falls"] = float(sum(one.fell for one in walks))
-    met, lines = _encounter_figures(ENCOUNTERS * seeds, say)
-    return Outcome(result | met, [*table, *lines])
+    encounter_figures, lines = _encounter_figures(ENCOUNTERS * seeds, say)
+    return Outcome(result | encounter_figures, [*table, *lines])
 
 
 def _encounter_figures(number: int, say: Say) -> tuple[dict[str, float], list[str]]:
@@ -92,19 +92,19 @@ def _encounter_figures(number: int, say: Say) -> tuple[dict[str, float], list[st
     found: dict[str, float] = {}
     chunks = [range(k, min(k + CHUNK, number)) for k in range(0, number, CHUNK)]
     fields = {
-        (name, doubt): replace(field, uncertainty=doubt == "uncertain")
+        (name, certainty): replace(field, uncertainty=certainty == "uncertain")
         for name, field in ENCOUNTER_FIELDS.items()
-        for doubt in ("certain", "uncertain")
+        for certainty in ("certain", "uncertain")
     }
     tasks = [(chunk, field) for field in fields.values() for chunk in chunks]
     done = list(run_trials(encounters, tasks))
-    for k, (name, doubt) in enumerate(fields):
-        say(f"encounters: {name}, {doubt}")
+    for k, (name, certainty) in enumerate(fields):
+        say(f"encounters: {name}, {certainty}")
         part = [one for some in done[k * len(chunks) : (k + 1) * len(chunks)] for one in some]
         contacts, lowest, time_s, turning = _summary(part)
-        found[f"crossing_contacts_{name.replace(' ', '_')}_{doubt}"] = contacts
+        found[f"crossing_contacts_{name.replace(' ', '_')}_{certainty}"] = contacts
         lines.append(
-            f"  {name + ', ' + doubt:32}{contacts:6.0f}  {lowest:14.0f}  {time_s:6.1f}  {turning:11.0f}"
+            f"  {name + ', ' + certainty:32}{contacts:6.0f}  {lowest:14.0f}  {time_s:6.1f}  {turning:11.0f}"
         )
     for name in ENCOUNTER_FIELDS:
         key = name.replace(" ", "_")

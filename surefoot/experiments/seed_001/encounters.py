@@ -59,9 +59,11 @@ class Encounter:
 
 def encounter(seed: int, field: FieldConfig) -> Encounter:
     """Simulate one encounter; obstacle and detection errors depend on the seed alone."""
-    draw, looks = (np.random.default_rng(s) for s in np.random.SeedSequence([seed, 50]).spawn(2))
-    gait, sensor = DARWIN_OP.gait, GeometricSensor(GeometricSensorConfig(), looks)
-    place, velocity, radius = _moving_obstacle(draw, gait.cruise_mps)
+    rng, detection_rng = (
+        np.random.default_rng(s) for s in np.random.SeedSequence([seed, 50]).spawn(2)
+    )
+    gait, sensor = DARWIN_OP.gait, GeometricSensor(GeometricSensorConfig(), detection_rng)
+    place, velocity, radius = _moving_obstacle(rng, gait.cruise_mps)
     tracker, robot, goal = ObstacleTracker(), Pose2(0.0, 0.0, 0.0), np.array([PATH_M, 0.0])
     speed, stamp, turning, clearance = gait.cruise_mps, 0.0, 0.0, math.inf
     while stamp < LIMIT_S and math.hypot(goal[0] - robot.x, goal[1] - robot.y) > ARRIVED_M:
@@ -93,11 +95,11 @@ def encounters(seeds: Sequence[int], field: FieldConfig) -> list[Encounter]:
 
 
 def _moving_obstacle(
-    draw: np.random.Generator, cruise_mps: float
+    rng: np.random.Generator, cruise_mps: float
 ) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]:
     """Initial position, velocity and radius of an obstacle that crosses the x axis, the robot's path."""
-    along = math.radians(draw.uniform(*CROSSES_DEG)) * draw.choice([-1.0, 1.0])
-    velocity = draw.uniform(*SPEED_MPS) * np.array([math.cos(along), math.sin(along)])
-    meets = draw.uniform(*MEETS_S)
-    meeting_point = np.array([cruise_mps * meets + draw.uniform(-MISS_M, MISS_M), 0.0])
-    return meeting_point - velocity * meets, velocity, float(draw.uniform(*RADIUS_M))
+    along = math.radians(rng.uniform(*CROSSES_DEG)) * rng.choice([-1.0, 1.0])
+    velocity = rng.uniform(*SPEED_MPS) * np.array([math.cos(along), math.sin(along)])
+    meets = rng.uniform(*MEETS_S)
+    meeting_point = np.array([cruise_mps * meets + rng.uniform(-MISS_M, MISS_M), 0.0])
+    return meeting_point - velocity * meets, velocity, float(rng.uniform(*RADIUS_M))

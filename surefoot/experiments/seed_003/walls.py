@@ -186,7 +186,7 @@ def run(seeds: int, say: Say) -> Outcome:
     """Per seed twelve walls, eight tables, two steps, two ramps and a view without floor."""
     share = {"wall": 12, "table": 8, "step": 2, "ramp": 2}
     ours: dict[str, list[bool]] = {kind: [] for kind in KINDS}
-    peer: dict[str, list[bool]] = {kind: [] for kind in KINDS}
+    baseline: dict[str, list[bool]] = {kind: [] for kind in KINDS}
     silent: list[bool] = []
     for seed in range(seeds):
         scene_rng, rng = np.random.default_rng([seed, 40]), np.random.default_rng([seed, 41])
@@ -194,7 +194,7 @@ def run(seeds: int, say: Say) -> Outcome:
             for _ in range(count):
                 scene = draw(kind, scene_rng)
                 ours[kind].append(all(floors_correct(scene, rng)))
-                peer[kind].append(largest_plane_is_floor(scene))
+                baseline[kind].append(largest_plane_is_floor(scene))
         bare = bare_wall(scene_rng)
         for method in METHODS:
             for prior in (bare.view.prior, handheld_prior(None)):
@@ -203,7 +203,7 @@ def run(seeds: int, say: Say) -> Outcome:
         say(f"{seed + 1} of {seeds} seeds")
     figures = {
         "right_floor_pct": 100.0 * float(np.mean(ours["wall"] + ours["table"])),
-        "open3d_right_floor_pct": 100.0 * float(np.mean(peer["wall"] + peer["table"])),
+        "open3d_right_floor_pct": 100.0 * float(np.mean(baseline["wall"] + baseline["table"])),
         "none_where_no_floor_pct": 100.0 * float(np.mean(silent)),
         "views": float(len(ours["wall"] + ours["table"])),
     }
@@ -211,7 +211,7 @@ def run(seeds: int, say: Say) -> Outcome:
     for kind in KINDS:
         table_lines.append(
             f"{kind:<6} {len(ours[kind]):5d}  {100 * np.mean(ours[kind]):14.1f}"
-            f"  {100 * np.mean(peer[kind]):12.1f}"
+            f"  {100 * np.mean(baseline[kind]):12.1f}"
         )
         figures[f"{kind}_right_pct"] = 100.0 * float(np.mean(ours[kind]))
     return Outcome(figures, table_lines)

@@ -1,4 +1,4 @@
-"""Encounters with one mover: they are drawn as meant, and doubt keeps the robot farther away."""
+"""Encounters with a moving obstacle: they meet as specified, and uncertainty increases the distance."""
 
 from dataclasses import replace
 
@@ -18,8 +18,8 @@ from surefoot.experiments.seed_001.encounters import (
 SEEDS = range(40)
 
 
-def test_movers_and_robot_would_be_on_the_way_at_the_same_time() -> None:
-    """Else an encounter is none: at the meeting time the mover is on the robot's line, within 0.4 m of it."""
+def test_obstacle_and_robot_would_reach_the_meeting_point_at_the_same_time() -> None:
+    """At the meeting time the obstacle is on the robot's path, within 0.4 m of the robot."""
     for seed in SEEDS:
         place, velocity, radius = _mover(np.random.default_rng(seed), 0.07)
         size = float(np.hypot(*velocity))
@@ -30,17 +30,17 @@ def test_movers_and_robot_would_be_on_the_way_at_the_same_time() -> None:
         assert abs(place[0] + velocity[0] * crosses - 0.07 * crosses) <= 0.4
 
 
-def test_doubt_keeps_the_robot_farther_from_movers_and_costs_little_time() -> None:
-    """The same encounters with and without it: fewer near misses, and every goal is reached all the same."""
+def test_uncertainty_increases_the_distance_to_obstacles_and_costs_little_time() -> None:
+    """The same encounters with and without uncertainty: fewer near misses, and every goal is reached."""
     certain = encounters(SEEDS, BESIDE_GUARD)
-    doubtful = encounters(SEEDS, replace(BESIDE_GUARD, uncertainty=True))
-    near = [sum(one.clearance_m < 0.05 for one in some) for some in (certain, doubtful)]
-    times = [np.mean([one.time_s for one in some]) for some in (certain, doubtful)]
+    uncertain = encounters(SEEDS, replace(BESIDE_GUARD, uncertainty=True))
+    near = [sum(one.clearance_m < 0.05 for one in some) for some in (certain, uncertain)]
+    times = [np.mean([one.time_s for one in some]) for some in (certain, uncertain)]
     assert near[1] < near[0]
     assert times[1] < 1.2 * times[0]
-    assert all(one.time_s < LIMIT_S for one in (*certain, *doubtful))
+    assert all(one.time_s < LIMIT_S for one in (*certain, *uncertain))
 
 
-def test_an_encounter_comes_out_the_same_again() -> None:
+def test_an_encounter_is_reproducible() -> None:
     field = replace(BESIDE_GUARD, velocity_change=True, uncertainty=True)
     assert encounter(3, field) == encounter(3, field)
