@@ -89,8 +89,8 @@ def test_localisation_uses_the_requested_body(monkeypatch: pytest.MonkeyPatch) -
         return {"falls": float(seed)}
 
     monkeypatch.setattr(localisation, "one_walk", fell)
-    monkeypatch.setattr(localisation, "each", itertools.starmap)
-    monkeypatch.setattr(localisation, "together", lambda found: {})
+    monkeypatch.setattr(localisation, "run_trials", itertools.starmap)
+    monkeypatch.setattr(localisation, "combine", lambda found: {})
     monkeypatch.setattr(localisation, "_table", lambda found: [])
     _, outcome = measure(load("localisation"), lambda text: None, 2, "dynamic")
     assert requested == [(0, "dynamic"), (1, "dynamic")]

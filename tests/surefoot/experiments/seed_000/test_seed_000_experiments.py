@@ -65,7 +65,7 @@ def test_without_obstacles_the_printed_objective_selects_the_goal(goal):
 
 def test_the_row_of_the_exact_search_shows_the_measured_gaps():
     gaps = np.array([0.0, 0.0, 0.0, 0.2])
-    words = swarm_table._told(gaps, 3.0).split()
+    words = swarm_table._measured_columns(gaps, 3.0).split()
     assert [float(words[k]) for k in (0, 3, 4, 6)] == [0.0, 0.2, 25.0, 3.0]
 
 

@@ -10,7 +10,7 @@ from surefoot.experiments.seed_001.encounters import (
     MEETS_S,
     RADIUS_M,
     SPEED_MPS,
-    _mover,
+    _moving_obstacle,
     encounter,
     encounters,
 )
@@ -21,7 +21,7 @@ SEEDS = range(40)
 def test_obstacle_and_robot_would_reach_the_meeting_point_at_the_same_time() -> None:
     """At the meeting time the obstacle is on the robot's path, within 0.4 m of the robot."""
     for seed in SEEDS:
-        place, velocity, radius = _mover(np.random.default_rng(seed), 0.07)
+        place, velocity, radius = _moving_obstacle(np.random.default_rng(seed), 0.07)
         size = float(np.hypot(*velocity))
         crosses = -place[1] / velocity[1]
         assert SPEED_MPS[0] <= size <= SPEED_MPS[1]
