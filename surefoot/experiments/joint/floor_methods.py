@@ -27,7 +27,6 @@ from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth, DepthView
 from perception.primitives.plane import Plane
 
-from ..support.depth_noise import structured_light_sigma
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.floor_views import (
     FLOOR_REACH_M,
@@ -40,6 +39,7 @@ from ..support.floor_views import (
     score,
     summary,
 )
+from ..support.simulated_depth import structured_light_sigma
 
 VIEWS_A_SEED = 4
 METHODS = ("ransac", "hough")

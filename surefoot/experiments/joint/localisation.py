@@ -25,7 +25,7 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.ospa import ospa
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
+from ..support.trials import run_all
 from . import localisation_trial as trials
 from .localisation_trial import Fault, TrackerTrial, Trial
 from .localisation_walk import WalkInstant, walk
@@ -115,10 +115,7 @@ def summary(runs: dict[str, Trial], tracking: TrackerTrial) -> Figures:
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1."""
-    found: list[Figures] = []
-    for figures in run_trials(one_walk, [(seed, body) for seed in range(seeds)]):
-        found.append(figures)
-        say(f"{len(found)} of {seeds} walks")
+    found = run_all(one_walk, [(seed, body) for seed in range(seeds)], say, "walks")
     fallen = [seed for seed, one in enumerate(found) if one["falls"]]
     lines = [f"seed {seed} fell" for seed in fallen]
     return Outcome(combine(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])

@@ -37,8 +37,8 @@ from sim.shapes import Box
 from sim.world import World
 
 from ...report.plots import style
-from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.true_depth import true_depth
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
+from ..support.simulated_depth import true_depth
 
 PICTURES = Path("runs/experiments/sensors")
 EYE_M = 0.383  # height of the robot's camera while it walks
@@ -311,14 +311,13 @@ def run(seeds: int, say: Say) -> Outcome:
     """Six views in the home of each seed."""
     robot = RobotConfig()
     views = list(camera_poses(seeds))
-    parts = [
+    parts = (
         renderer_errors(views, robot.stereo_camera.camera, say),
         stereo_errors(views, robot, say),
         tof_errors(views, say),
         wrapped_and_flying(),
-    ]
-    figures = {name: value for part in parts for name, value in part.figures.items()}
-    return Outcome(figures, [line for part in parts for line in part.table])
+    )
+    return combined(*((part.figures, part.table) for part in parts))
 
 
 def _near_the_notes() -> dict[str, Target]:

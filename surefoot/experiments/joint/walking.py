@@ -21,7 +21,7 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
+from ..support.trials import run_all
 
 STEPS = 300
 PUSH_N, PUSH_S, PUSH_EVERY = 10.0, 0.1, 100
@@ -116,11 +116,7 @@ def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
             "use --body dynamic, or omit the option"
         )
     todo = [(trial, seed) for trial in TRIALS for seed in range(seeds)]
-    found: list[WalkResult] = []
-    for one in run_trials(walk, todo):
-        found.append(one)
-        fell = sum(w.fallen for w in found)
-        say(f"{len(found)} of {len(todo)} walks, {fell} falls")
+    found = run_all(walk, todo, say, "walks")
     standard = [one for one in found if one.trial == TRIALS[0].name]
     errors = np.concatenate([one.errors for one in standard])
     drift = [abs(float(one.errors[:, 2].mean())) for one in standard if len(one.errors)]

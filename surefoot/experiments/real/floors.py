@@ -21,7 +21,7 @@ from ...config.schema import Config
 from ...recordings.open import open_recording
 from ...run.pipeline import Pipeline
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
 
 FLOOR_SHARE = 0.10  # a floor with this share of the points must be detected
 SAME_FLOOR_M = 0.15  # tolerance of the height; the table is 0.73 m above the floor
@@ -143,13 +143,7 @@ def low_boxes(say: Say) -> tuple[dict[str, float], list[str]]:
 
 def run(seeds: int, say: Say) -> Outcome:
     """All five sets; independent of the seeds."""
-    figures: dict[str, float] = {}
-    table: list[str] = []
-    for part in (cabinet, kitchen, people, living_room, low_boxes):
-        measured, rows = part(say)
-        figures.update(measured)
-        table += rows
-    return Outcome(figures, table)
+    return combined(*(part(say) for part in (cabinet, kitchen, people, living_room, low_boxes)))
 
 
 EXPERIMENT = Experiment(

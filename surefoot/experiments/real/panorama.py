@@ -30,7 +30,7 @@ from perception.primitives.pose import Pose3
 from ...evaluation.metrics.trajectory import rms
 from ...recordings.open import open_recording
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from . import object_sizes
 
 SIFT = SiftConfig(upsample=False, most=1000)  # 640 x 480 pixels give enough features without
@@ -106,12 +106,8 @@ def kitchen(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
 
 def run(seeds: int, say: Say) -> Outcome:
     """The kitchen, about two minutes, the worst of up to three runs; then sizes, ten seconds."""
-    figures, table = kitchen(seeds, say)
-    for part in (object_sizes.cabinet, object_sizes.carton, object_sizes.furniture):
-        measured, rows = part(say)
-        figures |= measured
-        table += rows
-    return Outcome(figures, table)
+    sizes = (object_sizes.cabinet, object_sizes.carton, object_sizes.furniture)
+    return combined(kitchen(seeds, say), *(part(say) for part in sizes))
 
 
 EXPERIMENT = Experiment(

@@ -21,7 +21,7 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
 from ...recordings.poses import pose_of_matrix
-from ..support.depth_noise import structured_light_sigma
+from ..support.simulated_depth import structured_light_sigma
 
 CAMERA = Camera(600, 340, 300.0, 300.0, 299.5, 169.5)  # of the data set, at half resolution
 LATERAL_PX = 0.5  # Nguyen 2012: about 0.8 px at full size

@@ -29,7 +29,7 @@ from ...recordings.euroc import open_euroc
 from ...recordings.stereo_calibration import read_rectified_pair
 from ..seed_003.stereo_range import roc_area
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
 
 REACH_M = (0.2, 4.0)  # seed 003: range of reliable depth
 LAB_HEIGHT_M, LAB_PITCH_DEG = 1.11, 3.7  # 3IT: by SGBM, from the description of the set
@@ -162,17 +162,7 @@ def _grey(path: str) -> np.ndarray:
 
 def run(seeds: int, say: Say) -> Outcome:
     """Half a minute; independent of the seeds."""
-    figures: dict[str, float] = {}
-    table: list[str] = []
-    for measured, rows in (
-        euroc("static", say),
-        euroc("room", say),
-        laboratory(say),
-        motorcycle(say),
-    ):
-        figures.update(measured)
-        table += rows
-    return Outcome(figures, table)
+    return combined(euroc("static", say), euroc("room", say), laboratory(say), motorcycle(say))
 
 
 EXPERIMENT = Experiment(

@@ -26,7 +26,7 @@ from perception.primitives.pose import Pose3
 from ...evaluation.metrics.trajectory import Alignment, align
 from ...recordings.open import open_recording
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from .odometry import depth_and_colour, without_poses
 from .replica_room import ReplicaRoom, scene_of
 
@@ -183,9 +183,7 @@ def in_rectangle(
 
 def run(seeds: int, say: Say) -> Outcome:
     """The cabinet once, the office once per seed."""
-    figures, table = cabinet(say)
-    measured, rows = office(seeds, say)
-    return Outcome({**figures, **measured}, table + rows)
+    return combined(cabinet(say), office(seeds, say))
 
 
 EXPERIMENT = Experiment(

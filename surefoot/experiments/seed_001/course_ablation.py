@@ -17,9 +17,9 @@ import numpy as np
 
 from planning.planners.settings import BESIDE_GUARD
 
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from ..support.trials import run_trials
-from .course_trials import HEADER, Trial, figures, row, walk_trials
+from .course_trials import Trial, figures, walk_groups
 from .encounters import Encounter, encounters
 
 ALL = replace(
@@ -48,40 +48,29 @@ ENCOUNTER_FIELDS = {
     "both": replace(BESIDE_GUARD, velocity_change=True, virtual_obstacles=True),
 }
 """Field settings of the encounters, each without and with uncertainty."""
+COMPARED = (
+    *("contact_free_share", "contacts", "falls", "time_s_mean"),
+    *("min_clearance_mm", "turning_deg_mean"),
+)
+"""Figures of every variant."""
 ENCOUNTERS = 10  # per course
 CHUNK = 50  # encounters per task
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1, every variant on each."""
-    trials = [
-        Trial("course", seed, stepper=stepper, field=field)
-        for stepper, field in VARIANTS.values()
-        for seed in range(seeds)
-    ]
-    walks = walk_trials(trials, say, body)
-    table = [HEADER]
+    groups = {
+        name: [Trial("course", seed, stepper=stepper, field=field) for seed in range(seeds)]
+        for name, (stepper, field) in VARIANTS.items()
+    }
+    found, table = walk_groups(groups, say, body)
     result: dict[str, float] = {}
-    for k, name in enumerate(VARIANTS):
-        part = walks[k * seeds : (k + 1) * seeds]
-        table.append(row(name, part))
-        result |= {
-            f"{figure}_{name.replace(' ', '_')}": value
-            for figure, value in figures(part).items()
-            if figure
-            in (
-                "contact_free_share",
-                "contacts",
-                "falls",
-                "time_s_mean",
-                "min_clearance_mm",
-                "turning_deg_mean",
-            )
-        }
+    for name, walks in found.items():
+        values = figures(walks)
+        result |= {f"{figure}_{name.replace(' ', '_')}": values[figure] for figure in COMPARED}
     result["contacts_saved_by_guard"] = result["contacts_field_alone"] - result["contacts_guard"]
-    result["falls"] = float(sum(one.fell for one in walks))
-    encounter_figures, lines = _encounter_figures(ENCOUNTERS * seeds, say)
-    return Outcome(result | encounter_figures, [*table, *lines])
+    result["falls"] = float(sum(one.fell for walks in found.values() for one in walks))
+    return combined((result, table), _encounter_figures(ENCOUNTERS * seeds, say))
 
 
 def _encounter_figures(number: int, say: Say) -> tuple[dict[str, float], list[str]]:

@@ -9,7 +9,7 @@ import numpy as np
 from ...config.presets import on_body
 from ..support.course_runner import CourseWalk, image_config, walk
 from ..support.experiment import Say
-from ..support.trials import run_trials
+from ..support.trials import run_all
 from .course_trials import HEADER, figures, row
 
 
@@ -29,10 +29,8 @@ def image_figures(
         say: Progress callback.
         body: "kinematic" or "dynamic".
     """
-    found: list[CourseWalk] = []
-    for one in run_trials(walk_with_images, [(seed, body) for seed in range(seeds)]):
-        found.append(one)
-        say(f"{len(found)} of {seeds} courses with images")
+    todo = [(seed, body) for seed in range(seeds)]
+    found = run_all(walk_with_images, todo, say, "courses with images")
     seen = {f"images_{name}": value for name, value in figures(found).items()}
     seen["images_time_ratio"] = float(
         np.mean([one.time_s for one in found]) / np.mean([one.time_s for one in by_geometry])

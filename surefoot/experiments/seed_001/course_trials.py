@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from ...config.presets import on_body
 from ...evaluation.metrics.contacts import CLASSES
 from ..support.course_runner import CourseWalk, course_config, walk
 from ..support.experiment import Say
-from ..support.trials import run_trials
+from ..support.trials import run_all
 
 PAPER_S = 560.2  # seed 001, section V-C
 
@@ -60,21 +60,12 @@ def walk_trial(trial: Trial) -> CourseWalk:
     return walk(config, trial.perfect, STEPPERS[trial.stepper]())
 
 
-def walk_trials(trials: Iterable[Trial], say: Say, body: str) -> list[CourseWalk]:
-    """All walks with one body, in order, computed in parallel processes."""
-    trials = [replace(trial, body=body) for trial in trials]
-    found: list[CourseWalk] = []
-    for one in run_trials(walk_trial, [(trial,) for trial in trials]):
-        found.append(one)
-        say(f"{len(found)} of {len(trials)} courses")
-    return found
-
-
 def walk_groups(
     groups: Mapping[str, Sequence[Trial]], say: Say, body: str
 ) -> tuple[dict[str, list[CourseWalk]], list[str]]:
-    """Walks of every group of trials, and a table with one row per group."""
-    walks = iter(walk_trials([trial for trials in groups.values() for trial in trials], say, body))
+    """Walks of every group of trials with one body, and a table with one row per group."""
+    todo = [(replace(trial, body=body),) for trials in groups.values() for trial in trials]
+    walks = iter(run_all(walk_trial, todo, say, "courses"))
     found = {name: list(itertools.islice(walks, len(trials))) for name, trials in groups.items()}
     return found, [HEADER, *(row(name, group) for name, group in found.items())]
 

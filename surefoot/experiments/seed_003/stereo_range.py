@@ -26,7 +26,7 @@ from sim.shapes import Box
 from sim.world import World
 
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.true_depth import true_depth
+from ..support.simulated_depth import true_depth
 
 DISTANCES_M = (0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 EXTENT = (-0.4, -2.0, 4.8, 2.0)

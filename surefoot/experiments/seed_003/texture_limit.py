@@ -29,7 +29,7 @@ from ...config.schema import Config
 from ...recordings.recording import RecordingInfo
 from ...run.pipeline import Pipeline
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.true_depth import true_depth
+from ..support.simulated_depth import true_depth
 from .stereo_range import WRONG_PX
 
 SCENES = ("boxes", "home")

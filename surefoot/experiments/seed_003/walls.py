@@ -25,9 +25,9 @@ from perception.primitives.camera import Camera
 from perception.primitives.frame import DepthView
 from perception.primitives.plane import Plane
 
-from ..support.depth_noise import structured_light_sigma
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.floor_views import FloorView, random_view
+from ..support.simulated_depth import structured_light_sigma
 
 CAMERA = Camera.from_view(240, 180, math.radians(60.0), math.radians(47.0))
 REACH_M = 5.0

@@ -30,7 +30,7 @@ from sim.shapes import Box
 
 from ...config.schema import CALIBRATED_TOF
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
+from ..support.trials import run_all
 from .panorama_scenes import ENCODER_DEG, head_pose
 
 DISTANCES_M = (1.05, 1.29)
@@ -125,6 +125,10 @@ class Measurement:
     sigma_width_m: float
 
 
+Measurements = dict[tuple[str, int, int], Measurement | None]
+"""By settings, distance and width; None where no obstacle was found."""
+
+
 def nearest_ahead(panorama: Panorama, views: list[View]) -> Measurement | None:
     """The nearest obstacle ahead; None if there is none."""
     found = surroundings(panorama, views).obstacles
@@ -135,7 +139,7 @@ def nearest_ahead(panorama: Panorama, views: list[View]) -> Measurement | None:
     return Measurement(nearest.width_m, nearest.distance_m, nearest.height_m, nearest.sigma_width_m)
 
 
-def measure_all(seed: int) -> dict[tuple[str, int, int], Measurement | None]:
+def measure_all(seed: int) -> Measurements:
     """Measurements by all settings at all distances and widths, for one seed."""
     found = {}
     for d, distance in enumerate(DISTANCES_M):
@@ -149,10 +153,7 @@ def measure_all(seed: int) -> dict[tuple[str, int, int], Measurement | None]:
 
 def run(seeds: int, say: Say) -> Outcome:
     """Two distances, four widths and four settings per seed; about seven seconds per seed on one core."""
-    everything: list[dict[tuple[str, int, int], Measurement | None]] = []
-    for found in run_trials(measure_all, [(seed,) for seed in range(seeds)]):
-        everything.append(found)
-        say(f"seed {len(everything) - 1}: {len(found)} rows measured")
+    everything = run_all(measure_all, [(seed,) for seed in range(seeds)], say, "seeds")
     figures: dict[str, float] = {}
     for name in configs():
         figures |= _figures(name, everything)
@@ -161,9 +162,7 @@ def run(seeds: int, say: Say) -> Outcome:
     return Outcome(figures, _table(everything))
 
 
-def _figures(
-    name: str, everything: list[dict[tuple[str, int, int], Measurement | None]]
-) -> dict[str, float]:
+def _figures(name: str, everything: list[Measurements]) -> dict[str, float]:
     widths, distances, heights, sigmas = [], [], [], []
     missed = 0
     for found in everything:
@@ -189,7 +188,7 @@ def _figures(
     }
 
 
-def _table(everything: list[dict[tuple[str, int, int], Measurement | None]]) -> list[str]:
+def _table(everything: list[Measurements]) -> list[str]:
     """The published table and ours: estimates in cm, errors in % of the truth."""
     lines = [
         "cm (error in % of the truth); ours: mean over the seeds, and mean absolute error",
@@ -209,9 +208,7 @@ def _table(everything: list[dict[tuple[str, int, int], Measurement | None]]) -> 
     return lines
 
 
-def _row(
-    chain: str, d: int, everything: list[dict[tuple[str, int, int], Measurement | None]]
-) -> str:
+def _row(chain: str, d: int, everything: list[Measurements]) -> str:
     of_widths = [
         [measured for found in everything if (measured := found[chain, d, w]) is not None]
         for w in range(len(WIDTHS_M))

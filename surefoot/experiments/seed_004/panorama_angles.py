@@ -25,8 +25,8 @@ from sim.scenes import catalogue
 
 from ...report.plots.panorama import write_pictures
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import run_trials
-from .panorama_scenes import Score, nine_views, score
+from ..support.trials import run_all
+from .panorama_scenes import nine_views, score
 
 ROOMS = ("boxes", "home", "corridor")
 SCENES_A_SEED = 67  # 200 random scenes with three seeds
@@ -60,11 +60,7 @@ def law_errors_deg(panorama: Panorama, views: list[View]) -> float:
 def objects_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     """Random scenes: share of correct counts, and errors of gaps, widths and heights."""
     count = min(seeds * SCENES_A_SEED, 200) if seeds <= 3 else seeds * SCENES_A_SEED
-    scores: list[Score] = []
-    for one in run_trials(score, [(number,) for number in range(count)]):
-        scores.append(one)
-        if len(scores) % 20 == 0:
-            say(f"{len(scores)} of {count} scenes of random objects")
+    scores = run_all(score, [(number,) for number in range(count)], say, "random scenes")
     correct = [one for one in scores if one.objects == one.listed]
     gaps = 1e3 * np.abs([gap for one in correct for gap in one.gaps_m] or [math.inf])
     heights = 1e3 * np.abs([height for one in correct for height in one.heights_m] or [math.inf])

@@ -94,6 +94,16 @@ class Outcome:
     table: list[str] = field(default_factory=list)
 
 
+Part = tuple[dict[str, float], list[str]]
+"""Figures and table lines of a part of an experiment."""
+
+
+def combined(*parts: Part) -> Outcome:
+    """The figures and the table lines of all parts, in order."""
+    figures = {name: value for found, _ in parts for name, value in found.items()}
+    return Outcome(figures, [line for _, lines in parts for line in lines])
+
+
 @dataclass(frozen=True)
 class Experiment:
     """One experiment.

@@ -24,6 +24,8 @@ from typing import Any, TypeVar
 
 from mapping.io.atomic_write import atomic_path
 
+from .experiment import Say
+
 WORKERS = os.cpu_count() or 2
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
 
@@ -78,6 +80,17 @@ def run_trials(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Itera
                 yield one[0] if isinstance(one, tuple) else one.result()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def run_all(
+    work: Callable[..., R], todo: Sequence[tuple[Any, ...]], say: Say, what: str
+) -> list[R]:
+    """The results of `run_trials` as a list, with progress in the form "3 of 20 walks"."""
+    found: list[R] = []
+    for result in run_trials(work, todo):
+        found.append(result)
+        say(f"{len(found)} of {len(todo)} {what}")
+    return found
 
 
 def _usable_cache(cache_folder: ResultCache | None) -> ResultCache | None:

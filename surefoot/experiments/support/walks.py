@@ -14,7 +14,7 @@ from ...config.schema import Config
 from ...evaluation.metrics.contact_classes import class_counts, contact_classes
 from ...results.run_folder import RunFolder
 from .experiment import Say
-from .trials import run_trials
+from .trials import run_all
 
 ExtraFigures = Callable[[RunFolder, Config], dict[str, float]]
 
@@ -68,10 +68,4 @@ def walk_all(
     configs: Iterable[Config], say: Say, extra: ExtraFigures | None = None
 ) -> list[dict[str, Any]]:
     """Metrics of every run, in order; runs are computed in parallel processes."""
-    todo = list(configs)
-    found: list[dict[str, Any]] = []
-    for metrics in run_trials(walk, [(config, extra) for config in todo]):
-        found.append(metrics)
-        touched = sum(float(one.get("contacts", 0.0)) > 0.0 for one in found)
-        say(f"{len(found)} of {len(todo)} walks, {touched} of them with a contact")
-    return found
+    return run_all(walk, [(config, extra) for config in configs], say, "walks")

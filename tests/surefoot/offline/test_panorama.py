@@ -16,7 +16,7 @@ from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim.scenes import catalogue
 from sim.shapes import outline
 from sim.world import World
-from surefoot.experiments.support.true_depth import true_depth
+from surefoot.experiments.support.simulated_depth import true_depth
 from surefoot.offline.panorama import GatherConfig, run_panorama
 from surefoot.recordings.recording import RecordingInfo
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -88,8 +89,11 @@ def test_localisation_uses_the_requested_body(monkeypatch: pytest.MonkeyPatch) -
         requested.append((seed, body))
         return {"falls": float(seed)}
 
+    def run_serially(work: Any, todo: Any, say: Any, what: str) -> list[Any]:
+        return list(itertools.starmap(work, todo))
+
     monkeypatch.setattr(localisation, "one_walk", fell)
-    monkeypatch.setattr(localisation, "run_trials", itertools.starmap)
+    monkeypatch.setattr(localisation, "run_all", run_serially)
     monkeypatch.setattr(localisation, "combine", lambda found: {})
     monkeypatch.setattr(localisation, "_table", lambda found: [])
     _, outcome = measure(load("localisation"), lambda text: None, 2, "dynamic")
