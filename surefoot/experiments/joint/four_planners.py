@@ -185,10 +185,7 @@ def _draw(
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
         style.key(axes, columns=2)
-        PICTURES.mkdir(parents=True, exist_ok=True)
-        (PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png").write_bytes(
-            style.png(figure, dpi=110)
-        )
+    style.save(figure, PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png")
 
 
 EXPERIMENT = Experiment(

@@ -14,7 +14,7 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.contact_classes import CLASSES
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.walks import column, falls_and_contacts, walk_all
+from ..support.walks import column, falls_and_contacts, walk_all, walk_figures
 
 
 def config_of(seed: int, body: str = "dynamic") -> Config:
@@ -26,17 +26,9 @@ def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
     """Seeds 0 to n - 1."""
     found = walk_all([config_of(seed, body) for seed in range(seeds)], say, falls_and_contacts)
     all_of = partial(column, found)
-    figures = {
-        "contact_free_share": float(np.mean(all_of("contacts") == 0)),
+    figures = walk_figures(found) | {
         "contacts": float(np.sum(all_of("contacts"))),
         "avoidable_contacts": float(np.sum(all_of("contacts_avoidable"))),
-        "arrived_share": float(np.mean(all_of("goals_missed") == 0)),
-        "falls": float(np.sum(all_of("falls"))),
-        "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
-        "heading_rmse_deg": float(np.sqrt(np.mean(all_of("heading_rmse_deg") ** 2))),
-        "anees_pose": float(np.mean(all_of("pose_anees"))),
-        "min_clearance_mm": 1e3 * float(np.min(all_of("min_clearance_m"))),
-        "time_s_mean": float(np.mean(all_of("duration_s"))),
     }
     figures |= {f"contacts_{kind}": float(np.sum(all_of(f"contacts_{kind}"))) for kind in CLASSES}
     table = ["seed  contacts  clearance  missed  fell  rmse cm   deg   NEES  time s"]

@@ -31,6 +31,7 @@ from planning.swarm.corners import Corners
 from planning.swarm.objective import Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
 
+from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target
 from .monocular_cycle import image_pairs
 
@@ -191,23 +192,15 @@ def run(seeds: int, say: Say) -> Outcome:
 
 def _plot(rows: list[dict[str, float]]) -> None:
     """Fig. 11: stacked times of the stages over footsteps."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    figure, axes = plt.subplots(figsize=(9, 4))
     names = ("colours", *STAGES, *DECIDING)
-    axes.stackplot(range(len(rows)), [[row[name] for row in rows] for name in names], labels=names)
-    axes.axhline(BUDGET_MS, color="black", linestyle="--", label="a tenth of T_DS")
-    axes.set_xlabel("footstep")
-    axes.set_ylabel("time, ms")
-    axes.legend(loc="upper right", ncols=4, fontsize=8)
-    axes.set_ylim(0, 1.4 * BUDGET_MS)
-    figure.tight_layout()
-    figure.savefig(FOLDER / "time.png", dpi=120)
-    plt.close(figure)
+    times = [[row[name] for row in rows] for name in names]
+    with style.styled():
+        figure, axes = style.sheet(height_in=4.0)
+        axes.stackplot(range(len(rows)), times, labels=names)
+        axes.axhline(BUDGET_MS, color=style.INK, linestyle="--", label="a tenth of T_DS")
+        axes.set(xlabel="footstep", ylabel="time, ms", ylim=(0, 1.4 * BUDGET_MS))
+        style.key(axes)
+    style.save(figure, FOLDER / "time.png")
 
 
 EXPERIMENT = Experiment(

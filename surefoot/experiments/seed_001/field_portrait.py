@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -19,8 +20,11 @@ from jaxtyping import Float
 from planning.univector import fields
 from planning.univector.fields import PUBLISHED, FieldConfig
 
-from ...report.plots.style import BELIEF, FAINT, WANTED, WRONG, png, sheet, styled
+from ...report.plots.style import BELIEF, FAINT, WANTED, WRONG, save, sheet, styled
 from ..support.experiment import Experiment, Outcome, Say, Target
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FOLDER = Path("runs") / "001-E1"
 SIDE_M = 4.0  # of the plot
@@ -135,7 +139,7 @@ def statistics(world: FieldWorld, lines: list[np.ndarray]) -> StreamlineStatisti
 
 def plot(
     world: FieldWorld, lines: dict[str, list[np.ndarray]], configs: dict[str, FieldConfig]
-) -> bytes:
+) -> Figure:
     """Plot of the field and its streamlines, one panel for each pair of weights."""
     from matplotlib.patches import Circle
 
@@ -168,7 +172,7 @@ def plot(
                 xlim=(-SIDE_M / 2, SIDE_M / 2), ylim=(-SIDE_M / 2, SIDE_M / 2),
             )  # fmt: skip
         axes[0].set_ylabel("y, m")
-        return png(figure)
+        return figure
 
 
 def run(seeds: int, say: Say) -> Outcome:
@@ -187,8 +191,7 @@ def run(seeds: int, say: Say) -> Outcome:
         printed.append(b)
         alone.append(statistics(world, streamlines(world, FieldConfig(), False)))
         if seed == 0:
-            FOLDER.mkdir(parents=True, exist_ok=True)
-            (FOLDER / "portrait.png").write_bytes(plot(world, lines, configs))
+            save(plot(world, lines, configs), FOLDER / "portrait.png")
             table.insert(0, f"plot: {FOLDER / 'portrait.png'}")
         table.append(
             f"{seed:4d}  {100 * a.arrived:9.0f}  {a.error_deg:9.2f} ({a.worst_deg:.2f})"

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -23,8 +24,11 @@ from planning.commands import GazeCommand
 from planning.gaze import evaluations
 from planning.gaze.selection import GazeMapConfig, gaze_map, highest_plateau
 
-from ...report.plots.style import BELIEF, FAINT, WANTED, WRONG, png, sheet, styled
+from ...report.plots.style import BELIEF, FAINT, WANTED, WRONG, save, sheet, styled
 from ..support.experiment import Experiment, Outcome, Say, Target
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FOLDER = Path("runs") / "001-E2"
 EYE_M = 0.38
@@ -154,7 +158,7 @@ def plateau_by_flood_fill(
 
 def plot(
     situation: Situation, total: np.ndarray, chosen: GazeCommand, config: GazeMapConfig
-) -> bytes:
+) -> Figure:
     """Top view with 95 % covariance ellipses, and the gaze map."""
     from matplotlib.patches import Ellipse, Wedge
 
@@ -203,7 +207,7 @@ def plot(
         surface.set(
             title="gaze map; ring: theta*", xlabel="pan, deg (left positive)", ylabel="tilt, deg"
         )
-        return png(figure)
+        return figure
 
 
 def run(seeds: int, say: Say) -> Outcome:
@@ -224,8 +228,7 @@ def run(seeds: int, say: Say) -> Outcome:
         )
         equal.append(apart[-1] < 1e-6)
         if seed == 0:
-            FOLDER.mkdir(parents=True, exist_ok=True)
-            (FOLDER / "gaze_map.png").write_bytes(plot(situation, total, chosen, config))
+            save(plot(situation, total, chosen, config), FOLDER / "gaze_map.png")
             table.insert(0, f"plot: {FOLDER / 'gaze_map.png'}")
         table.append(
             f"{seed:4d}  {math.degrees(chosen.pan_rad):7.1f}  {math.degrees(chosen.tilt_rad):8.1f}"

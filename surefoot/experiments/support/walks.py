@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,21 @@ def total_falls(found: Iterable[dict[str, Any]]) -> float:
 def column(found: Iterable[dict[str, Any]], name: str) -> Float[np.ndarray, "n"]:
     """One metric of every run; NaN where a run does not have it."""
     return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)
+
+
+def walk_figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Figures of walks to goals: contacts, falls, arrivals, pose errors, clearance and time."""
+    all_of = partial(column, found)
+    return {
+        "contact_free_share": float(np.mean(all_of("contacts") == 0)),
+        "falls": total_falls(found),
+        "arrived_share": float(np.mean(all_of("goals_missed") == 0)),
+        "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
+        "heading_rmse_deg": float(np.sqrt(np.mean(all_of("heading_rmse_deg") ** 2))),
+        "anees_pose": float(np.mean(all_of("pose_anees"))),
+        "min_clearance_mm": 1e3 * float(np.min(all_of("min_clearance_m"))),
+        "time_s_mean": float(np.mean(all_of("duration_s"))),
+    }
 
 
 def falls_and_contacts(folder: RunFolder, config: Config) -> dict[str, float]:
