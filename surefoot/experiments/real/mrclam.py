@@ -1,7 +1,7 @@
 """Self-localisation on real recordings: two robots among landmarks, a mower among radio beacons, an IMU.
 
 Parameters are fitted without truth, by the likelihood of a robot's innovations, and evaluated on the other robot: the
-figures of robot 1 parameters parameters fitted on robot 3 and vice versa. The start pose is given; otherwise no truth is used.
+figures of robot 1 use parameters fitted on robot 3 and vice versa. The start pose is given; otherwise no truth is used.
 Position errors are taken at 10 Hz from the start of odometry to the end of the truth, including gaps of up to 55 s
 without sightings.
 

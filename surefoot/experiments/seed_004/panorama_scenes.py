@@ -127,7 +127,7 @@ def random_objects(rng: np.random.Generator) -> list[PlacedObject]:
 
 
 def scene_of(objects: list[PlacedObject], rng: np.random.Generator) -> Scene:
-    """An errors hall with these objects."""
+    """An empty hall with these objects."""
     shown = [
         StaticObject(f"object {k + 1}", (one.shape,), float(rng.uniform(0.35, 0.9)))
         for k, one in enumerate(objects)

@@ -180,13 +180,13 @@ class GeometricPerception:
         record.seen_s = stamp_s
 
     def _head(self, true: Pose2) -> tuple[float, float]:
-        """Where the camera looks from the body, with all that trembles: pan and tilt, rad."""
+        """True pan and tilt of the camera relative to the body, including sway, rad."""
         axis = self._robot.camera_in_world(self._robot.config.tof_mount_m).rotation[:, 2]
         pan = wrap_angle(math.atan2(axis[1], axis[0]) - true.yaw)
         return pan, math.atan2(-axis[2], math.hypot(axis[0], axis[1]))
 
     def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
-        """As `view.visibility`: places that the time-of-flight camera sees beyond."""
+        """A test like `segmented_view.visibility`: positions whose line of sight the time-of-flight camera sees as free."""
         here, nearest, farthest = pose.mean, *self._sensor.floor_reach(tilt)
         half = math.radians(self._sensor.config.tof_across_deg) / 2
 
