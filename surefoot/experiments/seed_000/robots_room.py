@@ -10,6 +10,7 @@ Source: Han 2018 (seed 000).
 from __future__ import annotations
 
 from functools import partial
+from itertools import islice
 
 import numpy as np
 
@@ -37,17 +38,15 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
             for seed in fifth
         ],
     }
-    all_found = walk_all([config for kind in kinds.values() for config in kind], say, figures_of)
-    rows: dict[str, dict[str, float]] = {}
-    begin = 0
-    for name, configs in kinds.items():
-        rows[name] = _figures(all_found[begin : begin + len(configs)])
-        begin += len(configs)
-    found, figures = all_found[:seeds], dict(rows["ours"])
+    todo = [config for configs in kinds.values() for config in configs]
+    walks = iter(walk_all(todo, say, figures_of))
+    found = {name: list(islice(walks, len(configs))) for name, configs in kinds.items()}
+    rows = {name: _figures(group) for name, group in found.items()}
+    figures = dict(rows["ours"])
     for name, prefix in (("ours, printed speed", "printed"), ("published", "published")):
         figures |= {f"{prefix}_{key}": value for key, value in rows[name].items()}
     table = ["seed  contacts  clearance   goal 1 s  goal 5 s  approach to 2, 3, 4 m"]
-    for seed, metrics in enumerate(found[:seeds]):
+    for seed, metrics in enumerate(found["ours"]):
         table.append(
             f"{seed:4d}  {metrics['contacts']:8.0f}  {1e3 * metrics['min_clearance_m']:6.0f} mm"
             f"  {metrics['goal1_s']:9.1f}  {metrics['goal5_s']:8.1f}"

@@ -54,3 +54,14 @@ def test_the_walking_experiment_refuses_a_body_that_cannot_fall(body):
 @pytest.mark.parametrize("name", experiment.names())
 def test_every_experiment_has_a_valid_default_body(name):
     assert experiment.load(name).body in ("", *experiment.BODIES)
+
+
+def test_combined_parts_keep_all_figures_and_lines_in_order():
+    outcome = experiment.combined(({"a": 1.0}, ["first"]), ({"b": 2.0}, ["second", "third"]))
+    assert outcome.figures == {"a": 1.0, "b": 2.0}
+    assert outcome.table == ["first", "second", "third"]
+
+
+def test_an_unknown_id_suggests_the_nearest():
+    with pytest.raises(InputError, match=r"did you mean 004-features\?"):
+        experiment.load("004-feature")

@@ -6,7 +6,7 @@ import logging
 import operator
 import secrets
 
-from surefoot.experiments.support.trials import ResultCache, cached, run_trials
+from surefoot.experiments.support.trials import ResultCache, cached, run_all, run_trials
 
 SIZES = [(size,) for size in (3, 5, 7, 9)]
 
@@ -26,6 +26,12 @@ def test_stored_results_are_used_and_missing_ones_are_computed(tmp_path):
     assert tuple(whole[:2]) == first
     assert [len(word) for word in whole] == [6, 10, 14, 18]
     assert again == whole
+
+
+def test_progress_counts_the_finished_trials():
+    said = []
+    assert run_all(operator.sub, [(9, 1), (9, 2)], said.append, "trials") == [8, 7]
+    assert said == ["1 of 2 trials", "2 of 2 trials"]
 
 
 def test_without_resume_every_trial_runs_again(tmp_path):
