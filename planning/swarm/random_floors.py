@@ -24,7 +24,7 @@ TILT_DEG = 30.0  # seed 000
 
 @dataclass(frozen=True, eq=False)
 class RandomFloor:
-    """One picture.
+    """One view of a room.
 
     Args:
         movable: Pixels of floor.
@@ -39,7 +39,7 @@ class RandomFloor:
 
 
 def make(rng: np.random.Generator, camera: Camera = CAMERA) -> RandomFloor:
-    """Two to nine cylinders of 8 to 60 cm across between walls, a goal up to 5 m ahead."""
+    """Two to nine cylinders of 8 to 60 cm diameter between walls, and a goal up to 5 m ahead."""
     place = Pose3.from_rotation(head_rotation(0.0, math.radians(TILT_DEG)), np.array(EYE_M))
     rows = FloorRows.of(camera, place)
     v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)

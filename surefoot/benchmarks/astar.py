@@ -17,7 +17,7 @@ import numpy as np
 from planning.search import astar
 from planning.search.potential import SearchConfig
 
-from ..experiments.seed_003 import random_terrain
+from ..experiments.support import random_terrain
 from .benchmark import Benchmark, Comparison, race
 
 SIDES = (70, 200, 500)

@@ -109,8 +109,8 @@ def experiment(
         return
     identity = {name.lower(): name for name in experiments.names()}.get(identity.lower(), identity)
     chosen = experiments.load(identity)
-    shelf = trials.Shelf(Path("runs") / "experiments" / identity, resume)
-    with progress() as say, trials.kept(shelf):
+    shelf = trials.ResultCache(Path("runs") / "experiments" / identity, resume)
+    with progress() as say, trials.cached(shelf):
         chosen, outcome = experiments.measure(chosen, say, seeds, body)
     result = experiments.judge(chosen, outcome)
     shown = (

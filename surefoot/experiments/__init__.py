@@ -1,5 +1,6 @@
 """Experiments: one file per published table or figure, and per claim of ours.
 
-Read `experiment` (what every one of them is made of), then any file: it measures, and holds what it
-measured against its targets. `surefoot experiment` lists them; `surefoot experiment ID` runs one.
+Read `support/experiment.py` first (figures, targets, registry), then any experiment. One room per paper
+(`seed_000`, `seed_001`, `seed_003`, `seed_004`), `joint` for the whole system, `real` for real recordings.
+`surefoot experiment` lists them; `surefoot experiment ID` runs one and compares its figures with the targets.
 """

@@ -1,1 +1,1 @@
-"""Studies of the whole system."""
+"""Studies of the whole system: localisation, walking, gaze, planners, and the furnished home."""

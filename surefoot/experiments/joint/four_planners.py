@@ -26,7 +26,7 @@ from ...config.schema import Config
 from ...report.plots import style
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_trials
 from ..support.walks import walk
 
 SCENES = ("corridor", "robots_room", "boxes", "home")
@@ -63,7 +63,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     planners = [name for name in ORDER if name in PLANNERS]
     todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
     found: list[Walked] = []
-    for walked in each(_walk, [(config,) for config in todo]):
+    for walked in run_trials(_walk, [(config,) for config in todo]):
         found.append(walked)
         say(f"{len(found)} of {len(todo)} walks")
         if len(found) % len(planners) == 0:

@@ -25,6 +25,7 @@ from perception.primitives.landmark import Sighting
 from perception.primitives.pose import Pose2
 from planning.gaze import evaluations
 from planning.gaze.attention import sample_region
+from planning.gaze.policy import POLICIES
 from planning.planners.search_planner import SearchPlanner
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
@@ -40,7 +41,7 @@ from ...run.simulate import START_COVARIANCE
 from ..support.course_runner import course_config
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.geometric_perception import GeometricPerception
-from ..support.trials import each
+from ..support.trials import run_trials
 
 SCENE = "course"
 LEGS = 3  # of the course, about 9 m
@@ -189,7 +190,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Three walks a seed; about ten seconds of one core each."""
     todo = [(seed, mode, body) for seed in range(seeds) for mode in POLICIES]
     found: dict[str, list[Looked]] = {mode: [] for mode in POLICIES}
-    for (_, mode, _), one in zip(todo, each(look, todo), strict=True):
+    for (_, mode, _), one in zip(todo, run_trials(look, todo), strict=True):
         found[mode].append(one)
         say(f"{sum(map(len, found.values()))} of {len(todo)} walks")
     mean = {

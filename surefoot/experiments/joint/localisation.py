@@ -1,12 +1,13 @@
-"""Where am I and where are they: errors, and whether their covariances can be believed.
+"""Errors of the robot's pose and of the moving obstacles' tracks, and the consistency of their covariances.
 
-Every seed is another furnished home, another body and other movers. The same walk of ten metres is walked
-by several localisers: with tags and registration, with registration alone (a home without any marker; the
-start is then the origin), by dead reckoning alone, and, for some of the seeds, with something broken, and
-by tags alone with a fixed-lag smoother beside, which is told the same.
+Every seed is another furnished home, body and set of moving obstacles. Several localisers process the same walk of ten
+metres: with tags and registration; with registration alone (no markers, so that the start is the origin); by dead
+reckoning alone; and, on every fifth seed, with faulty inputs, and with tags alone together with a fixed-lag smoother.
 
-NEES are given per degree of freedom: 1 if consistent. A run counts as one sample of its mean, because its
-errors hang together; the band is where the mean of that many samples lies in 95 % of all cases.
+NEES are per degree of freedom: 1 if consistent. Errors within a run are correlated, so each run counts as one sample of
+its mean; the band contains the mean of that many samples with 95 % probability.
+
+Source: ours.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...evaluation.metrics.ospa import ospa
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_all
 from . import localisation_trial as trials
-from .localisation_trial import Fault, Following, Trial
-from .localisation_walk import Moment, walk
+from .localisation_trial import Fault, TrackerTrial, Trial
+from .localisation_walk import WalkInstant, walk
 
-FAULTY_EVERY = 5  # of the seeds
+FAULTY_EVERY = 5  # one seed in five
 LOST_S, DARK_S, JUMP_M, LATE_S, OUTLIERS = 40.0, 10.0, 0.5, 0.05, 0.3
 CUTOFF_M, ORDER = 0.5, 2.0
 FAULTS = ("outliers", "blackout", "jump", "clock")
@@ -38,68 +39,70 @@ Figures = dict[str, float]
 
 
 def one_walk(seed: int, body: str = "kinematic") -> Figures:
-    """All figures of one seed walked by a body; those of faults only where the seed has its turn."""
+    """All figures of one seed; those of faults only every `FAULTY_EVERY` seeds."""
     config = on_body(Config(), body)
     scene = catalogue.load("home", seed)
     rng = np.random.default_rng([seed, 51])
     start, marks = scene.start, scene.landmarks
     runs = {
-        "full": trials.begin(start, marks, config, rng),
-        "bare": trials.begin(start, marks, config, rng, landmarks=False),
-        "blind": trials.begin(start, marks, config, rng, landmarks=False, registration=False),
+        "full": trials.make_trial(start, marks, config, rng),
+        "no_tags": trials.make_trial(start, marks, config, rng, landmarks=False),
+        "dead_reckoning": trials.make_trial(
+            start, marks, config, rng, landmarks=False, registration=False
+        ),
     }
     if seed % FAULTY_EVERY == 0:
-        runs["tags"] = trials.begin(start, marks, config, rng, registration=False)
+        runs["tags"] = trials.make_trial(start, marks, config, rng, registration=False)
         for name, fault in faults(rng).items():
-            runs[name] = trials.begin(start, marks, config, rng, fault=fault)
-    following, fell = Following(config), False
-    for moment in walk(seed, config):
-        fell = moment.fell
+            runs[name] = trials.make_trial(start, marks, config, rng, fault=fault)
+    tracking, fell = TrackerTrial(config), False
+    for instant in walk(seed, config):
+        fell = instant.fell
         if not fell:
-            step(moment, runs, following)
-    found = summary(runs, following) | {"falls": float(fell)}
+            step(instant, runs, tracking)
+    found = summary(runs, tracking) | {"falls": float(fell)}
     if "tags" in runs:
         found["filter_rmse_m"] = rms(runs["tags"].position_m)
-        found["fixed_lag_rmse_m"] = rms(trials.looked_back(runs["tags"], marks, config))
+        found["fixed_lag_rmse_m"] = rms(trials.fixed_lag_errors(runs["tags"], marks, config))
     return found
 
 
 def faults(rng: np.random.Generator) -> dict[str, Fault]:
-    """What is broken, by name."""
-    made = (
+    """Faults by name."""
+    kinds = (
         trials.outliers(OUTLIERS, rng),
         trials.blackout(LOST_S, DARK_S),
         trials.jump(LOST_S, JUMP_M),
         trials.late(LATE_S),
     )
-    return dict(zip(FAULTS, made, strict=True))
+    return dict(zip(FAULTS, kinds, strict=True))
 
 
-def step(moment: Moment, runs: dict[str, Trial], following: Following) -> None:
-    """One instant for all; movers are followed by the first."""
-    movers = following.obstacles
+def step(instant: WalkInstant, runs: dict[str, Trial], tracking: TrackerTrial) -> None:
+    """Process one instant with all localisers; the tracker uses the pose of the first."""
+    tracks = tracking.obstacles
     for run in runs.values():
-        run.step(moment, movers)
-    following.step(moment, next(iter(runs.values())).walker.pose)
+        run.step(instant, tracks)
+    tracking.step(instant, next(iter(runs.values())).localiser.pose)
 
 
-def summary(runs: dict[str, Trial], following: Following) -> Figures:
-    """Of one walk: root mean squares and mean NEES."""
-    full, bare, blind = runs["full"], runs["bare"], runs["blind"]
+def summary(runs: dict[str, Trial], tracking: TrackerTrial) -> Figures:
+    """Figures of one walk: root mean squares and mean NEES."""
+    full, no_tags, dead_reckoning = runs["full"], runs["no_tags"], runs["dead_reckoning"]
     found = {
         "anees_pose": float(np.mean(full.nees)),
-        "anees_no_landmarks": float(np.mean(bare.nees)),
+        "anees_no_landmarks": float(np.mean(no_tags.nees)),
         "position_rmse_m": rms(full.position_m),
-        "position_rmse_no_landmarks_m": rms(bare.position_m),
-        "dead_reckoning_rmse_m": rms(blind.position_m),
+        "position_rmse_no_landmarks_m": rms(no_tags.position_m),
+        "dead_reckoning_rmse_m": rms(dead_reckoning.position_m),
         "heading_rmse_deg": rms(full.heading_deg),
-        "heading_rmse_no_landmarks_deg": rms(bare.heading_deg),
+        "heading_rmse_no_landmarks_deg": rms(no_tags.heading_deg),
         "in_view_share": float(np.mean(full.in_view)),
-        "anees_obstacle": mean(following.nees),
-        "anees_obstacle_all": mean(following.nees_all),
-        "mover_position_rmse_m": rms(following.position_m),
-        "velocity_rmse_mps": rms(following.velocity_mps),
-        "ospa_m": mean([ospa(*pair, CUTOFF_M, ORDER) for pair in following.places if _any(pair)]),
+        "anees_obstacle": mean(tracking.nees),
+        "anees_obstacle_all": mean(tracking.nees_all),
+        "mover_position_rmse_m": rms(tracking.position_m),
+        "velocity_rmse_mps": rms(tracking.velocity_mps),
+        "ospa_m": mean([ospa(*pair, CUTOFF_M, ORDER) for pair in tracking.places if _any(pair)]),
     }
     for name in FAULTS:
         if name in runs:
@@ -112,17 +115,14 @@ def summary(runs: dict[str, Trial], following: Following) -> Figures:
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1."""
-    found: list[Figures] = []
-    for figures in each(one_walk, [(seed, body) for seed in range(seeds)]):
-        found.append(figures)
-        say(f"{len(found)} of {seeds} walks")
+    found = run_all(one_walk, [(seed, body) for seed in range(seeds)], say, "walks")
     fallen = [seed for seed, one in enumerate(found) if one["falls"]]
     lines = [f"seed {seed} fell" for seed in fallen]
-    return Outcome(together(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])
+    return Outcome(combine(found) | {"falls": float(len(fallen))}, [*_table(found), *lines])
 
 
-def together(found: list[Figures]) -> Figures:
-    """Over all walks: root mean squares of the root mean squares, means of the NEES, and the bands."""
+def combine(found: list[Figures]) -> Figures:
+    """Figures over all walks: root mean squares, means of the NEES, and the consistency bands."""
     figures: Figures = {}
     for name in dict.fromkeys(name for one in found for name in one):
         values = np.array([one[name] for one in found if np.isfinite(one.get(name, math.nan))])
@@ -143,7 +143,7 @@ def together(found: list[Figures]) -> Figures:
 
 
 def _table(found: list[Figures]) -> Iterator[str]:
-    yield "seed   NEES: tags  bare  movers   cm: tags  bare  dead   deg: tags  bare   mm/s   OSPA cm"
+    yield "seed   NEES: tags  none  tracks   cm: tags  none  dead   deg: tags  none   mm/s   OSPA cm"
     for seed, one in enumerate(found):
         yield (
             f"{seed:4d}   {one['anees_pose']:10.2f} {one['anees_no_landmarks']:5.2f}"
@@ -163,12 +163,12 @@ def _table(found: list[Figures]) -> Iterator[str]:
 
 
 def rms(values: Float[np.ndarray, "n"] | list[float]) -> float:
-    """Root mean square; NaN of nothing."""
+    """Root mean square; NaN if empty."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else math.nan
 
 
 def mean(values: Float[np.ndarray, "n"] | list[float]) -> float:
-    """NaN of nothing."""
+    """Mean; NaN if empty."""
     return float(np.mean(values)) if len(values) else math.nan
 
 
@@ -178,7 +178,7 @@ def _any(pair: tuple[np.ndarray, np.ndarray]) -> bool:
 
 EXPERIMENT = Experiment(
     id="localisation",
-    title="Pose and movers over walks of 10 m: errors and consistency (NEES per degree of freedom)",
+    title="Pose and tracks of moving obstacles over walks of 10 m: errors and consistency (NEES per degree of freedom)",
     run=run,
     body="kinematic",
     targets={

@@ -1,6 +1,6 @@
-"""Localisers put to the test on one walk: what each believed, beside what was so.
+"""Trials of localisers and of the obstacle tracker on one walk: their estimates, errors and covariances.
 
-All walk the same walk at once. Faults are made in what one of them is told, never in the truth.
+All localisers process the same walk in parallel. Faults change the inputs of one localiser, never the truth.
 """
 
 from __future__ import annotations
@@ -29,83 +29,83 @@ from sim.truth import ObstacleTruth
 
 from ...config.schema import Config
 from ...run.simulate import START_COVARIANCE
-from .localisation_walk import Moment
+from .localisation_walk import WalkInstant
 
-HERE_COVARIANCE = np.diag(np.square([0.001, 0.001, math.radians(0.05)]))
-"""Without markers the start is the origin of the map, by definition; it is only not quite a point."""
+ORIGIN_COVARIANCE = np.diag(np.square([0.001, 0.001, math.radians(0.05)]))
+"""Of the start without markers: it is the origin of the map by definition; not 0 for numerical reasons."""
 
 MATCH_M = 0.2
-"""A track that is seen this near to a mover in sight is of it."""
+"""A track within this distance of a visible moving obstacle is assigned to it."""
 
-LATELY_S = 3.0
-"""What was in sight within this time ought to be known."""
+RECENT_S = 3.0
+"""Obstacles visible within this time should have a track."""
 
 KNEE_M, REACH_M = 0.15, 2.7
-"""Height at which a mover is looked for, and how far, by truth."""
+"""Height above the floor at which the visibility of an obstacle is tested, and greatest range."""
 
-BELIEVED = 0.5
-"""Probability of moving above which a track counts as a mover."""
+MOVES = 0.5
+"""Probability of moving above which a track counts as a moving obstacle."""
 
-Fault = Callable[[Moment], Moment]
+Fault = Callable[[WalkInstant], WalkInstant]
 
 
 @dataclass
 class Trial:
-    """One localiser on its way.
+    """One localiser and its errors so far.
 
     Args:
-        walker: It.
-        landmarks, registration: Whether it is told of them.
-        fault: What happens to what it is told.
+        localiser: The localiser.
+        landmarks, registration: Whether it uses them.
+        fault: Changes its inputs.
     """
 
-    walker: LeggedLocaliser
+    localiser: LeggedLocaliser
     landmarks: bool = True
     registration: bool = True
-    fault: Fault = field(default=lambda moment: moment)
+    fault: Fault = field(default=lambda instant: instant)
     errors: list[np.ndarray] = field(default_factory=list)
     covariances: list[np.ndarray] = field(default_factory=list)
     in_view: list[bool] = field(default_factory=list)
-    told: list[Instant] = field(default_factory=list)
+    instants: list[Instant] = field(default_factory=list)
     poses: list[Pose2] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.start = self.walker.pose
+        self.start = self.localiser.pose
 
-    def step(self, moment: Moment, movers: list[Obstacle]) -> None:
-        """Take in one instant, and write down the error."""
-        told = self.fault(moment)
-        self.walker.update(told.frame, told.sightings if self.landmarks else [])
-        if self.registration and told.views:
-            placed = [carried(view, self.walker.pose) for view in told.views]
-            self.walker.register([static_points(view, movers) for view in placed])
-        pose = self.walker.pose
-        error = pose.mean - told.pose.vector
+    def step(self, instant: WalkInstant, tracks: list[Obstacle]) -> None:
+        """Process one instant and record the error."""
+        given = self.fault(instant)
+        self.localiser.update(given.frame, given.sightings if self.landmarks else [])
+        if self.registration and given.views:
+            placed = [at_pose(view, self.localiser.pose) for view in given.views]
+            self.localiser.register([static_points(view, tracks) for view in placed])
+        pose = self.localiser.pose
+        error = pose.mean - given.pose.vector
         error[2] = wrap_angle(float(error[2]))
         self.errors.append(error)
         self.covariances.append(pose.covariance)
-        self.in_view.append(bool(told.sightings))
-        frame, sightings = told.frame, told.sightings if self.landmarks else []
-        self.told.append(Instant(frame.stamp_s, frame.odometry, frame.imu, sightings))
-        self.poses.append(told.pose)
+        self.in_view.append(bool(given.sightings))
+        frame, sightings = given.frame, given.sightings if self.landmarks else []
+        self.instants.append(Instant(frame.stamp_s, frame.odometry, frame.imu, sightings))
+        self.poses.append(given.pose)
 
     @property
     def nees(self) -> Float[np.ndarray, "n"]:
-        """Of every instant, per degree of freedom: 1 if consistent."""
+        """NEES of every instant, per degree of freedom: 1 if consistent."""
         return nees(np.array(self.errors), np.array(self.covariances)) / 3.0
 
     @property
     def position_m(self) -> Float[np.ndarray, "n"]:
-        """Error of every instant."""
+        """Position error of every instant, m."""
         return np.linalg.norm(np.array(self.errors)[:, :2], axis=1)
 
     @property
     def heading_deg(self) -> Float[np.ndarray, "n"]:
-        """Likewise."""
+        """Heading error of every instant, deg."""
         return np.degrees(np.array(self.errors)[:, 2])
 
 
-def begin(
+def make_trial(
     start: Pose2,
     marks: tuple[Landmark, ...],
     config: Config,
@@ -114,102 +114,102 @@ def begin(
     registration: bool = True,
     fault: Fault | None = None,
 ) -> Trial:
-    """A localiser at the start, as unsure of it as it is wrong."""
-    covariance = START_COVARIANCE if landmarks else HERE_COVARIANCE
+    """A localiser at the start, with an initial error drawn from its covariance."""
+    covariance = START_COVARIANCE if landmarks else ORIGIN_COVARIANCE
     mean = start.vector + np.sqrt(np.diag(covariance)) * rng.standard_normal(3)
     known = marks if landmarks else ()
-    walker = LeggedLocaliser(
+    localiser = LeggedLocaliser(
         PoseFilter(Gaussian(mean, covariance), known, config.localiser),
         config.prior,
         replace(config.registration, enabled=registration),
     )
-    trial = Trial(walker, landmarks, registration)
+    trial = Trial(localiser, landmarks, registration)
     return trial if fault is None else replace(trial, fault=fault)
 
 
-def looked_back(
+def fixed_lag_errors(
     trial: Trial, marks: tuple[Landmark, ...], config: Config
 ) -> Float[np.ndarray, "n"]:
-    """Position error, m, of every instant as a fixed-lag smoother settles it, told the same but the scans."""
+    """Position error of every instant by a fixed-lag smoother with the same inputs but the scans, m."""
     places = {mark.identity: mark.position[:2] for mark in marks}
-    frames = walk_factors(trial.told, places, config.localiser)
+    frames = walk_factors(trial.instants, places, config.localiser)
     found = smooth_fixed_lag(frames, trial.start, walk_systematics(config.localiser))
     means = np.array([one.mean[:2] for one in found])
     return np.linalg.norm(means - np.array([pose.vector[:2] for pose in trial.poses]), axis=1)
 
 
-def carried(view: SegmentedView, pose: Gaussian) -> SegmentedView:
-    """A view in the body frame, placed in the world at a pose."""
+def at_pose(view: SegmentedView, pose: Gaussian) -> SegmentedView:
+    """A view in the body frame, transformed to the world by a pose."""
     x, y, yaw = (float(v) for v in pose.mean)
     T = Pose2(x, y, yaw).lifted()
     return replace(view, T_map_camera=T @ view.T_map_camera, upright=T.apply(view.upright))
 
 
-class Following:
-    """The tracker of moving obstacles at a localiser's poses, and how well it does."""
+class TrackerTrial:
+    """The obstacle tracker at a localiser's poses, and its errors so far."""
 
     def __init__(self, config: Config) -> None:
         self._tracker = ObstacleTracker(config.tracker)
         self.nees: list[float] = []
-        """Of tracks on movers that are believed to move, per degree of freedom."""
+        """NEES per degree of freedom of tracks of moving obstacles that are classified as moving."""
         self.nees_all: list[float] = []
-        """Of all tracks on movers, those taken for furniture among them."""
+        """NEES of all tracks of moving obstacles, including those classified as static."""
         self.velocity_mps: list[float] = []
         self.position_m: list[float] = []
         self.places: list[tuple[np.ndarray, np.ndarray]] = []
-        """Of each instant: tracks believed to move, and movers, as far as lately in sight; (n, 2), (m, 2)."""
+        """Positions of moving tracks (n, 2) and moving obstacles (m, 2) of each instant, if recently visible."""
         self._sighted: dict[int, float] = {}
-        self._owner: dict[int, int] = {}  # track to mover
+        self._owner: dict[int, int] = {}  # track to obstacle
 
     @property
     def obstacles(self) -> list[Obstacle]:
-        """Those followed now."""
+        """Current tracks."""
         return self._tracker.obstacles
 
-    def step(self, moment: Moment, pose: Gaussian) -> None:
-        """Take in one instant."""
-        stamp = moment.frame.stamp_s
-        views = [carried(view, pose) for view in moment.views]
-        true_views = [carried(v, Gaussian(moment.pose.vector, np.eye(3))) for v in moment.views]
-        self._tracker.update(stamp, moment.detections, pose, visibility(views))
+    def step(self, instant: WalkInstant, pose: Gaussian) -> None:
+        """Process one instant."""
+        stamp = instant.frame.stamp_s
+        views = [at_pose(view, pose) for view in instant.views]
+        true_views = [at_pose(v, Gaussian(instant.pose.vector, np.eye(3))) for v in instant.views]
+        self._tracker.update(stamp, instant.detections, pose, visibility(views))
         tracks = self._tracker.obstacles
-        for mover in moment.movers:
+        for obstacle in instant.moving:
             track = self._track_of(
-                mover, tracks, stamp, any(in_sight(v, mover) for v in true_views)
+                obstacle, tracks, stamp, any(is_visible(v, obstacle) for v in true_views)
             )
             if track is None:
                 continue
-            error = track.state.mean - np.array(mover[1:5])
+            error = track.state.mean - np.array(obstacle[1:5])
             normalised = float(nees(error, track.state.covariance)) / 4.0
             self.nees_all.append(normalised)
-            if track.moving > BELIEVED:
+            if track.moving > MOVES:
                 self.nees.append(normalised)
-            if track.seen_s == stamp and track.moving > BELIEVED:
+            if track.seen_s == stamp and track.moving > MOVES:
                 self.position_m.append(float(np.linalg.norm(error[:2])))
                 self.velocity_mps.append(float(np.linalg.norm(error[2:])))
-        lately = stamp - LATELY_S
-        believed = [o.position for o in tracks if o.moving > BELIEVED and o.seen_s >= lately]
-        true = [m[1:3] for m in moment.movers if self._sighted.get(m[0], -np.inf) >= lately]
-        self.places.append((np.array(believed).reshape(-1, 2), np.array(true).reshape(-1, 2)))
+        recent = stamp - RECENT_S
+        moving_tracks = [o.position for o in tracks if o.moving > MOVES and o.seen_s >= recent]
+        true = [m[1:3] for m in instant.moving if self._sighted.get(m[0], -np.inf) >= recent]
+        self.places.append((np.array(moving_tracks).reshape(-1, 2), np.array(true).reshape(-1, 2)))
 
     def _track_of(
-        self, mover: ObstacleTruth, tracks: list[Obstacle], stamp: float, seen: bool
+        self, obstacle: ObstacleTruth, tracks: list[Obstacle], stamp: float, seen: bool
     ) -> Obstacle | None:
-        """The track that was on the mover when both were seen last; None while there is none."""
+        """The track assigned to an obstacle when both were last seen; None if there is none."""
         if seen:
-            self._sighted[mover[0]] = stamp
+            self._sighted[obstacle[0]] = stamp
             fresh = [one for one in tracks if one.seen_s == stamp]
-            near = [one for one in fresh if _apart(one, mover) < MATCH_M]
+            near = [one for one in fresh if _apart(one, obstacle) < MATCH_M]
             if near:
-                best = min(near, key=lambda one: _apart(one, mover))
-                self._owner[best.track] = mover[0]
-        mine = [one for one in tracks if self._owner.get(one.track) == mover[0]]
-        return max(mine, key=lambda one: one.seen_s, default=None)
+                best = min(near, key=lambda one: _apart(one, obstacle))
+                self._owner[best.track] = obstacle[0]
+        assigned = [one for one in tracks if self._owner.get(one.track) == obstacle[0]]
+        return max(assigned, key=lambda one: one.seen_s, default=None)
 
 
-def in_sight(view: SegmentedView, mover: ObstacleTruth) -> bool:
-    """Whether a mover is in a truly placed view, and nothing nearer hides its middle."""
-    _, x, y, _, _, radius, height = mover
+def is_visible(view: SegmentedView, obstacle: ObstacleTruth) -> bool:
+    """Whether an obstacle lies in a view placed at the true pose, and nothing occludes its centre."""
+    _, x, y, _, _, radius, height = obstacle
     seen = view.T_map_camera.inverse().apply(np.array([[x, y, min(KNEE_M, height / 2)]]))
     pixel = view.depth.camera.project(seen)
     if not bool(view.depth.camera.contains(pixel)[0]):
@@ -220,14 +220,14 @@ def in_sight(view: SegmentedView, mover: ObstacleTruth) -> bool:
     return bool(measured > seen[0, 2] - radius - 0.10) and float(seen[0, 2]) < REACH_M
 
 
-def _apart(track: Obstacle, mover: ObstacleTruth) -> float:
-    return float(np.linalg.norm(track.position - np.array(mover[1:3])))
+def _apart(track: Obstacle, obstacle: ObstacleTruth) -> float:
+    return float(np.linalg.norm(track.position - np.array(obstacle[1:3])))
 
 
 def outliers(share: float, rng: np.random.Generator) -> Fault:
-    """So many of the sightings are of something else: anywhere in view, as sure as the true ones."""
+    """Replace a share of the sightings by random ones in the field of view with the same covariance."""
 
-    def fault(moment: Moment) -> Moment:
+    def fault(instant: WalkInstant) -> WalkInstant:
         sightings = [
             Sighting(
                 one.identity,
@@ -236,68 +236,65 @@ def outliers(share: float, rng: np.random.Generator) -> Fault:
             )
             if rng.random() < share
             else one
-            for one in moment.sightings
+            for one in instant.sightings
         ]
-        return replace(moment, sightings=sightings)
+        return replace(instant, sightings=sightings)
 
     return fault
 
 
 def blackout(begin_s: float, seconds: float) -> Fault:
-    """No camera says anything for a while."""
+    """Remove all camera measurements for a period."""
 
-    def fault(moment: Moment) -> Moment:
-        dark = begin_s <= moment.frame.stamp_s < begin_s + seconds
-        return replace(moment, sightings=[], views=(), detections=[]) if dark else moment
+    def fault(instant: WalkInstant) -> WalkInstant:
+        dark = begin_s <= instant.frame.stamp_s < begin_s + seconds
+        return replace(instant, sightings=[], views=(), detections=[]) if dark else instant
 
     return fault
 
 
 def jump(at_s: float, metres: float) -> Fault:
-    """The joints report once that the body was thrown ahead."""
+    """Add a forward displacement to the odometry once."""
     done: list[float] = []
 
-    def fault(moment: Moment) -> Moment:
-        odometry = moment.frame.odometry
-        if done or odometry is None or moment.frame.stamp_s < at_s:
-            return moment
+    def fault(instant: WalkInstant) -> WalkInstant:
+        odometry = instant.frame.odometry
+        if done or odometry is None or instant.frame.stamp_s < at_s:
+            return instant
         done.append(at_s)
-        thrown = StepOdometry(odometry.motion @ Pose2(metres, 0.0, 0.0), odometry.steps)
-        return replace(moment, frame=replace(moment.frame, odometry=thrown))
+        displaced = StepOdometry(odometry.motion @ Pose2(metres, 0.0, 0.0), odometry.steps)
+        return replace(instant, frame=replace(instant.frame, odometry=displaced))
 
     return fault
 
 
 def late(seconds: float) -> Fault:
-    """Images are ahead of the body's clock: joints and inertial sensor tell of a moment before.
-
-    The pose asked for is that of the body's clock.
-    """
+    """Delay joints and inertial sensor against the images; the true pose is that of the body's clock."""
     truth: list[Pose2] = []
-    joints = [Pose2(), Pose2()]  # where they had the body, and where they say so
-    past: list[tuple[float, np.ndarray]] = []  # stamp and rate of the frame before
+    joints = [Pose2(), Pose2()]  # pose by odometry, without and with delay
+    past: list[tuple[float, np.ndarray]] = []  # stamp and angular rate of earlier frames
 
-    def fault(moment: Moment) -> Moment:
-        odometry, imu, stamp = moment.frame.odometry, moment.frame.imu, moment.frame.stamp_s
+    def fault(instant: WalkInstant) -> WalkInstant:
+        odometry, imu, stamp = instant.frame.odometry, instant.frame.imu, instant.frame.stamp_s
         if odometry is None or imu is None:
-            return moment
+            return instant
         then, rate = past[-1] if past else (stamp - 1.0, imu.angular_velocity)
-        before = truth[-1] if truth else moment.pose
-        truth.append(moment.pose)
+        before = truth[-1] if truth else instant.pose
+        truth.append(instant.pose)
         share = max(1.0 - seconds / (stamp - then), 0.0)
         past.append((stamp, imu.angular_velocity))
         made = odometry.motion
-        told = joints[0] @ Pose2(share * made.x, share * made.y, share * made.yaw)
-        motion = joints[1].inverse() @ told
-        joints[0], joints[1] = joints[0] @ made, told
+        delayed = joints[0] @ Pose2(share * made.x, share * made.y, share * made.yaw)
+        motion = joints[1].inverse() @ delayed
+        joints[0], joints[1] = joints[0] @ made, delayed
         mixed = share * imu.angular_velocity + (1.0 - share) * rate
         frame = replace(
-            moment.frame,
+            instant.frame,
             odometry=StepOdometry(motion, odometry.steps),
             imu=replace(imu, angular_velocity=mixed),
         )
-        way = before.inverse() @ moment.pose
-        pose = before @ Pose2(share * way.x, share * way.y, share * way.yaw)
-        return replace(moment, frame=frame, pose=pose)
+        path = before.inverse() @ instant.pose
+        pose = before @ Pose2(share * path.x, share * path.y, share * path.yaw)
+        return replace(instant, frame=frame, pose=pose)
 
     return fault

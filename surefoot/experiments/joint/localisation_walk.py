@@ -1,11 +1,11 @@
-"""A walk of ten metres through a furnished home, light enough for a hundred of them.
+"""A walk of ten metres through a furnished home, fast enough for a hundred of them.
 
-The body, its slip and its depth camera are those of every simulated run. Two things are made cheaper: the
-route is fixed beforehand instead of planned, and tags are seen by geometry instead of by pictures. A tag
-counts as seen where rays reach its corners; the corners get the noise that rendered ones have, and from
-there on the code is that of the picture. The tests hold the one against the other.
+Body, slip and depth camera are those of every simulated run. Two simplifications save time: the route is given instead
+of planned, and tags are detected by geometry instead of in images. A tag is detected if rays reach its corners; the
+corners have the noise measured on rendered tags, and the pose of the tag is computed by the product. The tests compare
+both kinds of detection.
 
-Everything that needs no pose is done here once, so that several localisers can walk the same walk.
+All processing that needs no pose happens here once, so that several localisers can process the same walk.
 """
 
 from __future__ import annotations
@@ -50,38 +50,39 @@ from sim.world import World
 from ...config.schema import Config
 
 LENGTH_M = 10.0
-MOST_FRAMES = 900  # waiting for movers included
+MAX_FRAMES = 900  # including waiting for moving obstacles
 CLEARANCE_M = 0.28
 STRIDE_M = 0.045  # cruise of 0.07 m/s
-SURVEY_DEG = (0.0, 40.0, 80.0, 40.0, 0.0, -40.0, -80.0, -40.0)  # as the robot's own gaze
+# pans of the head during the survey, as of the robot's gaze policy, and while walking
+SURVEY_DEG = (0.0, 40.0, 80.0, 40.0, 0.0, -40.0, -80.0, -40.0)
 GLANCES_DEG = (0.0, 40.0, 0.0, -40.0, 0.0, 80.0, 0.0, -80.0)
 TILT_DEG = 28.0
 LOOK_AHEAD_M = 0.30
-WAIT_M = 0.55  # a mover ahead and nearer than this is let pass
+WAIT_M = 0.55  # the robot waits for moving obstacles ahead within this distance
 
 
 @dataclass(frozen=True)
 class TagNoise:
-    """What a picture does to the corners of a tag, as measured on 160 rendered tags of two homes."""
+    """Errors of tag corners in images, measured on 160 rendered tags of two homes."""
 
-    corner_px: float = 0.06  # every corner for itself
-    grow_px: float = 0.09  # every corner away from the middle: black bleeds
-    lower_px: float = 0.13  # all corners down: the renderer's pixel centres
-    most_aslant_deg: float = 70.0  # further, its cells are not read
+    corner_px: float = 0.06  # standard deviation of each corner
+    grow_px: float = 0.09  # outward shift of all corners: black bleeds
+    lower_px: float = 0.13  # downward shift of all corners: the renderer's pixel centres
+    max_oblique_deg: float = 70.0  # at larger angles its cells are not decoded
 
 
 @dataclass(frozen=True)
-class Moment:
-    """One instant: what the sensors say, understood as far as no pose is needed; and the truth.
+class WalkInstant:
+    """Measurements of one instant, processed as far as no pose is needed, and the truth.
 
     Args:
-        frame: Odometry and inertial sensor; the images have been used up.
-        sightings: Of tags.
-        views: The depth image, placed in the body frame.
-        detections: Of whole things, body frame.
-        pose: True.
-        movers: True; identity, x, y, vx, vy, radius, height.
-        fell: Whether the robot lies on the floor, which ends the walk.
+        frame: Odometry and inertial sensor, without images.
+        sightings: Sightings of tags.
+        views: Segmented depth image, body frame.
+        detections: Detections of completely visible objects, body frame.
+        pose: True pose.
+        moving: True moving obstacles: identity, x, y, vx, vy, radius, height.
+        fell: Whether the robot fell, which ends the walk.
     """
 
     frame: Frame
@@ -89,12 +90,12 @@ class Moment:
     views: tuple[SegmentedView, ...]
     detections: list[Detection]
     pose: Pose2
-    movers: list[ObstacleTruth]
+    moving: list[ObstacleTruth]
     fell: bool = False
 
 
 class TagSensor:
-    """Sees tags as the colour camera does, without a picture."""
+    """Detects tags as the colour camera does, without images."""
 
     def __init__(
         self, scene: Scene, noise: TagNoise, config: LandmarkConfig, rng: np.random.Generator
@@ -118,10 +119,10 @@ class TagSensor:
         """Sightings of one instant.
 
         Args:
-            rays: The world.
+            rays: Ray caster of the world.
             image: The colour camera.
-            T_world_camera: Where it really is.
-            T_body_camera: Where the joints have it.
+            T_world_camera: True camera pose.
+            T_body_camera: Camera pose on the body by the joints.
         """
         found = []
         for mark, yaw, four in zip(self._marks, self._yaws, self._corners, strict=True):
@@ -130,7 +131,7 @@ class TagSensor:
             away = T_world_camera.position - np.array(mark.position)
             facing = away @ np.array([math.cos(yaw), math.sin(yaw), 0.0]) / np.linalg.norm(away)
             if (
-                facing < math.cos(math.radians(self._noise.most_aslant_deg))
+                facing < math.cos(math.radians(self._noise.max_oblique_deg))
                 or not bool(np.all(image.camera.contains(pixels)))
                 or not _reached(rays, T_world_camera.position, four)
             ):
@@ -150,9 +151,9 @@ class TagSensor:
 
 
 def corners(mark: Landmark, yaw_rad: float) -> Float[np.ndarray, "4 3"]:
-    """Of a tag on an upright face that looks to `yaw_rad`: clockwise from the upper left, world, m."""
+    """Corners of a tag on a vertical face with normal `yaw_rad`, clockwise from the upper left, world frame, m."""
     half = mark.side_m / 2.0
-    right = np.array([-math.sin(yaw_rad), math.cos(yaw_rad), 0.0]) * half  # to who looks at it
+    right = np.array([-math.sin(yaw_rad), math.cos(yaw_rad), 0.0]) * half  # as seen from in front
     up = np.array([0.0, 0.0, half])
     middle = np.array(mark.position)
     return np.array(
@@ -161,19 +162,19 @@ def corners(mark: Landmark, yaw_rad: float) -> Float[np.ndarray, "4 3"]:
 
 
 def _reached(rays: RayCaster, origin: Float[np.ndarray, "3"], places: np.ndarray) -> bool:
-    """Whether rays from there meet nothing before the places."""
-    ways = places - origin
-    lengths = np.linalg.norm(ways, axis=1)
-    hits = rays.cast(origin, (ways / lengths[:, None]).astype(np.float32))
+    """Whether rays from an origin reach all points without hitting anything."""
+    paths = places - origin
+    lengths = np.linalg.norm(paths, axis=1)
+    hits = rays.cast(origin, (paths / lengths[:, None]).astype(np.float32))
     return bool(np.all(hits.distance_m > lengths - 0.02))
 
 
-def walk(seed: int, config: Config) -> Iterator[Moment]:
-    """Survey the room, then follow a free way through it for ten metres, or until the robot falls.
+def walk(seed: int, config: Config) -> Iterator[WalkInstant]:
+    """Survey the room, then follow a free path through it for ten metres, or until the robot falls.
 
     Args:
-        seed: Of home, body and sensors.
-        config: Of perception and of the body; of the cameras only the depth camera is on, one ray a pixel.
+        seed: Seed of home, body and sensors.
+        config: Configuration of perception and body; only the depth camera is on, with one ray per pixel.
     """
     scene = catalogue.load("home", seed)
     robot = replace(config.robot, stereo=False, colour=False, tof_camera=TofConfig(sub_rays=1))
@@ -181,40 +182,40 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
     with World(scene, "tiny", seed) as world, SimulatedRobot(world, robot, seed) as body:
         truth = Truth(body)
         tags = TagSensor(scene, TagNoise(), config.landmarks, rng)
-        guide = _Guide(scene)
+        guide = _RouteFollower(scene)
         walked, before = 0.0, truth.robot_pose()
-        for _ in range(MOST_FRAMES):
+        for _ in range(MAX_FRAMES):
             frame = body.read()
             pose = truth.robot_pose()
-            movers = [one for one in truth.obstacles() if one[0] < FIRST_STATIC_ID]
-            if body.fallen:  # what its cameras see now means nothing
+            moving = [one for one in truth.obstacles() if one[0] < FIRST_STATIC_ID]
+            if body.fallen:  # images of a fallen robot are not used
                 blind = replace(frame, tof=None, colour=None, stereo=None)
-                yield Moment(blind, [], (), [], pose, movers, fell=True)
+                yield WalkInstant(blind, [], (), [], pose, moving, fell=True)
                 return
             assert frame.tof is not None
             assert frame.tof.T_body_camera is not None
             sightings = []
-            if frame.footstep_due:  # as often as the colour camera looks
+            if frame.footstep_due:  # frame rate of the colour camera
                 image = body.config.colour_camera
                 true = body.camera_in_world(image.mount_m)
                 sightings = tags.look(world.rays, image, true, frame.tof.T_body_camera)
-            views, detections = understood(frame, config, rng)
+            views, detections = segment_frame(frame, config, rng)
             blind = replace(frame, tof=None, colour=None, stereo=None)
-            yield Moment(blind, sightings, views, detections, pose, movers)
+            yield WalkInstant(blind, sightings, views, detections, pose, moving)
             walked += math.hypot(pose.x - before.x, pose.y - before.y)
             before = pose
             if walked >= LENGTH_M:
                 return
             if frame.footstep_due:
-                step, gaze = guide.next(pose, movers)
+                step, gaze = guide.next(pose, moving)
                 body.walk(step)
                 body.look(gaze)
 
 
-def understood(
+def segment_frame(
     frame: Frame, config: Config, rng: np.random.Generator
 ) -> tuple[tuple[SegmentedView, ...], list[Detection]]:
-    """The depth image in the body frame: floor, what rises, and things whose middle is known."""
+    """Segment the depth image in the body frame: floor, obstacles, and detections with a known centre."""
     assert frame.tof is not None
     depth = time_of_flight.depth(frame.tof, config.tof)
     assert depth.T_body_camera is not None
@@ -233,7 +234,7 @@ def understood(
     share = None if found is None else found.share
     view = SegmentedView("tof", depth, cloud, classes, plane, share, T_body_camera, upright)
     rising = np.isin(classes, RISING)
-    things = cluster(
+    clusters = cluster(
         upright[rising],
         cloud.sigma[rising],
         T_body_camera.position[:2],
@@ -242,13 +243,13 @@ def understood(
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)
-        for one in things
+        for one in clusters
         if one.placed
     ]
 
 
-class _Guide:
-    """Leads by the truth: which step and which gaze next."""
+class _RouteFollower:
+    """Gives the next step and gaze along a route, by the true pose."""
 
     def __init__(self, scene: Scene) -> None:
         space = clearance_map(
@@ -263,30 +264,30 @@ class _Guide:
                 at, length = stop, length + math.dist(leg[0], leg[-1])
             if length > 1.2 * LENGTH_M:
                 break
-        self._way = np.concatenate(legs)
+        self._route = np.concatenate(legs)
         self._next = 0
         self._steps = 0
 
-    def next(self, pose: Pose2, movers: list[ObstacleTruth]) -> tuple[WalkCommand, GazeCommand]:
-        """By where the body is and where movers are."""
+    def next(self, pose: Pose2, moving: list[ObstacleTruth]) -> tuple[WalkCommand, GazeCommand]:
+        """Next step and gaze at a pose among moving obstacles."""
         survey = self._steps < len(SURVEY_DEG)
         pans = SURVEY_DEG if survey else GLANCES_DEG
         gaze = GazeCommand(math.radians(pans[self._steps % len(pans)]), math.radians(TILT_DEG))
         self._steps += 1
-        if survey or any(self._in_the_way(pose, x, y) for _, x, y, *_ in movers):
+        if survey or any(self._blocks_path(pose, x, y) for _, x, y, *_ in moving):
             return WalkCommand(), gaze
-        while self._next < len(self._way) - 1:
-            x, y = self._way[self._next]
+        while self._next < len(self._route) - 1:
+            x, y = self._route[self._next]
             if math.hypot(x - pose.x, y - pose.y) > LOOK_AHEAD_M:
                 break
             self._next += 1
-        bearing = _bearing(pose, *self._way[self._next])
+        bearing = _bearing(pose, *self._route[self._next])
         most = math.radians(14.0)
         ahead = STRIDE_M * max(0.0, math.cos(bearing)) ** 2
         return WalkCommand(ahead, 0.0, 0.6 * min(max(bearing, -most), most)), gaze
 
     @staticmethod
-    def _in_the_way(pose: Pose2, x: float, y: float) -> bool:
+    def _blocks_path(pose: Pose2, x: float, y: float) -> bool:
         near = math.hypot(x - pose.x, y - pose.y) < WAIT_M
         return near and abs(_bearing(pose, x, y)) < 1.2
 

@@ -1,9 +1,10 @@
-"""The dynamic walk on trial: random commands on bumpy, sloping ground and under pushes.
+"""Stability of the dynamic walk: random commands on bumpy and sloping ground, and under pushes.
 
-Every walk is another body (zeros of the joints), another floor and other commands, drawn anew for every
-step from all that the gait allows; three times a walk that is pushed somebody pushes, from anywhere, at
-any instant. A fall is a fall, whenever it comes. What the feet made of the commands
-and how the head swayed is measured on the floor with the usual bumps.
+Every walk has another body (joint offsets), another floor, and a random command within the gait limits at every step;
+in pushed walks the body is pushed three times, from random directions at random instants. Every fall counts. Step
+errors and head sway are measured on the floor with standard bumps.
+
+Source: ours; the published figures are walking trials with a body of this size.
 """
 
 from __future__ import annotations
@@ -20,19 +21,19 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import WalkCommand
 
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_all
 
 STEPS = 300
 PUSH_N, PUSH_S, PUSH_EVERY = 10.0, 0.1, 100
 SLOPE_RAD = 0.04
-SAMPLE_TICKS = 5  # the head is looked at 40 times a second
+SAMPLE_TICKS = 5  # the head pose is sampled at 40 Hz
 STEP_S = 0.65
-FLOOR_M = 4.0  # half its side; a random walk of 300 steps seldom gets further
+FLOOR_M = 4.0  # half the side; a random walk of 300 steps rarely goes further
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One kind of ground, and whether somebody pushes."""
+    """One kind of ground, with or without pushes."""
 
     name: str
     bump_m: float = 0.002
@@ -49,17 +50,17 @@ TRIALS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Walked:
-    """What came of one walk.
+class WalkResult:
+    """Result of one walk.
 
     Args:
-        trial, seed: Which.
-        steps: Made before it fell, or all.
-        fallen: Whether it fell.
-        errors: True step in the commanded one, (n, 3): m, m, rad.
-        head: Roll, pitch, yaw of the head against upright and the feet, rad; height, sideways place, m;
-            (m, 5), evenly in time.
-        realtime_factor: Time walked over time computed.
+        trial, seed: The walk.
+        steps: Steps before a fall, or all.
+        fallen: Whether the robot fell.
+        errors: True step relative to the commanded one, (n, 3): m, m, rad.
+        head: Roll, pitch and yaw of the head relative to vertical and to the feet, rad, and its height and lateral
+            position, m; (m, 5), evenly sampled.
+        realtime_factor: Simulated time divided by computing time.
     """
 
     trial: str
@@ -71,8 +72,8 @@ class Walked:
     realtime_factor: float
 
 
-def walk(trial: Trial, seed: int) -> Walked:
-    """One walk of random commands."""
+def walk(trial: Trial, seed: int) -> WalkResult:
+    """Simulate one walk with random commands."""
     from sim.body.dynamic.config import DynamicConfig
     from sim.body.dynamic.walker import DynamicBody
     from sim.body.gait import GaitConfig
@@ -96,34 +97,30 @@ def walk(trial: Trial, seed: int) -> Walked:
         head = Head(HeadConfig(), head_rng)
         body = DynamicBody(world, gait, config, ImuConfig(), head, body_rng)
         began = time.process_time()
-        errors, sway, steps = _commands(body, gait, trial, rng)
+        errors, head_sway, steps = _commands(body, gait, trial, rng)
         seconds = time.process_time() - began
         walked = body.ticks * gait.tick_s
         fallen = body.fallen
         body.close()
-    return Walked(trial.name, seed, steps, fallen, errors, sway, walked / seconds)
+    return WalkResult(trial.name, seed, steps, fallen, errors, head_sway, walked / seconds)
 
 
 def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
     """Every kind of ground, seeds 0 to n - 1.
 
     Raises:
-        InputError: a body that cannot fall.
+        InputError: The body is not "dynamic".
     """
     if body != "dynamic":
         raise InputError(
             f"experiment walking: body={body} makes exact footsteps and cannot fall; "
-            "take --body dynamic, or leave it out"
+            "use --body dynamic, or omit the option"
         )
     todo = [(trial, seed) for trial in TRIALS for seed in range(seeds)]
-    found: list[Walked] = []
-    for one in each(walk, todo):
-        found.append(one)
-        fell = sum(w.fallen for w in found)
-        say(f"{len(found)} of {len(todo)} walks, {fell} falls")
-    usual = [one for one in found if one.trial == TRIALS[0].name]
-    errors = np.concatenate([one.errors for one in usual])
-    drift = [abs(float(one.errors[:, 2].mean())) for one in usual if len(one.errors)]
+    found = run_all(walk, todo, say, "walks")
+    standard = [one for one in found if one.trial == TRIALS[0].name]
+    errors = np.concatenate([one.errors for one in standard])
+    drift = [abs(float(one.errors[:, 2].mean())) for one in standard if len(one.errors)]
     figures: dict[str, float] = {
         trial.name: float(sum(one.fallen for one in found if one.trial == trial.name))
         for trial in TRIALS
@@ -135,11 +132,11 @@ def run(seeds: int, say: Say, body: str = "dynamic") -> Outcome:
         "heading_drift_deg_per_step": math.degrees(float(np.mean(drift))),
         "realtime_factor": float(np.median([one.realtime_factor for one in found])),
     }
-    head = np.concatenate([one.head - one.head.mean(axis=0) for one in usual])
+    head = np.concatenate([one.head - one.head.mean(axis=0) for one in standard])
     for name, unit, column in CHANNELS:
         figures[f"{name}_std"] = unit * float(head[:, column].std())
         figures[f"{name}_p99"] = unit * float(np.percentile(np.abs(head[:, column]), 99))
-    return Outcome(figures, _table(found, usual))
+    return Outcome(figures, _table(found, standard))
 
 
 CHANNELS = (
@@ -154,15 +151,15 @@ CHANNELS = (
 def spectrum(
     swayed: Float[np.ndarray, "m"], multiples: int
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """How much of a sway lies about each multiple of the walk's own frequency (two steps).
+    """Amplitude of a sway around each multiple of the walk's fundamental frequency (two steps).
 
     Args:
-        swayed: Evenly in time, `SAMPLE_TICKS` apart.
-        multiples: How many of them, k.
+        swayed: Samples at intervals of `SAMPLE_TICKS`.
+        multiples: Number of multiples k.
 
     Returns:
-        The frequencies, Hz, and the deviation that each half-octave-free band holds: all from half a
-        multiple below to half above. Squared and summed they give the variance but for what is slower.
+        The frequencies, Hz, and the standard deviation in the band half a fundamental below to half above each.
+        Their squares sum to the variance without its lower frequencies.
     """
     tick_s = 0.005 * SAMPLE_TICKS
     power = 2.0 * np.abs(np.fft.rfft(swayed - swayed.mean())) ** 2 / len(swayed) ** 2
@@ -174,8 +171,8 @@ def spectrum(
 
 
 def _commands(body, gait, trial: Trial, rng: np.random.Generator):  # type: ignore[no-untyped-def]
-    """Walk until all commands are made, or the robot lies on the floor."""
-    errors, sway = [], []
+    """Walk until all commands are executed or the robot falls."""
+    errors, head_sway = [], []
     before = planned = None
     steps = 0
     for number in range(STEPS):
@@ -191,16 +188,16 @@ def _commands(body, gait, trial: Trial, rng: np.random.Generator):  # type: igno
                 body.push(force, PUSH_S)
             push_at -= SAMPLE_TICKS
             body.advance(min(SAMPLE_TICKS, body.ticks_left))
-            sway.append(_head(body))
+            head_sway.append(_head(body))
         if body.fallen:
             break
         steps += 1
         now, plan = body.true_pose, body.planned_pose
         if before is not None and planned is not None:
-            made, asked = before.inverse() @ now, planned.inverse() @ plan
-            errors.append((asked.inverse() @ made).vector)
+            true_step, commanded_step = before.inverse() @ now, planned.inverse() @ plan
+            errors.append((commanded_step.inverse() @ true_step).vector)
         before, planned = now, plan
-    return np.array(errors).reshape(-1, 3), np.array(sway), steps
+    return np.array(errors).reshape(-1, 3), np.array(head_sway), steps
 
 
 def _random_command(gait, rng: np.random.Generator) -> WalkCommand:  # type: ignore[no-untyped-def]
@@ -213,7 +210,7 @@ def _random_command(gait, rng: np.random.Generator) -> WalkCommand:  # type: ign
 
 
 def _head(body) -> list[float]:  # type: ignore[no-untyped-def]
-    """Roll, pitch, yaw, height and sideways place of the head, upright and over the feet."""
+    """Roll, pitch, yaw, height and lateral position of the head, relative to vertical and to the feet."""
     pose = body.true_pose.inverse().lifted() @ body.head_pose()
     R = pose.rotation
     (left, _), (right, _) = body.feet_body
@@ -227,16 +224,18 @@ def _head(body) -> list[float]:  # type: ignore[no-untyped-def]
     ]
 
 
-def _table(found: list[Walked], usual: list[Walked]) -> list[str]:
+def _table(found: list[WalkResult], standard: list[WalkResult]) -> list[str]:
     lines = [f"{len(found)} walks of {STEPS} random commands"]
     fallen = [one for one in found if one.fallen]
     lines += [f"  {one.trial}: seed {one.seed} fell in step {one.steps + 1}" for one in fallen]
-    lines.append("sway of the head about each multiple of the walk's frequency, deviation")
-    whole = [one.head for one in usual if not one.fallen]
-    if not whole:
+    lines.append(
+        "standard deviation of the head's sway around each multiple of the walk's frequency"
+    )
+    complete = [one.head for one in standard if not one.fallen]
+    if not complete:
         return lines
     for name, unit, column in CHANNELS:
-        bands = [spectrum(head[:, column], 6) for head in whole]
+        bands = [spectrum(head[:, column], 6) for head in complete]
         mean = unit * np.sqrt(np.mean([power**2 for _, power in bands], axis=0))
         if column == 0:
             heads = "".join(f"{f:8.2f}" for f in bands[0][0])
@@ -247,7 +246,7 @@ def _table(found: list[Walked], usual: list[Walked]) -> list[str]:
 
 EXPERIMENT = Experiment(
     id="walking",
-    title="The dynamic walk: bumps, slope, pushes; what becomes of commands; sway of the head",
+    title="The dynamic walk on bumps and slopes and under pushes: falls, step errors, sway of the head",
     run=run,
     body="dynamic",
     targets={
@@ -257,7 +256,7 @@ EXPERIMENT = Experiment(
         "falls_pushed": Target("==", 0.0),
         "realtime_factor": Target(">=", 8.0),
     },
-    published={  # walking trials with a body of these measures
+    published={  # walking trials with a body of this size
         "head_roll_deg_std": 0.72,
         "head_roll_deg_p99": 2.8,
         "head_pitch_deg_std": 0.5,

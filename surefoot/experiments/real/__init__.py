@@ -1,1 +1,1 @@
-"""Studies on real recordings."""
+"""Studies on real recordings; `support/real_data.py` says where they are expected."""

@@ -1,17 +1,19 @@
-"""Self-localisation on real recordings: two robots among landmarks, a mower among beacons, an IMU at rest.
+"""Self-localisation on real recordings: two robots among landmarks, a mower among radio beacons, an IMU.
 
-Parameters are found without truth, by the likelihood of a robot's own innovations, and judged on the other
-robot: what is reported of robot 1 was fitted on robot 3, and the other way round. A robot is told where it
-starts, and nothing else of the truth. The position's errors are taken ten times a second from the start of
-odometry to the end of the truth, also in the gaps of up to 55 s in which nothing is seen.
+Parameters are fitted without truth, by the likelihood of a robot's innovations, and evaluated on the other robot: the
+figures of robot 1 use parameters fitted on robot 3 and vice versa. The start pose is given; otherwise no truth is used.
+Position errors are taken at 10 Hz from the start of odometry to the end of the truth, including gaps of up to 55 s
+without sightings.
 
-A likelihood of innovations sees one step at a time, and all landmarks of one direction share errors that no landmark
-reveals; it makes a filter too sure, and another robot has another camera. So all deviations of a sighting get a
-margin: the one that makes the *other* robot, the one of the fit, consistent with its own truth. It changes the
-error by a few per cent and the consistency by a factor of two; `anees_as_fitted` is the figure without it.
+The likelihood of innovations considers single steps, while all landmarks in one direction share errors that cannot be
+observed; a filter fitted that way is overconfident, and the other robot has another camera. All standard deviations of
+a sighting are therefore multiplied by a margin: the smallest for which the robot of the fit is consistent with its own
+truth. It changes the error by a few per cent and the consistency by a factor of two; `anees_as_fitted` is without it.
 
-Consistency (ANEES) is judged on the position: the motion capture's heading of robot 1 jumps by two degrees and
-more while its wheels stand, which no covariance of ours should explain; `pose_anees` has the heading too.
+Consistency (ANEES) is evaluated on the position: the motion-capture heading of robot 1 jumps by more than two degrees
+while its wheels stand still, which no covariance should explain; `pose_anees` includes the heading.
+
+Source: ours; data sets MRCLAM, Plaza and EuRoC.
 """
 
 from __future__ import annotations
@@ -33,11 +35,11 @@ from ...recordings import mrclam
 from ...recordings.plaza import read_plaza
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
-from .inertial import tilt
-from .journeys import Course, Verdict, judge, rms
+from .planar_smoother import smooth_journey
 from .range_only import follow_ranges
+from .robot_run import RobotRun, RunErrors, rms, run_errors
 from .robot_tracks import RobotTracks
-from .smoothed import smooth_journey
+from .tilt_filter import tilt
 
 ROBOTS = (1, 3)
 LARGEST_MARGIN = 4.0
@@ -46,12 +48,12 @@ WITH_MARGIN = ("place", "depth_near", "depth_far", "bearing_sigma")
 
 @dataclass(frozen=True)
 class Fitted:
-    """Parameters from one robot, for the other.
+    """Parameters fitted on one robot, to be used for the other.
 
     Args:
-        config: As the likelihood has them.
-        delay_s: By which the robot follows its odometry.
-        margin: Factor on the deviations of sightings.
+        config: Maximum-likelihood parameters.
+        delay_s: Delay of the robot's motion after its odometry.
+        margin: Factor on the standard deviations of sightings.
     """
 
     config: PlanarConfig
@@ -59,34 +61,34 @@ class Fitted:
     margin: float = 1.0
 
     @property
-    def cautious(self) -> PlanarConfig:
-        """The parameters with the margin."""
+    def with_margin(self) -> PlanarConfig:
+        """Parameters with the margin applied."""
         wider = {name: self.margin * getattr(self.config, name) for name in WITH_MARGIN}
         return dataclasses.replace(self.config, **wider)
 
     @classmethod
-    def to(cls, course: Course) -> Fitted:
-        """By the likelihood of a robot's innovations; the margin by its truth."""
-        found = cls(*fit(partial(course.journey, course.instants(judged=False))))
-        instants = course.instants()
-        journey = course.journey(instants, found.delay_s)
+    def to(cls, recorded: RobotRun) -> Fitted:
+        """Fit the parameters to a robot's innovations, and the margin to its truth."""
+        found = cls(*fit(partial(recorded.journey, recorded.instants(evaluated=False))))
+        instants = recorded.instants()
+        journey = recorded.journey(instants, found.delay_s)
         low, high = 1.0, LARGEST_MARGIN
         for _ in range(6):
             tried = dataclasses.replace(found, margin=(low * high) ** 0.5)
-            poses = filter_journey(journey, tried.cautious)
-            consistent = judge(course, instants, poses.means, poses.covariances).anees <= 1.0
+            poses = filter_journey(journey, tried.with_margin)
+            consistent = run_errors(recorded, instants, poses.means, poses.covariances).anees <= 1.0
             low, high = (low, tried.margin) if consistent else (tried.margin, high)
         return dataclasses.replace(found, margin=high)
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Both robots, their companions, the mower and the IMU; nothing here is random."""
+    """Both robots, the tracks of other robots, the mower and the IMU; independent of the seeds."""
     folder = real_data.folder("mrclam6")
-    courses = {robot: Course.read(folder, robot) for robot in ROBOTS}
+    recordings = {robot: RobotRun.read(folder, robot) for robot in ROBOTS}
     fitted = {}
-    for robot, course in courses.items():
-        say(f"parameters that make the innovations of robot {robot} likeliest")
-        fitted[robot] = Fitted.to(course)
+    for robot, recorded in recordings.items():
+        say(f"fitting parameters to the innovations of robot {robot}")
+        fitted[robot] = Fitted.to(recorded)
     figures: dict[str, float] = {}
     table = [
         "robot  rmse m  heading deg  ANEES  pose ANEES  unknown m  dead reckoning m  rejected",
@@ -94,34 +96,34 @@ def run(seeds: int, say: Say) -> Outcome:
     track_errors: list[np.ndarray] = []
     for robot, other in (ROBOTS, ROBOTS[::-1]):
         say(f"robot {robot} with the parameters of robot {other}")
-        course, use = courses[robot], fitted[other]
-        instants = course.instants()
-        journey = course.journey(instants, use.delay_s)
-        fitted_only = filter_journey(journey, use.config)
-        as_fitted = judge(course, instants, fitted_only.means, fitted_only.covariances)
-        known = filter_journey(journey, use.cautious)
-        verdict = judge(course, instants, known.means, known.covariances)
-        unknown = judge(course, instants, *filter_unknown(journey, use.cautious))
-        figures.update(_figures(f"r{robot}", verdict, unknown, course.dead_reckoning()))
-        say(f"robot {robot} smoothed")
-        figures.update(smoothed(f"r{robot}", course, use, verdict))
-        errors, rejected = companions(folder, course, instants, known, use.cautious)
+        recorded, parameters = recordings[robot], fitted[other]
+        instants = recorded.instants()
+        journey = recorded.journey(instants, parameters.delay_s)
+        fitted_only = filter_journey(journey, parameters.config)
+        as_fitted = run_errors(recorded, instants, fitted_only.means, fitted_only.covariances)
+        known = filter_journey(journey, parameters.with_margin)
+        known_errors = run_errors(recorded, instants, known.means, known.covariances)
+        unknown = run_errors(recorded, instants, *filter_unknown(journey, parameters.with_margin))
+        figures.update(_figures(f"r{robot}", known_errors, unknown, recorded.dead_reckoning()))
+        say(f"robot {robot}: smoother")
+        figures.update(smoothed(f"r{robot}", recorded, parameters, known_errors))
+        errors, rejected = other_robots(folder, recorded, instants, known, parameters.with_margin)
         track_errors.append(errors)
         figures[f"r{robot}_anees_as_fitted"] = as_fitted.anees
         figures[f"r{robot}_outliers"] = float(np.sum(known.status != 1))
         figures[f"r{robot}_phantoms"] = float(rejected)
         table.append(
-            f"{robot:5d}  {verdict.rmse_m:6.3f}  {verdict.heading_deg:11.2f}  {verdict.anees:5.2f}  "
-            f"{verdict.pose_anees:10.2f}  {unknown.rmse_m:9.3f}  "
+            f"{robot:5d}  {known_errors.rmse_m:6.3f}  {known_errors.heading_deg:11.2f}  {known_errors.anees:5.2f}  "
+            f"{known_errors.pose_anees:10.2f}  {unknown.rmse_m:9.3f}  "
             f"{figures[f'r{robot}_dead_reckoning_m']:16.2f}  {int(np.sum(known.status != 1)):8d}"
         )
     figures["robot_track_rmse_m"] = rms(np.concatenate(track_errors))
-    say("the mower among its beacons")
+    say("mower among radio beacons")
     mower = follow_ranges(read_plaza(real_data.folder("plaza1_range") / "Plaza1_.mat"))
     figures["plaza1_rmse_m"] = mower.rmse_m
     figures["plaza1_dead_reckoning_m"] = mower.dead_reckoning_m
     figures["plaza1_scale"] = mower.scale
-    say("the IMU at rest and in flight")
+    say("IMU at rest and in flight")
     up = tilt(real_data.folder("euroc_v101_stereo"))
     figures["euroc_tilt_deg"] = up.rest_deg
     figures["euroc_flight_tilt_deg"] = up.flight_deg
@@ -130,33 +132,37 @@ def run(seeds: int, say: Say) -> Outcome:
         f"{100 * mower.rejected_share:.1f} % of them rejected",
         f"IMU    gyro bias {np.round(up.gyro_bias, 4)} rad/s, "
         f"accelerometer bias {np.round(up.force_bias, 3)} m/s^2",
-        *(f"fitted on robot {robot}: {use}" for robot, use in fitted.items()),
+        *(f"fitted on robot {robot}: {parameters}" for robot, parameters in fitted.items()),
     ]
     return Outcome(figures, table)
 
 
-def smoothed(name: str, course: Course, use: Fitted, known: Verdict) -> dict[str, float]:
-    """Error of the smoothed journey, and against the filter's."""
-    instants = course.seconds()
-    journey = course.journey(instants, use.delay_s)
-    means, _ = smooth_journey(journey, filter_journey(journey, use.cautious), use.cautious)
-    error = course.rmse_between(instants, means)
+def smoothed(
+    name: str, recorded: RobotRun, parameters: Fitted, known: RunErrors
+) -> dict[str, float]:
+    """Error of the smoothed trajectory, and its ratio to the filter's error."""
+    instants = recorded.seconds()
+    journey = recorded.journey(instants, parameters.delay_s)
+    means, _ = smooth_journey(
+        journey, filter_journey(journey, parameters.with_margin), parameters.with_margin
+    )
+    error = recorded.rmse_between(instants, means)
     return {f"{name}_smoother_m": error, f"{name}_smoother_over_filter": error / known.rmse_m}
 
 
-def companions(
+def other_robots(
     folder: Path,
-    course: Course,
+    recorded: RobotRun,
     instants: np.ndarray,
     own: FilteredJourney,
     config: PlanarConfig,
 ) -> tuple[np.ndarray, int]:
-    """Errors (n, 2) of the other robots' tracks, whenever one is seen and sure, and sightings rejected."""
+    """Errors (n, 2) of the confirmed tracks of other robots at their sightings, and the rejected sightings."""
     tracks, errors = RobotTracks(config), []
     truth = {subject: mrclam.read_truth(folder, subject) for subject in mrclam.ROBOTS}
-    log = course.log
+    log = recorded.log
     for stamp, subject, seen in zip(log.stamps_s, log.subjects, log.seen, strict=True):
-        if subject not in mrclam.ROBOTS or not course.start_s <= stamp <= course.end_s:
+        if subject not in mrclam.ROBOTS or not recorded.start_s <= stamp <= recorded.end_s:
             continue
         now = int(np.searchsorted(instants, stamp))
         robot = Gaussian(own.means[now], own.covariances[now])
@@ -169,7 +175,7 @@ def companions(
 
 
 def _figures(
-    name: str, known: Verdict, unknown: Verdict, dead_reckoning_m: float
+    name: str, known: RunErrors, unknown: RunErrors, dead_reckoning_m: float
 ) -> dict[str, float]:
     return {
         f"{name}_rmse_m": known.rmse_m,
@@ -184,7 +190,7 @@ def _figures(
 
 EXPERIMENT = Experiment(
     id="mrclam",
-    title="Self-localisation of real robots: landmarks known and unknown, other robots, beacons, IMU",
+    title="Self-localisation of real robots: known and unknown landmarks, other robots, beacons, IMU",
     run=run,
     targets={
         "r1_rmse_m": Target("<=", 0.14),

@@ -1,7 +1,7 @@
-"""Replica's office as a depth camera in the hand would have seen it: ray cast along the given way, with noise.
+"""Simulated recording of Replica's office by a handheld depth camera: ray cast along the given trajectory, with noise.
 
-The noise is that of structured light: deviation growing with the square of depth, a sideways shift of the
-pixels at edges, steps of a millimetre, nothing at grazing surfaces or beyond the range.
+The noise is that of structured light: a standard deviation that grows with the square of depth, lateral noise at edges,
+a resolution of one millimetre, and no depth at grazing incidence or beyond the range.
 
 Source: Straub et al. 2019 (the room); Nguyen, Izadi, Lovell 2012 (noise, lateral shift).
 """
@@ -16,22 +16,22 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from mapping.surface.meshes import Mesh
-from perception.depth import structured_light
 from perception.primitives.camera import Camera
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
 from ...recordings.poses import pose_of_matrix
+from ..support.simulated_depth import structured_light_sigma
 
-CAMERA = Camera(600, 340, 300.0, 300.0, 299.5, 169.5)  # the set's own, at half its size
+CAMERA = Camera(600, 340, 300.0, 300.0, 299.5, 169.5)  # of the data set, at half resolution
 LATERAL_PX = 0.5  # Nguyen 2012: about 0.8 px at full size
-GRAZING = 0.12  # cosine: flatter surfaces send nothing back, 83 deg
+GRAZING = 0.12  # cosine of the greatest incidence angle with a depth, 83 deg
 FARTHEST_M = 6.0
 HZ = 30.0
 
 
 class ReplicaRoom:
-    """The true mesh, the true way, and what is seen from it."""
+    """The true mesh and trajectory, and the images along it."""
 
     def __init__(self, path: Path) -> None:
         import open3d
@@ -48,10 +48,12 @@ class ReplicaRoom:
         self._scene = scene_of(self.mesh)
         rows = np.loadtxt(path / "traj.txt").reshape(-1, 4, 4)
         self.poses = [pose_of_matrix(row) for row in rows]
-        self.seen = np.zeros(len(self.mesh.triangles), bool)  # by any pixel without noise
+        self.seen = np.zeros(
+            len(self.mesh.triangles), bool
+        )  # triangles seen by any pixel, without noise
 
     def frames(self, rng: np.random.Generator, every: int = 1) -> Iterator[Frame]:
-        """Depth with noise and colour of every so many-th pose."""
+        """Frames with noisy depth and colour at every `every`-th pose."""
         for number in range(0, len(self.poses), every):
             z, rgb = self._look(self.poses[number], rng)
             yield Frame(
@@ -69,36 +71,34 @@ class ReplicaRoom:
         slopes[..., :2] += rng.normal(0.0, LATERAL_PX, (*size, 2)) / CAMERA.fx
         rays = np.empty((*size, 6), np.float32)
         rays[..., :3] = pose.position
-        rays[..., 3:] = slopes @ pose.rotation.T  # of length 1 along the axis: distance is depth
+        rays[..., 3:] = slopes @ pose.rotation.T  # unit depth, so that the ray parameter is depth
         hits = self._scene.cast_rays(self._o3d.core.Tensor(rays))
         z = hits["t_hit"].numpy()
         triangles = hits["primitive_ids"].numpy()
-        met = np.isfinite(z)
-        self.seen[np.unique(triangles[met & (z < FARTHEST_M)])] = True
+        hit = np.isfinite(z)
+        self.seen[np.unique(triangles[hit & (z < FARTHEST_M)])] = True
         normals = hits["primitive_normals"].numpy()
         length = np.linalg.norm(rays[..., 3:], axis=-1)
         cosine = np.abs(np.einsum("hwk,hwk->hw", normals, rays[..., 3:])) / length
-        noise = structured_light.StructuredLightConfig()
-        deviation = noise.floor_m + noise.growth_per_m * (z - noise.start_m) ** 2
         with np.errstate(invalid="ignore"):
-            z = z + deviation * rng.standard_normal(size)
+            z = z + structured_light_sigma(z) * rng.standard_normal(size)
             z = np.round(z * 1000.0) / 1000.0
-        z[~met | (cosine < GRAZING) | (z > FARTHEST_M) | (z < 0.3)] = np.nan
-        return z.astype(np.float32), self._paint(hits, triangles, met)
+        z[~hit | (cosine < GRAZING) | (z > FARTHEST_M) | (z < 0.3)] = np.nan
+        return z.astype(np.float32), self._paint(hits, triangles, hit)
 
     def _paint(
-        self, hits: Any, triangles: np.ndarray, met: np.ndarray
+        self, hits: Any, triangles: np.ndarray, hit: np.ndarray
     ) -> UInt8[np.ndarray, "h w 3"]:
         assert self.mesh.colours is not None
         uv = hits["primitive_uvs"].numpy()
-        corners = self.mesh.triangles[np.where(met, triangles, 0)]
+        corners = self.mesh.triangles[np.where(hit, triangles, 0)]
         shares = np.stack([1.0 - uv[..., 0] - uv[..., 1], uv[..., 0], uv[..., 1]], axis=-1)
         rgb = np.einsum("hwk,hwkc->hwc", shares, self.mesh.colours[corners].astype(np.float32))
-        return np.asarray(np.where(met[..., None], rgb, 0.0)).astype(np.uint8)
+        return np.asarray(np.where(hit[..., None], rgb, 0.0)).astype(np.uint8)
 
 
 def scene_of(mesh: Mesh) -> Any:
-    """The mesh ready for Embree's questions."""
+    """Ray casting scene of a mesh (Open3D)."""
     import open3d
 
     core: Any = open3d.core

@@ -1,8 +1,10 @@
-"""Other robots, followed by one that knows where it is only roughly, and among sightings that are none.
+"""Tracks of other robots, from an observer with an uncertain pose and with false sightings.
 
-Each is a sigma-point filter over place and velocity that knows how fast such robots go. A sighting that does not
-fit is not believed; several in a row that fit each other begin the track anew. A track counts once it has
-been seen often and long enough: a misread tag is seen for a moment.
+Each track is a sigma-point filter over position and velocity with a speed prior. Sightings outside the gate are
+rejected; several consecutive rejected sightings that agree with each other restart the track. A track is confirmed
+after enough sightings over enough time, since misread tags appear only briefly.
+
+Source: ours.
 """
 
 from __future__ import annotations
@@ -19,12 +21,12 @@ from perception.filtering.square_root import SquareRootFilter
 from perception.planar.config import PlanarConfig
 from perception.primitives.gaussian import Gaussian
 
-GATE = chi_square_quantile(0.9999, 2)  # true sightings are rarer than phantoms are dangerous
+GATE = chi_square_quantile(0.9999, 2)  # wide: true sightings are rare
 SPEED_SIGMA = 0.05  # m/s per axis: such robots drive at 0.07 m/s
-TURN_S = 5.0  # s, for about so long they keep their direction
-BODY_SIGMA_M = 0.03  # tags stand around the body, not in its middle
-CONFIRM_SIGHTINGS, CONFIRM_S = 4, 1.0  # to count: seen so often, over so long
-FORGET_S = 30.0  # unseen for so long, it must be confirmed again
+TURN_S = 5.0  # correlation time of the velocity
+BODY_SIGMA_M = 0.03  # tags are mounted around the body's centre
+CONFIRM_SIGHTINGS, CONFIRM_S = 4, 1.0  # sightings and duration that confirm a track
+FORGET_S = 30.0  # after a longer gap the track must be confirmed again
 
 
 @dataclass
@@ -36,54 +38,54 @@ class _Track:
 
     @property
     def confirmed(self) -> bool:
-        """Whether it counts."""
+        """Whether the track has enough sightings over enough time."""
         long_enough = self.stamp_s - self.first_s >= CONFIRM_S
         return self.sightings >= CONFIRM_SIGHTINGS and long_enough
 
 
 class RobotTracks:
-    """Tracks by subject; `update` takes one sighting and tells where that robot is, if it is sure."""
+    """Tracks by robot identity."""
 
     def __init__(self, config: PlanarConfig) -> None:
-        """With the noise of sightings as fitted to landmarks."""
+        """Use the sighting noise fitted to landmarks."""
         self.config = config
         self.rejected = 0
         self._tracks: dict[int, _Track] = {}
-        self._rivals: dict[int, _Track] = {}
+        self._candidates: dict[int, _Track] = {}
 
     def update(
         self, subject: int, stamp_s: float, seen: Float[np.ndarray, "2"], robot: Gaussian
     ) -> Gaussian | None:
-        """Learn from a sighting.
+        """Process one sighting.
 
         Args:
-            subject: Which robot its tag says it is.
-            stamp_s: When, not before the last one.
+            subject: Robot identity by the tag.
+            stamp_s: Time, not before the last sighting.
             seen: Depth, m, and bearing, rad.
-            robot: Pose (x, y, yaw) of the observer then.
+            robot: Pose (x, y, yaw) of the observer.
 
         Returns:
-            Over (x, y, vx, vy), m and m/s, world frame; None while it is not confirmed or not believed.
+            State (x, y, vx, vy), m and m/s, world frame; None if the track is unconfirmed or the sighting rejected.
         """
-        track = self._tracks.setdefault(subject, self._begin(stamp_s, seen, robot))
-        if track.sightings == 0 or self._fits(track, stamp_s, seen, robot):
+        track = self._tracks.setdefault(subject, self._new_track(stamp_s, seen, robot))
+        if track.sightings == 0 or self._update_gated(track, stamp_s, seen, robot):
             track.sightings += 1
-            self._rivals.pop(subject, None)
+            self._candidates.pop(subject, None)
             return track.filter.belief if track.confirmed else None
         self.rejected += 1
-        rival = self._rivals.setdefault(subject, self._begin(stamp_s, seen, robot))
-        if rival.sightings and not self._fits(rival, stamp_s, seen, robot):
-            rival = self._rivals[subject] = self._begin(stamp_s, seen, robot)
-        rival.sightings += 1
-        if not rival.confirmed:
+        candidate = self._candidates.setdefault(subject, self._new_track(stamp_s, seen, robot))
+        if candidate.sightings and not self._update_gated(candidate, stamp_s, seen, robot):
+            candidate = self._candidates[subject] = self._new_track(stamp_s, seen, robot)
+        candidate.sightings += 1
+        if not candidate.confirmed:
             return None
-        self._tracks[subject] = self._rivals.pop(subject)
-        return rival.filter.belief
+        self._tracks[subject] = self._candidates.pop(subject)
+        return candidate.filter.belief
 
-    def _fits(
+    def _update_gated(
         self, track: _Track, stamp_s: float, seen: Float[np.ndarray, "2"], robot: Gaussian
     ) -> bool:
-        """Whether a sighting is believed to be of this track, which moves on and, if so, learns from it."""
+        """Predict a track and update it with a sighting; returns whether the sighting passed the gate."""
         dt = stamp_s - track.stamp_s
         keep = math.exp(-dt / TURN_S)
         F = np.eye(4)
@@ -105,7 +107,7 @@ class RobotTracks:
         )
         return used
 
-    def _begin(self, stamp_s: float, seen: Float[np.ndarray, "2"], robot: Gaussian) -> _Track:
+    def _new_track(self, stamp_s: float, seen: Float[np.ndarray, "2"], robot: Gaussian) -> _Track:
         ahead = (seen[0] - self.config.offset) / self.config.scale
         x, y, yaw = robot.mean
         reach, direction = ahead / math.cos(seen[1]), yaw + seen[1]
@@ -121,7 +123,7 @@ class RobotTracks:
         return track
 
     def _seen(self, points: np.ndarray, robot: np.ndarray) -> np.ndarray:
-        """Depth and bearing of places (k, 2 or more) from the observer (x, y, yaw)."""
+        """Predicted depth and bearing of positions (k, 2 or more) from the observer (x, y, yaw)."""
         x, y = points[:, 0] - robot[0], points[:, 1] - robot[1]
         c, s = math.cos(robot[2]), math.sin(robot[2])
         ahead, left = c * x + s * y, c * y - s * x
@@ -129,7 +131,7 @@ class RobotTracks:
         return np.stack([depth, wrap_angles(np.arctan2(left, ahead))], axis=-1)
 
     def _noise(self, seen: Float[np.ndarray, "2"], robot: Gaussian) -> Float[np.ndarray, "2 2"]:
-        """Of depth and bearing: of the camera, of the tag's place on the body, and of the observer's pose."""
+        """Covariance of depth and bearing: camera noise, tag position on the body, and the observer's pose."""
         c = self.config
         depth = math.hypot(c.depth_near, c.depth_far * seen[0] ** 2) * math.hypot(1, c.depth_shared)
         bearing = math.hypot(c.bearing_sigma, c.bearing_shared)

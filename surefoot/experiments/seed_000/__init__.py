@@ -1,1 +1,1 @@
-"""Tables and figures of seed 000."""
+"""Tables and figures of Han 2018: monocular obstacle detection and swarm search."""

@@ -1,14 +1,13 @@
-"""The eight pictures of one monocular cycle, its floor and its predictions against the truth.
+"""The eight images of one monocular cycle, with its floor and its predictions evaluated against the truth.
 
-The robot of seed 000 walks into its room, head 30 deg down, with three robots going to and fro; where it
-turns is drawn by the seed. Poses of the camera are those the simulator gives, as in the seed ("GPS"); beside it
-the predictions with the head's own joints. A prediction is right if the edge of a moving robot on the floor
-is, 0.65 s later, where it was said to be: column by column along the edge, mean offset. NEES holds that offset
-against the covariance that came with it, the mean over the edge; 2 is right for two coordinates, more is
-overconfident, and 95 % should lie inside 5.99. The simulator's poses are claimed exact, the joints' as sure as a
-walking trunk's.
+The robot walks into the room of Han 2018 with its head tilted 30 deg down, among three robots that move to and fro;
+the seed determines its turns. Camera poses are those of the simulator, as in the paper ("GPS"), and for comparison
+those of the head's joints. The prediction error is the mean offset, column by column, between the predicted and the
+true floor edge of a moving robot 0.65 s later. The NEES normalises this offset by its predicted covariance (mean over
+the edge): 2 is consistent for two coordinates, more is overconfident, and 95 % should lie below 5.99. Poses of the
+simulator have zero covariance; poses by joints have that of a walking trunk.
 
-Source: seed 000, section 6.3, Fig. 8.
+Source: Han 2018 (seed 000), section 6.3, Fig. 8.
 """
 
 from __future__ import annotations
@@ -36,46 +35,46 @@ from ...report.plots.monocular import panes, stages
 from ..support.experiment import Experiment, Outcome, Say, Target
 
 FOLDER = Path("runs/experiments/000-E1")
-CYCLES = 8  # of each walk
-BEYOND_M = 2.0  # farther off a pixel is 3 cm, and the robot has 30 steps to look again
+CYCLES = 8  # per walk
+BEYOND_M = 2.0  # farther away a pixel covers 3 cm, and the robot has 30 more steps to observe
 TILT_DEG = 30.0  # seed 000
 ON_FLOOR_M = 1e-3
-INSIDE = 5.991  # 95 % of a chi squared of two
+INSIDE = 5.991  # 95 % quantile of chi-square with two degrees of freedom
 EXACT = CameraNoise(pitch_deg=0.0, yaw_deg=0.0, roll_deg=0.0, height_m=0.0)
 
-Walk = list[tuple[Picture, Picture, Picture, Picture, "Moment"]]
+Walk = list[tuple[Picture, Picture, Picture, Picture, "GroundTruth"]]
 
 
-class Moment:
-    """What is true when the current picture is taken: movers, and which pixels show the floor."""
+class GroundTruth:
+    """Truth at the time of the current image: moving robots, and the pixels that show the floor."""
 
-    def __init__(self, robot: SimulatedRobot, picture: Picture) -> None:
+    def __init__(self, robot: SimulatedRobot, image: Picture) -> None:
         world = robot.world
-        self.movers = world.moving_states()
+        self.moving_robots = world.moving_states()
         self.radii = [mover.radius_m for mover in world.scene.moving_objects]
-        self.floor = true_floor(world.rays, picture)
+        self.floor = true_floor(world.rays, image)
 
-    def place(self, horizon_s: float) -> list[tuple[np.ndarray, float, np.ndarray]]:
-        """(x, y), radius and displacement within the horizon of every mover, going straight on."""
+    def displacements(self, horizon_s: float) -> list[tuple[np.ndarray, float, np.ndarray]]:
+        """Position, radius and displacement within the horizon of every moving robot, at constant velocity."""
         return [
             (np.array([x, y]), radius, np.array([vx, vy]) * horizon_s)
-            for (x, y, vx, vy), radius in zip(self.movers, self.radii, strict=True)
+            for (x, y, vx, vy), radius in zip(self.moving_robots, self.radii, strict=True)
         ]
 
 
-def true_floor(rays: RayCaster, picture: Picture) -> np.ndarray:
-    """Pixels whose ray meets the floor first, by the scene itself."""
-    pose = picture.T_world_camera
-    directions = picture.camera.rays.reshape(-1, 3) @ pose.rotation.T
+def true_floor(rays: RayCaster, image: Picture) -> np.ndarray:
+    """Pixels whose ray meets the floor first, by ray casting."""
+    pose = image.T_world_camera
+    directions = image.camera.rays.reshape(-1, 3) @ pose.rotation.T
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     hits = rays.cast(pose.position, directions.astype(np.float32))
     with np.errstate(invalid="ignore"):
         z = pose.position[2] + hits.distance_m * directions[:, 2]
-    return np.asarray(z < ON_FLOOR_M).reshape(picture.rgb.shape[:2])
+    return np.asarray(z < ON_FLOOR_M).reshape(image.rgb.shape[:2])
 
 
-def walk(seed: int, cycles: int, scene: str = "robots_room") -> Walk:
-    """Pairs of pictures of one walk: by given poses, the same by joints, and the truth of each."""
+def image_pairs(seed: int, cycles: int, scene: str = "robots_room") -> Walk:
+    """Image pairs of one walk with given poses, the same with poses by joints, and the truth of each."""
     rng = np.random.default_rng([seed, 60])
     found: Walk = []
     with World(catalogue.load(scene, seed), seed=seed) as world:
@@ -90,7 +89,7 @@ def walk(seed: int, cycles: int, scene: str = "robots_room") -> Walk:
             frame = robot.read()
             now = _pictures(frame, truth)
             if frame.footstep_due:
-                found.append((before[0], now[0], before[1], now[1], Moment(robot, now[0])))
+                found.append((before[0], now[0], before[1], now[1], GroundTruth(robot, now[0])))
                 if len(found) % 3 == 1:
                     turn = float(rng.uniform(-10.0, 10.0))
                 robot.walk(WalkCommand(0.04, 0.0, math.radians(turn), 0.30, 0.35))
@@ -99,7 +98,7 @@ def walk(seed: int, cycles: int, scene: str = "robots_room") -> Walk:
 
 
 def _pictures(frame: Frame, truth: Truth) -> tuple[Picture, Picture]:
-    """The picture by the pose the simulator gives, and by the joints from where the body really stands."""
+    """The image with the simulator's camera pose, and with the joints' camera pose on the true body pose."""
     assert frame.colour is not None
     view = frame.colour
     assert view.T_body_camera is not None
@@ -111,27 +110,29 @@ def _pictures(frame: Frame, truth: Truth) -> tuple[Picture, Picture]:
     return given, joints
 
 
-def prediction_errors(result: MonocularResult, moment: Moment) -> list[tuple[float, float]]:
-    """How far off the predicted edge of every mover that is seen whole and near, m, and its NEES."""
+def prediction_errors(result: MonocularResult, truth: GroundTruth) -> list[tuple[float, float]]:
+    """Error, m, and NEES of the predicted edge of every moving robot that is near and seen whole."""
     errors = []
     eye = result.current.T_world_camera.position[:2]
-    for centre, radius, moved in moment.place(result.horizon_s):
+    for centre, radius, moved in truth.displacements(result.horizon_s):
         if np.hypot(*(centre - eye)) > BEYOND_M:
             continue
-        owner = _owner(result.obstacles, centre, radius)
-        if owner is not None:
-            truly = _edge(owner, result.current, centre, radius) + moved
-            off = np.nanmean(owner.predicted_world - truly, axis=0)
+        seen = _obstacle_of(result.obstacles, centre, radius)
+        if seen is not None:
+            true_edge = _edge(seen, result.current, centre, radius) + moved
+            off = np.nanmean(seen.predicted_world - true_edge, axis=0)
             if np.isfinite(off).all():
-                claimed = np.nanmean(owner.predicted_covariance, axis=0)
-                errors.append((float(np.hypot(*off)), float(off @ np.linalg.solve(claimed, off))))
+                covariance = np.nanmean(seen.predicted_covariance, axis=0)
+                errors.append(
+                    (float(np.hypot(*off)), float(off @ np.linalg.solve(covariance, off)))
+                )
     return errors
 
 
-def _owner(
+def _obstacle_of(
     obstacles: tuple[SeenObstacle, ...], centre: np.ndarray, radius: float
 ) -> SeenObstacle | None:
-    """The obstacle with the most edge pixels at the mover's foot, if it is the mover alone."""
+    """The obstacle with the most edge pixels at the moving robot's foot, if it shows that robot alone."""
     best, most = None, 4
     for obstacle in obstacles:
         near = np.hypot(*(obstacle.contact_world - centre).T) < radius + 0.05
@@ -140,58 +141,56 @@ def _owner(
     return best
 
 
-def _edge(
-    obstacle: SeenObstacle, picture: Picture, centre: np.ndarray, radius: float
-) -> np.ndarray:
-    """Where the column of each edge pixel truly meets the mover's circle; NaN where it misses it."""
+def _edge(obstacle: SeenObstacle, image: Picture, centre: np.ndarray, radius: float) -> np.ndarray:
+    """Where the image column of each edge pixel meets the moving robot's circle; NaN where it misses it."""
     pixels = obstacle.edge.astype(np.float64)
-    a = floor_points(pixels + np.array([0.0, 30.0]), picture.camera, picture.T_world_camera)
-    b = floor_points(pixels, picture.camera, picture.T_world_camera)
+    a = floor_points(pixels + np.array([0.0, 30.0]), image.camera, image.T_world_camera)
+    b = floor_points(pixels, image.camera, image.T_world_camera)
     along = (b - a) / np.hypot(*(b - a).T)[:, None]
     ahead = np.einsum("ij,ij->i", centre - a, along)
-    aside = np.hypot(*(a + ahead[:, None] * along - centre).T)
+    lateral = np.hypot(*(a + ahead[:, None] * along - centre).T)
     with np.errstate(invalid="ignore"):
-        reach = ahead - np.sqrt(radius**2 - aside**2)
+        reach = ahead - np.sqrt(radius**2 - lateral**2)
     return np.asarray(a + reach[:, None] * along)
 
 
-def shown(result: MonocularResult) -> int:
-    """How many of the panes show anything: an even tone is no stage."""
+def panes_with_content(result: MonocularResult) -> int:
+    """Number of panes with any content; a uniform pane does not count."""
     return sum(int(np.ptp(image)) > 0 for _, image in panes(result))
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """One walk of eight cycles a seed, about six seconds each."""
+    """One walk of eight cycles per seed, about six seconds each."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     ious: list[float] = []
     errors: dict[str, list[tuple[float, float]]] = {"given": [], "joints": []}
-    drawn: list[int] = []
+    pane_counts: list[int] = []
     table = ["seed  floor IoU  predictions  median error, m"]
     for seed in range(seeds):
         cycle = Monocular(MonocularConfig(camera_noise=EXACT))
         by_joints = Monocular(MonocularConfig())
-        mine: list[tuple[float, float]] = []
-        pictured = False
-        for number, (before, now, joints_before, joints_now, moment) in enumerate(
-            walk(seed, CYCLES)
+        seed_errors: list[tuple[float, float]] = []
+        saved = False
+        for number, (before, now, joints_before, joints_now, truth) in enumerate(
+            image_pairs(seed, CYCLES)
         ):
             result = cycle.cycle(before, now)
             ground = result.ground > 0
-            ious.append(float((ground & moment.floor).sum() / (ground | moment.floor).sum()))
-            mine += prediction_errors(result, moment)
-            errors["joints"] += prediction_errors(
-                by_joints.cycle(joints_before, joints_now), moment
-            )
-            if not pictured and (number == CYCLES - 1 or any(o.moving for o in result.obstacles)):
-                pictured = True
-                picture = cv2.cvtColor(stages(result), cv2.COLOR_RGB2BGR)
+            ious.append(float((ground & truth.floor).sum() / (ground | truth.floor).sum()))
+            seed_errors += prediction_errors(result, truth)
+            errors["joints"] += prediction_errors(by_joints.cycle(joints_before, joints_now), truth)
+            if not saved and (number == CYCLES - 1 or any(o.moving for o in result.obstacles)):
+                saved = True
+                image = cv2.cvtColor(stages(result), cv2.COLOR_RGB2BGR)
                 name = FOLDER / f"stages-{seed}.png"
                 name.unlink(missing_ok=True)
-                cv2.imwrite(str(name), picture)
-                drawn.append(shown(result) if name.is_file() else 0)
-        errors["given"] += mine
-        median = float(np.median([error for error, _ in mine])) if mine else math.nan
-        table.append(f"{seed:4d}  {np.mean(ious[-CYCLES:]):9.4f}  {len(mine):11d}  {median:15.4f}")
+                cv2.imwrite(str(name), image)
+                pane_counts.append(panes_with_content(result) if name.is_file() else 0)
+        errors["given"] += seed_errors
+        median = float(np.median([error for error, _ in seed_errors])) if seed_errors else math.nan
+        table.append(
+            f"{seed:4d}  {np.mean(ious[-CYCLES:]):9.4f}  {len(seed_errors):11d}  {median:15.4f}"
+        )
         say(table[-1])
     given, joints = (np.array(errors[name]).reshape(-1, 2) for name in ("given", "joints"))
     return Outcome(
@@ -207,7 +206,7 @@ def run(seeds: int, say: Say) -> Outcome:
             "prediction_nees_joints": float(np.mean(joints[:, 1])),
             "prediction_nees_joints_inside": float(np.mean(joints[:, 1] <= INSIDE)),
             "predictions": float(len(given)),
-            "stages": float(min(drawn, default=0)),
+            "stages": float(min(pane_counts, default=0)),
         },
         table,
     )
@@ -215,7 +214,7 @@ def run(seeds: int, say: Say) -> Outcome:
 
 EXPERIMENT = Experiment(
     id="000-E1",
-    title="Eight stages of a monocular cycle; floor and predictions against the truth",
+    title="Eight stages of a monocular cycle (Han 2018, Fig. 8); floor and predictions against the truth",
     run=run,
     targets={
         "floor_iou": Target(">=", 0.97),

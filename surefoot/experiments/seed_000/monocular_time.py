@@ -1,12 +1,11 @@
-"""Time of every stage of a footstep's thinking, footstep by footstep, as Fig. 11, and its memory.
+"""Computing time of every stage per footstep, as in Fig. 11, and memory.
 
-It is the whole of steps 2 to 9: colours learnt, both ground images, edges, corners, flow, prediction, result
-image; the counters of both corners, the objective, the search, the command. The search is made both ways, by the
-exact one that walks and by the seed's swarm of 50 particles and 100 epochs; each has its own total. Time is that of
-the clock on the wall, as the step has to wait for it; beside it that of the processor, which a busy machine does
-not stretch. The rendering of the pictures is the simulator's and not counted.
+Timed are steps 2 to 9: colour model, both ground images, edges, corners, flow, prediction and result image; corner
+counters, objective, search and command. The search runs twice, by the product's exact search and by the paper's swarm
+of 50 particles and 100 epochs, each with its own total. Times are wall-clock times, since the step waits for them;
+processor time, which other load does not affect, is given beside them. Rendering is not counted.
 
-Source: seed 000, section 5 (step 10), Fig. 11 and Table 1.
+Source: Han 2018 (seed 000), section 5 (step 10), Fig. 11 and Table 1.
 """
 
 from __future__ import annotations
@@ -32,11 +31,12 @@ from planning.swarm.corners import Corners
 from planning.swarm.objective import Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
 
+from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target
-from .monocular_cycle import walk
+from .monocular_cycle import image_pairs
 
 FOLDER = Path("runs/experiments/000-E5")
-CYCLES = 12  # of each walk
+CYCLES = 12  # per walk
 BUDGET_MS = 35.0  # a tenth of T_DS
 STAGES = {
     "ground": "ground_image",
@@ -45,16 +45,16 @@ STAGES = {
     "obstacles": "find_obstacles",
     "prediction": "predicted_image",
 }
-"""Names of the plot, and the functions of the cycle that they time; what is left over is "colours"."""
+"""Stage to the function of the cycle that is timed; the remaining time is the stage "colours"."""
 
 SWARM = SwarmConfig("constriction", 50, 100)  # seed 000, section 6.4
 DECIDING = ("counters", "specks", "objective", "search", "command")
-GOAL_M = 3.0  # ours: ahead of where the walk begins
+GOAL_M = 3.0  # ours: ahead of the start
 
 
 @contextmanager
-def stopwatches(spent: dict[str, float]) -> Iterator[None]:
-    """Time the stages of every cycle within, ms into `spent`, and put all back as it was."""
+def timed_stages(spent: dict[str, float]) -> Iterator[None]:
+    """Add the time of each stage of the cycle to `spent`, ms, within this context."""
     saved = {name: getattr(stages_of, function) for name, function in STAGES.items()}
 
     def timed(name: str, function: Callable[..., object]) -> Callable[..., object]:
@@ -75,8 +75,8 @@ def stopwatches(spent: dict[str, float]) -> Iterator[None]:
             setattr(stages_of, STAGES[name], function)
 
 
-class Thinking:
-    """Steps 2 to 9 of one walker: the cycle, then counters, objective, search and command."""
+class DecisionTimer:
+    """Steps 2 to 9: the monocular cycle, then counters, objective, search and command."""
 
     def __init__(self, first: Picture) -> None:
         self._monocular = Monocular(MonocularConfig())
@@ -86,10 +86,10 @@ class Thinking:
         self._goal = _body(first).apply(np.array([GOAL_M, 0.0]))
 
     def step(self, before: Picture, now: Picture) -> dict[str, float]:
-        """Milliseconds of each stage, and of the whole by either search; of the exact one's also the processor's."""
+        """Time of each stage and of the whole by either search, ms; processor time with the exact search."""
         spent = dict.fromkeys(STAGES, 0.0)
         begin = time.process_time_ns()
-        with stopwatches(spent):
+        with timed_stages(spent):
             start = time.perf_counter_ns()
             result = self._monocular.cycle(before, now)
             cycle_ms = (time.perf_counter_ns() - start) / 1e6
@@ -106,13 +106,13 @@ class Thinking:
         return spent
 
     def _decide(self, result: MonocularResult, watch: Stopwatch) -> Objective:
-        """From the result image to the command, timed; the objective on the way."""
+        """Time the stages from the result image to the command; returns the objective."""
         gait = self._gait
         robot = _body(result.current)
         with watch.stage("counters"):
             step_m = gait.cruise_mps * gait.step_s
             self._corners.update(result.corners_blocked, result.nearest_m, step_m)
-        with watch.stage("specks"):  # as our walker fills them
+        with watch.stage("specks"):  # as our planner fills them
             ground = contact_detections.find_contact_edges(result).ground
             movable = np.where(result.predicted > 0, np.uint8(0), ground)
         with watch.stage("objective"):
@@ -136,26 +136,26 @@ class Thinking:
 
 
 def _body(picture: Picture) -> Pose2:
-    """The body, as if it stood below its camera and faced where that looks."""
+    """Body pose below the camera, with the heading of its optical axis."""
     x, y, _ = picture.T_world_camera.translation
     axis = picture.T_world_camera.rotation[:, 2]
     return Pose2(x, y, math.atan2(axis[1], axis[0]))
 
 
 def timed_cycles(pairs: list[tuple[Picture, Picture]]) -> list[dict[str, float]]:
-    """Milliseconds of each stage and of the whole of each cycle; the first one, warm-up, is done twice."""
-    Thinking(pairs[0][1]).step(*pairs[0])
-    walker = Thinking(pairs[0][1])
-    return [walker.step(before, now) for before, now in pairs]
+    """Time of each stage and of the whole of each cycle, ms, after one warm-up cycle."""
+    DecisionTimer(pairs[0][1]).step(*pairs[0])
+    timer = DecisionTimer(pairs[0][1])
+    return [timer.step(before, now) for before, now in pairs]
 
 
 def peak_mb(pairs: list[tuple[Picture, Picture]]) -> float:
-    """Most memory that the arrays of the cycle, the search and its two pictures hold at once, MB."""
+    """Peak memory of the cycle, the search and its two images, MB."""
     tracemalloc.start()
     try:
-        walker = Thinking(pairs[0][1])
+        timer = DecisionTimer(pairs[0][1])
         for before, now in pairs:
-            walker.step(before, now)
+            timer.step(before, now)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
@@ -163,18 +163,18 @@ def peak_mb(pairs: list[tuple[Picture, Picture]]) -> float:
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """One walk of twelve footsteps a seed, about eight seconds each."""
+    """One walk of twelve footsteps per seed, about eight seconds each."""
     rows: list[dict[str, float]] = []
     memory = 0.0
     for seed in range(seeds):
-        pairs = [(step[0], step[1]) for step in walk(seed, CYCLES)]
-        mine = timed_cycles(pairs)
-        rows += mine
+        pairs = [(step[0], step[1]) for step in image_pairs(seed, CYCLES)]
+        times = timed_cycles(pairs)
+        rows += times
         memory = max(memory, peak_mb(pairs[:3]))
-        say(f"seed {seed}: median {np.median([row['total'] for row in mine]):.1f} ms")
+        say(f"seed {seed}: median {np.median([row['total'] for row in times]):.1f} ms")
     _plot(rows)
     total, by_swarm = (np.array([row[name] for row in rows]) for name in ("total", "total_swarm"))
-    table = ["stage        median ms   most ms"]
+    table = ["stage        median ms    max ms"]
     for name in (*STAGES, "colours", *DECIDING, "swarm", "total", "total_swarm", "processor"):
         spent = [row[name] for row in rows]
         table.append(f"{name:<11}  {np.median(spent):9.2f}  {np.max(spent):8.2f}")
@@ -191,29 +191,21 @@ def run(seeds: int, say: Say) -> Outcome:
 
 
 def _plot(rows: list[dict[str, float]]) -> None:
-    """Fig. 11: time over footsteps, stage upon stage."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    figure, axes = plt.subplots(figsize=(9, 4))
+    """Fig. 11: stacked times of the stages over footsteps."""
     names = ("colours", *STAGES, *DECIDING)
-    axes.stackplot(range(len(rows)), [[row[name] for row in rows] for name in names], labels=names)
-    axes.axhline(BUDGET_MS, color="black", linestyle="--", label="a tenth of T_DS")
-    axes.set_xlabel("footstep")
-    axes.set_ylabel("time, ms")
-    axes.legend(loc="upper right", ncols=4, fontsize=8)
-    axes.set_ylim(0, 1.4 * BUDGET_MS)
-    figure.tight_layout()
-    figure.savefig(FOLDER / "time.png", dpi=120)
-    plt.close(figure)
+    times = [[row[name] for row in rows] for name in names]
+    with style.styled():
+        figure, axes = style.sheet(height_in=4.0)
+        axes.stackplot(range(len(rows)), times, labels=names)
+        axes.axhline(BUDGET_MS, color=style.INK, linestyle="--", label="a tenth of T_DS")
+        axes.set(xlabel="footstep", ylabel="time, ms", ylim=(0, 1.4 * BUDGET_MS))
+        style.legend(axes)
+    style.save(figure, FOLDER / "time.png")
 
 
 EXPERIMENT = Experiment(
     id="000-E5",
-    title="Time of a footstep's seeing and deciding, every stage, and its memory",
+    title="Computing time per footstep by stage, and memory (Han 2018, Fig. 11)",
     run=run,
     targets={"cycle_ms_max": Target("<=", BUDGET_MS), "memory_mb": Target("<=", 200.0)},
     published={"cycle_ms_p50": 300.0, "cycle_ms_max": 350.0, "memory_mb": 200.0},

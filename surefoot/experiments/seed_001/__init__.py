@@ -1,1 +1,1 @@
-"""Tables and figures of seed 001."""
+"""Figures and trials of Yoo and Kim 2010: univector field navigation and gaze control."""

@@ -1,9 +1,11 @@
-"""001-E4: what each addition to the univector field does among moving obstacles, and what the guard does.
+"""Ablation of the additions to the univector field and of the guard, among moving obstacles.
 
-Field alone, each addition alone, all additions, the guard beside the field alone, and everything, over the same
-courses with slow movers; the joint search leads round what stands in all of them. In a course the additions are
-mixed with all that they are not made for; what uncertainty is worth to the change of speed and to the virtual
-obstacle is therefore shown by encounters with one mover, too (`crossings`).
+Field alone, each addition alone, all additions, the guard with the field alone, and all together, on the same courses
+with slow moving obstacles; the path search around static obstacles is always on. Courses contain situations that the
+additions are not made for; the benefit of uncertainty is therefore also measured in encounters with a single moving
+obstacle (`encounters`).
+
+Source: Yoo and Kim 2010 (seed 001), section 4; the variants are ours.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ import numpy as np
 
 from planning.planners.settings import BESIDE_GUARD
 
-from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
-from .course_trials import HEADER, Trial, figures, row, try_all
-from .crossings import Crossing, cross_all
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
+from ..support.trials import run_trials
+from .course_trials import Trial, figures, walk_groups
+from .encounters import Encounter, encounters
 
 ALL = replace(
     BESIDE_GUARD,
@@ -37,72 +39,63 @@ VARIANTS = {
     "guard": ("guard", BESIDE_GUARD),
     "all additions and guard": ("guard", ALL),
 }
-"""Name to stepper and field."""
+"""Name to step filter and field settings."""
 
-ALONE = {
+ENCOUNTER_FIELDS = {
     "field alone": BESIDE_GUARD,
     "velocity change": replace(BESIDE_GUARD, velocity_change=True),
     "virtual obstacle": replace(BESIDE_GUARD, virtual_obstacles=True),
     "both": replace(BESIDE_GUARD, velocity_change=True, virtual_obstacles=True),
 }
-"""What meets one mover, each without and with uncertainty."""
-CROSSINGS = 10  # encounters to every course
-CHUNK = 50  # of them in one task
+"""Field settings of the encounters, each without and with uncertainty."""
+COMPARED = (
+    *("contact_free_share", "contacts", "falls", "time_s_mean"),
+    *("min_clearance_mm", "turning_deg_mean"),
+)
+"""Figures of every variant."""
+ENCOUNTERS = 10  # per course
+CHUNK = 50  # encounters per task
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     """Seeds 0 to n - 1, every variant on each."""
-    trials = [
-        Trial("course", seed, stepper=stepper, field=field)
-        for stepper, field in VARIANTS.values()
-        for seed in range(seeds)
-    ]
-    walks = try_all(trials, say, body)
-    table = [HEADER]
+    groups = {
+        name: [Trial("course", seed, stepper=stepper, field=field) for seed in range(seeds)]
+        for name, (stepper, field) in VARIANTS.items()
+    }
+    found, table = walk_groups(groups, say, body)
     result: dict[str, float] = {}
-    for k, name in enumerate(VARIANTS):
-        part = walks[k * seeds : (k + 1) * seeds]
-        table.append(row(name, part))
-        result |= {
-            f"{figure}_{name.replace(' ', '_')}": value
-            for figure, value in figures(part).items()
-            if figure
-            in (
-                "contact_free_share",
-                "contacts",
-                "falls",
-                "time_s_mean",
-                "min_clearance_mm",
-                "turning_deg_mean",
-            )
-        }
+    for name, walks in found.items():
+        values = figures(walks)
+        result |= {f"{figure}_{name.replace(' ', '_')}": values[figure] for figure in COMPARED}
     result["contacts_saved_by_guard"] = result["contacts_field_alone"] - result["contacts_guard"]
-    result["falls"] = float(sum(one.fell for one in walks))
-    met, lines = _crossings(CROSSINGS * seeds, say)
-    return Outcome(result | met, [*table, *lines])
+    result["falls"] = float(sum(one.fell for walks in found.values() for one in walks))
+    return combined((result, table), _encounter_figures(ENCOUNTERS * seeds, say))
 
 
-def _crossings(number: int, say: Say) -> tuple[dict[str, float], list[str]]:
-    """Encounters with one mover, the same for every field, without and with uncertainty."""
-    lines = [f"{number} encounters with one mover   contacts  clear mm (5 %)  time s  turning deg"]
+def _encounter_figures(number: int, say: Say) -> tuple[dict[str, float], list[str]]:
+    """Figures of encounters with one moving obstacle, the same for every field, without and with uncertainty."""
+    lines = [
+        f"{number} single encounters              contacts  clear mm (5 %)  time s  turning deg"
+    ]
     found: dict[str, float] = {}
     chunks = [range(k, min(k + CHUNK, number)) for k in range(0, number, CHUNK)]
     fields = {
-        (name, doubt): replace(field, uncertainty=doubt == "uncertain")
-        for name, field in ALONE.items()
-        for doubt in ("certain", "uncertain")
+        (name, certainty): replace(field, uncertainty=certainty == "uncertain")
+        for name, field in ENCOUNTER_FIELDS.items()
+        for certainty in ("certain", "uncertain")
     }
     tasks = [(chunk, field) for field in fields.values() for chunk in chunks]
-    done = list(each(cross_all, tasks))
-    for k, (name, doubt) in enumerate(fields):
-        say(f"encounters: {name}, {doubt}")
+    done = list(run_trials(encounters, tasks))
+    for k, (name, certainty) in enumerate(fields):
+        say(f"encounters: {name}, {certainty}")
         part = [one for some in done[k * len(chunks) : (k + 1) * len(chunks)] for one in some]
         contacts, lowest, time_s, turning = _summary(part)
-        found[f"crossing_contacts_{name.replace(' ', '_')}_{doubt}"] = contacts
+        found[f"crossing_contacts_{name.replace(' ', '_')}_{certainty}"] = contacts
         lines.append(
-            f"  {name + ', ' + doubt:32}{contacts:6.0f}  {lowest:14.0f}  {time_s:6.1f}  {turning:11.0f}"
+            f"  {name + ', ' + certainty:32}{contacts:6.0f}  {lowest:14.0f}  {time_s:6.1f}  {turning:11.0f}"
         )
-    for name in ALONE:
+    for name in ENCOUNTER_FIELDS:
         key = name.replace(" ", "_")
         found[f"crossing_contacts_saved_by_uncertainty_{key}"] = (
             found[f"crossing_contacts_{key}_certain"] - found[f"crossing_contacts_{key}_uncertain"]
@@ -110,8 +103,8 @@ def _crossings(number: int, say: Say) -> tuple[dict[str, float], list[str]]:
     return found, lines
 
 
-def _summary(crossings: Sequence[Crossing]) -> tuple[float, float, float, float]:
-    """Contacts, clearance that 5 % stay below, mm, mean time, s, mean turning, deg."""
+def _summary(crossings: Sequence[Encounter]) -> tuple[float, float, float, float]:
+    """Contacts, 5 % quantile of the clearance, mm, mean time, s, mean turning, deg."""
     gaps = np.array([one.clearance_m for one in crossings])
     return (
         float(np.sum(gaps < 0.0)),
@@ -123,7 +116,7 @@ def _summary(crossings: Sequence[Crossing]) -> tuple[float, float, float, float]
 
 EXPERIMENT = Experiment(
     id="001-E4",
-    title="With and without virtual obstacle, velocity change, uncertainty, gaze coupling, guard",
+    title="Ablation: virtual obstacle, velocity change, uncertainty, gaze coupling, guard (Yoo and Kim 2010)",
     run=run,
     body="kinematic",
     targets={

@@ -1,8 +1,9 @@
-"""Many courses by geometry: what the experiments on seed 001's courses have in common."""
+"""Trials on the courses of Yoo and Kim 2010 by geometric perception: shared by the experiments on them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +15,13 @@ from planning.univector.fields import FieldConfig
 
 from ...config.presets import on_body
 from ...evaluation.metrics.contacts import CLASSES
-from ..support.course_runner import Walk, course_config, walk
+from ..support.course_runner import CourseWalk, course_config, walk
 from ..support.experiment import Say
-from ..support.trials import each
+from ..support.trials import run_all
 
 PAPER_S = 560.2  # seed 001, section V-C
+
+BASELINES = ("dynamic window", "velocity obstacles")
 
 STEPPERS: dict[str, Callable[[], StepFilter | None]] = {
     "guard": lambda: None,
@@ -26,19 +29,19 @@ STEPPERS: dict[str, Callable[[], StepFilter | None]] = {
     "dynamic window": DynamicWindow,
     "velocity obstacles": VelocityObstacles,
 }
-"""Who has the last word on a step; None: the guard of the navigator."""
+"""Name to the step filter that checks every step; None: the planner's guard."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One walk to make.
+    """One walk.
 
     Args:
-        scene, seed: Which course.
-        perfect: Perception without errors.
+        scene, seed: The course.
+        perfect: Error-free perception.
         stepper: One of `STEPPERS`.
-        field: Switches of the field; None: as beside the guard.
-        body: Who walks.
+        field: Settings of the field; None: the planner's default.
+        body: "kinematic" or "dynamic".
     """
 
     scene: str
@@ -49,29 +52,29 @@ class Trial:
     body: str = "kinematic"
 
 
-def try_out(trial: Trial) -> Walk:
-    """Walk it."""
+def walk_trial(trial: Trial) -> CourseWalk:
+    """Walk one trial."""
     config = on_body(course_config(trial.scene, trial.seed), trial.body)
     if trial.field is not None:
         config = replace(config, univector=trial.field)
     return walk(config, trial.perfect, STEPPERS[trial.stepper]())
 
 
-def try_all(trials: Iterable[Trial], say: Say, body: str) -> list[Walk]:
-    """All walks, by one body, in order, each in a process of its own."""
-    trials = [replace(trial, body=body) for trial in trials]
-    found: list[Walk] = []
-    for one in each(try_out, [(trial,) for trial in trials]):
-        found.append(one)
-        say(f"{len(found)} of {len(trials)} courses")
-    return found
+def walk_groups(
+    groups: Mapping[str, Sequence[Trial]], say: Say, body: str
+) -> tuple[dict[str, list[CourseWalk]], list[str]]:
+    """Walks of every group of trials with one body, and a table with one row per group."""
+    todo = [(replace(trial, body=body),) for trials in groups.values() for trial in trials]
+    walks = iter(run_all(walk_trial, todo, say, "courses"))
+    found = {name: list(itertools.islice(walks, len(trials))) for name, trials in groups.items()}
+    return found, [HEADER, *(row(name, group) for name, group in found.items())]
 
 
-def figures(walks: Sequence[Walk], suffix: str = "") -> dict[str, float]:
-    """Shares and sums over walks; every contact is counted in `contacts` and in one class.
+def figures(walks: Sequence[CourseWalk], suffix: str = "") -> dict[str, float]:
+    """Shares and sums over walks; every contact counts in `contacts` and in one class.
 
     Args:
-        walks: Of one kind.
+        walks: Walks of one group.
         suffix: Appended to every name.
     """
     kinds = [contact.kind for one in walks for contact in one.contacts]
@@ -101,8 +104,8 @@ def figures(walks: Sequence[Walk], suffix: str = "") -> dict[str, float]:
 HEADER = f"{'':34}  n  free %  contacts  avoidable  falls  arrived %  on time %  time s  clear mm  turning deg"
 
 
-def row(name: str, walks: Sequence[Walk]) -> str:
-    """One line of a table under `HEADER`."""
+def row(name: str, walks: Sequence[CourseWalk]) -> str:
+    """One row of a table under `HEADER`."""
     f = figures(walks)
     return (
         f"{name:34}{len(walks):3d}  {100 * f['contact_free_share']:6.1f}  {f['contacts']:8.0f}"

@@ -1,10 +1,10 @@
-"""The portrait of the field: to a goal with an arrival angle, among obstacles, with both pairs of weights.
+"""Streamlines of the univector field to a goal with an arrival angle, among obstacles, with two pairs of weights.
 
-A point that follows the field from evenly spaced starts all round arrives with the wanted heading. Beside the
-published weights, which let it run deep into the obstacles, stand ours. Every seed moves goal and obstacles; the
-first is the paper's picture, th_tg = pi/6. The portraits go to runs/001-E1/.
+Streamlines start evenly spaced around the goal and must arrive with the desired heading. The published weights, which
+lead deep into the obstacles, are compared with ours. Every seed has another goal and other obstacles; seed 0 is the
+paper's figure, th_tg = pi/6. The plots go to runs/001-E1/.
 
-Source: seed 001, Fig. 3; specification, section 4 (weights).
+Source: Yoo and Kim 2010 (seed 001), Fig. 3; specification, section 4 (weights).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -19,27 +20,30 @@ from jaxtyping import Float
 from planning.univector import fields
 from planning.univector.fields import PUBLISHED, FieldConfig
 
-from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, png, sheet, styled
+from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, save, sheet, styled
 from ..support.experiment import Experiment, Outcome, Say, Target
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 FOLDER = Path("runs") / "001-E1"
-SIDE_M = 4.0  # of the picture
+SIDE_M = 4.0  # of the plot
 STARTS = 24  # evenly spaced along its edge
 STEP_M = 0.005
 AT_GOAL_M = 0.03
-LONGEST_M = 60.0  # then it is lost; on the axis ahead of the goal the field turns aside only slowly
+LONGEST_M = 60.0  # length limit; on the axis ahead of the goal the field turns away only slowly
 OBSTACLES = 4
-CLEAR_M = 1.3  # middle of an obstacle to the goal: the last metre belongs to the arrival angle
+CLEAR_M = 1.3  # obstacle centre to goal: the last metre serves the arrival angle
 ARROWS = 33
 
 
 @dataclass(frozen=True)
-class Portrait:
-    """One world.
+class FieldWorld:
+    """Goal and obstacles of one seed.
 
     Args:
         goal, heading: p_d, m, and th_tg, rad.
-        centres, extended_m: Of the obstacles, m.
+        centres, extended_m: Centres and extended radii S_oe of the obstacles, m.
     """
 
     goal: Float[np.ndarray, "2"]
@@ -48,8 +52,8 @@ class Portrait:
     extended_m: Float[np.ndarray, "n"]
 
 
-def draw(seed: int) -> Portrait:
-    """Goal near the middle, obstacles round it; seed 0 has the paper's arrival angle."""
+def draw(seed: int) -> FieldWorld:
+    """A goal near the centre with obstacles around it; seed 0 has the paper's arrival angle."""
     rng = np.random.default_rng([seed, 62])
     goal = rng.uniform(-0.3, 0.3, 2) if seed else np.zeros(2)
     heading = float(rng.uniform(-math.pi, math.pi)) if seed else math.pi / 6
@@ -62,11 +66,11 @@ def draw(seed: int) -> Portrait:
     extended = fields.extended_radius(
         np.full(OBSTACLES, 0.10), np.zeros(OBSTACLES), np.zeros(OBSTACLES), FieldConfig()
     )
-    return Portrait(goal, heading, np.array(centres), extended)
+    return FieldWorld(goal, heading, np.array(centres), extended)
 
 
-def starts(world: Portrait) -> Float[np.ndarray, "n 2"]:
-    """Evenly spaced along the edge of the picture, outside every obstacle."""
+def starts() -> Float[np.ndarray, "n 2"]:
+    """Start points, evenly spaced along the edge of the plot, outside every obstacle."""
     along = (np.arange(STARTS) + 0.5) / STARTS * 4.0
     half, side = SIDE_M / 2, along.astype(int) % 4
     t = (along % 1.0 - 0.5) * SIDE_M
@@ -76,47 +80,37 @@ def starts(world: Portrait) -> Float[np.ndarray, "n 2"]:
     return np.column_stack([x, y])
 
 
-def follow(
-    world: Portrait, config: FieldConfig, among: bool, literal: bool = False
+def streamlines(
+    world: FieldWorld, config: FieldConfig, among: bool
 ) -> list[Float[np.ndarray, "n 2"]]:
-    """The tracks of points that follow the field, all at once, each until the goal.
+    """Streamlines of the field from every start point to the goal.
 
     Args:
         world: Goal and obstacles.
         config: Weights.
         among: With the obstacles; else the move-to-goal field alone.
-        literal: Nothing inside S_oe, as printed.
     """
-    here = starts(world)
-    tracks = [[place.copy()] for place in here]
-    under_way = np.ones(len(here), dtype=bool)
+    here = starts()
+    lines = [[place.copy()] for place in here]
+    moving = np.ones(len(here), dtype=bool)
     for _ in range(round(LONGEST_M / STEP_M)):
-        if not under_way.any():
+        if not moving.any():
             break
+        goal = (here[moving], world.goal, world.heading)
         if among:
-            u = fields.total(
-                *(here[under_way], world.goal, world.heading),
-                *(world.centres, world.extended_m, config),
-            )
-            if literal:
-                u = fields.move_to_goal(here[under_way], world.goal, world.heading, config)
-                aside = fields.avoid(
-                    *(here[under_way], world.goal, world.centres, world.extended_m, config),
-                    literal=True,
-                )
-                u = config.w_goal * u + config.w_avoid * aside
+            u = fields.total(*goal, world.centres, world.extended_m, config)
         else:
-            u = fields.move_to_goal(here[under_way], world.goal, world.heading, config)
-        here[under_way] += STEP_M * u / np.maximum(np.hypot(*u.T), 1e-12)[:, None]
-        for k in np.flatnonzero(under_way):
-            tracks[k].append(here[k].copy())
-        under_way &= np.hypot(*(here - world.goal).T) > AT_GOAL_M
-    return [np.array(track) for track in tracks]
+            u = fields.move_to_goal(*goal, config)
+        here[moving] += STEP_M * u / np.maximum(np.hypot(*u.T), 1e-12)[:, None]
+        for k in np.flatnonzero(moving):
+            lines[k].append(here[k].copy())
+        moving &= np.hypot(*(here - world.goal).T) > AT_GOAL_M
+    return [np.array(line) for line in lines]
 
 
 @dataclass(frozen=True)
-class Fate:
-    """How the tracks of one portrait ended: arrived share, errors of heading, least gap over S_oe."""
+class StreamlineStatistics:
+    """Share of streamlines that arrive, mean and largest heading error, and least distance divided by S_oe."""
 
     arrived: float
     error_deg: float
@@ -124,18 +118,18 @@ class Fate:
     nearest: float
 
 
-def fate(world: Portrait, tracks: list[np.ndarray]) -> Fate:
-    """Judge the tracks; the nearest distance as a share of S_oe."""
+def statistics(world: FieldWorld, lines: list[np.ndarray]) -> StreamlineStatistics:
+    """Statistics of the streamlines of one seed."""
     arrived, errors, nearest = [], [], math.inf
-    for track in tracks:
-        arrived.append(np.hypot(*(track[-1] - world.goal)) <= AT_GOAL_M)
+    for line in lines:
+        arrived.append(np.hypot(*(line[-1] - world.goal)) <= AT_GOAL_M)
         if arrived[-1]:
-            step = track[-1] - track[-2]
+            step = line[-1] - line[-2]
             off = math.atan2(step[1], step[0]) - world.heading
             errors.append(abs(math.degrees((off + math.pi) % (2 * math.pi) - math.pi)))
-        away = np.hypot(*(track[:, None] - world.centres).transpose(2, 0, 1))
+        away = np.hypot(*(line[:, None] - world.centres).transpose(2, 0, 1))
         nearest = min(nearest, float((away / world.extended_m).min()))
-    return Fate(
+    return StreamlineStatistics(
         float(np.mean(arrived)),
         float(np.mean(errors)) if errors else math.nan,
         max(errors, default=math.nan),
@@ -143,10 +137,10 @@ def fate(world: Portrait, tracks: list[np.ndarray]) -> Fate:
     )
 
 
-def picture(
-    world: Portrait, tracks: dict[str, list[np.ndarray]], configs: dict[str, FieldConfig]
-) -> bytes:
-    """Arrows of the field and the tracks, one panel for each pair of weights."""
+def plot(
+    world: FieldWorld, lines: dict[str, list[np.ndarray]], configs: dict[str, FieldConfig]
+) -> Figure:
+    """Plot of the field and its streamlines, one panel for each pair of weights."""
     from matplotlib.patches import Circle
 
     axis = np.linspace(-SIDE_M / 2, SIDE_M / 2, ARROWS)
@@ -162,8 +156,8 @@ def picture(
             for centre, radius in zip(world.centres, world.extended_m, strict=True):
                 panel.add_patch(Circle(tuple(centre), radius, color=FAINT, zorder=2))
                 panel.add_patch(Circle(tuple(centre), 0.10, color=WRONG, zorder=3))
-            for track in tracks[name]:
-                panel.plot(*track.T, color=ESTIMATE, linewidth=1.0, zorder=4)
+            for line in lines[name]:
+                panel.plot(*line.T, color=ESTIMATE, linewidth=1.0, zorder=4)
             tip = 0.35 * np.array([math.cos(world.heading), math.sin(world.heading)])
             panel.annotate(
                 "",
@@ -178,11 +172,11 @@ def picture(
                 xlim=(-SIDE_M / 2, SIDE_M / 2), ylim=(-SIDE_M / 2, SIDE_M / 2),
             )  # fmt: skip
         axes[0].set_ylabel("y, m")
-        return png(figure)
+        return figure
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """A few seconds a seed."""
+    """A few seconds per seed."""
     configs = {
         "ours: w_muf 0.25, w_auf 0.75": FieldConfig(),
         "as printed: w_muf 0.75, w_auf 0.25": PUBLISHED,
@@ -191,15 +185,14 @@ def run(seeds: int, say: Say) -> Outcome:
     table = ["seed  arrived %  error deg (worst)  nearest/S_oe   printed: arrived %  nearest/S_oe"]
     for seed in range(seeds):
         world = draw(seed)
-        tracks = {name: follow(world, config, True) for name, config in configs.items()}
-        a, b = (fate(world, found) for found in tracks.values())
+        lines = {name: streamlines(world, config, True) for name, config in configs.items()}
+        a, b = (statistics(world, found) for found in lines.values())
         ours.append(a)
         printed.append(b)
-        alone.append(fate(world, follow(world, FieldConfig(), False)))
+        alone.append(statistics(world, streamlines(world, FieldConfig(), False)))
         if seed == 0:
-            FOLDER.mkdir(parents=True, exist_ok=True)
-            (FOLDER / "portrait.png").write_bytes(picture(world, tracks, configs))
-            table.insert(0, f"picture: {FOLDER / 'portrait.png'}")
+            save(plot(world, lines, configs), FOLDER / "portrait.png")
+            table.insert(0, f"plot: {FOLDER / 'portrait.png'}")
         table.append(
             f"{seed:4d}  {100 * a.arrived:9.0f}  {a.error_deg:9.2f} ({a.worst_deg:.2f})"
             f"  {a.nearest:12.2f}  {100 * b.arrived:18.0f}  {b.nearest:12.2f}"
@@ -220,7 +213,7 @@ def run(seeds: int, say: Say) -> Outcome:
 
 EXPERIMENT = Experiment(
     id="001-E1",
-    title="Portrait of the univector field with arrival angle, ours and as printed",
+    title="Streamlines of the univector field with arrival angle, ours and as printed (Yoo and Kim 2010)",
     run=run,
     targets={
         "arrived_share": Target("==", 1.0),

@@ -1,11 +1,11 @@
-"""The gaze map as a surface over pan and tilt, and the gaze chosen, against every direction tried one by one.
+"""The gaze map over pan and tilt and the selected gaze, compared with brute force over every direction.
 
-Obstacles with vague places, a way point, ground gone stale on one side or both. Brute force turns a camera to
-every direction, asks of every place by itself whether it is in the picture, adds up eq. (5) and (6), and floods the
-highest plateau. The picture of the first seed goes to runs/001-E2/: the scene from above with covariance
-ovals, and the surface with theta*.
+Every seed has obstacles with uncertain positions, a path point, and outdated cells on one or both sides. Brute force
+tests for every direction and every point whether the camera sees it, sums eq. (5) and (6), and finds the highest
+plateau by flood fill. The plot of the first seed goes to runs/001-E2/: a top view with covariance ellipses, and the
+gaze map with theta*.
 
-Source: seed 001, section V-B, Fig. 7.
+Source: Yoo and Kim 2010 (seed 001), section V-B, Fig. 7.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -23,8 +24,11 @@ from planning.commands import GazeCommand
 from planning.gaze import evaluations
 from planning.gaze.selection import GazeMapConfig, gaze_map, highest_plateau
 
-from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, png, sheet, styled
+from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, save, sheet, styled
 from ..support.experiment import Experiment, Outcome, Say, Target
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FOLDER = Path("runs") / "001-E2"
 EYE_M = 0.38
@@ -34,26 +38,26 @@ STALE = 250
 
 @dataclass(frozen=True)
 class Situation:
-    """What the map is made from: places from the camera in body axes, m, and evaluations."""
+    """Input of the gaze map: points relative to the camera in body axes, m, and evaluations psi."""
 
     obstacles: tuple[Gaussian, ...]
     velocities: Float[np.ndarray, "m 2"]
     stale: Float[np.ndarray, "n 3"]
-    way: Float[np.ndarray, "3"]
+    path_point: Float[np.ndarray, "3"]
     psi_map: float
-    psi_way: float
+    psi_path: float
     psi_self: float
     psi_obstacles: Float[np.ndarray, "m"]
     present: GazeCommand
 
     @property
     def feet(self) -> Float[np.ndarray, "m 3"]:
-        """Where the obstacles stand."""
+        """Points of the obstacles on the floor."""
         return np.array([[*o.mean, -EYE_M] for o in self.obstacles])
 
 
 def draw(seed: int, config: GazeMapConfig) -> Situation:
-    """A robot among obstacles ahead, some of them moving, that has not looked aside for a while."""
+    """Obstacles ahead of the robot, some of them moving, and outdated cells to the sides."""
     rng = np.random.default_rng([seed, 63])
     limits = config.evaluation
     bearings = rng.uniform(-1.3, 1.3, OBSTACLES)
@@ -90,16 +94,20 @@ def draw(seed: int, config: GazeMapConfig) -> Situation:
     )
 
 
-def ours(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "rows columns"]:
-    """The product's map."""
+def map_by_planner(
+    situation: Situation, config: GazeMapConfig
+) -> Float[np.ndarray, "rows columns"]:
+    """Gaze map by the product."""
     return gaze_map(
-        *(situation.psi_map, situation.stale, situation.psi_way, situation.way),
+        *(situation.psi_map, situation.stale, situation.psi_path, situation.path_point),
         *(situation.psi_self, situation.psi_obstacles, situation.feet, config),
     )
 
 
-def by_force(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "rows columns"]:
-    """Eq. (5) and (6), direction by direction and place by place."""
+def map_by_brute_force(
+    situation: Situation, config: GazeMapConfig
+) -> Float[np.ndarray, "rows columns"]:
+    """Gaze map by eq. (5) and (6), for each direction and point on its own."""
     across, down = (math.tan(math.radians(a) / 2) for a in (config.across_deg, config.down_deg))
 
     def sees(place: np.ndarray, axes: np.ndarray) -> bool:
@@ -113,8 +121,8 @@ def by_force(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "
         for j, tilt in enumerate(config.tilts):
             axes = head_rotation(float(pan), float(tilt))
             counts[i, j] = sum(sees(place, axes) for place in situation.stale)
-            if sees(situation.way, axes):
-                total[i, j] += config.way_weight * situation.psi_way
+            if sees(situation.path_point, axes):
+                total[i, j] += config.way_weight * situation.psi_path
             for place, psi in zip(situation.feet, situation.psi_obstacles, strict=True):
                 if sees(place, axes):
                     total[i, j] += share * config.obstacle_weight * psi
@@ -122,10 +130,10 @@ def by_force(situation: Situation, config: GazeMapConfig) -> Float[np.ndarray, "
     return total + config.map_weight * situation.psi_map * counts / max(counts.max(), 1.0)
 
 
-def flooded(
+def plateau_by_flood_fill(
     total: Float[np.ndarray, "rows columns"], present: GazeCommand, config: GazeMapConfig
 ) -> GazeCommand:
-    """The middle of the highest plateau by flooding; of several the one nearest to the present gaze."""
+    """Centre of the highest plateau by flood fill; of several, the nearest to the present gaze."""
     left = {(int(i), int(j)) for i, j in np.argwhere(total >= total.max() - 1e-9)}
     middles = []
     for seed in sorted(left):
@@ -148,10 +156,10 @@ def flooded(
     return GazeCommand(float(pan), float(tilt))
 
 
-def picture(
+def plot(
     situation: Situation, total: np.ndarray, chosen: GazeCommand, config: GazeMapConfig
-) -> bytes:
-    """From above, with covariance ovals of 95 %; and the surface."""
+) -> Figure:
+    """Top view with 95 % covariance ellipses, and the gaze map."""
     from matplotlib.patches import Ellipse, Wedge
 
     with styled():
@@ -183,10 +191,12 @@ def picture(
                 xytext=at,
                 arrowprops={"arrowstyle": "-|>", "color": WRONG},
             )
-        above.plot(-situation.way[1], situation.way[0], "*", color=TARGET, markersize=11)
+        above.plot(
+            -situation.path_point[1], situation.path_point[0], "*", color=TARGET, markersize=11
+        )
         above.plot(0, 0, "^", color="black", markersize=8)
         above.set(
-            title="from above, chosen view in green",
+            title="top view, selected field of view in green",
             aspect="equal", xlabel="to the right, m", ylabel="ahead, m",
             xlim=(-1.9, 1.9), ylim=(-0.3, 2.1),
         )  # fmt: skip
@@ -202,19 +212,19 @@ def picture(
         surface.set(
             title="gaze map; ring: theta*", xlabel="pan, deg (left positive)", ylabel="tilt, deg"
         )
-        return png(figure)
+        return figure
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """About three seconds a seed, nearly all of it brute force."""
+    """About three seconds per seed, mostly brute force."""
     config = replace(GazeMapConfig(), across_deg=60.0, down_deg=45.0)  # seed 001's camera
     off, equal, apart = [], [], []
-    table = ["seed  pan deg  tilt deg  directions that differ  as by brute force"]
+    table = ["seed  pan deg  tilt deg  directions that differ  equal to brute force"]
     for seed in range(seeds):
         situation = draw(seed, config)
-        total, forced = ours(situation, config), by_force(situation, config)
+        total, forced = map_by_planner(situation, config), map_by_brute_force(situation, config)
         chosen = highest_plateau(total, situation.present, config)
-        wanted = flooded(forced, situation.present, config)
+        wanted = plateau_by_flood_fill(forced, situation.present, config)
         off.append(float(np.mean(~np.isclose(total, forced, atol=1e-9))))
         apart.append(
             math.degrees(
@@ -223,9 +233,8 @@ def run(seeds: int, say: Say) -> Outcome:
         )
         equal.append(apart[-1] < 1e-6)
         if seed == 0:
-            FOLDER.mkdir(parents=True, exist_ok=True)
-            (FOLDER / "gaze_map.png").write_bytes(picture(situation, total, chosen, config))
-            table.insert(0, f"picture: {FOLDER / 'gaze_map.png'}")
+            save(plot(situation, total, chosen, config), FOLDER / "gaze_map.png")
+            table.insert(0, f"plot: {FOLDER / 'gaze_map.png'}")
         table.append(
             f"{seed:4d}  {math.degrees(chosen.pan_rad):7.1f}  {math.degrees(chosen.tilt_rad):8.1f}"
             f"  {off[-1]:22.5f}  {equal[-1]}"
@@ -241,7 +250,7 @@ def run(seeds: int, say: Say) -> Outcome:
 
 EXPERIMENT = Experiment(
     id="001-E2",
-    title="Gaze map and chosen gaze, equal to brute force over every direction",
+    title="Gaze map and selected gaze equal brute force over every direction (Yoo and Kim 2010)",
     run=run,
     targets={
         "chosen_equal_share": Target("==", 1.0),

@@ -1,8 +1,10 @@
-"""001-E3: sixteen obstacles, four of them moving, thirty metres through via points; every contact counted.
+"""Courses of 30 m through via points among sixteen obstacles, four of them moving; every contact counts.
 
-The courses are walked by geometry (`course_walk`): slow and fast movers with the sensors' view, and with true
-perception. The images option walks the first seeds of the slow course from pictures and sets the figures
-beside those of the geometric sensor. Peers walk the fast courses in place of the guard.
+Walks use geometric perception (`support/course_runner.py`): slow and fast moving obstacles with simulated detections,
+and fast ones with error-free perception. The environment variable SUREFOOT_IMAGE_SEEDS adds walks of the slow course
+with images for comparison. The baselines replace the guard on the fast courses.
+
+Source: Yoo and Kim 2010 (seed 001), section V-C.
 """
 
 from __future__ import annotations
@@ -12,50 +14,44 @@ import os
 from ...evaluation.metrics.contacts import Contact
 from ..support.experiment import Experiment, Outcome, Say, Target
 from .course_images import image_figures
-from .course_trials import HEADER, PAPER_S, Trial, figures, row, try_all
+from .course_trials import BASELINES, PAPER_S, Trial, figures, walk_groups
 
-PEERS = ("dynamic window", "velocity obstacles")
 IMAGES = "SUREFOOT_IMAGE_SEEDS"
-"""Variable of the environment: how many seeds to walk from pictures too (20 take 80 core minutes)."""
+"""Environment variable: number of seeds to walk with images too (20 take 80 core minutes)."""
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1 of slow and fast courses; peers on a quarter of them."""
+    """Seeds 0 to n - 1 of slow and fast courses; baselines on a quarter of them."""
     quarter = max(seeds // 4, 1)
-    kinds = {
+    groups = {
         "slow, sensors": [Trial("course", seed) for seed in range(seeds)],
         "fast, sensors": [Trial("fast_course", seed) for seed in range(seeds)],
-        "fast, true perception": [
+        "fast, error-free perception": [
             Trial("fast_course", seed, perfect=True) for seed in range(seeds)
         ],
     }
-    for peer in PEERS:
-        kinds[f"fast, sensors: {peer}"] = [
-            Trial("fast_course", seed, stepper=peer) for seed in range(quarter)
+    for name in BASELINES:
+        groups[f"fast, {name}"] = [
+            Trial("fast_course", seed, stepper=name) for seed in range(quarter)
         ]
-    walks = try_all([trial for trials in kinds.values() for trial in trials], say, body)
-    table, found, begin = [HEADER], {}, 0
-    for name, trials in kinds.items():
-        found[name] = walks[begin : begin + len(trials)]
-        begin += len(trials)
-        table.append(row(name, found[name]))
+    found, table = walk_groups(groups, say, body)
     result = figures(found["slow, sensors"])
     result |= figures(found["fast, sensors"], "_fast")
-    truth = figures(found["fast, true perception"], "_truth")
+    truth = figures(found["fast, error-free perception"], "_truth")
     result |= {
         name: truth[name]
         for name in ("contact_free_share_truth", "falls_truth", "time_s_mean_truth")
     }
     ours = figures(found["fast, sensors"][:quarter])
-    peers = {peer: figures(found[f"fast, sensors: {peer}"]) for peer in PEERS}
-    fewest = min(p["contacts"] for p in peers.values())
+    baselines = {name: figures(found[f"fast, {name}"]) for name in BASELINES}
+    fewest = min(baseline["contacts"] for baseline in baselines.values())
     result["contacts_over_best_peer"] = ours["contacts"] - fewest
-    for peer, theirs in peers.items():
-        ratio = ours["time_s_mean"] / theirs["time_s_mean"]
-        result[f"time_over_{peer.replace(' ', '_')}"] = ratio
-    for name, trials in kinds.items():
+    for name, baseline in baselines.items():
+        ratio = ours["time_s_mean"] / baseline["time_s_mean"]
+        result[f"time_over_{name.replace(' ', '_')}"] = ratio
+    for name, trials in groups.items():
         for trial, one in zip(trials, found[name], strict=True):
-            table += [f"  {name}, seed {trial.seed}: {_told(contact)}" for contact in one.contacts]
+            table += [f"  {name}, seed {trial.seed}: {_line(contact)}" for contact in one.contacts]
     images = int(os.environ.get(IMAGES, "0"))
     if images:
         seen, lines = image_figures(images, found["slow, sensors"][:images], say, body)
@@ -64,17 +60,17 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     return Outcome(result, table)
 
 
-def _told(contact: Contact) -> str:
+def _line(contact: Contact) -> str:
     return (
         f"{contact.stamp_s:6.1f} s {contact.object_name}: {contact.kind}, unseen for {contact.unseen_s:.1f} s, "
-        f"followed for {contact.followed_s:.0f} s, turned {contact.turned_s:.1f} s ago"
+        f"tracked for {contact.followed_s:.0f} s, reversed {contact.turned_s:.1f} s ago"
         + (", robot standing" if contact.standing else "")
     )
 
 
 EXPERIMENT = Experiment(
     id="001-E3",
-    title="Sixteen obstacles, four of them moving, a course of 30 m through via points",
+    title="Sixteen obstacles, four of them moving, on 30 m through via points (Yoo and Kim 2010)",
     run=run,
     body="kinematic",
     targets={

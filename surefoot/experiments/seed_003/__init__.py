@@ -1,1 +1,1 @@
-"""Tables and figures of seed 003."""
+"""Experiments of seed 003: floor detection, egocentric grid, path search and exploration."""

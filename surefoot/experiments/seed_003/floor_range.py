@@ -1,7 +1,7 @@
-"""Floor reliable to 3 m: from the pixels of the seed's stereo pair to plane, covariance and classes.
+"""Floor detection up to 3 m from the stereo pair of seed 003: plane, covariance and classes of the points.
 
-Fifty head poses over textured floors, boxes on about 35 % of the image; both ways to think of a plane. The
-disparity is the project's own, from rendered pictures with the noise of a sensor.
+Fifty head poses over textured floors with boxes on about 35 % of the image; Hough transform and RANSAC. Disparities
+come from rendered images with sensor noise.
 
 Source: seed 003, section 6, E1.
 """
@@ -17,7 +17,7 @@ from perception.floor import choose
 from perception.floor.choose import FloorConfig
 
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.floor_views import FLOOR_REACH_M, HEADER, Score, judged, row, see, summary
+from ..support.floor_views import FLOOR_REACH_M, HEADER, Score, render, row, score, summary
 
 POSES_A_SEED = 5
 METHODS = ("ransac", "hough")
@@ -25,18 +25,18 @@ NEAREST_M = 0.2  # seed 003
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Five poses a seed."""
+    """Five poses per seed."""
     scores: dict[str, list[Score | None]] = {method: [] for method in METHODS}
     for number in range(POSES_A_SEED * seeds):
-        view = see(number)
-        cloud = points.from_depth(stereo.depth(view.pair), NEAREST_M, FLOOR_REACH_M)
+        images = render(number)
+        cloud = points.from_depth(stereo.depth(images.pair), NEAREST_M, FLOOR_REACH_M)
         for method in METHODS:
             config = FloorConfig(method=method)
             rng = np.random.default_rng([number, 32])
             began = time.perf_counter()
-            found = choose.find(cloud, view.look.prior, rng, config, "stereo")
+            found = choose.find(cloud, images.view.prior, rng, config, "stereo")
             spent = 1e3 * (time.perf_counter() - began)
-            scores[method].append(judged(cloud, found, view.look, view.pair_height, spent))
+            scores[method].append(score(cloud, found, images.view, images.pair_height, spent))
         say(f"{number + 1} of {POSES_A_SEED * seeds} poses")
     figures: dict[str, float] = {}
     table = ["method   " + HEADER]
@@ -60,7 +60,7 @@ BOUNDS = {
 
 EXPERIMENT = Experiment(
     id="003-E1",
-    title="Floor reliable to 3 m: 50 head poses, from stereo pixels to plane and classes",
+    title="Floor detection up to 3 m: 50 head poses, from stereo images to plane and classes",
     run=run,
     targets={f"{method}_{name}": bound for method in METHODS for name, bound in BOUNDS.items()},
 )

@@ -1,8 +1,10 @@
-"""The terrain map walks: a thousand random steps and turns against a map that stays where it is.
+"""Shifting the egocentric grid: a thousand random steps and turns, compared with one fixed array.
 
-The robot integrates its steps as the seed does: M = Rot(beta) (dx, dy), then beta <- beta + dbeta; the grid
-knows no more than M. The map that stays is one array over all the ground, and applies the evidence rule
-to whole arrays; it forgets what has left the window. Beside it the literal eq. (2), which drops the old R.
+The robot integrates its steps as seed 003 does: M = Rot(beta) (dx, dy), then beta <- beta + dbeta; the grid receives
+M only. The reference is one array over the whole area; it applies the evidence rule to whole arrays and clears cells
+that leave the window. Eq. (2) as printed, which drops the old R, is measured for comparison.
+
+Source: seed 003, eq. (1) and (2).
 """
 
 from __future__ import annotations
@@ -19,33 +21,33 @@ from mapping.grid.evidence import FIRST_FLOOR, FIRST_OBSTACLE
 from ..support.experiment import Experiment, Outcome, Say, Target
 
 STEPS = 1000
-POINTS = 400  # seen at each step
+POINTS = 400  # observed at each step
 REACH_M = 1.6
 STEP_M = (-0.03, 0.08), (-0.03, 0.03)  # ahead, to the left
 TURN_RAD = 0.25
-SIDES = (71, 175, 351, 701)  # cells, for the time of a shift
-TIMED = 400  # shifts of one cell
+SIDES = (71, 175, 351, 701)  # cells; grid sizes of the timing
+TIMED = 400  # timed shifts of one cell
 
 
-class Ground:
-    """The same evidence on one array over all the ground; no window, no offset, no compiled loop."""
+class FixedMap:
+    """Reference map: the same evidence rule on one fixed array, without window, offset or compiled loop."""
 
     def __init__(self, config: GridConfig, start: np.ndarray) -> None:
         self.config = config
-        self.middle = 2 + round(STEPS * 0.09 / config.cell_m)  # farther than the walk can lead
+        self.middle = 2 + round(STEPS * 0.09 / config.cell_m)  # more than the longest possible walk
         self.anchor = start - (self.middle + 0.5) * config.cell_m
         side = 2 * self.middle + 1
         self.odds = np.full((side, side), np.inf)
         self.stamps = np.zeros((side, side))
 
     def window(self, position: np.ndarray) -> tuple[slice, slice]:
-        """Rows and columns of the square round the cell that holds the position."""
+        """Rows and columns of the window around the cell that contains the position."""
         column, row = np.floor((position - self.anchor) / self.config.cell_m).astype(int)
         half = self.config.cells // 2
         return slice(row - half, row + half + 1), slice(column - half, column + half + 1)
 
     def move(self, before: np.ndarray, after: np.ndarray) -> None:
-        """Forget what was in the window and is no more."""
+        """Clear the cells that leave the window."""
         old, new = self.window(before), self.window(after)
         kept = self.odds[new].copy(), self.stamps[new].copy()
         seen = np.zeros(self.odds.shape, np.bool_)
@@ -58,7 +60,7 @@ class Ground:
     def update(
         self, points: np.ndarray, flags: np.ndarray, stamp_s: float, position: np.ndarray
     ) -> None:
-        """The rule of seed 003 for first and further sightings."""
+        """Seed 003's rule for first and later observations of a cell."""
         cells = np.floor((points - self.anchor) / self.config.cell_m).astype(int)[:, ::-1]
         seen = np.zeros((2, *self.odds.shape), np.int32)
         np.add.at(seen, (flags.astype(int), *cells.T), 1)
@@ -78,7 +80,7 @@ class Ground:
 
 
 def walk(seed: int) -> dict[str, float]:
-    """One walk: greatest error of the position, cells that differ, and what the literal rule makes of it."""
+    """One walk: greatest position error, cells that differ, and the error of eq. (2) as printed."""
     rng = np.random.default_rng(seed)
     steps = np.column_stack([rng.uniform(*limits, STEPS) for limits in STEP_M])
     turns = rng.uniform(-TURN_RAD, TURN_RAD, STEPS)
@@ -88,7 +90,7 @@ def walk(seed: int) -> dict[str, float]:
     start = rng.uniform(-3.0, 3.0, 2)
     grid = EgocentricGrid(GridConfig(), start)
     literal = EgocentricGrid(GridConfig(literal=True), start)
-    ground, true = Ground(grid.config, start), start
+    fixed, true = FixedMap(grid.config, start), start
     error = literal_error = outside = 0.0
     wrong = 0
     for k, move in enumerate(moves):
@@ -96,16 +98,18 @@ def walk(seed: int) -> dict[str, float]:
         true = start + [math.fsum(moves[: k + 1, axis]) for axis in range(2)]
         grid.shift(move)
         literal.shift(move)
-        ground.move(before, true)
+        fixed.move(before, true)
         points = true + rng.uniform(-REACH_M, REACH_M, (POINTS, 2))
-        points = points[np.newaxis].repeat(3, axis=0).reshape(-1, 2)  # enough for an obstacle
+        points = (
+            points[np.newaxis].repeat(3, axis=0).reshape(-1, 2)
+        )  # three points make an obstacle
         flags = np.sin(4 * points[:, 0]) * np.cos(5 * points[:, 1]) > 0.4
         grid.update(points, flags, k + 1.0, true)
-        ground.update(points, flags, k + 1.0, true)
+        fixed.update(points, flags, k + 1.0, true)
         error = max(error, float(np.abs(grid.position - true).max()))
         literal_error = max(literal_error, float(np.hypot(*(literal.position - true))))
         outside = max(outside, float(np.abs(grid.offset).max()) - grid.cell_m / 2)
-        wrong += _differ(grid, ground, true)
+        wrong += _different_cells(grid, fixed, true)
     return {
         "offset_error_m": error,
         "outside_cell_m": max(0.0, outside),
@@ -114,21 +118,21 @@ def walk(seed: int) -> dict[str, float]:
     }
 
 
-def _differ(grid: EgocentricGrid, ground: Ground, position: np.ndarray) -> int:
-    """Cells of the window whose probability (to rounding), stamp, or being known is not the same."""
-    part = ground.window(position)
-    known = np.isfinite(ground.odds[part])
-    probability = 1.0 / (1.0 + np.exp(-ground.odds[part]))
-    same = (grid.known == known) & (grid.updated_s == ground.stamps[part])
+def _different_cells(grid: EgocentricGrid, fixed: FixedMap, position: np.ndarray) -> int:
+    """Number of cells of the window whose probability (up to rounding), stamp or known flag differs."""
+    part = fixed.window(position)
+    known = np.isfinite(fixed.odds[part])
+    probability = 1.0 / (1.0 + np.exp(-fixed.odds[part]))
+    same = (grid.known == known) & (grid.updated_s == fixed.stamps[part])
     same &= np.abs(grid.probability - probability) < 1e-5  # single precision
     return int((~same).sum())
 
 
 def shift_time_us(side: int) -> tuple[float, float]:
-    """Median time of a shift by one cell, and of copying the same layers instead, us."""
+    """Median times of a shift by one cell, and of copying the same layers instead, us."""
     grid = EgocentricGrid(GridConfig(side_m=side * 0.05), np.zeros(2))
     layers = list(grid.snapshot().values())[4:]
-    taken: dict[str, list[float]] = {"shift": [], "copy": []}
+    times_us: dict[str, list[float]] = {"shift": [], "copy": []}
     for k in range(TIMED):
         step = np.array([0.05, 0.0]) if k % 2 else np.array([0.0, -0.05])
         begin = time.perf_counter_ns()
@@ -137,13 +141,13 @@ def shift_time_us(side: int) -> tuple[float, float]:
         for layer in layers:
             layer[:, :-1] = layer[:, 1:].copy()
         end = time.perf_counter_ns()
-        taken["shift"].append((middle - begin) / 1e3)
-        taken["copy"].append((end - middle) / 1e3)
-    return float(np.median(taken["shift"])), float(np.median(taken["copy"]))
+        times_us["shift"].append((middle - begin) / 1e3)
+        times_us["copy"].append((end - middle) / 1e3)
+    return float(np.median(times_us["shift"])), float(np.median(times_us["copy"]))
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Walks with as many seeds, the worst of each figure; then the time of a shift by the grid's size."""
+    """One walk per seed, with the worst of each figure; then the time of a shift for each grid size."""
     walks = []
     for seed in range(seeds):
         say(f"walk {seed + 1} of {seeds}")
@@ -159,14 +163,14 @@ def run(seeds: int, say: Say) -> Outcome:
     figures["shift_growth"] = figures[f"shift_us_{last}"] / figures[f"shift_us_{first}"]
     figures["copy_growth"] = figures[f"copy_us_{last}"] / figures[f"copy_us_{first}"]
     table.append(
-        f"a side {last / first:.1f} times as long has {(last / first) ** 2:.0f} times the cells"
+        f"a side {last / first:.1f} times as long gives {(last / first) ** 2:.0f} times as many cells"
     )
     return Outcome(figures, table)
 
 
 EXPERIMENT = Experiment(
     id="003-E3",
-    title="The grid walks 1000 random steps like a map that stays, and copies nothing",
+    title="The egocentric grid equals a fixed map over 1000 random steps, without copying cells",
     run=run,
     targets={
         "offset_error_m": Target("<", 1e-9),

@@ -1,8 +1,10 @@
-"""The search against Dijkstra's algorithm, on random terrain of the seed's size.
+"""The path search against Dijkstra's algorithm, on random terrain of seed 003's size.
 
-The oracle is scipy's Dijkstra over the whole 8-neighbour graph, with the edges weighed anew; clearance is
-judged by scipy's distance transform. Each terrain is asked twice: for a goal on the map, and for one beyond
-it, where the border cell of least F on the sides that face the goal is due, or else on any side.
+The reference is scipy's Dijkstra over the whole 8-neighbour graph with independently computed edge costs; clearance
+is checked by scipy's distance transform. Each terrain has two goals: one on the map, and one beyond it, for which
+the correct end is the border cell of least F on the sides that face the goal, or else on any side.
+
+Source: seed 003, section 3, experiment E4.
 """
 
 from __future__ import annotations
@@ -20,22 +22,22 @@ from scipy.sparse.csgraph import dijkstra
 from planning.search.astar import Path, Terrain, find_path, lattice_cost, prepare
 from planning.search.potential import BODY_M, SearchConfig
 
+from ..support import random_terrain
 from ..support.experiment import Experiment, Outcome, Say, Target
-from . import random_terrain
-from .random_terrain import CELL_M, Grid
+from ..support.random_terrain import CELL_M, Grid
 
-SIDE = 71  # cells: the seed's 3.5 m at 5 cm
+SIDE = 71  # cells: seed 003's 3.5 m at 5 cm
 ORIGIN = np.zeros(2)
-BEYOND_M = 2.0  # how far off the map the second goal lies, at least
+BEYOND_M = 2.0  # least distance of the second goal from the map
 
 
-class Answer(NamedTuple):
-    """A path, what it should have cost, in m, and the processor time it took, ms."""
+class Solution(NamedTuple):
+    """A path, its cost and the least cost, m, and the processor time of the search, ms."""
 
     path: Path | None
     cost_m: float
     least_m: float
-    taken_ms: float
+    time_ms: float
 
 
 def terrains(count: int) -> list[Grid]:
@@ -43,21 +45,21 @@ def terrains(count: int) -> list[Grid]:
     return [random_terrain.make(SIDE, np.random.default_rng([71, k])) for k in range(count)]
 
 
-def ground_of(grid: Grid, config: SearchConfig) -> Terrain:
-    """The grid made ready for the search."""
+def prepared_terrain(grid: Grid, config: SearchConfig) -> Terrain:
+    """The grid preprocessed for the search."""
     return prepare(grid.probability, grid.unknown, ORIGIN, CELL_M, grid.start, config)
 
 
-def costs_m(ground: Terrain, start: tuple[int, int]) -> np.ndarray:
-    """Least cost from the start to every node, m, by Dijkstra's algorithm; infinite where none leads."""
-    rows, columns = ground.price.shape
+def costs_m(terrain: Terrain, start: tuple[int, int]) -> np.ndarray:
+    """Least cost from the start to every node by Dijkstra's algorithm, m; infinite if unreachable."""
+    rows, columns = terrain.price.shape
     index = np.arange(rows * columns).reshape(rows, columns)
     ends, weights = [], []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         a = np.s_[: rows - down, max(0, -right) : columns - max(0, right)]
         b = np.s_[down:, max(0, right) : columns + min(0, right)]
-        free = ~(ground.blocked[a] | ground.blocked[b])
-        price = (ground.price[a] + ground.price[b]) / 2
+        free = ~(terrain.blocked[a] | terrain.blocked[b])
+        price = (terrain.price[a] + terrain.price[b]) / 2
         ends.append(np.stack([index[a][free], index[b][free]]))
         weights.append(price[free] * math.hypot(down, right) * CELL_M)
     graph = coo_array(
@@ -66,21 +68,21 @@ def costs_m(ground: Terrain, start: tuple[int, int]) -> np.ndarray:
     return dijkstra(graph.tocsr(), directed=False, indices=index[start]).reshape(rows, columns)
 
 
-def ask(grid: Grid, goal: np.ndarray, config: SearchConfig) -> Answer:
-    """The way to a goal; cost and least cost are F where the goal lies beyond the map."""
+def solve(grid: Grid, goal: np.ndarray, config: SearchConfig) -> Solution:
+    """Search a path and compute the least cost; both costs are F if the goal lies beyond the map."""
     begin = time.process_time()
     path = find_path(grid.probability, grid.unknown, ORIGIN, CELL_M, grid.start, goal, config)
-    taken = 1e3 * (time.process_time() - begin)
-    ground = ground_of(grid, config)
+    times_ms = 1e3 * (time.process_time() - begin)
+    terrain = prepared_terrain(grid, config)
     start = _cell(grid.start)
-    if ground.blocked[start]:  # the nearest free node is a matter of taste: take the path's own
+    if terrain.blocked[start]:  # several free nodes may be nearest: take the path's own
         start = _cell(grid.start) if path is None else tuple(path.cells[0].tolist())
-    reached = costs_m(ground, start)
-    reached[ground.blocked] = np.inf
+    reached = costs_m(terrain, start)
+    reached[terrain.blocked] = np.inf
     end = _cell(goal)
     if min(end) >= 0 and max(end) < SIDE:
         least = (
-            reached[end] if path is None or not ground.blocked[end] else reached[*path.cells[-1]]
+            reached[end] if path is None or not terrain.blocked[end] else reached[*path.cells[-1]]
         )
         cost = math.inf if path is None else path.cost_m
     else:
@@ -92,8 +94,8 @@ def ask(grid: Grid, goal: np.ndarray, config: SearchConfig) -> Answer:
         least = float(total.min())
         cost = math.inf
         if path is not None:
-            cost = lattice_cost(path.cells, ground.price) * CELL_M + float(rest[*path.cells[-1]])
-    return Answer(path, cost, float(least), taken)
+            cost = lattice_cost(path.cells, terrain.price) * CELL_M + float(rest[*path.cells[-1]])
+    return Solution(path, cost, float(least), times_ms)
 
 
 def _cell(xy: np.ndarray) -> tuple[int, int]:
@@ -113,9 +115,9 @@ def _facing(goal: np.ndarray | None) -> np.ndarray:
 
 
 def violations(path: Path, grid: Grid, config: SearchConfig) -> int:
-    """Nodes of the path, and points every half cell of the way, in cells within r_b of a solid one.
+    """Number of path nodes, and of points every half cell along it, in cells within r_b of a solid cell.
 
-    A point on the border of two cells is in both, and counts only if both are too near.
+    A point on the border of two cells lies in both, and counts only if both are too near.
     """
     near = clearance_m(grid, config) <= BODY_M
     count = int(near[*path.cells.T].sum())
@@ -129,31 +131,31 @@ def violations(path: Path, grid: Grid, config: SearchConfig) -> int:
 
 
 def clearance_m(grid: Grid, config: SearchConfig) -> np.ndarray:
-    """From every cell's middle to the nearest solid one's, m."""
+    """Distance from every cell's centre to that of the nearest solid cell, m."""
     solid = ~grid.unknown & (grid.probability >= config.p_solid)
     if not solid.any():
         return np.full(solid.shape, np.inf)
     return np.asarray(distance_transform_edt(~solid)) * CELL_M
 
 
-def beyond(grid: Grid) -> np.ndarray:
-    """A goal off the map, straight on from the start over the first goal."""
-    way = grid.goal - grid.start
-    return grid.goal + way / float(np.hypot(*way)) * (BEYOND_M + SIDE * CELL_M / 8)
+def goal_beyond(grid: Grid) -> np.ndarray:
+    """A goal beyond the map, on the line from the start through the first goal."""
+    line = grid.goal - grid.start
+    return grid.goal + line / float(np.hypot(*line)) * (BEYOND_M + SIDE * CELL_M / 8)
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """As many terrains as seeds."""
+    """One terrain per seed."""
     config, literal = SearchConfig(), SearchConfig(literal=True)
     grids = terrains(seeds)
-    ask(grids[0], grids[0].goal, config)  # nobody waits for the compiler
-    ratios, literal_ratios, taken, clearances = [], [], [], []
+    solve(grids[0], grids[0].goal, config)  # compile before timing
+    ratios, literal_ratios, times_ms, clearances = [], [], [], []
     wrong = lost = found = 0
     for k, grid in enumerate(grids):
         say(f"terrain {k + 1} of {seeds}")
-        for goal in (grid.goal, beyond(grid)):
-            answer = ask(grid, goal, config)
-            taken.append(answer.taken_ms)
+        for goal in (grid.goal, goal_beyond(grid)):
+            answer = solve(grid, goal, config)
+            times_ms.append(answer.time_ms)
             lost += (answer.path is None) != math.isinf(answer.least_m)
             if answer.path is None:
                 continue
@@ -162,28 +164,28 @@ def run(seeds: int, say: Say) -> Outcome:
             wrong += violations(answer.path, grid, config)
             clearances.append(answer.path.clearance_m)
             if goal is grid.goal:
-                literal_ratios.append(ask(grid, goal, literal).cost_m / answer.least_m)
+                literal_ratios.append(solve(grid, goal, literal).cost_m / answer.least_m)
     figures = {
         "cost_ratio_to_dijkstra": max(ratios),
         "cost_ratio_least": min(ratios),
         "violations": float(wrong),
         "missed_or_invented_paths": float(lost),
-        "slowest_ms": max(taken),
-        "median_ms": float(np.median(taken)),
+        "slowest_ms": max(times_ms),
+        "median_ms": float(np.median(times_ms)),
         "paths": float(found),
         "least_clearance_m": min(clearances),
         "literal_cost_ratio_mean": float(np.mean(literal_ratios)),
         "literal_cost_ratio_worst": max(literal_ratios),
     }
     table = [
-        f"{found} paths over {seeds} terrains of {SIDE}x{SIDE} cells, goal on the map and beyond"
+        f"{found} paths over {seeds} terrains of {SIDE}x{SIDE} cells, goal on the map and beyond it"
     ]
     return Outcome(figures, table)
 
 
 EXPERIMENT = Experiment(
     id="003-E4",
-    title="The path costs what Dijkstra's does, and stays clear",
+    title="Paths cost as much as Dijkstra's, and keep their clearance",
     run=run,
     targets={
         "cost_ratio_to_dijkstra": Target("<=", 1.0 + 1e-6),

@@ -1,8 +1,9 @@
-"""Shortcuts and round corners: the lattice path straightened, on the terrains of 003-E4.
+"""Shortcuts and rounded corners of the lattice path, on the terrains of 003-E4.
 
-Costs before and after are the same line integral of length and potential, of the lattice path and of what
-became of it. The curve is what the gait can walk: arcs of at least its radius; a corner that it still has
-is one to turn at on the spot.
+Costs before and after smoothing are the same line integral of length and potential. The curve consists of straight
+lines and arcs of at least the gait's turning radius; at a remaining corner the robot turns on the spot.
+
+Source: seed 003, section 3, experiment E5.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from planning.search.potential import TURN_M, SearchConfig
 from planning.search.shortcuts import total_turning
 
 from ..support.experiment import Experiment, Outcome, Say, Target
-from .path_search import ORIGIN, ground_of, terrains, violations
-from .random_terrain import CELL_M
+from ..support.random_terrain import CELL_M
+from .path_search import ORIGIN, prepared_terrain, terrains, violations
 
-CHORD_M = 0.045  # chords of arcs are shorter, pieces of a lattice path are not
+CHORD_M = 0.045  # chords of arcs are shorter than this, segments of a lattice path longer
 
 
 def arc_radii_m(curve: np.ndarray) -> list[float]:
-    """Radius of the circle through each three points in a row that lie on an arc, m."""
+    """Radius of the circle through each three consecutive points on an arc, m."""
     radii = []
     for a, b, c in zip(curve[:-2], curve[1:-1], curve[2:], strict=True):
         u, v = b - a, c - b
@@ -35,9 +36,9 @@ def arc_radii_m(curve: np.ndarray) -> list[float]:
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """As many terrains as seeds."""
+    """One terrain per seed."""
     config = SearchConfig()
-    turning: dict[str, float] = {"path": 0.0, "way": 0.0, "curve": 0.0}
+    turning: dict[str, float] = {"path": 0.0, "shortcut": 0.0, "curve": 0.0}
     ratios, curve_ratios, radii = [], [], []
     wrong = bends = stops = 0
     for k, grid in enumerate(terrains(seeds)):
@@ -47,19 +48,19 @@ def run(seeds: int, say: Say) -> Outcome:
         )
         if path is None or len(path.cells) < 2:
             continue
-        ground = ground_of(grid, config)
+        terrain = prepared_terrain(grid, config)
         line = (path.cells[:, ::-1] + 0.5) * CELL_M
-        for name, points in (("path", line), ("way", path.waypoints), ("curve", path.curve)):
+        for name, points in (("path", line), ("shortcut", path.waypoints), ("curve", path.curve)):
             turning[name] += total_turning(points)
-        before = ground.cost_m(line)
-        ratios.append(ground.cost_m(path.waypoints) / before)
-        curve_ratios.append(ground.cost_m(path.curve) / before)
+        before = terrain.cost_m(line)
+        ratios.append(terrain.cost_m(path.waypoints) / before)
+        curve_ratios.append(terrain.cost_m(path.curve) / before)
         radii += arc_radii_m(path.curve)
         wrong += violations(path, grid, config)
         bends += len(path.waypoints) - 2
         stops += path.corners
     figures = {
-        "turning_reduction_pct": 100 * (1 - turning["way"] / turning["path"]),
+        "turning_reduction_pct": 100 * (1 - turning["shortcut"] / turning["path"]),
         "cost_ratio": max(ratios),
         "cost_ratio_mean": float(np.mean(ratios)),
         "violations": float(wrong),
@@ -70,16 +71,16 @@ def run(seeds: int, say: Say) -> Outcome:
         "paths": float(len(ratios)),
     }
     table = [
-        f"turning of {len(ratios)} paths: lattice {math.degrees(turning['path']) / len(ratios):.0f} deg, "
-        f"way points {math.degrees(turning['way']) / len(ratios):.0f} deg, "
-        f"curve {math.degrees(turning['curve']) / len(ratios):.0f} deg each",
+        f"mean turning of {len(ratios)} paths: lattice {math.degrees(turning['path']) / len(ratios):.0f} deg, "
+        f"shortcuts {math.degrees(turning['shortcut']) / len(ratios):.0f} deg, "
+        f"curve {math.degrees(turning['curve']) / len(ratios):.0f} deg",
     ]
     return Outcome(figures, table)
 
 
 EXPERIMENT = Experiment(
     id="003-E5",
-    title="Shortcuts take the turning away and never cost more",
+    title="Shortcuts halve the turning and never increase the cost",
     run=run,
     targets={
         "turning_reduction_pct": Target(">=", 50.0),

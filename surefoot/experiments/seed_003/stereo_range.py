@@ -1,7 +1,7 @@
-"""Distance by stereo from 0.2 to 4 m: textured boxes, their faces parallel to the images.
+"""Depth by stereo from 0.2 to 4 m, on textured boxes whose faces are parallel to the images.
 
-Every view shows boxes side by side at different distances, in a room as the simulator paints it, through
-the robot's own pair. Truth is the distance of the surface that each pixel's ray meets.
+Every view shows boxes side by side at different distances, rendered with the robot's own stereo pair. The true depth
+is ray cast into the scene.
 
 Source: seed 003, experiment E2.
 """
@@ -16,7 +16,6 @@ from jaxtyping import Float
 from scipy.stats import rankdata
 
 from perception.depth import stereo
-from perception.primitives.camera import Camera
 from perception.primitives.frame import StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim.robot import RobotConfig
@@ -27,10 +26,11 @@ from sim.shapes import Box
 from sim.world import World
 
 from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.simulated_depth import true_depth
 
 DISTANCES_M = (0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 EXTENT = (-0.4, -2.0, 4.8, 2.0)
-CAMERA_M = 0.38  # above the floor: that of the robot while it walks
+CAMERA_M = 0.38  # height of the robot's camera while it walks
 FACES = (
     "cardboard/kraft",
     "fabric/mustard",
@@ -40,15 +40,15 @@ FACES = (
     "rug/teal",
 )
 FLOORINGS = ("planks/oak", "rug/rust", "tiles/grey", "planks/pine")
-FACE_ANGLE = 0.24  # width of a face as seen, in units of its distance; four stand side by side
-SAME_M = 1e-3  # a pixel shows a face if its depth is the face's to within this
-WRONG_PX = 1.0  # seed 003, E2
+FACE_ANGLE = 0.24  # width of a face divided by its distance; four fit side by side
+SAME_M = 1e-3  # a pixel shows a face if its depth agrees within this
+WRONG_PX = 1.0  # disparity error of a wrong pixel; seed 003, E2
 
 
 def scene(distances: Float[np.ndarray, "k"], seed: int) -> Scene:
-    """A room with a face at each distance ahead of the origin, from left to right."""
+    """A room with a box face at each distance ahead of the origin, from left to right."""
     rng = np.random.default_rng([seed, 32])
-    things = []
+    boxes = []
     places = FACE_ANGLE * 1.1 * (np.arange(len(distances)) - (len(distances) - 1) / 2)
     for number, (z, place) in enumerate(zip(distances.tolist(), places.tolist(), strict=True)):
         wide = FACE_ANGLE * z
@@ -60,24 +60,16 @@ def scene(distances: Float[np.ndarray, "k"], seed: int) -> Scene:
             0.0,
             str(rng.choice(FACES)),
         )
-        things.append(StaticObject(f"box {number + 1}", (box,)))
+        boxes.append(StaticObject(f"box {number + 1}", (box,)))
     floor = (FloorArea(str(rng.choice(FLOORINGS)), EXTENT),)
     bare = walls(EXTENT, ("wall/white", "wall/sage", "wall/cream", "wall/sky"))
-    return Scene("faces", seed, EXTENT, floor, bare + tuple(things), (), (), Pose2(), ())
-
-
-def true_depth(world: World, camera: Camera, T_world_camera: Pose3) -> Float[np.ndarray, "h w"]:
-    """Depth along the axis of what each pixel's ray meets, m."""
-    length = np.linalg.norm(camera.rays, axis=-1)
-    rays = (camera.rays / length[..., None]).reshape(-1, 3) @ T_world_camera.rotation.T
-    hits = world.rays.cast(T_world_camera.position, rays.astype(np.float32))
-    return np.asarray(hits.distance_m.reshape(length.shape) / length, dtype=np.float64)
+    return Scene("faces", seed, EXTENT, floor, bare + tuple(boxes), (), (), Pose2(), ())
 
 
 def views(
     seeds: int,
 ) -> Iterator[tuple[StereoView, Float[np.ndarray, "h w"], Float[np.ndarray, "k"]]]:
-    """Pairs, the true depth of each pixel, and the distances of the faces they show."""
+    """Stereo pairs, the true depth of each pixel, and the distances of the faces they show, m."""
     robot = RobotConfig()
     config = robot.stereo_camera
     pose = Pose3.from_rotation(head_rotation(0.0, 0.0), np.array([0.0, 0.0, CAMERA_M]))
@@ -91,7 +83,10 @@ def views(
 
 
 def roc_area(score: Float[np.ndarray, "n"], wrong: np.ndarray) -> float:
-    """How often a right pixel scores above a wrong one; ties count half. NaN where one kind is absent."""
+    """Area under the ROC curve: the share of (correct, wrong) pixel pairs in which the correct one scores higher.
+
+    Ties count half; NaN if either kind is missing.
+    """
     rank = rankdata(score)
     right, many = int(np.sum(~wrong)), int(np.sum(wrong))
     if right == 0 or many == 0:
@@ -100,7 +95,7 @@ def roc_area(score: Float[np.ndarray, "n"], wrong: np.ndarray) -> float:
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """About 25 s a seed, most of it painting the rooms."""
+    """About 25 s per seed, mostly for rendering the textures."""
     off: dict[float, list[np.ndarray]] = {z: [] for z in DISTANCES_M}
     shown: dict[float, int] = dict.fromkeys(DISTANCES_M, 0)
     scores, faults, normalised = [], [], []
@@ -145,7 +140,7 @@ def _median(values: np.ndarray) -> float:
 
 EXPERIMENT = Experiment(
     id="003-E2",
-    title="Distance by stereo on textured faces from 0.2 to 4 m, and whether reliability tells errors",
+    title="Stereo depth on textured faces from 0.2 to 4 m, and whether the reliability predicts wrong pixels",
     run=run,
     targets={
         "error_pct_2m": Target("<=", 2.0),

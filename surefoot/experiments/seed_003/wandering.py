@@ -1,7 +1,6 @@
-"""Wandering at home: ten minutes of exploring a furnished flat alone, without touching anything.
+"""Autonomous exploration: ten minutes in a furnished flat without contact.
 
-What counts as reachable is the ground that the body could stand on, from the true rooms; seen is what the
-map knows of it in the end.
+Reachable is the true free space for the body; explored is the part of it that the final map knows.
 
 Source: seed 003, sections 2 and 5 (operation planning controller), experiment E6.
 """
@@ -17,14 +16,14 @@ from ...config.schema import Config
 from ...evaluation.metrics.maps import UNKNOWN, read_map
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.walks import falls_of, walk_all
+from ..support.walks import total_falls, walk_all
 
 SECONDS = 600.0
-BODY_M = 0.20  # of the planning disc 0.15 m, and what the guard keeps from furniture
+BODY_M = 0.20  # planning disc of 0.15 m plus the guard's distance from furniture
 
 
 def coverage(run: RunFolder, config: Config) -> dict[str, float]:
-    """Share of the reachable ground that the final map knows."""
+    """coverage: share of the reachable floor that the final map knows."""
     from sim.scenes import catalogue
     from sim.scenes.free_space import clearance_map
 
@@ -53,17 +52,17 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     found = walk_all(configs, say, coverage)
     share = 100.0 * np.array([metrics["coverage"] for metrics in found])
     contacts = np.array([metrics["contacts"] for metrics in found])
-    table = ["seed  contacts  fell  clearance  seen %   way m  rmse cm"]
+    table = ["seed  contacts  fell  clearance  explored %  path m  rmse cm"]
     for seed, metrics in enumerate(found):
         table.append(
             f"{seed:4d}  {metrics['contacts']:8.0f}  {metrics.get('falls', 0):4.0f}"
             f"  {1e3 * metrics['min_clearance_m']:6.0f} mm"
-            f"  {share[seed]:6.1f}  {metrics['path_m']:6.1f}  {100 * metrics['position_rmse_m']:7.2f}"
+            f"  {share[seed]:10.1f}   {metrics['path_m']:6.1f}  {100 * metrics['position_rmse_m']:7.2f}"
         )
     return Outcome(
         {
             "collisions": float(contacts.sum()),
-            "falls": falls_of(found),
+            "falls": total_falls(found),
             "coverage_pct": float(share.min()),
             "coverage_pct_mean": float(share.mean()),
             "path_m_mean": float(np.mean([metrics["path_m"] for metrics in found])),
@@ -75,7 +74,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
 
 EXPERIMENT = Experiment(
     id="003-E6",
-    title="Wander and explore a furnished flat for ten minutes (coverage: the worst seed)",
+    title="Exploring a furnished flat for ten minutes (coverage: the worst seed)",
     run=run,
     body="kinematic",
     targets={"collisions": Target("==", 0.0), "coverage_pct": Target(">=", 80.0)},

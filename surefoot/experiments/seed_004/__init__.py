@@ -1,1 +1,1 @@
-"""Tables and figures of seed 004."""
+"""Tables and figures of Kang 2013: panoramas of range images and fuzzy obstacle avoidance."""

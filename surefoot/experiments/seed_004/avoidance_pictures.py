@@ -1,9 +1,9 @@
-"""Picture sequences of seed 004's Fig. 9: slip, slip and walk, rotate and slip, rotate and walk, from above.
+"""Plots of four avoidance motions as in Fig. 9 (lateral slip, slip and walk, turn and slip, turn and walk), from above.
 
-Beside each sequence the four panes of Fig. 6 from where the robot sets out: camera, range, panorama, space, with the
-choice in words.
+For each motion also the four panes of Fig. 6 at the start: camera image, range image, panorama, and free space with
+the selected motion.
 
-Source: seed 004, Figs. 6 and 9.
+Source: Kang 2013 (seed 004), Figs. 6 and 9.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ...config.schema import Config
 from ...report.plots import avoidance, style
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.walks import falls_of, walk_all
+from ..support.walks import total_falls, walk_all
 from .avoidance_walks import config_of
 from .panorama_scenes import nine_views
 
@@ -37,7 +37,7 @@ PICTURES = Path("runs/experiments/004-E4")
 
 
 def draw_sequence(folder: RunFolder, config: Config) -> dict[str, float]:
-    """The true way with the body at twelve instants; pictures: 1 if one was made."""
+    """Plot the true path with the body at twelve instants; pictures: 1 if a plot was made."""
     from matplotlib.figure import Figure
 
     walked = folder.read_trajectory("truth/trajectory.txt")
@@ -62,13 +62,13 @@ def draw_sequence(folder: RunFolder, config: Config) -> dict[str, float]:
 
 
 def draw_panes(scene: Scene, config: Config) -> bool:
-    """The four panes from the start; whether the way was found blocked, as it is."""
+    """Plot the four panes at the start; returns whether the blocked path was detected."""
     with (
         World(scene, config.renderer, config.seed) as world,
         SimulatedRobot(world, config.robot, config.seed) as robot,
     ):
         frame = robot.read()
-        if frame.colour is None:  # of the two frames of a step one has a picture
+        if frame.colour is None:  # one of the two frames of a step has an image
             frame = robot.read()
     rng = np.random.default_rng([config.seed, 92])
     views, _ = nine_views(scene, rng)
@@ -82,7 +82,7 @@ def draw_panes(scene: Scene, config: Config) -> bool:
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Four walks a seed, and four looks about."""
+    """Four walks and four panoramas per seed."""
     configs = [config_of(motion, seed, body) for motion in SHOWN for seed in range(seeds)]
     blocked = 0
     for config in configs:
@@ -94,14 +94,14 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         "panes": float(len(configs)),
         "blocked_share": blocked / len(configs),
         "contacts": float(sum(m["contacts"] for m in walked)),
-        "falls": falls_of(walked),
+        "falls": total_falls(walked),
     }
-    return Outcome(figures, [f"pictures: {PICTURES}"])
+    return Outcome(figures, [f"plots: {PICTURES}"])
 
 
 EXPERIMENT = Experiment(
     id="004-E4",
-    title="Picture sequences of four motions, four panes of what was seen",
+    title="Plots of four avoidance motions and of their perception (Kang 2013, Figs. 6 and 9)",
     run=run,
     body="kinematic",
     targets={"sequences": Target(">=", 4.0), "contacts": Target("==", 0.0)},

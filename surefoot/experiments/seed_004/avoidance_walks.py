@@ -1,9 +1,9 @@
-"""Walks of seed 004: fifteen for each motion, from camera pictures to footsteps; its own table is lost.
+"""Fifteen walks for each avoidance motion of Kang 2013, from camera images to footsteps; the paper's table is lost.
 
-Each arena asks for one motion; a walk succeeds if that motion was chosen first, nothing was touched and the goal was
-reached; where no passage is wide enough, if the robot chose to stop and touched nothing.
+Each arena requires one motion. A walk succeeds if the robot selects that motion first, reaches the goal and has no
+contact; where no passage is wide enough, if it selects to stop and has no contact.
 
-Source: seed 004, Table 6 (lost), section 8 of its specification.
+Source: Kang 2013 (seed 004), Table 6 (lost); specification, section 8.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ...config.presets import on_body
 from ...config.schema import Config
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.walks import falls_of, walk_all
+from ..support.walks import total_falls, walk_all
 
-LIMIT_S, STOP_LIMIT_S = 200.0, 40.0  # ours: the longest passage, slips at 3 cm/s, takes 150 s
+LIMIT_S, STOP_LIMIT_S = 200.0, 40.0  # ours: the longest passage, lateral at 3 cm/s, takes 150 s
 
 
 def config_of(motion: str, seed: int, body: str = "kinematic") -> Config:
-    """One walk in the arena of a motion, with this body: as wide and as deep as the seed's."""
+    """Configuration of a walk in the arena of a motion, with a body of the paper's size."""
     config = Config(scene=f"avoidance_{motion.lower()}", seed=seed)
     limit = STOP_LIMIT_S if motion == "ST" else LIMIT_S
     tall = replace(config.robot.dynamic, anatomy="tall")
@@ -36,45 +36,45 @@ def config_of(motion: str, seed: int, body: str = "kinematic") -> Config:
 
 
 def first_motion(folder: RunFolder, config: Config) -> dict[str, float]:
-    """first_motion: place in `MOTIONS` of the first one that was walked, -1 if there was none."""
+    """first_motion: index in `MOTIONS` of the first motion walked, -1 if none."""
     commands = folder.read_csv("commands.csv")
-    words = [] if commands is None else commands.words("why")
-    found = [MOTIONS.index(word) for word in words if word in MOTIONS]
+    reasons = [] if commands is None else commands.words("why")
+    found = [MOTIONS.index(reason) for reason in reasons if reason in MOTIONS]
     return {"first_motion": float(found[0] if found else -1)}
 
 
 def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seven arenas a seed, each walk about half a minute on a free core."""
+    """Seven arenas per seed, each walk about half a minute on a free core."""
     todo = [(motion, seed) for motion in MOTIONS for seed in range(seeds)]
     walked = walk_all([config_of(*one, body) for one in todo], say, first_motion)
     figures: dict[str, float] = {}
-    table = ["motion  success  as meant  arrived  contacts  falls  clearance"]
-    good_of: list[int] = []
+    table = ["motion  success  expected  arrived  contacts  falls  clearance"]
+    successes: list[int] = []
     for motion in MOTIONS:
-        mine = [m for (name, _), m in zip(todo, walked, strict=True) if name == motion]
-        meant = [m["first_motion"] == MOTIONS.index(motion) for m in mine]
-        arrived = [m["goals_missed"] == 0 for m in mine]
-        clean = [m["contacts"] == 0 for m in mine]
-        ends = [motion == "ST" or there for there in arrived]
-        good = sum(a and b and c for a, b, c in zip(meant, ends, clean, strict=True))
-        good_of.append(good)
-        clearance = min(m["min_clearance_m"] for m in mine)
+        group = [m for (name, _), m in zip(todo, walked, strict=True) if name == motion]
+        expected = [m["first_motion"] == MOTIONS.index(motion) for m in group]
+        arrived = [m["goals_missed"] == 0 for m in group]
+        clean = [m["contacts"] == 0 for m in group]
+        complete = [motion == "ST" or there for there in arrived]
+        good = sum(a and b and c for a, b, c in zip(expected, complete, clean, strict=True))
+        successes.append(good)
+        clearance = min(m["min_clearance_m"] for m in group)
         figures[f"success_{motion.lower()}"] = float(good)
         table.append(
-            f"{motion:<6}  {good:3d}/{seeds:<3d}  {sum(meant):8d}  {sum(arrived):7d}"
-            f"  {sum(m['contacts'] for m in mine):8.0f}  {falls_of(mine):5.0f}  {1e3 * clearance:6.0f} mm"
+            f"{motion:<6}  {good:3d}/{seeds:<3d}  {sum(expected):8d}  {sum(arrived):7d}"
+            f"  {sum(m['contacts'] for m in group):8.0f}  {total_falls(group):5.0f}  {1e3 * clearance:6.0f} mm"
         )
     figures["walks_per_configuration"] = float(seeds)
-    figures["success_min_of_15"] = 15.0 * min(good_of) / seeds
-    figures["success_pct"] = 100.0 * sum(good_of) / len(todo)
+    figures["success_min_of_15"] = 15.0 * min(successes) / seeds
+    figures["success_pct"] = 100.0 * sum(successes) / len(todo)
     figures["contacts"] = float(sum(m["contacts"] for m in walked))
-    figures["falls"] = falls_of(walked)
+    figures["falls"] = total_falls(walked)
     return Outcome(figures, table)
 
 
 EXPERIMENT = Experiment(
     id="004-E3",
-    title="Fifteen walks for each motion, from camera pictures to footsteps",
+    title="Fifteen walks for each avoidance motion, from camera images to footsteps (Kang 2013)",
     run=run,
     body="kinematic",
     targets={"success_min_of_15": Target("==", 15.0), "contacts": Target("==", 0.0)},

@@ -1,11 +1,12 @@
-"""Does a keypoint come again? MDGHM-SIFT against SIFT, under turns of 0 to 180 deg and other viewpoints.
+"""Repeatability of keypoints: MDGHM-SIFT against SIFT, under rotations of 0 to 180 deg and changes of viewpoint.
 
-The moments change a keypoint's direction and nothing else, so a keypoint counts as repeated only if place,
-scale and direction come again; place and scale alone are told beside it. Pictures: simulated range of a
-time-of-flight camera that rolls (fresh noise every time) and that looks from elsewhere, OpenCV's graffiti
-wall with its known homography, and range images of a real SR4000 turned and given fresh noise.
+The moments change only a keypoint's orientation. A keypoint therefore counts as repeated if position, scale and
+orientation agree; the share for position and scale alone is also given. Images: simulated range and amplitude of a
+time-of-flight camera that rolls or moves (new noise each time), OpenCV's graffiti wall with its known homography, and
+range images of a real SR4000, rotated and with added noise.
 
-Source: seed 004, section 2.2.1 (its claim: more repeatable than SIFT); measures after Mikolajczyk 2005.
+Source: Kang 2013 (seed 004), section 2.2.1 (claims more repeatable keypoints than SIFT); measures after
+Mikolajczyk 2005.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 
 METHODS = {
     "mdghm": SiftConfig(),
-    "squares": SiftConfig(first_order=False),  # direction by the sums of squares, its quadrant kept
-    "printed": SiftConfig(literal=True),  # (4) and (9) as they are printed
+    "squares": SiftConfig(first_order=False),  # orientation by sums of squares, with its quadrant
+    "printed": SiftConfig(literal=True),  # eq. (4) and (9) as printed
     "descriptor": SiftConfig(moments_in_descriptor=True),
     "sift": SiftConfig(method="difference"),
     "opencv": SiftConfig(method="opencv"),
@@ -47,21 +48,21 @@ TURN_DEG = 20.0  # half of the 40 deg that a bin of the descriptor spans
 ROLLS_DEG = (15.0, 45.0, 75.0, 105.0, 135.0, 165.0, 180.0)
 NOISE_GREY = 3.0
 
-Move = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
+PixelMap = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, "n 2"]]
 
 
 @dataclass(frozen=True, eq=False)
-class Case:
-    """Two pictures, and where a pixel of the first lies in the second (NaN: nowhere)."""
+class PicturePair:
+    """Two images, and the map from pixels of the first to the second (NaN: not visible)."""
 
     group: str
     first: UInt8[np.ndarray, "h w"]
     second: UInt8[np.ndarray, "a b"]
-    move: Move
+    move: PixelMap
 
 
-def homography(matrix: Float[np.ndarray, "3 3"]) -> Move:
-    """Pixels through a homography."""
+def homography(matrix: Float[np.ndarray, "3 3"]) -> PixelMap:
+    """Pixel map of a homography."""
 
     def move(pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         lifted = np.column_stack([pixels, np.ones(len(pixels))]) @ matrix.T
@@ -70,8 +71,8 @@ def homography(matrix: Float[np.ndarray, "3 3"]) -> Move:
     return move
 
 
-def simulated(seed: int) -> Iterator[Case]:
-    """A room's range and amplitude, by a camera that rolls, and by one that stands elsewhere."""
+def simulated(seed: int) -> Iterator[PicturePair]:
+    """Range and amplitude images of a room by a camera that rolls, and by one that moves."""
     scene = catalogue.load("home", seed)
     caster = RayCaster(scene)
     caster.place([mover.start for mover in scene.moving_objects])
@@ -92,21 +93,21 @@ def simulated(seed: int) -> Iterator[Case]:
             about = np.array([0.0, 0.0, math.radians(roll)])
             turned = straight @ Pose3.from_rotation(cv2.Rodrigues(about)[0], np.zeros(3))
             second = look(turned)
-            move = _seen_from(camera, first[2], straight, turned)
-            yield Case("depth_roll", first[0], second[0], move)
-            yield Case("amplitude_roll", first[1], second[1], move)
+            move = _reprojection(camera, first[2], straight, turned)
+            yield PicturePair("depth_roll", first[0], second[0], move)
+            yield PicturePair("amplitude_roll", first[1], second[1], move)
         for pan_more, ahead in ((0.17, 0.0), (0.17, 0.1), (0.35, 0.1)):
             moved = Pose3.from_rotation(
                 head_rotation(pan + pan_more, 0.25), place + np.array([ahead, 0.05, 0.0])
             )
             second = look(moved)
-            move = _seen_from(camera, first[2], straight, moved)
-            yield Case("depth_view", first[0], second[0], move)
-            yield Case("amplitude_view", first[1], second[1], move)
+            move = _reprojection(camera, first[2], straight, moved)
+            yield PicturePair("depth_view", first[0], second[0], move)
+            yield PicturePair("amplitude_view", first[1], second[1], move)
 
 
-def _seen_from(camera: Camera, range_m: np.ndarray, one: Pose3, other: Pose3) -> Move:
-    """Where the second camera sees the first one's pixels, by the first one's range."""
+def _reprojection(camera: Camera, range_m: np.ndarray, one: Pose3, other: Pose3) -> PixelMap:
+    """Pixel map between two camera poses, by the range image of the first."""
     between = other.inverse() @ one
 
     def move(pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
@@ -120,8 +121,8 @@ def _seen_from(camera: Camera, range_m: np.ndarray, one: Pose3, other: Pose3) ->
     return move
 
 
-def turned_pictures(group: str, image: UInt8[np.ndarray, "h w"], seed: int) -> Iterator[Case]:
-    """A picture and the same one turned about its middle, each with noise of its own."""
+def rotated_images(group: str, image: UInt8[np.ndarray, "h w"], seed: int) -> Iterator[PicturePair]:
+    """An image and the same image rotated about its centre, each with independent noise."""
     rng = np.random.default_rng([seed, 41])
     height, width = image.shape
 
@@ -133,11 +134,11 @@ def turned_pictures(group: str, image: UInt8[np.ndarray, "h w"], seed: int) -> I
         matrix = np.eye(3)
         matrix[:2] = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), roll, 1.0)
         other = cv2.warpAffine(image, matrix[:2], (width, height), flags=cv2.INTER_CUBIC)
-        yield Case(group, noisy(image), noisy(other), homography(matrix))
+        yield PicturePair(group, noisy(image), noisy(other), homography(matrix))
 
 
-def real(folders: tuple[Path, Path], seed: int) -> Iterator[Case]:
-    """Graffiti under turns and from aside; SR4000 under turns."""
+def real(folders: tuple[Path, Path], seed: int) -> Iterator[PicturePair]:
+    """Graffiti wall rotated and from an oblique view; SR4000 images rotated."""
     samples, planes = folders
     first, second = (cv2.imread(str(samples / name), 0) for name in ("graf1.png", "graf3.png"))
     if first is not None and second is not None:
@@ -145,22 +146,22 @@ def real(folders: tuple[Path, Path], seed: int) -> Iterator[Case]:
         found = re.search(r"<data>(.*?)</data>", text, re.DOTALL)
         assert found is not None, "the file holds a 3x3 matrix"
         matrix = np.array([float(word) for word in found.group(1).split()]).reshape(3, 3)
-        yield Case("graf_view", _grey(first), _grey(second), homography(matrix))
-        yield from turned_pictures("graf_roll", _grey(first), seed)
+        yield PicturePair("graf_view", _grey(first), _grey(second), homography(matrix))
+        yield from rotated_images("graf_roll", _grey(first), seed)
     for name in ("sr4000_scene1.png", "sr4000_scene2.png", "sr4000_scene4.png"):
         picture = cv2.imread(str(planes / name), 0)
         if picture is not None:
-            yield from turned_pictures("sr4000_roll", _grey(picture), seed)
+            yield from rotated_images("sr4000_roll", _grey(picture), seed)
 
 
 def _grey(image: np.ndarray) -> UInt8[np.ndarray, "h w"]:
     return np.asarray(image, dtype=np.uint8)
 
 
-def score(case: Case, config: SiftConfig) -> tuple[float, float, float]:
-    """Shares of keypoints that come again, also with their direction, and that are matched rightly.
+def score(case: PicturePair, config: SiftConfig) -> tuple[float, float, float]:
+    """Share of keypoints repeated in position and scale, also in orientation, and share matched correctly.
 
-    All are shares of the smaller number of keypoints that both pictures can show. NaN below ten of them.
+    All are relative to the smaller number of keypoints visible in both images; NaN below ten.
     """
     first, second = detect(case.first, config), detect(case.second, config)
     start = first.pixels.astype(np.float64)
@@ -173,12 +174,12 @@ def score(case: Case, config: SiftConfig) -> tuple[float, float, float]:
         return math.nan, math.nan, math.nan
     growth = np.linalg.norm(ahead, axis=1) / 0.2
     direction = np.arctan2(ahead[:, 1], ahead[:, 0])
-    places, turns = _repeated(first, second, there, direction, growth, visible)
+    places, turns = _count_repeated(first, second, there, direction, growth, visible)
     pairs = match(first.descriptors, second.descriptors)
     off = np.linalg.norm(there[pairs[:, 0]] - second.pixels[pairs[:, 1]], axis=1)
     with np.errstate(invalid="ignore"):
-        right = int(np.sum(off < 2.0 * NEAR_PX))
-    return places / common, turns / common, right / common
+        correct = int(np.sum(off < 2.0 * NEAR_PX))
+    return places / common, turns / common, correct / common
 
 
 def _inside(pixels: Float[np.ndarray, "n 2"], shape: tuple[int, ...]) -> np.ndarray:
@@ -191,7 +192,7 @@ def _inside(pixels: Float[np.ndarray, "n 2"], shape: tuple[int, ...]) -> np.ndar
         )
 
 
-def _repeated(
+def _count_repeated(
     first: Features,
     second: Features,
     there: np.ndarray,
@@ -199,7 +200,7 @@ def _repeated(
     growth: np.ndarray,
     visible: np.ndarray,
 ) -> tuple[int, int]:
-    """How many have a counterpart in place and scale, and how many in direction too."""
+    """Number of keypoints repeated in position and scale, and of those repeated in orientation, too."""
     tree = cKDTree(second.pixels)
     places = turns = 0
     for i in np.flatnonzero(visible & np.isfinite(direction)):
@@ -213,7 +214,7 @@ def _repeated(
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Every method on every case; about twenty seconds a seed and the graffiti once."""
+    """Every method on every image pair; about twenty seconds per seed, and the real images once."""
     folders = real_data.folder("opencv_samples"), real_data.folder("dpd_planes")
     scores: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
     for seed in range(seeds):
@@ -221,7 +222,7 @@ def run(seeds: int, say: Say) -> Outcome:
         for case in cases:
             for method, config in METHODS.items():
                 scores.setdefault((case.group, method), []).append(score(case, config))
-        say(f"seed {seed}: {len(cases)} pairs of pictures")
+        say(f"seed {seed}: {len(cases)} image pairs")
     groups = sorted({group for group, _ in scores})
     mean = {key: np.nanmean(np.array(values), axis=0) for key, values in scores.items()}
     figures = {}
@@ -236,7 +237,9 @@ def run(seeds: int, say: Say) -> Outcome:
     figures["groups_won"] = float(
         sum(mean[g, "mdghm"][1] >= mean[g, "sift"][1] for g in groups) / len(groups)
     )
-    table = ["repeated in place, scale and direction (rightly matched), % of common keypoints"]
+    table = [
+        "repeated in position, scale and orientation (correctly matched), % of common keypoints"
+    ]
     table.append(f"{'':<16}" + "".join(f"{method:>16}" for method in METHODS))
     for group in groups:
         cells = (mean[group, method] for method in METHODS)
@@ -251,7 +254,7 @@ def run(seeds: int, say: Say) -> Outcome:
 
 EXPERIMENT = Experiment(
     id="004-features",
-    title="MDGHM-SIFT against SIFT: do keypoints come again under turns and from elsewhere",
+    title="Repeatability of keypoints: MDGHM-SIFT against SIFT under rotation and viewpoint change (Kang 2013)",
     run=run,
     targets={"repeatability_ratio": Target(">=", 1.0)},
     seeds=2,

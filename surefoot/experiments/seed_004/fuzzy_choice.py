@@ -1,10 +1,10 @@
-"""Table 5 of seed 004: the fuzzy selection under noise, 10,000 draws of each of the seven situations.
+"""Table 5 of Kang 2013: fuzzy selection of the motion under noise, 10,000 samples of each of the seven classes.
 
-Truth is by the borders halfway between the centres of the sets; width and gap are drawn evenly within each class.
-The noise is multiplicative on both. `mean_recall_*` is the selection as it is used, which is told the deviation of
-the gap, as the panorama tells it; `plain_recall_*` is the published one, which is not.
+The true class is defined by borders halfway between the centres of the fuzzy sets; width and gap are uniform within
+each class, with multiplicative noise on both. `mean_recall_*` is the selection as the planner uses it, with the
+standard deviation of the gap; `plain_recall_*` is the published selection without it.
 
-Source: seed 004, Table 5 and section 2.4.
+Source: Kang 2013 (seed 004), Table 5 and section 2.4.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from planning.avoidance.fams import MOTIONS, FamsConfig, select
 
 from ..support.experiment import Experiment, Outcome, Say, Target
 
-DRAWS = 10_000
-WIDEST_M = (1.6, 1.2)  # specification: width of what blocks, and of the gap
+SAMPLES = 10_000
+WIDEST_M = (1.6, 1.2)  # specification: greatest width of obstacle and of gap
 NOISES = {"05": 0.005, "075": 0.0075, "1": 0.01}
 ROWS = ("SS", "SF", "RS", "RF", "TS", "TF", "ST")  # in the order of Table 5
 
@@ -25,37 +25,37 @@ ROWS = ("SS", "SF", "RS", "RF", "TS", "TF", "ST")  # in the order of Table 5
 def situations(
     config: FamsConfig, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Width and gap of 10,000 draws of every class, and the class, as its place in `MOTIONS`."""
+    """Widths, gaps and true classes (indices in `MOTIONS`) of 10,000 samples per class."""
     w, s = config.obstacle_centres_m, config.gap_centres_m
     body = DARWIN_OP.passage_width_m
     narrow, wide = body + (w[1] + w[2]) / 2, body + (w[3] + w[4]) / 2
     none, sideways = body + (s[0] + s[1]) / 2, body + (s[1] + s[2]) / 2
     widths = {"S": (0.0, narrow), "R": (narrow, wide), "T": (wide, WIDEST_M[0])}
     gaps = {"S": (none, sideways), "F": (sideways, WIDEST_M[1])}
-    drawn = []
+    samples = []
     for motion in MOTIONS:
         stop = motion == "ST"
-        width = rng.uniform(*((0.0, WIDEST_M[0]) if stop else widths[motion[0]]), DRAWS)
-        gap = rng.uniform(*((0.0, none) if stop else gaps[motion[1]]), DRAWS)
-        drawn.append((width, gap))
-    truth = np.repeat(np.arange(len(MOTIONS)), DRAWS)
-    return np.concatenate([d[0] for d in drawn]), np.concatenate([d[1] for d in drawn]), truth
+        width = rng.uniform(*((0.0, WIDEST_M[0]) if stop else widths[motion[0]]), SAMPLES)
+        gap = rng.uniform(*((0.0, none) if stop else gaps[motion[1]]), SAMPLES)
+        samples.append((width, gap))
+    truth = np.repeat(np.arange(len(MOTIONS)), SAMPLES)
+    return np.concatenate([d[0] for d in samples]), np.concatenate([d[1] for d in samples]), truth
 
 
 def confusion(truth: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Counts, rows truth, columns choice, in the order of `MOTIONS`."""
+    """Confusion matrix: rows truth, columns selection, in the order of `MOTIONS`."""
     found = np.zeros((len(MOTIONS), len(MOTIONS)), dtype=np.int64)
     np.add.at(found, (truth, chosen), 1)
     return found
 
 
 def recalls(counts: np.ndarray) -> np.ndarray:
-    """Share of each row on the diagonal, percent."""
+    """Recall of each class, percent."""
     return np.asarray(100.0 * np.diag(counts) / counts.sum(axis=1))
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """70,000 draws a seed, under a second each; tables add up all seeds."""
+    """70,000 samples per seed, under a second; tables sum over all seeds."""
     config, ordinal = FamsConfig(), FamsConfig(ordinal=True)
     size = (len(MOTIONS), len(MOTIONS))
     clean, averaged = np.zeros(size, np.int64), np.zeros(size, np.int64)
@@ -71,7 +71,7 @@ def run(seeds: int, say: Say) -> Outcome:
             free = gap * (1.0 + noise * rng.standard_normal(len(gap)))
             used[name] += confusion(truth, select(wide, free, config, noise * free))
             plain[name] += confusion(truth, select(wide, free, config))
-        say(f"{seed + 1} of {seeds} times 70,000 draws")
+        say(f"{seed + 1} of {seeds} times 70,000 samples")
     stop = MOTIONS.index("ST")
     forward = [k for k, motion in enumerate(MOTIONS) if motion.endswith("F")]
     unsafe = sum(int(c[stop, forward].sum()) for c in (clean, *used.values(), *plain.values()))
@@ -89,7 +89,7 @@ def run(seeds: int, say: Say) -> Outcome:
 def _table(counts: np.ndarray, seeds: int) -> list[str]:
     """Table 5 at 0.75 % noise."""
     order = [MOTIONS.index(name) for name in ROWS]
-    shown = [f"0.75 % noise, {seeds * DRAWS} draws a row; rows truth, columns choice"]
+    shown = [f"0.75 % noise, {seeds * SAMPLES} samples per row; rows truth, columns selection"]
     shown.append("      " + "".join(f"{name:>8}" for name in ROWS) + "  recall")
     percent = recalls(counts)
     for k in order:
@@ -100,7 +100,7 @@ def _table(counts: np.ndarray, seeds: int) -> list[str]:
 
 EXPERIMENT = Experiment(
     id="004-E2",
-    title="Fuzzy selection of the motion under noise: Table 5",
+    title="Fuzzy selection of the motion under noise (Kang 2013, Table 5)",
     run=run,
     targets={
         "noise_free_recall_min": Target("==", 100.0),

@@ -1,12 +1,11 @@
-"""How wide and how far: rows of three to six boxes in panoramas of two views, beside the published table.
+"""Width and distance of rows of three to six boxes in panoramas of two views, compared with the published table.
 
-The head looks at the row twice, half of it each time, with encoders that are half a degree off; range has
-all the errors of the camera's model, corrected as far as a calibration would. Rows, distances and widths are
-those of the table; what else stands in the room, how bright it is, every error and all noise are drawn anew
-by each seed. Both kinds of features carry the same chain; beside it what features achieve without laying
-surfaces upon each other, and what the encoders alone would.
+The head takes two views that each show half of the row, with encoder errors of half a degree; ranges have all errors of
+the camera model after calibration. Rows, distances and widths are those of the table; the rest of the room, albedos,
+errors and noise depend on the seed. The same processing runs with MDGHM-SIFT and with SIFT, with and without
+registration of surfaces.
 
-Source: seed 004, Table 4 and Fig. 8.
+Source: Kang 2013 (seed 004), Table 4 and Fig. 8.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from mapping.panorama.views import View, view_of_depth
 from perception.depth import time_of_flight
 from perception.features.pictures import amplitude_picture
 from perception.primitives.frame import RangeView
-from perception.primitives.pose import Pose2, Pose3, head_rotation
+from perception.primitives.pose import Pose2
 from sim.rendering.rays import RayCaster
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.scenes.rooms import walls
@@ -31,17 +30,15 @@ from sim.shapes import Box
 
 from ...config.schema import CALIBRATED_TOF
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
+from ..support.trials import run_all
+from .panorama_scenes import ENCODER_DEG, head_pose
 
 DISTANCES_M = (1.05, 1.29)
 WIDTHS_M = (0.713, 0.954, 1.195, 1.428)
-BOX_M = 0.238  # the side of a box that is seen; three make 71.3 cm
+BOX_M = 0.238  # visible side of a box; three make 71.3 cm
 DEPTH_M, HEIGHT_M = 0.32, 0.32
-ENCODER_DEG = 0.5  # deviation of pan and of tilt, each view on its own
 YAWS_DEG = (15.0, -15.0)  # two views of 44 deg hold the widest row at the nearer distance
 DOWN_DEG = 17.0  # seed 004: key pitch
-CAMERA_HEIGHT_M = 0.55  # seed 004
-LEVER_M = np.array([0.0, -0.035, 0.035])  # DARwIn-OP: camera about the neck, camera axes
 
 # Published, cm: (distance, widths) for each true distance
 PUBLISHED = {
@@ -51,7 +48,7 @@ PUBLISHED = {
 
 
 def configs() -> dict[str, StitchConfig]:
-    """The chains that are compared."""
+    """Name to the stitching settings that are compared."""
     mdghm = StitchConfig()
     plain = replace(mdghm.pairs, sift=replace(mdghm.pairs.sift, method="difference"))
     sift = replace(mdghm, pairs=plain)
@@ -63,44 +60,44 @@ def configs() -> dict[str, StitchConfig]:
     }
 
 
-def row(width_m: float, distance_m: float, seed: int) -> Scene:
-    """A row of boxes with labels across the way, in a room with furniture behind."""
+def row_scene(width_m: float, distance_m: float, seed: int) -> Scene:
+    """A row of boxes with labels across the path, in a room with furniture behind it."""
     rng = np.random.default_rng([seed, 60])
     extent = (-0.8, -1.7, 3.4, 1.7)
     count = round(width_m / BOX_M)
-    side, off = width_m / count, float(rng.uniform(-0.03, 0.03))
-    things = list(walls(extent, ("wall/white",) * 4))
+    side, offset = width_m / count, float(rng.uniform(-0.03, 0.03))
+    objects = list(walls(extent, ("wall/white",) * 4))
 
     def add(name: str, centre: tuple[float, ...], size: tuple[float, ...], albedo: float) -> None:
-        place, sides = (tuple(float(v) for v in values) for values in (centre, size))
-        box = Box((place[0], place[1], place[2]), (sides[0], sides[1], sides[2]))
-        things.append(StaticObject(name, (box,), albedo))
+        position, sides = (tuple(float(v) for v in values) for values in (centre, size))
+        box = Box((position[0], position[1], position[2]), (sides[0], sides[1], sides[2]))
+        objects.append(StaticObject(name, (box,), albedo))
 
     for k in range(count):
-        y = off - width_m / 2 + (k + 0.5) * side
-        place = (distance_m + DEPTH_M / 2, y, HEIGHT_M / 2)
-        add(f"box {k + 1}", place, (DEPTH_M, side, HEIGHT_M), float(rng.uniform(0.45, 0.75)))
+        y = offset - width_m / 2 + (k + 0.5) * side
+        position = (distance_m + DEPTH_M / 2, y, HEIGHT_M / 2)
+        add(f"box {k + 1}", position, (DEPTH_M, side, HEIGHT_M), float(rng.uniform(0.45, 0.75)))
         for _ in range(4):
             w, h = rng.uniform(0.03, 0.10, 2)
-            aside = y + rng.uniform(-1.0, 1.0) * (side / 2 - w / 2 - 0.005)
+            label_y = y + rng.uniform(-1.0, 1.0) * (side / 2 - w / 2 - 0.005)
             up = rng.uniform(h / 2 + 0.01, HEIGHT_M - h / 2 - 0.01)
             shade = float(rng.choice([0.1, 0.2, 0.95]))
-            add("label", (distance_m - 0.0005, aside, up), (0.001, w, h), shade)
+            add("label", (distance_m - 0.0005, label_y, up), (0.001, w, h), shade)
     for _ in range(12):
         w, h = rng.uniform(0.05, 0.30, 2)
-        place = (rng.uniform(0.5, 3.2), rng.uniform(-1.5, 1.5), 0.0005)
-        add("sheet", place, (w, h, 0.001), float(rng.choice([0.1, 0.2, 0.95])))
+        position = (rng.uniform(0.5, 3.2), rng.uniform(-1.5, 1.5), 0.0005)
+        add("sheet", position, (w, h, 0.001), float(rng.choice([0.1, 0.2, 0.95])))
     for k in range(4):
         h = rng.uniform(0.3, 1.2)
-        place = (rng.uniform(2.7, 3.1), -1.3 + 0.8 * k + rng.uniform(-0.2, 0.2), h / 2)
+        position = (rng.uniform(2.7, 3.1), -1.3 + 0.8 * k + rng.uniform(-0.2, 0.2), h / 2)
         size = (0.3, rng.uniform(0.2, 0.5), h)
-        add(f"furniture {k + 1}", place, size, float(rng.uniform(0.3, 0.8)))
+        add(f"furniture {k + 1}", position, size, float(rng.uniform(0.3, 0.8)))
     area = (FloorArea("planks/pine", extent),)
-    return Scene("row", seed, extent, area, tuple(things), (), (), Pose2(), ((3.0, 0.0),))
+    return Scene("row", seed, extent, area, tuple(objects), (), (), Pose2(), ((3.0, 0.0),))
 
 
-def look_twice(scene: Scene, seed: int) -> list[View]:
-    """Two views of a head whose encoders are off; priors are what they say."""
+def two_views(scene: Scene, seed: int) -> list[View]:
+    """Two views with encoder errors; the priors are the encoders' poses."""
     caster = RayCaster(scene)
     caster.place([])
     rng = np.random.default_rng([seed, 61])
@@ -108,9 +105,9 @@ def look_twice(scene: Scene, seed: int) -> list[View]:
     views = []
     for number, yaw in enumerate(YAWS_DEG):
         pan, tilt = math.radians(yaw), math.radians(DOWN_DEG)
-        off = math.radians(ENCODER_DEG) * rng.standard_normal(2)
-        range_m, amplitude = camera.measure(caster, _head(pan + off[0], tilt + off[1]))
-        prior = _head(pan, tilt)
+        offset = math.radians(ENCODER_DEG) * rng.standard_normal(2)
+        range_m, amplitude = camera.measure(caster, head_pose(pan + offset[0], tilt + offset[1]))
+        prior = head_pose(pan, tilt)
         view = RangeView(range_m, amplitude, camera.camera, prior)
         depth = time_of_flight.depth(view, CALIBRATED_TOF)
         picture = amplitude_picture(amplitude)
@@ -118,14 +115,9 @@ def look_twice(scene: Scene, seed: int) -> list[View]:
     return views
 
 
-def _head(pan_rad: float, tilt_rad: float) -> Pose3:
-    rotation = head_rotation(float(pan_rad), float(tilt_rad))
-    return Pose3.from_rotation(rotation, np.array([0.0, 0.0, CAMERA_HEIGHT_M]) + rotation @ LEVER_M)
-
-
 @dataclass(frozen=True)
-class Reading:
-    """What was measured of one row: widths and distance, m, each as estimate less truth, and in sigmas."""
+class Measurement:
+    """Measured width, distance and height of one row, and the standard deviation of the width, m."""
 
     width_m: float
     distance_m: float
@@ -133,34 +125,35 @@ class Reading:
     sigma_width_m: float
 
 
-def measure(panorama: Panorama, views: list[View]) -> Reading | None:
-    """The nearest obstacle straight ahead; None if there is none."""
+Measurements = dict[tuple[str, int, int], Measurement | None]
+"""By settings, distance and width; None where no obstacle was found."""
+
+
+def nearest_ahead(panorama: Panorama, views: list[View]) -> Measurement | None:
+    """The nearest obstacle ahead; None if there is none."""
     found = surroundings(panorama, views).obstacles
     ahead = [obstacle for obstacle in found if obstacle.left_rad > 0.0 > obstacle.right_rad]
     if not ahead:
         return None
     nearest = min(ahead, key=lambda obstacle: obstacle.distance_m)
-    return Reading(nearest.width_m, nearest.distance_m, nearest.height_m, nearest.sigma_width_m)
+    return Measurement(nearest.width_m, nearest.distance_m, nearest.height_m, nearest.sigma_width_m)
 
 
-def readings(seed: int) -> dict[tuple[str, int, int], Reading | None]:
-    """Every chain at every distance and width, for one seed."""
+def measure_all(seed: int) -> Measurements:
+    """Measurements by all settings at all distances and widths, for one seed."""
     found = {}
     for d, distance in enumerate(DISTANCES_M):
         for w, width in enumerate(WIDTHS_M):
-            views = look_twice(row(width, distance, seed), seed)
+            views = two_views(row_scene(width, distance, seed), seed)
             for name, config in configs().items():
                 panorama = stitch(views, np.random.default_rng([seed, 62]), config)
-                found[name, d, w] = measure(panorama, views)
+                found[name, d, w] = nearest_ahead(panorama, views)
     return found
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Two distances, four widths, four chains a seed; about seven seconds a seed on one core."""
-    everything: list[dict[tuple[str, int, int], Reading | None]] = []
-    for found in each(readings, [(seed,) for seed in range(seeds)]):
-        everything.append(found)
-        say(f"seed {len(everything) - 1}: {len(found)} rows measured")
+    """Two distances, four widths and four settings per seed; about seven seconds per seed on one core."""
+    everything = run_all(measure_all, [(seed,) for seed in range(seeds)], say, "seeds")
     figures: dict[str, float] = {}
     for name in configs():
         figures |= _figures(name, everything)
@@ -169,38 +162,36 @@ def run(seeds: int, say: Say) -> Outcome:
     return Outcome(figures, _table(everything))
 
 
-def _figures(
-    name: str, everything: list[dict[tuple[str, int, int], Reading | None]]
-) -> dict[str, float]:
+def _figures(name: str, everything: list[Measurements]) -> dict[str, float]:
     widths, distances, heights, sigmas = [], [], [], []
     missed = 0
     for found in everything:
-        for (chain, d, w), reading in found.items():
+        for (chain, d, w), measured in found.items():
             if chain != name:
                 continue
-            if reading is None:
+            if measured is None:
                 missed += 1
                 continue
-            widths.append(100.0 * (reading.width_m / WIDTHS_M[w] - 1.0))
-            distances.append(100.0 * (reading.distance_m / DISTANCES_M[d] - 1.0))
-            heights.append(1000.0 * abs(reading.height_m - HEIGHT_M))
-            sigmas.append((reading.width_m - WIDTHS_M[w]) / reading.sigma_width_m)
-    size = np.abs(widths + [100.0] * missed)
-    far = np.abs(distances + [100.0] * missed)
+            widths.append(100.0 * (measured.width_m / WIDTHS_M[w] - 1.0))
+            distances.append(100.0 * (measured.distance_m / DISTANCES_M[d] - 1.0))
+            heights.append(1000.0 * abs(measured.height_m - HEIGHT_M))
+            sigmas.append((measured.width_m - WIDTHS_M[w]) / measured.sigma_width_m)
+    width_error = np.abs(widths + [100.0] * missed)
+    distance_error = np.abs(distances + [100.0] * missed)
     return {
-        f"{name}_width_mean_pct": float(size.mean()),
-        f"{name}_width_max_pct": float(size.max()),
-        f"{name}_distance_mean_pct": float(far.mean()),
-        f"{name}_distance_max_pct": float(far.max()),
+        f"{name}_width_mean_pct": float(width_error.mean()),
+        f"{name}_width_max_pct": float(width_error.max()),
+        f"{name}_distance_mean_pct": float(distance_error.mean()),
+        f"{name}_distance_max_pct": float(distance_error.max()),
         f"{name}_height_mean_mm": float(np.mean(heights)) if heights else math.nan,
         f"{name}_width_nees": float(np.mean(np.square(sigmas))) if sigmas else math.nan,
     }
 
 
-def _table(everything: list[dict[tuple[str, int, int], Reading | None]]) -> list[str]:
-    """The published table and ours beside it: estimates in cm, errors in % of the truth."""
+def _table(everything: list[Measurements]) -> list[str]:
+    """The published table and ours: estimates in cm, errors in % of the truth."""
     lines = [
-        "cm (error in % of the truth); ours: mean over the seeds and mean absolute error",
+        "cm (error in % of the truth); ours: mean over the seeds, and mean absolute error",
         f"{'':<22}{'distance':>16}" + "".join(f"{100 * w:>18.1f}" for w in WIDTHS_M),
     ]
     for name in ("mdghm", "sift"):
@@ -217,16 +208,16 @@ def _table(everything: list[dict[tuple[str, int, int], Reading | None]]) -> list
     return lines
 
 
-def _row(chain: str, d: int, everything: list[dict[tuple[str, int, int], Reading | None]]) -> str:
+def _row(chain: str, d: int, everything: list[Measurements]) -> str:
     of_widths = [
-        [reading for found in everything if (reading := found[chain, d, w]) is not None]
+        [measured for found in everything if (measured := found[chain, d, w]) is not None]
         for w in range(len(WIDTHS_M))
     ]
-    far = np.array([reading.distance_m for column in of_widths for reading in column])
-    error = 100.0 * np.mean(np.abs(far / DISTANCES_M[d] - 1.0))
-    cells = f"{100.0 * far.mean():9.2f} ({error:5.2f})"
+    distances = np.array([measured.distance_m for column in of_widths for measured in column])
+    error = 100.0 * np.mean(np.abs(distances / DISTANCES_M[d] - 1.0))
+    cells = f"{100.0 * distances.mean():9.2f} ({error:5.2f})"
     for column, true in zip(of_widths, WIDTHS_M, strict=True):
-        sizes = np.array([reading.width_m for reading in column])
+        sizes = np.array([measured.width_m for measured in column])
         error = 100.0 * np.mean(np.abs(sizes / true - 1.0))
         cells += f"{100.0 * sizes.mean():11.2f} ({error:4.2f})"
     what = "ours" if "features" not in chain else "features"
@@ -235,7 +226,7 @@ def _row(chain: str, d: int, everything: list[dict[tuple[str, int, int], Reading
 
 EXPERIMENT = Experiment(
     id="004-E1",
-    title="Table 4: width and distance of rows of boxes in panoramas of two views",
+    title="Width and distance of rows of boxes in panoramas of two views (Kang 2013, Table 4)",
     run=run,
     targets={
         "mdghm_width_mean_pct": Target("<=", 0.8),

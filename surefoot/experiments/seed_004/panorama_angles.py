@@ -1,12 +1,11 @@
-"""Nine views, a panorama, its key angles and all others, and what stands around, against the truth.
+"""Panoramas of nine views: their rotations, key angles and obstacles, evaluated against the truth.
 
-A head turns to the nine key directions with encoders that are half a degree off, each view on its own. The
-panorama must tell better where each view looked, and say how sure it is. Errors of rotation are taken after
-the mean rotation between estimate and truth; beside it those in the base frame as they are. Then random
-things are counted and the gaps between them measured (`panorama_scenes`). Pictures of the panoramas with
-their key angles and all others are written to `runs/experiments/004-E5`.
+The head turns to the nine key directions with independent encoder errors of half a degree. The panorama must estimate
+the rotation of each view better than the encoders, with a consistent covariance. Rotation errors are measured after
+removing the mean rotation between estimate and truth, and also in the base frame. Then random objects are counted and
+the gaps between them measured (`panorama_scenes`). Plots go to `runs/experiments/004-E5`.
 
-Source: seed 004, Figs. 2 and 6, sections 2.2.2 and 2.3.
+Source: Kang 2013 (seed 004), Figs. 2 and 6, sections 2.2.2 and 2.3.
 """
 
 from __future__ import annotations
@@ -26,21 +25,21 @@ from sim.scenes import catalogue
 
 from ...report.plots.panorama import write_pictures
 from ..support.experiment import Experiment, Outcome, Say, Target
-from ..support.trials import each
-from .panorama_scenes import Score, nine_views, score
+from ..support.trials import run_all
+from .panorama_scenes import nine_views, score
 
 ROOMS = ("boxes", "home", "corridor")
 SCENES_A_SEED = 67  # 200 random scenes with three seeds
 PICTURES = Path("runs/experiments/004-E5")
 
 
-def look_round(room: str, seed: int) -> tuple[list[View], list[Pose3]]:
-    """Nine views from where the robot starts, and their true poses on the body."""
+def room_views(room: str, seed: int) -> tuple[list[View], list[Pose3]]:
+    """Nine views at the robot's start, and their true poses on the body."""
     return nine_views(catalogue.load(room, seed), np.random.default_rng([seed, 50]))
 
 
 def errors_deg(poses: list[Pose3], true: list[Pose3], aligned: bool) -> np.ndarray:
-    """Angle of each rotation off the true one, after the mean rotation between both or as it is."""
+    """Angle between each rotation and the true one; if aligned, after removing the mean rotation."""
     between = Rotation.from_matrix(
         np.array([p.rotation @ t.rotation.T for p, t in zip(poses, true, strict=True)])
     )
@@ -48,7 +47,7 @@ def errors_deg(poses: list[Pose3], true: list[Pose3], aligned: bool) -> np.ndarr
 
 
 def law_errors_deg(panorama: Panorama, views: list[View]) -> float:
-    """Root mean square of the interpolated angles off those the panorama is drawn by."""
+    """Root mean square difference of the interpolated angles from those of the panorama's projection."""
     assert panorama.drawing is not None, "every view has a prior, so every view is drawn"
     across, down = laws(panorama.drawing, views)
     sphere = panorama.drawing.sphere
@@ -58,22 +57,18 @@ def law_errors_deg(panorama: Panorama, views: list[View]) -> float:
     return math.degrees(float(np.sqrt(np.mean(off**2))))
 
 
-def things_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
-    """Random scenes: how often the count is right, and how far off gaps, widths and heights are."""
+def objects_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
+    """Random scenes: share of correct counts, and errors of gaps, widths and heights."""
     count = min(seeds * SCENES_A_SEED, 200) if seeds <= 3 else seeds * SCENES_A_SEED
-    scores: list[Score] = []
-    for one in each(score, [(number,) for number in range(count)]):
-        scores.append(one)
-        if len(scores) % 20 == 0:
-            say(f"{len(scores)} of {count} scenes of random things")
-    right = [one for one in scores if one.things == one.listed]
-    gaps = 1e3 * np.abs([gap for one in right for gap in one.gaps_m] or [math.inf])
-    heights = 1e3 * np.abs([height for one in right for height in one.heights_m] or [math.inf])
-    widths = 1e3 * np.abs([width for one in right for width in one.widths_m] or [math.inf])
-    deviations = np.abs([z for one in right for z in one.gaps_in_sigmas] or [math.inf])
+    scores = run_all(score, [(number,) for number in range(count)], say, "random scenes")
+    correct = [one for one in scores if one.objects == one.listed]
+    gaps = 1e3 * np.abs([gap for one in correct for gap in one.gaps_m] or [math.inf])
+    heights = 1e3 * np.abs([height for one in correct for height in one.heights_m] or [math.inf])
+    widths = 1e3 * np.abs([width for one in correct for width in one.widths_m] or [math.inf])
+    deviations = np.abs([z for one in correct for z in one.gaps_in_sigmas] or [math.inf])
     figures = {
         "scenes": float(count),
-        "count_correct_pct": 100.0 * len(right) / count,
+        "count_correct_pct": 100.0 * len(correct) / count,
         "gap_error_mm": float(np.median(gaps)),
         "gap_error_p90_mm": float(np.percentile(gaps, 90)),
         "gap_within_2_sigma_pct": float(100.0 * np.mean(deviations <= 2.0)),
@@ -81,21 +76,21 @@ def things_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
         "height_error_mm": float(np.median(heights)),
     }
     row = (
-        f"random things: {len(right)} of {count} scenes counted rightly; {gaps.size} gaps, "
+        f"random objects: {len(correct)} of {count} scenes counted correctly; {gaps.size} gaps, "
         f"median error {figures['gap_error_mm']:.0f} mm"
     )
     return figures, [row]
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Three kinds of rooms a seed, about five seconds each; 67 random scenes a seed, three each."""
+    """Three rooms per seed, about five seconds each; 67 random scenes per seed, three seconds each."""
     found: dict[str, list[float]] = {}
     table = [
         "room      seed  encoders  features  panorama  worst view  pairs  NEES  key angles, deg"
     ]
     for seed in range(seeds):
         for room in ROOMS:
-            views, true = look_round(room, seed)
+            views, true = room_views(room, seed)
             rng = np.random.default_rng([seed, 51])
             panorama = stitch(views, rng)
             by_features, _ = place(views, rng, replace(StitchConfig(), surfaces=False))
@@ -134,15 +129,15 @@ def run(seeds: int, say: Say) -> Outcome:
         if name != "nees"
     }
     figures["nees_per_axis"] = float(np.mean(found["nees"]))
-    measured, rows = things_and_gaps(seeds, say)
-    figures |= measured
-    table += [*rows, f"pictures: {PICTURES}"]
+    object_figures, rows = objects_and_gaps(seeds, say)
+    figures |= object_figures
+    table += [*rows, f"plots: {PICTURES}"]
     return Outcome(figures, table)
 
 
 EXPERIMENT = Experiment(
     id="004-E5",
-    title="Nine views, panorama, key and all angles; things counted, gaps between them measured",
+    title="Panoramas of nine views: rotations, key angles, objects counted and gaps measured (Kang 2013)",
     run=run,
     targets={
         "angle_rms_deg": Target("<=", 0.3),

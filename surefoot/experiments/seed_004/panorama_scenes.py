@@ -1,10 +1,11 @@
-"""Random things on a floor, looked at by a turning head: are they counted, and are the gaps between them right?
+"""Random objects on a floor in a panorama of nine views: are they all found, and are the gaps between them correct?
 
-One to five boxes and round bins of any size and heading stand within reach, apart enough to be seen apart
-from where the robot stands, and where the head's nine views show them. Nine views, encoders half a degree off, all errors of the camera. Counted is
-what the panorama lists; a gap is the free width across the way between two neighbours.
+One to five boxes and round bins of random size and heading stand within range, separable from the robot's position and
+inside the field of view of the nine views. Views have encoder errors of half a degree and all errors of the camera
+model. The count is the number of obstacles that the panorama lists; a gap is the free lateral width between two
+neighbours.
 
-Source: seed 004, section 2.3; the scenes are ours.
+Source: Kang 2013 (seed 004), section 2.3; the scenes are ours.
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ from sim.shapes import Box, Cylinder, Shape, outline
 
 from ...config.schema import CALIBRATED_TOF
 
-ENCODER_DEG = 0.5  # deviation of pan and of tilt, each view on its own
+ENCODER_DEG = 0.5  # standard deviation of pan and tilt, independent for each view
 CAMERA_HEIGHT_M = 0.55  # seed 004
 LEVER_M = np.array([0.0, -0.035, 0.035])  # DARwIn-OP: camera about the neck, camera axes
-EXTENT = (-0.8, -3.1, 3.6, 3.1)  # corners nearer than 5 m, where ranges would start again from 0
+EXTENT = (-0.8, -3.1, 3.6, 3.1)  # corners nearer than 5 m, where ranges wrap
 APART_RAD = math.radians(4.0)  # between neighbours, as seen from the robot
-REACH_RAD = math.radians(55.0)  # a good deal less than the panorama's end
-BLIND_RAD = math.radians(8.0)  # within it no view looks further down than 17.5 deg
+REACH_RAD = math.radians(55.0)  # well inside the panorama
+BLIND_RAD = math.radians(8.0)  # within this azimuth no view looks further down than 17.5 deg
 NEAR_M, FAR_M = 0.7, 2.2
 
 
-class Laid(NamedTuple):
-    """A random thing: its shape, and where it lies as seen from the robot: azimuths and y, left first."""
+class PlacedObject(NamedTuple):
+    """An object: its shape, and the azimuths and y of its left and right ends as seen from the robot."""
 
     shape: Shape
     left_rad: float
@@ -50,21 +51,21 @@ class Laid(NamedTuple):
     right_m: float
 
 
-def head(pan_rad: float, tilt_rad: float) -> Pose3:
-    """The camera on a head so turned, above the origin of the body."""
+def head_pose(pan_rad: float, tilt_rad: float) -> Pose3:
+    """Camera pose above the body's origin at a pan and tilt."""
     rotation = head_rotation(float(pan_rad), float(tilt_rad))
     return Pose3.from_rotation(rotation, np.array([0.0, 0.0, CAMERA_HEIGHT_M]) + rotation @ LEVER_M)
 
 
 def nine_views(scene: Scene, rng: np.random.Generator) -> tuple[list[View], list[Pose3]]:
-    """Views from where the robot starts, by encoders that are off, and their true poses on the body."""
+    """Views at the robot's start with encoder errors, and their true poses on the body."""
     caster = RayCaster(scene)
     caster.place([mover.start for mover in scene.moving_objects])
     camera = TofCamera(TofConfig(), rng)
     views, true = [], []
     for number, (pan, tilt) in enumerate(head_directions()):
         off = math.radians(ENCODER_DEG) * rng.standard_normal(2)
-        pose, prior = head(pan + off[0], tilt + off[1]), head(pan, tilt)
+        pose, prior = head_pose(pan + off[0], tilt + off[1]), head_pose(pan, tilt)
         range_m, amplitude = camera.measure(caster, scene.start.lifted() @ pose)
         view = RangeView(range_m, amplitude, camera.camera, prior)
         depth = time_of_flight.depth(view, CALIBRATED_TOF)
@@ -73,11 +74,11 @@ def nine_views(scene: Scene, rng: np.random.Generator) -> tuple[list[View], list
     return views, true
 
 
-def laid(shape: Shape) -> Laid:
-    """A shape as it lies to a robot at the origin."""
+def placed(shape: Shape) -> PlacedObject:
+    """A shape as seen by a robot at the origin."""
     corners = outline(shape)
     azimuth = np.arctan2(corners[:, 1], corners[:, 0])
-    return Laid(
+    return PlacedObject(
         shape,
         float(azimuth.max()),
         float(azimuth.min()),
@@ -86,27 +87,27 @@ def laid(shape: Shape) -> Laid:
     )
 
 
-def _draw(rng: np.random.Generator) -> Laid:
+def _draw(rng: np.random.Generator) -> PlacedObject:
     bearing = rng.uniform(-0.8, 0.8) * REACH_RAD
     x = float(rng.uniform(NEAR_M, FAR_M))
     y, height = float(x * math.tan(bearing)), float(rng.uniform(0.15, 0.6))
     if rng.random() < 0.25:
-        return laid(Cylinder((x, y, height / 2), float(rng.uniform(0.08, 0.25)), height))
+        return placed(Cylinder((x, y, height / 2), float(rng.uniform(0.08, 0.25)), height))
     size = (float(rng.uniform(0.12, 0.45)), float(rng.uniform(0.12, 0.7)), height)
-    return laid(Box((x, y, height / 2), size, float(rng.uniform(-math.pi, math.pi))))
+    return placed(Box((x, y, height / 2), size, float(rng.uniform(-math.pi, math.pi))))
 
 
-def is_in_view(one: Laid) -> bool:
-    """Whether nine views show a good part of it: straight ahead they look down less far than aside."""
+def is_in_view(one: PlacedObject) -> bool:
+    """Whether the nine views show enough of an object: ahead they panorama_of down less than to the sides."""
     down = math.radians(15.0 if one.right_rad < BLIND_RAD and one.left_rad > -BLIND_RAD else 32.0)
     nearest = float(np.min(np.linalg.norm(outline(one.shape), axis=1)))
     return one.shape.top_m - 0.10 > CAMERA_HEIGHT_M - nearest * math.tan(down)
 
 
-def random_things(rng: np.random.Generator) -> list[Laid]:
-    """One to five things, from left to right, none in front of another."""
+def random_objects(rng: np.random.Generator) -> list[PlacedObject]:
+    """One to five objects from left to right, none occluding another."""
     wanted = int(rng.integers(1, 6))
-    found: list[Laid] = []
+    found: list[PlacedObject] = []
     for _ in range(200):
         one = _draw(rng)
         nearest = float(np.min(np.linalg.norm(outline(one.shape), axis=1)))
@@ -125,14 +126,14 @@ def random_things(rng: np.random.Generator) -> list[Laid]:
     return sorted(found, key=lambda one: -(one.left_rad + one.right_rad))
 
 
-def scene_of(things: list[Laid], rng: np.random.Generator) -> Scene:
-    """A hall with nothing else in it."""
+def scene_of(objects: list[PlacedObject], rng: np.random.Generator) -> Scene:
+    """An empty hall with these objects."""
     shown = [
-        StaticObject(f"thing {k + 1}", (one.shape,), float(rng.uniform(0.35, 0.9)))
-        for k, one in enumerate(things)
+        StaticObject(f"object {k + 1}", (one.shape,), float(rng.uniform(0.35, 0.9)))
+        for k, one in enumerate(objects)
     ]
     return Scene(
-        "things",
+        "objects",
         0,
         EXTENT,
         (FloorArea("planks/pine", EXTENT),),
@@ -145,9 +146,9 @@ def scene_of(things: list[Laid], rng: np.random.Generator) -> Scene:
 
 
 class Score(NamedTuple):
-    """One scene: things there and listed; error of each gap, m, and in deviations; errors of sizes, m."""
+    """One scene: objects placed and listed; error of each gap, m and in standard deviations; size errors, m."""
 
-    things: int
+    objects: int
     listed: int
     gaps_m: list[float]
     gaps_in_sigmas: list[float]
@@ -155,30 +156,30 @@ class Score(NamedTuple):
     heights_m: list[float]
 
 
-def look(seed: int) -> tuple[list[Laid], Panorama, list[View]]:
+def panorama_of(seed: int) -> tuple[list[PlacedObject], Panorama, list[View]]:
     """The random scene of a seed, and its panorama."""
     rng = np.random.default_rng([seed, 70])
-    things = random_things(rng)
-    views, _ = nine_views(scene_of(things, rng), rng)
-    return things, stitch(views, rng), views
+    objects = random_objects(rng)
+    views, _ = nine_views(scene_of(objects, rng), rng)
+    return objects, stitch(views, rng), views
 
 
 def score(seed: int) -> Score:
-    """How the panorama of one random scene tells what is there."""
-    things, panorama, views = look(seed)
-    return compare(things, surroundings(panorama, views))
+    """Compare the panorama of one random scene with the truth."""
+    objects, panorama, views = panorama_of(seed)
+    return compare(objects, surroundings(panorama, views))
 
 
-def compare(things: list[Laid], found: Surroundings) -> Score:
-    """Truth against what was found; sizes and gaps only where the count is right."""
-    empty = Score(len(things), len(found), [], [], [], [])
-    if len(things) != len(found):
-        return empty
+def compare(objects: list[PlacedObject], found: Surroundings) -> Score:
+    """Compare true and listed objects; sizes and gaps only where the count is correct."""
+    errors = Score(len(objects), len(found), [], [], [], [])
+    if len(objects) != len(found):
+        return errors
     for k, gap in enumerate(found.gaps[1:-1]):
-        true = things[k].right_m - things[k + 1].left_m
-        empty.gaps_m.append(gap.width_m - true)
-        empty.gaps_in_sigmas.append((gap.width_m - true) / gap.sigma_width_m)
-    for one, obstacle in zip(things, found.obstacles, strict=True):
-        empty.widths_m.append(obstacle.width_m - (one.left_m - one.right_m))
-        empty.heights_m.append(obstacle.height_m - one.shape.top_m)
-    return empty
+        true = objects[k].right_m - objects[k + 1].left_m
+        errors.gaps_m.append(gap.width_m - true)
+        errors.gaps_in_sigmas.append((gap.width_m - true) / gap.sigma_width_m)
+    for one, obstacle in zip(objects, found.obstacles, strict=True):
+        errors.widths_m.append(obstacle.width_m - (one.left_m - one.right_m))
+        errors.heights_m.append(obstacle.height_m - one.shape.top_m)
+    return errors

@@ -1,1 +1,6 @@
-"""What experiments share: targets, trials, walks."""
+"""Helpers that several experiments share.
+
+`experiment` (figures, targets, registry), `trials` (parallel trials with a result cache), `walks` (simulated
+walks), `course_runner` and `geometric_perception` (courses without images), `floor_views`, `simulated_depth`,
+`random_floors`, `random_terrain` (generated inputs with ground truth), `real_data` (real recordings).
+"""

@@ -1,7 +1,9 @@
-"""One walk over a course, by geometric perception or from images, with every contact counted and classified.
+"""One walk over a course, with geometric perception or from images, with every contact counted and classified.
 
-Body, gait, slip and planner are those of every simulated walk. A contact is that of the study: the disc of seed 001's
-robot (S_r) touches another disc or a wall.
+Body, gait, slip and planner are those of every simulated walk. A contact begins when the disc of the robot (radius
+S_r) touches another disc or a wall.
+
+Source: Yoo and Kim 2010 (seed 001), section V-C.
 """
 
 from __future__ import annotations
@@ -32,27 +34,27 @@ from ...run.simulate import known_beforehand
 from .geometric_perception import GeometricPerception
 
 PASSED_M = 0.30  # navigation study: a via point counts as reached when passed within 0.3 m
-TIME_LIMIT_S = 900.0  # ours: half as long again as the paper's 560.2 s
-CYCLE = ("tracks", "gaze", "field")  # of the stages of a decision, those of seed 001
-APART_M = 0.02  # a contact is over once there is a gap of so much
+TIME_LIMIT_S = 900.0  # ours: 1.6 times the paper's 560.2 s
+CYCLE = ("tracks", "gaze", "field")  # stages of a decision that seed 001 times
+APART_M = 0.02  # a contact ends at a gap of this size
 
 
 @dataclass
-class Walk:
-    """What came of a course.
+class CourseWalk:
+    """Result of a walk over a course.
 
     Args:
-        contacts: Every one.
-        arrived: Whether all via points were passed in time.
-        fell: Whether the robot fell, which ends a walk.
-        time_s: When it ended.
-        clearance_m: Least gap to anything.
-        turning_rad: Sum of all turns.
-        guarded: Steps that were not the field's.
-        cycle_ms: What seed 001 decides at every footstep: tracks (by geometry), gaze, field and footstep.
-        decision_ms: The same with the search of the route and the guard.
-        trace: (stamp, x, y, yaw) at every decision.
-        pose_errors: Believed less true (x, y, yaw) at every decision.
+        contacts: All contacts.
+        arrived: Whether all via points were passed within the time limit.
+        fell: Whether the robot fell, which ends the walk.
+        time_s: Duration.
+        clearance_m: Least gap to any obstacle or wall.
+        turning_rad: Sum of the absolute turns.
+        guarded: Number of steps that the guard changed.
+        cycle_ms: Time of tracking, gaze, field and footstep at every decision (the cycle of seed 001).
+        decision_ms: Time of every decision, including path search and guard.
+        trace: True (stamp, x, y, yaw) at every decision.
+        pose_errors: Estimated minus true (x, y, yaw) at every decision.
     """
 
     contacts: list[Contact] = field(default_factory=list)
@@ -69,7 +71,7 @@ class Walk:
 
 
 def course_config(scene: str, seed: int, config: Config | None = None) -> Config:
-    """The configuration of such a walk: all via points, passed within 0.3 m, and no cameras."""
+    """Configuration of a walk by geometric perception: all via points, passed within 0.3 m, no cameras."""
     base = Config() if config is None else config
     return replace(
         base,
@@ -80,8 +82,8 @@ def course_config(scene: str, seed: int, config: Config | None = None) -> Config
     )
 
 
-def pictures_config(scene: str, seed: int, config: Config | None = None) -> Config:
-    """The same from pictures: the time-of-flight camera for the map, colour for obstacles and tags."""
+def image_config(scene: str, seed: int, config: Config | None = None) -> Config:
+    """Configuration of a walk from images: time of flight for the map, colour for obstacles and tags."""
     one = course_config(scene, seed, config)
     return replace(
         one,
@@ -90,16 +92,16 @@ def pictures_config(scene: str, seed: int, config: Config | None = None) -> Conf
     )
 
 
-def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = None) -> Walk:
+def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = None) -> CourseWalk:
     """Walk the course of `config.scene` and `config.seed`.
 
     Args:
-        config: From `course_config`, or from `pictures_config` to perceive from images.
-        perfect: Perception without errors instead of simulated detections.
+        config: From `course_config`, or from `image_config` for perception from images.
+        perfect: Error-free perception instead of simulated detections.
         stepper: Checks every step; None: the guard.
     """
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
-    result, touching = Walk(), Touch()
+    result, touch = CourseWalk(), Touch()
     images = config.robot.tof
     with (
         World(scene, config.renderer if images else "tiny", config.seed) as world,
@@ -115,20 +117,20 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
             stamp_s, decision = cycle.frame.stamp_s, cycle.decision
             if images:
                 geometric.watch(stamp_s, cycle.world.tracks)
-            _judge(scene, geometric, touching, stamp_s, result)
+            _record_contacts(scene, geometric, touch, stamp_s, result)
             if decision is not None:
-                _note(result, cycle.world, decision, geometric)
-                touching.step(decision.walk)
+                _record_decision(result, cycle.world, decision, geometric)
+                touch.step(decision.walk)
         result.fell = body.fell_at_s is not None
         result.arrived = planner.reached == len(scene.goals) and not result.fell
         result.time_s = world.stamp_s
     return result
 
 
-def _note(
-    result: Walk, world: WorldModel, decision: Decision, geometric: GeometricPerception
+def _record_decision(
+    result: CourseWalk, world: WorldModel, decision: Decision, geometric: GeometricPerception
 ) -> None:
-    """Take in one decision."""
+    """Record one decision."""
     spent = decision.timing_ms | {"tracks": geometric.tracking_ms}
     result.decision_ms.append(sum(spent.values()))
     result.cycle_ms.append(sum(spent.get(stage, 0.0) for stage in CYCLE))
@@ -141,10 +143,14 @@ def _note(
     result.guarded += decision.why == "guard"
 
 
-def _judge(
-    scene: Scene, geometric: GeometricPerception, touching: Touch, stamp_s: float, result: Walk
+def _record_contacts(
+    scene: Scene,
+    geometric: GeometricPerception,
+    touch: Touch,
+    stamp_s: float,
+    result: CourseWalk,
 ) -> None:
-    """Gaps of this instant; a new contact is noted with its class."""
+    """Record the gaps of this instant, and every new contact with its class."""
     true = geometric.truth.robot_pose()
     x0, y0, x1, y1 = scene.extent
     wall = min(true.x - x0, true.y - y0, x1 - true.x, y1 - true.y)
@@ -152,23 +158,23 @@ def _judge(
     gaps = dict(enumerate((away - geometric.discs[:, 2] - BODY_RADIUS_M).tolist()))
     gaps[-1] = wall - BODY_RADIUS_M
     result.clearance_m = min(result.clearance_m, *gaps.values())
-    for index in touching.begun(gaps, APART_M):
+    for index in touch.begun(gaps, APART_M):
         record = geometric.followed.get(index)
         turned = geometric.since_turned(index)
         contact = Contact(
             stamp_s,
-            "wall" if index < 0 else scene_name(scene, index),
+            "wall" if index < 0 else obstacle_name(scene, index),
             0 <= index < len(scene.moving_objects),
             np.inf if record is None else stamp_s - record.seen_s,
             0.0 if record is None else stamp_s - record.since_s,
             turned,
-            touching.standing,
+            touch.standing,
         )
         result.contacts.append(replace(contact, kind=class_of(contact)))
 
 
-def scene_name(scene: Scene, index: int) -> str:
-    """Of the obstacle of that place in the list of the truth."""
+def obstacle_name(scene: Scene, index: int) -> str:
+    """Name of the obstacle with this index in the list of true obstacles."""
     movers = len(scene.moving_objects)
     return (
         scene.moving_objects[index].name if index < movers else scene.obstacles[index - movers].name

@@ -1,4 +1,4 @@
-"""What an experiment is: figures, targets, and the published numbers beside them."""
+"""The parts of an experiment: measured figures, targets, published numbers, and the registry of all experiments."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ COMPARE: dict[str, Callable[[float, float], bool]] = {
 FILES = {
     "000-E1": "seed_000.monocular_cycle",
     "000-E2": "seed_000.swarm_table",
-    "000-E5": "seed_000.monocular_time",
     "000-E3": "seed_000.robots_room",
     "000-E4": "seed_000.narrow_course",
+    "000-E5": "seed_000.monocular_time",
     "001-E1": "seed_001.field_portrait",
     "001-E2": "seed_001.gaze_map",
     "001-E3": "seed_001.moving_courses",
@@ -38,74 +38,84 @@ FILES = {
     "003-E6": "seed_003.wandering",
     "003-E7": "seed_003.texture_limit",
     "003-walls": "seed_003.walls",
-    "INT-2": "joint.gaze_coupling",
-    "INT-3": "joint.floor_methods",
-    "INT-4": "joint.four_planners",
-    "home": "joint.home",
-    "sensors": "joint.sensors",
-    "walking": "joint.walking",
-    "INT-1": "joint.people_home",
-    "localisation": "joint.localisation",
-    "mrclam": "real.mrclam",
-    "real-floor": "real.real_floor",
-    "real-ground": "real.real_ground",
-    "real-stereo": "real.real_stereo",
-    "real-planes": "real.real_planes",
     "004-E1": "seed_004.obstacle_sizes",
     "004-E2": "seed_004.fuzzy_choice",
     "004-E3": "seed_004.avoidance_walks",
     "004-E4": "seed_004.avoidance_pictures",
     "004-E5": "seed_004.panorama_angles",
     "004-features": "seed_004.feature_study",
-    "real-panorama": "real.real_panorama",
-    "real-odometry": "real.real_odometry",
-    "real-mapping": "real.real_mapping",
+    "INT-1": "joint.people_home",
+    "INT-2": "joint.gaze_coupling",
+    "INT-3": "joint.floor_methods",
+    "INT-4": "joint.four_planners",
+    "home": "joint.home",
+    "localisation": "joint.localisation",
+    "sensors": "joint.sensors",
+    "walking": "joint.walking",
+    "mrclam": "real.mrclam",
+    "real-floor": "real.floors",
+    "real-ground": "real.colour_floor",
+    "real-mapping": "real.surface",
+    "real-odometry": "real.odometry",
+    "real-panorama": "real.panorama",
+    "real-planes": "real.labelled_floors",
+    "real-stereo": "real.stereo",
 }
-"""Where each experiment lives: id to file of this folder. Ids are those of the specification."""
+"""Id of the specification to module, sorted by room."""
 
 BODIES = ("kinematic", "dynamic")
-"""Exact footsteps with drawn noise; servos and soles in a physical world."""
+"""Kinematic: exact footsteps with random slip. Dynamic: servos, soles and gravity."""
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Target:
-    """A figure is met if `figure <relation> bound`."""
+    """A bound on a figure: met if `figure <relation> bound`."""
 
     relation: str
     bound: float
 
     def met_by(self, figure: float) -> bool:
-        """Whether the figure satisfies it; NaN never does."""
+        """Whether the figure satisfies the bound; NaN never does."""
         return bool(COMPARE[self.relation](figure, self.bound))
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run of an experiment measured.
+    """Result of an experiment.
 
     Args:
-        figures: Name to number.
-        table: Lines for people, already laid out; may be empty.
+        figures: Name to value.
+        table: Formatted lines; may be empty.
     """
 
     figures: dict[str, float]
     table: list[str] = field(default_factory=list)
 
 
+Part = tuple[dict[str, float], list[str]]
+"""Figures and table lines of a part of an experiment."""
+
+
+def combined(*parts: Part) -> Outcome:
+    """The figures and the table lines of all parts, in order."""
+    figures = {name: value for found, _ in parts for name, value in found.items()}
+    return Outcome(figures, [line for _, lines in parts for line in lines])
+
+
 @dataclass(frozen=True)
 class Experiment:
-    """One table or figure.
+    """One experiment.
 
     Args:
-        id: As in the specification, such as "003-E1".
-        title: What it shows, one line.
-        run: Measures; takes the number of seeds and a function to report progress to, and the body if any walks.
-        targets: For the figures that have one.
-        published: The paper's own numbers, where it has any.
-        seeds: How many random worlds by default.
-        body: That walks by default, one of `BODIES`; empty: nothing walks.
+        id: Id of the specification, such as "003-E1".
+        title: Contents in one line.
+        run: Called with the number of seeds, a progress callback and, if a robot walks, the body.
+        targets: Bounds by name of the figure.
+        published: Numbers of the paper by name of the figure.
+        seeds: Default number of seeds.
+        body: Default body, one of `BODIES`; empty if no robot walks.
     """
 
     id: str
@@ -123,7 +133,11 @@ def names() -> list[str]:
 
 
 def load(identity: str) -> Experiment:
-    """The experiment of that id; an unknown one is an InputError with the nearest."""
+    """The experiment with this id.
+
+    Raises:
+        InputError: Unknown id; the message suggests the nearest one.
+    """
     found: Experiment = registry.load("experiment", "surefoot.experiments", FILES, identity)
     return found
 
@@ -131,28 +145,28 @@ def load(identity: str) -> Experiment:
 def measure(
     experiment: Experiment, say: Say, seeds: int | None = None, body: str | None = None
 ) -> tuple[Experiment, Outcome]:
-    """Run it.
+    """Run an experiment.
 
     Args:
-        experiment: Which.
-        say: Progress.
-        seeds: How many random worlds; None: its own number.
-        body: One of `BODIES`, or "both"; None: its own.
+        experiment: The experiment.
+        say: Progress callback.
+        seeds: Number of seeds; None: the experiment's default.
+        body: One of `BODIES`, or "both"; None: the experiment's default.
 
     Returns:
-        The experiment, with the targets of both bodies if both walked, and what came of it: then the
-        second body's figures and targets end in its name, and the table ends with both beside each other.
+        The experiment and its outcome. With both bodies, the figures and targets of the second body end in
+        its name, and the table ends with a comparison.
 
     Raises:
-        InputError: a body for an experiment in which nothing walks.
+        InputError: A body is given, but no robot walks in this experiment.
     """
     seeds = seeds or experiment.seeds
     if not experiment.body:
         if body:
             walkers = ", ".join(name for name in FILES if load(name).body)
             raise InputError(
-                f"experiment {experiment.id}: nothing walks in it, so it takes no --body; "
-                f"these do: {walkers}"
+                f"experiment {experiment.id}: no robot walks in it, so it takes no --body; "
+                f"these experiments do: {walkers}"
             )
         return experiment, experiment.run(seeds, say)
     if body != "both":
@@ -172,7 +186,7 @@ def measure(
 
 
 def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """The one object that `--json` prints: a target without its figure counts as not met."""
+    """Figures, targets and verdict as `--json` prints them; a target without a figure is not met."""
     figures = {name: float(value) for name, value in outcome.figures.items()}
     return {
         "id": experiment.id,
@@ -189,7 +203,7 @@ def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
 
 
 def lines(result: Mapping[str, Any], table: Iterable[str] = ()) -> list[str]:
-    """The same for people: the table, then each figure with its target and the published number."""
+    """Readable lines: the table, then each figure with its target and the published number."""
     shown = [f"{result['id']}  {result['title']}", *table, ""]
     width = max((len(name) for name in result["figures"]), default=0)
     for name, value in result["figures"].items():

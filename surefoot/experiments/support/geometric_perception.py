@@ -1,9 +1,8 @@
 """Geometric perception: detections and range scans computed from the simulator's geometry instead of from images.
 
-A course takes 500 s of walking, and rendering its images takes minutes. Here `sim.sensors.geometric_sensor` computes
-what the cameras would detect; with `perfect` everything is known without error, for comparison. Tracker, egocentric
-grid and confidence layer are those of the pipeline. The pose has a correlated error as large as the localiser's,
-and its covariance.
+Rendering the images of a 500 s walk takes minutes. Here `sim.sensors.geometric_sensor` computes what the cameras
+would detect; with `perfect`, everything is known without error, for comparison. Tracker, egocentric grid and
+confidence layer are those of the pipeline. The pose has a time-correlated error with the localiser's covariance.
 """
 
 from __future__ import annotations
@@ -36,21 +35,21 @@ from sim.truth import Truth
 from ...config.schema import Config
 
 POSE_SIGMA_M, POSE_SIGMA_RAD = 0.008, math.radians(0.35)
-"""A quarter more than the localiser's worst in three walks from pictures: 3 to 6.5 mm an axis, .18 to .28 deg."""
-POSE_MEMORY_S = 10.0  # in which its error becomes another; 5 to 20 s in the same walks
-RAYS = 45  # one a degree of the time-of-flight camera
-GRAIN_M = 0.04  # of floor points along a ray: every cell gets one
-SAME_M = 0.35  # a track as near to a thing is taken to be of it
-HIT_POINTS = 4  # an obstacle shows so many points above each other
+"""1.25 times the localiser's largest error in three walks from images (3 to 6.5 mm per axis, 0.18 to 0.28 deg)."""
+POSE_MEMORY_S = 10.0  # correlation time of the pose error; 5 to 20 s in the same walks
+RAYS = 45  # one per degree of the time-of-flight camera's field of view
+SPACING_M = 0.04  # of floor points along a ray: at least one per cell
+SAME_M = 0.35  # a track within this distance of an object is assigned to it
+HIT_POINTS = 4  # points on an obstacle per ray, one above the other
 
 
 @dataclass
-class Followed:
-    """When a thing was seen, for the class of a contact.
+class ObservationTimes:
+    """When an object was observed; this decides the class of a contact.
 
     Args:
-        since_s: Beginning of the time in which it was never lost for longer than the tracker remembers.
-        seen_s: Last sighting; -inf: never.
+        since_s: Start of the current period without a gap longer than the tracker's memory.
+        seen_s: Last observation; -inf: never.
     """
 
     since_s: float = math.inf
@@ -61,13 +60,13 @@ class GeometricPerception:
     """A perception source without images."""
 
     def __init__(self, config: Config, robot: SimulatedRobot, seed: int, perfect: bool) -> None:
-        """Begin.
+        """Start at the robot's initial pose.
 
         Args:
-            config: Of tracker, grid and confidence.
+            config: Configuration of tracker, grid and confidence.
             robot: The simulated robot.
-            seed: Of all errors.
-            perfect: Everything is known, everywhere, without error or delay.
+            seed: Seed of all errors.
+            perfect: Everything is known everywhere without error or delay.
         """
         self.config = config
         self.landmarks: tuple[Landmark, ...] = ()
@@ -76,9 +75,9 @@ class GeometricPerception:
         self.confidence: ConfidenceLayer | None = None
         self.world = WorldMap(config.world_map, config.grid.evidence)
         self.truth = Truth(robot)
-        self.followed: dict[int, Followed] = {}
+        self.followed: dict[int, ObservationTimes] = {}
         self.tracking_ms = 0.0
-        """Time of the tracker in the latest frame, ms; 0 for perfect perception."""
+        """Computing time of the tracker in the latest frame, ms; 0 for perfect perception."""
         self._sightings: tuple[Sighting, ...] = ()
         self._robot, self._perfect = robot, perfect
         self._walls = np.array(robot.world.scene.extent, float)
@@ -92,10 +91,10 @@ class GeometricPerception:
         self._stamp_s = 0.0
         self._turned_s: dict[int, float] = {}
         self._velocities: dict[int, tuple[float, float]] = {}
-        things = self.truth.obstacles()
-        self.discs = np.array([[x, y, radius] for _, x, y, _, _, radius, _ in things])
-        """x, y, radius of movers and posts now, in truth, m."""
-        self._heights_m = [height for *_, height in things]
+        objects = self.truth.obstacles()
+        self.discs = np.array([[x, y, radius] for _, x, y, _, _, radius, _ in objects])
+        """True x, y and radius of all objects now, m; moving objects first."""
+        self._heights_m = [height for *_, height in objects]
 
     def cycle(self, frame: Frame) -> WorldModel:
         """Pose, tracks and maps after one frame."""
@@ -116,7 +115,7 @@ class GeometricPerception:
         return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
 
     def watch(self, stamp_s: float, obstacles: Sequence[Obstacle]) -> None:
-        """Record which objects the tracks of another perception source follow."""
+        """Record which objects the tracks of another perception source belong to."""
         self._stamp_s = stamp_s
         self._move_on(stamp_s)
         for one in obstacles:
@@ -125,7 +124,7 @@ class GeometricPerception:
                 self._note(int(np.argmin(away)), stamp_s)
 
     def _move_on(self, stamp_s: float) -> None:
-        """Movers where they are now, and whether they turned."""
+        """Update position and velocity of the moving objects, and the time of their last reversal."""
         for k, (x, y, vx, vy) in enumerate(self._robot.world.moving_states()):
             self.discs[k, :2] = x, y
             before = self._velocities.get(k, (vx, vy))
@@ -134,7 +133,7 @@ class GeometricPerception:
             self._velocities[k] = (vx, vy)
 
     def since_turned(self, index: int) -> float:
-        """Time since a mover last reversed, s; infinite for what stands."""
+        """Time since a moving object last reversed, s; infinite for static objects."""
         return self._stamp_s - self._turned_s.get(index, -math.inf)
 
     def _estimated(self, frame: Frame, true: Pose2, elapsed: float) -> Gaussian:
@@ -159,7 +158,7 @@ class GeometricPerception:
         return found
 
     def _look(self, frame: Frame, true: Pose2, pose: Gaussian) -> list[Obstacle]:
-        """Detections to the tracker, and what it makes of them."""
+        """Tracks after an update with the detections of this frame."""
         in_body = self.discs.copy()
         in_body[:, :2] = true.inverse().apply(self.discs[:, :2])
         pan, tilt = self._head(true)
@@ -175,19 +174,19 @@ class GeometricPerception:
         return obstacles
 
     def _note(self, index: int, stamp_s: float) -> None:
-        record = self.followed.setdefault(index, Followed())
+        record = self.followed.setdefault(index, ObservationTimes())
         if stamp_s - record.seen_s > self.config.tracker.oldest_s:
             record.since_s = stamp_s
         record.seen_s = stamp_s
 
     def _head(self, true: Pose2) -> tuple[float, float]:
-        """Where the camera looks from the body, with all that trembles: pan and tilt, rad."""
+        """True pan and tilt of the camera relative to the body, including sway, rad."""
         axis = self._robot.camera_in_world(self._robot.config.tof_mount_m).rotation[:, 2]
         pan = wrap_angle(math.atan2(axis[1], axis[0]) - true.yaw)
         return pan, math.atan2(-axis[2], math.hypot(axis[0], axis[1]))
 
     def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
-        """As `view.visibility`: places that the time-of-flight camera sees beyond."""
+        """A test like `segmented_view.visibility`: positions whose line of sight the time-of-flight camera sees as free."""
         here, nearest, farthest = pose.mean, *self._sensor.floor_reach(tilt)
         half = math.radians(TOF_ACROSS_DEG) / 2
 
@@ -203,7 +202,7 @@ class GeometricPerception:
         return visible
 
     def _map_view(self, stamp_s: float, true: Pose2, pose: Gaussian, elapsed: float) -> None:
-        """Floor and obstacle points of one look into grid and confidence."""
+        """Add the floor and obstacle points of one range scan to grid and confidence."""
         if self.grid is None:
             self.grid = EgocentricGrid(self.config.grid, pose.mean[:2])
             self.confidence = ConfidenceLayer(self.grid, self.config.confidence)
@@ -216,7 +215,7 @@ class GeometricPerception:
         fan = pan + np.linspace(-half, half, RAYS)
         origin = np.column_stack([np.full(RAYS, true.x), np.full(RAYS, true.y), true.yaw + fan])
         free, _ = self._sensor.rays(self.discs, self._walls, origin)
-        along = np.arange(nearest, farthest, GRAIN_M)
+        along = np.arange(nearest, farthest, SPACING_M)
         ray, step = np.nonzero(along[None] < free[:, None] - 0.03)
         hits = np.flatnonzero(free < farthest)
         distances = np.concatenate([along[step], np.repeat(free[hits] + 0.01, HIT_POINTS)])
@@ -242,7 +241,7 @@ class GeometricPerception:
         return np.asarray((off <= half) & (away >= nearest) & (away <= farthest))
 
     def _map_everything(self, pose: Gaussian, stamp_s: float) -> None:
-        """All cells round the robot as they are, without what moves: that is told by the obstacles."""
+        """Set all cells around the robot to the truth, without moving objects, which the tracks represent."""
         if self.grid is None:
             self.grid = EgocentricGrid(self.config.grid, pose.mean[:2])
             self.confidence = ConfidenceLayer(self.grid, self.config.confidence)
@@ -250,7 +249,7 @@ class GeometricPerception:
         self.grid.move(pose.mean[:2])
         centres = self.grid.centres().reshape(-1, 2)
         x0, y0, x1, y1 = self._walls
-        half = self.grid.cell_m / 2  # what covers a part of a cell covers it
+        half = self.grid.cell_m / 2  # a partly covered cell counts as covered
         covered = (centres[:, 0] < x0 + half) | (centres[:, 0] > x1 - half)
         covered |= (centres[:, 1] < y0 + half) | (centres[:, 1] > y1 - half)
         for x, y, radius in self.discs[len(self._robot.world.scene.moving_objects) :]:

@@ -1,4 +1,4 @@
-"""Where the real recordings are, and the floors that are known for them."""
+"""Location of the real recordings, and their reference floor planes and cameras."""
 
 from __future__ import annotations
 
@@ -6,17 +6,24 @@ import csv
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
+from perception.primitives.frame import DepthView
 from perception.primitives.plane import Plane
+
+KINECT2 = Camera(730, 530, 529.5, 529.5, 364.0, 264.0)
+"""Camera of the set sunrgbd_kinect2, by its own calibration."""
+KINECT2_PER_M = 5000.0
 
 
 def folder(name: str) -> Path:
-    """Folder of one real recording, below SUREFOOT_DATA (default ../shared/data).
+    """Folder of one real recording below SUREFOOT_DATA (default ../shared/data).
 
     Raises:
-        InputError: It is not there.
+        InputError: The folder does not exist.
     """
     root = Path(os.environ.get("SUREFOOT_DATA", "../shared/data"))
     if not (root / name).exists():
@@ -27,10 +34,23 @@ def folder(name: str) -> Path:
     return root / name
 
 
-def floors(path: Path) -> dict[str, Plane]:
-    """The known floors of a recording, by frame name, in the camera frame.
+def kinect2_view(name: str) -> DepthView:
+    """Depth image of one view of sunrgbd_kinect2.
 
-    The covariance is what the file itself claims: sigma_deg for both tilts, sigma_m for the height.
+    Raises:
+        InputError: The image cannot be read.
+    """
+    path = folder("sunrgbd_kinect2") / f"{name}.depth.png"
+    raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if raw is None:
+        raise InputError(f"image {path} cannot be read; is the data set complete?")
+    return DepthView(np.where(raw == 0, np.nan, raw / KINECT2_PER_M).astype(np.float32), KINECT2)
+
+
+def floors(path: Path) -> dict[str, Plane]:
+    """Reference floor planes of a recording by frame name, camera frame.
+
+    The covariance is that of the file: sigma_deg for both tilts, sigma_m for the height.
     """
     with path.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))

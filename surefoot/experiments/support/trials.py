@@ -1,7 +1,7 @@
-"""Many independent trials: on all cores, in order, and each kept as soon as it is done.
+"""Independent trials in parallel processes, with a cache of finished results.
 
-A study of two hours that is killed goes on with `--resume`: what was done by the very same code, of the same
-trial, is not done again.
+Every result is stored as soon as its trial ends, so that `--resume` continues an interrupted study. A stored
+result is used only if the source code, the function and its arguments are unchanged.
 
 Source: ours.
 """
@@ -24,6 +24,8 @@ from typing import Any, TypeVar
 
 from mapping.io.atomic_write import atomic_path
 
+from .experiment import Say
+
 WORKERS = os.cpu_count() or 2
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
 
@@ -32,45 +34,47 @@ _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Shelf:
-    """Where results are put.
+class ResultCache:
+    """Folder of stored results.
 
     Args:
-        folder: Made if it is not there.
-        resume: Whether what lies there already is taken.
+        folder: Created if missing.
+        resume: Whether to use results that are already stored.
     """
 
     folder: Path
     resume: bool
 
 
-_SHELF: ContextVar[Shelf | None] = ContextVar("shelf", default=None)
+_CACHE: ContextVar[ResultCache | None] = ContextVar("cache_folder", default=None)
 
 
 @contextmanager
-def kept(shelf: Shelf | None) -> Iterator[None]:
-    """All trials made inside are put on this shelf."""
-    token = _SHELF.set(shelf)
+def cached(cache_folder: ResultCache | None) -> Iterator[None]:
+    """Store the results of all trials that run within this context; None stores nothing."""
+    token = _CACHE.set(cache_folder)
     try:
         yield
     finally:
-        _SHELF.reset(token)
+        _CACHE.reset(token)
 
 
-def each(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Iterator[R]:
-    """`work(*task)` of every task, in order, each in a process of its own.
+def run_trials(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Iterator[R]:
+    """Results of `work(*task)` for every task, in order, computed in parallel processes.
 
     Args:
-        work: A function of a module; what it returns can be pickled.
-        todo: Its arguments, whose repr tells them apart.
+        work: A module-level function whose result can be pickled.
+        todo: Arguments of each call; their repr identifies the trial in the cache.
     """
-    shelf = _usable(_SHELF.get())
-    places = [_place(shelf, work, task) for task in todo]
+    cache_folder = _usable_cache(_CACHE.get())
+    places = [_result_path(cache_folder, work, task) for task in todo]
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         waiting: list[Any] = []
         for task, place in zip(todo, places, strict=True):
-            done = _taken(place) if shelf is not None and shelf.resume else None
-            waiting.append(done if done is not None else pool.submit(_do, work, task, place))
+            done = _stored(place) if cache_folder is not None and cache_folder.resume else None
+            waiting.append(
+                done if done is not None else pool.submit(_run_and_store, work, task, place)
+            )
         try:
             for one in waiting:
                 yield one[0] if isinstance(one, tuple) else one.result()
@@ -78,22 +82,35 @@ def each(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Iterator[R]
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _usable(shelf: Shelf | None) -> Shelf | None:
-    """The shelf, if its folder can be made: a study is not given up because it cannot be put aside."""
-    if shelf is None:
+def run_all(
+    work: Callable[..., R], todo: Sequence[tuple[Any, ...]], say: Say, what: str
+) -> list[R]:
+    """The results of `run_trials` as a list, with progress in the form "3 of 20 walks"."""
+    found: list[R] = []
+    for result in run_trials(work, todo):
+        found.append(result)
+        say(f"{len(found)} of {len(todo)} {what}")
+    return found
+
+
+def _usable_cache(cache_folder: ResultCache | None) -> ResultCache | None:
+    """The cache, or None with a warning if its folder cannot be created: the study then runs uncached."""
+    if cache_folder is None:
         return None
     try:
-        shelf.folder.mkdir(parents=True, exist_ok=True)
+        cache_folder.folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         _LOG.warning(
-            "%s: %s; results are not kept, --resume will not find them", shelf.folder, error
+            "%s: %s; results are not stored, --resume will not find them",
+            cache_folder.folder,
+            error,
         )
         return None
-    return shelf
+    return cache_folder
 
 
-def _do(work: Callable[..., R], task: tuple[Any, ...], place: Path | None) -> R:
-    """In the worker: make the trial, and keep it before anybody is told."""
+def _run_and_store(work: Callable[..., R], task: tuple[Any, ...], place: Path | None) -> R:
+    """In the worker process: run the trial and store its result before returning it."""
     result = work(*task)
     if place is not None:
         with atomic_path(place) as part:
@@ -101,8 +118,8 @@ def _do(work: Callable[..., R], task: tuple[Any, ...], place: Path | None) -> R:
     return result
 
 
-def _taken(place: Path | None) -> tuple[Any] | None:
-    """What was kept there; None if nothing was, or it cannot be read: then the trial is made again."""
+def _stored(place: Path | None) -> tuple[Any] | None:
+    """The stored result; None if there is none or it cannot be read, so that the trial runs again."""
     if place is None or not place.is_file():
         return None
     try:
@@ -111,23 +128,25 @@ def _taken(place: Path | None) -> tuple[Any] | None:
         return None
 
 
-def _place(shelf: Shelf | None, work: Callable[..., Any], task: tuple[Any, ...]) -> Path | None:
-    if shelf is None:
+def _result_path(
+    cache_folder: ResultCache | None, work: Callable[..., Any], task: tuple[Any, ...]
+) -> Path | None:
+    if cache_folder is None:
         return None
-    words = "\n".join([_code(), _spelt(work), *map(_spelt, task)])
-    return shelf.folder / f"{hashlib.sha256(words.encode()).hexdigest()[:24]}.pickle"
+    parts = "\n".join([_code_hash(), _key(work), *map(_key, task)])
+    return cache_folder.folder / f"{hashlib.sha256(parts.encode()).hexdigest()[:24]}.pickle"
 
 
-def _spelt(value: Any) -> str:
-    """A function by its name, anything else by its repr."""
+def _key(value: Any) -> str:
+    """Key of a value: the qualified name of a function, otherwise the repr."""
     if callable(value):
         return f"{value.__module__}.{value.__qualname__}"
     return repr(value)
 
 
 @cache
-def _code() -> str:
-    """Fingerprint of all our sources: results of other code are other results."""
+def _code_hash() -> str:
+    """Hash of all source files of the project."""
     root = Path(__file__).parents[3]
     digest = hashlib.sha256()
     for package in PACKAGES:

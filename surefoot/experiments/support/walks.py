@@ -1,29 +1,34 @@
-"""Many simulated walks: what the experiments that walk have in common."""
+"""Simulated walks in parallel, with the metrics of each run."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from ...config.schema import Config
+from ...evaluation.metrics.contact_classes import class_counts, contact_classes
 from ...results.run_folder import RunFolder
 from .experiment import Say
-from .trials import each
+from .trials import run_all
 
-Extra = Callable[[RunFolder, Config], dict[str, float]]
+ExtraFigures = Callable[[RunFolder, Config], dict[str, float]]
 
 
-def walk(config: Config, extra: Extra | None = None) -> dict[str, Any]:
-    """One live run in a folder that is thrown away.
+def walk(config: Config, extra: ExtraFigures | None = None) -> dict[str, Any]:
+    """Simulate one run in a temporary folder.
 
     Args:
-        config: Of the run.
-        extra: More figures, from the run folder before it goes.
+        config: Configuration of the run.
+        extra: Computes further figures from the run folder.
 
     Returns:
-        Its metrics (see `surefoot.evaluation.metrics`), and those more.
+        Metrics of the run (see `surefoot.evaluation.metrics`) and the further figures.
     """
     from ...evaluation.evaluate import evaluate
     from ...run import simulate
@@ -36,19 +41,47 @@ def walk(config: Config, extra: Extra | None = None) -> dict[str, Any]:
         return metrics if extra is None else metrics | extra(folder, config)
 
 
-def falls_of(found: Iterable[dict[str, Any]]) -> float:
-    """Of so many runs; the kinematic body, whose metrics know no falls, has none."""
+def total_falls(found: Iterable[dict[str, Any]]) -> float:
+    """Number of falls over all runs; runs of the kinematic body have no such metric and count as 0."""
     return float(sum(one.get("falls", 0.0) for one in found))
 
 
+def column(found: Iterable[dict[str, Any]], name: str) -> Float[np.ndarray, "n"]:
+    """One metric of every run; NaN where a run does not have it."""
+    return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)
+
+
+def walk_figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Figures of walks to goals: contacts, falls, arrivals, pose errors, clearance and time."""
+    all_of = partial(column, found)
+    return {
+        "contact_free_share": float(np.mean(all_of("contacts") == 0)),
+        "falls": total_falls(found),
+        "arrived_share": float(np.mean(all_of("goals_missed") == 0)),
+        "position_rmse_m": float(np.sqrt(np.mean(all_of("position_rmse_m") ** 2))),
+        "heading_rmse_deg": float(np.sqrt(np.mean(all_of("heading_rmse_deg") ** 2))),
+        "anees_pose": float(np.mean(all_of("pose_anees"))),
+        "min_clearance_mm": 1e3 * float(np.min(all_of("min_clearance_m"))),
+        "time_s_mean": float(np.mean(all_of("duration_s"))),
+    }
+
+
+def falls_and_contacts(folder: RunFolder, config: Config) -> dict[str, float]:
+    """falls (0 or 1) and the contacts by class of a run."""
+    summary = folder.read_json("summary.json") or {}
+    figures = {"falls": float(summary.get("fell_at_s") is not None)}
+    clearance = folder.read_csv("truth/clearance.csv")
+    obstacles = folder.read_csv("truth/obstacles.csv")
+    walked = folder.read_trajectory("truth/trajectory.txt")
+    tracks = (folder.read_json("obstacles.json") or {}).get("tracks", [])
+    if clearance is not None and obstacles is not None and walked is not None:
+        poses = np.column_stack([walked.stamps, walked.positions[:, :2], walked.yaws])
+        figures |= class_counts(contact_classes(clearance, poses, obstacles, tracks))
+    return figures
+
+
 def walk_all(
-    configs: Iterable[Config], say: Say, extra: Extra | None = None
+    configs: Iterable[Config], say: Say, extra: ExtraFigures | None = None
 ) -> list[dict[str, Any]]:
-    """The metrics of every run, in order; each run in a process of its own."""
-    todo = list(configs)
-    found: list[dict[str, Any]] = []
-    for metrics in each(walk, [(config, extra) for config in todo]):
-        found.append(metrics)
-        touched = sum(float(one.get("contacts", 0.0)) > 0.0 for one in found)
-        say(f"{len(found)} of {len(todo)} walks, {touched} of them with a contact")
-    return found
+    """Metrics of every run, in order; runs are computed in parallel processes."""
+    return run_all(walk, [(config, extra) for config in configs], say, "walks")

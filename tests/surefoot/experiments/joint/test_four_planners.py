@@ -1,14 +1,14 @@
-"""The comparison of planners: every kind of scene by turns, and each planner's walks counted where they belong."""
+"""The comparison of planners: kinds of scene alternate, and the shares are counted by planner and kind."""
 
 from __future__ import annotations
 
 import pytest
 
 from surefoot.experiments.joint import four_planners
-from surefoot.experiments.joint.four_planners import MADE_FOR, ORDER, SCENES
+from surefoot.experiments.joint.four_planners import INTENDED_SCENES, ORDER, SCENES
 
 
-def test_four_scenes_are_one_of_each_kind_and_everybody_walks_in_the_same():
+def test_kinds_of_scene_alternate_and_are_the_same_for_all_planners():
     for planner in ORDER:
         configs = [four_planners.config_of(planner, number) for number in range(8)]
         assert [c.scene for c in configs] == list(SCENES) * 2
@@ -16,7 +16,7 @@ def test_four_scenes_are_one_of_each_kind_and_everybody_walks_in_the_same():
         assert {c.mission.planner for c in configs} == {planner}
 
 
-def test_shares_are_told_by_planner_and_by_kind():
+def test_shares_are_counted_by_planner_and_by_kind():
     configs = [four_planners.config_of(p, number) for number in range(8) for p in ORDER]
     good = {
         "goals_missed": 0, "contacts": 0, "path_m": 3.0, "min_clearance_m": 0.1,
@@ -31,7 +31,7 @@ def test_shares_are_told_by_planner_and_by_kind():
     assert figures["field_success_share"] == pytest.approx(7 / 8)
     assert figures["field_boxes_success_share"] == pytest.approx(1 / 2)
     assert figures["field_boxes_arrived_share"] == 1.0
-    assert figures["field_own_success_share"] == 1.0, "a hollow is not what the field is made for"
+    assert figures["field_own_success_share"] == 1.0, "boxes are not among the scenes of the field"
     assert figures["search_walks"] == 8
-    assert figures["swarm_own_walks"] == 2 * len(MADE_FOR["swarm"])
+    assert figures["swarm_own_walks"] == 2 * len(INTENDED_SCENES["swarm"])
     assert len(table) == 1 + len(ORDER) * (2 + len(SCENES))

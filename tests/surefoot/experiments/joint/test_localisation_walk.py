@@ -1,10 +1,11 @@
-"""The light walk of the localisation experiment against the full simulation; its faults; its sums."""
+"""The simplified walk of the localisation experiment against the full simulation; faults; sums over walks."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,13 +24,13 @@ from surefoot.config.presets import on_body
 from surefoot.config.schema import Config
 from surefoot.experiments.joint import localisation
 from surefoot.experiments.joint import localisation_trial as trials
-from surefoot.experiments.joint.localisation import together
-from surefoot.experiments.joint.localisation_walk import Moment, TagNoise, TagSensor, walk
+from surefoot.experiments.joint.localisation import combine
+from surefoot.experiments.joint.localisation_walk import TagNoise, TagSensor, WalkInstant, walk
 from surefoot.experiments.support.experiment import load, measure
 
 
-def test_tags_by_geometry_agree_with_tags_in_pictures() -> None:
-    """The same tags are seen, and their ranges and bearings lie as far apart as the noise of both allows."""
+def test_tags_by_geometry_agree_with_tags_in_images() -> None:
+    """The same tags are detected, and ranges and bearings agree within the noise of both."""
     scene = catalogue.load("home", 1)
     config = LandmarkConfig()
     tags = TagSensor(scene, TagNoise(), config, np.random.default_rng(0))
@@ -41,27 +42,27 @@ def test_tags_by_geometry_agree_with_tags_in_pictures() -> None:
             frame = robot.read()
             if frame.colour is None:
                 continue
-            pictured = landmarks.detect(frame.colour, scene.landmarks, config)
+            by_images = landmarks.detect(frame.colour, scene.landmarks, config)
             true = robot.camera_in_world(image.mount_m)
             assert frame.colour.T_body_camera is not None
-            drawn = tags.look(world.rays, image, true, frame.colour.T_body_camera)
-            by_number = {s.identity: s.measured for s in drawn}
-            both += len({s.identity for s in pictured} & set(by_number))
-            one += len({s.identity for s in pictured} ^ set(by_number))
-            for s in pictured:
+            by_geometry = tags.look(world.rays, image, true, frame.colour.T_body_camera)
+            by_number = {s.identity: s.measured for s in by_geometry}
+            both += len({s.identity for s in by_images} & set(by_number))
+            one += len({s.identity for s in by_images} ^ set(by_number))
+            for s in by_images:
                 if s.identity in by_number:
                     ranges.append((s.measured[0] - by_number[s.identity][0]) / s.measured[0])
                     bearings.append(s.measured[1] - by_number[s.identity][1])
             robot.walk(WalkCommand(0.0, 0.0, math.radians(13.0)))
             robot.look(GazeCommand(0.0, math.radians(20.0)))
     assert both >= 6
-    assert one <= 0.35 * both  # the renderer decides at the border of the image and far away
+    assert one <= 0.35 * both  # differences at the image border and far away
     assert abs(float(np.median(ranges))) < 0.005
     assert float(np.median(np.abs(ranges))) < 0.008
     assert float(np.median(np.abs(bearings))) < math.radians(0.1)
 
 
-def test_a_walk_is_the_same_every_time() -> None:
+def test_a_walk_is_reproducible() -> None:
     first, second = (list(itertools.islice(walk(3, Config()), 4)) for _ in range(2))
     for a, b in zip(first, second, strict=True):
         assert a.pose == b.pose
@@ -72,7 +73,7 @@ def test_a_walk_is_the_same_every_time() -> None:
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.25])
-def test_the_body_that_can_fall_walks_it_too_and_a_fall_ends_the_walk(slope: float) -> None:
+def test_the_dynamic_body_walks_and_a_fall_ends_the_walk(slope: float) -> None:
     config = on_body(Config(), "dynamic")
     dynamic = replace(config.robot.dynamic, slope_rad=(slope, 0.0))
     config = replace(config, robot=replace(config.robot, dynamic=dynamic))
@@ -81,24 +82,27 @@ def test_the_body_that_can_fall_walks_it_too_and_a_fall_ends_the_walk(slope: flo
     assert moments[-1].fell == (slope > 0.0)
 
 
-def test_localisation_is_walked_by_the_body_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
+def test_localisation_uses_the_requested_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    requested = []
 
     def fell(seed: int, body: str) -> dict[str, float]:
-        asked.append((seed, body))
+        requested.append((seed, body))
         return {"falls": float(seed)}
 
+    def run_serially(work: Any, todo: Any, say: Any, what: str) -> list[Any]:
+        return list(itertools.starmap(work, todo))
+
     monkeypatch.setattr(localisation, "one_walk", fell)
-    monkeypatch.setattr(localisation, "each", itertools.starmap)
-    monkeypatch.setattr(localisation, "together", lambda found: {})
+    monkeypatch.setattr(localisation, "run_all", run_serially)
+    monkeypatch.setattr(localisation, "combine", lambda found: {})
     monkeypatch.setattr(localisation, "_table", lambda found: [])
     _, outcome = measure(load("localisation"), lambda text: None, 2, "dynamic")
-    assert asked == [(0, "dynamic"), (1, "dynamic")]
+    assert requested == [(0, "dynamic"), (1, "dynamic")]
     assert outcome.figures == {"falls": 1.0}
     assert outcome.table == ["seed 1 fell"]
 
 
-def told(stamp_s: float, turn_rad: float = 0.1) -> Moment:
+def instant_at(stamp_s: float, turn_rad: float = 0.1) -> WalkInstant:
     frame = Frame(
         stamp_s,
         odometry=StepOdometry(Pose2(0.02, 0.0, turn_rad), 0.5),
@@ -106,39 +110,39 @@ def told(stamp_s: float, turn_rad: float = 0.1) -> Moment:
     )
     seen = [Sighting(k, np.array([2.0, 0.1]), np.eye(2) * 1e-4) for k in range(4)]
     pose = Pose2(0.02 * stamp_s / 0.5, 0.0, 0.0)
-    return Moment(frame, seen, (), [], pose, [])
+    return WalkInstant(frame, seen, (), [], pose, [])
 
 
-def test_a_jump_is_told_once() -> None:
+def test_a_jump_of_odometry_happens_once() -> None:
     fault = trials.jump(1.0, 0.5)
-    ahead = [fault(told(0.5 * k)).frame.odometry for k in range(6)]
+    ahead = [fault(instant_at(0.5 * k)).frame.odometry for k in range(6)]
     moved = [odometry.motion.x for odometry in ahead if odometry is not None]
     assert sum(x > 0.4 for x in moved) == 1
     assert moved[2] > 0.4
 
 
-def test_in_a_blackout_nothing_is_seen_and_only_then() -> None:
+def test_sightings_are_missing_during_a_blackout_only() -> None:
     fault = trials.blackout(1.0, 1.0)
-    assert [len(fault(told(0.5 * k)).sightings) for k in range(6)] == [4, 4, 0, 0, 4, 4]
+    assert [len(fault(instant_at(0.5 * k)).sightings) for k in range(6)] == [4, 4, 0, 0, 4, 4]
 
 
-def test_so_many_sightings_are_outliers() -> None:
+def test_the_given_share_of_sightings_are_outliers() -> None:
     fault = trials.outliers(0.3, np.random.default_rng(0))
-    wrong = [s.measured[0] != 2.0 for k in range(200) for s in fault(told(0.5 * k)).sightings]
+    wrong = [s.measured[0] != 2.0 for k in range(200) for s in fault(instant_at(0.5 * k)).sightings]
     assert float(np.mean(wrong)) == pytest.approx(0.3, abs=0.05)
 
 
-def test_late_joints_lag_by_their_delay_and_lose_nothing() -> None:
-    """Straight ahead at an even pace: the sum of the motions stays one delay behind, and so does the pose."""
+def test_delayed_odometry_lags_by_the_delay_without_loss() -> None:
+    """At constant speed the sum of the motions lags by one delay, and so does the true pose."""
     fault = trials.late(0.05)
-    moments = [told(0.5 * k, 0.0) for k in range(1, 9)]
+    moments = [instant_at(0.5 * k, 0.0) for k in range(1, 9)]
     late = [fault(moment) for moment in moments]
-    way = sum(m.frame.odometry.motion.x for m in late if m.frame.odometry is not None)
-    assert way == pytest.approx(8 * 0.02 - 0.02 * 0.05 / 0.5, abs=1e-9)
+    path = sum(m.frame.odometry.motion.x for m in late if m.frame.odometry is not None)
+    assert path == pytest.approx(8 * 0.02 - 0.02 * 0.05 / 0.5, abs=1e-9)
     assert late[-1].pose.x == pytest.approx(moments[-1].pose.x - 0.002, abs=1e-9)
 
 
-def test_sums_over_walks_are_root_mean_squares_and_plain_means() -> None:
+def test_figures_over_walks_are_root_mean_squares_and_means() -> None:
     names = [
         "anees_pose", "anees_no_landmarks", "anees_obstacle", "position_rmse_m",
         "filter_rmse_m", "fixed_lag_rmse_m",
@@ -146,7 +150,7 @@ def test_sums_over_walks_are_root_mean_squares_and_plain_means() -> None:
     ]  # fmt: skip
     found = [dict.fromkeys(names, 1.0), dict.fromkeys(names, 2.0)]
     del found[1]["clock_anees"]
-    figures = together(found)
+    figures = combine(found)
     assert_allclose(figures["position_rmse_m"], math.sqrt(2.5))
     assert figures["anees_pose"] == 1.5
     assert figures["clock_anees"] == 1.0
@@ -155,12 +159,12 @@ def test_sums_over_walks_are_root_mean_squares_and_plain_means() -> None:
     assert figures["faults_runs"] == 7.0
 
 
-def test_without_cameras_a_trial_goes_on_by_its_feet() -> None:
+def test_a_trial_without_cameras_continues_by_odometry() -> None:
     scene = catalogue.load("home", 0)
     rng = np.random.default_rng(0)
-    trial = trials.begin(scene.start, scene.landmarks, Config(), rng)
+    trial = trials.make_trial(scene.start, scene.landmarks, Config(), rng)
     for k in range(1, 6):
-        trial.step(replace(told(0.5 * k), sightings=[]), [])
+        trial.step(replace(instant_at(0.5 * k), sightings=[]), [])
     assert len(trial.nees) == 5
     assert np.all(np.isfinite(trial.nees))
     assert not any(trial.in_view)

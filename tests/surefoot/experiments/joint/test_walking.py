@@ -1,4 +1,4 @@
-"""The trial of the dynamic walk, in small: whatever the gait allows, nobody falls."""
+"""A short version of the walking experiment: random commands within the gait limits cause no fall."""
 
 import pytest
 

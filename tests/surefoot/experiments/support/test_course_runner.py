@@ -1,4 +1,4 @@
-"""A course by geometry: short walks, the classes of contacts, and that nothing leaks from the truth."""
+"""Courses by geometric perception: short walks, step filters, falls, and the classes of contacts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from surefoot.config.presets import on_body
 from surefoot.evaluation.metrics.contacts import Contact, Touch, class_of
 from surefoot.experiments.joint import gaze_coupling
 from surefoot.experiments.seed_001.course_trials import HEADER, figures, row
-from surefoot.experiments.support.course_runner import Walk, course_config, walk
+from surefoot.experiments.support.course_runner import CourseWalk, course_config, walk
 
 
 def short(scene, seed, seconds):
@@ -26,7 +26,7 @@ def short(scene, seed, seconds):
 
 
 @pytest.mark.parametrize("perfect", [True, False])
-def test_twenty_seconds_among_fast_movers_is_walked_without_contact(perfect):
+def test_twenty_seconds_among_fast_obstacles_have_no_contact(perfect):
     result = walk(short("fast_course", 0, 20.0), perfect)
     assert result.contacts == []
     assert result.clearance_m > 0.0
@@ -34,8 +34,8 @@ def test_twenty_seconds_among_fast_movers_is_walked_without_contact(perfect):
     assert math.hypot(x1 - x0, y1 - y0) > 0.4
 
 
-class Listening(Unfiltered):
-    """Makes every step wanted, and remembers what it was to be judged by."""
+class Recording(Unfiltered):
+    """Makes every desired step and records the arguments of the step filter."""
 
     def __init__(self):
         self.heard = []
@@ -45,9 +45,9 @@ class Listening(Unfiltered):
         return super().choose(desired, robot, obstacles, occupied, target, stamp_s)
 
 
-def test_steps_are_judged_by_the_goal_where_only_movers_are_in_the_way():
-    """A mover bends the path; the point that it bends round goes where the mover goes."""
-    config, stepper = short("fast_course", 2, 40.0), Listening()
+def test_steps_are_filtered_towards_the_goal_if_only_moving_obstacles_are_in_the_path():
+    """A moving obstacle bends the path, but its waypoint moves with the obstacle and is no target."""
+    config, stepper = short("fast_course", 2, 40.0), Recording()
     goal = np.array(catalogue.load("fast_course", 2, config.difficulty).goals[0])
     walk(config, True, stepper)
     clear = [
@@ -61,39 +61,41 @@ def test_steps_are_judged_by_the_goal_where_only_movers_are_in_the_way():
     np.testing.assert_allclose(clear, np.broadcast_to(goal, (len(clear), 2)), atol=1e-9)
 
 
-def test_the_same_seed_walks_the_same_way():
+def test_the_same_seed_gives_the_same_trajectory():
     one, two = (walk(short("course", 1, 10.0)) for _ in range(2))
     assert one.trace == two.trace
 
 
-def too_steep(config):
-    """On the body that can fall, where it does: eleven degrees."""
+def on_steep_slope(config):
+    """The dynamic body on a slope of eleven degrees, where it falls."""
     config = on_body(config, "dynamic")
     dynamic = replace(config.robot.dynamic, slope_rad=(0.2, 0.0))
     return replace(config, robot=replace(config.robot, dynamic=dynamic))
 
 
 def test_a_fall_ends_the_walk_and_is_counted():
-    result = walk(too_steep(short("course", 0, 60.0)), True)
+    result = walk(on_steep_slope(short("course", 0, 60.0)), True)
     assert result.fell
     assert not result.arrived
     assert result.time_s < 30.0
-    stood = Walk(time_s=9.0, cycle_ms=[1.0], decision_ms=[1.0], pose_errors=[(0.0, 0.0, 0.0)])
+    stood = CourseWalk(time_s=9.0, cycle_ms=[1.0], decision_ms=[1.0], pose_errors=[(0.0, 0.0, 0.0)])
     assert figures([result, stood])["falls"] == 1.0
     assert row("x", [result, stood])[: HEADER.index("falls") + len("falls")].endswith("  1")
 
 
-def test_a_fall_ends_a_walk_that_tries_ways_of_looking(monkeypatch):
+def test_a_fall_ends_a_walk_of_the_gaze_experiment(monkeypatch):
     monkeypatch.setattr(
-        gaze_coupling, "course_config", lambda scene, seed: too_steep(course_config(scene, seed))
+        gaze_coupling,
+        "course_config",
+        lambda scene, seed: on_steep_slope(course_config(scene, seed)),
     )
-    looked = gaze_coupling.look(0, "fixed", "dynamic")
+    looked = gaze_coupling.walk_with_gaze(0, "fixed", "dynamic")
     assert looked.fell
     assert not looked.arrived
     assert looked.time_s < 60.0
 
 
-def test_another_stepper_makes_the_steps():
+def test_a_given_step_filter_replaces_the_guard():
     result = walk(short("course", 2, 10.0), True, Unfiltered())
     assert result.guarded == 0
 
@@ -114,17 +116,17 @@ def contact(unseen=0.5, followed=20.0, turned=30.0, moves=True):
         (contact(moves=False, unseen=math.inf), "unseen"),
     ],
 )
-def test_every_contact_has_the_class_of_its_cause(one, kind):
+def test_a_contact_has_the_class_of_its_cause(one, kind):
     assert class_of(one) == kind
 
 
-def test_a_touch_counts_once_until_there_is_a_gap():
+def test_a_contact_counts_once_until_there_is_a_gap():
     touch = Touch()
     gaps = [{3: 0.01}, {3: -0.01}, {3: -0.02}, {3: 0.01}, {3: -0.01}, {3: 0.03}, {3: -0.01}]
     assert [touch.begun(gap, 0.02) for gap in gaps] == [[], [3], [], [], [], [], [3]]
 
 
-def test_a_robot_that_only_turns_stands():
+def test_a_robot_that_only_turns_counts_as_standing():
     touch = Touch()
     touch.step(WalkCommand(turn_rad=0.2))
     assert touch.standing

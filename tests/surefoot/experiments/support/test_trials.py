@@ -1,4 +1,4 @@
-"""Trials are made in order, and those of a study that was killed are not made again."""
+"""Trials return in order, and finished trials of an interrupted study are not run again."""
 
 from __future__ import annotations
 
@@ -6,50 +6,61 @@ import logging
 import operator
 import secrets
 
-from surefoot.experiments.support.trials import Shelf, each, kept
+from surefoot.experiments.support.trials import ResultCache, cached, run_all, run_trials
 
 SIZES = [(size,) for size in (3, 5, 7, 9)]
 
 
 def test_results_come_in_the_order_of_the_tasks():
-    assert list(each(operator.sub, [(9, 1), (9, 2), (9, 3)])) == [8, 7, 6]
+    assert list(run_trials(operator.sub, [(9, 1), (9, 2), (9, 3)])) == [8, 7, 6]
 
 
-def test_what_was_done_before_a_study_was_given_up_is_taken_and_the_rest_is_made(tmp_path):
-    with kept(Shelf(tmp_path, resume=False)):
-        begun = each(secrets.token_hex, SIZES)
+def test_stored_results_are_used_and_missing_ones_are_computed(tmp_path):
+    with cached(ResultCache(tmp_path, resume=False)):
+        begun = run_trials(secrets.token_hex, SIZES)
         first = next(begun), next(begun)
         begun.close()
-    with kept(Shelf(tmp_path, resume=True)):
-        whole = list(each(secrets.token_hex, SIZES))
-        again = list(each(secrets.token_hex, SIZES))
+    with cached(ResultCache(tmp_path, resume=True)):
+        whole = list(run_trials(secrets.token_hex, SIZES))
+        again = list(run_trials(secrets.token_hex, SIZES))
     assert tuple(whole[:2]) == first
     assert [len(word) for word in whole] == [6, 10, 14, 18]
     assert again == whole
 
 
-def test_without_resume_everything_is_made_anew(tmp_path):
-    with kept(Shelf(tmp_path, resume=False)):
-        assert list(each(secrets.token_hex, SIZES)) != list(each(secrets.token_hex, SIZES))
+def test_progress_counts_the_finished_trials():
+    said = []
+    assert run_all(operator.sub, [(9, 1), (9, 2)], said.append, "trials") == [8, 7]
+    assert said == ["1 of 2 trials", "2 of 2 trials"]
 
 
-def test_other_work_on_the_same_tasks_is_not_confused_with_it(tmp_path):
-    with kept(Shelf(tmp_path, resume=True)):
-        list(each(operator.add, [(2, 3)]))
-        assert list(each(operator.mul, [(2, 3)])) == [6]
+def test_without_resume_every_trial_runs_again(tmp_path):
+    with cached(ResultCache(tmp_path, resume=False)):
+        assert list(run_trials(secrets.token_hex, SIZES)) != list(
+            run_trials(secrets.token_hex, SIZES)
+        )
 
 
-def test_a_damaged_result_is_made_again(tmp_path):
-    with kept(Shelf(tmp_path, resume=True)):
-        list(each(operator.add, [(2, 3)]))
+def test_results_of_different_functions_are_separate(tmp_path):
+    with cached(ResultCache(tmp_path, resume=True)):
+        list(run_trials(operator.add, [(2, 3)]))
+        assert list(run_trials(operator.mul, [(2, 3)])) == [6]
+
+
+def test_a_damaged_result_is_computed_again(tmp_path):
+    with cached(ResultCache(tmp_path, resume=True)):
+        list(run_trials(operator.add, [(2, 3)]))
         (file,) = tmp_path.glob("*.pickle")
         file.write_bytes(file.read_bytes()[:-3])
-        assert list(each(operator.add, [(2, 3)])) == [5]
-        assert list(each(operator.add, [(2, 3)])) == [5]
+        assert list(run_trials(operator.add, [(2, 3)])) == [5]
+        assert list(run_trials(operator.add, [(2, 3)])) == [5]
 
 
-def test_a_study_that_cannot_be_put_aside_is_made_all_the_same(tmp_path, caplog):
+def test_a_study_runs_even_if_its_results_cannot_be_stored(tmp_path, caplog):
     (tmp_path / "runs").write_text("a file where a folder is wanted")
-    with kept(Shelf(tmp_path / "runs" / "study", resume=False)), caplog.at_level(logging.WARNING):
-        assert list(each(operator.add, [(2, 3)])) == [5]
-    assert "not kept" in caplog.text
+    with (
+        cached(ResultCache(tmp_path / "runs" / "study", resume=False)),
+        caplog.at_level(logging.WARNING),
+    ):
+        assert list(run_trials(operator.add, [(2, 3)])) == [5]
+    assert "not stored" in caplog.text

@@ -1,13 +1,15 @@
-"""Sizes of real things, each from one view: a cabinet from all sides, a carton from three, furniture.
+"""Sizes of real objects from single views: a cabinet from all sides, a carton from three, and furniture.
 
-Every view stands alone: its floor is found in it, what stands on the floor is parted by depth, and a box is
-laid round each part. No pose, no colour and no neighbouring frame takes part.
+Each view is processed on its own: the floor is detected, objects on the floor are segmented by depth, and a cuboid is
+fitted to each. Poses, colour and other frames are not used.
 
-- cabinet: 38 views of a Kinect carried round it; its size by the set's truth file, good to 2 cm itself.
-- carton: a RealSense 0.16 to 0.57 m above the floor, once rolled by 20 deg: nothing is known but that the
-  carton is the same, so its sizes must agree.
-- furniture: a Kinect v2 in a shop; boxes drawn by people, 5 to 10 cm. Pieces stand against each other, so
-  the drawn rectangle in the image says which pixels are meant, as a detector would.
+- cabinet: 38 views of a Kinect carried around it; its true size is accurate to 2 cm.
+- carton: a RealSense 0.16 to 0.57 m above the floor, once rolled by 20 deg; the true size is unknown, but must be the
+  same in all views.
+- furniture: a Kinect v2 in a shop; boxes annotated by people, accurate to 5 to 10 cm. Pieces touch each other, so the
+  annotated rectangle in the image selects the pixels, as a detector would.
+
+Source: ours; data sets TUM RGB-D, RealSense, SUN RGB-D.
 """
 
 from __future__ import annotations
@@ -15,17 +17,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
-from jaxtyping import Float32
 
 from mapping.objects import cuboid
 from mapping.objects.cuboid import Cuboid
 from perception.depth import points, structured_light
 from perception.floor import choose
 from perception.floor.prior import handheld_prior
-from perception.primitives.camera import Camera
-from perception.primitives.frame import Depth, DepthView
+from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
 
 from ...recordings.open import open_recording
@@ -33,16 +32,14 @@ from ..support import real_data
 from ..support.experiment import Say
 
 CABINET_M = (0.5543, 0.4455, 0.7926)  # height of the top, width, length by truth_objects.txt
-REALSENSE = Camera(640, 480, 617.25, 617.549, 317.392, 245.98)
-CARTON_FRAMES = (0, 2, 3)  # where the carton with the digits is whole, by the set's description
-KINECT2 = Camera(730, 530, 529.5, 529.5, 364.0, 264.0)
+CARTON_FRAMES = (0, 2, 3)  # frames that show the whole carton, by the description of the set
 ROOM_M = 7.0
-MARGIN_PX = 2.0  # a drawn rectangle so near to the image's border is cut by it
-LOST_M = 1.0  # what a view without a box counts as
+MARGIN_PX = 2.0  # a rectangle this close to the image border is truncated
+LOST_M = 1.0  # error of a view without a cuboid
 
 
 def floor_of(depth: Depth) -> Plane | None:
-    """The floor in one view of a camera in the hand; None if it cannot be told."""
+    """The floor in one view of a handheld camera; None if there is none."""
     cloud = points.from_depth(depth, 0.15, 4.0)
     rng = np.random.default_rng(0)
     found = choose.find(cloud, handheld_prior(None), rng, sensor="depth")
@@ -50,7 +47,7 @@ def floor_of(depth: Depth) -> Plane | None:
 
 
 def largest_whole(depth: Depth, floor: Plane) -> Cuboid | None:
-    """The largest thing that neither the image's border nor another thing cuts; None without one."""
+    """The largest object that is neither truncated by the image border nor occluded; None if there is none."""
     labels = cuboid.label_objects(depth, floor)
     for number in range(1, int(labels.max(initial=0)) + 1):
         found = cuboid.fit(depth, floor, labels == number)
@@ -60,7 +57,7 @@ def largest_whole(depth: Depth, floor: Plane) -> Cuboid | None:
 
 
 def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
-    """tum_fr3_cabinet: height, width and length of the cabinet in every view that shows it whole."""
+    """tum_fr3_cabinet: size of the cabinet in every view that shows it completely."""
     recording = open_recording(real_data.folder("tum_fr3_cabinet"))
     errors, frames = [], 0
     for frame in recording.frames():
@@ -85,19 +82,14 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     return figures, [row]
 
 
-def _read(path: Path, per_m: float) -> Float32[np.ndarray, "h w"]:
-    raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    assert raw is not None, f"{path} is an image"
-    return np.where(raw == 0, np.nan, raw / per_m).astype(np.float32)
-
-
 def carton(say: Say) -> tuple[dict[str, float], list[str]]:
-    """realsense_low_boxes: the carton with the digits, the same in three frames."""
-    folder = real_data.folder("realsense_low_boxes") / "depth"
-    images = sorted(folder.glob("*.png"))
+    """realsense_low_boxes: the spread of a carton's size over three frames."""
+    frames = list(open_recording(real_data.folder("realsense_low_boxes")).frames())
     sizes = []
     for number in CARTON_FRAMES:
-        depth = structured_light.depth(DepthView(_read(images[number], 1000.0), REALSENSE))
+        view = frames[number].depth
+        assert view is not None, "the recording has depth in every frame"
+        depth = structured_light.depth(view)
         floor = floor_of(depth)
         found = None if floor is None else largest_whole(depth, floor)
         sizes.append((0.0, LOST_M * number) if found is None else (found.height_m, found.length_m))
@@ -113,7 +105,7 @@ def carton(say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 class Piece(NamedTuple):
-    """A drawn box: rectangle in the image (x, y, w, h), distance, and size (height, two sides), m."""
+    """An annotated box: rectangle in the image (x, y, w, h), distance, and size (height, two sides), m."""
 
     name: str
     rectangle: tuple[float, float, float, float]
@@ -123,17 +115,17 @@ class Piece(NamedTuple):
 
     @property
     def is_whole(self) -> bool:
-        """Whether the image's border leaves it whole."""
+        """Whether the image border does not truncate it."""
         x, y, w, h = self.rectangle
         return (
             x > 1.0 + MARGIN_PX
             and y > 1.0 + MARGIN_PX
-            and x + w < KINECT2.width - MARGIN_PX
-            and y + h <= KINECT2.height
+            and x + w < real_data.KINECT2.width - MARGIN_PX
+            and y + h <= real_data.KINECT2.height
         )
 
     def is_behind(self, other: Piece) -> bool:
-        """Whether another piece is nearer and its rectangle takes a fifth of this one's."""
+        """Whether another piece is nearer and covers more than a fifth of this rectangle."""
         x, y, w, h = self.rectangle
         a, b, c, d = other.rectangle
         across = min(x + w, a + c) - max(x, a)
@@ -143,7 +135,7 @@ class Piece(NamedTuple):
 
 
 def pieces(path: Path) -> list[Piece]:
-    """The drawn boxes of one view."""
+    """The annotated boxes of one view."""
     found = []
     for line in path.read_text(encoding="utf-8").splitlines():
         name, *words = line.split()
@@ -156,17 +148,15 @@ def pieces(path: Path) -> list[Piece]:
 
 
 def furniture(say: Say) -> tuple[dict[str, float], list[str]]:
-    """sunrgbd_kinect2: heights and sides of the pieces that are whole and in front of the others."""
+    """sunrgbd_kinect2: sizes of the pieces that are neither truncated nor occluded."""
     folder = real_data.folder("sunrgbd_kinect2")
     errors, rows = [], []
     for name, floor in real_data.floors(folder / "floor.csv").items():
-        depth = structured_light.depth(
-            DepthView(_read(folder / f"{name}.depth.png", 5000.0), KINECT2)
-        )
+        depth = structured_light.depth(real_data.kinect2_view(name))
         labels = cuboid.label_objects(depth, floor, ROOM_M)
-        drawn = pieces(folder / f"{name}.boxes.txt")
-        for piece in drawn:
-            if not piece.is_whole or any(piece.is_behind(other) for other in drawn):
+        annotated = pieces(folder / f"{name}.boxes.txt")
+        for piece in annotated:
+            if not piece.is_whole or any(piece.is_behind(other) for other in annotated):
                 continue
             x, y, w, h = (round(v) for v in piece.rectangle)
             inside = np.zeros(labels.shape, bool)

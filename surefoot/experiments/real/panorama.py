@@ -1,10 +1,13 @@
-"""Panoramas and sizes of a real camera: a kitchen without encoders; a cabinet, a carton and furniture.
+"""Panoramas of a real camera without encoders, and sizes of real objects.
 
-The kitchen is that of 7-Scenes, 35 deg of turn with 0.23 m of travel; the rest is told in `real_sizes`.
+The panorama shows the kitchen of 7-Scenes, with 35 deg of rotation and 0.23 m of translation; for the sizes of a
+cabinet, a carton and furniture see `object_sizes`.
 
-The rotation-only panorama takes the camera to turn on the spot; what it cannot explain is parallax. The
-other one knows each view's own position, by features with depth and by surfaces laid upon each other. Both
-see images alone; the given poses only judge, after the mean difference in rotation is taken off.
+The rotation-only panorama assumes that the camera rotates on the spot, so that parallax is an error. The other one
+estimates the position of each view, too, by features with depth and by registration of surfaces. Both use images alone;
+given poses are used for evaluation only, after removing the mean difference in rotation.
+
+Source: ours; the methods are those of Kang 2013 (seed 004), section 2.2.
 """
 
 from __future__ import annotations
@@ -24,20 +27,21 @@ from perception.features.mdghm_sift import SiftConfig
 from perception.features.pictures import range_picture
 from perception.primitives.pose import Pose3
 
+from ...evaluation.metrics.trajectory import rms
 from ...recordings.open import open_recording
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
-from . import real_sizes
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
+from . import object_sizes
 
-SIFT = SiftConfig(upsample=False, most=1000)  # 640 x 480 has enough without
-LOST_DEG = 180.0  # what a view that was not placed counts as
-HAND_TRAVEL_M = 0.05  # a camera in the hand moves so much between views that share much
+SIFT = SiftConfig(upsample=False, most=1000)  # 640 x 480 pixels give enough features without
+LOST_DEG = 180.0  # error of a view that was not placed
+HAND_TRAVEL_M = 0.05  # motion of a handheld camera between overlapping views
 ON_THE_SPOT = StitchConfig(pairs=PairConfig(sift=SIFT, travel_m=HAND_TRAVEL_M))
 MOVING = StitchConfig(moving=True, pairs=PairConfig(sift=SIFT))
 
 
 def kitchen_views(say: Say) -> tuple[list[View], list[Pose3]]:
-    """The views of the kitchen's turn, colour as grey, and the given poses."""
+    """The views of the kitchen in grey levels, and the given poses."""
     recording = open_recording(real_data.folder("sevenscenes_redkitchen") / "pan")
     views, poses = [], []
     for frame in recording.frames():
@@ -53,9 +57,9 @@ def kitchen_views(say: Say) -> tuple[list[View], list[Pose3]]:
 
 
 def rotation_errors_deg(placed: list[Placed | None], true: list[Pose3]) -> np.ndarray:
-    """Angle of each view's rotation off the given one, after the mean rotation between both, deg.
+    """Angle between each rotation and the given one after removing the mean rotation, deg.
 
-    A view that could not be placed counts as 180 deg off.
+    A view that could not be placed counts as 180 deg.
     """
     known = [(p, t) for p, t in zip(placed, true, strict=True) if p is not None]
     between = Rotation.from_matrix(
@@ -65,19 +69,16 @@ def rotation_errors_deg(placed: list[Placed | None], true: list[Pose3]) -> np.nd
     return np.concatenate([off, np.full(len(placed) - len(known), LOST_DEG)])
 
 
-def rms(errors: np.ndarray) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(errors**2)))
-
-
 def kitchen(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
-    """Both panoramas; by colour with either gradient, and by range alone."""
+    """Both kinds of panorama; features from colour with either gradient, and from range alone."""
     views, poses = kitchen_views(say)
     by_range = [
         View(view.depth, (range_picture(view.depth.z, 5.0),), None, view.stamp_s) for view in views
     ]
     plain = replace(ON_THE_SPOT.pairs, sift=replace(SIFT, method="difference"))
-    fine = replace(ON_THE_SPOT.pairs, sift=replace(SIFT, upsample=True))  # range has few features
+    fine = replace(
+        ON_THE_SPOT.pairs, sift=replace(SIFT, upsample=True)
+    )  # range images have few features
     contests = {
         "pan": (views, ON_THE_SPOT),
         "pan_moving": (views, MOVING),
@@ -104,18 +105,14 @@ def kitchen(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """The kitchen, about two minutes, the worst of up to three searches; then sizes, ten seconds."""
-    figures, table = kitchen(seeds, say)
-    for part in (real_sizes.cabinet, real_sizes.carton, real_sizes.furniture):
-        measured, rows = part(say)
-        figures |= measured
-        table += rows
-    return Outcome(figures, table)
+    """The kitchen, about two minutes, the worst of up to three runs; then sizes, ten seconds."""
+    sizes = (object_sizes.cabinet, object_sizes.carton, object_sizes.furniture)
+    return combined(kitchen(seeds, say), *(part(say) for part in sizes))
 
 
 EXPERIMENT = Experiment(
     id="real-panorama",
-    title="Real cameras: panoramas without encoders, and sizes of things, each from one view",
+    title="Real cameras: panoramas without encoders, and sizes of objects from single views",
     run=run,
     targets={
         "pan_rms_deg": Target("<=", 1.6),

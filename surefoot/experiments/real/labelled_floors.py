@@ -1,9 +1,11 @@
-"""Planes of real recordings: labelled floors without calibration, people counted, a bed that is no floor.
+"""Planes in real recordings: labelled floors without calibration, people, and a bed larger than the floor.
 
-The label images are eight bits and brighter where nearer; camera, units and even the curve from depth to
-grey are unknown. A plane stays a plane whatever focal length one assumes, but only under the right curve
-is it flat: so every likely curve is tried, and the one under which most points lie on the floor is taken.
-The labels are opened only to score. Steps, and what nobody labelled, are not scored.
+The depth images are 8-bit grey levels, brighter where nearer; camera, units and the curve from depth to grey are
+unknown. A plane stays a plane for any assumed focal length, but is flat only under the correct curve. Therefore every
+plausible curve is tried, and the one with most points on the floor is used. Labels are used for scoring only; steps and
+unlabelled pixels are not scored.
+
+Source: ours; data sets DPD planes, NYU, SUN RGB-D, PCL.
 """
 
 from __future__ import annotations
@@ -24,24 +26,25 @@ from perception.floor.classify import FLOOR, classify
 from perception.floor.prior import handheld_prior
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
-from perception.primitives.frame import Depth, DepthView
+from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
 
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
-from . import real_floor
+from . import floors
 
-FIRST_NOISE_GREY = 2.0  # assumed deviation of a pixel, until the residuals of the floor are seen
+FIRST_NOISE_GREY = (
+    2.0  # initial standard deviation of a pixel, until the residuals of the floor are known
+)
 NEAR_SIGMAS = 3.0
-TRIMMED = 1.1  # what leaving out the rest takes from the median, clutter among the near ones
+TRIMMED = 1.1  # ours: corrects the median for the omitted points and clutter
 MIDDLE_M = 2.0  # assumed median depth of a room
-SAME_FLOOR_M = 0.15  # the bed is 0.5 m above the floor
-KINECT2 = Camera(730, 530, 529.5, 529.5, 364.0, 264.0)  # from the set's own calibration
+SAME_FLOOR_M = 0.15  # tolerance of the height; the bed is 0.5 m above the floor
 
 
 @dataclass(frozen=True)
 class Curve:
-    """From grey to depth, up to scale: z = 1 / (grey + k) if inverse, else k - grey."""
+    """Depth by grey level up to scale: z = 1 / (grey + k) if inverse, else k - grey."""
 
     inverse: bool
     k: float
@@ -49,13 +52,13 @@ class Curve:
 
 @dataclass(frozen=True)
 class Kind:
-    """One sensor of the label images.
+    """One sensor of the labelled images.
 
     Args:
-        camera: Assumed; planes do not depend on it.
-        curves: The likely ones.
-        unlabelled: Value of pixels without a plane.
-        floors: File stem to the values of the floor's labels.
+        camera: Assumed camera; planes do not depend on it.
+        curves: Plausible curves.
+        unlabelled: Label of pixels without a plane.
+        floors: File stem to the labels of the floor.
     """
 
     camera: Camera
@@ -66,7 +69,7 @@ class Kind:
 
 SR4000 = Kind(
     Camera(176, 144, 217.8, 228.4, 87.5, 71.5),  # seed 004
-    (Curve(True, 30.0),),  # a time-of-flight display: near to linear in 1/z
+    (Curve(True, 30.0),),  # time of flight: nearly linear in 1/z
     255,
     {"sr4000_scene1": (35, 116), "sr4000_scene2": (107, 116)},
 )
@@ -88,7 +91,7 @@ NYU = Kind(
 
 
 def as_depth(grey: Float[np.ndarray, "h w"], curve: Curve, kind: Kind, noise_grey: float) -> Depth:
-    """Depth under a curve, its median `MIDDLE_M`; black and white pixels have none."""
+    """Depth by a curve, scaled to the median `MIDDLE_M`; black and white pixels have none."""
     z = 1.0 / (grey + curve.k) if curve.inverse else curve.k - grey
     per_grey = z * z if curve.inverse else np.ones_like(z)
     known = (grey > 0) & (grey < 255)
@@ -99,8 +102,10 @@ def as_depth(grey: Float[np.ndarray, "h w"], curve: Curve, kind: Kind, noise_gre
 
 
 def floor_mask(grey: Float[np.ndarray, "h w"], kind: Kind) -> Bool[np.ndarray, "h w"] | None:
-    """Pixels of the floor; None if no curve shows one. Looked for twice, the second time with the
-    noise that the residuals of the first have."""
+    """Mask of floor pixels; None if no curve gives a floor.
+
+    The second of two passes uses the noise estimated from the residuals of the first.
+    """
     first = _largest(grey, kind, FIRST_NOISE_GREY)
     if first is None:
         return None
@@ -113,7 +118,7 @@ def floor_mask(grey: Float[np.ndarray, "h w"], kind: Kind) -> Bool[np.ndarray, "
 
 
 def residual_noise(points: Points, plane: Plane) -> float:
-    """Deviation of the points near a plane in parts of what they claim, by their median."""
+    """Standard deviation of the points near a plane, relative to the assumed one, by the median."""
     z = points.xyz[:, 2]
     off = plane.distance(points.xyz) / (plane.offset_m * z)  # 1/z measured less 1/z on the plane
     ratio = np.abs(off) * z**2 / points.sigma
@@ -124,7 +129,7 @@ def residual_noise(points: Points, plane: Plane) -> float:
 def _largest(
     grey: Float[np.ndarray, "h w"], kind: Kind, noise_grey: float
 ) -> tuple[Points, Floor] | None:
-    """The floor under the curve that puts most points on it."""
+    """The floor by the curve with most points on it."""
     best: tuple[Points, Floor] | None = None
     for curve in kind.curves:
         points = from_depth(as_depth(grey, curve, kind, noise_grey), 0.01, 100.0)
@@ -161,14 +166,12 @@ def labelled(kind: Kind, prefix: str, say: Say) -> tuple[dict[str, float], list[
 
 
 def bedroom(say: Say) -> tuple[dict[str, float], list[str]]:
-    """Kinect v2 in a furniture shop: the floor although a bed top is the larger plane."""
+    """Kinect v2 in a furniture shop: the floor where a bed is the larger plane."""
     folder = real_data.folder("sunrgbd_kinect2")
     known = real_data.floors(folder / "floor.csv")
-    figures, table, right = {}, [], []
+    figures, table, correct = {}, [], []
     for name, truth in known.items():
-        raw = _grey(folder / f"{name}.depth.png")
-        z = np.where(raw == 0, np.nan, raw / 5000.0).astype(np.float32)
-        points = from_depth(structured_light(DepthView(z, KINECT2)), 0.3, 6.0, 2)
+        points = from_depth(structured_light(real_data.kinect2_view(name)), 0.3, 6.0, 2)
         row = []
         for method in choose.METHODS:
             found = choose.find(
@@ -178,11 +181,11 @@ def bedroom(say: Say) -> tuple[dict[str, float], list[str]]:
                 choose.FloorConfig(method=method),
                 "depth",
             )
-            right.append(
+            correct.append(
                 found is not None and abs(found.plane.offset_m - truth.offset_m) < SAME_FLOOR_M
             )
             if found is None:
-                row.append(f"{method} none")
+                row.append(f"{method} no floor")
                 continue
             deg = float(np.degrees(found.plane.angle_to(truth)))
             mm = 1e3 * (found.plane.offset_m - truth.offset_m)
@@ -191,14 +194,14 @@ def bedroom(say: Say) -> tuple[dict[str, float], list[str]]:
             row.append(f"{method} {deg:.1f} deg {mm:+.0f} mm, {100 * found.share:.0f} % of points")
         table.append(f"sunrgbd {name}  " + "; ".join(row))
         say(f"sunrgbd {name}")
-    figures["sunrgbd_kinect2_floor_right"] = float(np.mean(right))
+    figures["sunrgbd_kinect2_floor_right"] = float(np.mean(correct))
     return figures, table
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """All sets; nothing here is random, so seeds change nothing."""
+    """All sets; independent of the seeds."""
     figures, table = labelled(SR4000, "sr4000", say)
-    for part in (labelled(NYU, "nyu", say), bedroom(say), real_floor.people(say)):
+    for part in (labelled(NYU, "nyu", say), bedroom(say), floors.people(say)):
         figures |= part[0]
         table += part[1]
     figures["pcl_kinect_people"] = figures.pop("five_people_count")
@@ -206,17 +209,17 @@ def run(seeds: int, say: Say) -> Outcome:
 
 
 def _grey(path: Path) -> Float[np.ndarray, "h w"]:
-    """An image in grey levels; colours by OpenCV's weights, not by those of the file's own library."""
+    """An image in grey levels, converted from colour by OpenCV's weights."""
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise InputError(f"image {path} cannot be read; is the set complete?")
+        raise InputError(f"image {path} cannot be read; is the data set complete?")
     return np.asarray(
         image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), dtype=np.float64
     )
 
 
 def _gravity(path: Path) -> Plane:
-    """What the set's own gravity says of the floor: good to a few degrees, and nothing of its height."""
+    """Prior of the floor by the gravity of the data set: accurate to a few degrees, of unknown height."""
     with path.open(encoding="utf-8") as file:
         tilt = next(csv.reader(file, delimiter=" "))
     upright = np.array([float(value) for value in tilt if value]).reshape(3, 3, order="F")
@@ -226,7 +229,7 @@ def _gravity(path: Path) -> Plane:
 
 EXPERIMENT = Experiment(
     id="real-planes",
-    title="Planes of real recordings: labelled floors, people, a bed larger than the floor",
+    title="Planes in real recordings: labelled floors, people, a bed larger than the floor",
     run=run,
     targets={
         "sr4000_floor_iou": Target(">=", 0.85),

@@ -1,10 +1,12 @@
-"""Which way is up: gyro and accelerometer of a real IMU, with the biases of both estimated.
+"""Roll, pitch and sensor biases from the gyro and accelerometer of a real IMU.
 
-The instrument is first turned by a fixed rotation so that its z axis starts upwards; roll and pitch then stay far from
-where they are not defined. The accelerometer tells where up is when the body does not accelerate; the more
-its size differs from gravity, and the more it shakes, the less it is believed.
+A fixed rotation first aligns the z axis with the initial vertical, so that roll and pitch stay away from their
+singularity. The accelerometer measures the vertical while the body does not accelerate; its noise increases with the
+deviation of its magnitude from gravity and with vibration.
 
-Attitude truth: at rest the floor's normal in the camera, in flight two poses by motion capture.
+Truth: at rest the floor normal in the camera, in flight two poses by motion capture.
+
+Source: ours; data set EuRoC V1_01.
 """
 
 from __future__ import annotations
@@ -26,26 +28,26 @@ from perception.primitives.gaussian import Gaussian
 from ..support import real_data
 
 GRAVITY = 9.81
-REST_S = 3.0  # the instrument stands on the floor for so long
-EVERY = 4  # IMU samples taken together: 50 Hz
+REST_S = 3.0  # initial period at rest on the floor
+EVERY = 4  # IMU samples averaged: 50 Hz
 GYRO_SIGMA = 0.002  # rad/s per sample of 50 Hz: ADIS16448, its density times the root of the rate
 GYRO_WALK = 2e-5  # rad/s per root of a second: data sheet of the recording
 FORCE_SIGMA = 0.05  # m/s^2 at rest, 50 Hz, motors on
 FORCE_WALK = 3e-3  # m/s^2 per root of a second: data sheet of the recording
-SHAKE_SIGMA = 0.05  # rad/s, turn rate of a body that rests with its motors on
+SHAKE_SIGMA = 0.05  # rad/s, of a body at rest with its motors on
 START_SIGMA = np.array([0.05, 0.05, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1])  # rad, rad/s, m/s^2
-MEMORY_S = 1.0  # s over which shaking is judged
+MEMORY_S = 1.0  # time constant of the vibration level
 
 
 @dataclass(frozen=True)
 class TiltOutcome:
-    """Errors of the vertical, deg, and the biases at the end of the rest.
+    """Errors of the vertical, and the biases at the end of the rest.
 
     Args:
-        rest_deg: Against the floor's normal, after the rest.
-        flight_deg: Against motion capture, worst instant in flight.
-        gyro_bias: rad/s, axes of the instrument.
-        force_bias: m/s^2, likewise.
+        rest_deg: Error against the floor normal at the end of the rest.
+        flight_deg: Largest error against motion capture in flight.
+        gyro_bias: Gyro bias, IMU axes, rad/s.
+        force_bias: Accelerometer bias, IMU axes, m/s^2.
     """
 
     rest_deg: float
@@ -55,16 +57,16 @@ class TiltOutcome:
 
 
 class TiltFilter:
-    """Roll and pitch, biases of gyro and accelerometer; axes of the instrument."""
+    """Square-root filter for roll, pitch, and the biases of gyro and accelerometer."""
 
     def __init__(self, force: Float[np.ndarray, "3"]) -> None:
-        """Begin with a first guess of up: the mean specific force of a moment."""
+        """Start with the vertical given by a mean specific force."""
         up = force / np.linalg.norm(force)
         side = np.cross(up, [0.0, 0.0, 1.0] if abs(up[2]) < 0.9 else [1.0, 0.0, 0.0])
         side /= np.linalg.norm(side)
         self._level = np.stack(
             [side, np.cross(up, side), up]
-        )  # level axes from those of the instrument
+        )  # rotation from IMU axes to level axes
         self._filter = SquareRootFilter(
             Gaussian(np.zeros(8), np.diag(START_SIGMA**2)), angles=(0, 1)
         )
@@ -72,13 +74,13 @@ class TiltFilter:
 
     @property
     def up(self) -> Float[np.ndarray, "3"]:
-        """Unit vector upwards, axes of the instrument."""
+        """Unit vector upwards, IMU axes."""
         roll, pitch = self._filter.mean[:2]
         return np.asarray(self._level.T @ _up(np.array([[roll, pitch]]))[0])
 
     @property
     def biases(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """Of the gyro, rad/s, and of the accelerometer, m/s^2, axes of the instrument."""
+        """Biases of the gyro, rad/s, and of the accelerometer, m/s^2, IMU axes."""
         mean = self._filter.mean
         return self._level.T @ mean[2:5], self._level.T @ mean[5:8]
 
@@ -89,9 +91,9 @@ class TiltFilter:
         dt: float,
         rests: bool = False,
     ) -> None:
-        """Learn from the means of turn rate, rad/s, and specific force, m/s^2, over dt seconds.
+        """Process the means of angular rate, rad/s, and specific force, m/s^2, over dt seconds.
 
-        Whoever knows that the body rests says so: then the gyro tells its own bias.
+        With `rests`, the body is known to be at rest, so that the gyro measures its own bias.
         """
         rate, force = self._level @ rate, self._level @ force
 
@@ -109,16 +111,18 @@ class TiltFilter:
         keep = math.exp(-dt / MEMORY_S)
         moving = abs(float(np.linalg.norm(force)) - GRAVITY)
         self._unrest = math.sqrt(keep * self._unrest**2 + (1.0 - keep) * moving**2)
-        shaken = FORCE_SIGMA + 3.0 * max(self._unrest - 0.1, 0.0) + 3.0 * max(moving - 0.1, 0.0)
+        sigma_force = (
+            FORCE_SIGMA + 3.0 * max(self._unrest - 0.1, 0.0) + 3.0 * max(moving - 0.1, 0.0)
+        )
         self._filter.update(
-            lambda points: GRAVITY * _up(points) + points[:, 5:8], force, shaken**2 * np.eye(3)
+            lambda points: GRAVITY * _up(points) + points[:, 5:8], force, sigma_force**2 * np.eye(3)
         )
         if rests:
             self._filter.update(lambda points: points[:, 2:5], rate, SHAKE_SIGMA**2 * np.eye(3))
 
 
 def _up(points: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k 3"]:
-    """Up in level axes turned by roll and pitch, the first two entries."""
+    """Vertical in level axes after a rotation by roll and pitch, the first two state entries."""
     roll, pitch = points[:, 0], points[:, 1]
     return np.stack(
         [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)], axis=-1
@@ -126,40 +130,40 @@ def _up(points: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "k 3"]:
 
 
 def read_imu(path: Path) -> Float[np.ndarray, "n 7"]:
-    """Stamp, s since the first, turn rate, rad/s, specific force, m/s^2, of a EuRoC file."""
+    """Stamp (s since the first), angular rate, rad/s, and specific force, m/s^2, of a EuRoC file."""
     try:
         table = np.loadtxt(path, delimiter=",")
     except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: {error}; expected seven numbers a line") from error
+        raise RecordingError(f"{path}: {error}; expected seven numbers per line") from error
     table[:, 0] = (table[:, 0] - table[0, 0]) * 1e-9
     return np.asarray(table)
 
 
 def tilt(folder: Path) -> TiltOutcome:
-    """Run over a EuRoC recording; at rest, then in flight."""
+    """Process a EuRoC recording, at rest and in flight."""
     path = folder / "imu0.csv.gz"
     with gzip.open(path, "rt", encoding="utf-8") as file:
         first_ns = int(next(line for line in file if not line.startswith("#")).split(",")[0])
     samples = read_imu(path)
     count = len(samples) // EVERY
     means = samples[: count * EVERY].reshape(count, EVERY, 7).mean(axis=1)
-    robot = TiltFilter(means[:10, 4:7].mean(axis=0))
+    tilt_filter = TiltFilter(means[:10, 4:7].mean(axis=0))
     checks = _vicon_up(folder, first_ns)
     dt = EVERY * float(np.median(np.diff(samples[:, 0])))
     rest_deg, flight = math.nan, []
     gyro_bias = force_bias = np.full(3, math.nan)
     for stamp, *values in means.tolist():
-        robot.advance(np.array(values[:3]), np.array(values[3:]), dt, rests=stamp < REST_S)
+        tilt_filter.advance(np.array(values[:3]), np.array(values[3:]), dt, rests=stamp < REST_S)
         if math.isnan(rest_deg) and stamp >= REST_S:
-            rest_deg = _angle_deg(robot.up, _floor_up(folder))
-            gyro_bias, force_bias = robot.biases
+            rest_deg = _angle_deg(tilt_filter.up, _floor_up(folder))
+            gyro_bias, force_bias = tilt_filter.biases
         while checks and stamp >= checks[0][0]:
-            flight.append(_angle_deg(robot.up, checks.pop(0)[1]))
+            flight.append(_angle_deg(tilt_filter.up, checks.pop(0)[1]))
     return TiltOutcome(rest_deg, max(flight), gyro_bias, force_bias)
 
 
 def _floor_up(folder: Path) -> Float[np.ndarray, "3"]:
-    """Normal of the floor at rest, axes of the IMU."""
+    """Floor normal at rest, IMU axes."""
     floors = real_data.floors(folder / "floor.csv")
     names = {path.stem for path in (folder / "static" / "cam0").glob("*.png")}
     normal = np.mean([plane.normal for name, plane in floors.items() if name in names], axis=0)
@@ -170,7 +174,7 @@ def _floor_up(folder: Path) -> Float[np.ndarray, "3"]:
 
 
 def _vicon_up(folder: Path, first_ns: int) -> list[tuple[float, np.ndarray]]:
-    """Stamps, s, and up in the axes of the IMU, where motion capture tells the attitude."""
+    """Stamps, s, and vertical in IMU axes, where motion capture gives the attitude."""
     with (folder / "room_groundtruth.csv").open(encoding="utf-8") as file:
         rows = list(csv.reader(line for line in file if not line.startswith("#")))
     found = []

@@ -1,9 +1,10 @@
-"""The same journey smoothed: every pose corrected by what was seen before and after it.
+"""Smoothing of a planar trajectory: every pose is corrected by the sightings before and after it.
 
-The smoother is told what the filter believed, with the filter's parameters: motions as the filter's last
-estimate of pace and turn corrects them, sightings inside its gate as its last estimate of the lens corrects
-them. The error that depths share is an unknown here too. What the filter carries as slowly changing errors of
-bearing and place is noise, the larger the more sightings share it; that keeps the problem small.
+The smoother uses the filter's parameters, its final estimates of odometry and lens errors, and the sightings inside its
+gate. The common depth error is a state here too. Slowly varying errors of bearing and position, which are states of the
+filter, are noise with a variance that grows with the number of sightings that share them; this keeps the problem small.
+
+Source: ours.
 """
 
 from __future__ import annotations
@@ -28,19 +29,19 @@ from perception.smoothing.factors import (
 )
 from perception.smoothing.smoother import smooth
 
-LEAST = 1e-4  # m and rad, deviation of a motion that did not take place
-MOST_SHARING = 20.0  # sightings counted as one at most
+MIN_SIGMA = 1e-4  # m and rad; standard deviation of a motion without path or turn
+MAX_SHARING = 20.0  # greatest number of sightings with a common error
 
 
 def smooth_journey(
     journey: Journey, filtered: FilteredJourney, config: PlanarConfig
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Smooth a journey.
+    """Smooth a planar trajectory.
 
     Args:
-        journey: What was told.
-        filtered: What the filter made of it.
-        config: Noise, as of the filter.
+        journey: Odometry and sightings.
+        filtered: Result of the filter.
+        config: Noise parameters of the filter.
 
     Returns:
         Means and covariances of (x, y, yaw) at each instant.
@@ -78,8 +79,8 @@ def smooth_journey(
 def _motion(
     i: int, dt: float, path: float, turn: float, state: np.ndarray, config: PlanarConfig
 ) -> Motion:
-    """From instant i - 1 to instant i; the start has number 0."""
-    length, told = abs(path), abs(turn)
+    """Motion factor from instant i - 1 to instant i; the start has number 0."""
+    length, angle = abs(path), abs(turn)
     path, turn = (
         path * float(state[ODOMETRY_SCALE]),
         turn * float(state[TURN_SCALE]) + dt * float(state[DRIFT]),
@@ -88,11 +89,11 @@ def _motion(
         config.along**2 * length,
         config.across**2 * length,
         config.turn_per_path**2 * length
-        + config.turn_per_turn**2 * told
+        + config.turn_per_turn**2 * angle
         + config.turn_per_time**2 * dt,
     ]
     motion = Pose2(path * math.cos(turn / 2.0), path * math.sin(turn / 2.0), turn)
-    return Motion(i, i + 1, motion, np.diag(np.array(variance) + LEAST**2))
+    return Motion(i, i + 1, motion, np.diag(np.array(variance) + MIN_SIGMA**2))
 
 
 def _sighting(
@@ -103,7 +104,7 @@ def _sighting(
     state: np.ndarray,
     config: PlanarConfig,
 ) -> LandmarkSeen:
-    """One sighting as range on the floor and bearing; `times`: s since this landmark, and any, was seen."""
+    """Landmark factor with range on the floor and bearing; `times`: s since this and any landmark was seen."""
     since, since_any = times
     depth, bearing = journey.seen[row].tolist()
     side = 2.0 * bearing
@@ -112,9 +113,9 @@ def _sighting(
     new = math.hypot(config.depth_near, config.depth_far * depth**2)
 
     def shared(deviation: float, memory_s: float) -> float:
-        """Variance of an error of which many sightings have the same: for a steady row as for one."""
+        """Variance of an error that a series of sightings has in common."""
         keep = math.exp(-since / memory_s)
-        return deviation**2 * min((1.0 + keep) / max(1.0 - keep, 1e-9), MOST_SHARING)
+        return deviation**2 * min((1.0 + keep) / max(1.0 - keep, 1e-9), MAX_SHARING)
 
     place = shared(config.place, config.place_memory)
     variance = [

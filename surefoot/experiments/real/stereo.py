@@ -1,9 +1,11 @@
-"""Stereo on real pairs: floors of three rigs, and the share of wrong pixels on a pair with truth.
+"""Stereo on real pairs: floors of three stereo cameras, and the share of wrong pixels on a pair with ground truth.
 
-EuRoC's pairs are raw and rectified here: a camera at rest against the accelerometer, one held by a pilot
-against motion capture. The 3IT pair is rectified; its floor is held against what SGBM gave when the set was
-described, no truth is known. Motorcycle has dense truth: what we accept is held against StereoBM, its
-uniqueness test set so that it covers as much.
+EuRoC's raw pairs are rectified here; the floor of a camera at rest is compared with the accelerometer, that of a
+handheld camera with motion capture. The floor of the rectified 3IT pair is compared with the value by SGBM in the
+description of the set, since there is no truth. Motorcycle has dense truth: our accepted pixels are compared with
+StereoBM at the same coverage, set by its uniqueness ratio.
+
+Source: ours; data sets EuRoC V1_01, RTAB-Map 3IT, Middlebury 2014.
 """
 
 from __future__ import annotations
@@ -27,11 +29,11 @@ from ...recordings.euroc import open_euroc
 from ...recordings.stereo_calibration import read_rectified_pair
 from ..seed_003.stereo_range import roc_area
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
 
-REACH_M = (0.2, 4.0)  # seed 003: distance reliable
-LAB_HEIGHT_M, LAB_PITCH_DEG = 1.11, 3.7  # 3IT: from the set's own description, by SGBM
-MOTORCYCLE = Camera(741, 500, 994.978, 994.978, 311.193, 254.877)  # from the set's description
+REACH_M = (0.2, 4.0)  # seed 003: range of reliable depth
+LAB_HEIGHT_M, LAB_PITCH_DEG = 1.11, 3.7  # 3IT: by SGBM, from the description of the set
+MOTORCYCLE = Camera(741, 500, 994.978, 994.978, 311.193, 254.877)  # by the description of the set
 MOTORCYCLE_BASELINE_M = 0.193001
 WRONG_PX = 2.0
 BM_BLOCK_PX = 15
@@ -39,14 +41,14 @@ UNIQUENESS = (0, 5, 10, 15, 20, 25, 30, 40, 60)
 
 
 def floor_of(view: StereoView, up_camera: Float[np.ndarray, "3"] | None) -> choose.Floor | None:
-    """The floor as the cycle finds it, from the pixels that stereo believes."""
+    """Detect the floor as the pipeline does, from the pixels that stereo accepts."""
     points = from_depth(stereo.depth(view), *REACH_M)
     rng = np.random.default_rng(0)
     return choose.find(points, handheld_prior(up_camera), rng, sensor="stereo")
 
 
 def euroc(part: str, say: Say) -> tuple[dict[str, float], list[str]]:
-    """All pairs of one part; the figures are those of the worst pair, inf where no floor was found."""
+    """All pairs of one part; the figures are those of the worst pair, inf if no floor was detected."""
     folder = real_data.folder("euroc_v101_stereo")
     recording = open_euroc(folder / part)
     known = real_data.floors(folder / "floor.csv")
@@ -67,7 +69,7 @@ def euroc(part: str, say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def _up(frame: Frame) -> Float[np.ndarray, "3"] | None:
-    """Up in the camera: from the given pose, else from the accelerometer."""
+    """Vertical in the camera frame, from the given pose, else from the accelerometer."""
     if frame.T_world_camera is not None:
         return frame.T_world_camera.rotation.T @ np.array([0.0, 0.0, 1.0])
     if frame.imu is not None:
@@ -82,7 +84,7 @@ def _errors(found: Plane | None, true: Plane) -> tuple[float, float]:
 
 
 def laboratory(say: Say) -> tuple[dict[str, float], list[str]]:
-    """The floor of the 3IT pair, with no prior but that a camera is held upright."""
+    """The floor of the 3IT pair, with the prior of a handheld camera alone."""
     say("3IT laboratory")
     folder = real_data.folder("rtabmap_3it")
     camera, baseline = read_rectified_pair(
@@ -106,7 +108,7 @@ def laboratory(say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def motorcycle(say: Say) -> tuple[dict[str, float], list[str]]:
-    """Wrong pixels among those accepted, against StereoBM with its own filters."""
+    """Share of wrong pixels among the accepted ones, compared with StereoBM with its own filters."""
     say("Middlebury motorcycle")
     folder = real_data.folder("middlebury_motorcycle")
     left, right = (_grey(str(folder / f"motorcycle_{side}.png")) for side in ("left", "right"))
@@ -136,7 +138,7 @@ def motorcycle(say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def _stereobm(view: StereoView, true: Float32[np.ndarray, "h w"], coverage: float) -> float:
-    """Share of wrong pixels of StereoBM when its uniqueness test leaves it that coverage."""
+    """Share of wrong pixels of StereoBM at that coverage, interpolated over its uniqueness ratio."""
     steps = 16 * math.ceil(stereo.StereoConfig().most_disparity_px / 16)
     padded = [
         cv2.copyMakeBorder(image, 0, 0, steps, 0, cv2.BORDER_REPLICATE)
@@ -159,23 +161,13 @@ def _grey(path: str) -> np.ndarray:
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """Half a minute; nothing here is random, so seeds change nothing."""
-    figures: dict[str, float] = {}
-    table: list[str] = []
-    for measured, rows in (
-        euroc("static", say),
-        euroc("room", say),
-        laboratory(say),
-        motorcycle(say),
-    ):
-        figures.update(measured)
-        table += rows
-    return Outcome(figures, table)
+    """Half a minute; independent of the seeds."""
+    return combined(euroc("static", say), euroc("room", say), laboratory(say), motorcycle(say))
 
 
 EXPERIMENT = Experiment(
     id="real-stereo",
-    title="Stereo on real pairs: floors of three rigs, wrong pixels against StereoBM",
+    title="Stereo on real pairs: floors of three cameras, wrong pixels against StereoBM",
     run=run,
     targets={
         "euroc_static_deg": Target("<=", 1.0),

@@ -1,8 +1,10 @@
-"""Trajectories of real recordings without a pose given, beside Open3D's and small_gicp's.
+"""RGB-D odometry of real recordings without given poses, compared with Open3D and small_gicp.
 
-Ours runs as it does for any user: floor, odometry, places, one graph. The peers lay each image over the one
-before, at full size, as their own examples do. Truth is for evaluation only; alignment by rotation and
-translation, as the TUM tools do.
+Ours runs as for any user: floor, odometry, loop closures, one pose graph. The baselines align each image with the one
+before at full resolution, as in their own examples. Truth is used for evaluation only, after rigid alignment as by the
+TUM tools.
+
+Source: ours.
 """
 
 from __future__ import annotations
@@ -39,34 +41,41 @@ SETS = {
     "tum_fr3_cabinet": "tum_fr3_cabinet",
     "redwood": "redwood_livingroom",
 }
-PEERS = ("open3d", "open3d-intensity", "open3d-depth", "small_gicp")
-REPLICA_EVERY = 1  # all 2000; peers see fewer, or the run would take an hour
-PEERS_EVERY = 10
-SLIP_M = 0.10  # a step that is so wrong is a slip
+BASELINES = ("open3d", "open3d-intensity", "open3d-depth", "small_gicp")
+REPLICA_EVERY = 1  # all 2000 frames
+BASELINES_EVERY = 10  # fewer frames, or the run would take an hour
+SLIP_M = 0.10  # a larger error from frame to frame is a slip
 
 
 @dataclass
-class Way:
-    """Poses of one contestant beside the truth."""
+class TrajectoryResult:
+    """Estimated and true poses of one method.
+
+    Args:
+        found, true: Poses of every frame.
+        lost: Number of losses.
+        flagged: Frames that the method reports as doubtful.
+        claimed: Covariances after alignment.
+    """
 
     found: list[Pose3]
     true: list[Pose3]
     lost: int = 0
-    told: frozenset[int] = frozenset()
+    flagged: frozenset[int] = frozenset()
     claimed: Float[np.ndarray, "n 6 6"] | None = None
 
     @property
     def variance_ratio(self) -> float:
-        """Mean square of what is left after alignment over what was claimed of it: 1 if honest; NaN without claims."""
+        """Mean NEES per degree of freedom after alignment: 1 if consistent; NaN without covariances."""
         if self.claimed is None:
             return float("nan")
         placed = np.isfinite(self.claimed).all(axis=(1, 2))
-        ways = [_trajectory(way, placed) for way in (self.found, self.true)]
-        return float(nees(errors_in_space(*ways), self.claimed[placed]).mean()) / 6.0
+        pair = [_trajectory(poses, placed) for poses in (self.found, self.true)]
+        return float(nees(errors_in_space(*pair), self.claimed[placed]).mean()) / 6.0
 
     @property
     def ate_m(self) -> float:
-        """Root mean square after the best rotation and translation; NaN if there is no unique one."""
+        """Absolute trajectory error (rms) after rigid alignment; NaN if the alignment is not unique."""
         estimate = np.array([pose.position for pose in self.found])
         truth = np.array([pose.position for pose in self.true])
         best = align(estimate, truth)
@@ -74,7 +83,7 @@ class Way:
 
     @property
     def step_errors_m(self) -> list[float]:
-        """From frame to frame."""
+        """Translation errors from frame to frame."""
         return [
             float(np.linalg.norm(((a.inverse() @ b).inverse() @ (p.inverse() @ q)).position))
             for (a, b), (p, q) in zip(pairwise(self.true), pairwise(self.found), strict=True)
@@ -82,127 +91,131 @@ class Way:
 
     @property
     def silent_slips(self) -> int:
-        """Steps that are wrong and were not told to be."""
+        """Number of slips in frames that are not flagged."""
         return sum(
-            error > SLIP_M and number + 1 not in self.told
+            error > SLIP_M and number + 1 not in self.flagged
             for number, error in enumerate(self.step_errors_m)
         )
 
 
-def blind(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Pose3]]:
-    """Frames without their poses, and the poses apart."""
+def without_poses(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Pose3]]:
+    """Frames without their poses, and the poses separately."""
     for frame in frames:
         assert frame.T_world_camera is not None
         yield replace(frame, T_world_camera=None), frame.T_world_camera
 
 
-def ours(frames: Iterable[Frame], seed: int = 0, method: str = "hybrid") -> tuple[Way, Way]:
-    """The way step by step, and the way with loops closed."""
+def our_odometry(
+    frames: Iterable[Frame], seed: int = 0, method: str = "hybrid"
+) -> tuple[TrajectoryResult, TrajectoryResult]:
+    """Trajectories of our method: odometry alone, and with loop closures."""
     config = OdometerConfig(align=AlignConfig(method=method))
     odometer = Odometer(np.random.default_rng(seed), config)
     steps, true = [], []
-    for frame, pose in blind(frames):
+    for frame, pose in without_poses(frames):
         steps.append(odometer.track(frame))
         true.append(pose)
     bad = (LOST, RESTARTED, DOUBTFUL)
-    told = frozenset(n for n, step in enumerate(steps) if step.state in bad)
+    flagged = frozenset(n for n, step in enumerate(steps) if step.state in bad)
     lost = odometer.odometry.losses
-    joined, solution = odometer.trajectory()
+    closed, solution = odometer.trajectory()
     claims = odometer.uncertainty(solution)
-    walked = Way([step.T_start_camera for step in steps], true, lost, told)
-    return walked, Way(joined, true, lost, told, None if claims is None else claims.aligned)
-
-
-def _trajectory(way: list[Pose3], placed: Bool[np.ndarray, "n"]) -> Trajectory:
-    poses = [pose for pose, one in zip(way, placed, strict=True) if one]
-    return Trajectory(
-        np.flatnonzero(placed).astype(np.float64),
-        np.array([pose.position for pose in poses]),
-        np.array([pose.quat_xyzw for pose in poses]),
+    odometry_only = TrajectoryResult([step.T_start_camera for step in steps], true, lost, flagged)
+    return odometry_only, TrajectoryResult(
+        closed, true, lost, flagged, None if claims is None else claims.aligned
     )
 
 
-def peer(name: str, frames: Iterable[Frame]) -> Way | None:
-    """Each image over the one before; None where the peer is not installed."""
+def _trajectory(poses: list[Pose3], placed: Bool[np.ndarray, "n"]) -> Trajectory:
+    kept = [pose for pose, one in zip(poses, placed, strict=True) if one]
+    return Trajectory(
+        np.flatnonzero(placed).astype(np.float64),
+        np.array([pose.position for pose in kept]),
+        np.array([pose.quat_xyzw for pose in kept]),
+    )
+
+
+def baseline_odometry(name: str, frames: Iterable[Frame]) -> TrajectoryResult | None:
+    """Trajectory of a baseline by frame-to-frame alignment; None if it is not installed."""
     try:
-        lay = aligner(name)
+        align_images = aligner(name)
         config = AlignConfig()
         before: Pyramid | None = None
-        here, way = Pose3(), Way([], [])
-        for frame, pose in blind(frames):
-            depth, rgb = understood(frame)
+        here, result = Pose3(), TrajectoryResult([], [])
+        for frame, pose in without_poses(frames):
+            depth, rgb = depth_and_colour(frame)
             image = build(depth, rgb, None, PyramidConfig(finest_px=depth.camera.width, levels=1))
             if before is not None:
-                aligned = lay(before, image, [Pose3()], config)
+                aligned = align_images(before, image, [Pose3()], config)
                 if aligned is None:
-                    way.lost += 1
+                    result.lost += 1
                 else:
                     here = here @ aligned.motion
             before = image
-            way.found.append(here)
-            way.true.append(pose)
+            result.found.append(here)
+            result.true.append(pose)
     except ImportError:
         return None
-    return way
+    return result
 
 
-def understood(frame: Frame) -> tuple[Depth, UInt8[np.ndarray, "h w 3"] | None]:
-    """Depth with its deviation, and the picture."""
+def depth_and_colour(frame: Frame) -> tuple[Depth, UInt8[np.ndarray, "h w 3"] | None]:
+    """Depth with its standard deviation, and the colour image."""
     assert frame.depth is not None
     return structured_light.depth(frame.depth), None if frame.colour is None else frame.colour.rgb
 
 
-def recorded(name: str, say: Say) -> tuple[dict[str, float], list[str]]:
-    """One recording: ours, ours by depth alone, and the peers."""
+def on_recording(name: str, say: Say) -> tuple[dict[str, float], list[str]]:
+    """One recording: our method, our method by depth alone, and the baselines."""
     recording = open_recording(real_data.folder(SETS[name]))
     figures: dict[str, float] = {}
     say(f"{name}: ours")
-    walked, joined = ours(recording.frames())
-    _, by_depth = ours(recording.frames(), method="depth")
-    figures[f"{name}_ate_m"] = joined.ate_m
-    figures[f"{name}_odometry_ate_m"] = walked.ate_m
-    if joined.claimed is not None:
-        figures[f"{name}_variance_ratio"] = joined.variance_ratio
+    odometry_only, closed = our_odometry(recording.frames())
+    _, by_depth = our_odometry(recording.frames(), method="depth")
+    figures[f"{name}_ate_m"] = closed.ate_m
+    figures[f"{name}_odometry_ate_m"] = odometry_only.ate_m
+    if closed.claimed is not None:
+        figures[f"{name}_variance_ratio"] = closed.variance_ratio
     figures[f"{name}_depth_only_ate_m"] = by_depth.ate_m
-    figures[f"{name}_step_max_m"] = max(joined.step_errors_m)
-    figures[f"{name}_silent_slips"] = float(walked.silent_slips)
-    figures[f"{name}_lost"] = float(walked.lost)
-    rows = [row(name, "ours", joined), row(name, "ours, no loops", walked)]
+    figures[f"{name}_step_max_m"] = max(closed.step_errors_m)
+    figures[f"{name}_silent_slips"] = float(odometry_only.silent_slips)
+    figures[f"{name}_lost"] = float(odometry_only.lost)
+    rows = [row(name, "ours", closed), row(name, "ours, no loops", odometry_only)]
     rows.append(row(name, "ours, depth only", by_depth))
-    for other in PEERS:
+    for other in BASELINES:
         say(f"{name}: {other}")
-        way = peer(other, recording.frames())
-        if way is not None:
+        result = baseline_odometry(other, recording.frames())
+        if result is not None:
             key = other.replace("-", "_")
-            figures[f"{name}_{key}_ate_m"] = way.ate_m
-            figures[f"{name}_{key}_step_max_m"] = max(way.step_errors_m)
-            rows.append(row(name, other, way))
+            figures[f"{name}_{key}_ate_m"] = result.ate_m
+            figures[f"{name}_{key}_step_max_m"] = max(result.step_errors_m)
+            rows.append(row(name, other, result))
     return figures, rows
 
 
-def row(name: str, who: str, way: Way) -> str:
-    """One line for people."""
+def row(name: str, method: str, result: TrajectoryResult) -> str:
+    """One row of the table."""
     return (
-        f"{name:<18} {who:<17} ATE {way.ate_m:8.4f} m   worst step {max(way.step_errors_m):7.4f} m"
-        f"   lost {way.lost:3d}   silent slips {way.silent_slips}"
+        f"{name:<18} {method:<17} ATE {result.ate_m:8.4f} m   worst step {max(result.step_errors_m):7.4f} m"
+        f"   lost {result.lost:3d}   silent slips {result.silent_slips}"
     )
 
 
 def replica(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
-    """Replica's office, depth ray cast along its way; colour from the mesh's vertices for the loops."""
+    """Replica's office: depth ray cast along its trajectory, and colour from the mesh's vertices."""
     room = ReplicaRoom(real_data.folder("replica_office0"))
     ates, odometry, worst, rows = [], [], [], []
     slips = lost = 0
     for seed in range(seeds):
         say(f"replica: ours, seed {seed}")
         frames = room.frames(np.random.default_rng(seed), REPLICA_EVERY)
-        walked, joined = ours(frames, seed)
-        ates.append(joined.ate_m)
-        odometry.append(walked.ate_m)
-        worst.append(max(joined.step_errors_m))
-        slips += walked.silent_slips
-        lost += walked.lost
-        rows += [row("replica", "ours", joined), row("replica", "ours, no loops", walked)]
+        odometry_only, closed = our_odometry(frames, seed)
+        ates.append(closed.ate_m)
+        odometry.append(odometry_only.ate_m)
+        worst.append(max(closed.step_errors_m))
+        slips += odometry_only.silent_slips
+        lost += odometry_only.lost
+        rows += [row("replica", "ours", closed), row("replica", "ours, no loops", odometry_only)]
     figures = {
         "replica_ate_m": max(ates),
         "replica_odometry_ate_m": max(odometry),
@@ -210,12 +223,12 @@ def replica(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
         "replica_silent_slips": float(slips),
         "replica_lost": float(lost),
     }
-    for other in PEERS:
+    for other in BASELINES:
         say(f"replica: {other}")
-        way = peer(other, room.frames(np.random.default_rng(0), PEERS_EVERY))
-        if way is not None:
-            figures[f"replica_{other.replace('-', '_')}_ate_m"] = way.ate_m
-            rows.append(row(f"replica 1/{PEERS_EVERY}", other, way))
+        result = baseline_odometry(other, room.frames(np.random.default_rng(0), BASELINES_EVERY))
+        if result is not None:
+            figures[f"replica_{other.replace('-', '_')}_ate_m"] = result.ate_m
+            rows.append(row(f"replica 1/{BASELINES_EVERY}", other, result))
     return figures, rows
 
 
@@ -225,7 +238,7 @@ def run(seeds: int, say: Say) -> Outcome:
     table: list[str] = []
     for name in SETS:
         try:
-            measured, rows = recorded(name, say)
+            measured, rows = on_recording(name, say)
         except InputError as error:
             table.append(f"{name:<18} {error}")
             continue
@@ -239,7 +252,7 @@ def run(seeds: int, say: Say) -> Outcome:
 
 EXPERIMENT = Experiment(
     id="real-odometry",
-    title="Trajectories of recordings without poses, beside Open3D's and small_gicp's",
+    title="RGB-D odometry of real recordings without poses, compared with Open3D and small_gicp",
     run=run,
     targets={
         "sevenscenes_sweep_ate_m": Target("<=", 0.030),
@@ -249,7 +262,9 @@ EXPERIMENT = Experiment(
         "replica_ate_m": Target("<=", 0.008),
         "replica_rpe_max_m": Target("<=", 0.02),
         "silent_slips": Target("==", 0.0),
-        "sevenscenes_sweep_variance_ratio": Target("<=", 4.0),  # 4: twice as far off as claimed
+        "sevenscenes_sweep_variance_ratio": Target(
+            "<=", 4.0
+        ),  # 4: errors of twice the claimed standard deviation
         "sevenscenes_pan_variance_ratio": Target("<=", 4.0),
         "tum_fr3_cabinet_variance_ratio": Target("<=", 4.0),
     },

@@ -1,7 +1,9 @@
-"""Surface and walkable floor of real places, with the true poses and with our own.
+"""Surface maps and traversable floor of real places, with true poses and with poses by odometry.
 
-Replica's office: the mesh from depth ray cast with noise, against the mesh it was cast from, of which only
-what was seen counts. TUM's cabinet: a bare floor with one box on it, walked round without a pose given.
+Replica's office: the mesh from noisy ray cast depth, compared with the visible part of the true mesh. TUM's cabinet:
+a floor with one box on it, recorded around the box, without given poses.
+
+Source: ours.
 """
 
 from __future__ import annotations
@@ -24,23 +26,23 @@ from perception.primitives.pose import Pose3
 from ...evaluation.metrics.trajectory import Alignment, align
 from ...recordings.open import open_recording
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
-from .real_odometry import blind, understood
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
+from .odometry import depth_and_colour, without_poses
 from .replica_room import ReplicaRoom, scene_of
 
-EVERY = 8  # of Replica's 2000 frames: each surface is still seen some twenty times
-SAMPLES = 200_000  # points of each surface
-CLEAR_M = 0.08  # a foot: floor nearer to the cabinet cannot be stood on
+EVERY = 8  # of Replica's 2000 frames: each surface is still seen about twenty times
+SAMPLES = 200_000  # points on each surface
+CLEAR_M = 0.08  # a foot: closer to the cabinet the robot cannot stand
 
 
 @dataclass(frozen=True)
 class Quality:
-    """A surface against the true one.
+    """Comparison of a surface with the true one.
 
     Args:
-        accuracy_mm: Median distance of its points to the truth.
-        completeness_5cm: Share of the true points seen that lie within 5 cm of it.
-        fscore_2cm: Harmonic mean of the shares within 2 cm, both ways.
+        accuracy_mm: Median distance of its points from the true surface.
+        completeness_5cm: Share of the visible true points within 5 cm of it.
+        fscore_2cm: Harmonic mean of the shares within 2 cm, in both directions.
     """
 
     accuracy_mm: float
@@ -49,10 +51,10 @@ class Quality:
 
 
 def quality(mesh: Mesh, room: ReplicaRoom, rng: np.random.Generator) -> Quality:
-    """How good a mesh in the room's own frame is."""
+    """Compare a mesh in the room's frame with the truth."""
     true = Mesh(room.mesh.vertices, room.mesh.triangles[room.seen], room.mesh.normals)
-    to_truth = away(scene_of(room.mesh), mesh.sampled(SAMPLES, rng))
-    to_found = away(scene_of(mesh), true.sampled(SAMPLES, rng))
+    to_truth = distances_to(scene_of(room.mesh), mesh.sampled(SAMPLES, rng))
+    to_found = distances_to(scene_of(mesh), true.sampled(SAMPLES, rng))
     precise, recalled = float(np.mean(to_truth < 0.02)), float(np.mean(to_found < 0.02))
     return Quality(
         1e3 * float(np.median(to_truth)),
@@ -61,7 +63,7 @@ def quality(mesh: Mesh, room: ReplicaRoom, rng: np.random.Generator) -> Quality:
     )
 
 
-def away(scene: Any, points: np.ndarray) -> np.ndarray:
+def distances_to(scene: Any, points: np.ndarray) -> np.ndarray:
     """Distance of each point to the surface, m."""
     import open3d
 
@@ -70,7 +72,7 @@ def away(scene: Any, points: np.ndarray) -> np.ndarray:
 
 
 def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
-    """Replica's office with true poses, with ours, and by Open3D with the true ones."""
+    """Replica's office with true poses, with ours, and by Open3D with true poses."""
     room = ReplicaRoom(real_data.folder("replica_office0"))
     worst: dict[str, list[Quality]] = {"true poses": [], "our poses": [], "VoxelBlockGrid": []}
     rows = []
@@ -82,18 +84,18 @@ def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
         odometer = Odometer(np.random.default_rng(seed))
         say(f"office: seed {seed}, odometry and maps by true poses")
         true = []
-        for frame, pose in blind(room.frames(np.random.default_rng(seed), EVERY)):
+        for frame, pose in without_poses(room.frames(np.random.default_rng(seed), EVERY)):
             odometer.track(frame)
             true.append(pose)
             for one in maps.values():
                 fuse(one, frame, pose)
         say(f"office: seed {seed}, map by our poses")
-        way, _ = odometer.trajectory()
+        poses, _ = odometer.trajectory()
         own = maps["our poses"] = surface_map()
-        laid = onto(way, true)
-        turn = Pose3.from_rotation(laid.rotation, laid.translation)
-        again = blind(room.frames(np.random.default_rng(seed), EVERY))
-        for (frame, _), pose in zip(again, way, strict=True):
+        alignment = rigid_alignment(poses, true)
+        turn = Pose3.from_rotation(alignment.rotation, alignment.translation)
+        again = without_poses(room.frames(np.random.default_rng(seed), EVERY))
+        for (frame, _), pose in zip(again, poses, strict=True):
             fuse(own, frame, turn @ pose)
         for name, one in maps.items():
             found = quality(one.mesh(), room, np.random.default_rng(seed))
@@ -106,7 +108,7 @@ def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def office_figures(worst: dict[str, list[Quality]]) -> dict[str, float]:
-    """The worst of all seeds."""
+    """Figures of the worst seed."""
     figures = {}
     keys = {"true poses": "_true_poses", "our poses": "", "VoxelBlockGrid": "_open3d"}
     for name, key in keys.items():
@@ -118,44 +120,46 @@ def office_figures(worst: dict[str, list[Quality]]) -> dict[str, float]:
 
 
 def fuse(surface: SurfaceMap, frame: Any, pose: Pose3) -> None:
-    """One frame into one map."""
-    depth, rgb = understood(frame)
+    """Integrate one frame into a map."""
+    depth, rgb = depth_and_colour(frame)
     surface.integrate(depth, pose, rgb)
 
 
-def onto(way: list[Pose3], true: list[Pose3]) -> Alignment:
-    """The rigid motion that lays our world over the true one: what was never told cannot be known."""
-    laid = align(
-        np.array([pose.position for pose in way]), np.array([pose.position for pose in true])
+def rigid_alignment(poses: list[Pose3], true: list[Pose3]) -> Alignment:
+    """The rigid motion from our map frame to the true one."""
+    alignment = align(
+        np.array([pose.position for pose in poses]), np.array([pose.position for pose in true])
     )
-    assert laid is not None
-    return laid
+    assert alignment is not None
+    return alignment
 
 
 def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
-    """tum_fr3_cabinet without poses: is the floor free, and the cabinet where and as large as it is?"""
+    """tum_fr3_cabinet without poses: free floor, and position and size of the cabinet."""
     path = real_data.folder("tum_fr3_cabinet")
     odometer = Odometer(np.random.default_rng(0))
     say("cabinet: odometry")
     images, true = [], []
-    for frame, pose in blind(open_recording(path).frames()):
+    for frame, pose in without_poses(open_recording(path).frames()):
         odometer.track(frame)
         assert frame.depth is not None
         images.append(structured_light.depth(frame.depth))
         true.append(pose)
-    way, _ = odometer.trajectory()
+    poses, _ = odometer.trajectory()
     say("cabinet: surface")
     surface = Tsdf()
-    for depth, pose in zip(images, way, strict=True):
+    for depth, pose in zip(images, poses, strict=True):
         surface.integrate(depth, pose)
     layers = traversability(surface.mesh())
-    laid = onto(way, true)
+    alignment = rigid_alignment(poses, true)
     centres = layers.centres.reshape(-1, 2)
-    world = laid.apply(np.column_stack([centres, np.zeros(len(centres))]))[:, :2]
+    world = alignment.apply(np.column_stack([centres, np.zeros(len(centres))]))[:, :2]
     box = [float(word) for word in (path / "truth_objects.txt").read_text().split()]
-    inside = within(world, box, 0.0).reshape(layers.height.shape)
-    beside = within(world, box, CLEAR_M).reshape(layers.height.shape)
-    about = within(world, box, 0.5).reshape(layers.height.shape)  # other things stand farther off
+    inside = in_rectangle(world, box, 0.0).reshape(layers.height.shape)
+    beside = in_rectangle(world, box, CLEAR_M).reshape(layers.height.shape)
+    about = in_rectangle(world, box, 0.5).reshape(
+        layers.height.shape
+    )  # other objects are farther away
     occupied = layers.occupied & about
     iou = float(np.sum(occupied & inside) / np.sum(occupied | inside))
     floor = about & ~beside & layers.known
@@ -164,10 +168,10 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     return figures, [f"cabinet              footprint IoU {iou:.3f}   floor free {free:.3f}"]
 
 
-def within(
+def in_rectangle(
     points: Float[np.ndarray, "n 2"], box: list[float], more_m: float
 ) -> Bool[np.ndarray, "n"]:
-    """Whether points lie in a turned rectangle (x y z yaw half-length half-width half-height), widened."""
+    """Whether points lie in an enlarged rotated rectangle (x y z yaw half-length half-width half-height)."""
     x, y, _, yaw, half_length, half_width, _ = box
     c, s = np.cos(yaw), np.sin(yaw)
     off = points - np.array([x, y])
@@ -178,15 +182,13 @@ def within(
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """The cabinet once, the office with the noise of every seed."""
-    figures, table = cabinet(say)
-    measured, rows = office(seeds, say)
-    return Outcome({**figures, **measured}, table + rows)
+    """The cabinet once, the office once per seed."""
+    return combined(cabinet(say), office(seeds, say))
 
 
 EXPERIMENT = Experiment(
     id="real-mapping",
-    title="Surface and walkable floor of real places, by true and by our own poses",
+    title="Surface maps and traversable floor of real places, with true poses and with our own",
     run=run,
     targets={
         "accuracy_true_poses_mm": Target("<=", 3.0),

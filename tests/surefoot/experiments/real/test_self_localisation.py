@@ -1,4 +1,4 @@
-"""The parts of the self-localisation experiment, on truth made up for them and on short stretches of real logs."""
+"""Parts of the self-localisation experiment, on synthetic data and on short parts of real recordings."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from perception.planar.config import PlanarConfig
-from perception.planar.planar import filter_journey
 from perception.primitives.gaussian import Gaussian
-from surefoot.experiments.real.inertial import GRAVITY, TiltFilter, tilt
-from surefoot.experiments.real.journeys import Course, judge
+from surefoot.experiments.real.planar_smoother import smooth_journey
 from surefoot.experiments.real.range_only import follow_ranges
+from surefoot.experiments.real.robot_run import RobotRun, run_errors
 from surefoot.experiments.real.robot_tracks import RobotTracks
-from surefoot.experiments.real.smoothed import smooth_journey
+from surefoot.experiments.real.tilt_filter import GRAVITY, TiltFilter, tilt
 from surefoot.recordings.plaza import RangeLog
 
 SURE = Gaussian(np.zeros(3), np.diag([0.01, 0.01, 0.005]) ** 2)
@@ -24,7 +23,7 @@ def seen(config: PlanarConfig, x: float, y: float) -> np.ndarray:
     return np.array([config.offset + config.scale * x, math.atan2(y, x)])
 
 
-def test_another_robot_is_followed_once_it_has_been_seen_often_enough():
+def test_a_track_is_confirmed_after_enough_sightings():
     config, rng = PlanarConfig(), np.random.default_rng(0)
     tracks = RobotTracks(config)
     found = []
@@ -49,7 +48,7 @@ def test_a_misread_tag_does_not_move_a_track():
     np.testing.assert_allclose(there.mean[:2], [2.0, 0.5], atol=0.1)
 
 
-def test_a_robot_that_is_really_elsewhere_is_believed_after_a_while():
+def test_a_track_restarts_after_several_consistent_sightings_elsewhere():
     config = PlanarConfig()
     tracks = RobotTracks(config)
     for k in range(20):
@@ -58,7 +57,7 @@ def test_a_robot_that_is_really_elsewhere_is_believed_after_a_while():
     np.testing.assert_allclose(found[-1].mean[:2], [5.0, -1.5], atol=0.2)
 
 
-def test_a_tilted_imu_at_rest_finds_up_and_its_gyro_bias():
+def test_a_tilted_imu_at_rest_estimates_the_vertical_and_its_gyro_bias():
     rng = np.random.default_rng(1)
     up = np.array([0.9, 0.1, -0.4]) / np.linalg.norm([0.9, 0.1, -0.4])
     bias = np.array([0.01, -0.02, 0.05])
@@ -70,8 +69,8 @@ def test_a_tilted_imu_at_rest_finds_up_and_its_gyro_bias():
     np.testing.assert_allclose(robot.biases[0], bias, atol=0.01)
 
 
-def test_turned_by_its_gyro_it_knows_up_while_it_shakes():
-    """Twenty degrees about the first axis, in forces that mean nothing."""
+def test_the_gyro_keeps_the_vertical_during_vibration():
+    """A rotation of twenty degrees about the first axis with random forces."""
     rng, dt = np.random.default_rng(2), 0.02
     robot = TiltFilter(np.array([0.0, 0.0, GRAVITY]))
     for _ in range(150):
@@ -83,7 +82,7 @@ def test_turned_by_its_gyro_it_knows_up_while_it_shakes():
     assert float(robot.up @ [0.0, math.sin(angle), math.cos(angle)]) > math.cos(math.radians(2.0))
 
 
-def test_a_mower_whose_ranges_are_long_finds_the_scale_and_its_way():
+def test_the_scale_of_long_ranges_and_the_path_are_estimated():
     rng = np.random.default_rng(3)
     places = np.array([[-30.0, 0.0], [20.0, -20.0], [25.0, 30.0]])
     n, truth, rows = 1500, [np.zeros(4)], []
@@ -95,38 +94,38 @@ def test_a_mower_whose_ranges_are_long_finds_the_scale_and_its_way():
         )
         if k % 3 == 0:
             far = np.hypot(*(truth[-1][1:3] - places[k % 9 // 3]))
-            long = 15.0 if k % 60 == 0 else 0.0  # an echo
+            long = 15.0 if k % 60 == 0 else 0.0  # multipath
             rows.append((truth[-1][0], k % 9 // 3, 1.08 * far + long + 0.3 * rng.normal()))
-    told = np.array([(row[0], 0.2 * 1.002 + 0.002 * rng.normal(), 0.02) for row in truth[1:]])
+    odometry = np.array([(row[0], 0.2 * 1.002 + 0.002 * rng.normal(), 0.02) for row in truth[1:]])
     stamps, beacons, ranges = (np.array(column) for column in zip(*rows, strict=True))
-    log = RangeLog(told, stamps, beacons.astype(np.int64), ranges, places, np.array(truth))
+    log = RangeLog(odometry, stamps, beacons.astype(np.int64), ranges, places, np.array(truth))
     found = follow_ranges(log)
     assert found.rmse_m < 0.25
     assert found.scale == pytest.approx(1.08, abs=0.01)
     assert 0.04 < found.rejected_share < 0.08
 
 
-def test_the_first_minutes_of_a_real_robot(recordings):
-    """With the parameters as guessed: decimetres, far better than odometry; smoothing makes it better still."""
-    course = Course.read(recordings / "mrclam6", 3)
-    short = Course(
-        course.log, course.places, course.subjects, course.truth,
-        course.start_s, course.start_s + 250.0,
+def test_the_first_minutes_of_a_real_robot_are_accurate(recordings):
+    """With default parameters the error is a few decimetres, and smoothing reduces it further."""
+    run = RobotRun.read(recordings / "mrclam6", 3)
+    short = RobotRun(
+        run.log, run.places, run.subjects, run.truth,
+        run.start_s, run.start_s + 250.0,
     )  # fmt: skip
     instants = short.instants()
-    found = filter_journey(short.journey(instants, 0.2))
-    verdict = judge(short, instants, found.means, found.covariances)
-    assert verdict.rmse_m < 0.15
-    assert verdict.heading_deg < 2.0
+    found = follow(short.journey(instants, 0.2))
+    errors = run_errors(short, instants, found.means, found.covariances)
+    assert errors.rmse_m < 0.15
+    assert errors.heading_deg < 2.0
     assert short.dead_reckoning() > 0.5
     seconds = short.seconds()
     journey = short.journey(seconds, 0.2)
-    means, covariances = smooth_journey(journey, filter_journey(journey), PlanarConfig())
-    assert short.rmse_between(seconds, means) < verdict.rmse_m
+    means, covariances = smooth_journey(journey, follow(journey), PlanarConfig())
+    assert short.rmse_between(seconds, means) < errors.rmse_m
     np.linalg.cholesky(covariances)
 
 
-def test_up_of_a_real_imu(recordings):
+def test_the_vertical_of_a_real_imu_is_accurate(recordings):
     found = tilt(recordings / "euroc_v101_stereo")
     assert found.rest_deg < 1.0
     assert found.flight_deg < 5.0

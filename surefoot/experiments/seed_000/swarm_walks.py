@@ -1,4 +1,7 @@
-"""Walks of seed 000's robot in its own worlds: configuration, and when which goal was reached by the truth."""
+"""Walks of Han 2018's robot in its own worlds: configuration, and the time at which the true trajectory reaches each goal.
+
+Source: Han 2018 (seed 000).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from sim.scenes.seed_rooms import GOAL_TIMES_S
 from ...config.presets import on_body
 from ...config.schema import Config
 from ...results.run_folder import RunFolder
-from ..joint.people_home import falls_and_contacts
+from ..support.walks import falls_and_contacts
 
 PRINTED_MPS = 0.04 / 0.65  # seed 000: S_F in T_SS + T_DS
 REACHED_M = 0.15  # tolerance of 0.10 m by the estimate, and 5 cm that the estimate may be off
@@ -28,15 +31,15 @@ def config_of(
     body: str = "kinematic",
     version: str = "ours",
 ) -> Config:
-    """The colour camera alone, two pictures a step, goals by the clock.
+    """Configuration with the colour camera alone, two images per step, and goals that change with time.
 
     Args:
         scene: "robots_room" or "narrow_course".
-        seed: Of the world.
-        limit_s: When the mission ends at the latest.
-        cruise_mps: Walking speed; at the printed one nothing is ever faster.
+        seed: Seed of the world.
+        limit_s: Time limit of the mission.
+        cruise_mps: Walking speed; at `PRINTED_MPS` it is also the maximum speed.
         body: "kinematic" or "dynamic".
-        version: Of the walker, see `SwarmWalkerConfig`.
+        version: Version of the swarm planner, see its settings.
     """
     config = Config(scene=scene, seed=seed)
     robot = replace(config.robot, tof=False, stereo=False, image_pairs=True)
@@ -55,11 +58,11 @@ def config_of(
 
 
 def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
-    """What became of every goal, footsteps, contacts by class; NaN where a goal did not hold yet.
+    """Goals, footsteps and contacts of a run.
 
     Returns:
-        goal<k>_s (when it was reached while it held, NaN if it was not), goal<k>_approach_m (how much
-        nearer it was when the next one held, or when it was reached), footsteps, falls, contacts_<class>.
+        goal<k>_s (time at which goal k was reached while it was active, NaN if never), goal<k>_approach_m
+        (distance gained on goal k while it was active), footsteps, walked_m, falls, contacts_<class>.
     """
     figures = falls_and_contacts(folder, config)
     walked = folder.read_trajectory("truth/trajectory.txt")
@@ -68,12 +71,12 @@ def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
     starts = config.swarm.goal_times_s
     for k, (goal, begin) in enumerate(zip(goals, starts, strict=True)):
         end = starts[k + 1] if k + 1 < len(starts) else np.inf
-        held = (walked.stamps >= begin) & (walked.stamps < end)
-        away = np.hypot(*(walked.positions[held, :2] - np.array(goal)).T)
-        there = np.flatnonzero(away <= REACHED_M)
-        reached = float(walked.stamps[held][there[0]]) if len(there) else np.nan
+        active = (walked.stamps >= begin) & (walked.stamps < end)
+        away = np.hypot(*(walked.positions[active, :2] - np.array(goal)).T)
+        arrivals = np.flatnonzero(away <= REACHED_M)
+        reached = float(walked.stamps[active][arrivals[0]]) if len(arrivals) else np.nan
         figures[f"goal{k + 1}_s"] = reached
-        last = there[0] if len(there) else -1
+        last = arrivals[0] if len(arrivals) else -1
         figures[f"goal{k + 1}_approach_m"] = float(away[0] - away[last]) if len(away) else np.nan
     moved = np.hypot(*np.diff(walked.positions[:, :2], axis=0).T)
     step_s = config.gait.step_s

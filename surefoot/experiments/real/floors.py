@@ -1,7 +1,9 @@
-"""Floors of real recordings: the plane the cycle finds, against what is known of each.
+"""Floors of real recordings: the plane that the pipeline detects, compared with the reference of each set.
 
-Five sets with different cameras, heights and rooms; a table may be larger than the floor, people may hide
-it, the camera may be rolled. Poses, where given, take part as they do for any user.
+Five sets with different cameras, heights and rooms: a table may be larger than the floor, people may occlude it, the
+camera may be rolled. Given poses are used as for any user.
+
+Source: ours; the reference planes and sizes are those of the data sets.
 """
 
 from __future__ import annotations
@@ -19,16 +21,16 @@ from ...config.schema import Config
 from ...recordings.open import open_recording
 from ...run.pipeline import Pipeline
 from ..support import real_data
-from ..support.experiment import Experiment, Outcome, Say, Target
+from ..support.experiment import Experiment, Outcome, Say, Target, combined
 
-FLOOR_SHARE = 0.10  # a floor that is this share of the points must be found
-SAME_FLOOR_M = 0.15  # the table is 0.73 m above the floor: nearer is the floor
-PERSON_TALL_M = (1.4, 2.0)  # a cupboard is lower, a wall higher
-CABINET_M = (0.79, 0.45)  # length and width by the set's truth file
+FLOOR_SHARE = 0.10  # a floor with this share of the points must be detected
+SAME_FLOOR_M = 0.15  # tolerance of the height; the table is 0.73 m above the floor
+PERSON_TALL_M = (1.4, 2.0)  # cupboards are lower, walls higher
+CABINET_M = (0.79, 0.45)  # length and width by the truth of the set
 
 
-def cycles(path: Path, say: Say) -> Iterator[tuple[str, Estimate, Pipeline]]:
-    """Run the cycle over a recording: name of each frame, what was concluded, the pipeline."""
+def estimates(path: Path, say: Say) -> Iterator[tuple[str, Estimate, Pipeline]]:
+    """Process a recording: number of each frame, its estimate, and the pipeline."""
     recording = open_recording(path)
     pipeline = Pipeline(Config(), recording.info)
     for number, frame in enumerate(recording.frames()):
@@ -37,18 +39,18 @@ def cycles(path: Path, say: Say) -> Iterator[tuple[str, Estimate, Pipeline]]:
 
 
 def errors(planes: list[tuple[Plane, Plane]]) -> tuple[np.ndarray, np.ndarray]:
-    """Angle in deg and height error in mm of each (found, known) pair."""
+    """Angle, deg, and height error, mm, of each (detected, reference) pair."""
     angle = np.array([np.degrees(found.angle_to(known)) for found, known in planes])
     height = np.array([1e3 * (found.offset_m - known.offset_m) for found, known in planes])
     return angle, height
 
 
 def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
-    """tum_fr3_cabinet: floor against motion capture, and the cabinet fused with the given poses."""
+    """tum_fr3_cabinet: floor against motion capture, and the cabinet mapped with the given poses."""
     path = real_data.folder("tum_fr3_cabinet")
     known = list(real_data.floors(path / "floor.csv").values())
     pairs, last = [], None
-    for (_, estimate, pipeline), truth in zip(cycles(path, say), known, strict=True):
+    for (_, estimate, pipeline), truth in zip(estimates(path, say), known, strict=True):
         last = pipeline
         pairs += [(view.floor, truth) for view in estimate.views if view.seen is not None]
     assert last is not None
@@ -71,33 +73,33 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def kitchen(say: Say) -> tuple[dict[str, float], list[str]]:
-    """7-Scenes red kitchen, sweep: the floor and not the table, wherever there is enough floor."""
+    """7-Scenes red kitchen, sweep: the floor and not the table, in all views with enough floor."""
     path = real_data.folder("sevenscenes_redkitchen")
     known = real_data.floors(path / "floor.csv")
     names = sorted(p.name[6:12] for p in (path / "sweep").glob("frame-*.depth.png"))
-    right, due, angles = 0, 0, []
-    for name, (_, estimate, _) in zip(names, cycles(path / "sweep", say), strict=True):
+    correct, expected, angles = 0, 0, []
+    for name, (_, estimate, _) in zip(names, estimates(path / "sweep", say), strict=True):
         truth = known[name]
         for view in estimate.views:
             near = np.abs(truth.distance(view.points.xyz)) < 0.05
             if np.mean(near) < FLOOR_SHARE:
                 continue
-            due += 1
+            expected += 1
             if view.seen is not None and abs(view.floor.offset_m - truth.offset_m) < SAME_FLOOR_M:
-                right += 1
+                correct += 1
                 angles.append(np.degrees(view.floor.angle_to(truth)))
         if not estimate.views and name <= "000120":
-            due += 1
-    figures = {"sevenscenes_floor_share": right / max(due, 1)}
-    row = f"sevenscenes sweep    {right}/{due} floors, not the table; median {np.median(angles):.2f} deg"
+            expected += 1
+    figures = {"sevenscenes_floor_share": correct / max(expected, 1)}
+    row = f"sevenscenes sweep    {correct}/{expected} floors, not the table; median {np.median(angles):.2f} deg"
     return figures, [row]
 
 
 def people(say: Say) -> tuple[dict[str, float], list[str]]:
-    """PCL's five people: floor against PCL's own plane, and the people counted."""
+    """PCL's five people: floor against PCL's plane, and the number of people."""
     path = real_data.folder("pcl_kinect")
     (truth,) = real_data.floors(path / "floor.csv").values()
-    ((_, estimate, _),) = cycles(path / "five_people.pcd", say)
+    ((_, estimate, _),) = estimates(path / "five_people.pcd", say)
     angle, height = errors([(view.floor, truth) for view in estimate.views])
     count = sum(PERSON_TALL_M[0] <= c.height_m <= PERSON_TALL_M[1] for c in estimate.clusters)
     figures = {
@@ -110,11 +112,11 @@ def people(say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def living_room(say: Say) -> tuple[dict[str, float], list[str]]:
-    """Redwood living room: heights known from the exact poses (floor at y = 0.13 m)."""
-    heights = (0.443, 0.466, 0.491, 0.516, 0.541)  # m, from the set's own description
+    """Redwood living room: heights by the exact poses (floor at y = 0.13 m)."""
+    heights = (0.443, 0.466, 0.491, 0.516, 0.541)  # m, by the description of the set
     found = [
         view.floor.offset_m
-        for _, estimate, _ in cycles(real_data.folder("redwood_livingroom"), say)
+        for _, estimate, _ in estimates(real_data.folder("redwood_livingroom"), say)
         for view in estimate.views
         if view.seen is not None
     ]
@@ -123,10 +125,10 @@ def living_room(say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def low_boxes(say: Say) -> tuple[dict[str, float], list[str]]:
-    """RealSense close to a wooden floor, camera rolled: heights by a plane fit to each frame."""
-    heights = (0.568, 0.176, 0.159, 0.214, 0.214, 0.071)  # m, from the set's own description
+    """RealSense close to a wooden floor, camera rolled: heights by a plane fitted to each frame."""
+    heights = (0.568, 0.176, 0.159, 0.214, 0.214, 0.071)  # m, by the description of the set
     errors_mm, shares = [], []
-    for number, estimate, _ in cycles(real_data.folder("realsense_low_boxes"), say):
+    for number, estimate, _ in estimates(real_data.folder("realsense_low_boxes"), say):
         for view in estimate.views:
             errors_mm.append(1e3 * abs(view.floor.offset_m - heights[int(number)]))
             shares.append(float(np.mean(view.classes == FLOOR)))
@@ -140,19 +142,13 @@ def low_boxes(say: Say) -> tuple[dict[str, float], list[str]]:
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """All five sets; nothing here is random, so seeds change nothing."""
-    figures: dict[str, float] = {}
-    table: list[str] = []
-    for part in (cabinet, kitchen, people, living_room, low_boxes):
-        measured, rows = part(say)
-        figures.update(measured)
-        table += rows
-    return Outcome(figures, table)
+    """All five sets; independent of the seeds."""
+    return combined(*(part(say) for part in (cabinet, kitchen, people, living_room, low_boxes)))
 
 
 EXPERIMENT = Experiment(
     id="real-floor",
-    title="Floors, obstacles and people of five real recordings",
+    title="Floors, obstacles and people in five real recordings",
     run=run,
     targets={
         "tum_fr3_cabinet_deg": Target("<=", 0.9),

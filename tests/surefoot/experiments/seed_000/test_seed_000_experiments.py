@@ -1,4 +1,4 @@
-"""What the experiments of seed 000 count: panes, misses, times and errors, against cases whose answer is known."""
+"""Counts, gaps, times and errors of the experiments of Han 2018, on cases with a known answer."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ def pair():
     return benchmark.scene(np.random.default_rng(5))
 
 
-def test_a_pane_without_anything_in_it_is_not_counted(pair):
-    whole = Monocular(MonocularConfig()).cycle(*pair)
-    assert monocular_cycle.shown(whole) == 8
-    alone = Monocular(MonocularConfig()).cycle(None, pair[1])
-    object.__setattr__(alone, "edges", np.zeros_like(alone.edges))
-    assert monocular_cycle.shown(alone) == 7
+def test_an_empty_pane_is_not_counted(pair):
+    complete = Monocular(MonocularConfig()).cycle(*pair)
+    assert monocular_cycle.panes_with_content(complete) == 8
+    single = Monocular(MonocularConfig()).cycle(None, pair[1])
+    object.__setattr__(single, "edges", np.zeros_like(single.edges))
+    assert monocular_cycle.panes_with_content(single) == 7
 
 
-def test_stages_of_an_earlier_run_are_not_counted(tmp_path, monkeypatch):
+def test_images_of_an_earlier_run_are_not_counted(tmp_path, monkeypatch):
     monkeypatch.setattr(monocular_cycle, "FOLDER", tmp_path)
     (tmp_path / "stages-0.png").write_bytes(b"of an earlier run")
     full = SimpleNamespace(
@@ -52,8 +52,8 @@ def empty_floor(goal):
 
 
 @pytest.mark.parametrize("goal", [(1.5, 0.0), (2.0, 0.6), (1.0, -0.8)])
-def test_where_nothing_stands_the_printed_objective_walks_to_the_goal_too(goal):
-    """Along the y axis the printed angles are right: nothing is refused, and the nearest pixel wins."""
+def test_without_obstacles_the_printed_objective_selects_the_goal(goal):
+    """Along the y axis the printed angles are correct: no pixel is forbidden, and the nearest one is selected."""
     floor = empty_floor(goal)
     best = search.exact(swarm_table.printed(floor))
     assert best.value < 0.05
@@ -62,13 +62,13 @@ def test_where_nothing_stands_the_printed_objective_walks_to_the_goal_too(goal):
     np.testing.assert_allclose(robot.inverse().apply(place), goal, atol=0.05)
 
 
-def test_the_line_of_the_exact_search_tells_what_was_measured():
+def test_the_row_of_the_exact_search_shows_the_measured_gaps():
     gaps = np.array([0.0, 0.0, 0.0, 0.2])
-    words = swarm_table._told(gaps, 3.0).split()
+    words = swarm_table._measured_columns(gaps, 3.0).split()
     assert [float(words[k]) for k in (0, 3, 4, 6)] == [0.0, 0.2, 25.0, 3.0]
 
 
-def test_every_step_from_the_picture_to_the_command_is_timed(pair):
+def test_every_stage_from_the_image_to_the_command_is_timed(pair):
     (row,) = monocular_time.timed_cycles([pair])
     deciding = [row[name] for name in monocular_time.DECIDING]
     assert all(spent > 0.0 for spent in deciding)
@@ -77,7 +77,7 @@ def test_every_step_from_the_picture_to_the_command_is_timed(pair):
     assert row["total_swarm"] == pytest.approx(row["total"] - row["search"] + row["swarm"])
 
 
-def test_computing_is_perceiving_and_deciding_and_nothing_else(tmp_path):
+def test_computing_time_is_the_sum_of_the_timed_stages(tmp_path):
     (tmp_path / "timing.csv").write_text("stamp_s,decide,locate\n0.0,100.0,20.0\n0.65,,30.0\n")
     assert four_planners.computing_s(RunFolder(tmp_path)) == pytest.approx(0.150)
     assert math.isnan(four_planners.computing_s(RunFolder(tmp_path / "none")))
@@ -87,29 +87,29 @@ def pixel_of(place, picture):
     return np.rint(project(np.array(place), picture.camera, picture.T_world_camera)).astype(int)
 
 
-def test_a_speed_is_held_against_the_box_that_has_it(pair):
-    """Two boxes with their speeds swapped are two errors, though each speed is somebody's."""
+def test_a_speed_is_compared_with_that_of_its_own_box(pair):
+    """Swapping the speeds of two boxes gives two errors."""
     current = pair[1]
     fronts = [(x, y + v * current.stamp_s) for x, y, v in benchmark.ROBOTS]
-    right = [
+    correct = [
         (pixel_of(f, current), abs(v))
         for f, (_, _, v) in zip(fronts, benchmark.ROBOTS, strict=True)
     ]
-    assert max(map(abs, benchmark.speed_errors(right, current).values())) < 1e-9
+    assert max(map(abs, benchmark.speed_errors(correct, current).values())) < 1e-9
     speeds = [0.06, 0.0, 0.06]
-    swapped = [(pixel, speed) for (pixel, _), speed in zip(right, speeds, strict=True)]
+    swapped = [(pixel, speed) for (pixel, _), speed in zip(correct, speeds, strict=True)]
     errors = list(benchmark.speed_errors(swapped, current).values())
     np.testing.assert_allclose(errors, [0.06, -0.06, 0.0], atol=1e-9)
-    missing = benchmark.speed_errors(right[1:], current)
+    missing = benchmark.speed_errors(correct[1:], current)
     assert missing[benchmark.ROBOTS[0][1]] == math.inf
 
 
-def test_a_benchmark_that_is_quick_and_wrong_does_not_pass():
+def test_a_fast_but_inaccurate_benchmark_does_not_pass():
     ratios = {"ratio_opencv": 9.0, "ratio_allowed_error": benchmark.ALLOWED_MPS / 0.06}
     assert not judge(benchmark.BENCHMARK, Comparison({}, ratios))["passed"]
 
 
-def test_the_gap_of_nothing_found_where_something_is_counts_a_thousand_metres():
+def test_a_missed_optimum_counts_as_a_gap_of_a_thousand_metres():
     refused = ObjectiveConfig().penalty
     gaps = swarm_table._gaps(np.array([refused, 1.0, refused]), np.array([1.0, 1.0, np.inf]))
     np.testing.assert_allclose(gaps, [1e3, 0.0, 0.0])
