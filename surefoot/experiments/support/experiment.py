@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from perception.primitives.errors import InputError
@@ -106,6 +107,7 @@ class Experiment:
         published: The paper's own numbers, where it has any.
         seeds: How many random worlds by default.
         body: That walks by default, one of `BODIES`; empty: nothing walks.
+        plug_in: What of the user's own `run` takes as `own`, "planner" or "gaze"; empty: nothing.
     """
 
     id: str
@@ -115,6 +117,7 @@ class Experiment:
     published: Mapping[str, float] = field(default_factory=dict)
     seeds: int = 10
     body: str = ""
+    plug_in: str = ""
 
 
 def names() -> list[str]:
@@ -126,6 +129,25 @@ def load(identity: str) -> Experiment:
     """The experiment of that id; an unknown one is an InputError with the nearest."""
     found: Experiment = registry.load("experiment", "surefoot.experiments", FILES, identity)
     return found
+
+
+def with_own(experiment: Experiment, kind: str, name: str) -> Experiment:
+    """The same with a plug-in of the user's own in the table beside ours.
+
+    Args:
+        experiment: Which.
+        kind: "planner" or "gaze".
+        name: "package.module:Class".
+
+    Raises:
+        InputError: The experiment compares no such plug-ins.
+    """
+    if experiment.plug_in != kind:
+        takers = ", ".join(one for one in FILES if load(one).plug_in == kind)
+        raise InputError(
+            f"experiment {experiment.id} does not take --{kind}; these do: {takers or 'none'}"
+        )
+    return replace(experiment, run=partial(experiment.run, own=name))
 
 
 def measure(
