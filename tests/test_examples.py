@@ -13,6 +13,7 @@ from click.testing import CliRunner
 import surefoot
 from perception.primitives.pose import head_rotation
 from surefoot.cli.main import main
+from surefoot.experiments.joint import four_planners, gaze_coupling
 
 ROOT = Path(__file__).resolve().parents[1]
 WALK = ROOT / "data" / "walk"
@@ -209,3 +210,42 @@ def test_whole_runs_come_back_as_arrays():
     processed, walked = whole_runs.main(seconds=2.0)
     assert processed.metrics["position_rmse_m"] < 0.05
     assert walked.trajectory is not None
+
+
+PLANNER, GAZE = "examples.my_planner:WalkStraight", "examples.my_gaze:NearestFirst"
+
+
+def test_a_planner_of_ones_own_stands_in_the_table_of_the_experiment():
+    configs = [
+        four_planners.config_of(p, k) for k in range(4) for p in (*four_planners.ORDER, PLANNER)
+    ]
+    metrics = {
+        "goals_missed": 0, "contacts": 0, "path_m": 3.0, "min_clearance_m": 0.1,
+        "duration_s": 50.0, "computing_s": 20.0,
+    }  # fmt: skip
+    figures, table = four_planners.compare(configs, [metrics] * len(configs))
+    assert figures["WalkStraight_walks"] == 4
+    assert figures["WalkStraight_success_share"] == 1.0
+    assert sum(line.startswith("WalkStraig ") for line in table) == 1 + len(four_planners.SCENES)
+    assert all(len(line) <= len(table[0]) for line in table)
+
+
+def test_a_gaze_policy_of_ones_own_walks_in_the_experiment(monkeypatch):
+    monkeypatch.setattr(gaze_coupling, "LIMIT_S", 10.0)
+    walked = gaze_coupling.look(0, GAZE)
+    assert walked.time_s >= 10.0
+    assert walked.sigma_m > 0.0
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("INT-2", "--planner", PLANNER), "does not take --planner; these do: INT-4"),
+        (("003-E3", "--gaze", GAZE), "does not take --gaze; these do: INT-2"),
+        (("INT-4", "--planner", GAZE), "planner 'examples.my_gaze:NearestFirst' lacks reached"),
+    ],
+)
+def test_an_experiment_refuses_what_it_cannot_compare(words, message):
+    result = CliRunner().invoke(main, ["experiment", *words])
+    assert result.exit_code == 2
+    assert message in result.stderr

@@ -43,6 +43,11 @@ def is_reference(name: str) -> bool:
     return bool(colon) and dotted and attribute.isidentifier()
 
 
+def label(name: str) -> str:
+    """A name for tables: that of the class, without its module."""
+    return name.rpartition(":")[2]
+
+
 def check(name: str, known: Mapping[str, str], what: str) -> str | None:
     """What is wrong with a name; None if it is known or a reference."""
     if name in known or is_reference(name):
@@ -106,6 +111,11 @@ def _imported(name: str, module: str, what: str, own: bool) -> ModuleType:
     if found.__file__ is not None:
         _FILES[found.__file__] = f"{what} {name!r}"
     return found
+
+
+def files() -> list[str]:
+    """Source files of the plug-ins that were loaded."""
+    return sorted(_FILES)
 
 
 def fault(error: BaseException) -> str | None:

@@ -22,7 +22,7 @@ set_option = click.option(
     "overrides",
     multiple=True,
     metavar="KEY=VALUE",
-    help="Change one setting, such as world_map.cell_m=0.02; may be repeated.",
+    help="Change one setting, such as reach.tof.farthest_m=2.5; may be repeated.",
 )
 config_option = click.option(
     "--config", "config_path", type=PATH, help="TOML file of settings; any may be left out."

@@ -87,10 +87,20 @@ def view(run: Path, live: bool) -> None:
     type=click.Choice(["kinematic", "dynamic", "both"]),
     help="Body that walks, in experiments with walks; both: compare them.",
 )
+@click.option(
+    "--planner", metavar="NAME", help="Your own package.module:Class beside ours (INT-4)."
+)
+@click.option("--gaze", metavar="NAME", help="Your own gaze policy beside ours (INT-2).")
 @click.option("--resume", is_flag=True, help="Continue the same study after it was killed.")
 @json_option
 def experiment(
-    identity: str | None, seeds: int | None, body: str | None, resume: bool, as_json: bool
+    identity: str | None,
+    seeds: int | None,
+    body: str | None,
+    planner: str | None,
+    gaze: str | None,
+    resume: bool,
+    as_json: bool,
 ) -> None:
     """Reproduce a published table or figure; without ID, list them.
 
@@ -109,8 +119,11 @@ def experiment(
         return
     identity = {name.lower(): name for name in experiments.names()}.get(identity.lower(), identity)
     chosen = experiments.load(identity)
-    shelf = trials.ResultCache(Path("runs") / "experiments" / identity, resume)
-    with progress() as say, trials.cached(shelf):
+    for kind, own in (("planner", planner), ("gaze", gaze)):
+        if own is not None:
+            chosen = experiments.with_own(chosen, kind, own)
+    cache = trials.ResultCache(Path("runs") / "experiments" / identity, resume)
+    with progress() as say, trials.cached(cache):
         chosen, outcome = experiments.measure(chosen, say, seeds, body)
     result = experiments.judge(chosen, outcome)
     shown = (

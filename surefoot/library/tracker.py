@@ -38,7 +38,7 @@ class Tracker:
             motion_model: "switching" (constant velocity with stops and reversals), "package.module:Class", or a
                 class of your own (see `surefoot.MotionModel`).
             settings: Fields of `perception.obstacles.tracker.TrackerConfig`: `hits_to_show` detections before
-                a track is reported (3), `max_radius_m` (0.35), `oldest_s` without detection (12).
+                a track is reported (3), `misses_to_die` (5), `max_radius_m` (0.35).
 
         Raises:
             InputError: A setting is unknown or impossible.

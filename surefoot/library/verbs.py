@@ -47,7 +47,7 @@ def simulate(
         seconds: End of the run, s of the simulation.
         record: Keep the sensor data as recording.mcap.
         config: Settings, or a TOML file of them; None for the defaults.
-        settings: Single settings, such as {"world_map.cell_m": 0.02}; they go before `config`.
+        settings: Single settings, such as {"reach.tof.farthest_m": 2.5}; they go before `config`.
         out: Run folder; None for a temporary one.
         say: Takes lines of progress.
 
@@ -88,7 +88,7 @@ def process(
         description: A recording.toml kept elsewhere.
         config: Settings, or a TOML file of them; None for those a recorded run was walked with, else the
             defaults.
-        settings: Single settings, such as {"world_map.cell_m": 0.02}; they go before `config`.
+        settings: Single settings, such as {"reach.tof.farthest_m": 2.5}; they go before `config`.
         out: Run folder; None for a temporary one.
         say: Takes lines of progress.
 

@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from perception.primitives import plugins
+from planning.planners.factory import MEMBERS
 from planning.planners.mission import PLANNERS, MissionConfig
 from sim.scenes import catalogue
 from sim.shapes import outline
@@ -58,9 +60,20 @@ def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
     return on_body(replace(config, robot=robot, mission=mission), body)
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Scenes 0 to n - 1, every planner in each; four of them make one of each kind."""
+def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome:
+    """Scenes 0 to n - 1, every planner in each; four of them make one of each kind.
+
+    Args:
+        seeds: Number of scenes.
+        say: Progress.
+        body: That walks.
+        own: A planner of the user's, "package.module:Class", beside ours; empty: none.
+    """
     planners = [name for name in ORDER if name in PLANNERS]
+    ours = len(planners)
+    if own:
+        plugins.load(own, PLANNERS, "planner", MEMBERS)  # refused before anything walks
+        planners.append(own)
     todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
     found: list[Walked] = []
     for walked in run_trials(_walk, [(config,) for config in todo]):
@@ -69,7 +82,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         if len(found) % len(planners) == 0:
             number = len(found) // len(planners) - 1
             _draw(todo[len(found) - 1], planners, found[-len(planners) :], number)
-    figures: dict[str, float] = {"scenes": float(seeds), "planners": float(len(planners))}
+    figures: dict[str, float] = {"scenes": float(seeds), "planners": float(ours)}
     more, table = compare(todo, [metrics for metrics, _ in found])
     table.append(
         "length, clearance (least of a walk), time, computing (perceiving and deciding): medians; "
@@ -92,8 +105,8 @@ def compare(
         "planner    scenes        walks  success  arrived  contact-free  length m  clearance mm"
         "   time s  computing s"
     ]
-    for planner in ORDER:
-        own = MADE_FOR[planner]
+    for planner in dict.fromkeys((*ORDER, *(config.mission.planner for config in configs))):
+        own = MADE_FOR.get(planner, ())
         groups = {"all": SCENES, "own": own, **{kind: (kind,) for kind in SCENES}}
         for name, kinds in groups.items():
             walks = [
@@ -103,17 +116,17 @@ def compare(
             ]
             if not walks:
                 continue
-            row = _figures(walks)
-            prefix = planner if name == "all" else f"{planner}_{name}"
+            row, shown = _figures(walks), plugins.label(planner)
+            prefix = shown if name == "all" else f"{shown}_{name}"
             figures |= {f"{prefix}_{key}": value for key, value in row.items()}
             label = f"{name} *" if name in own or name == "own" else name
-            table.append(_line(planner, label, row))
+            table.append(_line(shown, label, row))
     return figures, table
 
 
 def _line(planner: str, label: str, row: dict[str, float]) -> str:
     return (
-        f"{planner:<11}{label:<13}{row['walks']:6.0f}{row['success_share']:9.2f}"
+        f"{planner:<10.10} {label:<13}{row['walks']:6.0f}{row['success_share']:9.2f}"
         f"{row['arrived_share']:9.2f}{row['contact_free_share']:14.2f}{row['length_m']:10.2f}"
         f"{row['clearance_mm']:14.0f}{row['time_s']:9.1f}{row['computing_s']:13.0f}"
     )
@@ -177,7 +190,11 @@ def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], numb
         for planner, colour, (metrics, way) in zip(planners, style.SERIES, found, strict=False):
             words = "arrived" if metrics.get("goals_missed") == 0 else "did not arrive"
             contacts = int(metrics.get("contacts", 0))
-            axes.plot(*way.T, color=colour, label=f"{planner}: {words}, contacts {contacts}")
+            axes.plot(
+                *way.T,
+                color=colour,
+                label=f"{plugins.label(planner)}: {words}, contacts {contacts}",
+            )
         axes.plot(*scene.goals[0], "*", color=style.TARGET, markersize=11)
         axes.plot(scene.start.x, scene.start.y, "o", color=style.INK)
         axes.set_xlim(x0, x1)
@@ -197,6 +214,7 @@ EXPERIMENT = Experiment(
     title="Four planners on the same scenes",
     run=run,
     body="kinematic",
+    plug_in="planner",
     targets={
         "planners": Target("==", 4.0),
     },

@@ -5,6 +5,7 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from perception.primitives.errors import InputError
@@ -116,6 +117,7 @@ class Experiment:
         published: Numbers of the paper by name of the figure.
         seeds: Default number of seeds.
         body: Default body, one of `BODIES`; empty if no robot walks.
+        plug_in: Kind of the user's own class that `run` takes as `own`, "planner" or "gaze"; empty: none.
     """
 
     id: str
@@ -125,6 +127,7 @@ class Experiment:
     published: Mapping[str, float] = field(default_factory=dict)
     seeds: int = 10
     body: str = ""
+    plug_in: str = ""
 
 
 def names() -> list[str]:
@@ -140,6 +143,25 @@ def load(identity: str) -> Experiment:
     """
     found: Experiment = registry.load("experiment", "surefoot.experiments", FILES, identity)
     return found
+
+
+def with_own(experiment: Experiment, kind: str, name: str) -> Experiment:
+    """The same with a plug-in of the user's own in the table beside ours.
+
+    Args:
+        experiment: Which.
+        kind: "planner" or "gaze".
+        name: "package.module:Class".
+
+    Raises:
+        InputError: The experiment compares no such plug-ins.
+    """
+    if experiment.plug_in != kind:
+        takers = ", ".join(one for one in FILES if load(one).plug_in == kind)
+        raise InputError(
+            f"experiment {experiment.id} does not take --{kind}; these do: {takers or 'none'}"
+        )
+    return replace(experiment, run=partial(experiment.run, own=name))
 
 
 def measure(

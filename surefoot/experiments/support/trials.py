@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from mapping.io.atomic_write import atomic_path
+from perception.primitives import plugins
 
 from .experiment import Say
 
@@ -153,4 +154,6 @@ def _code_hash() -> str:
         for path in sorted((root / package).rglob("*.py")):
             digest.update(str(path.relative_to(root)).encode())
             digest.update(path.read_bytes())
+    for file in plugins.files():  # of the user's own planner or gaze policy
+        digest.update(Path(file).read_bytes())
     return digest.hexdigest()

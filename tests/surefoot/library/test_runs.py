@@ -65,9 +65,9 @@ def test_a_named_folder_stays_and_opens_again(tmp_path):
         "empty_room",
         seconds=1.5,
         out=tmp_path / "walk",
-        settings={**ONE_CAMERA, "world_map.cell_m": 0.1},
+        settings={**ONE_CAMERA, "reach.tof.farthest_m": 2.5},
     )
-    assert "cell_m = 0.1" in run.path("config.toml").read_text()
+    assert "farthest_m = 2.5" in run.path("config.toml").read_text()
     again = surefoot.Run(tmp_path / "walk")
     assert run.trajectory is not None
     assert again.trajectory is not None
