@@ -69,6 +69,6 @@ def test_no_file_names_the_host_of_a_package_index():
 
 
 def test_pybullet_hands_images_over_as_arrays():
-    import pybullet
+    from sim import bullet
 
-    assert pybullet.isNumpyEnabled()
+    assert bullet.library().isNumpyEnabled()

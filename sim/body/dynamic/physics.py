@@ -23,6 +23,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from perception.primitives.pose import Pose2, Pose3
 
+from ... import bullet
 from ...rendering.pictures import quiet
 from ...shapes import Box, Cylinder, Shape, Solid
 from ..gait import GRAVITY_MPS2
@@ -59,8 +60,7 @@ class Physics:
             up: Against gravity, unit vector in the world.
         """
         with quiet():
-            import pybullet
-
+            pybullet = bullet.library()
             self._bullet: Any = pybullet
             self.client = pybullet.connect(pybullet.DIRECT)
         b, c = pybullet, self.client

@@ -16,6 +16,7 @@ from planning.planners.planner import Decision
 from planning.planners.search_planner import SearchPlanner
 from planning.safety.step_filter import StepFilter
 from planning.world_model import WorldModel
+from sim import bullet
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
@@ -98,6 +99,7 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
         perfect: Perception without errors instead of simulated detections.
         stepper: Checks every step; None: the guard.
     """
+    bullet.require(config.robot)
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
     result, touching = Walk(), Touch()
     images = config.robot.tof
