@@ -9,3 +9,7 @@ written down), `evaluation` with `metrics` (held against the truth), `report` an
 
 Sources: seeds 000, 001, 003 and 004, joined.
 """
+
+from .namesakes import refuse as _refuse_namesakes
+
+_refuse_namesakes()

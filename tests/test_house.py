@@ -13,6 +13,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
+LIBRARY = (
+    ROOT / "surefoot" / "__init__.py"
+)  # also refuses packages of the same names, and is the public library
 MODULES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
 
 
@@ -32,8 +35,8 @@ def test_each_package_is_the_one_of_this_tree(package):
 def test_every_module_says_what_it_is(path):
     tree = ast.parse(path.read_text())
     assert ast.get_docstring(tree)
-    if path.name == "__init__.py":
-        assert len(tree.body) == 1, "a chapter opening holds a docstring and nothing else"
+    if path.name == "__init__.py" and path != LIBRARY:
+        assert len(tree.body) == 1, "an __init__.py holds a docstring and nothing else"
 
 
 def test_no_module_replaces_one_of_the_standard_library():
