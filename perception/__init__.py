@@ -1,22 +1,22 @@
-"""Perception: what is there, and how sure are we.
+"""Perception: which obstacles, floor and poses there are, with their uncertainty.
 
-Read in this order: `primitives` (the words everybody uses), `time_of_flight`, `structured_light` and `stereo`
-with `block_matching` and `rectification` (sensors to depth with a sigma per pixel), `floor` (the plane the
-robot stands on, and what rises above it), `clusters` with `round_front` (points to obstacles), `coloured`
-(obstacles of known colours in a picture), `localisation` (the robot's pose, landmarks, moving obstacles),
-`features` (points of a picture that are found again), `odometry` (the way of a camera in the hand),
-`monocular` (floor and moving obstacles by a single camera), `depth_to_colour` (two cameras made one).
+Read in this order: `primitives` (shared values), `depth` (each depth sensor to depth with a standard deviation per
+pixel), `floor` (the ground plane and the classes of points), `obstacles` (clusters, detections, tracks),
+`filtering` (the unscented Kalman filter, its models and consistency), `localisation` (the pose of the robot),
+`features` (image features for matching), `odometry` (the trajectory of a handheld RGB-D camera), `smoothing`
+(factor graphs), `planar` (wheeled robots), `monocular` (floor and obstacles by one camera), `estimate` (the
+result of one frame).
 
-Conventions, stated once for the whole project:
+Conventions of the whole project:
 
-- SI units; radians inside, degrees only in files and on the command line.
+- SI units; radians in code, degrees only in files and on the command line.
 - World frame W: z up, floor at z = 0, yaw counter-clockwise from +x.
-- Body frame: origin on the floor under the robot's middle, x ahead, y left, z up. Its pose on the floor
-  is a `Pose2` in W; it never tilts, so the kinematic floor is z = 0 of the body frame.
+- Body frame: origin on the floor below the centre of the robot, x ahead, y left, z up. Its pose is a `Pose2` in W; it
+  never tilts, so the kinematic floor is z = 0 of the body frame.
 - Camera frame: x right, y down, z ahead. Pixel centres at integer coordinates (u, v).
 - `T_to_from` maps coordinates: `p_to = T_to_from.apply(p_from)`.
 - Missing depth is NaN, never 0.
 
-Sources: seed 000 (monocular), seed 003 (stereo, floor, grid), seed 004 (time of flight, features), seed 001
-(localisation, obstacles).
+Sources: Han et al. 2018 (seed 000, monocular), Yoo and Kim 2010 (seed 001, localisation and obstacles), seed 003 (stereo
+and floor), Kang et al. 2013 (seed 004, time of flight and features).
 """

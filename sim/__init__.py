@@ -1,15 +1,13 @@
-"""The simulation: a world to try it in, a robot that walks there, and a truth to judge by.
+"""The simulation: scenes, a robot that walks in them, its sensors, and the ground truth.
 
-Read in this order: `shapes` and `scenes` (what stands and moves, as values), `home` and `rooms` with
-`furniture`, `tags` and `free_space` (how scenes are made from a seed), `scene_file` and `model_files` (scenes
-that a user writes), `scene_table` and `scene_checks` (whether they can be), `textures`, `painting` and
-`pictures` (what they look like), `rays` (how far things are), `world` (a scene with a clock), `gait` (footsteps to motion), `body` (what slip and tremble add), `dynamic`
-(the body that really walks instead), `head`, `inertial`, `cameras`, `tof_camera` (the sensors),
-`geometric_sensor` (all that in a hundredth of the time, for long studies), `robot` (all of it, as something
-to drive), `solid` and `truth` (for evaluation alone).
+Read in this order: `shapes` and `scene` (values), `scenes` (generators, files and checks), `rendering` (pictures and
+ray casting), `world` (a scene with a clock), `body` (footsteps to motion; kinematic or dynamic), `sensors` (cameras,
+time of flight, and a fast geometric sensor), `robot` (a body with its sensors), `contact` and `truth` (for evaluation
+only).
 
-It knows the words of the project and none of its algorithms. Truth leaves it through `truth` only.
+The simulation uses `perception.primitives` and `planning.commands`, no algorithms. Ground truth leaves it only through
+`truth`.
 
-Sources: seed 000 (gait command, instants of the images, robots to and fro), seed 003 (stereo pair),
-seed 004 (time-of-flight camera); measures of a DARwIn-OP.
+Sources: seed 000 (footstep command, image times, moving robots), seed 003 (stereo pair), seed 004 (time-of-flight
+camera); dimensions of a DARwIn-OP.
 """

@@ -1,4 +1,4 @@
-"""Ranges of configuration values: what no robot and no room has is refused when the configuration is made."""
+"""Range checks of configuration values."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from perception.primitives.errors import ConfigError
 
 
 def check_ranges(area: str, config: object, **ranges: tuple[float, float]) -> None:
-    """Every named value, or each number of it, is finite and neither below the least nor above the most.
+    """Check that values, or all numbers of a tuple, are finite and within their range.
 
     Args:
         area: Part of the configuration, for the message.
-        config: Whose attributes are meant.
-        ranges: (least, most) by name; infinite where there is no end.
+        config: Object with the attributes.
+        ranges: (least, most) by name; may be infinite.
 
     Raises:
-        ConfigError: naming value and range.
+        ConfigError: with the value and its range.
     """
     for name, (least, most) in ranges.items():
         value = getattr(config, name)

@@ -1,78 +1,86 @@
-"""The simulated robot: a body that walks in a world, a head that looks, and sensors that say what they see.
+"""The simulated robot: a body in a world, a head, and sensors.
 
-Frames come twice a step, 0.2 s before the end of single support and at its end, when the gait asks for
-its next command; the cameras that take pictures look at its end only, unless pairs are wanted. Everything
-in a `Frame` is what sensors give: `T_body_camera` is what the encoders say, the odometry what the joints
-say. The body is kinematic (footsteps exact, slip and tremble drawn) or dynamic (`sim.body.dynamic`: servos and
-soles in a physical world); nothing that is driven by frames can tell which.
+It delivers two frames per step: 0.2 s before the end of single support, and at its end, when the gait takes the next
+command. Colour and stereo cameras take images at the end only, unless image pairs are enabled. A `Frame` holds sensor
+readings only: `T_body_camera` comes from the encoders, odometry from the joints. The body is kinematic (exact
+footsteps with drawn slip and sway) or dynamic (`sim.body.dynamic`: servos and soles in a physics engine).
 
-Source: seed 000, section 2.1.1 (instants of the images); seeds 003, 004 (cameras).
+Source: seed 000, section 2.1.1 (image times); seeds 003 and 004 (cameras).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from types import TracebackType
 
 import numpy as np
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.frame import ColourView, Frame, Imu, RangeView, StepOdometry, StereoView
+from perception.primitives.frame import ColourView, Frame, RangeView, StepOdometry, StereoView
 from perception.primitives.pose import Pose3
+from perception.primitives.settings import setting
 from planning.commands import GazeCommand, WalkCommand
 
+from .body.body import Advance, Body
 from .body.dynamic.anatomy import DARWIN, gait_for, head_for
-from .body.dynamic.walker import DynamicBody, DynamicConfig
+from .body.dynamic.config import DynamicConfig
+from .body.dynamic.walker import DynamicBody
 from .body.gait import GaitConfig
 from .body.head import Head, HeadConfig
-from .body.inertial import ImuConfig, InertialSensor, TrunkState
-from .body.kinematic import Advance, KinematicBody, SlipConfig, TrembleConfig
+from .body.inertial import ImuConfig, InertialSensor
+from .body.kinematic import KinematicBody, SlipConfig, SwayConfig
 from .ranges import check_ranges
-from .rendering.motion import STILL, Motion, motion_between
+from .rendering.motion import STATIONARY, Motion, motion_between
 from .sensors.cameras import ImageConfig, colour_picture, stereo_pair
 from .sensors.tof_camera import TofCamera, TofConfig
 from .world import World
 
 BODIES = ("kinematic", "dynamic")
 
-BEFORE_END_S = 0.20  # dT of seed 000: the first of the two images, before the end of single support
+BEFORE_END_S = 0.20  # seed 000, dT: first of the two images, before the end of single support
 
 
 @dataclass(frozen=True)
 class RobotConfig:
-    """Which sensors the robot has, and how good they and the body are.
+    """Sensors of the robot, and the errors of sensors and body.
 
-    A camera that is switched off is not rendered; its part of the frame is None.
-
-    Args:
-        body: "kinematic" or "dynamic"; slip and tremble are the first one's, dynamic the second's, of which
-            anatomy and scale hold for both. Mounts, baseline, gait and head are those of a DARwIn-OP, and
-            grow with the body.
+    A camera that is switched off is not rendered; its part of the frame is None. `slip` and `sway` belong to the
+    kinematic body, `dynamic` to the dynamic one, but its anatomy and scale apply to both. Mounts, baseline, gait and
+    head are those of a DARwIn-OP and scale with the body.
     """
 
-    body: str = "kinematic"
-    tof: bool = True
-    tof_fails_at_s: float = 0.0  # ours, a fault to try: from then on it is silent; 0: never
-    stereo: bool = True
-    colour: bool = True
-    image_pairs: bool = (
-        False  # seed 000 looks twice a step; else colour and stereo look once, at its end
+    body: str = setting(
+        "kinematic",
+        "",
+        "kinematic (exact footsteps, drawn slip) or dynamic (physics engine)",
+        "ours",
     )
-    tof_mount_m: tuple[float, float, float] = (0.035, 0.0, 0.035)  # DARwIn-OP's camera
-    baseline_m: float = 0.04  # seed 003
+    tof: bool = setting(True, "", "enables the time-of-flight camera", "seed 004")
+    tof_fails_at_s: float = setting(
+        0.0,
+        "s",
+        "time from which the time-of-flight camera fails; 0 is never",
+        "ours: fault injection",
+    )
+    stereo: bool = setting(True, "", "enables the stereo camera", "seed 003")
+    colour: bool = setting(True, "", "enables the colour camera", "seed 000")
+    image_pairs: bool = setting(
+        False, "", "colour and stereo images twice per step instead of once", "seed 000: twice"
+    )
+    tof_mount_m: tuple[float, float, float] = setting(
+        (0.035, 0.0, 0.035), "m", "position of the time-of-flight camera in the head", "DARwIn-OP"
+    )
+    baseline_m: float = setting(0.04, "m", "baseline of the stereo camera", "seed 003")
     gait: GaitConfig = field(default_factory=GaitConfig)
     slip: SlipConfig = field(default_factory=SlipConfig)
-    tremble: TrembleConfig = field(default_factory=TrembleConfig)
+    sway: SwayConfig = field(default_factory=SwayConfig)
     dynamic: DynamicConfig = field(default_factory=DynamicConfig)
     head: HeadConfig = field(default_factory=HeadConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     tof_camera: TofConfig = field(default_factory=TofConfig)
-    colour_camera: ImageConfig = field(
-        default_factory=lambda: ImageConfig(720, 720, 90.0, (0.035, 0.0, 0.035))
-    )  # seed 000: f = 360 px
+    colour_camera: ImageConfig = field(default_factory=ImageConfig)
     stereo_camera: ImageConfig = field(
         default_factory=lambda: ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035))
-    )  # left one; ours: f = 554 px
+    )  # ours, the left camera: f = 554 px
 
     def __post_init__(self) -> None:
         if self.body not in BODIES:
@@ -110,63 +118,56 @@ def grown(config: RobotConfig) -> RobotConfig:
 
 
 class SimulatedRobot:
-    """Drives like a real one: read, walk, look."""
+    """A robot to drive: `read` a frame, `walk`, `look`."""
 
     def __init__(self, world: World, config: RobotConfig, seed: int = 0) -> None:
         self.world, self.config = world, grown(config)
         config = self.config
         streams = np.random.SeedSequence([seed, 30]).spawn(6)
         body, head, imu, tof, colour, stereo = (np.random.default_rng(s) for s in streams)
-        self.body: KinematicBody | DynamicBody
+        self.body: Body
         self._head = Head(config.head, head)
         if config.body == "dynamic":
             self.body = DynamicBody(
                 world, config.gait, config.dynamic, config.imu, self._head, body
             )
         else:
+            inertial = InertialSensor(config.imu, imu)
             self.body = KinematicBody(
-                world.scene.start, config.gait, config.slip, config.tremble, body
+                world.scene.start, config.gait, config.slip, config.sway, inertial, self._head, body
             )
-        self._inertial = InertialSensor(config.imu, imu)
         self._tof = TofCamera(config.tof_camera, tof) if config.tof else None
         self._colour_rng, self._stereo_rng = colour, stereo
-        self._motions: dict[tuple[float, float, float], Motion] = {}  # of cameras that take time
+        self._motions: dict[tuple[float, float, float], Motion] = {}  # of cameras with an exposure
         self._began_s = world.stamp_s
-        self._state = self._trunk_state()
 
     @property
     def fallen(self) -> bool:
-        """Whether the robot lies on the floor, by its own inertial sensor: nothing goes on from there."""
-        return isinstance(self.body, DynamicBody) and self.body.fallen
+        """Whether the robot has fallen, by its own inertial sensor; it does not get up."""
+        return self.body.fallen
 
     @property
     def up(self) -> tuple[float, float, float]:
-        """Against gravity, unit vector in the world."""
-        return self.config.dynamic.up if isinstance(self.body, DynamicBody) else (0.0, 0.0, 1.0)
+        """Unit vector against gravity, world frame."""
+        return self.body.up
 
     def close(self) -> None:
-        """Give the physics back, where there is one; a second time does nothing."""
-        if isinstance(self.body, DynamicBody):
-            self.body.close()
+        """Close the physics engine, if there is one; a second call does nothing."""
+        self.body.close()
 
     def __enter__(self) -> SimulatedRobot:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def read(self) -> Frame:
-        """Let the world go on to the next instant of the sensors, and look."""
-        self.body.take_up()
+        """Advance the world to the next sensor time and return the frame."""
+        self.body.start_due_step()
         first = round(BEFORE_END_S / self.config.gait.tick_s)
         left = self.body.ticks_left
-        advance = self._pass(left - first if left > first else left)
-        imu = self._feel(advance.seconds)
+        advance = self._advance_to_frame(left - first if left > first else left)
+        imu = self.body.measure_imu()
         ends = self.body.ticks_left == 0
         looks = ends or self.config.image_pairs
         return Frame(
@@ -180,18 +181,18 @@ class SimulatedRobot:
         )
 
     def walk(self, command: WalkCommand) -> None:
-        """Taken up at the start of the coming double support; without a new one the robot stands.
+        """Set the command of the next step; without a new one the robot stands.
 
-        What lies beyond the limits of `GaitConfig` is clipped, and the odometry says so.
+        Commands beyond the limits of `GaitConfig` are clipped, and the odometry reports the clipped step.
         """
         self.body.walk(command)
 
     def look(self, gaze: GazeCommand) -> None:
-        """Turn the head there, as fast as it can; clipped to its reach."""
+        """Set the gaze; the head moves there within its speed and range."""
         self._head.look(gaze)
 
     def cameras(self) -> dict[str, tuple[float, float, float]]:
-        """The cameras that are on, and their places in the head."""
+        """Enabled cameras and their positions in the head."""
         config = self.config
         mounts = {
             "tof": (config.tof, config.tof_mount_m),
@@ -201,17 +202,18 @@ class SimulatedRobot:
         return {name: mount for name, (on, mount) in mounts.items() if on}
 
     def camera_in_world(self, mount: tuple[float, float, float]) -> Pose3:
-        """Where a camera really is: through it the world is rendered. No estimate may ask."""
+        """True pose of a camera, from which it is rendered; not for estimators."""
         trunk = self.body.true_pose.lifted() @ self.body.true_trunk()
-        return trunk @ self._head.camera_truly(mount)
+        return trunk @ self._head.true_camera(mount)
 
-    def _camera_by_joints(self, mount: tuple[float, float, float]) -> Pose3:
-        return self.body.trunk_by_joints() @ self._head.camera_by_encoders(mount)
+    def _measured_camera(self, mount: tuple[float, float, float]) -> Pose3:
+        """Camera in the body frame as the encoders give it."""
+        return self.body.trunk_from_encoders() @ self._head.camera_from_encoders(mount)
 
-    def _pass(self, ticks: int) -> Advance:
-        """Body, head and world go on together; for cameras that take time the last tick on its own."""
+    def _advance_to_frame(self, ticks: int) -> Advance:
+        """Advance body, head and world; with an exposure time the last tick on its own, to measure camera motion."""
         config = self.config
-        taking = [
+        exposing = [
             mount
             for mount, seconds in (
                 (config.tof_mount_m, config.tof_camera.integration_s),
@@ -220,48 +222,29 @@ class SimulatedRobot:
             )
             if seconds > 0.0
         ]
-        if not taking:
-            return self._go_on(ticks)
-        rest = self._go_on(ticks - 1) if ticks > 1 else None
-        before = [self._untrembling(mount) for mount in taking]
-        last = self._go_on(1)
+        if not exposing:
+            return self._advance(ticks)
+        rest = self._advance(ticks - 1) if ticks > 1 else None
+        before = [self._steady_camera(mount) for mount in exposing]
+        last = self._advance(1)
         self._motions = {
-            mount: motion_between(pose, self._untrembling(mount), last.seconds)
-            for mount, pose in zip(taking, before, strict=True)
+            mount: motion_between(pose, self._steady_camera(mount), last.seconds)
+            for mount, pose in zip(exposing, before, strict=True)
         }
         if rest is None:
             return last
         motion, steps = rest.motion @ last.motion, rest.steps + last.steps
         return Advance(motion, steps, rest.seconds + last.seconds)
 
-    def _untrembling(self, mount: tuple[float, float, float]) -> Pose3:
-        """Where a camera is without the kinematic body's tremble, which is drawn anew at every look."""
-        if isinstance(self.body, DynamicBody):
-            return self.camera_in_world(mount)
-        trunk = self.body.true_pose.lifted() @ self.body.trunk_by_joints()
-        return trunk @ self._head.camera_truly(mount)
+    def _steady_camera(self, mount: tuple[float, float, float]) -> Pose3:
+        """Camera without the kinematic body's sway, which is drawn anew in every frame."""
+        trunk = self.body.true_pose.lifted() @ self.body.steady_trunk()
+        return trunk @ self._head.true_camera(mount)
 
-    def _go_on(self, ticks: int) -> Advance:
+    def _advance(self, ticks: int) -> Advance:
         advance = self.body.advance(ticks)
-        if isinstance(self.body, KinematicBody):
-            self._head.advance(advance.seconds)
         self.world.advance_to(self._began_s + round(self.body.ticks * self.config.gait.tick_s, 9))
         return advance
-
-    def _feel(self, seconds: float) -> Imu:
-        """The inertial sensor since the frame before."""
-        if isinstance(self.body, DynamicBody):
-            return self.body.feel()
-        before, self._state = self._state, self._trunk_state()
-        assert before is not None
-        assert self._state is not None
-        return self._inertial.measure(before, self._state, seconds)
-
-    def _trunk_state(self) -> TrunkState | None:
-        body = self.body
-        if isinstance(body, DynamicBody):
-            return None
-        return TrunkState(body.true_pose.yaw, body.velocity_body, body.tremble)
 
     def _range_view(self) -> RangeView | None:
         fails_s = self.config.tof_fails_at_s
@@ -270,30 +253,30 @@ class SimulatedRobot:
         mount = self.config.tof_mount_m
         true = self.camera_in_world(mount)
         if self._tof.config.integration_s > 0.0:
-            motion = self._motions.get(mount, STILL)
+            motion = self._motions.get(mount, STATIONARY)
             range_m, amplitude = self._tof.measure_moving(
-                (self.world.rays_after(s), motion.moved(true, s)) for s in self._tof.instants
+                (self.world.rays_after(s), motion.pose_after(true, s)) for s in self._tof.instants
             )
         else:
             range_m, amplitude = self._tof.measure(self.world.rays, true)
-        return RangeView(range_m, amplitude, self._tof.camera, self._camera_by_joints(mount))
+        return RangeView(range_m, amplitude, self._tof.camera, self._measured_camera(mount))
 
     def _colour_view(self) -> ColourView | None:
         if not self.config.colour:
             return None
         config = self.config.colour_camera
         true = self.camera_in_world(config.mount_m)
-        motion = self._motions.get(config.mount_m, STILL)
+        motion = self._motions.get(config.mount_m, STATIONARY)
         rgb = colour_picture(self.world, config, true, self._colour_rng, motion)
-        return ColourView(rgb, config.camera, self._camera_by_joints(config.mount_m))
+        return ColourView(rgb, config.camera, self._measured_camera(config.mount_m))
 
     def _stereo_view(self) -> StereoView | None:
         if not self.config.stereo:
             return None
         config, baseline = self.config.stereo_camera, self.config.baseline_m
         true = self.camera_in_world(config.mount_m)
-        motion = self._motions.get(config.mount_m, STILL)
+        motion = self._motions.get(config.mount_m, STATIONARY)
         left, right = stereo_pair(self.world, config, baseline, true, self._stereo_rng, motion)
         return StereoView(
-            left, right, baseline, config.camera, self._camera_by_joints(config.mount_m)
+            left, right, baseline, config.camera, self._measured_camera(config.mount_m)
         )

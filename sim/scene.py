@@ -1,4 +1,4 @@
-"""A scene as values: what stands, what moves, where the floor is."""
+"""A scene as values: static and moving objects, floor, landmarks, start and goals."""
 
 from __future__ import annotations
 
@@ -10,16 +10,22 @@ from perception.primitives.pose import Pose2
 
 from .shapes import Cylinder, Shape
 
+Extent = tuple[float, float, float, float]
+"""(x_min, y_min, x_max, y_max), m."""
+
+Place = tuple[float, float]
+"""(x, y) on the floor, m."""
+
 
 @dataclass(frozen=True)
 class StaticObject:
-    """Something that stands still.
+    """An object that does not move.
 
     Args:
-        name: For people: "sofa", "wall".
+        name: Such as "sofa" or "wall".
         parts: Its shapes.
-        albedo: Share of infrared light that it returns, for the time-of-flight camera.
-        wall: Whether it belongs to the building; walls are no obstacles to be listed.
+        albedo: Infrared reflectance, for the time-of-flight camera.
+        wall: Whether it belongs to the building; walls are not listed as obstacles.
     """
 
     name: str
@@ -30,17 +36,17 @@ class StaticObject:
 
 @dataclass(frozen=True)
 class MovingObject:
-    """A small robot that goes to and fro on a straight line, blind to everything.
+    """A robot or person that moves back and forth on a line segment and reacts to nothing.
 
     Args:
-        name: For people.
-        start: (x, y) of one end of its line, m.
-        heading_rad: Direction of the line.
-        speed_mps: Even, in both directions.
+        name: Such as "robot 1".
+        start: (x, y) of one end of the segment, m.
+        heading_rad: Direction of the segment.
+        speed_mps: Constant speed in both directions.
         reversal_s: Time from one end to the other.
-        parts: Shapes about the origin of the mover, upright cylinders.
-        albedo: As of a thing.
-        under_way_s: How long it has walked when the world begins; None: the world draws it.
+        parts: Upright cylinders about the origin of the object.
+        albedo: Infrared reflectance.
+        phase_s: Time since it left the start when the world starts; None: drawn by the world.
 
     Source: seed 000, section 6 (robots d1 to d3).
     """
@@ -52,21 +58,21 @@ class MovingObject:
     reversal_s: float
     parts: tuple[Cylinder, ...]
     albedo: float = 0.6
-    under_way_s: float | None = None
+    phase_s: float | None = None
 
     @property
     def radius_m(self) -> float:
-        """Of the circle about all its parts."""
+        """Radius of the circle around all its parts."""
         return max(math.hypot(*part.centre[:2]) + part.radius for part in self.parts)
 
     @property
     def height_m(self) -> float:
-        """Its top."""
+        """Height of its top."""
         return max(part.top_m for part in self.parts)
 
     @property
     def end(self) -> tuple[float, float]:
-        """The other end of its line."""
+        """The other end of its segment."""
         length = self.speed_mps * self.reversal_s
         return (
             self.start[0] + length * math.cos(self.heading_rad),
@@ -74,56 +80,56 @@ class MovingObject:
         )
 
     def state(self, seconds: float) -> tuple[float, float, float, float]:
-        """(x, y, vx, vy) that long after it left its start, m and m/s."""
-        turns, rest = divmod(seconds, self.reversal_s)
-        there = turns % 2 == 0
-        travelled = self.speed_mps * (rest if there else self.reversal_s - rest)
-        speed = self.speed_mps if there else -self.speed_mps
+        """(x, y, vx, vy) at a time after it left its start, m and m/s."""
+        reversals, rest = divmod(seconds, self.reversal_s)
+        outward = reversals % 2 == 0
+        travelled = self.speed_mps * (rest if outward else self.reversal_s - rest)
+        speed = self.speed_mps if outward else -self.speed_mps
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return (
-            self.start[0] + c * travelled,
-            self.start[1] + s * travelled,
-            c * speed,
-            s * speed,
-        )
+        return (self.start[0] + c * travelled, self.start[1] + s * travelled, c * speed, s * speed)
 
 
 @dataclass(frozen=True)
 class FloorArea:
-    """A rectangle of flooring: material, (x_min, y_min, x_max, y_max), m; later areas cover earlier."""
+    """A rectangle of flooring; later areas cover earlier ones."""
 
     material: str
-    extent: tuple[float, float, float, float]
+    extent: Extent
 
 
 @dataclass(frozen=True)
 class Scene:
-    """A world at rest, with what is to be done in it.
+    """A world at rest and the task in it.
 
     Args:
-        name, seed: What `load` was asked for.
-        extent: (x_min, y_min, x_max, y_max) of the floor inside the walls, m.
-        floor: Flooring; the first area covers all of the extent.
-        things: What stands still, walls and tag plates among it.
-        movers: What moves.
-        landmarks: The tags, as the robot knows them beforehand.
-        start: Where the robot stands at first.
-        goals: Places to reach one after the other, m.
-        floor_albedo: As of a thing.
+        name, seed: Arguments of `scenes.catalogue.load`.
+        extent: The floor inside the walls.
+        floor: Flooring; the first area covers the whole extent.
+        static_objects: Static objects, walls and tag plates included.
+        moving_objects: Moving objects.
+        landmarks: The tags, as the robot knows them.
+        start: Start pose of the robot.
+        goals: Goals in order, m.
+        floor_albedo: Infrared reflectance of the floor.
     """
 
     name: str
     seed: int
-    extent: tuple[float, float, float, float]
+    extent: Extent
     floor: tuple[FloorArea, ...]
-    things: tuple[StaticObject, ...]
-    movers: tuple[MovingObject, ...]
+    static_objects: tuple[StaticObject, ...]
+    moving_objects: tuple[MovingObject, ...]
     landmarks: tuple[Landmark, ...]
     start: Pose2
     goals: tuple[tuple[float, float], ...]
     floor_albedo: float = 0.5
 
     @property
+    def static_shapes(self) -> list[tuple[str, Shape]]:
+        """Name of the object and shape, for every part of the static objects."""
+        return [(item.name, part) for item in self.static_objects for part in item.parts]
+
+    @property
     def obstacles(self) -> tuple[StaticObject, ...]:
-        """The things that are neither building nor tag."""
-        return tuple(thing for thing in self.things if not thing.wall)
+        """Static objects that are neither building nor tag."""
+        return tuple(item for item in self.static_objects if not item.wall)

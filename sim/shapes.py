@@ -1,8 +1,7 @@
-"""The shapes a scene is made of, and the patches of surface that cover them.
+"""Shapes of a scene, and the textured patches of their surfaces.
 
-Most things stand upright: boxes turned about the vertical, and vertical cylinders; a model that somebody
-brings is a solid of triangles. One set of patches
-feeds the pictures and the ray casting alike, so that what is seen and what is measured are one world.
+Boxes and cylinders stand upright; a `Solid` is a triangle mesh. Rendering and ray casting use the same patches, so
+images and ranges agree.
 """
 
 from __future__ import annotations
@@ -14,20 +13,20 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
-_PORTION = 10_000  # points at a time against all corners of an outline: some 10 MB
-SEGMENTS = 32  # sides of a drawn cylinder; at 10 cm radius the polygon is 0.5 mm inside the circle
+_CHUNK = 10_000  # points per call against all corners of an outline: about 10 MB
+SEGMENTS = 32  # sides of a cylinder's polygon, which is 0.5 mm inside a circle of 10 cm radius
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box standing upright.
+    """An upright box.
 
     Args:
-        centre: (x, y, z) of its middle, world frame, m.
-        size: (along its own x, y, z), m.
-        yaw_rad: Turn about the vertical.
-        material: Name of a material, see `textures`.
-        front: Another material for the face towards its own +x; empty for the same.
+        centre: (x, y, z), world frame, m.
+        size: Along its own x, y, z, m.
+        yaw_rad: Rotation about the vertical.
+        material: See `rendering.textures`.
+        front: Material of the face towards its own +x; empty for the same.
     """
 
     centre: tuple[float, float, float]
@@ -38,18 +37,18 @@ class Box:
 
     @property
     def bottom_m(self) -> float:
-        """Height of its underside."""
+        """Height of its lower face."""
         return self.centre[2] - self.size[2] / 2
 
     @property
     def top_m(self) -> float:
-        """Height of its upper side."""
+        """Height of its upper face."""
         return self.centre[2] + self.size[2] / 2
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A vertical cylinder: centre of its middle (x, y, z), radius and height, m."""
+    """A vertical cylinder: centre (x, y, z), radius and height, m."""
 
     centre: tuple[float, float, float]
     radius: float
@@ -58,23 +57,23 @@ class Cylinder:
 
     @property
     def bottom_m(self) -> float:
-        """Height of its underside."""
+        """Height of its lower face."""
         return self.centre[2] - self.height / 2
 
     @property
     def top_m(self) -> float:
-        """Height of its upper side."""
+        """Height of its upper face."""
         return self.centre[2] + self.height / 2
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A closed surface of any form, of one piece; for contact its shadow on the floor is taken as convex.
+    """A closed triangle mesh of one piece; contact uses the convex hull of its projection on the floor.
 
     Args:
         vertices: World frame, m.
-        triangles: Into the vertices, counter-clockwise from outside.
-        material: Name of a material.
+        triangles: Vertex indices, counter-clockwise from outside.
+        material: See `rendering.textures`.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -83,7 +82,7 @@ class Solid:
 
     @property
     def centre(self) -> tuple[float, float, float]:
-        """Middle of the box around it."""
+        """Centre of its bounding box."""
         x, y, z = (float(v) for v in (self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2)
         return x, y, z
 
@@ -103,15 +102,15 @@ Shape = Box | Cylinder | Solid
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A piece of surface with its own rectangle of texture.
+    """A surface patch with its own rectangle of texture.
 
     Args:
         vertices: World frame, m.
-        triangles: Into the vertices, counter-clockwise from outside.
-        uv: Of each vertex, both in [0, 1], (0, 0) the upper left corner of the texture.
+        triangles: Vertex indices, counter-clockwise from outside.
+        uv: Texture coordinates in [0, 1], (0, 0) the upper left corner.
         size_m: Width and height of the texture on the surface.
         normal: Outward; for the side of a cylinder that of its first line.
-        material: What it is made of.
+        material: See `rendering.textures`.
         curved: Whether it is the side of a cylinder.
     """
 
@@ -125,7 +124,7 @@ class Patch:
 
 
 def patches(shape: Shape) -> list[Patch]:
-    """The visible surface of a shape: all but its underside where that stands on the floor."""
+    """Visible surface of a shape; a lower face on the floor is left out."""
     if isinstance(shape, Box):
         return _box_patches(shape)
     if isinstance(shape, Solid):
@@ -139,7 +138,7 @@ def rectangle(
     down: Float[np.ndarray, "3"],
     material: str,
 ) -> Patch:
-    """A flat patch from its upper left corner and the edges along its texture, as seen from outside."""
+    """Flat patch from its upper left corner and the edges of its texture, as seen from outside."""
     vertices = np.stack([corner, corner + down, corner + down + right, corner + right])
     normal = np.cross(down, right)
     return Patch(
@@ -153,7 +152,7 @@ def rectangle(
 
 
 def outline(shape: Shape) -> Float[np.ndarray, "n 2"]:
-    """The shape's shadow on the floor: corners counter-clockwise, world frame, m."""
+    """Convex outline of the shape projected on the floor: corners counter-clockwise, world frame, m."""
     if isinstance(shape, Cylinder):
         angle = np.arange(SEGMENTS) * 2 * math.pi / SEGMENTS
         ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -167,16 +166,14 @@ def outline(shape: Shape) -> Float[np.ndarray, "n 2"]:
 
 
 def distance(shape: Shape, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n"]:
-    """Signed distance of floor points, m, from the shape's shadow; negative inside. Exact."""
+    """Exact signed distance of floor points from the shape's outline, m; negative inside."""
     offset = points - np.array(shape.centre[:2])
     if isinstance(shape, Cylinder):
         return np.asarray(np.hypot(offset[:, 0], offset[:, 1]) - shape.radius)
     if isinstance(shape, Solid):
         corners = outline(shape)
-        portions = range(0, max(len(points), 1), _PORTION)
-        return np.concatenate(
-            [_polygon_distance(corners, points[k : k + _PORTION]) for k in portions]
-        )
+        chunks = range(0, max(len(points), 1), _CHUNK)
+        return np.concatenate([_polygon_distance(corners, points[k : k + _CHUNK]) for k in chunks])
     c, s = math.cos(shape.yaw_rad), math.sin(shape.yaw_rad)
     local = np.abs(offset @ np.array([[c, -s], [s, c]])) - np.array(shape.size[:2]) / 2
     outside = np.hypot(np.maximum(local[:, 0], 0.0), np.maximum(local[:, 1], 0.0))
@@ -184,9 +181,9 @@ def distance(shape: Shape, points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray
 
 
 def convex_gap(a: Float[np.ndarray, "n 2"], b: Float[np.ndarray, "m 2"]) -> float:
-    """Distance between two convex outlines, m; if they overlap, minus the depth of it. Exact.
+    """Exact distance between two convex outlines, m; if they overlap, minus the penetration depth.
 
-    Corners run counter-clockwise. Overlapping ones are parted along the edge normal of least depth.
+    Corners run counter-clockwise; the penetration depth is the least over all edge normals.
     """
     depth = max(_separation(a, b), _separation(b, a))
     if depth <= 0.0:
@@ -239,7 +236,7 @@ def _box_patches(box: Box) -> list[Patch]:
         (-x, -y, hx, hy, False),
         (-y, x, hy, hx, False),
     ):
-        # seen from outside, the side's left edge lies towards minus `leftward`
+        # seen from outside, the left edge of the side is at minus `leftward`
         corner = middle + outward * depth - leftward * width + z * hz
         material = box.front if front and box.front else box.material
         found.append(rectangle(corner, 2 * width * leftward, -2 * hz * z, material))
@@ -254,7 +251,7 @@ def _box_patches(box: Box) -> list[Patch]:
 
 
 def _solid_patches(solid: Solid) -> list[Patch]:
-    """Up to six patches: triangles that face one way, with the texture laid on from there."""
+    """Up to six patches: triangles facing one axis, with the texture projected along it."""
     corners = solid.vertices[solid.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     axis = np.abs(normals).argmax(axis=1)

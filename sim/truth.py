@@ -1,6 +1,6 @@
-"""The only door for the truth: what evaluation may ask of a simulated run, and nobody else.
+"""Ground truth of a simulated run, for evaluation only.
 
-Sensors never pass through here: replacing every answer below by garbage changes no frame.
+Sensors do not use this module: changing every answer below changes no frame.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from perception.primitives.errors import InputError
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 
-from .body.solid import nearest, robot_solid
+from .contact import nearest, robot_solid
 from .robot import SimulatedRobot
 from .scene import StaticObject
 from .scenes.free_space import ROBOT_TOP_M
 from .shapes import Cylinder, Shape, distance, outline
 
-STILL = 101  # identities of what stands still count from here, of movers from 1
+FIRST_STATIC_ID = 101  # ids of static objects start here, of moving objects at 1
 
 ObstacleTruth = tuple[int, float, float, float, float, float, float]
 
 
 class Truth:
-    """What is so, of one robot in its world, at the instant it is asked."""
+    """Ground truth of one robot in its world at the current time."""
 
     def __init__(self, robot: SimulatedRobot) -> None:
         self._robot = robot
@@ -34,15 +34,15 @@ class Truth:
         self._scene = robot.world.scene
 
     def robot_pose(self) -> Pose2:
-        """The body frame in the world."""
+        """True body frame in the world."""
         return self._robot.body.true_pose
 
     def cameras(self) -> tuple[str, ...]:
-        """Of "tof", "stereo", "colour" those that the robot has."""
+        """Enabled cameras, of "tof", "stereo" and "colour"."""
         return tuple(self._robot.cameras())
 
     def camera_pose(self, camera: str) -> Pose3:
-        """A camera in the world; of the stereo pair the left one.
+        """True camera in the world; of the stereo pair the left one.
 
         Raises:
             InputError: for a camera that the robot does not have.
@@ -53,75 +53,60 @@ class Truth:
         return self._robot.camera_in_world(mounts[camera])
 
     def floor(self, camera: str) -> Plane:
-        """The floor in the frame of a camera, normal up."""
+        """Floor plane in the frame of a camera, normal up."""
         pose = self.camera_pose(camera)
         return Plane(pose.rotation[2].copy(), pose.translation[2])
 
     def obstacles(self) -> list[ObstacleTruth]:
-        """(identity, x, y, vx, vy, radius, height) of movers and of furniture, m and m/s.
+        """(id, x, y, vx, vy, radius, height) of moving and static obstacles, m and m/s.
 
-        The radius is that of the smallest circle about the middle of the outline below 0.5 m.
+        The radius is that of the smallest circle about the centre of the outline below 0.5 m.
         """
         found: list[ObstacleTruth] = []
-        states = zip(self._scene.movers, self._world.movers(), strict=True)
-        for k, (mover, (x, y, vx, vy)) in enumerate(states):
-            found.append((k + 1, x, y, vx, vy, mover.radius_m, mover.height_m))
-        for k, thing in enumerate(self._scene.obstacles):
-            x, y, radius = _circle(thing)
-            height = max(part.top_m for part in thing.parts)
-            found.append((STILL + k, x, y, 0.0, 0.0, radius, height))
+        states = zip(self._scene.moving_objects, self._world.moving_states(), strict=True)
+        for k, (one, (x, y, vx, vy)) in enumerate(states):
+            found.append((k + 1, x, y, vx, vy, one.radius_m, one.height_m))
+        for k, item in enumerate(self._scene.obstacles):
+            x, y, radius = _circle(item)
+            height = max(part.top_m for part in item.parts)
+            found.append((FIRST_STATIC_ID + k, x, y, 0.0, 0.0, radius, height))
         return found
 
     def clearance_m(self) -> tuple[float, str]:
-        """Gap between the robot's solid and the nearest thing but the floor, and its name.
+        """Distance from the robot's solid to the nearest object, m, and the object's name.
 
-        Not above 0 means contact. The solid has the measures of `robot.dynamic.anatomy`, whoever walks.
+        Zero or less means contact. The solid has the dimensions of `robot.dynamic.anatomy` for both bodies.
         """
-        things = [(thing.name, part) for thing in self._scene.things for part in thing.parts]
         solid = robot_solid(self._robot.body, self._robot.config.dynamic.body)
-        found = nearest(solid, things + self._mover_shapes())
-        return found.gap_m, found.thing
+        found = nearest(solid, self._scene.static_shapes + self._moving_shapes())
+        return found.gap_m, found.name
 
     def occupied(self, points: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
-        """Whether places on the floor are covered by something below 0.5 m; outside the walls all are."""
+        """Whether points on the floor are covered by an object below 0.5 m or lie outside the walls."""
         x0, y0, x1, y1 = self._scene.extent
         x, y = points[:, 0], points[:, 1]
         covered = (x < x0) | (x > x1) | (y < y0) | (y > y1)
-        still = [part for thing in self._scene.things for part in thing.parts]
-        for shape in still + [shape for _, shape in self._mover_shapes()]:
+        for _, shape in self._scene.static_shapes + self._moving_shapes():
             if shape.bottom_m < ROBOT_TOP_M:
                 covered |= distance(shape, points) < 0.0
         return np.asarray(covered)
 
-    def occupancy(
-        self, origin: tuple[float, float], cell_m: float, shape: tuple[int, int]
-    ) -> Bool[np.ndarray, "rows columns"]:
-        """`occupied` at the centres of a grid's cells, indexed [row (y), column (x)].
-
-        Args:
-            origin: Lower left corner of the first cell, m.
-            cell_m: Side of a cell.
-            shape: Rows and columns.
-        """
-        y, x = np.mgrid[0 : shape[0], 0 : shape[1]] + 0.5
-        centres = np.stack([origin[0] + x * cell_m, origin[1] + y * cell_m], axis=-1)
-        return self.occupied(centres.reshape(-1, 2)).reshape(shape)
-
-    def _mover_shapes(self) -> list[tuple[str, Shape]]:
+    def _moving_shapes(self) -> list[tuple[str, Shape]]:
         shapes: list[tuple[str, Shape]] = []
-        for mover, (x, y, _, _) in zip(self._scene.movers, self._world.movers(), strict=True):
-            for part in mover.parts:
+        states = zip(self._scene.moving_objects, self._world.moving_states(), strict=True)
+        for one, (x, y, _, _) in states:
+            for part in one.parts:
                 px, py, pz = part.centre
                 moved = Cylinder((x + px, y + py, pz), part.radius, part.height, part.material)
-                shapes.append((mover.name, moved))
+                shapes.append((one.name, moved))
         return shapes
 
 
-def _circle(thing: StaticObject) -> tuple[float, float, float]:
-    """Middle and radius that cover a thing's outline below the robot's top."""
+def _circle(item: StaticObject) -> tuple[float, float, float]:
+    """Centre and radius of a circle around an object's outline below the robot's top."""
     corners = np.concatenate(
-        [outline(part) for part in thing.parts if part.bottom_m < ROBOT_TOP_M]
-        or [outline(part) for part in thing.parts]
+        [outline(part) for part in item.parts if part.bottom_m < ROBOT_TOP_M]
+        or [outline(part) for part in item.parts]
     )
     x, y = ((float(a) + float(b)) / 2 for a, b in zip(corners.min(0), corners.max(0), strict=True))
     return x, y, max(math.hypot(float(a) - x, float(b) - y) for a, b in corners)

@@ -1,11 +1,6 @@
-"""The world: a scene with a clock. Movers move, rays and pictures show the instant it is at.
-
-Nothing here says what is true to anybody but the sensors; evaluation asks `truth`.
-"""
+"""The world: a scene with a clock, pictures and ray casting at the current time."""
 
 from __future__ import annotations
-
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -20,12 +15,12 @@ from .scene import Scene
 
 
 class World:
-    """Plays a scene. Use it as a context, or close it: it holds a renderer.
+    """Runs a scene. Use it as a context manager or close it: it holds a renderer.
 
     Args:
-        scene: What stands and moves.
+        scene: The scene.
         renderer: "egl", "tiny", or "auto" for EGL where it works.
-        seed: Of chance in the world: where on its line each mover is at the start, unless it says so itself.
+        seed: Draws the phase of each moving object, unless the object sets its own.
     """
 
     def __init__(self, scene: Scene, renderer: str = "auto", seed: int = 0) -> None:
@@ -33,69 +28,69 @@ class World:
         self.stamp_s = 0.0
         self.renderer = choose_renderer(renderer)
         rng = np.random.default_rng([seed, 20])
-        drawn = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.movers]
+        drawn = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.moving_objects]
         self._phases = [
-            phase if mover.under_way_s is None else mover.under_way_s
-            for phase, mover in zip(drawn, scene.movers, strict=True)
+            phase if one.phase_s is None else one.phase_s
+            for phase, one in zip(drawn, scene.moving_objects, strict=True)
         ]
         self._caster: RayCaster | None = None
         self._pictures: Pictures | None = None
 
     def advance(self, seconds: float) -> None:
-        """Let time pass.
+        """Advance the clock by a time.
 
         Raises:
-            InputError: for time going back.
+            InputError: for a negative time.
         """
         if not seconds >= 0.0:
             raise InputError(f"world: cannot advance by {seconds} s; time only goes forward")
         self.advance_to(self.stamp_s + seconds)
 
     def advance_to(self, stamp_s: float) -> None:
-        """Let time pass until a stamp; exact, however many advances it takes.
+        """Advance the clock to a stamp; exact for any number of calls.
 
         Raises:
-            InputError: for a stamp that is over.
+            InputError: for a stamp in the past.
         """
         if not stamp_s >= self.stamp_s:
-            raise InputError(f"world: cannot go to {stamp_s} s; it is {self.stamp_s} s already")
+            raise InputError(f"world: cannot go back to {stamp_s} s from {self.stamp_s} s")
         self.stamp_s = stamp_s
 
-    def movers(self, after_s: float = 0.0) -> list[tuple[float, float, float, float]]:
-        """(x, y, vx, vy) of every mover now, or so long after now, m and m/s."""
-        pairs = zip(self.scene.movers, self._phases, strict=True)
-        return [mover.state(phase + (self.stamp_s + after_s)) for mover, phase in pairs]
+    def moving_states(self, after_s: float = 0.0) -> list[tuple[float, float, float, float]]:
+        """(x, y, vx, vy) of every moving object, now or after a time, m and m/s."""
+        pairs = zip(self.scene.moving_objects, self._phases, strict=True)
+        return [one.state(phase + (self.stamp_s + after_s)) for one, phase in pairs]
 
     @property
     def rays(self) -> RayCaster:
-        """Rays through the world as it is now; built when first asked for."""
+        """Ray caster for the current time, built at the first call."""
         return self.rays_after(0.0)
 
     def rays_after(self, after_s: float) -> RayCaster:
-        """The same caster with the movers where they are so long after now."""
+        """The same caster with the moving objects where they are after a time."""
         if self._caster is None:
             self._caster = RayCaster(self.scene)
-        self._caster.place([(x, y) for x, y, _, _ in self.movers(after_s)])
+        self._caster.place([(x, y) for x, y, _, _ in self.moving_states(after_s)])
         return self._caster
 
     def picture(
         self, camera: Camera, T_world_camera: Pose3, after_s: float = 0.0
     ) -> UInt8[np.ndarray, "h w 3"]:
-        """What an ideal camera sees now, or so long after now, red first; the renderer starts when first asked."""
+        """Image of an ideal camera, now or after a time, red first."""
         return self._placed_pictures(after_s).colour(camera, T_world_camera)
 
     def rendered_depth(self, camera: Camera, T_world_camera: Pose3) -> Float32[np.ndarray, "h w"]:
-        """The renderer's own depth along the axis, m: a check on its geometry, not a sensor."""
+        """Depth of the renderer along the optical axis, m: a check of its geometry, not a sensor."""
         return self._placed_pictures().depth(camera, T_world_camera)
 
     def _placed_pictures(self, after_s: float = 0.0) -> Pictures:
         if self._pictures is None:
             self._pictures = Pictures(self.scene, self.renderer)
-        self._pictures.place([(x, y) for x, y, _, _ in self.movers(after_s)])
+        self._pictures.place([(x, y) for x, y, _, _ in self.moving_states(after_s)])
         return self._pictures
 
     def close(self) -> None:
-        """Give the renderer back; a second time does nothing."""
+        """Close the renderer; a second call does nothing."""
         if self._pictures is not None:
             self._pictures.close()
             self._pictures = None
@@ -103,10 +98,5 @@ class World:
     def __enter__(self) -> World:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()

@@ -130,7 +130,7 @@ def fit(depth: Depth, floor: Plane, mask: Bool[np.ndarray, "h w"]) -> Cuboid | N
     mask = mask & np.isfinite(depth.z)
     if int(mask.sum()) < LEAST_PX:
         return None
-    T_body_camera = levelling.shadow(floor)
+    T_body_camera = levelling.camera_above_floor(floor)
     inside = T_body_camera.apply(organised(depth)[mask].astype(np.float64))
     outline, cut, pitch = _outline(depth, mask, T_body_camera)
     if len(outline) < LEAST_POINTS:
@@ -312,7 +312,7 @@ def _cuboid(
     lever = np.array([reach, reach, 1.0])
     sigma_floor = math.sqrt(max(float(np.sum(np.diag(floor.covariance) * lever**2)), 0.0))
     return Cuboid(
-        levelling.shadow(floor).inverse() @ T_body_box,
+        levelling.camera_above_floor(floor).inverse() @ T_body_box,
         float(size[long]),
         float(size[1 - long]),
         top[0],

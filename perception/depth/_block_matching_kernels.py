@@ -1,8 +1,7 @@
-"""Compiled loops of block matching: prefilter, box costs by running sums, winners, measures.
+"""Compiled loops of block matching: prefilter, block costs by running sums, best disparity, reliability costs.
 
-Everything that is done for each pixel and each disparity is a loop over one row of 16 bit numbers with one
-array that is written: LLVM makes vector instructions of those, and of no others. Signed 16 bits hold every
-block cost: a difference of at most 62 on up to 21 x 21 pixels makes 27342.
+Each loop over pixels and disparities runs along one row of 16-bit integers and writes one array: LLVM only
+vectorises such loops. Signed 16 bits hold every block cost: at most 62 on 9 x 9 pixels, 5022.
 """
 
 from __future__ import annotations
@@ -10,37 +9,40 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+RADIUS = 4  # px, of a block
+SIDE = 2 * RADIUS + 1  # ours: 9 px
 NEVER = np.int16(32767)  # cost of a disparity that leads out of the image
 
 
 @njit(cache=True)
-def prefilter(image: np.ndarray, limit: int, radius: int) -> np.ndarray:
-    """x-Sobel, cut off at +-limit and raised by it; the border is repeated outward by radius.
+def prefilter(image: np.ndarray, limit: int) -> np.ndarray:
+    """x-Sobel, clipped to +-limit, plus limit; border pixels are repeated outward.
 
     Args:
         image: (h, w) uint8.
+        limit: Largest gradient.
 
     Returns:
-        (h + 2 radius, w + 2 radius) uint8 in [0, 2 limit].
+        (h + 2 RADIUS, w + 2 RADIUS) uint8 in [0, 2 limit].
     """
     height, width = image.shape
-    out = np.empty((height + 2 * radius, width + 2 * radius), np.uint8)
+    out = np.empty((height + 2 * RADIUS, width + 2 * RADIUS), np.uint8)
     column = np.empty(width, np.int16)
     for y in range(height):
         above, here, below = image[max(y - 1, 0)], image[y], image[min(y + 1, height - 1)]
         for x in range(width):
             column[x] = above[x] + 2 * here[x] + below[x]
-        row = out[y + radius]
-        inner = row[radius + 1 : radius + width - 1]
+        row = out[y + RADIUS]
+        inner = row[RADIUS + 1 : RADIUS + width - 1]
         before, after = column[:-2], column[2:]
         for x in range(width - 2):
             slope: int = int(after[x]) - int(before[x])
             inner[x] = min(max(slope, -limit), limit) + limit
-        row[: radius + 1] = row[radius + 1]
-        row[radius + width - 1 :] = row[radius + width - 2]
-    for y in range(radius):
-        out[y] = out[radius]
-        out[height + radius + y] = out[height + radius - 1]
+        row[: RADIUS + 1] = row[RADIUS + 1]
+        row[RADIUS + width - 1 :] = row[RADIUS + width - 2]
+    for y in range(RADIUS):
+        out[y] = out[RADIUS]
+        out[height + RADIUS + y] = out[height + RADIUS - 1]
     return out
 
 
@@ -49,43 +51,40 @@ def match(
     left: np.ndarray,
     right: np.ndarray,
     disparities: int,
-    radius: int,
     given: bool,
     found: np.ndarray,
     costs: np.ndarray,
 ) -> None:
-    """Best disparity of every pixel by block costs, and what the cost volume says about it.
+    """Disparity of the lowest block cost of every pixel, and the costs that its reliability depends on.
 
     Args:
-        left, right: (h + 2 r, w + 2 r) uint8 from `prefilter`.
-        disparities: How many are searched, from 0 on; a multiple of 8, at most w.
-        radius: r, 4, 7 or 10: the block is 2 r + 1 on a side.
-        given: Whether `found` comes with disparities in [0, disparities) that are only to be judged.
-        found: (h, w) int16, receives the disparity of the least cost otherwise.
-        costs: (h, 5, w) int16, receives the costs at d - 1, d and d + 1, the least cost two or more away
-            from d, and the least cost at which the pixel of the right image finds any of the left one.
-            NEVER where there is none.
+        left, right: Gradients from `prefilter`, uint8.
+        disparities: Number of disparities searched, from 0; a multiple of 8, at most w.
+        given: True to evaluate the disparities in `found`, in [0, disparities), instead of searching.
+        found: (h, w) int16, best disparity d; written unless `given`.
+        costs: (h, 5, w) int16, written: cost at d - 1, d and d + 1, lowest cost two or more away from d,
+            and lowest cost of the matched pixel of the right image with any left pixel. NEVER where
+            undefined.
     """
     height, width = found.shape
-    padded = width + 2 * radius
-    side = 2 * radius + 1
+    padded = width + 2 * RADIUS
     sums = np.zeros((disparities, padded), np.int16)  # of each column of the block
     row = np.full((disparities, width + disparities), NEVER, np.int16)  # costs of one image row
     threes, back = np.empty(padded, np.int16), np.empty(width, np.int16)
     for d in range(disparities):
-        for k in range(side):
+        for k in range(SIDE):
             _add(sums[d, d:], left[k, d:], right[k])
     for y in range(height):
-        new, old = y + side - 1, y - 1
+        new, old = y + SIDE - 1, y - 1
         best = costs[y, 1]
         best[:] = NEVER
         back[:] = NEVER
-        for first in range(0, disparities, 8):  # what a bundle leaves in the cache is used at once
+        for first in range(0, disparities, 8):  # while the costs are in the cache
             for d in range(first, first + 8):
                 column = sums[d, d:]
                 if y > 0:
                     _roll(column, left[new, d:], right[new], left[old, d:], right[old])
-                _box(column, side, threes, row[d, d:width])
+                _box(column, threes, row[d, d:width])
             if not given:
                 _least(row, first, best)
             _least_back(row, first, back)
@@ -106,7 +105,7 @@ def _add(column: np.ndarray, left: np.ndarray, right: np.ndarray) -> None:
 def _roll(
     column: np.ndarray, left: np.ndarray, right: np.ndarray, left0: np.ndarray, right0: np.ndarray
 ) -> None:
-    """A new row of pixels comes into the block, an old one leaves it."""
+    """Add a new row of pixels to the column sums and remove the oldest one."""
     for i in range(column.size):
         a, b, a0, b0 = left[i], right[i], left0[i], right0[i]
         comes = a - b if a > b else b - a
@@ -115,28 +114,20 @@ def _roll(
 
 
 @njit(cache=True)
-def _box(column: np.ndarray, side: int, threes: np.ndarray, out: np.ndarray) -> None:
-    """Sums of 9, 15 or 21 neighbours, built from sums of three."""
+def _box(column: np.ndarray, threes: np.ndarray, out: np.ndarray) -> None:
+    """Sums of nine neighbours, built from sums of three."""
     n = out.size
     second, third = column[1:], column[2:]
-    for i in range(n + side - 3):
+    for i in range(n + SIDE - 3):
         threes[i] = column[i] + second[i] + third[i]
-    a, b, c, d, e = threes[3:], threes[6:], threes[9:], threes[12:], threes[15:]
-    if side == 9:
-        for i in range(n):
-            out[i] = threes[i] + a[i] + b[i]
-    elif side == 15:
-        for i in range(n):
-            out[i] = threes[i] + a[i] + b[i] + c[i] + d[i]
-    else:
-        f = threes[18:]
-        for i in range(n):
-            out[i] = threes[i] + a[i] + b[i] + c[i] + d[i] + e[i] + f[i]
+    a, b = threes[3:], threes[6:]
+    for i in range(n):
+        out[i] = threes[i] + a[i] + b[i]
 
 
 @njit(cache=True)
 def _least(row: np.ndarray, d: int, best: np.ndarray) -> None:
-    """Take eight disparities from d on into the least cost of each pixel of the left image."""
+    """Update the lowest cost of each left pixel with the eight disparities from d on."""
     n = best.size
     c0, c1, c2, c3 = row[d, d:n], row[d + 1, d:n], row[d + 2, d:n], row[d + 3, d:n]
     c4, c5, c6, c7 = row[d + 4, d:n], row[d + 5, d:n], row[d + 6, d:n], row[d + 7, d:n]
@@ -149,7 +140,7 @@ def _least(row: np.ndarray, d: int, best: np.ndarray) -> None:
 
 @njit(cache=True)
 def _least_back(row: np.ndarray, d: int, back: np.ndarray) -> None:
-    """The same for each pixel of the right image: along the diagonals of the row's costs."""
+    """The same for each right pixel, along the diagonals of the costs of the row."""
     n = back.size
     c0, c1, c2, c3 = row[d, d:], row[d + 1, d + 1 :], row[d + 2, d + 2 :], row[d + 3, d + 3 :]
     c4, c5, c6 = row[d + 4, d + 4 :], row[d + 5, d + 5 :], row[d + 6, d + 6 :]
@@ -162,7 +153,7 @@ def _least_back(row: np.ndarray, d: int, back: np.ndarray) -> None:
 
 @njit(cache=True)
 def _least_place(row: np.ndarray, best: np.ndarray, place: np.ndarray) -> None:
-    """The first disparity at which the least cost stands."""
+    """First disparity that has the lowest cost."""
     n = best.size
     place[:] = 0
     for d in range(row.shape[0] - 4, -1, -4):
@@ -179,7 +170,7 @@ def _least_place(row: np.ndarray, best: np.ndarray, place: np.ndarray) -> None:
 
 @njit(cache=True)
 def _rival(row: np.ndarray, place: np.ndarray, away: np.ndarray) -> None:
-    """The least cost at two or more from the best place."""
+    """Lowest cost at least two disparities away from the best one."""
     n = place.size
     away[:] = NEVER
     for d in range(0, row.shape[0], 4):
@@ -196,6 +187,7 @@ def _rival(row: np.ndarray, place: np.ndarray, away: np.ndarray) -> None:
 
 @njit(cache=True)
 def _gather(row: np.ndarray, place: np.ndarray, back: np.ndarray, costs: np.ndarray) -> None:
+    """Copy the costs about the best disparity of each pixel, and those of its match in the right image."""
     stride = row.shape[1]
     last, flat = (row.shape[0] - 1) * stride, row.ravel()
     lower, here, higher, mutual = costs[0], costs[1], costs[2], costs[4]

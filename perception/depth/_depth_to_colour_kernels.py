@@ -1,4 +1,4 @@
-"""Compiled loops that carry one camera's depth into another camera's image."""
+"""Compiled loops of the occlusion test between two cameras."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True)
 def nearest(pixels: np.ndarray, z: np.ndarray, height: int, width: int, cell: int) -> np.ndarray:
-    """Least z in every cell of the other image; infinity where nothing falls.
+    """Smallest z in every cell of the other image; infinity in empty cells.
 
     Args:
         pixels: (n, 2), u and v in the other image, px; NaN where a point is not in front of it.
@@ -30,9 +30,9 @@ def nearest(pixels: np.ndarray, z: np.ndarray, height: int, width: int, cell: in
 
 @njit(cache=True)
 def sampled(
-    pixels: np.ndarray, z: np.ndarray, rgb: np.ndarray, least: np.ndarray, cell: int, slack: float
+    pixels: np.ndarray, z: np.ndarray, rgb: np.ndarray, depths: np.ndarray, cell: int, slack: float
 ) -> np.ndarray:
-    """Colours (n, 3) of the points that nothing nearer hides from the other camera; black elsewhere."""
+    """Colours (n, 3) of the points visible to the other camera; black for occluded ones."""
     height, width = rgb.shape[:2]
     colours = np.zeros((len(z), 3), np.uint8)
     for i in range(len(z)):
@@ -40,7 +40,7 @@ def sampled(
         if not (-0.5 <= u < width - 0.5 and -0.5 <= v < height - 0.5):
             continue
         row, column = int(v + 0.5), int(u + 0.5)
-        if z[i] > least[row // cell, column // cell] + slack * z[i]:
+        if z[i] > depths[row // cell, column // cell] + slack * z[i]:
             continue
         for k in range(3):
             colours[i, k] = rgb[row, column, k]

@@ -52,11 +52,11 @@ def spread(z: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray, xyz: np.ndar
     for v in range(height):
         x, row, out = slope_x[v if rows_x > 1 else 0], z[v], flat[v]
         if columns_y > 1:
-            aside = slope_y[v]
+            slopes = slope_y[v]
             for u in range(width):
                 depth = row[u]
                 out[3 * u] = x[u] * depth
-                out[3 * u + 1] = aside[u] * depth
+                out[3 * u + 1] = slopes[u] * depth
                 out[3 * u + 2] = depth
         else:
             y = slope_y[v, 0]

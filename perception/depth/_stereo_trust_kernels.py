@@ -1,20 +1,31 @@
-"""Compiled loops behind the reliability of a disparity: sub-pixel fit, support by neighbours, the measure."""
+"""Compiled loops of stereo reliability: sub-pixel fit, agreement of neighbours, reliability and sigma."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from ._block_matching_kernels import NEVER
+from ._block_matching_kernels import NEVER, SIDE
 
-NOWHERE = np.int16(-8000)  # disparity of a pixel without one, in sixteenths: agrees with none
-NEAR_VOTES, FAR_VOTES = np.int16(3), np.int16(1)  # a depth step is nearer to the near ones
-REACH = 10  # px, of the farther neighbours that are asked
+NO_DISPARITY = np.int16(-8000)  # in sixteenths of a pixel; agrees with no neighbour
+NEAR_VOTES, FAR_VOTES = (
+    np.int16(3),
+    np.int16(1),
+)  # near neighbours are more often on the same surface
+REACH = 10  # px, to the farthest neighbours that vote
+LEAST_PX = np.float32(2.0)  # ours: below, a quarter of a pixel is an eighth of the depth
+SAME_PX = np.float32(1.0)  # ours: neighbours whose disparities differ by less agree
+FEW_VOTES = np.float32(96 * 0.30)  # ours: of 96 votes; reliability is 0 below
+FULL_VOTES = np.float32(96)  # ours: reliability is not reduced above
+SHARPNESS = np.float32(0.5)  # ours: s_0, grey levels; noise of 2 grey levels alone gives about 1
+RIVAL_SHARE = np.float32(0.30)  # ours: reliability left beside an equally good second minimum
+GREY_NOISE = np.float32(1.0)  # ours: cost per pixel added in ratios of small costs
+MOST_SIGMA_PX = np.float32(1.0)  # ours
 
 
 @njit(cache=True, error_model="numpy")
-def between(found: np.ndarray, costs: np.ndarray) -> np.ndarray:
-    """Sub-pixel disparity, float32, by a V through the three costs about each best one."""
+def sub_pixel(found: np.ndarray, costs: np.ndarray) -> np.ndarray:
+    """Sub-pixel disparity (h, w) float32, by a V through the three lowest costs of each pixel."""
     height, width = found.shape
     out = np.empty((height, width), np.float32)
     for y in range(height):
@@ -30,15 +41,16 @@ def between(found: np.ndarray, costs: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def support(disparity: np.ndarray, least: np.float32, tolerance: np.float32) -> np.ndarray:
-    """Votes of 48 neighbours that have the same disparity: 24 within 4 px, three votes each, 24 within 10.
+def support(disparity: np.ndarray) -> np.ndarray:
+    """Votes of 48 neighbours that agree with a pixel: 24 within 4 px with three votes each, 24 within 10 px.
+
+    Neighbours agree if their disparities differ by at most `SAME_PX`, the far ones by 1.5 times as much.
 
     Args:
-        disparity: (h, w) float32; NaN, below `least`, or beyond the left border: none.
-        tolerance: Difference that counts as the same, px; 1.5 times as much for those farther away.
+        disparity: (h, w) float32; NaN, below `LEAST_PX`, or beyond the left border: no disparity.
 
     Returns:
-        (h, w) int16 in [0, 96]; outside the image the nearest pixel of it is asked.
+        (h, w) int16 in [0, 96]; border pixels stand for neighbours outside the image.
     """
     height, width = disparity.shape
     sixteenths = np.empty((height + 2 * REACH, width + 2 * REACH), np.int16)
@@ -47,18 +59,18 @@ def support(disparity: np.ndarray, least: np.float32, tolerance: np.float32) -> 
         inner = target[REACH:]
         for x in range(width):
             d = source[x]
-            ok = d >= least and d <= x
-            inner[x] = np.int16(np.float32(16.0) * d) if ok else NOWHERE
+            ok = d >= LEAST_PX and d <= x
+            inner[x] = np.int16(np.float32(16.0) * d) if ok else NO_DISPARITY
         target[:REACH] = target[REACH]
         target[REACH + width :] = target[REACH + width - 1]
     for y in range(REACH):
         sixteenths[y] = sixteenths[REACH]
         sixteenths[REACH + height + y] = sixteenths[REACH + height - 1]
     votes = np.empty((height, width), np.int16)
-    near, far = np.int16(16.0 * tolerance), np.int16(24.0 * tolerance)
+    near, far = np.int16(16.0 * SAME_PX), np.int16(24.0 * SAME_PX)
     for y in range(height):
         middle, count = sixteenths[y + REACH, REACH:], votes[y]
-        count[:] = -NEAR_VOTES - FAR_VOTES  # each pixel votes for itself twice
+        count[:] = -NEAR_VOTES - FAR_VOTES  # each pixel also votes for itself, near and far
         for i in range(-2, 3):
             _vote(sixteenths[y + REACH + 2 * i], 2, middle, near, NEAR_VOTES, count)
             _vote(sixteenths[y + REACH + 5 * i], 5, middle, far, FAR_VOTES, count)
@@ -74,7 +86,7 @@ def _vote(
     weight: np.int16,
     count: np.ndarray,
 ) -> None:
-    """Five neighbours in one row, `step` apart, their middle one in the column of the pixel."""
+    """Votes of five neighbours in one row, `step` apart, centred on the column of the pixel."""
     a, b, c = row[REACH - 2 * step :], row[REACH - step :], row[REACH:]
     d, e = row[REACH + step :], row[REACH + 2 * step :]
     none = np.int16(0)
@@ -93,40 +105,44 @@ def trust(
     disparity: np.ndarray,
     costs: np.ndarray,
     votes: np.ndarray,
-    area: int,
-    least: np.float32,
-    shape: np.ndarray,
+    uniqueness: np.float32,
+    sigma_px: np.float32,
+    sigma_per_blur: np.float32,
     reliability: np.ndarray,
     sigma: np.ndarray,
 ) -> None:
-    """Reliability in [0, 1] and deviation in px of every disparity; where there is none, 0 and NaN.
+    """Reliability in [0, 1] and standard deviation of every disparity, px; 0 and NaN where there is none.
 
     Args:
-        disparity: (h, w) float32, set to NaN where there is none.
-        costs: (h, 5, w) int16 from `match`; votes: (h, w) int16 from `support`.
-        area: Pixels of a block.
-        shape: float32: fewest and enough votes, enough sharpness, enough distance of the rival, share of
-            the reliability that a close rival leaves, cost of noise, deviations at best, per blur, at most.
+        disparity: (h, w) float32, set to NaN where invalid.
+        costs: (h, 5, w) int16 from `match`.
+        votes: (h, w) int16 from `support`.
+        uniqueness: u_0, relative distance of the second-best cost from which a match is unique.
+        sigma_px: Standard deviation of a perfect match.
+        sigma_per_blur: Additional standard deviation per ratio of remaining cost to slope.
+        reliability, sigma: (h, w) float32, written.
     """
-    noise, best, blur, most = shape[5], shape[6], shape[7], shape[8]
     height, width = disparity.shape
-    per_pixel = np.float32(1.0 / area)
+    per_pixel = np.float32(1.0 / (SIDE * SIDE))
     columns = np.arange(width).astype(np.float32)
     for y in range(height):
         lower, here, higher = costs[y, 0], costs[y, 1], costs[y, 2]
-        _clarity(lower, here, higher, costs[y, 3], costs[y, 4], per_pixel, shape, reliability[y])
-        _agreement(votes[y], disparity[y], columns, shape[0], shape[1], least, reliability[y])
-        spread, place = sigma[y], disparity[y]
+        _clarity(
+            lower, here, higher, costs[y, 3], costs[y, 4], per_pixel, uniqueness, reliability[y]
+        )
+        _agreement(votes[y], disparity[y], columns, reliability[y])
+        spread, found = sigma[y], disparity[y]
         for x in range(width):
             cost = np.float32(here[x]) * per_pixel
             ends = (np.float32(lower[x]) + np.float32(higher[x])) * per_pixel
             valley = max(np.float32(0.5) * ends - cost, np.float32(0.01))
-            spread[x] = min(best + blur * (cost + noise) / valley, most)
+            blur = sigma_per_blur * (cost + GREY_NOISE) / valley
+            spread[x] = min(sigma_px + blur, MOST_SIGMA_PX)
         for x in range(width):
-            there = (place[x] >= least) & (place[x] <= columns[x])
-            place[x] = place[x] if there else np.float32(np.nan)
+            valid = (found[x] >= LEAST_PX) & (found[x] <= columns[x])
+            found[x] = found[x] if valid else np.float32(np.nan)
         for x in range(width):
-            spread[x] = spread[x] + np.float32(0.0) * place[x]  # NaN where there is none
+            spread[x] = spread[x] + np.float32(0.0) * found[x]  # NaN where there is none
 
 
 @njit(cache=True, error_model="numpy")
@@ -137,36 +153,30 @@ def _clarity(
     rival: np.ndarray,
     mutual: np.ndarray,
     per_pixel: np.float32,
-    shape: np.ndarray,
-    belief: np.ndarray,
+    uniqueness: np.float32,
+    reliability: np.ndarray,
 ) -> None:
-    """Texture, distance of the rival, and whether the other image agrees: from the costs alone."""
-    sharp, apart, kept, noise = shape[2], shape[3], shape[4], shape[5]
+    """Reliability of one row by its costs: texture, distance of the second minimum, left-right agreement."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    for x in range(belief.size):
+    for x in range(reliability.size):
         cost = np.float32(here[x]) * per_pixel
         valley = np.float32(0.5) * (np.float32(lower[x]) + np.float32(higher[x])) * per_pixel - cost
-        floor = cost + noise
-        clear = (np.float32(rival[x]) * per_pixel - cost) / (floor * apart)
-        shared = min(max((np.float32(mutual[x]) * per_pixel + noise) / floor, zero), one)
-        texture = min(max(valley / sharp, zero), one)
-        clear = kept + (one - kept) * min(max(clear, zero), one)
-        belief[x] = texture * clear * shared * shared
+        floor = cost + GREY_NOISE
+        clear = (np.float32(rival[x]) * per_pixel - cost) / (floor * uniqueness)
+        shared = min(max((np.float32(mutual[x]) * per_pixel + GREY_NOISE) / floor, zero), one)
+        texture = min(max(valley / SHARPNESS, zero), one)
+        clear = RIVAL_SHARE + (one - RIVAL_SHARE) * min(max(clear, zero), one)
+        reliability[x] = texture * clear * shared * shared
 
 
 @njit(cache=True, error_model="numpy")
 def _agreement(
-    votes: np.ndarray,
-    place: np.ndarray,
-    columns: np.ndarray,
-    few: np.float32,
-    enough: np.float32,
-    least: np.float32,
-    belief: np.ndarray,
+    votes: np.ndarray, disparity: np.ndarray, columns: np.ndarray, reliability: np.ndarray
 ) -> None:
+    """Reduce the reliability of one row where few neighbours agree; 0 where there is no disparity."""
     zero, one = np.float32(0.0), np.float32(1.0)
-    scale = one / (enough - few)
-    for x in range(belief.size):
-        agree = min(max((np.float32(votes[x]) - few) * scale, zero), one)
-        is_there = (place[x] >= least) & (place[x] <= columns[x])
-        belief[x] = belief[x] * agree * agree if is_there else zero
+    scale = one / (FULL_VOTES - FEW_VOTES)
+    for x in range(reliability.size):
+        agree = min(max((np.float32(votes[x]) - FEW_VOTES) * scale, zero), one)
+        valid = (disparity[x] >= LEAST_PX) & (disparity[x] <= columns[x])
+        reliability[x] = reliability[x] * agree * agree if valid else zero

@@ -1,11 +1,12 @@
-"""Block matching with its costs in the open.
+"""Block matching that returns the costs its reliability is computed from.
 
-Both images become horizontal gradients, cut off, so that lighting does not matter. For every disparity the
-absolute differences are summed over a square block; the least sum wins, and a V through it and its two
-neighbours gives the part of a pixel. What the sums say beside the winner is kept: the walls of the valley,
-the deepest other valley, and how well the matched pixel of the right image could do elsewhere.
+Both images become clipped horizontal gradients, which do not depend on lighting. For every disparity the
+absolute differences are summed over a block of 9 x 9 pixels; the lowest sum wins, and a V through it and its
+two neighbours gives the sub-pixel part. Kept besides: the costs next to the minimum, the lowest cost at any
+other disparity, and the lowest cost of the matched pixel of the right image.
 
-Source: seed 003, section 3 (block cost, second best); Konolige 1997 (gradients, left-right check).
+Source: seed 003, section 3 (block cost, second best); Konolige 1997 (gradients, left-right
+check).
 """
 
 from __future__ import annotations
@@ -19,20 +20,18 @@ from ..primitives.errors import ConfigError
 from . import _block_matching_kernels as kernels
 from . import _stereo_trust_kernels as trust_kernels
 
-GRADIENT_LIMIT = 31  # OpenCV's: x-Sobel is cut off there
-SIDES = (9, 15, 21)  # px, of a block: multiples of three, summed from sums of three
-LANES = 8  # disparities are searched in bundles of so many
+GRADIENT_LIMIT = 31  # OpenCV: the x-Sobel is clipped there
+LANES = 8  # disparities searched together
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """What block costs say of a disparity for every pixel.
+    """Disparity and block costs of every pixel.
 
     Args:
-        disparity_px: Sub-pixel; where nothing fits as well as anywhere.
-        costs: At the whole disparity d below it or nearest to it: sums over the block at d - 1, d, d + 1,
-            the least two or more away from d, and the least that the pixel matched in the right image
-            finds anywhere in the left one. 32767 where there is none.
+        disparity_px: Sub-pixel; every pixel has one, reliable or not.
+        costs: With d the integer disparity: block cost at d - 1, d and d + 1, lowest cost two or more away
+            from d, lowest cost of the matched right pixel with any left pixel. 32767 where undefined.
     """
 
     disparity_px: Float32[np.ndarray, "h w"]
@@ -43,32 +42,27 @@ def match(
     left: UInt8[np.ndarray, "h w"],
     right: UInt8[np.ndarray, "h w"],
     disparities: int,
-    block_px: int = 9,
     given: Float32[np.ndarray, "h w"] | None = None,
 ) -> Matches:
-    """Disparity of every pixel of the left image, or the costs of a disparity found otherwise.
+    """Disparity of every pixel of the left image, or the costs of given disparities.
 
     Args:
         left, right: Grey images of one size, rectified.
-        disparities: How many are searched, from 0 on; raised to a multiple of eight.
-        block_px: Side of the block: 9, 15 or 21.
-        given: Disparities to be judged instead of searched, px; NaN and what lies outside the search are
-            judged at its nearest end.
+        disparities: Number of disparities searched, from 0; rounded up to a multiple of eight.
+        given: Disparities to evaluate instead of searching, px; clipped to the search range, NaN counts
+            as 0.
 
     Raises:
-        ConfigError: For another side, or no disparity to search.
+        ConfigError: There is no disparity to search, or the images are too narrow.
 
     Source: seed 003, section 3.
     """
-    if block_px not in SIDES:
-        raise ConfigError(f"block matching: block_px={block_px} must be one of {SIDES}")
     if disparities < 1:
         raise ConfigError(f"block matching: disparities={disparities} must be at least 1")
     height, width = left.shape
     count = min(-(-disparities // LANES) * LANES, width // LANES * LANES)
     if count < LANES:
         raise ConfigError(f"block matching: images {width} px wide are too small; at least {LANES}")
-    radius = block_px // 2
     costs = np.empty((height, 5, width), np.int16)
     if given is None:
         found = np.empty((height, width), np.int16)
@@ -76,12 +70,11 @@ def match(
         rounded = np.rint(np.nan_to_num(given, nan=0.0))
         found = np.clip(rounded, 0, np.minimum(count - 1, np.arange(width))).astype(np.int16)
     kernels.match(
-        kernels.prefilter(left, GRADIENT_LIMIT, radius),
-        kernels.prefilter(right, GRADIENT_LIMIT, radius),
+        kernels.prefilter(left, GRADIENT_LIMIT),
+        kernels.prefilter(right, GRADIENT_LIMIT),
         count,
-        radius,
         given is not None,
         found,
         costs,
     )
-    return Matches(trust_kernels.between(found, costs) if given is None else given, costs)
+    return Matches(trust_kernels.sub_pixel(found, costs) if given is None else given, costs)

@@ -1,9 +1,9 @@
-"""Depth and colour of two cameras made one: colours laid onto the depth image, depth onto the colour image.
+"""Registration of a colour image to a depth image of another camera.
 
-The two cameras stand beside each other, so that one sees what is hidden from the other. What something
-nearer hides gets no colour, and where several points fall on one pixel the nearest is taken.
+The two cameras see the scene from different places, so points visible to one may be occluded for the other;
+occluded points get no colour.
 
-Source: ours; the use is that of unregistered RGB-D recordings.
+Source: ours, for RGB-D recordings that are not registered.
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ..primitives.camera import Camera
-from ..primitives.errors import InputError
 from ..primitives.pose import Pose3
 from . import _depth_to_colour_kernels as kernels
 
 CELL_PX = 4
-"""Edge of the cells in which a nearer thing hides what lies behind: depth images are the coarser ones."""
+"""Cell size of the occlusion test, px of the colour image; depth images are coarser."""
 
 SLACK = 0.05
-"""Share of the depth by which a point may lie behind the nearest of its cell: a slanted face is no cover."""
+"""A point this share of its depth behind the nearest one of its cell is still visible: slanted surfaces."""
 
 
 def colours_of_depth(
@@ -37,47 +36,24 @@ def colours_of_depth(
         camera: Of the depth image.
         rgb: Colour image.
         colour_camera: Its camera.
-        T_colour_depth: Depth camera in the colour camera.
+        T_colour_depth: Pose of the depth camera in the colour camera.
 
     Raises:
         InputError: An image does not fit its camera.
     """
-    _check("depth", depth, camera)
-    _check("colour", rgb, colour_camera)
-    where, pixels, z = _carried(depth, camera, colour_camera, T_colour_depth)
-    least = kernels.nearest(pixels, z, colour_camera.height, colour_camera.width, CELL_PX)
-    laid = np.zeros((camera.height * camera.width, 3), np.uint8)
-    laid[where] = kernels.sampled(pixels, z, rgb, least, CELL_PX, SLACK)
-    return laid.reshape(camera.height, camera.width, 3)
+    camera.check_image("depth", depth)
+    colour_camera.check_image("colour", rgb)
+    where, pixels, z = _projected(depth, camera, colour_camera, T_colour_depth)
+    nearest = kernels.nearest(pixels, z, colour_camera.height, colour_camera.width, CELL_PX)
+    colours = np.zeros((camera.height * camera.width, 3), np.uint8)
+    colours[where] = kernels.sampled(pixels, z, rgb, nearest, CELL_PX, SLACK)
+    return colours.reshape(camera.height, camera.width, 3)
 
 
-def depth_on_colour(
-    depth: Float32[np.ndarray, "h w"],
-    camera: Camera,
-    colour_camera: Camera,
-    T_colour_depth: Pose3,
-) -> Float32[np.ndarray, "a b"]:
-    """Depth as the colour camera would measure it, m; NaN where no depth pixel falls.
-
-    Args:
-        depth: m, NaN where there is none.
-        camera: Of the depth image.
-        colour_camera: Of the image that is wanted.
-        T_colour_depth: Depth camera in the colour camera.
-
-    Raises:
-        InputError: The depth image does not fit its camera.
-    """
-    _check("depth", depth, camera)
-    _, pixels, z = _carried(depth, camera, colour_camera, T_colour_depth)
-    least = kernels.nearest(pixels, z, colour_camera.height, colour_camera.width, 1)
-    return np.where(np.isfinite(least), least, np.nan).astype(np.float32)
-
-
-def _carried(
+def _projected(
     depth: np.ndarray, camera: Camera, colour_camera: Camera, T_colour_depth: Pose3
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Flat index of the pixels with depth, and where (px) and how deep (m) the other camera has them."""
+    """Flat index of each pixel with depth; its pixel (u, v) and depth, m, in the colour camera."""
     flat = depth.ravel()
     with np.errstate(invalid="ignore"):
         where = np.flatnonzero(flat > 0.0)
@@ -88,11 +64,3 @@ def _carried(
     down = y[rows, columns if y.shape[1] > 1 else 0] * z
     points = T_colour_depth.apply(np.stack([along, down, z], axis=-1))
     return where, colour_camera.project(points), points[:, 2]
-
-
-def _check(what: str, image: np.ndarray, camera: Camera) -> None:
-    if image.shape[:2] != (camera.height, camera.width):
-        raise InputError(
-            f"{what} image is {image.shape[:2]}; its camera says {(camera.height, camera.width)} (rows, "
-            "columns); check the intrinsics"
-        )

@@ -1,19 +1,24 @@
-"""Which part of a depth image is used."""
+"""The range of depths that is used, for each kind of depth sensor."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from ..primitives.errors import ConfigError
+from ..primitives.settings import setting
 
 
 @dataclass(frozen=True)
 class ReachConfig:
-    """Which part of a depth image is believed."""
+    """The part of a depth image that is used."""
 
-    nearest_m: float = 0.15
-    farthest_m: float = 3.0
-    stride: int = 1  # 2 takes every second row and column
+    nearest_m: float = setting(
+        0.15, "m", "depth below which pixels are ignored", "ours: limits of each sensor"
+    )
+    farthest_m: float = setting(
+        3.0, "m", "depth beyond which pixels are ignored", "ours: limits of each sensor"
+    )
+    stride: int = 1  # 2: every second row and column
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.nearest_m < self.farthest_m:
@@ -27,10 +32,8 @@ class ReachConfig:
 
 @dataclass(frozen=True)
 class ReachesConfig:
-    """The reach of each kind of depth sensor."""
+    """The range of depths used from each kind of sensor."""
 
-    tof: ReachConfig = ReachConfig(0.15, 3.0, 1)  # seed 004: 5 m wrap, noise 20 mm at 3 m
-    stereo: ReachConfig = ReachConfig(
-        0.20, 2.0, 2
-    )  # seed 003: floor to 3 m; beyond 2 m TOF is better
-    depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect kind: steps of centimetres beyond 4 m
+    tof: ReachConfig = ReachConfig(0.15, 3.0, 1)  # seed 004: 5 m ambiguity, noise 20 mm at 3 m
+    stereo: ReachConfig = ReachConfig(0.20, 2.0, 2)  # seed 003: to 3 m; beyond 2 m TOF is better
+    depth: ReachConfig = ReachConfig(0.30, 4.0, 2)  # Kinect: quantised to centimetres beyond 4 m

@@ -1,9 +1,9 @@
-"""Raw stereo pairs to rectified ones: lens distortion undone, both images turned into one plane.
+"""Rectification of raw stereo pairs: removes lens distortion and aligns both image planes.
 
-After it a point stands in the same row of both images, and the disparity alone tells its depth. The maps
-are made once per pair of cameras; a frame costs two look-ups.
+A point then lies in the same row of both images, and its disparity alone gives its depth. The maps are
+computed once per pair of cameras; a frame takes two look-ups.
 
-Source: Bouguet's rectification as OpenCV has it; seed 003, section 2 (input is rectified).
+Source: Bouguet's rectification, by OpenCV; seed 003, section 2 (input is rectified).
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from ..primitives.errors import InputError
 from ..primitives.frame import StereoView
 from ..primitives.pose import Pose3
 
-MOST_TURN_DEG = 30.0  # between the two axes; more is no pair for matching along rows
+MOST_TURN_DEG = 30.0  # between the two optical axes, for matching along rows
 Maps = tuple[Int16[np.ndarray, "h w 2"], UInt16[np.ndarray, "h w"]]
 
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """What turns raw pairs of one rig into rectified ones.
+    """Maps from the raw images of one stereo rig to rectified ones.
 
     Args:
         camera: The rectified left camera; the right one has the same intrinsics.
         baseline_m: From the left to the right centre of projection.
-        T_left_rectified: The rectified left camera in the raw left one: a turn about its centre.
-        left_maps, right_maps: Where each rectified pixel comes from, in OpenCV's fixed point form.
+        T_left_rectified: The rectified left camera in the raw left one: a rotation about its centre.
+        left_maps, right_maps: Raw position of each rectified pixel, in OpenCV's fixed-point form.
     """
 
     camera: Camera
@@ -55,30 +55,29 @@ class Rectification:
             T_body_left: The raw left camera on the body, if it is on one.
 
         Raises:
-            InputError: An image has not the size of its calibration.
+            InputError: An image does not have the size of the calibration.
         """
         size = (self.camera.height, self.camera.width)
         for name, image in (("left", left), ("right", right)):
             if image.shape != size:
                 raise InputError(
-                    f"rectification: the {name} image is {image.shape}, its calibration says {size} "
-                    "(rows, columns); take the calibration of this camera at this resolution"
+                    f"rectification: the {name} image is {image.shape}, its calibration has {size} "
+                    "(rows, columns); use the calibration of this camera at this resolution"
                 )
-        a, b = (
+        rectified = (
             cv2.remap(image, *maps, cv2.INTER_LINEAR)
             for image, maps in ((left, self.left_maps), (right, self.right_maps))
         )
+        a, b = (np.asarray(image, np.uint8) for image in rectified)
         on_body = None if T_body_left is None else T_body_left @ self.T_left_rectified
-        return StereoView(
-            np.asarray(a, np.uint8), np.asarray(b, np.uint8), self.baseline_m, self.camera, on_body
-        )
+        return StereoView(a, b, self.baseline_m, self.camera, on_body)
 
 
-def straightened(view: StereoView) -> StereoView:
-    """A rectified pair: itself, or by the distortion that its camera states, of two parallel, equal lenses.
+def rectified(view: StereoView) -> StereoView:
+    """The pair without lens distortion; both cameras are parallel and have the same intrinsics.
 
     Raises:
-        InputError: As `rectification`, or an image has not the size that the camera states.
+        InputError: As `rectification`, or an image does not fit its camera.
     """
     if not view.camera.is_distorted:
         return view
@@ -90,7 +89,7 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
 
     Args:
         left, right: Raw cameras with their distortion, of one size.
-        T_left_right: The right camera in the left one, m; to its right, looking much the same way.
+        T_left_right: Pose of the right camera in the left one; to its right, nearly parallel.
 
     Raises:
         InputError: Sizes differ, or the right camera is not to the right of the left one.
@@ -98,25 +97,25 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
     if (left.width, left.height) != (right.width, right.height):
         raise InputError(
             f"rectification: left images are {left.width}x{left.height} px, right ones "
-            f"{right.width}x{right.height}; both must have one size"
+            f"{right.width}x{right.height}; both must have the same size"
         )
     x, y, z = T_left_right.translation
     if not x > abs(y) + abs(z):
         raise InputError(
             f"rectification: the right camera is at ({x:.3f}, {y:.3f}, {z:.3f}) m of the left one; it "
-            "must be to its right (+x), check the order of the cameras and the sense of the extrinsics"
+            "must be to its right (+x), check the order of the cameras and the direction of the extrinsics"
         )
     cosine = (float(np.trace(T_left_right.rotation)) - 1.0) / 2.0
     turn = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
     if turn > MOST_TURN_DEG:
         raise InputError(
-            f"rectification: the cameras are turned by {turn:.0f} deg against each other; at most "
-            f"{MOST_TURN_DEG:.0f} deg were expected, check the sense of the extrinsics"
+            f"rectification: the optical axes are {turn:.0f} deg apart; expected at most "
+            f"{MOST_TURN_DEG:.0f} deg, check the direction of the extrinsics"
         )
     T_right_left = T_left_right.inverse()
     size = (left.width, left.height)
     lenses = [np.array(camera.distortion) for camera in (left, right)]
-    turn_left, turn_right, ahead, beside = cv2.stereoRectify(
+    turn_left, turn_right, first, second = cv2.stereoRectify(
         left.matrix,
         lenses[0],
         right.matrix,
@@ -125,18 +124,18 @@ def rectification(left: Camera, right: Camera, T_left_right: Pose3) -> Rectifica
         T_right_left.rotation,
         T_right_left.position[:, None],
         flags=cv2.CALIB_ZERO_DISPARITY,
-        alpha=0.0,  # no pixel without an image
+        alpha=0.0,  # only pixels that both raw images cover
     )[:4]
-    fx, fy, cx, cy = (float(ahead[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    fx, fy, cx, cy = (float(first[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
     maps = [
         cv2.initUndistortRectifyMap(raw.matrix, lens, turned, P[:, :3], size, cv2.CV_16SC2)
         for raw, lens, turned, P in zip(
-            (left, right), lenses, (turn_left, turn_right), (ahead, beside), strict=True
+            (left, right), lenses, (turn_left, turn_right), (first, second), strict=True
         )
     ]
     return Rectification(
         Camera(left.width, left.height, fx, fy, cx, cy),
-        float(-beside[0, 3] / beside[0, 0]),
+        float(-second[0, 3] / second[0, 0]),
         Pose3.from_rotation(np.asarray(turn_left.T), np.zeros(3)),
         maps[0],
         maps[1],

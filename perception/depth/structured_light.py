@@ -1,7 +1,7 @@
-"""Structured light (RGB-D cameras of the Kinect kind): depth with its noise.
+"""Structured light (RGB-D cameras such as the Kinect): depth with its noise.
 
-The pattern is triangulated, so the deviation grows with the square of depth, and so do the steps in
-which depth is given; both are in the one model.
+The camera triangulates a pattern, so both the noise and the quantisation of depth grow with its square; one
+model covers the two.
 
 Source: Nguyen, Izadi, Lovell 2012, axial noise: 1.2 mm + 1.9 mm (z - 0.4)^2.
 """
@@ -13,17 +13,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..primitives.errors import ConfigError, InputError
+from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, DepthView
+from ..primitives.settings import setting
 
 
 @dataclass(frozen=True)
 class StructuredLightConfig:
-    """Deviation of depth: floor + growth (z - start)^2, m."""
+    """Standard deviation of depth: floor + growth (z - start)^2, m."""
 
-    floor_m: float = 0.0012  # Nguyen 2012
-    growth_per_m: float = 0.0019  # Nguyen 2012
-    start_m: float = 0.4  # Nguyen 2012
+    floor_m: float = setting(0.0012, "m", "depth noise at start_m", "Nguyen 2012")
+    growth_per_m: float = setting(
+        0.0019, "1/m", "growth of depth noise with (z - start_m)^2", "Nguyen 2012"
+    )
+    start_m: float = setting(0.4, "m", "depth at which the noise is lowest", "Nguyen 2012")
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.floor_m) and self.floor_m > 0.0):
@@ -39,11 +42,11 @@ class StructuredLightConfig:
 
 
 def depth(view: DepthView, config: StructuredLightConfig | None = None) -> Depth:
-    """Depth with its deviation.
+    """Depth with its standard deviation.
 
     Args:
-        view: Depth along the optical axis, m; NaN, zero, negative and infinite mean none.
-        config: Noise of the sensor.
+        view: Depth along the optical axis, m; NaN, zero, negative and infinite values mean no depth.
+        config: Noise model.
 
     Raises:
         InputError: The image does not fit its camera.
@@ -51,12 +54,7 @@ def depth(view: DepthView, config: StructuredLightConfig | None = None) -> Depth
     Source: Nguyen, Izadi, Lovell 2012.
     """
     config = config or StructuredLightConfig()
-    expected = (view.camera.height, view.camera.width)
-    if view.depth.shape != expected:
-        raise InputError(
-            f"depth image is {view.depth.shape}, its camera says {expected} (rows, columns); "
-            "check the intrinsics"
-        )
+    view.camera.check_image("depth", view.depth)
     with np.errstate(invalid="ignore"):
         z = np.where((view.depth > 0.0) & np.isfinite(view.depth), view.depth, np.float32(np.nan))
     beyond = z - np.float32(config.start_m)

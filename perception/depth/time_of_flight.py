@@ -1,103 +1,100 @@
-"""Time of flight: range along the ray to depth, with a noise model, without flying pixels and false near things.
+"""Time of flight: range along the ray to depth, with a noise model and rejection of false pixels.
 
-A pixel at the rim of a thing receives light from before and behind it and reports a range in between,
-where there is nothing. Such a pixel lies between two opposite neighbours that are far apart, and off both.
-A surface seen at a grazing angle looks alike, so the jump must be steeper than any floor that matters.
+A pixel on an object's edge mixes light from the object and from behind it and reports a range in between, where
+there is no surface. Such a flying pixel lies between two opposite neighbours that are far apart, and away
+from both. A surface at grazing incidence looks similar, so the jump must exceed that of any usable floor.
 
-Source: seed 004, section 4 (SR-4000: 4 mm at 1.3 m); the amplitude law and the rejection are ours.
+Source: Kang et al. 2013 (seed 004), section 4 (SR-4000: 4 mm at 1.3 m); amplitude law and rejection ours.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float32
 
 from ..primitives.camera import Camera
-from ..primitives.errors import ConfigError, InputError
+from ..primitives.errors import ConfigError
 from ..primitives.frame import Depth, RangeView
-from .phase_unwrapping import WrapConfig, wrapped
+from ..primitives.settings import setting
+from .phase_unwrapping import wrapped
+
+SIGMA_AT_M = 1.3  # range at which `sigma_m` holds: the published SR-4000 test
+LEAST_AMPLITUDE = 0.03  # ours: a weaker return has no range; share of white_amplitude
+GRAZE_DEG = (
+    3.0  # ours: steeper jumps are edges; a 0.4 m high camera sees the floor at 3 m under 7.6 deg
+)
+OFF_SIGMAS = 3.0  # ours: distance of a flying pixel from both of its neighbours
 
 
 @dataclass(frozen=True)
 class TofConfig:
-    """Noise of the sensor, and what is thrown away."""
+    """Noise and calibration of the sensor."""
 
-    sigma_at_m: float = 1.3  # published SR-4000 test: 4 mm at 1.3 m, growing with range squared
-    sigma_m: float = 0.004  # published SR-4000 test
-    fixed_m: float = (
-        0.005  # fixed pattern 3 mm, timing 2.5 mm, rest of the wiggling: independent of range
+    sigma_m: float = setting(
+        0.004, "m", "range noise of a white target at 1.3 m", "published SR-4000 test"
     )
-    white_amplitude: float = (
-        1.0  # amplitude of a white target 2 m straight ahead; unit of the camera
+    fixed_m: float = setting(
+        0.005,
+        "m",
+        "range error that does not depend on range",
+        "SR-4000: pattern 3 mm, timing 2.5 mm, residual harmonics",
     )
-    least_amplitude: float = 0.03  # ours: below it a range is noise; in parts of white_amplitude
-    wiggle_m: float = 0.0  # calibrated amplitude of the fourth harmonic, e.g. 0.004; 0 leaves it in
-    stray_share: float = (
-        0.0  # calibrated share of all light that is scattered in the lens, e.g. 0.02
+    white_amplitude: float = setting(
+        1.0, "camera units", "amplitude of a white target 2 m straight ahead", "ours: normalised"
     )
-    stray_px: float = 25.0  # calibrated width of the scattering
-    wrap_m: float = 4.997  # c / 2f at 30 MHz: ranges repeat
-    wrap: WrapConfig = field(default_factory=WrapConfig)
-    graze_deg: float = 3.0  # ours: a 0.4 m high camera sees the floor at 3 m under 7.6 deg
-    off_sigmas: float = 3.0  # ours: a flying pixel is this far off both of its neighbours
+    wiggle_m: float = setting(
+        0.0, "m", "calibrated amplitude of the fourth harmonic, removed from range", "calibration"
+    )
+    stray_share: float = setting(
+        0.0, "", "calibrated share of light scattered in the lens, removed", "calibration"
+    )
+    stray_px: float = setting(25.0, "px", "calibrated width of the scattering", "calibration")
+    wrap_m: float = setting(4.997, "m", "ambiguity interval of range", "c / 2f at 30 MHz")
 
     def __post_init__(self) -> None:
-        for name in (
-            "sigma_at_m",
-            "sigma_m",
-            "white_amplitude",
-            "wrap_m",
-            "off_sigmas",
-            "stray_px",
-        ):
+        for name in ("sigma_m", "white_amplitude", "wrap_m", "stray_px"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"tof: {name}={value} must be positive and finite")
-        for name in ("fixed_m", "least_amplitude", "wiggle_m", "stray_share"):
+        for name in ("fixed_m", "wiggle_m", "stray_share"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"tof: {name}={value} must not be negative, and finite")
-        if not 0.0 < self.graze_deg < 45.0:
-            raise ConfigError(f"tof: graze_deg={self.graze_deg} must lie between 0 and 45")
 
 
 def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
-    """Depth along the optical axis with its deviation.
+    """Depth along the optical axis with its standard deviation.
 
     Args:
-        view: Range along the ray, m (NaN, not positive: none), and the amplitude of the return.
-        config: Noise of the sensor.
+        view: Range along the ray, m (NaN or not positive: none), and the amplitude of the return.
+        config: Noise and calibration of the sensor.
 
     Returns:
-        Depth; NaN where there is no range, the return is too weak, the range is one wrap short, or the pixel
-        is a flying one.
+        Depth; NaN where there is no range, the return is too weak, the range is wrapped, or the pixel is a
+        flying pixel.
 
     Raises:
         InputError: An image does not fit its camera.
     """
     config = config or TofConfig()
-    expected = (view.camera.height, view.camera.width)
-    for name, image in (("range", view.range_m), ("amplitude", view.amplitude)):
-        if image is not None and image.shape != expected:
-            raise InputError(
-                f"time of flight: {name} image is {image.shape}, its camera says {expected} "
-                "(rows, columns); check the intrinsics"
-            )
+    view.camera.check_image("range", view.range_m)
+    if view.amplitude is not None:
+        view.camera.check_image("amplitude", view.amplitude)
     with np.errstate(invalid="ignore"):
         lit = valid = (view.range_m > 0.0) & np.isfinite(view.range_m)
         if view.amplitude is not None:
-            valid = lit & (view.amplitude >= config.least_amplitude * config.white_amplitude)
+            valid = lit & (view.amplitude >= LEAST_AMPLITUDE * config.white_amplitude)
     measured = np.where(valid, view.range_m, np.float32(np.nan))
     if view.amplitude is not None:
         relative = view.amplitude / np.float32(config.white_amplitude)
-        far = wrapped(measured, relative, config.wrap_m, config.wrap)
+        far = wrapped(measured, relative, config.wrap_m)
         measured = np.where(far, np.float32(np.nan), measured)
-    sigma = deviation(measured, view.amplitude, config)
-    trusted = np.isfinite(measured) & ~flying(measured, sigma, view.camera, config)
+    sigma = range_sigma(measured, view.amplitude, config)
+    trusted = np.isfinite(measured) & ~flying(measured, sigma, view.camera)
     straight = np.where(lit, view.range_m, np.float32(np.nan))
     if config.wiggle_m > 0.0:
         phase = np.float32(2.0 * math.pi / config.wrap_m) * straight
@@ -116,16 +113,17 @@ def without_stray_light(
     amplitude: Float32[np.ndarray, "h w"],
     config: TofConfig,
 ) -> Float32[np.ndarray, "h w"]:
-    """Range with the light taken off that the lens scattered here from everything else in view.
+    """Range corrected for light that the lens scatters from elsewhere in the image.
 
-    Each pixel's return is a phasor A exp(j phi); the lens adds a wide blur of all of them, which pulls
-    dark and far pixels towards what is bright and near. The blur of what was measured, less the share of its own
-    blur, is the blur that was added, to second order in the share: to first order a floor beside something that
-    fills half of the view would lie up to 3 mm too low.
+    The return of a pixel is a phasor A exp(j phi). The lens adds a wide blur of all phasors, which biases dark
+    and far pixels towards bright and near ones. The measured image is already blurred, so the correction is
+    of second order in the share: to first order, a floor beside an object that fills half of the view would
+    be up to 3 mm too low.
 
     Args:
-        range_m: Of every pixel that light came from, trusted or not; NaN of others.
+        range_m: Of every pixel with a return, reliable or not; NaN elsewhere.
         amplitude: Of the return.
+        config: Share and width of the scattering.
 
     Source: scattering compensation after Mure-Dubois and Huegli 2007.
     """
@@ -143,7 +141,7 @@ def without_stray_light(
 
 
 def _scattered(image: np.ndarray, config: TofConfig) -> np.ndarray:
-    """What the lens added to one part of the phasor; its blur is so wide that a quarter of the resolution loses nothing."""
+    """Scattered light in one component of the phasor; the wide blur is computed at a quarter of the resolution."""
     small = cv2.resize(image, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     width, border = config.stray_px / 4.0, cv2.BORDER_REFLECT
     once = config.stray_share * cv2.GaussianBlur(small, (0, 0), width, borderType=border)
@@ -151,21 +149,21 @@ def _scattered(image: np.ndarray, config: TofConfig) -> np.ndarray:
     return cv2.resize(once - twice, image.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
-def deviation(
+def range_sigma(
     range_m: Float32[np.ndarray, "h w"],
     amplitude: Float32[np.ndarray, "h w"] | None,
     config: TofConfig,
 ) -> Float32[np.ndarray, "h w"]:
-    """Deviation of range, m.
+    """Standard deviation of range, m.
 
-    Without amplitude it grows with the square of range, as the light of a white target falls off. With
-    amplitude A (1 for a white target at 2 m) it is the shot and background noise
-    `sigma_2 sqrt((A + 0.1) / 1.1) / A`, which has the published value for a white target at 1.3 m.
+    Without amplitude it grows with the square of range, as for a white target. With amplitude A (1 for a white
+    target at 2 m) it is shot and background noise, `sigma_2 sqrt((A + 0.1) / 1.1) / A`, which has the
+    published value for a white target at 1.3 m.
     """
     if amplitude is None:
-        temporal = config.sigma_m * (range_m / config.sigma_at_m) ** 2
+        temporal = config.sigma_m * (range_m / SIGMA_AT_M) ** 2
     else:
-        white = (2.0 / config.sigma_at_m) ** 2
+        white = (2.0 / SIGMA_AT_M) ** 2
         scale = config.sigma_m * white / math.sqrt(white + 0.1)
         A = np.maximum(amplitude / np.float32(config.white_amplitude), np.float32(1e-3))
         temporal = scale * np.sqrt(A + np.float32(0.1)) / A
@@ -176,13 +174,12 @@ def flying(
     range_m: Float32[np.ndarray, "h w"],
     sigma_m: Float32[np.ndarray, "h w"],
     camera: Camera,
-    config: TofConfig,
 ) -> Bool[np.ndarray, "h w"]:
-    """Pixels that lie between two opposite neighbours far apart, and off both."""
+    """Pixels between two opposite neighbours that are far apart, and away from both."""
     found = np.zeros(range_m.shape, dtype=bool)
     middle = range_m[1:-1, 1:-1]
-    off = config.off_sigmas * sigma_m[1:-1, 1:-1]
-    steep = 2.0 / math.tan(math.radians(config.graze_deg))
+    off = OFF_SIGMAS * sigma_m[1:-1, 1:-1]
+    steep = 2.0 / math.tan(math.radians(GRAZE_DEG))
     pitches = (1.0 / camera.fx, 1.0 / camera.fy, math.hypot(1.0 / camera.fx, 1.0 / camera.fy))
     pairs = (
         (range_m[1:-1, :-2], range_m[1:-1, 2:], pitches[0]),

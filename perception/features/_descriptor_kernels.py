@@ -1,7 +1,7 @@
-"""Descriptors: 4 x 4 histograms of 8 directions round a keypoint, on a grid turned and sized like it.
+"""Descriptors: 4 x 4 histograms of 8 directions around a keypoint, on a grid with its orientation and scale.
 
-The grid has as many samples a bin as the blur of the image allows (0.75 sigma apart), so the shares of a
-sample in the bins around it are the same for every keypoint, and are tables.
+The sampling distance of the grid, 0.75 sigma, follows the blur of the image, so the shares of a sample in the
+neighbouring bins are the same for every keypoint and are tabulated.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ CLIP = 0.2
 
 
 def tables() -> tuple[np.ndarray, np.ndarray]:
-    """First bin (0 is outside, half a bin before the first) and share of the next, for each sample of an axis."""
+    """Bin of each sample of an axis (0 is outside, half a bin before the first), and its share in the next bin."""
     place = (np.arange(SIDE) + 0.5) / PER_BIN
     first = np.floor(place).astype(np.int64)
     return first, (place - first).astype(np.float32)
@@ -39,10 +39,10 @@ FALL = np.exp(-(_OFF[:, None] ** 2 + _OFF[None, :] ** 2) / (2.0 * (ACROSS / 2.0)
 def describe(
     levels: np.ndarray, points: np.ndarray, directions: np.ndarray, out: np.ndarray
 ) -> None:
-    """Descriptors by differences of samples on each keypoint's own grid.
+    """Descriptors by differences of samples on each keypoint's grid.
 
     levels: (n, h, w). points: (m, 4) x, y, sigma in px of the octave, integer layer.
-    directions: (m,), rad. out: (m, 128) float32, of length 1, largest entry about 0.2.
+    directions: (m,), rad. out: (m, 128) float32, of unit length, largest entry about 0.2.
     """
     grey = np.empty((SIDE + 2, SIDE + 2), np.float32)
     gx = np.empty(SIDE * SIDE, np.float32)
@@ -88,7 +88,7 @@ def describe_by_moments(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def _sample(image: np.ndarray, x: float, y: float, c: float, s: float, grey: np.ndarray) -> None:
-    """Values between pixels on a grid of steps (c, s) across and (-s, c) down about (x, y)."""
+    """Interpolated values on a grid of steps (c, s) across and (-s, c) down around (x, y)."""
     height, width = image.shape
     middle = np.float32((SIDE + 1) / 2.0)
     for a in range(SIDE + 2):
@@ -107,7 +107,7 @@ def _sample(image: np.ndarray, x: float, y: float, c: float, s: float, grey: np.
 
 @njit(cache=True, nogil=True, fastmath=True)
 def pool(gx: np.ndarray, gy: np.ndarray, out: np.ndarray) -> None:
-    """Histograms of the gradients of one grid, clipped and of length 1."""
+    """Histograms of the gradients of one grid, clipped and of unit length."""
     angle = np.empty(SIDE * SIDE, np.float32)
     bins = np.zeros((ACROSS + 2, ACROSS + 2, TURNS + 1), np.float32)
     angles(gx, gy, SIDE * SIDE, angle)

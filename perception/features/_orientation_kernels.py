@@ -1,7 +1,7 @@
-"""Directions of keypoints: a histogram of Gaussian-Hermite gradients, or of differences, round each.
+"""Orientations of keypoints: a histogram of Gaussian-Hermite gradients, or of differences, around each.
 
-The masks run only where a histogram looks: the even one first along the other axis, then the odd ones,
-pixels in pairs about the middle. `moment_gradients` is the one place where moments become a gradient.
+The masks run only within the window of a histogram: the even one first along the other axis, then the odd ones,
+with pixels in pairs around the middle. Only `moment_gradients` computes gradients from moments.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ PI = math.pi
 def _patch(
     level: np.ndarray, row0: int, col0: int, rows: int, columns: int, patch: np.ndarray
 ) -> None:
-    """Copy a window, the border repeated outwards."""
+    """Copy a window; the border is replicated."""
     height, width = level.shape
     inside = col0 >= 0 and col0 + columns <= width
     for r in range(rows):
@@ -44,14 +44,16 @@ def moment_gradients(
     gx: np.ndarray,
     gy: np.ndarray,
     square: np.ndarray,
-    straight: bool,
+    first_order: bool,
 ) -> None:
     """Signed roots of the sums of squared odd moments along x and y, over the middle of a patch.
+
+    Long, because both axes share their scratch rows.
 
     patch: at least (rows + 2 half, columns + 2 half), the window with half a mask around it.
     masks: (1 + orders, half + 1), the mask of order 0 and the odd ones, from their middle outwards.
     smooth: at least as large as the patch. sums, total: (columns,). gx, gy: (rows, columns), out.
-    square: (rows, columns), scratch. straight: the direction is that of order 1 alone, without bias.
+    square: (rows, columns), scratch. first_order: the direction is that of order 1 alone, without bias.
     """
     half, orders = masks.shape[1] - 1, masks.shape[0] - 1
     wide = columns + 2 * half
@@ -78,7 +80,7 @@ def moment_gradients(
             for c in range(columns):
                 total[c] += sums[c] * sums[c]
         whole = square[r]
-        if straight:  # sums holds order 1 now
+        if first_order:  # sums holds order 1 now
             for c in range(columns):
                 out[c], whole[c] = sums[c], total[c]
         else:
@@ -106,7 +108,7 @@ def moment_gradients(
                     sums[c] += weight * (below[c] - above[c])
             for c in range(columns):
                 total[c] += sums[c] * sums[c]
-        if straight:
+        if first_order:
             other, whole = gx[r], square[r]
             for c in range(columns):
                 first = other[c] * other[c] + sums[c] * sums[c] + np.float32(1e-30)
@@ -122,7 +124,7 @@ def moment_gradients(
 def _differences(
     patch: np.ndarray, rows: int, columns: int, gx: np.ndarray, gy: np.ndarray
 ) -> None:
-    """Differences of the pixels on both sides; the patch has one pixel around the window."""
+    """Central differences of the pixels; the patch has one pixel around the window."""
     for r in range(rows):
         above, line, below = patch[r], patch[r + 1], patch[r + 2]
         for c in range(columns):
@@ -132,7 +134,7 @@ def _differences(
 
 @njit(cache=True, nogil=True, fastmath=True)
 def angles(gx: np.ndarray, gy: np.ndarray, count: int, out: np.ndarray) -> None:
-    """atan2(gy, gx) by a polynomial good to 1e-5 rad, one expression without a branch for each."""
+    """atan2(gy, gx) by a polynomial accurate to 1e-5 rad, without branches."""
     for i in range(count):
         x, y = gx[i], gy[i]
         ax, ay = abs(x), abs(y)
@@ -154,7 +156,7 @@ def directions(
     levels: np.ndarray,
     points: np.ndarray,
     masks: np.ndarray,
-    straight: bool,
+    first_order: bool,
     printed: bool,
     window: float,
     peak_share: float,
@@ -162,14 +164,14 @@ def directions(
     found: np.ndarray,
     strengths: np.ndarray,
 ) -> int:
-    """Peaks of each keypoint's histogram of directions.
+    """Peaks of each keypoint's orientation histogram.
 
     levels: (n, h, w). points: (m, 4) x, y, sigma in px of the octave, integer layer.
     masks: as of `moment_gradients`; with a single row, differences of pixels are used instead.
-    straight: as of `moment_gradients`. printed: a mask that begins a pixel late, and directions by squares.
-    window: deviation of the histogram's weight, in sigmas. peak_share: of the highest, counts as a peak.
+    first_order: as of `moment_gradients`. printed: a mask displaced by one pixel, and directions by squares.
+    window: standard deviation of the histogram's weight, in sigmas. peak_share: of the highest, counts as a peak.
     owners, found: (capacity,), the keypoint and the direction of each peak, rad in [-pi, pi).
-    strengths: (capacity,), how clear each peak is: its share of all votes.
+    strengths: (capacity,), of each peak: its share of all votes.
     """
     half = masks.shape[1] - 1 if masks.shape[0] > 1 else 1
     reach_most = 1
@@ -197,7 +199,7 @@ def directions(
         _patch(level, top, left, extent, extent, patch)
         if masks.shape[0] > 1:
             moment_gradients(
-                patch, side, side, masks, smooth, sums, total, gx, gy, square, straight
+                patch, side, side, masks, smooth, sums, total, gx, gy, square, first_order
             )
         else:
             _differences(patch, side, side, gx, gy)

@@ -1,4 +1,4 @@
-"""Extrema of the difference of Gaussians: found, fitted by a paraboloid, kept if distinct and no edge."""
+"""Extrema of the difference of Gaussians: detected, fitted by a paraboloid, kept if distinct and not on an edge."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def _fit(
     border: int,
     fit: np.ndarray,
 ) -> bool:
-    """Newton steps to the paraboloid's peak, at most five; whether it is a good one."""
+    """At most five Newton steps to the paraboloid's extremum; returns whether it is accepted."""
     height, width = levels.shape[1], levels.shape[2]
     for _ in range(5):
         middle = float(_difference(levels, layer, r, c))

@@ -1,13 +1,13 @@
-"""Gaussian-Hermite moments of the surroundings of a pixel: derivatives of an image that noise hardly moves.
+"""Gaussian-Hermite moments around a pixel: image derivatives that are robust to noise.
 
-The Gaussian-Hermite functions are orthonormal on the real line, and nearly so when sampled on a mask that
-spans just the support of the highest order. A moment of odd order in x and order 0 in y is a smooth
-derivative along x; orders 1, 3 and 5 together are a gradient of wider reach than a difference of pixels.
+The Gaussian-Hermite functions are orthonormal on the real line, and nearly so when sampled on a mask as wide as
+the support of the highest order. A moment of odd order in x and order 0 in y is a smooth derivative along x;
+orders 1, 3 and 5 together are a gradient with a larger support than pixel differences.
 
-`p` and `q` count orders along x (columns) and y (rows, downwards); a mask has an odd side M, its
-coordinate runs over [-1, 1], and sigma in that unit is `sigma_px / ((M - 1) / 2)`.
+`p` and `q` are the orders along x (columns) and y (rows, downwards); a mask has an odd side M, its coordinate
+runs over [-1, 1], and sigma in that unit is `sigma_px / ((M - 1) / 2)`.
 
-Source: seed 004, eq. (1) to (10); (1) after Yang and Dai 2011, (4) centred for odd masks.
+Source: Kang et al. 2013 (seed 004), eq. (1) to (10); (1) after Yang and Dai 2011, (4) centred for odd masks.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def gaussian_hermite(
 
     Args:
         order: p, 0 or more.
-        x: Where, in the unit of sigma.
+        x: Coordinates, in the unit of sigma.
         sigma: Width, positive.
 
     Source: seed 004, eq. (1).
@@ -54,7 +54,7 @@ def mask_side(sigma_px: float, highest_order: int = 5) -> int:
 
 
 def mask_coordinates(side: int) -> Float[np.ndarray, "m"]:
-    """The places of a mask's pixels on [-1, 1]. Source: seed 004, eq. (5)."""
+    """Coordinates of a mask's pixels on [-1, 1]. Source: seed 004, eq. (5)."""
     if side < 3 or side % 2 == 0:
         raise ConfigError(f"gaussian_hermite: side={side} must be odd and at least 3")
     return (2.0 * np.arange(side) - side + 1.0) / (side - 1.0)
@@ -67,8 +67,8 @@ def mask(order: int, sigma_px: float, side: int, interval: int = 1) -> Float[np.
         order: p or q.
         sigma_px: Width, px; below 1.6 the sampled functions are no longer orthonormal.
         side: M, px, odd.
-        interval: m_M, every how many pixels one is taken; the rest are zero, and the mask is multiplied
-            by the interval to keep its scale. It should divide M - 1, or the mask is not centred.
+        interval: m_M, sampling interval, px; other pixels are zero, and the mask is multiplied by the interval to
+            keep its scale. It should divide M - 1, or the mask is not centred.
 
     Source: seed 004, eq. (3), (6), (7), with sigma in the unit of the mask.
     """
@@ -84,13 +84,13 @@ def mask(order: int, sigma_px: float, side: int, interval: int = 1) -> Float[np.
 def moment(
     image: Float32[np.ndarray, "h w"], p: int, q: int, sigma_px: float = 1.6
 ) -> Float32[np.ndarray, "h w"]:
-    """The moment of order (p, q) about every pixel; the border is repeated outwards.
+    """The moment of order (p, q) around every pixel; the border is replicated.
 
     Args:
         image: Any unit; the moment has the same, times the integral of the mask.
         p: Order along x.
         q: Order along y.
-        sigma_px: Width, px; the mask's side follows from it and order 5.
+        sigma_px: Width, px; it determines the mask's side for order 5.
 
     Source: seed 004, eq. (7), as two filters along the axes.
     """
@@ -105,23 +105,23 @@ def gradient(
     image: Float32[np.ndarray, "h w"],
     sigma_px: float = 1.6,
     orders: tuple[int, ...] = ODD_ORDERS,
-    straight: bool = False,
+    first_order: bool = False,
     literal: bool = False,
 ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
-    """Magnitude and direction of the image's change by moments of odd order.
+    """Magnitude and direction of the image gradient by moments of odd order.
 
     Args:
         image: Any unit.
         sigma_px: Width, px.
-        orders: Odd orders; (1, 3, 5) are the seed's.
-        straight: Take the direction from order 1 alone, which turns with the image exactly; with the sums
-            of squares of all orders it is off by up to 8 deg.
-        literal: As printed, for comparison: a mask that begins a pixel late, and the arc tangent of the ratio
-            of the squares, in [0, pi/2], which knows no quadrant.
+        orders: Odd orders; (1, 3, 5) in seed 004.
+        first_order: Take the direction from order 1 alone, which rotates with the image exactly; with the sums of
+            squares of all orders it is off by up to 8 deg.
+        literal: As printed, for comparison: a mask displaced by one pixel, and the arc tangent of the ratio of the
+            squares, in [0, pi/2], without quadrant.
 
     Returns:
-        Magnitude, the root of the sum of squares; direction, rad in [-pi, pi], from x (right) towards
-        y (down). The direction takes its quadrant from order 1.
+        Magnitude, the root of the sum of squares; direction, rad in [-pi, pi], from x (right) towards y (down),
+        in the quadrant of order 1.
 
     Source: seed 004, eq. (8), and (9) with the quadrant kept; (4) and (9) as printed by `literal`.
     """
@@ -134,7 +134,7 @@ def gradient(
     if literal:
         angle = np.arctan2(y_square, x_square)
         return np.sqrt(x_square + y_square).astype(np.float32), angle.astype(np.float32)
-    if straight:
+    if first_order:
         angle = np.arctan2(y_moments[0], x_moments[0])
         return np.sqrt(x_square + y_square).astype(np.float32), angle.astype(np.float32)
     angle = np.arctan2(

@@ -1,8 +1,8 @@
-"""Which feature of one image is which of another: nearest descriptor, clearly nearer than the second.
+"""Feature matching: mutual nearest descriptors that pass the ratio test.
 
-Exhaustive search by one matrix product: exact, and in 128 dimensions no slower than a k-d tree.
+Exhaustive search by one matrix product: exact, and in 128 dimensions as fast as a k-d tree.
 
-Source: seed 004, Table 1 as reconstructed (ratio 0.8 after Lowe 2004).
+Source: Kang et al. 2013 (seed 004), Table 1 as reconstructed (ratio 0.8 after Lowe 2004).
 """
 
 from __future__ import annotations
@@ -13,19 +13,21 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from ..primitives.errors import ConfigError
+from ..primitives.settings import setting
 
 SAME = 1e-5
-"""Squared distance that single precision may make of none: two rivals as near are the same to everybody."""
+"""Squared distance by rounding in single precision: two descriptors this close are indistinguishable."""
+
+
+ALONE = 0.5  # ours: largest squared distance of a match without a second candidate; chance gives 1
 
 
 @dataclass(frozen=True)
 class MatchConfig:
-    """What counts as a match."""
+    """Criterion of a match."""
 
-    ratio: float = 0.8  # Lowe 2004: nearest over second nearest
-    mutual: bool = True  # ours: each must be the other's nearest
-    alone: float = (
-        0.5  # ours: squared distance below which the only one in question is it; chance: 1
+    ratio: float = setting(
+        0.8, "", "largest ratio of the nearest to the second nearest descriptor", "Lowe 2004"
     )
 
     def __post_init__(self) -> None:
@@ -42,29 +44,28 @@ def match(
     """Pairs (index into first, index into second), in the order of the first.
 
     Args:
-        first: Descriptors of length 1.
-        second: Descriptors of length 1.
-        config: What counts.
-        allowed: Which pairs are in question at all, where it is known about where each must lie.
+        first: Descriptors of unit length.
+        second: Descriptors of unit length.
+        config: Criterion; the default if None.
+        allowed: Candidate pairs, where positions restrict them.
 
     Returns:
-        Pairs; none where one side has less than one descriptor, or the second has no second to compare.
+        Pairs; none with fewer than one descriptor in the first or two in the second.
     """
     config = config or MatchConfig()
     if len(first) == 0 or len(second) < 2:
         return np.zeros((0, 2), dtype=np.int64)
-    likeness = first @ second.T  # squared distance is 2 - 2 likeness
+    similarity = first @ second.T  # squared distance is 2 - 2 similarity
     if allowed is not None:
-        likeness[~allowed] = -np.inf
+        similarity[~allowed] = -np.inf
     rows = np.arange(len(first))
-    best = np.argmax(likeness, axis=1)
-    nearest = np.maximum(2.0 - 2.0 * likeness[rows, best], 0.0)
-    back = np.argmax(likeness, axis=0) if config.mutual else None
-    likeness[rows, best] = -np.inf
-    runner_up = np.maximum(2.0 - 2.0 * likeness.max(axis=1), 0.0)
+    best = np.argmax(similarity, axis=1)
+    nearest = np.maximum(2.0 - 2.0 * similarity[rows, best], 0.0)
+    mutual = np.argmax(similarity, axis=0)[best] == rows
+    similarity[rows, best] = -np.inf
+    runner_up = np.maximum(2.0 - 2.0 * similarity.max(axis=1), 0.0)
     kept = (nearest < config.ratio**2 * runner_up) & (runner_up > SAME)
     if allowed is not None:
-        kept &= np.isfinite(runner_up) | (nearest < config.alone)
-    if back is not None:
-        kept &= back[best] == rows
+        kept &= np.isfinite(runner_up) | (nearest < ALONE)
+    kept &= mutual
     return np.column_stack([rows[kept], best[kept]]).astype(np.int64)

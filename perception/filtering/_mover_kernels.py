@@ -1,4 +1,4 @@
-"""Compiled step of many constant-velocity movers, each a square-root sigma-point filter."""
+"""Compiled step of many moving obstacles, each a constant-velocity square-root sigma-point filter."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ._square_root_kernels import all_finite, corrected, draw, lower, root_of, w
 def coast(
     mean: np.ndarray, root: np.ndarray, dt: float, noise_root: np.ndarray, wide: np.ndarray
 ) -> bool:
-    """Constant velocity of (x, y, vx, vy): a linear motion, of which the root itself is moved.
+    """Constant-velocity prediction of (x, y, vx, vy); it is linear, so it acts on the root itself.
 
-    Sigma points would give the same numbers in three times the time.
+    Sigma points would give the same result in three times the time.
     """
     for k in range(4):
         wide[0, k] = root[0, k] + dt * root[2, k]
@@ -45,18 +45,18 @@ def step_movers(
     measured_noise: np.ndarray,
     viewpoint: np.ndarray,
     polar: bool,
-    points_packed: np.ndarray,
+    sigma_points: tuple[float, np.ndarray, np.ndarray],
 ) -> np.ndarray:
-    """Constant velocity and one position each, for all movers at once; status of each as `corrected`.
+    """Predict all movers and update each with one position; returns the status of each as in `corrected`.
 
     Args:
         means, roots: (k, 4) and (k, 4, 4), changed: x, y, vx, vy.
         dt: Time passed, s.
-        noise: (4, 4), what it adds.
-        measured, measured_noise: (k, 2) and (k, 2, 2); NaN where nothing was seen.
+        noise: (4, 4), covariance added in that time.
+        measured, measured_noise: (k, 2) and (k, 2, 2); NaN where there is no detection.
         viewpoint: (3,), x, y, yaw; used if polar.
         polar: Whether range and bearing are measured, else x and y.
-        points_packed: (19,) of the sigma points: reach, weights of the mean, of the covariance.
+        sigma_points: `SigmaPoints`: reach, weights of mean and covariance.
     """
     count = means.shape[0]
     status = np.full(count, -1, np.int8)
@@ -64,7 +64,7 @@ def step_movers(
     away, work, noise_root = np.empty((2, 6)), np.empty((6, 6)), np.empty((4, 4))
     seen_root, innovation, angles = np.zeros((2, 2)), np.empty(2), np.zeros(6, np.bool_)
     angles[5] = polar
-    reach, weights_mean, weights = points_packed[0], points_packed[1:10], points_packed[10:]
+    reach, weights_mean, weights = sigma_points
     if not root_of(noise, 4, noise_root):
         return status
     for i in range(count):

@@ -1,11 +1,11 @@
 """Compiled inner loops of the square-root sigma-point filter.
 
-A covariance is carried as its lower root L, P = L L^T with a positive diagonal. Every step lays deviations
-side by side in one wide matrix M with P = M M^T and turns M into the next root by reflections (an LQ
-decomposition): nothing is ever subtracted, so nothing can become negative. Only the centre point of a transform with
-a negative weight has to be taken away again; where that is impossible it is left in, on the safe side.
+A covariance is represented by its lower root L, P = L L^T, with a positive diagonal. Every step forms a wide matrix M of
+deviations with P = M M^T and reduces M to the next root by reflections (an LQ decomposition). Nothing is subtracted,
+so the covariance stays positive definite. Only a centre point with negative weight is subtracted again, unless the
+result would not be positive; then the covariance stays larger.
 
-Scratch arrays come from the caller, so that no loop allocates. Nothing is raised: False says refused.
+Scratch arrays come from the caller, so no loop allocates. False means that the input was refused.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit
 
 SHARE = 1e-7
-"""Least diagonal of a root against the length of its row: what a covariance matrix can resolve."""
+"""Least diagonal of a root relative to the length of its row: the resolution of a covariance matrix."""
 
 LEAST = 1e-12
-"""Least deviation of anything, in its own unit."""
+"""Least standard deviation of an entry, in its unit."""
 
 
 @njit(cache=True)
@@ -52,10 +52,9 @@ def root_of(matrix: np.ndarray, size: int, root: np.ndarray) -> bool:
 
 @njit(cache=True, fastmath={"reassoc", "contract"})  # sums in any order; NaN stays NaN
 def lower(wide: np.ndarray, rows: int, columns: int) -> None:
-    """Turn a wide matrix (rows, columns) into a lower one with the same M M^T, in place.
+    """Reduce a wide matrix (rows, columns) to a lower one with the same M M^T, in place.
 
-    Householder reflections from the right, row by row. Diagonals are positive, and lifted where a row
-    has next to nothing of its own.
+    Householder reflections from the right, row by row. Diagonals are positive and not below the resolution.
     """
     for i in range(rows):
         norm = 0.0
@@ -90,7 +89,7 @@ def lower(wide: np.ndarray, rows: int, columns: int) -> None:
 
 @njit(cache=True)
 def take_away(root: np.ndarray, size: int, away: np.ndarray, work: np.ndarray) -> bool:
-    """Root of root root^T - away away^T, in place; False, and nothing changed, if that is not positive.
+    """Root of root root^T - away away^T, in place; False, and unchanged, if that is not positive definite.
 
     Args:
         root: (size, at least size), lower.
@@ -119,7 +118,7 @@ def take_away(root: np.ndarray, size: int, away: np.ndarray, work: np.ndarray) -
 
 @njit(cache=True)
 def draw(mean: np.ndarray, root: np.ndarray, reach: float, points: np.ndarray) -> None:
-    """Sigma points: the mean, then plus and minus each column of the root, `reach` deviations out."""
+    """Sigma points: the mean, then mean plus and minus each column of the root, `reach` standard deviations out."""
     size = mean.shape[0]
     for j in range(size):
         points[0, j] = mean[j]
@@ -134,7 +133,7 @@ def draw(mean: np.ndarray, root: np.ndarray, reach: float, points: np.ndarray) -
 def average(
     points: np.ndarray, size: int, weights: np.ndarray, angles: np.ndarray, mean: np.ndarray
 ) -> None:
-    """Weighted mean of points (k, size), angles on the circle."""
+    """Weighted mean of points (k, size); angles are averaged on the circle."""
     count = points.shape[0]
     for j in range(size):
         if angles[j]:
@@ -163,11 +162,11 @@ def predicted(
     away: np.ndarray,
     work: np.ndarray,
 ) -> bool:
-    """Mean and root of moved points and noise; False, and nothing changed, if they are not finite.
+    """Mean and root of moved points and noise; False, and unchanged, if they are not finite.
 
     Args:
         points: (2 n + 1, n), after the motion.
-        weights_mean, weights: (2 n + 1,), of the mean and of the covariance; all but the first positive.
+        weights_mean, weights: (2 n + 1,), of mean and covariance; only the first may be negative.
         noise_root: (n, n), lower.
         angles: (n,), which entries are angles.
         mean, root: (n,) and (n, n), written.
@@ -202,7 +201,7 @@ def predicted(
     return True
 
 
-@njit(cache=True)
+@njit(cache=True)  # long: each step writes the scratch arrays of the next
 def corrected(
     points: np.ndarray,
     seen: np.ndarray,
@@ -220,17 +219,17 @@ def corrected(
     away: np.ndarray,
     work: np.ndarray,
 ) -> tuple[int, float]:
-    """Learn from a measurement; returns (status, log density).
+    """Update with a measurement; returns (status, log density).
 
-    The status is 1 if it was learnt, 0 if its normalised innovation squared is above the gate, -1 if it
-    is not finite. Unless it is 1, mean and root are left as they were.
+    The status is 1 after an update, 0 if the normalised innovation squared exceeds the gate, -1 if the
+    measurement is not finite. Mean and root change only with status 1.
 
     Args:
         points: (2 n + 1, n), drawn from mean and root.
-        seen: (2 n + 1, m), what each would see.
-        weights_mean, weights: (2 n + 1,).
+        seen: (2 n + 1, m), predicted measurement of each.
+        weights_mean, weights: (2 n + 1,), of mean and covariance; only the first may be negative.
         measured, noise_root: (m,) and (m, m), lower.
-        angles, angles_seen: (n,) and (m,).
+        angles, angles_seen: (n,) and (m,), which entries are angles.
         gate: Largest normalised innovation squared.
         mean, root: (n,) and (n, n), changed.
         innovation: (m,), written: whitened.
@@ -302,7 +301,7 @@ def corrected(
 
 @njit(cache=True)
 def all_finite(mean: np.ndarray, root: np.ndarray, size: int, columns: int) -> bool:
-    """Whether the first `size` entries and rows have neither NaN nor infinity."""
+    """Whether the first `size` entries and rows are finite."""
     for j in range(size):
         if not math.isfinite(mean[j]):
             return False

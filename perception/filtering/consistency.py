@@ -1,7 +1,7 @@
-"""Whether a covariance can be believed: normalised errors against the chi-square band.
+"""Consistency of covariances: normalised errors against the chi-square band.
 
-An estimator is consistent when its errors, measured in units of its own covariance, are as large as
-chance makes them: no larger (it would be overconfident), and no smaller (it would waste what it knows).
+An estimator is consistent if its errors, normalised by its own covariance, are as large as chance makes them: larger
+ones mean that it is overconfident, smaller ones that it is too cautious.
 
 Source: Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001),
 section 5.4.
@@ -23,11 +23,11 @@ from .models import wrap_angles
 
 @dataclass(frozen=True)
 class Innovation:
-    """What one measurement said against what was expected.
+    """Innovation of one measurement.
 
     Args:
-        identity: Number of the landmark, or of the track; None where it was not told.
-        whitened: (d,), measured minus expected, divided by the Cholesky root of its covariance: d standard
+        identity: Number of the landmark or of the track; None if unknown.
+        whitened: (d,), measured minus predicted, divided by the Cholesky root of its covariance: d standard
             normal numbers if the filter is consistent.
     """
 
@@ -58,9 +58,9 @@ def nees(
     """Normalised estimation error squared; chi-square with d degrees of freedom if consistent.
 
     Args:
-        errors: True minus estimated, or the other way round.
-        covariances: Those claimed.
-        angles: Which entries are angles, rad; their errors are taken the short way round.
+        errors: True minus estimated, or estimated minus true.
+        covariances: Of the estimates.
+        angles: Which entries are angles, rad; their errors are wrapped to [-pi, pi).
     """
     short = np.array(errors)
     for entry in angles:
@@ -69,17 +69,8 @@ def nees(
     return np.asarray(np.sum(short * solved, axis=-1))
 
 
-def nis(
-    innovations: Float[np.ndarray, "*n d"],
-    covariances: Float[np.ndarray, "*n d d"],
-    angles: Collection[int] = (),
-) -> Float[np.ndarray, "*n"]:
-    """Normalised innovation squared: the same of measured minus expected, S in place of P."""
-    return nees(innovations, covariances, angles)
-
-
 def chi_square_quantile(probability: float, degrees: int) -> float:
-    """The value that a chi-square variable stays below with this probability."""
+    """Value below which a chi-square variable is with the given probability."""
     if not 0.0 < probability < 1.0 or degrees < 1:
         raise InputError(
             f"chi-square quantile: probability={probability} must lie between 0 and 1 and "
@@ -89,12 +80,12 @@ def chi_square_quantile(probability: float, degrees: int) -> float:
 
 
 def band(degrees: int, samples: int, probability: float = 0.95) -> tuple[float, float]:
-    """Where the mean of independent normalised errors lies, two-sided.
+    """Two-sided interval of the mean of independent normalised errors.
 
     Args:
         degrees: d, of one normalised error.
-        samples: How many independent ones are averaged; of a run count one, its frames are correlated.
-        probability: Of lying inside.
+        samples: Number of independent errors averaged; a run counts as one, its frames are correlated.
+        probability: Of the interval.
 
     Returns:
         Lower and upper bound of the mean; its expectation is `degrees`.
@@ -117,11 +108,11 @@ def share_inside(
 def calibration(
     normalised: Float[np.ndarray, "n"], degrees: int, steps: int = 20
 ) -> tuple[Float[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
-    """Calibration curve: what share of errors lies inside each confidence region.
+    """Calibration curve: share of errors inside each confidence region.
 
     Returns:
-        The probabilities claimed, evenly spread in (0, 1), and the shares found; a straight diagonal if
-        consistent, below it if overconfident.
+        Probabilities, evenly spaced in (0, 1), and shares found: the diagonal if consistent, below it if
+        overconfident.
     """
     claimed = (np.arange(steps) + 0.5) / steps
     found = np.array([share_inside(normalised, degrees, float(p)) for p in claimed])
@@ -132,11 +123,11 @@ def whiteness(innovations: Float[np.ndarray, "n d"], lags: int = 10) -> Float[np
     """Autocorrelation of whitened innovations at lags 1 to `lags`.
 
     Args:
-        innovations: In order of time, each already divided by the root of its covariance.
-        lags: How many.
+        innovations: In temporal order, whitened.
+        lags: Number of lags.
 
     Returns:
-        Each near normal with deviation 1 / sqrt(n d) if they are white (see `whiteness_bound`).
+        Each nearly normal with standard deviation 1 / sqrt(n d) if they are white (see `whiteness_bound`).
     """
     n = len(innovations)
     if n <= lags:
@@ -153,5 +144,5 @@ def whiteness(innovations: Float[np.ndarray, "n d"], lags: int = 10) -> Float[np
 
 
 def whiteness_bound(samples: int, dimension: int) -> float:
-    """95 % of the autocorrelations of white innovations are smaller than this in size."""
+    """Bound of the absolute autocorrelation of white innovations, 95 %."""
     return 1.96 / math.sqrt(samples * dimension)

@@ -1,16 +1,13 @@
-"""What the sigma-point filters believe of the world: how a walker moves, what its sensors say.
+"""Motion and measurement models of the walking robot, and operations on angles and covariances.
 
-The walker's state holds, beside its pose, what spoils dead reckoning systematically, so that landmarks
-teach it: the slip forward, the slip to the left (legs whose joints are off by tenths of a degree walk like a
-crab) and the turn that every step adds, the bias of the gyro, the angle by which the head's pan joint sits askew, and
-what all ranges have in common. The last entry is the turn made since the frame before; it lets the gyro be what
-it is, a measurement of that turn.
+Besides the pose, the state has the systematic errors of dead reckoning, which landmarks make observable: forward slip,
+lateral slip and heading drift per step, gyro bias, offset of the head's pan joint, and a common range bias. The last
+entry is the turn since the previous frame, which the gyro measures.
 
-Here are also the few operations that a filter over angles needs: mean and difference on the circle, and
-a matrix square root that cannot fail. Functions that run once per sigma point tell their shapes in words:
-a check of shapes at run time would cost ten times what they do.
+Functions that run once per sigma point have their shapes in words: a run-time check of shapes would take ten times as
+long as they do.
 
-Source: seed 001, section 3 (sigma-point filter); slip, crab and drift as states are ours.
+Source: Yoo and Kim 2010 (seed 001), section 3 (sigma-point filter); slip and drift as states are ours.
 """
 
 from __future__ import annotations
@@ -22,29 +19,28 @@ from jaxtyping import Float
 
 from ..primitives.pose import Pose2, wrap_angle
 
-X, Y, YAW, SLIP, CRAB, DRIFT, GYRO_BIAS, PAN, RANGE, TURN = range(10)
-"""Entries of the walker's state: m, m, rad, m per step, m per step, rad per step, rad/s, rad, 1, rad.
+X, Y, YAW, SLIP, LATERAL_SLIP, DRIFT, GYRO_BIAS, PAN, RANGE, TURN = range(10)
+"""Entries of the state: m, m, rad, m per step, m per step, rad per step, rad/s, rad, 1, rad.
 
-RANGE is by how many of their own deviations all ranges are too long alike: a lens, a printer or a renderer
-that makes every tag a little smaller.
+RANGE is the common range bias in standard deviations of each range, for example of tags printed too small.
 """
 
 WALKER_SIZE = 10
 
 
 def walk(state: np.ndarray, dt: float, motion: Pose2, steps: float) -> np.ndarray:
-    """The walker after the motion that its joints report.
+    """State after the motion measured by step odometry.
 
     Args:
         state: (10,), see the entries above.
-        dt: Time passed, s; unused, the filter hands it over.
-        motion: Body now in the body frame before, by step odometry.
-        steps: How much of a footstep it was.
+        dt: Time passed, s; unused, part of the filter's interface.
+        motion: Body frame now in the previous body frame, by step odometry.
+        steps: Footsteps made, such as 0.5.
 
     Returns:
-        The state after it; slip, crab and drift are added in proportion to the steps made.
+        Next state; forward slip, lateral slip and drift are added in proportion to the steps.
     """
-    ahead, left = motion.x + state[SLIP] * steps, motion.y + state[CRAB] * steps
+    ahead, left = motion.x + state[SLIP] * steps, motion.y + state[LATERAL_SLIP] * steps
     turn = motion.yaw + state[DRIFT] * steps
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     after = state.copy()
@@ -56,15 +52,15 @@ def walk(state: np.ndarray, dt: float, motion: Pose2, steps: float) -> np.ndarra
 
 
 def gyro_turn(state: np.ndarray, dt: float) -> np.ndarray:
-    """What the gyro, summed over dt seconds, says of the turn just made in a state (10,): (1,), rad."""
+    """Predicted gyro measurement, integrated over dt seconds, of a state (10,): (1,), rad."""
     return state[TURN : TURN + 1] + state[GYRO_BIAS] * dt
 
 
 def range_bearing(state: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Where known places are seen from the walker's pose.
+    """Range and bearing of known positions.
 
     Args:
-        state: (n,), starts with (x, y, yaw) of the walker, m and rad, world frame.
+        state: (n,), starts with (x, y, yaw), m and rad, world frame.
         places: (k, 2), world frame, m.
 
     Returns:
@@ -78,12 +74,12 @@ def range_bearing(state: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def sighted(state: np.ndarray, places: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """What a walker sees of places: `range_bearing`, through a head askew and a lens not quite right.
+    """Predicted measurement of known positions: `range_bearing` with pan offset and range bias.
 
     Args:
         state: (10,), see the entries above.
         places: (k, 2), world frame, m.
-        sigmas: (k,), deviation claimed for each range, m.
+        sigmas: (k,), standard deviation of each range, m.
 
     Returns:
         (2 k,), range_1, bearing_1, range_2, ..., m and rad, left positive.
@@ -100,28 +96,28 @@ def wrap_angles(angles_rad: np.ndarray) -> np.ndarray:
 
 
 def circular_mean(angles_rad: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Mean of directions (k, ...) by weights (k,) along the first axis, rad in [-pi, pi]."""
+    """Weighted mean of directions (k, ...) along the first axis, weights (k,); rad in [-pi, pi]."""
     return np.asarray(np.arctan2(weights @ np.sin(angles_rad), weights @ np.cos(angles_rad)))
 
 
 def walker_mean(
     points: Float[np.ndarray, "k 10"], weights: Float[np.ndarray, "k"]
 ) -> Float[np.ndarray, "10"]:
-    """Mean of sigma points of the walker, its yaw averaged on the circle."""
+    """Mean of sigma points; the yaw is averaged on the circle."""
     mean = weights @ points
     mean[YAW] = circular_mean(points[:, YAW], weights)
     return mean
 
 
 def walker_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a - b of states (10,), the yaw the short way round."""
+    """a - b of states (10,), the yaw wrapped."""
     difference = a - b
     difference[YAW] = (difference[YAW] + math.pi) % (2.0 * math.pi) - math.pi
     return difference
 
 
 def walker_sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a + b of states (10,), the yaw in [-pi, pi)."""
+    """a + b of states (10,), the yaw wrapped."""
     total = a + b
     total[YAW] = wrap_angle(total[YAW])
     return total
@@ -130,14 +126,14 @@ def walker_sum(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def sighting_mean(
     points: Float[np.ndarray, "k m"], weights: Float[np.ndarray, "k"]
 ) -> Float[np.ndarray, "m"]:
-    """Mean of (range, bearing, range, bearing, ...), the bearings averaged on the circle."""
+    """Mean of (range, bearing, ...); bearings are averaged on the circle."""
     mean = weights @ points
     mean[1::2] = circular_mean(points[:, 1::2], weights)
     return mean
 
 
 def sighting_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a - b of (range, bearing, ...), the bearings the short way round."""
+    """a - b of (range, bearing, ...), the bearings wrapped."""
     difference = a - b
     difference[1::2] = (difference[1::2] + math.pi) % (2.0 * math.pi) - math.pi
     return difference
@@ -146,8 +142,8 @@ def sighting_difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def spread(size: int) -> float:
     """alpha of the scaled unscented transform (with beta 2, kappa 0) for a state of this size.
 
-    The points lie sqrt(3) deviations out, where a Gaussian has its fourth moment; no weight of the
-    covariance is negative, so that a predicted covariance cannot lose its positivity.
+    The points lie sqrt(3) standard deviations out, which matches the fourth moment of a Gaussian. No weight of the
+    covariance is negative, so a predicted covariance stays positive definite.
     """
     return math.sqrt(3.0 / size)
 
@@ -158,10 +154,9 @@ def symmetric(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
 
 
 def square_root(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """U with U.T @ U = matrix, for any symmetric matrix; what is not positive in it is lifted to just above 0.
+    """U with U.T @ U = matrix, for any symmetric matrix; negative eigenvalues become slightly positive.
 
-    Cholesky where that works, else by eigenvalues: rounding can cost a covariance its last digit of
-    positivity, and a filter must not fall over that.
+    Cholesky, or eigenvalues where rounding has left the matrix not positive definite.
     """
     matrix = symmetric(matrix)
     try:
@@ -173,7 +168,7 @@ def square_root(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
 
 
 def positive(matrix: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """The matrix, symmetric, and positive definite even if rounding had taken that away."""
+    """The matrix, symmetric, and positive definite even after rounding errors."""
     matrix = symmetric(matrix)
     try:
         np.linalg.cholesky(matrix)

@@ -1,15 +1,15 @@
-"""A sigma-point filter that cannot lose its positivity: the unscented filter in square-root form, compiled.
+"""Square-root unscented Kalman filter, compiled.
 
-It gives the numbers of the textbook filter (filterpy's, which the tests hold it against) but carries the
-root of the covariance instead of the covariance, and never subtracts: prediction and measurement lay
-deviations side by side and turn them into the next root by reflections. Zero noise, huge noise and the same
-measurement a thousand times leave it positive definite; what is not finite is refused, aloud.
+It gives the same results as the textbook filter (the tests compare it with filterpy) but propagates the root of the
+covariance, and never subtracts: prediction and update form a matrix of deviations and reduce it to the next root by
+reflections. Zero noise, huge noise and a thousand repetitions of one measurement leave the covariance positive
+definite; input that is not finite is refused and reported.
 
 `SquareRootFilter` takes any models, as functions of all sigma points at once. `step_movers` advances many
-constant-velocity movers in one call, for which the whole step is compiled.
+constant-velocity filters in one compiled call.
 
 Source: van der Merwe, Wan, "The square-root unscented Kalman filter for state and parameter-estimation"
-(ICASSP 2001); the measurement as one triangularisation after Kailath, Sayed, Hassibi, "Linear Estimation"
+(ICASSP 2001); the update as one triangularisation after Kailath, Sayed, Hassibi, "Linear Estimation"
 (2000), section 12.1.
 """
 
@@ -17,8 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int8
@@ -31,15 +30,14 @@ from .consistency import Innovation
 from .models import positive, spread
 
 Model = Callable[[np.ndarray], np.ndarray]
-"""What becomes of sigma points (k, n): (k, n) for a motion, (k, m) for a measurement."""
+"""Maps sigma points (k, n) to (k, n) for a motion, to (k, m) for a measurement."""
 
 
-@dataclass(frozen=True)
-class SigmaPoints:
-    """Where the points of the scaled unscented transform lie, and what each counts.
+class SigmaPoints(NamedTuple):
+    """Positions and weights of the points of the scaled unscented transform.
 
     Args:
-        reach: Distance of the points from the mean, in deviations.
+        reach: Distance of the points from the mean, in standard deviations.
         mean: (2 n + 1,), weights of the mean; the centre comes first.
         covariance: (2 n + 1,), weights of the covariance; only the first may be negative.
     """
@@ -48,20 +46,15 @@ class SigmaPoints:
     mean: Float[np.ndarray, "k"]
     covariance: Float[np.ndarray, "k"]
 
-    @cached_property
-    def packed(self) -> Float[np.ndarray, "p"]:
-        """Reach, weights of the mean, weights of the covariance: one array, which costs a call less."""
-        return np.concatenate([[self.reach], self.mean, self.covariance])
-
     @classmethod
     def scaled(
         cls, size: int, alpha: float | None = None, beta: float = 2.0, kappa: float = 0.0
     ) -> SigmaPoints:
-        """By van der Merwe's three numbers.
+        """The transform by van der Merwe's three parameters.
 
         Args:
             size: n, of the state.
-            alpha: Spread; by default as `models.spread`, points sqrt(3) deviations out.
+            alpha: Spread; by default that of `models.spread`, points sqrt(3) standard deviations out.
             beta: 2 for a Gaussian.
             kappa: Second scaling.
         """
@@ -69,7 +62,7 @@ class SigmaPoints:
         power = alpha**2 * (size + kappa)
         if size < 1 or not (math.isfinite(power) and power > 0.0):
             raise ConfigError(
-                f"sigma points: size={size}, alpha={alpha}, kappa={kappa} put them nowhere; "
+                f"sigma points: size={size}, alpha={alpha}, kappa={kappa} are invalid; "
                 "alpha^2 (size + kappa) must be positive"
             )
         mean = np.full(2 * size + 1, 0.5 / power)
@@ -80,12 +73,12 @@ class SigmaPoints:
 
 
 class SquareRootFilter:
-    """Mean and root of the covariance of a state; `predict` moves it, `update` learns."""
+    """Mean and root of the covariance of a state."""
 
     def __init__(
         self, start: Gaussian, angles: Collection[int] = (), points: SigmaPoints | None = None
     ) -> None:
-        """Begin at a belief.
+        """Start at a prior.
 
         Args:
             start: Over the state (n,); the covariance symmetric, and positive up to rounding.
@@ -93,7 +86,7 @@ class SquareRootFilter:
             points: Of the transform; the default of `SigmaPoints.scaled` if None.
 
         Raises:
-            ConfigError: It is not finite.
+            ConfigError: The prior is not finite.
         """
         size = len(start.mean)
         if not (np.all(np.isfinite(start.mean)) and np.all(np.isfinite(start.covariance))):
@@ -107,23 +100,23 @@ class SquareRootFilter:
         self.reset(start)
 
     def reset(self, belief: Gaussian) -> None:
-        """Believe this from now on; finite, of the same size."""
+        """Replace mean and covariance; finite, of the same size."""
         self._mean[:] = belief.mean
         self._root[:] = np.linalg.cholesky(positive(belief.covariance))
 
     @property
     def mean(self) -> Float[np.ndarray, "n"]:
-        """Of the state; a copy."""
+        """Mean of the state; a copy."""
         return self._mean.copy()
 
     @property
     def root(self) -> Float[np.ndarray, "n n"]:
-        """L, lower, its diagonal positive, with L L^T the covariance; a copy."""
+        """Lower root L with positive diagonal, L L^T the covariance; a copy."""
         return self._root.copy()
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
-        """Symmetric and positive definite."""
+        """Covariance, symmetric and positive definite."""
         P = self._root @ self._root.T
         return np.asarray((P + P.T) / 2.0)
 
@@ -133,20 +126,20 @@ class SquareRootFilter:
         return Gaussian(self.mean, self.covariance)
 
     def sigma_points(self) -> Float[np.ndarray, "k n"]:
-        """Those of the present belief."""
+        """Sigma points of mean and covariance."""
         points = np.empty((2 * len(self._mean) + 1, len(self._mean)))
         kernels.draw(self._mean, self._root, self.points.reach, points)
         return points
 
     def predict(self, move: Model, noise: Float[np.ndarray, "n n"]) -> bool:
-        """Advance by a motion.
+        """Predict by a motion model.
 
         Args:
-            move: Sigma points (k, n) to where they go.
-            noise: Covariance that the motion adds; zero is allowed.
+            move: Maps sigma points (k, n) to their next states.
+            noise: Covariance added by the motion; zero is allowed.
 
         Returns:
-            False, and nothing has changed, if the noise is no covariance or anything is not finite.
+            False, with the state unchanged, if the noise is not a covariance or a value is not finite.
         """
         n = len(self._mean)
         noise_root = np.zeros((n, n))
@@ -176,18 +169,18 @@ class SquareRootFilter:
         angles: Collection[int] = (),
         gate: float = math.inf,
     ) -> tuple[bool, Innovation | None]:
-        """Learn from a measurement.
+        """Update with a measurement.
 
         Args:
-            see: Sigma points (k, n) to what each would measure, (k, m).
-            measured: What was measured.
+            see: Maps sigma points (k, n) to their predicted measurements (k, m).
+            measured: The measurement.
             noise: Its covariance; zero is allowed.
             angles: Which of its entries are angles, rad.
-            gate: Largest normalised innovation squared that is believed.
+            gate: Largest normalised innovation squared that is accepted.
 
         Returns:
-            Whether it was used, and its innovation; that is None where measurement, model or noise are not
-            finite or the noise is no covariance. Unless it was used nothing has changed.
+            Whether the measurement was used, and its innovation: None if measurement, model or noise are not
+            finite or the noise is not a covariance. Otherwise the state is unchanged.
         """
         n, m = len(self._mean), len(measured)
         noise_root, innovation = np.zeros((m, m)), np.zeros(m)
@@ -218,6 +211,7 @@ class SquareRootFilter:
 
 
 _FOUR = SigmaPoints.scaled(4)
+_ORIGIN = np.zeros(3)
 
 
 def step_movers(
@@ -230,21 +224,21 @@ def step_movers(
     viewpoint: Float[np.ndarray, "3"] | None = None,
     points: SigmaPoints = _FOUR,
 ) -> tuple[Float[np.ndarray, "k 4"], Float[np.ndarray, "k 4 4"], Int8[np.ndarray, "k"]]:
-    """Advance many movers and let each learn from one sighting, in one compiled call.
+    """Predict many moving obstacles and update each with one detection, in one compiled call.
 
     Args:
         means: x, y, vx, vy, m and m/s, world frame.
         roots: Lower roots of their covariances.
         dt: Time passed, s.
-        noise: Covariance that it adds to every mover.
-        measured: (x, y), m, world frame, or, if there is a viewpoint, (range, bearing), m and rad; NaN
-            where nothing was seen.
+        noise: Covariance added in that time.
+        measured: (x, y), m, world frame; with a viewpoint (range, bearing), m and rad. NaN where there is no
+            detection.
         measured_noise: Covariance of each.
         viewpoint: x, y, yaw of the observer, m and rad, world frame.
-        points: Of the transform.
+        points: Of the unscented transform.
 
     Returns:
-        Means, roots, and of each mover 1 if it has learnt, -1 if there was nothing finite to learn from.
+        Means, roots, and 1 for each mover that was updated, -1 for one without a finite measurement.
     """
     means, roots = means.copy(), roots.copy()
     status = _mover_kernels.step_movers(
@@ -256,9 +250,6 @@ def step_movers(
         measured_noise,
         _ORIGIN if viewpoint is None else viewpoint,
         viewpoint is not None,
-        points.packed,
+        points,
     )
     return means, roots, status
-
-
-_ORIGIN = np.zeros(3)

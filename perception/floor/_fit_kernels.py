@@ -1,49 +1,62 @@
-"""Compiled loops over all points: the last fit, what its covariance needs, and the classes.
+"""Compiled loops over all points: the final fit, the terms of its covariance, and the classes.
 
-Arrays and scalars only; every input is finite. The fit is in inverse depth, as in `_search_kernels`.
+Every input is finite. The fit is in inverse depth, as in `_search_kernels`.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-FREE_SUMS = {"reassoc", "contract", "nsz"}  # sums may be vectorised; nothing assumes finite values
-GRAIN = 12.0  # image cells for correlated noise per unit of ray slope: about 5 deg
-SPAN = 2.0  # ray slopes beyond this share the outermost cell
+FREE_SUMS = {"reassoc", "contract", "nsz"}  # allows vectorised sums
+GRAIN = 12.0  # image cells per unit of ray slope, for correlated noise: about 5 deg
+SPAN = 2.0  # larger ray slopes share the outermost cells
 CELLS = 48  # 2 SPAN GRAIN
-SECTORS = 720  # directions on the ground in which feet are looked for: half a degree
-RING_M = 0.025  # grain of distance on the ground
+SECTORS = 720  # directions on the ground in which obstacle fronts are counted: half a degree
+RING_M = 0.025  # resolution of distance on the ground
 RINGS = 256
-PLAN = 256  # cells along a side of the ground plan in which feet are looked for
+PLAN = 256  # cells along a side of the ground plan
+FOOT_CELL_M = 0.05  # ours: side of these cells; the foot of a wall reaches this far through noise
+FRONT_POINTS = 3  # ours: points in a sector that make an obstacle front
+
+
+class Ground(NamedTuple):
+    """A floor plane: normal and offset, and two directions on it."""
+
+    n: np.ndarray
+    rho: float
+    first: np.ndarray
+    second: np.ndarray
 
 
 @njit(cache=True)
 def open_ground(
     xyz: np.ndarray,
     sigma: np.ndarray,
-    n: np.ndarray,
-    rho: float,
-    first: np.ndarray,
-    second: np.ndarray,
+    ground: Ground,
     base: float,
     sigmas: float,
     top: float,
-    cell_m: float,
     is_open: np.ndarray,
 ) -> None:
-    """Tell the feet of walls and boxes from the floor: points that have others straight above them.
+    """Separate the feet of walls and boxes from the floor: points with other points straight above them.
 
-    On a plan of the ground round the camera, a cell is taken if at least two points in it lie between
+    On a plan of the ground about the camera, a cell is occupied if at least two of its points lie between
     2 tau and `top` above the plane.
 
     Args:
-        is_open: (n,) bool, overwritten: whether the point's cell is free.
+        xyz, sigma: (n, 3) and (n,), points and their depth noise.
+        ground: The floor plane.
+        base, sigmas: Of tau = base + sigmas * noise.
+        top: m.
+        is_open: (n,) bool, written: whether the cell of a point is not occupied.
     """
-    taken = np.zeros(PLAN * PLAN, np.int32)
-    per_m, middle = 1.0 / cell_m, PLAN / 2.0
+    n, rho, first, second = ground
+    occupied = np.zeros(PLAN * PLAN, np.int32)
+    per_m, middle = 1.0 / FOOT_CELL_M, PLAN / 2.0
     count = xyz.shape[0]
     for i in range(count):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
@@ -53,7 +66,7 @@ def open_ground(
         u = (first[0] * x + first[1] * y + first[2] * z) * per_m + middle
         v = (second[0] * x + second[1] * y + second[2] * z) * per_m + middle
         if 0.0 <= u < PLAN and 0.0 <= v < PLAN:
-            taken[int(v) * PLAN + int(u)] += 1
+            occupied[int(v) * PLAN + int(u)] += 1
     for i in range(count):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
         d = n[0] * x + n[1] * y + n[2] * z + rho
@@ -63,7 +76,7 @@ def open_ground(
         u = (first[0] * x + first[1] * y + first[2] * z) * per_m + middle
         v = (second[0] * x + second[1] * y + second[2] * z) * per_m + middle
         if 0.0 <= u < PLAN and 0.0 <= v < PLAN:
-            is_open[i] = taken[int(v) * PLAN + int(u)] < 2
+            is_open[i] = occupied[int(v) * PLAN + int(u)] < 2
 
 
 @njit(cache=True, fastmath=FREE_SUMS)
@@ -78,10 +91,10 @@ def moments(
     A: np.ndarray,
     g: np.ndarray,
 ) -> int:
-    """Normal equations A da = g in inverse depth of the open points near a plane; how many they are.
+    """Normal equations A da = g in inverse depth of the open points near a plane; their number.
 
-    A point is near if its distance d is within `sigmas` deviations, and weighs 1 / variance of its inverse
-    depth: depth noise, and `rough` of the floor itself. With r = p / z and 1/z - a.r = d / (rho z) all
+    A point is near if its distance d is within `sigmas` standard deviations. It weighs 1 / variance of its
+    inverse depth: depth noise, and the roughness `rough` of the floor, m. With r = p / z and 1/z - a.r = d / (rho z) all
     sums are those of p p^T and p d with the weight W = z^2 / (sigma^2 + (rough z / rho)^2).
     """
     a, b, c = n[0], n[1], n[2]
@@ -114,7 +127,7 @@ def moments(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True)  # long: one pass over the points for all sums
 def statistics(
     xyz: np.ndarray,
     sigma: np.ndarray,
@@ -131,18 +144,18 @@ def statistics(
     C: np.ndarray,
     D: np.ndarray,
 ) -> tuple[int, int, int]:
-    """The normal equations once more, with what the covariance needs and with what lies below.
+    """The normal equations as in `moments`, the terms of the covariance, and the number of points below.
 
     Args:
-        A, g: (3, 3), (3,), as in `moments`, filled.
-        B: (3, 3), sum over image cells of the outer product of the cell's gradient, filled: equals A in
-            the mean where the noise of neighbours is independent, and is larger where it is not.
-        C: (3, 3), sum of w r r^T / z, filled: the answer to an error of depth scale.
-        D: (3, 3), sum of w r r^T s, filled, s the point's deviation in inverse depth: the answer to an
-            error of one deviation that all points share.
+        A, g: (3, 3), (3,), written, as in `moments`.
+        B: (3, 3), written: sum over image cells of the outer product of the cell's gradient. Its expectation
+            is A where the noise of neighbours is independent, and larger where it is correlated.
+        C: (3, 3), written: sum of w r r^T / z, the response to an error of depth scale.
+        D: (3, 3), written: sum of w r r^T s, s the standard deviation in inverse depth: the response to an
+            error of one standard deviation common to all points.
 
     Returns:
-        Points within tau = base + sigmas * noise, points below -2 tau, image cells that were used.
+        Points within tau = base + sigmas * noise, points below -2 tau, image cells with points.
     """
     a, b, c = n[0], n[1], n[2]
     ground = (rough / rho) ** 2
@@ -207,10 +220,7 @@ def statistics(
 def classes(
     xyz: np.ndarray,
     sigma: np.ndarray,
-    n: np.ndarray,
-    rho: float,
-    first: np.ndarray,
-    second: np.ndarray,
+    ground: Ground,
     P: np.ndarray,
     base: float,
     sigmas: float,
@@ -221,10 +231,14 @@ def classes(
     """Label each point: 0 floor, 1 obstacle, 2 hole, 3 overhang.
 
     Args:
-        P: (3, 3) covariance of the plane (tilt about `first`, tilt about `second`, offset).
-        labels: (n,) int8, overwritten.
-        taus: (n,), half the band of the floor at each point, overwritten.
+        xyz, sigma: (n, 3) and (n,), points and their depth noise.
+        ground, P: The floor plane and its covariance (3, 3): tilt about `first`, about `second`, offset.
+        base, sigmas: Of the threshold tau = base + sigmas * standard deviation of height.
+        top: Height from which a point is overhang, m.
+        labels: (n,) int8, written.
+        taus: (n,), tau of each point, written.
     """
+    n, rho, first, second = ground
     for i in range(xyz.shape[0]):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
         d = n[0] * x + n[1] * y + n[2] * z + rho
@@ -251,35 +265,28 @@ def classes(
 
 @njit(cache=True)
 def sector(s: float, t: float) -> int:
-    """Number of a direction on the ground; quarters of a diamond in place of angles."""
+    """Index of a direction on the ground; a diamond instead of a circle avoids the arc tangent."""
     p = s / (abs(s) + abs(t) + 1e-12)
     return int((1.0 - p if t >= 0.0 else 3.0 + p) * (SECTORS / 4)) % SECTORS
 
 
 @njit(cache=True)
 def feet(
-    xyz: np.ndarray,
-    n: np.ndarray,
-    rho: float,
-    first: np.ndarray,
-    second: np.ndarray,
-    tau: np.ndarray,
-    foot_m: float,
-    least: int,
-    labels: np.ndarray,
+    xyz: np.ndarray, ground: Ground, tau: np.ndarray, foot_m: float, labels: np.ndarray
 ) -> None:
-    """Take the feet of things out of the floor: what lies within tau but behind the front of a thing.
+    """Relabel the feet of obstacles, which lie within tau of the floor, from floor to obstacle.
 
-    A ray that reaches the floor at distance G on the ground passes a front at distance R at the height
-    rho (1 - R / G). If there is a front that rises in the same direction, and that height is within its
-    foot, the floor there is hidden, and what was seen is the foot.
+    A ray that meets the floor at ground distance G passes a front at distance R at the height rho (1 - R / G).
+    If there is an obstacle front in the same direction, and that height is within its foot, the floor behind
+    is occluded and the point belongs to the foot.
 
     Args:
-        tau: (n,), half the band of the floor at each point.
-        foot_m: Fronts are looked for from 2 tau, which noise does not reach, to so much above.
-        least: Points that make a front.
-        labels: (n,) int8 as `classes` has them; some 0 become 1.
+        xyz, ground: (n, 3) points, floor plane.
+        tau: (n,), from `classes`.
+        foot_m: Fronts are counted from 2 tau, which noise does not reach, to this much above.
+        labels: (n,) int8 from `classes`; some 0 become 1.
     """
+    n, rho, first, second = ground
     fronts = np.zeros((SECTORS, RINGS + 1), np.int32)
     count = xyz.shape[0]
     for i in range(count):
@@ -307,7 +314,7 @@ def feet(
         s = first[0] * x + first[1] * y + first[2] * z
         t = second[0] * x + second[1] * y + second[2] * z
         k = sector(s, t)
-        if fronts[k, RINGS] < least:
+        if fronts[k, RINGS] < FRONT_POINTS:
             continue
         ground = math.sqrt(s * s + t * t) * rho / drop
         nearest = ground * (1.0 - 1.5 * tau[i] / rho)
@@ -316,5 +323,5 @@ def feet(
         r1 = min(max(int(last / RING_M + 0.5), r0), RINGS)
         r2 = min(2 * r1 - r0, RINGS)
         before = fronts[k, r1] - fronts[k, r0]
-        if before >= least and before >= fronts[k, r2] - fronts[k, r1]:
+        if before >= FRONT_POINTS and before >= fronts[k, r2] - fronts[k, r1]:
             labels[i] = 1

@@ -1,8 +1,8 @@
-"""Compiled loops of the search for planes: sampling, scoring, random triples, votes.
+"""Compiled loops of the plane search: sampling, scoring, random triples, votes.
 
-Arrays and scalars only; every input is finite. A plane n.p + rho = 0 is fitted in inverse depth: along the
-ray r = p / z the plane reads 1 / z = a.r with a = -n / rho. The ray is known exactly and all noise is in
-1 / z, so the fit is linear and has no bias, however grazing the view.
+Every input is finite. A plane n.p + rho = 0 is fitted in inverse depth: along the ray r = p / z it is
+1 / z = a.r with a = -n / rho. The ray is exact and all noise is in 1 / z, so the fit is linear and unbiased,
+also at grazing incidence. A sample is a `sample.Sample`, a gate a `prior.Gate`.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ import math
 import numpy as np
 from numba import njit
 
-FREE_SUMS = {"reassoc", "contract", "nsz"}  # sums may be vectorised; nothing assumes finite values
-BLOCK = 256  # points scored between two looks at whether the best can still be reached
+FREE_SUMS = {"reassoc", "contract", "nsz"}  # allows vectorised sums
+BLOCK = 256  # points scored between two tests whether the best score can still be reached
+TRIES = 1500  # ours: finds a floor of 6 % of the points among tables, 20 of 20 seeds
+MISS = 1e-4  # ours: probability of overlooking a better plane at which the search stops
+NEAREST_OF = 8  # ours: three triples of four take the nearest of this many random points
 
 
 @njit(cache=True)
 def within(xyz: np.ndarray, n: np.ndarray, rho: float, half_m: float, slope: float) -> np.ndarray:
-    """Indices of points that a plane within the gate could pass through.
-
-    The gate opens with distance: half_m at the camera, `slope` times the distance more along the way.
-    """
+    """Indices of the points within half_m + slope * distance of a plane: those a plane in the gate can reach."""
     count = xyz.shape[0]
     kept = np.empty(count, np.int64)
     k = 0
@@ -38,7 +38,7 @@ def within(xyz: np.ndarray, n: np.ndarray, rho: float, half_m: float, slope: flo
 def take(
     xyz: np.ndarray, sigma: np.ndarray, index: np.ndarray, sigmas: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Columns x, y, z of some points, and the slack sigmas * sigma / z."""
+    """Columns x, y, z of the indexed points, and their slack sigmas * sigma / z."""
     count = index.shape[0]
     x, y, z = np.empty(count), np.empty(count), np.empty(count)
     slack = np.empty(count)
@@ -51,10 +51,7 @@ def take(
 
 @njit(cache=True, fastmath=FREE_SUMS)
 def score(
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    slack: np.ndarray,
+    sample: tuple[np.ndarray, ...],
     a: float,
     b: float,
     c: float,
@@ -64,11 +61,12 @@ def score(
     sharp2: float,
     least: float,
 ) -> float:
-    """How much a plane is the floor: points on it count for it, points below it against it.
+    """Floor score of a plane: points on it count for it, points below it against it.
 
-    With tau = base + slack rho, a point at signed distance d counts 1 - sharp2 (d / tau)^2 as far as that
-    is positive, and -penalty below -2 tau. Returns -inf as soon as `least` cannot be reached.
+    With tau = base + slack rho, a point at signed distance d counts max(1 - sharp2 (d / tau)^2, 0), and
+    -penalty below -2 tau. Returns -inf as soon as `least` cannot be reached.
     """
+    x, y, z, slack = sample
     count = x.shape[0]
     total = 0.0
     for start in range(0, count, BLOCK):
@@ -106,22 +104,26 @@ def solve(A: np.ndarray, g: np.ndarray) -> tuple[float, float, float, bool]:
 
 @njit(cache=True)
 def fit(
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    slack: np.ndarray,
+    sample: tuple[np.ndarray, ...],
     n: np.ndarray,
     rho: float,
+    wide: float,
     base: float,
 ) -> tuple[float, float, float, float, bool]:
-    """Weighted least squares in inverse depth on the points within tau of a plane: n and rho."""
+    """Weighted least squares in inverse depth on the points within tau of a plane: new n and rho.
+
+    Here tau = base + wide slack rho. False if the points do not span a plane.
+    """
+    x, y, z, slack = sample
     A = np.zeros((3, 3))
     g = np.zeros(3)
     for i in range(x.shape[0]):
-        tau = base + slack[i] * rho
+        tau = base + slack[i] * wide * rho
         if abs(n[0] * x[i] + n[1] * y[i] + n[2] * z[i] + rho) < tau:
             q = 1.0 / z[i]
-            w = (rho * z[i] / tau) ** 2  # d = rho z (1/z - a.r), so 1/z has deviation tau / (rho z)
+            w = (
+                rho * z[i] / tau
+            ) ** 2  # d = rho z (1/z - a.r), so 1/z has standard deviation tau / (rho z)
             u, v = x[i] * q, y[i] * q
             A[0, 0] += w * u * u
             A[0, 1] += w * u * v
@@ -141,7 +143,7 @@ def fit(
 
 @njit(cache=True)
 def draw(state: np.uint64) -> tuple[np.uint64, float]:
-    """Next state and a number in [0, 1) (SplitMix64)."""
+    """Next state and a random number in [0, 1) (SplitMix64)."""
     state = state + np.uint64(0x9E3779B97F4A7C15)
     s = state
     s = (s ^ (s >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -152,10 +154,7 @@ def draw(state: np.uint64) -> tuple[np.uint64, float]:
 
 @njit(cache=True)
 def triple(
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    slack: np.ndarray,
+    sample: tuple[np.ndarray, ...],
     state: np.uint64,
     near_of: int,
     side: float,
@@ -163,11 +162,10 @@ def triple(
 ) -> tuple[np.uint64, float, float, float, float, bool]:
     """Plane through three random points, the camera on its positive side.
 
-    False if they are nearly collinear, or closer together than `side` or `slacks` times their noise.
-
-    The second and the third are each the nearest to the first of `near_of` draws: a small floor is hit
-    far more often than by points from anywhere.
+    The second and the third are each the nearest to the first of `near_of` draws, which hits a small floor far
+    more often. False if the points are nearly collinear, or closer than `side` or `slacks` times their noise.
     """
+    x, y, z, slack = sample
     count = x.shape[0]
     state, r = draw(state)
     i = int(r * count)
@@ -201,117 +199,92 @@ def triple(
 
 @njit(cache=True)
 def msac(
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    slack: np.ndarray,
-    up: np.ndarray,
-    least_cosine: float,
-    lowest_rho: float,
-    highest_rho: float,
+    sample: tuple[np.ndarray, ...],
+    gate: tuple[np.ndarray, float, float, float, float],
     base: float,
     penalty: float,
     sharp: float,
-    tries: int,
-    miss: float,
-    near_of: int,
     seed: np.uint64,
-) -> tuple[float, float, float, float, float, int]:
-    """Best plane within the gate by random triples, each new best improved by least squares.
+) -> tuple[float, float, float, float, float]:
+    """Best plane within the gate by random triples, each new best refined by least squares.
 
     Returns:
-        n and rho, the score (0 where nothing was found), the triples drawn.
+        n and rho, and the score; 0 where nothing was found.
     """
-    count = x.shape[0]
+    up, _, least_cosine, lowest_rho, highest_rho = gate
+    count = sample[0].shape[0]
     n = np.zeros(3)
     best_a, best_b, best_c, best_rho, best = 0.0, 0.0, 0.0, 0.0, 0.0
     state = seed
-    k, needed = 0, tries
+    k, needed = 0, TRIES
     while k < needed:
-        state, a, b, c, rho, good = triple(x, y, z, slack, state, near_of if k % 4 else 1, 0.0, 0.0)
+        state, a, b, c, rho, good = triple(sample, state, NEAREST_OF if k % 4 else 1, 0.0, 0.0)
         k += 1
         if not good or rho < lowest_rho or rho > highest_rho:
             continue
         if a * up[0] + b * up[1] + c * up[2] < least_cosine:
             continue
-        value = score(x, y, z, slack, a, b, c, rho, base, penalty, sharp * sharp, best)
+        value = score(sample, a, b, c, rho, base, penalty, sharp * sharp, best)
         if value <= best:
             continue
-        for wide in (
-            3.0,
-            1.5,
-            1.0,
-            1.0 / sharp,
-            1.0 / sharp,
-        ):  # local optimisation; the first triples are rough
+        for wide in (3.0, 1.5, 1.0, 1.0 / sharp, 1.0 / sharp):  # local optimisation, coarse to fine
             n[0], n[1], n[2] = a, b, c
-            fa, fb, fc, frho, good = fit(x, y, z, slack * wide, n, rho, base * wide)
+            fa, fb, fc, frho, good = fit(sample, n, rho, wide, base * wide)
             if not good or frho < lowest_rho or frho > highest_rho:
                 continue
             if fa * up[0] + fb * up[1] + fc * up[2] < least_cosine:
                 continue
-            better = score(x, y, z, slack, fa, fb, fc, frho, base, penalty, sharp * sharp, 0.0)
+            better = score(sample, fa, fb, fc, frho, base, penalty, sharp * sharp, 0.0)
             if better > value:
                 a, b, c, rho, value = fa, fb, fc, frho, better
         best_a, best_b, best_c, best_rho, best = a, b, c, rho, value
         share = best / count
         if share > 0.999:
             needed = k
-        else:  # triples until one lies on a plane as good, but for the probability `miss`
-            needed = min(tries, int(math.log(miss) / math.log(1.0 - share**3)) + 1)
-    return best_a, best_b, best_c, best_rho, best, k
+        else:  # triples until one is on a plane as good, with probability 1 - MISS
+            needed = min(TRIES, int(math.log(MISS) / math.log(1.0 - share**3)) + 1)
+    return best_a, best_b, best_c, best_rho, best
 
 
 @njit(cache=True)
 def vote(
-    x: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-    slack: np.ndarray,
-    up: np.ndarray,
-    first: np.ndarray,
-    second: np.ndarray,
-    least_cosine: float,
-    lowest_rho: float,
-    highest_rho: float,
-    tilt_cell: float,
-    rho_cell: float,
-    triples: int,
-    enough: int,
-    least: int,
-    most: int,
-    near_of: int,
+    sample: tuple[np.ndarray, ...],
+    gate: tuple[np.ndarray, float, float, float, float],
+    space: tuple[np.ndarray, np.ndarray, np.ndarray, float, float],
+    limits: tuple[int, int, int, int],
     side: float,
     slacks: float,
-    origin: np.ndarray,
     seed: np.uint64,
-    keys: np.ndarray,
-    votes: np.ndarray,
-    sums: np.ndarray,
+    table: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> int:
     """Randomised Hough transform: votes of random triples in a hash table of plane parameters.
 
-    The parameters are the tilts about two directions across the predicted up, and the distance from an
-    origin amid the points: there an error of tilt and one of distance are independent, while at the camera
-    a degree of tilt is centimetres of rho, and the votes for one plane would scatter. Cells are found by
-    open addressing; the table's size is a power of two and larger than the triples.
+    The distance is measured from an origin amid the points, where errors of tilt and distance are independent;
+    at the camera a degree of tilt is centimetres of rho, and the votes for one plane would scatter. Cells
+    are found by open addressing; the table size is a power of two and exceeds the number of triples.
 
     Args:
-        keys, votes, sums: The table, (m,), (m,), (m, 3), set to -1, 0, 0; filled.
+        sample, gate, space: `Sample`, `Gate` and `HoughSpace`.
+        limits: `VoteLimits`: draw `triples`, fewer if a cell reaches `enough`, up to `most` while no cell
+            has `least`.
+        side, slacks: See `triple`.
+        seed: Of the random numbers.
+        table: `VoteTable`, set to -1, 0, 0; filled.
 
     Returns:
-        Triples drawn: fewer than `triples` if a cell has gathered `enough`, and up to `most` as long as
-        none has `least`.
+        Number of triples drawn.
     """
+    up, _, least_cosine, lowest_rho, highest_rho = gate
+    first, second, origin, tilt_cell, rho_cell = space
+    triples, enough, least, most = limits
+    keys, votes, sums = table
     state = seed
     mask = keys.shape[0] - 1
     fullest = 0
     for k in range(most):
         if k >= triples and fullest >= least:
             return k
-        state, a, b, c, rho, good = triple(
-            x, y, z, slack, state, near_of if k % 4 else 1, side, slacks
-        )
+        state, a, b, c, rho, good = triple(sample, state, NEAREST_OF if k % 4 else 1, side, slacks)
         if not good or rho < lowest_rho or rho > highest_rho:
             continue
         cosine = a * up[0] + b * up[1] + c * up[2]
@@ -321,8 +294,8 @@ def vote(
         two = math.atan2(a * second[0] + b * second[1] + c * second[2], cosine)
         i = math.floor(one / tilt_cell) + 512
         j = math.floor(two / tilt_cell) + 512
-        at = rho + a * origin[0] + b * origin[1] + c * origin[2]
-        m = math.floor(at / rho_cell) + 512
+        distance = rho + a * origin[0] + b * origin[1] + c * origin[2]
+        m = math.floor(distance / rho_cell) + 512
         key = (m * 1024 + j) * 1024 + i
         slot = (key * 2654435761) & mask
         while keys[slot] != -1 and keys[slot] != key:
@@ -331,7 +304,7 @@ def vote(
         votes[slot] += 1
         sums[slot, 0] += one
         sums[slot, 1] += two
-        sums[slot, 2] += at
+        sums[slot, 2] += distance
         fullest = max(fullest, votes[slot])
         if fullest >= enough:
             return k + 1

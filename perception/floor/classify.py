@@ -1,12 +1,11 @@
-"""Floor, obstacle, hole or overhang: each point by its height over the plane.
+"""Classification of points by their height above the floor: floor, obstacle, hole or overhang.
 
-A floor point far away is noisy in height, so the band that counts as floor grows with depth noise, and
-with what the plane itself is unsure of there. Low things far away are not separable from the floor, and
-the band says so. The foot of a thing lies within the band as well; but a front that rises above it hides
-the floor behind, so what is seen there is foot and not floor.
+The threshold tau grows with depth noise and with the uncertainty of the plane at the point, so low obstacles far
+away are not separable from the floor. The foot of an obstacle lies within tau too; its front occludes the
+floor behind, so points seen there belong to the foot.
 
 Source: seed 003, section 3: floor |z| <= tau(Z) = 0.01 + 3 sigma_Z h / Z, obstacle up to the robot's height
-and 0.1 m; the plane's own part and the feet are ours.
+plus 0.1 m; the term of the plane and the feet are ours.
 """
 
 from __future__ import annotations
@@ -20,33 +19,35 @@ from jaxtyping import Float, Int8
 from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
+from ..primitives.settings import setting
 from . import _fit_kernels as kernels
 
 FLOOR, OBSTACLE, HOLE, OVERHANG = 0, 1, 2, 3
+HEADROOM_M = 0.10  # seed 003: points above robot height + 0.1 m are overhang
 
 
 @dataclass(frozen=True)
 class ClassConfig:
-    """Borders between the classes."""
+    """Heights that separate the classes."""
 
-    base_m: float = 0.01  # seed 003
-    sigmas: float = 3.0  # seed 003
-    robot_height_m: float = 0.46  # DARwIn-OP, standing
-    headroom_m: float = 0.10  # seed 003: ignored from robot height + 0.1 m up
-    foot_m: float = 0.10  # ours: fronts are looked for so far above the band; 0: feet stay floor
-    front_points: int = 3  # ours: points that make a front, half a degree wide
+    base_m: float = setting(0.01, "m", "constant part of the floor threshold tau", "seed 003")
+    sigmas: float = setting(
+        3.0, "", "standard deviations of height in the floor threshold tau", "seed 003"
+    )
+    robot_height_m: float = setting(
+        0.46, "m", "height of the robot; points 0.1 m above it are overhang", "DARwIn-OP, standing"
+    )
+    foot_m: float = 0.10  # ours: range of heights above 2 tau that make a front; 0: no feet
 
     def __post_init__(self) -> None:
-        for name in ("base_m", "sigmas", "robot_height_m", "headroom_m", "foot_m"):
+        for name in ("base_m", "sigmas", "robot_height_m", "foot_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"classes: {name}={value} must not be negative, and finite")
-        if self.front_points < 1:
-            raise ConfigError(f"classes: front_points={self.front_points} must be at least 1")
-        if not self.robot_height_m + self.headroom_m > self.base_m:
+        if not self.robot_height_m + HEADROOM_M > self.base_m:
             raise ConfigError(
-                f"classes: robot_height_m={self.robot_height_m} and headroom_m={self.headroom_m} must "
-                f"reach above base_m={self.base_m}"
+                f"classes: robot_height_m={self.robot_height_m} plus {HEADROOM_M} must exceed "
+                f"base_m={self.base_m}"
             )
 
 
@@ -60,39 +61,26 @@ def classify(
         plane: The floor in the camera frame, with covariance.
     """
     config = config or ClassConfig()
-    first, second = plane.tangents
+    ground = kernels.Ground(plane.normal, plane.offset_m, *plane.tangents)
     labels, tau = np.empty(len(points), dtype=np.int8), np.empty(len(points))
     kernels.classes(
         points.xyz,
         points.sigma,
-        plane.normal,
-        plane.offset_m,
-        first,
-        second,
+        ground,
         plane.covariance,
         config.base_m,
         config.sigmas,
-        config.robot_height_m + config.headroom_m,
+        config.robot_height_m + HEADROOM_M,
         labels,
         tau,
     )
     if config.foot_m > 0.0:
-        kernels.feet(
-            points.xyz,
-            plane.normal,
-            plane.offset_m,
-            first,
-            second,
-            tau,
-            config.foot_m,
-            config.front_points,
-            labels,
-        )
+        kernels.feet(points.xyz, ground, tau, config.foot_m, labels)
     return labels
 
 
 def band(points: Points, plane: Plane, config: ClassConfig | None = None) -> Float[np.ndarray, "n"]:
-    """tau of each point: half the height of the band that counts as floor there, m."""
+    """Threshold tau of each point, m: points within +-tau of the plane are floor."""
     config = config or ClassConfig()
     noise = points.sigma * plane.offset_m / points.xyz[:, 2]
     lever = np.column_stack([points.xyz @ plane.tangents.T, np.ones(len(points))])

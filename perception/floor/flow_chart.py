@@ -1,12 +1,12 @@
-"""The floor exactly as the flow chart of seed 003 has it, for comparison with what `hough` makes of it.
+"""The floor by the flow chart of seed 003 without changes, for comparison with `hough`.
 
-Three things in it are worse than they need be, and each is measured by experiment INT-3:
+It has three weaknesses, which experiment INT-3 measures:
 
 - the plane's parameters are (rho, theta, phi) of `x cos(theta) sin(phi) + y sin(theta) sin(phi) +
-  z cos(phi) = rho`. With z up, the floor sits at phi = 0, where theta is undefined: its votes scatter round
-  the circle. (The sign of rho is opposite to the `n.p + rho = 0` of the same section.)
-- rho is measured at the camera, where a degree of tilt is centimetres of rho;
-- least squares runs over points in space with the weight 1/Z^2, though the noise is along the ray.
+  z cos(phi) = rho`. With z up, the floor is at phi = 0, where theta is undefined, so its votes scatter over
+  all theta. (The sign of rho is opposite to the `n.p + rho = 0` of the same section.)
+- rho is measured at the camera, where a degree of tilt is centimetres of rho.
+- Least squares runs over points in space with the weight 1/Z^2, although the noise is along the ray.
 
 Source: seed 003, section 3, Fig. 4, steps 1 to 6.
 """
@@ -30,15 +30,15 @@ LEAST_RATIO, MOST_TURN, MOST_LIFT_M = 0.2, math.radians(10.0), 0.05  # step 6
 
 
 def find_as_printed(points: Points, prior: Plane, rng: np.random.Generator) -> Plane | None:
-    """The floor by steps 1 to 6 to the letter; None where the chart keeps the kinematic plane.
+    """The floor by steps 1 to 6; None where the chart keeps the kinematic plane.
 
     Args:
         points: Camera frame, m.
-        prior: The floor by the joint angles, camera frame; its covariance is not asked for.
-        rng: Chooses points and triples.
+        prior: The floor by the joint angles, camera frame; its covariance is not used.
+        rng: Draws points and triples.
 
     Returns:
-        The plane in the camera frame, without a covariance: the chart has none.
+        The plane in the camera frame, without covariance.
     """
     reach = (points.xyz[:, 2] >= NEAREST_M) & (points.xyz[:, 2] <= FARTHEST_M)
     index = np.flatnonzero(reach)
@@ -70,7 +70,7 @@ def find_as_printed(points: Points, prior: Plane, rng: np.random.Generator) -> P
 def _vote(
     xyz: Float[np.ndarray, "n 3"], rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3"], float]:
-    """Normal and height of the cell that is full first, or fullest; height 0 if it has too few votes."""
+    """Normal and height of the first cell with T_v votes, or of the fullest; height 0 below T_min votes."""
     a, b, c = xyz[rng.integers(0, len(xyz), (3, K_MAX))]
     normals = np.cross(b - a, c - a)
     area = np.linalg.norm(normals, axis=1)
@@ -108,7 +108,7 @@ def _vote(
 def _least_squares(
     xyz: Float[np.ndarray, "n 3"], weight: Float[np.ndarray, "n"]
 ) -> tuple[Float[np.ndarray, "3"], float]:
-    """The plane of least weighted squared distances, normal up, and its height below the camera."""
+    """Weighted least-squares plane: normal, up, and height of the camera above it."""
     middle = weight @ xyz / weight.sum()
     centred = xyz - middle
     _, vectors = np.linalg.eigh((centred * weight[:, None]).T @ centred)

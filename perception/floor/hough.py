@@ -1,67 +1,83 @@
-"""Floor candidates by the randomised Hough transform, as the flow chart of seed 003 has it.
+"""Floor candidates by the randomised Hough transform, after the flow chart of seed 003.
 
-Random triples vote for planes in a table of (two tilts about the predicted up, distance) until one cell has
-enough votes or there are no more triples. The means of the fullest cells are candidates, each improved by
-least squares; then the points of the best are taken away and the vote repeats. Of all candidates the one
-that is most like a floor wins, because the largest plane of a kitchen is its table.
+Random triples vote for planes in a table of (two tilts about the predicted up direction, distance) until a cell
+has enough votes or the triples are used up. The means of the fullest cells are candidates, each refined by
+least squares; then the points of the best one are removed and the vote repeats. The candidate with the
+best floor score wins: the largest plane of a kitchen is its table.
 
-Source: seed 003, section 3, Fig. 4; Xu and Oja 1990. The choice among the planes, and triples of
-neighbours, ours.
+Source: seed 003, section 3, Fig. 4; Xu and Oja 1990. Choice among the planes and triples of neighbours ours.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
+from ..primitives.settings import setting
 from . import _search_kernels as kernels
 from .prior import Gate
-from .sample import Sample, ScoreConfig, score
+from .sample import SHARP, Sample, ScoreConfig, score
 
-SIDE_SHARE = 0.7  # of the spread of all points: sides that a camera at the ankle can still find
+JOINTS_TILT_DEG = 25.0  # seed 003: T_min holds while the prior knows up to within this tilt
+PATIENCE = 6  # ours: times K_max are drawn while no cell has T_min votes; the seed gives up at once
+ROUNDS = 5  # ours: table, bed, seats, floor
+CELLS = 12  # ours: candidates of a round
+RUNNER_UP = 3  # ours: least votes of a candidate after the first; the score decides
+SIDE_M = 0.15  # ours: least side of a triple; 5 mm of noise over it is a cell of tilt
+SIDE_SIGMAS = 30.0  # ours: the same in standard deviations of depth, for noisier sensors
+SIDE_SHARE = 0.7  # ours: of the spread of all points, limits both for a camera close to the floor
 
 
 @dataclass(frozen=True)
 class HoughConfig:
-    """Grain of the table and when a cell is full."""
+    """Resolution of the table and number of votes."""
 
-    triples: int = 3000  # seed 003: K_max
-    patience: int = 6  # ours: times K_max while no cell has T_min; 1 gives up, as the seed does
-    enough: int = 60  # seed 003: T_v
-    least: int = 15  # seed 003: T_min, of the first table
-    joints_tilt_deg: float = (
-        25.0  # seed 003: so near is up by the joints; T_min holds no farther off
-    )
-    tilt_cell_deg: float = 2.0  # seed 003
-    rho_cell_m: float = 0.02  # seed 003
-    rounds: int = 5  # ours: table, bed, seats, floor
-    cells: int = 12  # ours: candidates of a round: the fullest cell and some of those after it
-    runner_up: int = 3  # ours: votes of those; the score judges them
-    near_of: int = 8  # ours: three triples of four have points drawn as nearest of so many
-    side_m: float = 0.15  # ours: 5 mm of noise over this length are a cell of tilt
-    side_sigmas: float = 30.0  # ours: the same where depth is noisier
+    triples: int = setting(3000, "", "K_max, random triples per round", "seed 003")
+    enough: int = setting(60, "", "T_v, votes of a cell that end the vote", "seed 003")
+    least: int = setting(15, "", "T_min, least votes of the first plane", "seed 003")
+    tilt_cell_deg: float = setting(2.0, "deg", "cell size in tilt", "seed 003")
+    rho_cell_m: float = setting(0.02, "m", "cell size in distance", "seed 003")
 
     def __post_init__(self) -> None:
-        for name in (
-            "triples",
-            "patience",
-            "enough",
-            "least",
-            "rounds",
-            "cells",
-            "runner_up",
-            "near_of",
-        ):
+        for name in ("triples", "enough", "least"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"hough: {name}={getattr(self, name)} must be at least 1")
-        for name in ("joints_tilt_deg", "tilt_cell_deg", "rho_cell_m", "side_m", "side_sigmas"):
+        for name in ("tilt_cell_deg", "rho_cell_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"hough: {name}={value} must be positive and finite")
+
+
+class HoughSpace(NamedTuple):
+    """Plane parameters: tilts about two directions across the predicted up, distance from an origin."""
+
+    first: np.ndarray
+    second: np.ndarray
+    origin: np.ndarray
+    tilt_cell_rad: float
+    rho_cell_m: float
+
+
+class VoteLimits(NamedTuple):
+    """When the vote ends; see `vote`."""
+
+    triples: int
+    enough: int
+    least: int
+    most: int
+
+
+class VoteTable(NamedTuple):
+    """Hash table of cells: key (m,), votes (m,), sums of the parameters (m, 3)."""
+
+    keys: np.ndarray
+    votes: np.ndarray
+    sums: np.ndarray
 
 
 def propose(
@@ -71,14 +87,14 @@ def propose(
     config: HoughConfig,
     scoring: ScoreConfig,
 ) -> Plane | None:
-    """The plane of the sample that is most like a floor; None if no cell gathers enough votes."""
+    """The plane with the best floor score; None if no cell gets enough votes."""
     best, best_score = None, 0.0
     rest = sample
-    for number in range(config.rounds):
-        if len(rest) < 3 or best_score >= len(rest):  # what is left cannot beat it
+    for number in range(ROUNDS):
+        if rest.size < 3 or best_score >= rest.size:  # the rest cannot give a better score
             break
-        strict = number == 0 and gate.tilt_rad <= math.radians(config.joints_tilt_deg)
-        least = config.least if strict else config.runner_up
+        strict = number == 0 and gate.tilt_rad <= math.radians(JOINTS_TILT_DEG)
+        least = config.least if strict else RUNNER_UP
         planes = _candidates(rest, gate, rng, config, scoring, least)
         if not planes:
             break
@@ -86,8 +102,8 @@ def propose(
             value = score(sample, plane, scoring)
             if value > best_score:
                 best, best_score = plane, value
-        on_it = [score(rest, plane, scoring, penalty=0.0) for plane in planes]
-        rest = rest.without(planes[int(np.argmax(on_it))], scoring)
+        inliers = [score(rest, plane, scoring, penalty=0.0) for plane in planes]
+        rest = rest.without(planes[int(np.argmax(inliers))], scoring)
     return best
 
 
@@ -99,67 +115,44 @@ def _candidates(
     scoring: ScoreConfig,
     least: int,
 ) -> list[Plane]:
-    """Means of the fullest cells, the fullest first, improved by least squares on the sample."""
+    """Means of the fullest cells, the fullest first, refined by least squares on the sample."""
     first, second = Plane(gate.up, 0.0).tangents
     origin = np.array([sample.x.mean(), sample.y.mean(), sample.z.mean()])
     widest = SIDE_SHARE * math.sqrt(sample.x.var() + sample.y.var() + sample.z.var())
     noise = float(np.median(sample.slack * sample.z)) / scoring.sigmas
-    most = config.patience * config.triples
+    most = PATIENCE * config.triples
     size = 1 << (2 * most - 1).bit_length()
-    sums = np.zeros((size, 3))
-    votes = np.zeros(size, dtype=np.int64)
+    votes, sums = np.zeros(size, dtype=np.int64), np.zeros((size, 3))
     kernels.vote(
-        sample.x,
-        sample.y,
-        sample.z,
-        sample.slack,
-        gate.up,
-        first,
-        second,
-        math.cos(gate.tilt_rad),
-        gate.lowest_m,
-        gate.highest_m,
-        math.radians(config.tilt_cell_deg),
-        config.rho_cell_m,
-        config.triples,
-        config.enough,
-        least,
-        most,
-        config.near_of,
-        min(config.side_m, widest),
-        min(config.side_sigmas, widest / noise) / scoring.sigmas,
-        origin,
+        sample,
+        gate,
+        HoughSpace(first, second, origin, math.radians(config.tilt_cell_deg), config.rho_cell_m),
+        VoteLimits(config.triples, config.enough, least, most),
+        min(SIDE_M, widest),
+        min(SIDE_SIGMAS, widest / noise) / scoring.sigmas,
         rng.integers(0, 2**63, dtype=np.uint64),
-        np.full(size, -1, dtype=np.int64),
-        votes,
-        sums,
+        VoteTable(np.full(size, -1, dtype=np.int64), votes, sums),
     )
     if votes.max() < least:
         return []
-    full = np.flatnonzero(votes >= min(config.runner_up, least))
-    full = full[np.argsort(-votes[full], kind="stable")][: config.cells]
+    full = np.flatnonzero(votes >= min(RUNNER_UP, least))
+    full = full[np.argsort(-votes[full], kind="stable")][:CELLS]
     planes = []
     for slot in full:
-        one, two, at = sums[slot] / votes[slot]
+        one, two, distance = sums[slot] / votes[slot]
         normal = gate.up + math.tan(one) * first + math.tan(two) * second
         normal /= np.linalg.norm(normal)
-        planes.append(_improved(sample, normal, at - float(normal @ origin), scoring))
+        planes.append(_refined(sample, normal, distance - float(normal @ origin), scoring))
     return planes
 
 
-def _improved(sample: Sample, normal: np.ndarray, rho: float, scoring: ScoreConfig) -> Plane:
-    """Least squares on the points near a plane, then on those nearer, as long as the score rises."""
+def _refined(sample: Sample, normal: np.ndarray, rho: float, scoring: ScoreConfig) -> Plane:
+    """Least squares on the points within a shrinking band, kept while the score rises."""
     best = Plane(normal, float(rho))
     best_score = score(sample, best, scoring)
-    for wide in (3.0, 1.5, 1.0, 1.0 / scoring.sharp, 1.0 / scoring.sharp):
+    for wide in (3.0, 1.5, 1.0, 1.0 / SHARP, 1.0 / SHARP):
         a, b, c, offset, good = kernels.fit(
-            sample.x,
-            sample.y,
-            sample.z,
-            wide * sample.slack,
-            best.normal,
-            best.offset_m,
-            wide * scoring.base_m,
+            sample, best.normal, best.offset_m, wide, wide * scoring.base_m
         )
         if not good:
             continue

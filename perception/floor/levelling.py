@@ -1,8 +1,8 @@
-"""Stand the camera upright: joint angles or a given pose, corrected by the floor that is seen.
+"""Levelling: correct tilt and height of a camera pose by the measured floor.
 
-A head's joint angles are off by a good half degree, the floor seen is not. The smallest rotation that
-makes the seen floor horizontal and puts it at height zero replaces tilt and height of the camera; its
-heading and its place on the floor stay what joints or the given pose say.
+Joint angles of a head have errors of half a degree and more; the measured floor is more accurate. The smallest
+rotation that makes the floor horizontal, and its offset, replace tilt and height of the camera. Heading and
+position on the floor stay those of the joints or the given pose.
 
 Source: seed 003, section 2.2 (range to the floor frame); the correction is ours.
 """
@@ -26,7 +26,7 @@ def rotation_between(
     """The smallest rotation that turns one unit vector into another (Rodrigues)."""
     axis = np.cross(source, target)
     cosine = float(source @ target)
-    if cosine < -1.0 + 1e-9:  # opposite: half a turn about any axis across
+    if cosine < -1.0 + 1e-9:  # opposite: half a turn about any perpendicular axis
         across = np.eye(3)[int(np.argmin(np.abs(source)))]
         axis = np.cross(source, across)
         axis /= np.linalg.norm(axis)
@@ -37,15 +37,14 @@ def rotation_between(
 
 
 def level(T_body_camera: Pose3, floor: Plane) -> Pose3:
-    """The camera on the body with the tilt and height that the seen floor gives it.
+    """Pose of the camera on the body, with tilt and height by the measured floor.
 
     Args:
-        T_body_camera: Camera by joint angles, or by a given pose, in an upright frame with the floor near
-            z = 0.
-        floor: The floor in the camera frame, normal up, offset the camera's height, m.
+        T_body_camera: By joint angles or a given pose, in an upright frame with the floor near z = 0.
+        floor: Measured floor, camera frame; normal up, offset the camera height, m.
 
     Returns:
-        T_body_camera whose image of the floor is z = 0 exactly; x and y of the camera unchanged, m.
+        T_body_camera that maps the floor to z = 0 exactly; x and y of the camera are unchanged.
     """
     normal_body = T_body_camera.rotation @ floor.normal
     rotation = rotation_between(normal_body, UP) @ T_body_camera.rotation
@@ -53,15 +52,15 @@ def level(T_body_camera: Pose3, floor: Plane) -> Pose3:
     return Pose3.from_rotation(rotation, np.array([x, y, floor.offset_m]))
 
 
-def shadow(floor: Plane) -> Pose3:
-    """The camera in a body frame of its own: on the floor below it, x where the camera looks.
+def camera_above_floor(floor: Plane) -> Pose3:
+    """Pose of a handheld camera in a body frame on the floor straight below it.
 
     Args:
         floor: The floor in the camera frame, m.
 
     Returns:
-        T_body_camera for a camera in the hand: origin straight below the camera, heading of its
-        optical axis, or of its upper image edge where it looks straight down.
+        T_body_camera; x of the body frame is the direction of the optical axis, or of the upper image edge
+        where the camera looks straight down.
     """
     up = floor.normal
     ahead = np.array([0.0, 0.0, 1.0]) - up[2] * up

@@ -1,7 +1,7 @@
-"""Where the floor should be before looking: from joint angles, from gravity, or from nothing but habit.
+"""Prior of the floor: from joint angles, from gravity, or from how a camera is usually held.
 
-A prior is a `Plane` in the camera frame whose covariance says how far it may be off. It decides which
-planes are thought of at all, and takes part in the result as one more measurement.
+A prior is a `Plane` in the camera frame with its covariance. It limits the planes that are searched, and it is
+fused with the measured plane as one more measurement.
 
 Source: seed 003, section 3, Fig. 4 (normal predicted by the joint angles); the rest ours.
 """
@@ -9,7 +9,7 @@ Source: seed 003, section 3, Fig. 4 (normal predicted by the joint angles); the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,35 +18,33 @@ from ..primitives.errors import InputError
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 
-HAND_UP = np.array([0.0, -1.0, 0.0])  # a camera held level: up is up in the image
-HAND_TILT_RAD = math.radians(
-    25.0
-)  # ours: cameras in the hand are pitched and rolled by up to 50 deg
-GRAVITY_TILT_RAD = math.radians(3.0)  # ours: gravity of handheld sets is good to 1-3 deg
-HAND_HEIGHT_M = 1.0  # ours: between a camera at the ankle and one over the head
+HAND_UP = np.array([0.0, -1.0, 0.0])  # of a camera held level
+HAND_TILT_RAD = math.radians(25.0)  # ours: handheld cameras pitch and roll by up to 50 deg
+GRAVITY_TILT_RAD = math.radians(3.0)  # ours: gravity in handheld recordings is accurate to 1-3 deg
+HAND_HEIGHT_M = 1.0  # ours: between ankle and head
 HAND_HEIGHT_SIGMA_M = 1.0  # ours
 
 
-@dataclass(frozen=True)
-class Gate:
-    """Which planes are thought of: tilt from `up` and height of the camera."""
+class Gate(NamedTuple):
+    """Planes that are searched: largest tilt from `up` and its cosine, range of the camera height."""
 
     up: Float[np.ndarray, "3"]
     tilt_rad: float
+    least_cosine: float
     lowest_m: float
     highest_m: float
 
 
 def kinematic_prior(T_body_camera: Pose3, tilt_sigma_rad: float, height_sigma_m: float) -> Plane:
-    """The floor z = 0 of the body frame in the camera frame, by joint angles.
+    """The floor z = 0 of the body frame, in the camera frame, by joint angles.
 
     Args:
         T_body_camera: Camera on the body.
-        tilt_sigma_rad: Deviation of either tilt of the camera.
-        height_sigma_m: Deviation of the camera's height.
+        tilt_sigma_rad: Standard deviation of either tilt of the camera.
+        height_sigma_m: Standard deviation of the camera height.
 
     Raises:
-        InputError: A deviation is not positive and finite, or the camera is not above the floor.
+        InputError: A standard deviation is not positive and finite, or the camera is not above the floor.
     """
     for name, value in (("tilt_sigma_rad", tilt_sigma_rad), ("height_sigma_m", height_sigma_m)):
         if not (math.isfinite(value) and value > 0.0):
@@ -62,11 +60,11 @@ def kinematic_prior(T_body_camera: Pose3, tilt_sigma_rad: float, height_sigma_m:
 
 
 def handheld_prior(up_camera: Float[np.ndarray, "3"] | None) -> Plane:
-    """The floor under a camera in the hand: about a metre below it, somewhere.
+    """The floor below a handheld camera: 1 m below it, give or take 1 m.
 
     Args:
-        up_camera: Up in the camera frame, from an inertial sensor or a given pose, any length; None if
-            nobody knows, then the camera is taken to be held upright to within `HAND_TILT_RAD`.
+        up_camera: Up direction in the camera frame, from an inertial sensor or a given pose, of any length;
+            None: the camera is held upright with a standard deviation of `HAND_TILT_RAD`.
 
     Raises:
         InputError: The direction has no length or is not finite.
@@ -82,12 +80,14 @@ def handheld_prior(up_camera: Float[np.ndarray, "3"] | None) -> Plane:
 
 
 def gate(prior: Plane, sigmas: float, most_tilt_rad: float, least_height_m: float) -> Gate:
-    """What lies within so many deviations of the prior, but never steeper or lower than allowed."""
+    """Planes within `sigmas` standard deviations of the prior, limited in tilt and height."""
     tilt = sigmas * math.sqrt(float(np.linalg.eigvalsh(prior.covariance[:2, :2])[-1]))
     reach = sigmas * math.sqrt(float(prior.covariance[2, 2]))
+    tilt = min(tilt, most_tilt_rad)
     return Gate(
         prior.normal,
-        min(tilt, most_tilt_rad),
+        tilt,
+        math.cos(tilt),
         max(prior.offset_m - reach, least_height_m),
         prior.offset_m + reach,
     )

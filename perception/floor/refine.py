@@ -1,13 +1,12 @@
-"""The last word on a plane: weighted least squares on all points, and how sure it is.
+"""Final fit of the floor: weighted least squares on all points, with its covariance.
 
-A few passes in inverse depth (see `_search_kernels`). The covariance has three parts:
+The fit runs a few passes in inverse depth (see `_search_kernels`). Its covariance is
 
-- what independent noise of the points leaves: the inverse of the normal matrix;
-- times the factor by which the noise of neighbouring pixels hangs together, measured on the residuals:
-  gradients summed over image cells of about 5 deg vary that much more than independent ones would;
-- plus what residuals cannot show, because it bends the floor into another plane: an error that all points
-  of the view share, constant and growing across the image to the right and downwards. How large it is
-  depends on the sensor (`SharedError`).
+- the inverse of the normal matrix, for independent noise of the points;
+- times a factor for correlated noise of neighbouring pixels, measured on the residuals: gradients summed over
+  image cells of about 5 deg vary by that factor more than independent ones would;
+- plus the effect of errors common to all points of a view, which turn the floor into another plane and leave
+  no residuals: constant, or growing across the image. Their size depends on the sensor (`SharedError`).
 
 Source: seed 003, section 3 (least squares, one repeat); covariance ours, its factor after White 1980.
 """
@@ -16,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -23,86 +23,85 @@ from jaxtyping import Float
 from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
+from ..primitives.settings import setting
 from . import _fit_kernels as kernels
 from .sample import ScoreConfig
 
-MANY_CELLS = 30  # so many tell that the noise is less than was said
-LEAST_FACTOR = 0.05
-SENSORS = ("tof", "stereo", "depth")
+PASSES = 3  # seed 003: least squares, one repeat; ours: one more, as the band narrows
+TIGHT_WIDE_SIGMAS = (
+    3.0  # ours: first and last band where the prior is precise: a ramp or a step that
+)
+TIGHT_SIGMAS = 1.5  # begins nearby must not take part
+LEAST_POINTS = 100  # ours: fewer are no floor
+MANY_CELLS = 30  # ours: from here on the factor of correlated noise may be below 1
+LEAST_FACTOR = 0.05  # ours
 
 
-@dataclass(frozen=True)
-class SharedError:
-    """What all points of one view have wrong alike, as deviations.
+class SharedError(NamedTuple):
+    """Errors common to all points of one view, as standard deviations.
 
     Args:
-        scale: The same everywhere, part of depth: focal length or baseline are off.
-        bend: Growing across the image, part of depth per unit of ray slope, to the right and downwards
-            each: stray light, lens distortion left over.
-        sigmas: In each point's own deviations, of all three shapes: a disparity off by part of a pixel.
+        scale: Relative error of depth, everywhere the same: focal length or baseline.
+        bend: Relative error of depth per unit of ray slope, to the right and downwards each: stray light,
+            residual lens distortion.
+        sigmas: In standard deviations of each point, for all three shapes: an offset of disparity.
     """
 
     scale: float = 0.0
     bend: float = 0.0
     sigmas: float = 0.0
 
-    def __post_init__(self) -> None:
-        for name in ("scale", "bend", "sigmas"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ConfigError(f"floor: {name}={value} must not be negative, and finite")
-
 
 @dataclass(frozen=True)
 class RefineConfig:
-    """Passes and the parts of the covariance."""
+    """Bands of the fit and common errors of each sensor."""
 
-    passes: int = 3  # seed 003: least squares, one repeat; ours: one more, as the band narrows
+    tof_scale: float = setting(
+        0.015, "", "relative depth error common to a TOF view", "ours: stray light, SR-4000 model"
+    )
+    tof_bend: float = setting(
+        0.035, "", "the same per unit of ray slope", "ours: wiggling error, SR-4000 model"
+    )
+    stereo_sigmas: float = setting(
+        0.11, "sigma", "depth error common to a stereo view", "ours: NEES of 003-E1, own matcher"
+    )
+    depth_share: float = setting(
+        0.01,
+        "",
+        "relative depth error common to an RGB-D view, also per unit of ray slope",
+        "ours: Kinects against motion capture",
+    )
+    unknown_share: float = 0.003  # ours: the same where the sensor is not known
     rough_m: float = 0.003  # ours: carpet, joints of tiles
-    wide_sigmas: float = 5.0  # ours: band of the first pass, deviations of noise and roughness
-    narrow_sigmas: float = 2.5  # ours: feet of walls and boxes lie within tau, but not within this
-    tight_wide_sigmas: float = 3.0  # ours: the same where joints say where the floor is, and a
-    tight_sigmas: float = 1.5  # ramp or a step that begins nearby must be left aside
-    foot_m: float = 0.25  # ours: points up to here above the floor make what is below them a foot
-    foot_cell_m: float = 0.05  # ours: as far from a wall as its foot reaches through noise
-    scale_share: float = 0.003  # ours: scale and bend where the sensor is not said
-    tof: SharedError = SharedError(
-        0.015, 0.035
-    )  # ours: stray light and wiggling of the SR-4000 model
-    stereo: SharedError = SharedError(sigmas=0.11)  # ours: NEES of 003-E1 with the own matcher
-    depth: SharedError = SharedError(0.01, 0.01)  # ours: Kinects against motion capture, mountings
-    least_points: int = 100  # ours: fewer are no floor
+    wide_sigmas: float = (
+        5.0  # ours: band of the first pass, standard deviations of noise and roughness
+    )
+    narrow_sigmas: float = 2.5  # ours: band of the last pass; excludes the feet of walls and boxes
+    foot_m: float = 0.25  # ours: points up to this height above the floor mark a foot below them
 
     def __post_init__(self) -> None:
-        if self.passes < 2:
-            raise ConfigError(f"floor: passes={self.passes} must be at least 2")
         if not 0.0 < self.narrow_sigmas < self.wide_sigmas:
             raise ConfigError(
                 f"floor: narrow_sigmas={self.narrow_sigmas} must be positive and below "
                 f"wide_sigmas={self.wide_sigmas}"
             )
-        if not 0.0 < self.tight_sigmas <= self.tight_wide_sigmas:
-            raise ConfigError(
-                f"floor: tight_sigmas={self.tight_sigmas} must be positive and not above "
-                f"tight_wide_sigmas={self.tight_wide_sigmas}"
-            )
-        for name in ("rough_m", "scale_share", "foot_m"):
+        for name in ("tof_scale", "tof_bend", "stereo_sigmas", "depth_share", "unknown_share",
+                     "rough_m", "foot_m"):  # fmt: skip
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"floor: {name}={value} must not be negative, and finite")
-        if not self.foot_cell_m > 0.0:
-            raise ConfigError(f"floor: foot_cell_m={self.foot_cell_m} must be positive")
-        if self.least_points < 3:
-            raise ConfigError(f"floor: least_points={self.least_points} must be at least 3")
 
     def shared(self, sensor: str | None) -> SharedError:
-        """What points of that sensor share; an unknown name is a ConfigError."""
-        if sensor is None:
-            return SharedError(self.scale_share, self.scale_share)
-        if sensor not in SENSORS:
-            raise ConfigError(f"floor: sensor={sensor!r} is unknown; choose {', '.join(SENSORS)}")
-        found: SharedError = getattr(self, sensor)
-        return found
+        """Common errors of a sensor; ConfigError for an unknown name."""
+        errors = {
+            "tof": SharedError(self.tof_scale, self.tof_bend),
+            "stereo": SharedError(sigmas=self.stereo_sigmas),
+            "depth": SharedError(self.depth_share, self.depth_share),
+            None: SharedError(self.unknown_share, self.unknown_share),
+        }
+        if sensor not in errors:
+            raise ConfigError(f"floor: sensor={sensor!r} is unknown; choose tof, stereo, depth")
+        return errors[sensor]
 
 
 @dataclass(frozen=True)
@@ -110,11 +109,11 @@ class Fit:
     """A plane fitted to points.
 
     Args:
-        plane: With all of its covariance.
-        among_points: The same with the covariance that it has relative to its own points, which share
-            the rest: what to measure heights over the floor from.
-        share: Of the points that lie on it.
-        below_share: Of those that lie clearly below.
+        plane: With its whole covariance.
+        among_points: The same plane with its covariance relative to its own points, without their common
+            errors: the reference for heights of points above the floor.
+        share: Share of all points that lie on it.
+        below_share: Share of all points that lie clearly below it.
     """
 
     plane: Plane
@@ -135,37 +134,34 @@ def refine(
 
     Args:
         points: Camera frame, m.
-        start: Within a few centimetres of the answer.
-        sensor: "tof", "stereo" or "depth", which says what the points share; None if nobody says.
-        settle: Narrow the band farther and widen it once at the end: what lies at a small angle to the
-            floor has no say, but a start far off is not forgiven.
+        start: Within a few centimetres of the result.
+        scoring: Threshold tau.
+        config: Bands and common errors.
+        sensor: "tof", "stereo" or "depth"; None if unknown.
+        settle: Narrow the band further and widen it once at the end. This excludes surfaces at a small angle
+            to the floor, but needs a start close to the result.
 
     Returns:
-        The plane, the camera on its positive side; None if too few points are near or they lie on a line.
+        The plane, the camera on its positive side; None if too few points are near, or if they are collinear.
     """
     normal, rho = start.normal, start.offset_m
     A, B, C, D = np.zeros((4, 3, 3))
     g = np.zeros(3)
     is_open = np.ones(len(points), dtype=np.bool_)
     near = below = cells = 0
-    bands = list(np.linspace(config.wide_sigmas, config.narrow_sigmas, config.passes))
+    bands = list(np.linspace(config.wide_sigmas, config.narrow_sigmas, PASSES))
     if settle:
-        tight = np.linspace(config.tight_wide_sigmas, config.tight_sigmas, config.passes + 1)
+        tight = np.linspace(TIGHT_WIDE_SIGMAS, TIGHT_SIGMAS, PASSES + 1)
         bands = [*tight, config.narrow_sigmas]
     for number, wide in enumerate(bands):
         if number == 1:
-            first, second = Plane(normal, rho).tangents
             kernels.open_ground(
                 points.xyz,
                 points.sigma,
-                normal,
-                rho,
-                first,
-                second,
+                kernels.Ground(normal, rho, *Plane(normal, rho).tangents),
                 scoring.base_m,
                 scoring.sigmas,
                 config.foot_m,
-                config.foot_cell_m,
                 is_open,
             )
         common = (points.xyz, points.sigma, is_open, normal, rho)
@@ -189,7 +185,7 @@ def refine(
         slope = -normal / rho + np.linalg.solve(A, g)
         rho = 1.0 / float(np.linalg.norm(slope))
         normal = -slope * rho
-    if near < config.least_points:
+    if near < LEAST_POINTS:
         return None
     inverse = np.linalg.inv(A)
     factor = float(np.trace(inverse @ B)) / 3.0 * cells / max(cells - 3, 1)
@@ -205,11 +201,11 @@ def refine(
 
 
 def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:
-    """Join a measured plane and a prior.
+    """Fuse a measured plane with its prior.
 
     Returns:
-        The plane, the prior taken as one more measurement (information form); and the squared Mahalanobis
-        distance of the two, both covariances taken together.
+        The fused plane, the prior being one more measurement (information form), and the squared Mahalanobis
+        distance of the two under the sum of their covariances.
     """
     tangents = measured.tangents
     W_measured = np.linalg.inv(measured.covariance)
@@ -232,7 +228,7 @@ def _turned(
     source: Float[np.ndarray, "2 3"],
     target: Float[np.ndarray, "2 3"],
 ) -> Float[np.ndarray, "3 3"]:
-    """Covariance of a plane in the tangents of another that is nearly parallel."""
+    """Covariance of a plane with respect to the tangents of a nearly parallel one."""
     T = np.eye(3)
     u, _, vt = np.linalg.svd(target @ source.T)  # the nearest rotation
     T[:2, :2] = u @ vt
@@ -240,7 +236,7 @@ def _turned(
 
 
 def _jacobian(plane: Plane) -> Float[np.ndarray, "3 3"]:
-    """Of (tilt, tilt, offset) by the slope a = -n / rho."""
+    """Jacobian of (tilt, tilt, offset) with respect to the slope a = -n / rho."""
     n, rho = plane.normal, plane.offset_m
     first, second = plane.tangents  # dn = -rho (I - n n^T) da, drho = rho^2 n.da
     return np.stack([-rho * first, -rho * second, rho * rho * n])

@@ -1,15 +1,16 @@
-"""A small sample of the points to search in, and what makes a plane a floor.
+"""A stratified sample of the points for the plane search, and the score of a plane as the floor.
 
-The sample is stratified over the image: one point at random of each of some two thousand equal runs of
-points in row order. Searching it costs the same for every image size; the final fit takes all points.
+The sample takes one random point of each of some two thousand equal runs of points in row order. The cost of
+searching it does not depend on the image size; the final fit uses all points.
 
-Source: ours; the threshold tau(Z) seed 003, section 3.
+Source: ours; threshold tau(Z): seed 003, section 3.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -17,49 +18,48 @@ from jaxtyping import Float
 from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
+from ..primitives.settings import setting
 from . import _search_kernels as kernels
 from .prior import Gate
+
+SIZE = 2048  # ours: this many stratified points find the floor in half a millisecond
+SHARP = 3.0  # ours: a point counts within tau / SHARP; wider, and floor and ramp become one plane
+PENALTY = 6.0  # ours: points on the plane that one point below outweighs; a table has floor below
 
 
 @dataclass(frozen=True)
 class ScoreConfig:
-    """When a point is on a plane, and what points below it weigh."""
+    """Distance from a plane within which a point is on it: tau = base_m + sigmas sigma_Z h / Z."""
 
-    size: int = (
-        2048  # performance study: 2048 stratified points find the floor in half a millisecond
+    base_m: float = setting(
+        0.01, "m", "constant part of the floor threshold tau in the plane search", "seed 003"
     )
-    base_m: float = 0.01  # seed 003: tau = 0.01 + 3 sigma_Z h / Z
-    sigmas: float = 3.0  # seed 003
-    sharp: float = 3.0  # ours: a point counts within tau / sharp; more, and floor and ramp are one
-    penalty: float = (
-        6.0  # ours: points a point below outweighs; a table shows its legs and the floor
+    sigmas: float = setting(
+        3.0, "", "standard deviations of height noise in the floor threshold tau", "seed 003"
     )
 
     def __post_init__(self) -> None:
-        if self.size < 50:
-            raise ConfigError(f"floor: size={self.size} of the sample must be at least 50")
-        for name in ("base_m", "sigmas", "sharp"):
+        for name in ("base_m", "sigmas"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"floor: {name}={value} must be positive and finite")
-        if not self.penalty >= 0.0:
-            raise ConfigError(f"floor: penalty={self.penalty} must not be negative")
 
 
-@dataclass(frozen=True)
-class Sample:
-    """Points in columns, camera frame, m; slack is tau's part that grows with the camera's height."""
+class Sample(NamedTuple):
+    """Points as columns, camera frame, m; `slack` times the camera height is the noise part of tau."""
 
     x: Float[np.ndarray, "n"]
     y: Float[np.ndarray, "n"]
     z: Float[np.ndarray, "n"]
     slack: Float[np.ndarray, "n"]
 
-    def __len__(self) -> int:
+    @property
+    def size(self) -> int:
+        """Number of points."""
         return len(self.x)
 
     def without(self, plane: Plane, config: ScoreConfig) -> Sample:
-        """Those that do not lie on the plane."""
+        """The points that are not on the plane."""
         n = plane.normal
         d = n[0] * self.x + n[1] * self.y + n[2] * self.z + plane.offset_m
         rest = np.abs(d) >= config.base_m + self.slack * plane.offset_m
@@ -74,28 +74,15 @@ def draw(
     index = kernels.within(
         points.xyz, prior.normal, prior.offset_m, half + config.base_m, math.tan(gate.tilt_rad)
     )
-    if len(index) > config.size:
-        runs = (np.arange(config.size) + rng.random(config.size)) * (len(index) / config.size)
+    if len(index) > SIZE:
+        runs = (np.arange(SIZE) + rng.random(SIZE)) * (len(index) / SIZE)
         index = index[runs.astype(np.int64)]
     return Sample(*kernels.take(points.xyz, points.sigma, index, config.sigmas))
 
 
-def score(sample: Sample, plane: Plane, config: ScoreConfig, penalty: float | None = None) -> float:
-    """Points on the plane, less those below it times the penalty (the configured one if None)."""
+def score(sample: Sample, plane: Plane, config: ScoreConfig, penalty: float = PENALTY) -> float:
+    """Number of points on the plane, minus the number of points below it times the penalty."""
     a, b, c = (float(v) for v in plane.normal)
     return float(
-        kernels.score(
-            sample.x,
-            sample.y,
-            sample.z,
-            sample.slack,
-            a,
-            b,
-            c,
-            plane.offset_m,
-            config.base_m,
-            config.penalty if penalty is None else penalty,
-            config.sharp**2,
-            -math.inf,
-        )
+        kernels.score(sample, a, b, c, plane.offset_m, config.base_m, penalty, SHARP**2, -math.inf)
     )

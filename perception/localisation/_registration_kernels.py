@@ -1,4 +1,4 @@
-"""Compiled loops of scan registration: from points to edges, from edges to their partners."""
+"""Compiled loops of scan registration: points to fronts, fronts to correspondences, normal equations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def edges(
+def fronts(
     xy: np.ndarray,
     sigma: np.ndarray,
     origin: np.ndarray,
@@ -18,20 +18,20 @@ def edges(
     least: int,
     deepest_share: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Front of what rises from the floor, one place a bearing.
+    """Front of vertical surfaces, one point per bearing.
 
-    Of the points in one direction those count that lie in the densest layer of some thickness; an upright
-    surface fills one, a table's top does not.
+    At each bearing only the points in the densest range interval count; a vertical surface fills one, the top of a
+    table does not.
 
     Args:
         xy: (n, 2), sigma: (n,), origin: (2,) of the sensor.
-        bins: How many bearings make a full circle.
-        thickness: Of a layer, m.
+        bins: Number of bearings of a full circle.
+        thickness: Of the interval, m.
         least: Points in it.
         deepest_share: Share of the points of a bearing that must lie in it.
 
     Returns:
-        places (k, 2) in order of bearing, and the deviation (k,) of each along its ray.
+        points (k, 2) in order of bearing, and the standard deviation (k,) of each along its ray.
     """
     n = xy.shape[0]
     ranges = np.empty(n)
@@ -50,7 +50,7 @@ def edges(
     for i in range(n):
         order[fill[which[i]]] = i
         fill[which[i]] += 1
-    places = np.empty((bins, 2))
+    points = np.empty((bins, 2))
     deviations = np.empty(bins)
     count = 0
     for b in range(bins):
@@ -72,50 +72,50 @@ def edges(
             x += w * xy[i, 0]
             y += w * xy[i, 1]
             weight += w
-        places[count, 0], places[count, 1] = x / weight, y / weight
+        points[count, 0], points[count, 1] = x / weight, y / weight
         deviations[count] = 1.0 / math.sqrt(weight)
         count += 1
-    return places[:count].copy(), deviations[:count].copy()
+    return points[:count].copy(), deviations[:count].copy()
 
 
 @njit(cache=True)
 def normals(
-    places: np.ndarray,
+    points: np.ndarray,
     origin: np.ndarray,
     radius: float,
     spacing: float,
     flatness: float,
     least: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Normal of each place from its neighbours in order of bearing; dense stretches are thinned.
+    """Normal of each point from its neighbours in order of bearing; dense stretches are thinned out.
 
     Returns:
-        index (m,) of the places kept, and their normals (m, 2), towards the sensor.
+        index (m,) of the points kept, and their normals (m, 2), towards the sensor.
     """
-    n = places.shape[0]
+    n = points.shape[0]
     kept = np.empty(n, np.int64)
     found = np.empty((n, 2))
     count = 0
     for i in range(n):
         if count > 0:
             last = kept[count - 1]
-            gap = math.hypot(places[i, 0] - places[last, 0], places[i, 1] - places[last, 1])
+            gap = math.hypot(points[i, 0] - points[last, 0], points[i, 1] - points[last, 1])
             if gap < spacing:
                 continue
         low = high = i
-        while low > 0 and _near(places, low - 1, low, i, radius):
+        while low > 0 and _near(points, low - 1, low, i, radius):
             low -= 1
-        while high < n - 1 and _near(places, high + 1, high, i, radius):
+        while high < n - 1 and _near(points, high + 1, high, i, radius):
             high += 1
         members = high - low + 1
         if members < least:
             continue
         mx = my = xx = xy = yy = 0.0
         for j in range(low, high + 1):
-            mx += places[j, 0] / members
-            my += places[j, 1] / members
+            mx += points[j, 0] / members
+            my += points[j, 1] / members
         for j in range(low, high + 1):
-            dx, dy = places[j, 0] - mx, places[j, 1] - my
+            dx, dy = points[j, 0] - mx, points[j, 1] - my
             xx += dx * dx / members
             xy += dx * dy / members
             yy += dy * dy / members
@@ -125,7 +125,7 @@ def normals(
             continue
         angle = 0.5 * math.atan2(2.0 * xy, xx - yy)  # of the long axis
         nx, ny = -math.sin(angle), math.cos(angle)
-        if nx * (origin[0] - places[i, 0]) + ny * (origin[1] - places[i, 1]) < 0.0:
+        if nx * (origin[0] - points[i, 0]) + ny * (origin[1] - points[i, 1]) < 0.0:
             nx, ny = -nx, -ny
         kept[count] = i
         found[count, 0], found[count, 1] = nx, ny
@@ -134,40 +134,40 @@ def normals(
 
 
 @njit(cache=True)
-def _near(places: np.ndarray, j: int, neighbour: int, i: int, radius: float) -> bool:
-    step = math.hypot(places[j, 0] - places[neighbour, 0], places[j, 1] - places[neighbour, 1])
-    away = math.hypot(places[j, 0] - places[i, 0], places[j, 1] - places[i, 1])
+def _near(points: np.ndarray, j: int, neighbour: int, i: int, radius: float) -> bool:
+    step = math.hypot(points[j, 0] - points[neighbour, 0], points[j, 1] - points[neighbour, 1])
+    away = math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
     return step < 0.6 * radius and away < radius
 
 
 @njit(cache=True)
-def partners(
-    places: np.ndarray,
+def correspondences(
+    points: np.ndarray,
     directions: np.ndarray,
-    map_places: np.ndarray,
+    map_points: np.ndarray,
     map_directions: np.ndarray,
     first: np.ndarray,
     gate: float,
     cosine: float,
     found: np.ndarray,
 ) -> None:
-    """For every place and every keyframe the nearest place of that keyframe that faces alike.
+    """For every point and every keyframe the nearest point of that keyframe with a similar normal.
 
     Args:
-        places, directions: (n, 2), world frame.
-        map_places, map_directions: (m, 2), world frame, keyframe by keyframe.
+        points, directions: (n, 2), world frame, with normals.
+        map_points, map_directions: (m, 2), world frame, keyframe by keyframe.
         first: (k + 1,), rows of keyframe j are first[j] to first[j + 1].
-        gate: Farthest partner, m.
+        gate: Largest distance, m.
         cosine: Least cosine between the normals.
-        found: (n, k), receives the row of the partner, -1 where there is none.
+        found: (n, k), receives the row of the corresponding point, -1 where there is none.
     """
-    for i in range(places.shape[0]):
-        px, py = places[i, 0], places[i, 1]
+    for i in range(points.shape[0]):
+        px, py = points[i, 0], points[i, 1]
         ux, uy = directions[i, 0], directions[i, 1]
         for j in range(first.shape[0] - 1):
             best, row = gate * gate, -1
             for r in range(first[j], first[j + 1]):
-                dx, dy = map_places[r, 0] - px, map_places[r, 1] - py
+                dx, dy = map_points[r, 0] - px, map_points[r, 1] - py
                 away = dx * dx + dy * dy
                 if away < best and ux * map_directions[r, 0] + uy * map_directions[r, 1] > cosine:
                     best, row = away, r
@@ -176,10 +176,10 @@ def partners(
 
 @njit(cache=True)
 def accumulate(
-    places: np.ndarray,
+    points: np.ndarray,
     sigmas: np.ndarray,
     now: np.ndarray,
-    map_places: np.ndarray,
+    map_points: np.ndarray,
     map_directions: np.ndarray,
     map_sigmas: np.ndarray,
     first: np.ndarray,
@@ -189,34 +189,34 @@ def accumulate(
     A: np.ndarray,
     b: np.ndarray,
 ) -> tuple[int, float]:
-    """Normal equations of the distances along the partners' normals.
+    """Normal equations of the distances along the normals of the corresponding points.
 
-    Unknown are the pose of now and those of the k keyframes, (x, y, yaw) each, in this order.
+    Unknown are the current pose and those of the k keyframes, (x, y, yaw) each, in this order.
 
     Args:
-        places: (n, 2), world frame as believed; sigmas: (n,).
-        now: (3,), the pose they were seen from.
-        map_places, map_directions, map_sigmas: As in `partners`.
+        points: (n, 2), world frame by the current pose; sigmas: (n,).
+        now: (3,), the current pose.
+        map_points, map_directions, map_sigmas: As in `correspondences`.
         first: Likewise.
         poses: (k, 3), of the keyframes.
-        found: (n, k), partners.
-        cut: Residual, in deviations, where the weight has fallen to one half (Cauchy).
+        found: (n, k), correspondences.
+        cut: Residual, in standard deviations, of half weight (Cauchy).
         A, b: (3 + 3 k, 3 + 3 k) and (3 + 3 k,), receive J^T W J and -J^T W r.
 
     Returns:
-        Number of places with a partner, and the weighted sum of their squared residuals over its weight.
+        Number of points with a correspondence, and the weighted mean of their squared residuals.
     """
     A[:] = 0.0
     b[:] = 0.0
     J = np.empty(6)
     rows = np.empty(6, np.int64)
     used, total, weights = 0, 0.0, 0.0
-    for i in range(places.shape[0]):
-        partners_of = 0
+    for i in range(points.shape[0]):
+        matches = 0
         for j in range(found.shape[1]):
             if found[i, j] >= 0:
-                partners_of += 1
-        if partners_of == 0:
+                matches += 1
+        if matches == 0:
             continue
         used += 1
         for j in range(found.shape[1]):
@@ -224,13 +224,13 @@ def accumulate(
             if r < 0:
                 continue
             nx, ny = map_directions[r, 0], map_directions[r, 1]
-            dx, dy = places[i, 0] - map_places[r, 0], places[i, 1] - map_places[r, 1]
+            dx, dy = points[i, 0] - map_points[r, 0], points[i, 1] - map_points[r, 1]
             residual = nx * dx + ny * dy
             variance = sigmas[i] ** 2 + map_sigmas[r] ** 2
-            w = 1.0 / (variance * partners_of)
+            w = 1.0 / (variance * matches)
             w /= 1.0 + residual * residual / (variance * cut * cut)
-            ax, ay = places[i, 0] - now[0], places[i, 1] - now[1]
-            mx, my = places[i, 0] - poses[j, 0], places[i, 1] - poses[j, 1]
+            ax, ay = points[i, 0] - now[0], points[i, 1] - now[1]
+            mx, my = points[i, 0] - poses[j, 0], points[i, 1] - poses[j, 1]
             J[0], J[1], J[2] = nx, ny, ny * ax - nx * ay
             J[3], J[4], J[5] = -nx, -ny, -(ny * mx - nx * my)
             for c in range(3):

@@ -1,4 +1,4 @@
-"""Pose source of a recording that comes with poses."""
+"""Pose source of a recording with poses."""
 
 from __future__ import annotations
 
@@ -15,16 +15,20 @@ from ..primitives.landmark import Sighting
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from .filter import UpdateReport
-from .pose_source import Placed, PriorConfig
+from .pose_source import PlacedCamera, PriorConfig
 from .registration import RegistrationReport
 from .static_points import StaticPoints
 
+TILT_DEG = 4.0  # ours: the gravity direction of hand-held sets is good to 1-3 deg
+HEIGHT_M = 0.10  # ours: the floor must survive a pose jump of a few centimetres
+HEADING_DEG = 0.5  # motion capture and SLAM
+
 
 class GivenPoses:
-    """Poses that came with the recording.
+    """Poses of the recording, turned upright.
 
-    The map frame is the recording's world turned upright: about its known gravity, or else about the
-    first floor that is seen. Its floor is the running mean of the floors seen.
+    The map frame is the recording's world frame levelled by its known gravity direction, or else by the first
+    detected floor. Its height zero is the running mean of the detected floors.
     """
 
     def __init__(self, up_world: tuple[float, float, float] | None, config: PriorConfig) -> None:
@@ -32,21 +36,21 @@ class GivenPoses:
         self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
         self._T_map_camera: Pose3 | None = None
         self._given: Pose3 | None = None
-        self._floors, self._floor_height_m = 0, 0.0  # how many were seen, and their mean height
+        self._floors, self._floor_height_m = 0, 0.0  # number of floors and their mean height
 
     @property
     def pose(self) -> Gaussian | None:
-        """Below the camera, heading where it looks; None for a frame without a pose."""
+        """The point below the camera and the heading of its optical axis; None for a frame without a pose."""
         if self._T_map_camera is None:
             return None
         ahead = self._T_map_camera.rotation[:, 2]
         x, y, _ = self._T_map_camera.translation
-        heading = math.radians(self._config.given_heading_deg)
+        heading = math.radians(HEADING_DEG)
         deviations = np.array([self._config.given_position_m] * 2 + [heading])
         return Gaussian(np.array([x, y, math.atan2(ahead[1], ahead[0])]), np.diag(deviations**2))
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
-        """Take the frame's pose."""
+        """Take the pose of the frame."""
         self._given = frame.T_world_camera
         self._T_map_camera = None
         if self._given is not None and self._R_map_world is not None:
@@ -55,28 +59,28 @@ class GivenPoses:
         return None
 
     def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
-        """The given poses stand."""
+        """Nothing to do: given poses are not corrected."""
         return None
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
-        """Horizontal, at the height of the floors seen so far."""
+        """Horizontal, at the mean height of the floors so far."""
         if self._T_map_camera is None:
             return handheld_prior(None)
         up_camera = self._T_map_camera.rotation.T @ UP
-        tilt = math.radians(self._config.given_tilt_deg)
+        tilt = math.radians(TILT_DEG)
         if not self._floors:
             weak = handheld_prior(up_camera)
             covariance = weak.covariance.copy()
             covariance[:2, :2] = np.eye(2) * tilt**2
             return Plane(up_camera, weak.offset_m, covariance)
         height = self._T_map_camera.translation[2] - self._floor_height_m
-        return Plane(up_camera, height, np.diag([tilt**2, tilt**2, self._config.given_height_m**2]))
+        return Plane(up_camera, height, np.diag([tilt**2, tilt**2, HEIGHT_M**2]))
 
-    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
-        """The given pose; heights are measured from the floor that is seen."""
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> PlacedCamera | None:
+        """The camera at its given pose, height measured from the detected floor."""
         if self._given is None:
             return None
-        if self._T_map_camera is None:  # the first floor says what is up
+        if self._T_map_camera is None:  # the first floor defines the vertical
             if floor is None:
                 return None
             self._R_map_world = rotation_between(self._given.rotation @ floor.normal, UP)
@@ -88,4 +92,4 @@ class GivenPoses:
             self._floor_height_m += (height - self._floor_height_m) / self._floors
         elif not self._floors:
             return None
-        return Placed(self._T_map_camera, floor or self.expected_floor(T_body_camera))
+        return PlacedCamera(self._T_map_camera, floor or self.expected_floor(T_body_camera))

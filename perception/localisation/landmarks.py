@@ -1,10 +1,9 @@
-"""Which known tags are in the picture, and where they stand as seen from the body.
+"""Detection of known tags, with range and bearing in the body frame.
 
-A tag's four corners give its centre in the camera frame (perspective from four points, refined to least
-squares). The head's joint angles carry it into the body frame with a few tenths of a degree of error. Both
-errors go into a covariance of that point; then the known height of the tag over the floor, which no
-stride changes, takes back part of it: it is surer than the head's tilt. What remains is told as range
-along the floor and bearing.
+A tag's four corners give its centre in the camera frame (perspective from four points, refined by least
+squares). The head's joint angles, which err by tenths of a degree, transform it to the body frame. Both errors
+enter a covariance of that point. The known height of the tag above the floor, which is more certain than the
+head's tilt, then corrects it. The result is range along the floor and bearing.
 
 Source: seed 001, section 3 (landmarks for self-localisation); tags and their errors are ours.
 """
@@ -14,7 +13,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
@@ -26,41 +25,42 @@ from ..primitives.frame import ColourView
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose3
+from ..primitives.settings import setting
 from . import tag_edges
+
+CAMERA_HEIGHT_SIGMA_M = 0.003  # walking trials: 0.3 mm of stride, and the tag's own height
+REPROJECTION_PX = 0.7  # ours: a larger error is no flat square, or another lens
+HEIGHT_GATE_SIGMA = 4.0  # ours: a tag this far from its height is another one or misread
+FARTHEST_M = 8.0  # ours: beyond, a printed tag is too small in every camera of the robot
 
 
 @dataclass(frozen=True)
 class LandmarkConfig:
-    """Errors of corners and of head angles; what is too small or too crooked to be used."""
+    """Errors of tag corners and head angles."""
 
-    corner_sigma_px: float = 0.3  # ours: .05 on ideal pictures, .25 on rendered ones
-    head_yaw_sigma_rad: float = math.radians(0.4)  # walking trials: play; not the offset
-    head_pitch_sigma_rad: float = math.radians(0.5)  # walking trials
-    head_roll_sigma_rad: float = math.radians(0.7)  # walking trials: roll of the stride
-    camera_height_sigma_m: float = 0.003  # walking trials: 0.3 mm of stride, and a tag's own height
+    corner_sigma_px: float = setting(
+        0.3,
+        "px",
+        "standard deviation of a tag corner",
+        "ours: .05 on ideal images, .25 on rendered ones",
+    )
+    head_yaw_sigma_rad: float = setting(
+        math.radians(0.4), "rad", "play of the head's pan", "ours: walking trials"
+    )
+    head_pitch_sigma_rad: float = setting(
+        math.radians(0.5), "rad", "error of the head's tilt", "ours: walking trials"
+    )
+    head_roll_sigma_rad: float = setting(
+        math.radians(0.7), "rad", "roll of the head by the gait", "ours: walking trials"
+    )
     camera_place_sigma_m: float = 0.004  # walking trials: trunk tilt of 0.6 deg, 0.38 m above
     smallest_side_px: float = 20.0  # ours: below, blur mixes an edge with the first cells
-    reprojection_px: float = 0.7  # ours: more is not a flat square, or the lens is not this one
-    height_gate_sigma: float = (
-        4.0  # ours: a tag this far from its height is another one, or misread
-    )
-    farthest_m: float = 8.0  # ours: beyond, a printed tag is too small in every camera of the robot
 
     def __post_init__(self) -> None:
-        for name in (
-            "corner_sigma_px",
-            "head_yaw_sigma_rad",
-            "head_pitch_sigma_rad",
-            "head_roll_sigma_rad",
-            "camera_height_sigma_m",
-            "camera_place_sigma_m",
-            "reprojection_px",
-            "height_gate_sigma",
-            "farthest_m",
-        ):
-            value = getattr(self, name)
+        for one in fields(self):
+            value = getattr(self, one.name)
             if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"landmarks: {name}={value} must be positive and finite")
+                raise ConfigError(f"landmarks: {one.name}={value} must be positive and finite")
 
 
 def detect(
@@ -69,21 +69,21 @@ def detect(
     """Find the known tags of a colour image.
 
     Args:
-        view: The image, with the camera's place on the body.
-        landmarks: Tags that may be there; others are ignored, and so is an identity seen twice.
+        view: The image, with the pose of the camera on the body.
+        landmarks: Tags that may be present; others are ignored, and so is an identity seen twice.
         config: Errors and limits; the defaults if None.
 
     Returns:
-        One sighting per tag, in order of identity; empty if there is none.
+        One sighting per tag, in order of identity.
 
     Raises:
-        InputError: The view does not say where the camera is on the body.
+        InputError: The view has no pose of the camera on the body.
     """
     config = config or LandmarkConfig()
     if view.T_body_camera is None:
         raise InputError(
-            "landmarks: the colour image has no T_body_camera; without the camera's place on the body "
-            "a tag says nothing of the robot: give it, or leave landmarks out"
+            "landmarks: the colour image has no T_body_camera, the pose of the camera on the body; "
+            "give it, or leave landmarks out"
         )
     known = {mark.identity: mark for mark in landmarks}
     found = find_corners(view.rgb)
@@ -95,15 +95,15 @@ def detect(
         centre = tag_centre(corners, known[identity].side_m, view.camera, config)
         if centre is None:
             continue
-        in_body = carried_to_body(centre, view.T_body_camera, config)
-        at_height = held_at_height(in_body, known[identity].position[2], config)
+        in_body = to_body_frame(centre, view.T_body_camera, config)
+        at_height = constrained_to_height(in_body, known[identity].position[2])
         if at_height is not None:
             sightings.append(range_and_bearing(at_height, identity))
     return sightings
 
 
 def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.ndarray, "4 2"]]]:
-    """Tags of DICT_4X4_50 wholly in sight: identity and corners (u, v) in px, clockwise from the upper left."""
+    """Fully visible tags of DICT_4X4_50: identity and corners (u, v) in px, clockwise from the upper left."""
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -113,10 +113,10 @@ def find_corners(rgb: UInt8[np.ndarray, "h w 3"]) -> list[tuple[int, Float[np.nd
         return []
     found = []
     for identity, four in zip(np.asarray(identities).reshape(-1), corners, strict=True):
-        refined = tag_edges.refine(grey, np.asarray(four, np.float64).reshape(4, 2))
+        refined = tag_edges.refine_corners(grey, np.asarray(four, np.float64).reshape(4, 2))
         if refined is None:
             continue
-        if not tag_edges.is_cut(grey, refined, _looks(int(identity))):
+        if not tag_edges.is_occluded(grey, refined, _templates(int(identity))):
             found.append((int(identity), refined))
     return found
 
@@ -126,8 +126,10 @@ def _dictionary() -> cv2.aruco.Dictionary:
 
 
 @functools.cache
-def _looks(identity: int) -> Float[np.ndarray, "p p 17"]:
-    return tag_edges.cut_tags(_dictionary().generateImageMarker(identity, tag_edges.CELLS))
+def _templates(identity: int) -> Float[np.ndarray, "p p 17"]:
+    return tag_edges.occluded_templates(
+        _dictionary().generateImageMarker(identity, tag_edges.CELLS)
+    )
 
 
 def tag_centre(
@@ -159,19 +161,19 @@ def tag_centre(
     projected, jacobian = cv2.projectPoints(square, turn, centre, camera.matrix, lens)
     point = np.asarray(centre, np.float64).reshape(3)
     error_px = float(np.sqrt(np.mean((np.reshape(projected, (4, 2)) - corners) ** 2)))
-    if not np.all(np.isfinite(point)) or error_px > config.reprojection_px:
+    if not np.all(np.isfinite(point)) or error_px > REPROJECTION_PX:
         return None
-    if not 0.0 < point[2] < config.farthest_m:
+    if not 0.0 < point[2] < FARTHEST_M:
         return None
-    J = np.asarray(jacobian)[:, :6]  # of the eight coordinates by rotation and translation
+    J = np.asarray(jacobian)[:, :6]  # eight coordinates by rotation and translation
     information = J.T @ J / config.corner_sigma_px**2
     return Gaussian(point, np.linalg.pinv(information, hermitian=True)[3:, 3:])
 
 
-def carried_to_body(point: Gaussian, T_body_camera: Pose3, config: LandmarkConfig) -> Gaussian:
+def to_body_frame(point: Gaussian, T_body_camera: Pose3, config: LandmarkConfig) -> Gaussian:
     """A point of the camera frame in the body frame, with the error of the head's angles, m.
 
-    The head errs in pan about the body's z, in tilt about the camera's x, in roll about its optical axis.
+    The pan errs about the body's z, the tilt about the camera's x, the roll about its optical axis.
     """
     R = T_body_camera.rotation
     axes = np.stack([np.array([0.0, 0.0, 1.0]), R[:, 0], R[:, 2]])  # rows: pan, tilt, roll
@@ -179,19 +181,20 @@ def carried_to_body(point: Gaussian, T_body_camera: Pose3, config: LandmarkConfi
         [config.head_yaw_sigma_rad, config.head_pitch_sigma_rad, config.head_roll_sigma_rad]
     )
     arm = R @ point.mean
-    sway = np.cross(axes, arm) * sigmas[:, None]  # rows: displacement by one sigma of each
+    displacement = np.cross(axes, arm) * sigmas[:, None]  # rows: by one standard deviation
     place = np.diag([config.camera_place_sigma_m**2, config.camera_place_sigma_m**2, 0.0])
     return Gaussian(
-        arm + T_body_camera.position, R @ point.covariance @ R.T + sway.T @ sway + place
+        arm + T_body_camera.position,
+        R @ point.covariance @ R.T + displacement.T @ displacement + place,
     )
 
 
-def held_at_height(point: Gaussian, height_m: float, config: LandmarkConfig) -> Gaussian | None:
-    """A point of the body frame, given that its height over the floor is known; None if it cannot be so."""
+def constrained_to_height(point: Gaussian, height_m: float) -> Gaussian | None:
+    """A point of the body frame, updated with its known height above the floor; None if it contradicts it."""
     P = point.covariance
     innovation = height_m - float(point.mean[2])
-    variance = float(P[2, 2]) + config.camera_height_sigma_m**2
-    if innovation**2 > config.height_gate_sigma**2 * variance:
+    variance = float(P[2, 2]) + CAMERA_HEIGHT_SIGMA_M**2
+    if innovation**2 > HEIGHT_GATE_SIGMA**2 * variance:
         return None
     gain = P[:, 2] / variance
     return Gaussian(point.mean + gain * innovation, P - np.outer(gain, P[2]))

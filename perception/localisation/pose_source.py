@@ -1,7 +1,7 @@
-"""Where the body is: by its own filter, by poses that came with the recording, or not at all.
+"""Pose source: where the body and its cameras are, in the map frame.
 
-The cycle asks three things and does not care which kind answers: where is the body now, where should the
-floor be in this camera, and where does this camera stand in the upright map frame.
+Three implementations: `legged_poses` (the walking robot's own localiser), `given_poses` (a recording with
+poses) and `odometry.odometry_poses` (a hand-held camera without poses). The pipeline uses any of them alike.
 """
 
 from __future__ import annotations
@@ -10,13 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-from ..floor.levelling import shadow
-from ..floor.prior import handheld_prior
 from ..primitives.frame import Frame
 from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
+from ..primitives.settings import setting
 from .filter import UpdateReport
 from .registration import RegistrationReport
 from .static_points import StaticPoints
@@ -24,25 +23,36 @@ from .static_points import StaticPoints
 
 @dataclass(frozen=True)
 class PriorConfig:
-    """How far the floor may be from where it is expected."""
+    """Uncertainty of the start pose, of given poses and of the kinematic floor prior."""
 
-    joints_tilt_deg: float = (
-        1.2  # head roll .72, pitch .5 deg (walking study) and 0.3 deg joint offsets
+    joints_tilt_deg: float = setting(
+        1.2,
+        "deg",
+        "standard deviation of the floor's tilt by joint angles",
+        "ours: walking trials, head roll .72, pitch .5 deg, and 0.3 deg joint offsets",
+    )
+    given_position_m: float = setting(
+        0.01, "m", "standard deviation of the poses of a recording", "motion capture and SLAM"
+    )
+    start_m: float = setting(
+        0.02,
+        "m",
+        "standard deviation of the start position, unless the recording has one",
+        "ours: a robot placed on its mark by hand",
+    )
+    longest_step_m: float = setting(
+        0.15,
+        "m",
+        "longest plausible step; step odometry beyond it is ignored",
+        "ours: the gait makes 0.08",
     )
     joints_height_m: float = 0.01  # ours: sole compliance and bumps
-    given_tilt_deg: float = 4.0  # ours: gravity of handheld sets is good to 1-3 deg
-    given_height_m: float = 0.10  # ours: a pose jump of a few centimetres must not lose the floor
-    given_position_m: float = 0.01  # motion capture and SLAM poses: about 1 cm
-    given_heading_deg: float = 0.5
-    start_m: float = 0.02  # ours: a robot is put down on its mark by hand
-    start_deg: float = 1.0  # ours
-    clock_sigma_s: float = 0.013  # ours: images against joints; about half a frame of a camera
-    longest_step_m: float = 0.15  # ours: the gait makes 0.08; joints that report more are wrong
+    start_deg: float = 1.0  # ours: standard deviation of the start heading
 
 
 @dataclass(frozen=True)
-class Placed:
-    """A camera in the upright map frame, and the floor it stands over."""
+class PlacedCamera:
+    """A camera in the upright map frame, and the floor below it in the camera frame."""
 
     T_map_camera: Pose3
     floor: Plane
@@ -50,47 +60,25 @@ class Placed:
 
 @runtime_checkable
 class PoseSource(Protocol):
-    """Who knows where the body is."""
+    """Poses of the body and its cameras, frame by frame."""
 
     @property
     def pose(self) -> Gaussian | None:
-        """(x, y, yaw) of the body in the map frame, m and rad; None if nobody knows."""
+        """(x, y, yaw) of the body in the map frame, m and rad; None if unknown."""
         ...
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
-        """Take in the next frame; what became of its landmarks."""
+        """Process the next frame; returns the report on its landmarks, if any are used."""
         ...
 
     def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
-        """Correct the pose by what stands about; what became of it, None if nobody compares."""
+        """Correct the pose by scan registration; None if this source does not register scans."""
         ...
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
-        """The floor in the camera frame before looking, with covariance."""
+        """The floor prior in the camera frame, with covariance."""
         ...
 
-    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
-        """The camera over the floor that was seen, or over the expected one; None if neither is known."""
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> PlacedCamera | None:
+        """The camera above the detected floor, or above the expected one; None if its pose is unknown."""
         ...
-
-
-class Nowhere:
-    """A camera in the hand without poses: every frame stands alone, over its own shadow."""
-
-    pose: Gaussian | None = None
-
-    def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
-        """Nothing is known of the motion."""
-        return None
-
-    def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
-        """There is no map to compare with."""
-        return None
-
-    def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
-        """Below, somewhere."""
-        return handheld_prior(None)
-
-    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
-        """Over the floor that is seen; without one, nowhere."""
-        return None if floor is None else Placed(shadow(floor), floor)

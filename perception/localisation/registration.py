@@ -1,15 +1,14 @@
-"""Where am I without any marker: what is seen now against what was seen from former viewpoints.
+"""Scan registration with keyframes: localisation without landmarks.
 
-Fronts of walls and furniture (`scan`) are laid over those of the keyframes, place by place along the
-partner's normal. What comes out is not a pose but what the overlap really tells: the normal equations of
-pose and keyframes together, of which directions without evidence (along a single wall, round a pillar) are
-left out. Keyframes are former viewpoints of the walker and stay part of the belief (`keyframes`), so that
-no place is counted twice and closing a loop mends the way between.
+The current scan is aligned with those of the keyframes, point to line. The result is not a pose but the
+information in the overlap: the normal equations of the current pose and the keyframes together, without
+unobservable directions (along a single wall, around a pillar). Keyframe poses stay part of the joint estimate
+(`keyframes`), so no point is counted twice, and closing a loop corrects the trajectory between.
 
-A scan as a whole stands a little beside the pose it was taken from: the trunk trembles, the neck has play,
-ranges err alike. That is noise of the viewpoint, new with every scan; a keyframe keeps its own.
+Each scan as a whole has an error: sway of the trunk, play of the neck, and a common range error. It is noise of
+the sensor pose, independent for every scan; a keyframe keeps its own.
 
-Source: point to line, Censi 2008; robust weights, Cauchy; the joint belief: see `keyframes`. Ours: the rest.
+Source: point to line, Censi 2008; robust weights, Cauchy; joint estimate: see `keyframes`. The rest is ours.
 """
 
 from __future__ import annotations
@@ -23,61 +22,105 @@ from jaxtyping import Float, Int
 
 from ..filtering import models
 from ..filtering.consistency import chi_square_quantile
-from ..filtering.models import CRAB, DRIFT, PAN, SLIP, TURN, WALKER_SIZE, YAW, X, Y
+from ..filtering.models import PAN, WALKER_SIZE, YAW, X, Y
+from ..primitives.errors import ConfigError
 from ..primitives.frame import StepOdometry
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2, wrap_angle
+from ..primitives.settings import setting
 from . import _registration_kernels as kernels
-from .filter import LocaliserConfig, process_noise
-from .keyframes import POSE, Viewpoints
-from .registration_config import RegistrationConfig as RegistrationConfig
-from .scan import Scan
+from .keyframes import POSE_SIZE, KeyframePoses
+from .localiser_noise import LocaliserConfig, linearised_motion
+from .scan import Scan, joined
 
 log = logging.getLogger(__name__)
 
-APPARENT = np.zeros((POSE, WALKER_SIZE))
-"""The pose that a scan seems to be taken from, by the walker's state: a head that makes all bearings too
-large by PAN seems to stand on a body turned back by as much."""
-APPARENT[0, X] = APPARENT[1, Y] = APPARENT[2, YAW] = 1.0
-APPARENT[2, PAN] = -1.0
+SENSOR_POSE = np.zeros((POSE_SIZE, WALKER_SIZE))
+"""Pose from which a scan seems to be taken, by the state: a pan offset, which makes all bearings too large, looks
+like a body turned back by the same angle."""
+SENSOR_POSE[0, X] = SENSOR_POSE[1, Y] = SENSOR_POSE[2, YAW] = 1.0
+SENSOR_POSE[2, PAN] = -1.0
 
-ARM_M = 1.5
-"""To a typical place, by which an error of heading displaces it."""
+ARM_M = 1.5  # ours: distance of a typical point, which an error of heading displaces
+AHEAD_SIGMA_M = 0.0045  # walking trials: trunk pitch of .5 deg, 0.38 m up; 3 mm of range
+LATERAL_SIGMA_M = 0.005  # walking trials: trunk roll of .72 deg, likewise
+TURN_SIGMA_RAD = math.radians(0.4)  # walking trials: play of the neck
+CORRELATED = 1.5  # ours: number of neighbouring points with one common error
+GATE_M = 0.08  # ours: largest distance of corresponding points once the pose is known
+WIDEST_GATE_M = 0.40  # ours: the same for the most uncertain pose
+FACING_DEG = 35.0  # ours: largest angle between corresponding normals
+OUTLIER_SIGMAS = 2.5  # ours: residual of half weight
+ROUNDS = 8  # ours: iterations of association and pose
+TOGETHER = 4  # ours: keyframes used at once, those with most correspondences
+LEAST_POINTS = 12  # ours: with correspondences; fewer say nothing
+LEAST_SHARE = 0.3  # ours: of points with correspondences; fewer is another place
+KNOWN_SHARE = 0.6  # ours: from this share within the widest gate on the place is not new
+FITTING_SHARE = 0.15  # ours: of those, the share that must fit; furniture may have been moved
+ROUGH_M = 0.02  # ours: largest weighted residual of a good fit
+GATE_PROBABILITY = 0.9995  # ours: share of correct registrations inside the gate
+NEW_SHARE = 0.6  # ours: a keyframe is added where fewer points have correspondences
+REJECTED_SCANS = 25  # ours: in a row before recovery; 8 s in front of rearranged furniture
+RECOVERY_SIGMA_M = 0.25  # ours: added to the position then
+RECOVERY_SIGMA_RAD = math.radians(8.0)  # ours: and to the heading
+
+
+@dataclass(frozen=True)
+class RegistrationConfig:
+    """When scans are registered, and how many keyframes are kept."""
+
+    enabled: bool = setting(
+        True, "", "registers scans; false leaves landmarks and dead reckoning", "ours"
+    )
+    beside_landmarks: bool = setting(
+        False,
+        "",
+        "registers scans in scenes with landmarks too",
+        "ours: with tags the pose is more consistent without (NEES 2.3, not 6)",
+    )
+    most_keyframes: int = setting(
+        80, "", "number of keyframes kept", "ours: 10 m through a home take 30"
+    )
+
+    def __post_init__(self) -> None:
+        if self.most_keyframes < 1:
+            raise ConfigError(
+                f"registration: most_keyframes={self.most_keyframes} must be at least 1"
+            )
 
 
 @dataclass(frozen=True)
 class RegistrationReport:
-    """What became of one scan.
+    """Result of one registration.
 
     Args:
-        outcome: "used", "new" (nothing to compare with: it became a keyframe), "poor" (too few places, or
-            too few partners), "rough" (no pose fits) or "gate" (fits, but elsewhere than can be).
-        partners: Places that found one.
+        outcome: "used", "new" (no overlap: the scan became a keyframe), "poor" (too few points or
+            correspondences), "rough" (no pose fits) or "gate" (fits, but too far from the expected pose).
+        correspondences: Number of points with a correspondence.
         nis: Normalised innovation squared, chi-square with `degrees` degrees of freedom if consistent.
-        degrees: Directions in which something was learnt, of pose and keyframes together.
-        keyframes: Remembered now.
+        degrees: Number of observable directions of current pose and keyframes together.
+        keyframes: Number of keyframes kept.
     """
 
     outcome: str
-    partners: int = 0
+    correspondences: int = 0
     nis: float = 0.0
     degrees: int = 0
     keyframes: int = 0
 
 
 class Registration:
-    """The map of keyframes, and what it says of the walker."""
+    """The keyframes, and the correction of the robot's state by them."""
 
     def __init__(self, config: RegistrationConfig | None = None) -> None:
         self.config = config or RegistrationConfig()
-        self.viewpoints = Viewpoints(WALKER_SIZE)
+        self.keyframes = KeyframePoses(WALKER_SIZE)
         self._scans: list[Scan] = []
-        self._circles: list[tuple[float, float, float]] = []  # about each scan, its own frame
-        self._used: list[int] = []  # when each was of use
+        self._circles: list[tuple[float, float, float]] = []  # around each scan, in its own frame
+        self._used: list[int] = []  # scan at which each was last used
         self._count = 0
         self._rejected = 0
 
-    def moved(
+    def predict(
         self,
         localiser: LocaliserConfig,
         before: Gaussian,
@@ -85,20 +128,20 @@ class Registration:
         dt: float,
         after: Gaussian,
     ) -> None:
-        """The walker's filter has predicted.
+        """Follow a prediction of the pose filter.
 
         Args:
-            localiser: Its noise figures.
+            localiser: Its noise.
             before, after: Its state.
-            odometry: What it was given.
+            odometry: As given to the filter.
             dt: Likewise, s.
         """
-        F, predicted = motion(localiser, before, odometry, dt)
-        self.viewpoints.moved(before, F, predicted, after)
+        F, predicted = linearised_motion(localiser, before, odometry, dt)
+        self.keyframes.predict(before, F, predicted, after)
 
-    def learnt(self, before: Gaussian, after: Gaussian) -> None:
-        """The walker's filter has learnt from landmarks."""
-        self.viewpoints.learnt(before, after)
+    def correct(self, before: Gaussian, after: Gaussian) -> None:
+        """Follow an update of the pose filter with landmarks."""
+        self.keyframes.correct(before, after)
 
     def register(
         self,
@@ -108,51 +151,48 @@ class Registration:
         anchored: bool = False,
         shift: Float[np.ndarray, "3"] | None = None,
     ) -> tuple[Gaussian, RegistrationReport]:
-        """Lay a scan over the map, learn from it, and perhaps remember it.
+        """Register a scan, and add it as a keyframe where the map is incomplete.
 
         Args:
-            state: The walker's, entries as in `models`.
+            state: The robot's state, entries as in `filtering.models`.
             scan: Body frame.
-            heading_rad: Of the sensor in the body frame: ahead and aside are told of it.
-            anchored: Whether landmarks agree with the state: if the map contradicts it, the map is wrong.
-            shift: How far, one deviation, the scan may be off along the motion (x, y, yaw) of the body,
-                body frame, because clocks differ; None: not at all.
+            heading_rad: Bearing of the sensor in the body frame, to which the forward and lateral errors refer.
+            anchored: True if landmarks agree with the state; then a contradicting map is wrong.
+            shift: Standard deviation of the body's motion (x, y, yaw) by the clock offset, body frame; None for none.
 
         Returns:
-            The state after it (the same if nothing was learnt), and what became of the scan.
+            The corrected state (unchanged without a good registration), and the report.
         """
         self._count += 1
-        if len(scan) < self.config.least_places:
+        if len(scan) < LEAST_POINTS:
             return state, self._report("poor")
-        self.viewpoints.add(state, APPARENT, self._noise(state, heading_rad, shift))
+        self.keyframes.clone(state, SENSOR_POSE, self._noise(state, heading_rad, shift))
         state, report, covered = self._compare(state, scan)
-        fresh = report.outcome == "new" or (
-            report.outcome == "used" and covered < self.config.new_share
-        )
+        fresh = report.outcome == "new" or (report.outcome == "used" and covered < NEW_SHARE)
         if report.outcome in ("rough", "gate"):
-            state = self._contradicted(state, anchored)
+            state = self._recover(state, anchored)
         elif report.outcome == "used":
             self._rejected = 0
         if fresh and self._rejected == 0:
             self._scans.append(scan)
-            middle, radius = _circle(scan)
-            self._circles.append((float(middle[0]), float(middle[1]), radius))
+            centre, radius = _circle(scan)
+            self._circles.append((float(centre[0]), float(centre[1]), radius))
             self._used.append(self._count)
-            self._forget_oldest()
+            self._limit_keyframes()
         else:
-            self.viewpoints.drop(-1)
+            self.keyframes.drop(-1)
         return state, self._report(report.outcome, report)
 
     def _noise(
         self, state: Gaussian, heading_rad: float, shift: Float[np.ndarray, "3"] | None
     ) -> Float[np.ndarray, "3 3"]:
-        """Of a viewpoint: how far a whole scan stands beside its pose."""
+        """Covariance of the sensor pose: the error of a scan as a whole."""
         c, s = math.cos(state.mean[YAW] + heading_rad), math.sin(state.mean[YAW] + heading_rad)
         R = np.array([[c, -s], [s, c]])
-        own = np.array([self.config.ahead_sigma_m, self.config.aside_sigma_m]) ** 2
-        noise = np.zeros((POSE, POSE))
+        own = np.array([AHEAD_SIGMA_M, LATERAL_SIGMA_M]) ** 2
+        noise = np.zeros((POSE_SIZE, POSE_SIZE))
         noise[:2, :2] = R @ np.diag(own) @ R.T
-        noise[2, 2] = self.config.turn_sigma_rad**2
+        noise[2, 2] = TURN_SIGMA_RAD**2
         if shift is not None:
             x, y = Pose2(yaw=float(state.mean[YAW])).rotation @ shift[:2]
             moved = np.array([x, y, shift[2]])
@@ -160,157 +200,138 @@ class Registration:
         return noise
 
     def _compare(self, state: Gaussian, scan: Scan) -> tuple[Gaussian, RegistrationReport, float]:
-        """Learn from the last viewpoint, where the scan was taken; also the share of places known."""
-        config = self.config
+        """Update with the current scan, whose sensor pose is the last keyframe; also the share of known points."""
         if not self._scans:
             return state, RegistrationReport("new"), 0.0
         chosen, gate, known = self._overlapping(state, scan)
         if not chosen:
             return state, RegistrationReport("new" if self._rejected == 0 else "gate"), 0.0
         fit = self._fit(state, scan, chosen, gate)
-        share = fit.partners / len(scan)
-        if known >= config.known_share and share < config.fitting_share * known:
-            return state, RegistrationReport("rough", fit.partners), share  # it stands, but not so
-        if fit.partners < config.least_places or share < config.least_share:
+        share = fit.correspondences / len(scan)
+        if known >= KNOWN_SHARE and share < FITTING_SHARE * known:
+            # a known place that does not fit
+            return state, RegistrationReport("rough", fit.correspondences), share
+        if fit.correspondences < LEAST_POINTS or share < LEAST_SHARE:
             outcome = "new" if self._rejected == 0 else "poor"
-            return state, RegistrationReport(outcome, fit.partners), share
-        if fit.roughness > config.rough_m**2:
-            return state, RegistrationReport("rough", fit.partners), share
-        indices = [len(self.viewpoints) - 1, *chosen]
-        S = self.viewpoints.innovation_covariance(state, indices, fit.H)
+            return state, RegistrationReport(outcome, fit.correspondences), share
+        if fit.roughness > ROUGH_M**2:
+            return state, RegistrationReport("rough", fit.correspondences), share
+        indices = [len(self.keyframes) - 1, *chosen]
+        S = self.keyframes.innovation_covariance(state, indices, fit.H)
         nis = float(fit.innovation @ np.linalg.solve(S, fit.innovation))
         degrees = len(fit.H)
-        if nis > chi_square_quantile(config.gate_probability, degrees):
-            return state, RegistrationReport("gate", fit.partners, nis, degrees), share
+        if nis > chi_square_quantile(GATE_PROBABILITY, degrees):
+            return state, RegistrationReport("gate", fit.correspondences, nis, degrees), share
         for j in chosen:
             self._used[j] = self._count
-        state = self.viewpoints.learn(state, indices, fit.H, fit.innovation)
-        return state, RegistrationReport("used", fit.partners, nis, degrees), share
+        state = self.keyframes.update(state, indices, fit.H, fit.innovation)
+        return state, RegistrationReport("used", fit.correspondences, nis, degrees), share
 
     def _overlapping(self, state: Gaussian, scan: Scan) -> tuple[list[int], float, float]:
-        """Keyframes with most partners, best first; how far a partner may be, m; share of places known."""
-        config, last = self.config, len(self.viewpoints) - 1
-        level = scan.at(_pose2(self.viewpoints.pose(last)))
+        """Keyframes with most correspondences, best first; the gate, m; the share of known points."""
+        last = len(self.keyframes) - 1
+        level = scan.at(Pose2(*self.keyframes.pose(last).tolist()))
         near = self._within_reach(level)
         if not near:
-            return [], config.gate_m, 0.0
-        gate = min(config.gate_m + 3.0 * self._relative_sigma(state, near), config.widest_gate_m)
+            return [], GATE_M, 0.0
+        gate = min(GATE_M + 3.0 * self._relative_sigma(state, near), WIDEST_GATE_M)
         map_scan, first, _ = self._map(near)
-        found = self._partners(level, map_scan, first, config.widest_gate_m)
+        found = self._correspondences(level, map_scan, first, WIDEST_GATE_M)
         counts = np.sum(found >= 0, axis=0)
-        order = np.argsort(-counts, kind="stable")[: config.together]
-        chosen = [near[j] for j in order if 2 * counts[j] >= config.least_places]
+        order = np.argsort(-counts, kind="stable")[:TOGETHER]
+        chosen = [near[j] for j in order if 2 * counts[j] >= LEAST_POINTS]
         return chosen, gate, float(np.mean(np.any(found >= 0, axis=1)))
 
     def _within_reach(self, level: Scan) -> list[int]:
-        """Keyframes that can have seen what is seen now, by circles about both."""
-        middle, radius = _circle(level)
-        poses = self.viewpoints.mean.reshape(-1, POSE)[:-1]
+        """Keyframes that may overlap with the scan, by bounding circles."""
+        centre, radius = _circle(level)
+        poses = self.keyframes.mean.reshape(-1, POSE_SIZE)[:-1]
         local = np.array(self._circles)
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-        x = poses[:, 0] + c * local[:, 0] - s * local[:, 1] - middle[0]
-        y = poses[:, 1] + s * local[:, 0] + c * local[:, 1] - middle[1]
-        reach = local[:, 2] + radius + self.config.gate_m
+        x = poses[:, 0] + c * local[:, 0] - s * local[:, 1] - centre[0]
+        y = poses[:, 1] + s * local[:, 0] + c * local[:, 1] - centre[1]
+        reach = local[:, 2] + radius + GATE_M
         return [int(j) for j in np.flatnonzero(x * x + y * y < reach * reach)]
 
     def _relative_sigma(self, state: Gaussian, near: list[int]) -> float:
-        """How far partners may be apart because viewpoint and keyframes are not known, one deviation, m.
+        """Standard deviation of the distance of corresponding points by the pose uncertainty, m.
 
-        Of the keyframe that hangs together with the viewpoint best.
+        That of the keyframe with the highest correlation.
         """
-        P = self.viewpoints.covariance(state, [*near, len(self.viewpoints) - 1])
-        own, across = (
-            np.diag(P).reshape(-1, POSE),
-            np.stack([P[k::POSE, P.shape[0] - POSE + k] for k in range(POSE)], axis=1),
-        )
+        P = self.keyframes.covariance(state, [*near, len(self.keyframes) - 1])
+        own = np.diag(P).reshape(-1, POSE_SIZE)
+        last = P.shape[0] - POSE_SIZE
+        across = np.stack([P[k::POSE_SIZE, last + k] for k in range(POSE_SIZE)], axis=1)
         relative = np.maximum(own[:-1] + own[-1] - 2.0 * across[:-1], 0.0)
         return float(np.sqrt(np.min(relative[:, 0] + relative[:, 1] + ARM_M**2 * relative[:, 2])))
 
     def _map(self, chosen: list[int]) -> tuple[Scan, Int[np.ndarray, "k1"], np.ndarray]:
-        """The scans of some keyframes in the world, where each begins, and their poses (k, 3)."""
-        poses = np.array([self.viewpoints.pose(j) for j in chosen])
-        scans = [self._scans[j].at(_pose2(pose)) for j, pose in zip(chosen, poses, strict=True)]
+        """The scans of some keyframes in the world frame, where each begins, and their poses (k, 3)."""
+        poses = np.array([self.keyframes.pose(j) for j in chosen])
+        scans = [
+            self._scans[j].at(Pose2(*pose.tolist())) for j, pose in zip(chosen, poses, strict=True)
+        ]
         first = np.concatenate([[0], np.cumsum([len(one) for one in scans])]).astype(np.int64)
-        whole = Scan(
-            np.concatenate([one.places for one in scans]),
-            np.concatenate([one.normals for one in scans]),
-            np.concatenate([one.sigmas for one in scans]),
-        )
-        return whole, first, poses
+        return joined(scans), first, poses
 
-    def _partners(
+    def _correspondences(
         self, level: Scan, map_scan: Scan, first: Int[np.ndarray, "k1"], gate: float
     ) -> Int[np.ndarray, "n k"]:
         found = np.empty((len(level), len(first) - 1), np.int64)
-        cosine = math.cos(math.radians(self.config.facing_deg))
-        kernels.partners(
-            level.places,
-            level.normals,
-            map_scan.places,
-            map_scan.normals,
-            first,
-            gate,
-            cosine,
-            found,
+        points, normals = map_scan.points, map_scan.normals
+        cosine = math.cos(math.radians(FACING_DEG))
+        kernels.correspondences(
+            level.points, level.normals, points, normals, first, gate, cosine, found
         )
         return found
 
     def _fit(self, state: Gaussian, scan: Scan, chosen: list[int], gate: float) -> _Fit:
-        """Partners and pose in turn, the keyframes held; then what the last partners say of all."""
-        config, last = self.config, len(self.viewpoints) - 1
+        """Correspondences and pose in turn with fixed keyframes; then the normal equations of all poses."""
+        last = len(self.keyframes) - 1
         map_scan, first, poses = self._map(chosen)
-        prior = self.viewpoints.pose(last).copy()
+        prior = self.keyframes.pose(last).copy()
         trust = self._given_keyframes(state, chosen)
         now = prior.copy()
-        size = POSE * (1 + len(chosen))
+        size = POSE_SIZE * (1 + len(chosen))
         A, b = np.empty((size, size)), np.empty(size)
         used, roughness = 0, math.inf
-        for turn in range(config.rounds):
-            level = scan.at(_pose2(now))
-            reach = max(config.gate_m, gate * 0.6**turn)
-            found = self._partners(level, map_scan, first, reach)
+        for turn in range(ROUNDS):
+            level = scan.at(Pose2(*now.tolist()))
+            reach = max(GATE_M, gate * 0.6**turn)
+            found = self._correspondences(level, map_scan, first, reach)
+            cut = OUTLIER_SIGMAS if reach <= GATE_M else 3.0 * OUTLIER_SIGMAS
             used, roughness = kernels.accumulate(
-                level.places,
-                level.sigmas,
-                now,
-                map_scan.places,
-                map_scan.normals,
-                map_scan.sigmas,
-                first,
-                poses,
-                found,
-                config.outlier_sigmas if reach <= config.gate_m else 3.0 * config.outlier_sigmas,
-                A,
-                b,
-            )
-            A /= config.alike
-            b /= config.alike
+                level.points, level.sigmas, now, map_scan.points, map_scan.normals,
+                map_scan.sigmas, first, poses, found, cut, A, b,
+            )  # fmt: skip
+            A /= CORRELATED
+            b /= CORRELATED
             back = _difference(prior, now)
-            step = np.linalg.solve(A[:POSE, :POSE] + trust, b[:POSE] + trust @ back)
-            settled = reach <= config.gate_m and float(np.max(np.abs(step))) < 2e-4
-            if settled or turn == config.rounds - 1:
+            step = np.linalg.solve(A[:POSE_SIZE, :POSE_SIZE] + trust, b[:POSE_SIZE] + trust @ back)
+            settled = reach <= GATE_M and float(np.max(np.abs(step))) < 2e-4
+            if settled or turn == ROUNDS - 1:
                 break
             now = now + step
-        moved = b + A[:, :POSE] @ _difference(now, prior)
+        moved = b + A[:, :POSE_SIZE] @ _difference(now, prior)
         values, vectors = np.linalg.eigh(A)
-        told = values > 1e-6 * max(float(values[-1]), 1.0)
-        root = np.sqrt(values[told])
-        H = root[:, None] * vectors[:, told].T
-        return _Fit(used, roughness, H, (vectors[:, told].T @ moved) / root)
+        observable = values > 1e-6 * max(float(values[-1]), 1.0)
+        root = np.sqrt(values[observable])
+        H = root[:, None] * vectors[:, observable].T
+        return _Fit(used, roughness, H, (vectors[:, observable].T @ moved) / root)
 
     def _given_keyframes(self, state: Gaussian, chosen: list[int]) -> Float[np.ndarray, "3 3"]:
-        """Information on the last viewpoint if these keyframes were known exactly."""
-        P = self.viewpoints.covariance(state, [*chosen, len(self.viewpoints) - 1])
-        across = P[:-POSE, -POSE:]
-        given = P[-POSE:, -POSE:] - across.T @ np.linalg.solve(
-            P[:-POSE, :-POSE] + 1e-10 * np.eye(len(across)), across
+        """Information on the current pose if these keyframes were known exactly."""
+        P = self.keyframes.covariance(state, [*chosen, len(self.keyframes) - 1])
+        across = P[:-POSE_SIZE, -POSE_SIZE:]
+        given = P[-POSE_SIZE:, -POSE_SIZE:] - across.T @ np.linalg.solve(
+            P[:-POSE_SIZE, :-POSE_SIZE] + 1e-10 * np.eye(len(across)), across
         )
-        return np.asarray(np.linalg.inv(models.positive(given) + 1e-10 * np.eye(POSE)))
+        return np.asarray(np.linalg.inv(models.positive(given) + 1e-10 * np.eye(POSE_SIZE)))
 
-    def _contradicted(self, state: Gaussian, anchored: bool) -> Gaussian:
-        """Several times in a row: either the map is wrong, or the walker was carried elsewhere."""
+    def _recover(self, state: Gaussian, anchored: bool) -> Gaussian:
+        """After many rejected scans in a row: drop the map if landmarks agree with the state, else inflate it."""
         self._rejected += 1
-        if self._rejected < self.config.doubt_after:
+        if self._rejected < REJECTED_SCANS:
             return state
         self._rejected = 0
         if anchored:
@@ -318,81 +339,44 @@ class Registration:
             while self._scans:
                 self._drop(0)
             return state
-        log.info("nothing fits where it should: pose doubted")
-        self.viewpoints.part(state)
+        log.info("%d scans in a row rejected: covariance inflated", REJECTED_SCANS)
+        self.keyframes.decorrelate(state)
         P = np.array(state.covariance)
-        P[[X, Y], [X, Y]] += self.config.doubt_m**2
-        P[YAW, YAW] += self.config.doubt_rad**2
+        P[[X, Y], [X, Y]] += RECOVERY_SIGMA_M**2
+        P[YAW, YAW] += RECOVERY_SIGMA_RAD**2
         return Gaussian(state.mean, P)
 
-    def _forget_oldest(self) -> None:
-        """Of too many keyframes the one that was of no use for longest."""
+    def _limit_keyframes(self) -> None:
+        """Beyond the limit, drop the keyframe that was not used for longest."""
         if len(self._scans) > self.config.most_keyframes:
             self._drop(int(np.argmin(self._used)))
 
     def _drop(self, index: int) -> None:
         del self._scans[index], self._circles[index], self._used[index]
-        self.viewpoints.drop(index)
+        self.keyframes.drop(index)
 
     def _report(self, outcome: str, found: RegistrationReport | None = None) -> RegistrationReport:
         if found is None:
             return RegistrationReport(outcome, keyframes=len(self._scans))
         return RegistrationReport(
-            outcome, found.partners, found.nis, found.degrees, len(self._scans)
+            outcome, found.correspondences, found.nis, found.degrees, len(self._scans)
         )
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Partners found, mean squared residual, and the measurement H (now, keyframes) with unit noise."""
+    """Number of correspondences, mean squared residual, and the measurement H (current, keyframes) with unit noise."""
 
-    partners: int
+    correspondences: int
     roughness: float
     H: Float[np.ndarray, "z r"]
     innovation: Float[np.ndarray, "z"]
 
 
-def motion(
-    config: LocaliserConfig, before: Gaussian, odometry: StepOdometry | None, dt: float
-) -> tuple[Float[np.ndarray, "10 10"], Gaussian]:
-    """The walker's motion to first order: its Jacobian, and the state after it.
-
-    Args:
-        config: Noise of walking.
-        before: State, entries as in `models`.
-        odometry: As given to the filter.
-        dt: Likewise, s.
-    """
-    blind = odometry is None or not (
-        bool(np.all(np.isfinite(odometry.motion.vector))) and math.isfinite(odometry.steps)
-    )
-    made = Pose2() if blind or odometry is None else odometry.motion
-    steps = 0.0 if blind or odometry is None else abs(odometry.steps)
-    dt = max(dt, 0.0) if math.isfinite(dt) else 0.0
-    x = before.mean
-    c, s = math.cos(x[YAW]), math.sin(x[YAW])
-    ahead, left = made.x + x[SLIP] * steps, made.y + x[CRAB] * steps
-    F = np.eye(WALKER_SIZE)
-    F[X, YAW], F[Y, YAW] = -s * ahead - c * left, c * ahead - s * left
-    F[X, SLIP], F[Y, SLIP] = c * steps, s * steps
-    F[X, CRAB], F[Y, CRAB] = -s * steps, c * steps
-    F[YAW, DRIFT] = F[TURN, DRIFT] = steps
-    F[TURN, TURN] = 0.0
-    Q = process_noise(config, float(x[YAW]), steps, dt, blind)
-    return F, Gaussian(
-        models.walk(x, dt, made, steps), models.positive(F @ before.covariance @ F.T + Q)
-    )
-
-
-def _pose2(vector: Float[np.ndarray, "3"]) -> Pose2:
-    x, y, yaw = (float(v) for v in vector)
-    return Pose2(x, y, yaw)
-
-
 def _circle(scan: Scan) -> tuple[Float[np.ndarray, "2"], float]:
-    """Middle and radius of a circle about all places."""
-    middle = (scan.places.min(axis=0) + scan.places.max(axis=0)) / 2.0
-    return middle, float(np.sqrt(np.max(np.sum((scan.places - middle) ** 2, axis=1))))
+    """Centre and radius of the bounding circle."""
+    centre = (scan.points.min(axis=0) + scan.points.max(axis=0)) / 2.0
+    return centre, float(np.sqrt(np.max(np.sum((scan.points - centre) ** 2, axis=1))))
 
 
 def _difference(a: Float[np.ndarray, "3"], b: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

@@ -1,4 +1,4 @@
-"""Points of a view that rise from the floor and stand still."""
+"""Static points above the floor: the input of scan registration."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..floor.segmented_view import RISING, SegmentedView, near_movers
+from ..floor.segmented_view import RISING, SegmentedView, near_moving_obstacles
 from ..primitives.obstacle import Obstacle
 from ..primitives.pose import Pose3
 
 
 @dataclass(frozen=True)
 class StaticPoints:
-    """What one depth sensor sees rise from the floor and stand still.
+    """Points above the floor that do not belong to moving obstacles, from one depth sensor.
 
     Args:
-        points: Upright map frame as believed when the camera was placed, z above the floor, m.
-        sigma: Deviation of each along its ray, m.
+        points: Upright map frame as estimated when the camera was placed, z above the floor, m.
+        sigma: Standard deviation of each along its ray, m.
         T_map_camera: The camera in the same frame.
     """
 
@@ -29,7 +29,7 @@ class StaticPoints:
 
 
 def static_points(view: SegmentedView, obstacles: Sequence[Obstacle]) -> StaticPoints:
-    """What rises in a view and does not move."""
+    """The points of a view above the floor, without those near moving obstacles."""
     rising = np.isin(view.classes, RISING)
-    rising[rising] = ~near_movers(view.upright[rising, :2], obstacles)
+    rising[rising] = ~near_moving_obstacles(view.upright[rising, :2], obstacles)
     return StaticPoints(view.upright[rising], view.points.sigma[rising], view.T_map_camera)

@@ -1,7 +1,7 @@
-"""What computes the walker's belief: filterpy's sigma points, or the same compiled.
+"""Backends of the walking robot's unscented Kalman filter: compiled, and filterpy.
 
-Both hold a Gaussian over the state of `models` and give the same numbers; `filterpy` is there to be read and
-to be compared with, `compiled` is several times faster and cannot lose its positivity.
+Both hold a Gaussian over the state of `filtering.models` and give the same estimates. `filterpy` serves as a
+readable reference; `compiled` is several times faster and its covariance cannot lose its positivity.
 
 Source: seed 001, section 3 (sigma-point filter).
 """
@@ -15,9 +15,9 @@ from jaxtyping import Float
 
 from ..filtering import models
 from ..filtering.models import (
-    CRAB,
     DRIFT,
     GYRO_BIAS,
+    LATERAL_SLIP,
     PAN,
     RANGE,
     SLIP,
@@ -32,74 +32,69 @@ from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2
 
-ENGINES = ("compiled", "filterpy")
+BACKENDS = ("compiled", "filterpy")
 
 
 @runtime_checkable
-class Engine(Protocol):
-    """A belief over the walker's state that moves and learns."""
+class UkfBackend(Protocol):
+    """A Gaussian over the robot's state, with prediction and update."""
 
     @property
-    def belief(self) -> Gaussian:
+    def state(self) -> Gaussian:
         """Mean and covariance, (10,) and (10, 10)."""
 
-    def reset(self, belief: Gaussian) -> None:
-        """Believe this from now on."""
+    def reset(self, state: Gaussian) -> None:
+        """Replace mean and covariance."""
 
-    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
-        """Advance by the motion that the joints tell."""
+    def predict(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
+        """Advance by the motion of step odometry."""
 
-    def turned(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
-        """Learn from the gyro's sum over dt seconds."""
+    def update_turn(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
+        """Update with the gyro's integral over dt seconds."""
 
     def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
-        """Where a place should be seen: (range, bearing) without noise; sigma claimed for the range."""
+        """Expected (range, bearing) of a position, without noise; sigma_m is that of the range."""
 
-    def learn(
+    def update(
         self,
         measured: Float[np.ndarray, "m"],
         noise: Float[np.ndarray, "m m"],
         places: Float[np.ndarray, "k 2"],
         sigmas: Float[np.ndarray, "k"],
     ) -> None:
-        """Learn from (range, bearing, ...) of places."""
+        """Update with (range, bearing, ...) of landmarks at these positions."""
 
 
-def engine(name: str, start: Gaussian) -> Engine:
-    """The engine of that name, believing this.
+def ukf_backend(name: str, start: Gaussian) -> UkfBackend:
+    """The backend of that name, in this state.
 
     Raises:
-        ConfigError: There is none of that name.
+        ConfigError: The name is unknown.
     """
     if name == "compiled":
-        return Compiled(start)
+        return CompiledUkf(start)
     if name == "filterpy":
-        return Filterpy(start)
-    raise ConfigError(f"localiser: engine={name!r} is unknown; choose one of {ENGINES}")
+        return FilterpyUkf(start)
+    raise ConfigError(f"localiser: backend={name!r} is unknown; choose one of {BACKENDS}")
 
 
-class Compiled:
-    """By `SquareRootFilter`."""
+class CompiledUkf:
+    """Backend by `SquareRootFilter`; methods as in `UkfBackend`."""
 
     def __init__(self, start: Gaussian) -> None:
-        """Begin at a belief (10,)."""
         self._filter = SquareRootFilter(start, angles=(YAW,))
 
     @property
-    def belief(self) -> Gaussian:
-        """Mean and covariance."""
+    def state(self) -> Gaussian:
         return self._filter.belief
 
-    def reset(self, belief: Gaussian) -> None:
-        """Believe this from now on."""
-        self._filter.reset(belief)
+    def reset(self, state: Gaussian) -> None:
+        self._filter.reset(state)
 
-    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
-        """Advance by the motion that the joints tell."""
-        self._filter.predict(lambda points: walk_all(points, motion, steps), noise)
+    def predict(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
+        self._filter.predict(lambda points: predict_all(points, motion, steps), noise)
 
-    def turned(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
-        """Learn from the gyro's sum over dt seconds."""
+    def update_turn(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
         self._filter.update(
             lambda points: points[:, TURN : TURN + 1] + points[:, GYRO_BIAS : GYRO_BIAS + 1] * dt,
             np.array([turn_rad]),
@@ -107,30 +102,27 @@ class Compiled:
         )
 
     def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
-        """Where a place should be seen."""
         points, weights = self._filter.sigma_points(), self._filter.points
-        seen = sighted_all(points, place[None], np.array([sigma_m]))
+        seen = measure_all(points, place[None], np.array([sigma_m]))
         return _transformed(seen, weights.mean, weights.covariance)
 
-    def learn(
+    def update(
         self,
         measured: Float[np.ndarray, "m"],
         noise: Float[np.ndarray, "m m"],
         places: Float[np.ndarray, "k 2"],
         sigmas: Float[np.ndarray, "k"],
     ) -> None:
-        """Learn from (range, bearing, ...) of places."""
         bearings = range(1, len(measured), 2)
         self._filter.update(
-            lambda points: sighted_all(points, places, sigmas), measured, noise, bearings
+            lambda points: measure_all(points, places, sigmas), measured, noise, bearings
         )
 
 
-class Filterpy:
-    """By filterpy's filter; the only place of the walker's localisation that knows that library."""
+class FilterpyUkf:
+    """Backend by filterpy, which only this class imports; methods as in `UkfBackend`."""
 
     def __init__(self, start: Gaussian) -> None:
-        """Begin at a belief (10,)."""
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
 
         points = MerweScaledSigmaPoints(
@@ -157,23 +149,19 @@ class Filterpy:
         self.reset(start)
 
     @property
-    def belief(self) -> Gaussian:
-        """Mean and covariance."""
+    def state(self) -> Gaussian:
         return Gaussian(self._filter.x.copy(), self._filter.P.copy())
 
-    def reset(self, belief: Gaussian) -> None:
-        """Believe this from now on."""
-        self._filter.x, self._filter.P = np.array(belief.mean), np.array(belief.covariance)
-        self._settle()
+    def reset(self, state: Gaussian) -> None:
+        self._filter.x, self._filter.P = np.array(state.mean), np.array(state.covariance)
+        self._condition()
 
-    def walk(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
-        """Advance by the motion that the joints tell."""
+    def predict(self, motion: Pose2, steps: float, noise: Float[np.ndarray, "10 10"]) -> None:
         self._filter.Q = noise
         self._filter.predict(0.0, motion=motion, steps=steps)
-        self._settle()
+        self._condition()
 
-    def turned(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
-        """Learn from the gyro's sum over dt seconds."""
+    def update_turn(self, turn_rad: float, sigma_rad: float, dt: float) -> None:
         self._filter.update(
             np.array([turn_rad]),
             R=np.array([[sigma_rad**2]]),
@@ -181,46 +169,44 @@ class Filterpy:
             hx=models.gyro_turn,
             dt=dt,
         )
-        self._settle()
+        self._condition()
 
     def expected(self, place: Float[np.ndarray, "2"], sigma_m: float) -> Gaussian:
-        """Where a place should be seen."""
         seen = [models.sighted(p, place[None], np.array([sigma_m])) for p in self._filter.sigmas_f]
         return _transformed(np.array(seen), self._filter.Wm, self._filter.Wc)
 
-    def learn(
+    def update(
         self,
         measured: Float[np.ndarray, "m"],
         noise: Float[np.ndarray, "m m"],
         places: Float[np.ndarray, "k 2"],
         sigmas: Float[np.ndarray, "k"],
     ) -> None:
-        """Learn from (range, bearing, ...) of places."""
         self._filter.update(measured, R=noise, places=places, sigmas=sigmas)
-        self._settle()
+        self._condition()
 
-    def _settle(self) -> None:
-        """Keep the covariance symmetric and positive, and draw the points that an update starts from."""
+    def _condition(self) -> None:
+        """Keep the covariance symmetric and positive, and draw the sigma points for the next update."""
         self._filter.P = models.positive(self._filter.P)
         self._filter.sigmas_f = self._filter.points_fn.sigma_points(self._filter.x, self._filter.P)
 
 
-def walk_all(points: np.ndarray, motion: Pose2, steps: float) -> np.ndarray:
-    """`models.walk` of all states (k, 10) at once."""
+def predict_all(points: np.ndarray, motion: Pose2, steps: float) -> np.ndarray:
+    """`models.walk` for all states (k, 10) at once."""
     ahead = motion.x + points[:, SLIP] * steps
-    left = motion.y + points[:, CRAB] * steps
+    left = motion.y + points[:, LATERAL_SLIP] * steps
     turn = motion.yaw + points[:, DRIFT] * steps
     c, s = np.cos(points[:, YAW]), np.sin(points[:, YAW])
     after = points.copy()
     after[:, X] += c * ahead - s * left
     after[:, Y] += s * ahead + c * left
-    after[:, YAW] += turn  # averaged on the circle, wrapped by the filter
+    after[:, YAW] += turn  # circular mean, wrapped by the filter
     after[:, TURN] = turn
     return after
 
 
-def sighted_all(points: np.ndarray, places: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
-    """`models.sighted` of all states (k, 10) at once: (k, 2 m)."""
+def measure_all(points: np.ndarray, places: np.ndarray, sigmas: np.ndarray) -> np.ndarray:
+    """`models.sighted` for all states (k, 10) at once: (k, 2 m)."""
     x = places[:, 0] - points[:, X : X + 1]
     y = places[:, 1] - points[:, Y : Y + 1]
     seen = np.empty((len(points), 2 * len(places)))
@@ -244,7 +230,7 @@ def _linear_transform(
     noise: np.ndarray,
     *_: object,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Unscented transform of plain numbers: nothing here is an angle on the circle."""
+    """Unscented transform of quantities that are not angles."""
     mean = mean_weights @ points
     spread = points - mean
     return mean, spread.T @ (weights[:, None] * spread) + noise

@@ -1,48 +1,80 @@
-"""Compiled steps of one track: seven entries, moved on by matrices, seen through sigma points.
+"""Compiled steps of one track: linear prediction and sigma-point update of seven entries.
 
-State and covariance are changed in place; matrices are so small that plain loops are fastest. A track's
-entries are x, y, vx, vy, and the error of the viewpoint in x, y, yaw.
+Means and covariances are changed in place; the matrices are so small that plain loops are fastest. The entries of
+a track are x, y, vx, vy of the obstacle, then the error of the viewpoint in x, y, yaw.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 SIZE = 7
 REACH = math.sqrt(3.0)
-"""Deviations from the mean to a sigma point: a Gaussian has its fourth moment there."""
+"""Distance of a sigma point from the mean in standard deviations; matches the fourth moment of a Gaussian."""
 
 OTHERS = 1.0 / 6.0
-"""Weight of every point but the middle one, of the mean and of the covariance."""
+"""Weight of every point but the centre, of mean and covariance."""
 
 MIDDLE_MEAN = 1.0 - SIZE / 3.0
 MIDDLE = MIDDLE_MEAN + 3.0 - 3.0 / SIZE
-"""Weights of the middle point: of the mean, of the covariance (alpha^2 = 3 / 7, beta = 2, kappa = 0)."""
+"""Weights of the centre: of the mean, of the covariance (alpha^2 = 3 / 7, beta = 2, kappa = 0)."""
+
+
+class Belief(NamedTuple):
+    """Mean (7,) and covariance (7, 7) under one hypothesis."""
+
+    x: np.ndarray
+    P: np.ndarray
+
+
+class Telegraph(NamedTuple):
+    """Moments of a velocity that reverses at random: a random telegraph signal.
+
+    Args:
+        straight: Probability that it has not reversed.
+        seconds: Time passed, s.
+        move_s: If it has: mean displacement in units of the first velocity, s.
+        keep: If it has: mean velocity in the same units.
+        noise_place, noise_both, noise_speed: If it has: covariance of (displacement, velocity).
+    """
+
+    straight: float
+    seconds: float
+    move_s: float
+    keep: float
+    noise_place: float
+    noise_both: float
+    noise_speed: float
 
 
 @njit(cache=True)
-def telegraph(
-    seconds: float, every_s: float
-) -> tuple[float, float, float, float, float, float, float]:
-    """Moments of a speed that flips its sign, as `turning` tells them: straight, seconds, move, keep, noise.
+def telegraph(seconds: float, every_s: float) -> Telegraph:
+    """Moments after some time of a velocity of mean square 1 that reverses every `every_s` on average.
 
-    The noise is its three entries: of the place, of both, of the velocity.
+    With a = 2 / every_s, e = exp(-a t) and m = (1 - e) / a, the velocity has mean e and mean square 1, the
+    displacement has mean m and mean square 2 (t - m) / a, and their product has mean m. The share
+    exp(-t / every_s) without a reversal, displaced by t, is then removed from these moments.
+
+    Source: Papoulis, "Probability, Random Variables and Stochastic Processes" (1965), section 9-2.
     """
-    t = max(seconds, 1e-3)  # the limit for no time is smooth, its quotients are not
+    t = max(seconds, 1e-3)  # avoids 0 / 0; the limit is smooth
     a = 2.0 / every_s
     e, m, straight = math.exp(-a * t), -math.expm1(-a * t) / a, math.exp(-t / every_s)
     share = -math.expm1(-t / every_s)
     keep, move = (e - straight) / share, (m - straight * t) / share
     square, product = (2.0 * (t - m) / a - straight * t * t) / share, (m - straight * t) / share
-    return straight, t, move, keep, square - move * move, product - move * keep, 1.0 - keep * keep
+    return Telegraph(
+        straight, t, move, keep, square - move * move, product - move * keep, 1.0 - keep * keep
+    )
 
 
 @njit(cache=True)
 def factor(matrix: np.ndarray, root: np.ndarray) -> bool:
-    """Cholesky's lower factor, of the lower triangle; False if the matrix is not positive definite."""
+    """Lower Cholesky factor of a matrix given by its lower triangle; False if it is not positive definite."""
     for j in range(matrix.shape[0]):
         for i in range(j, matrix.shape[0]):
             total = matrix[i, j]
@@ -61,7 +93,7 @@ def factor(matrix: np.ndarray, root: np.ndarray) -> bool:
 
 @njit(cache=True)
 def make_positive(matrix: np.ndarray, root: np.ndarray) -> None:
-    """As `models.positive`, in place; the lower factor of the result is written to `root`."""
+    """`models.positive` in place; the lower factor of the result is written to `root`."""
     size = matrix.shape[0]
     for i in range(size):
         for j in range(i):
@@ -88,24 +120,26 @@ def make_positive(matrix: np.ndarray, root: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def stop(x: np.ndarray, P: np.ndarray, still_x: np.ndarray, still_P: np.ndarray) -> None:
-    """The state if the thing stands: after a sighting v = 0 without noise."""
+def stop(moving: Belief, static: Belief) -> None:
+    """Write the static belief: the moving one given a noise-free measurement of v = 0."""
+    (x, P), (static_x, static_P) = moving, static
     a, b, d = P[2, 2], 0.5 * (P[2, 3] + P[3, 2]), P[3, 3]
     det = a * d - b * b
     for i in range(SIZE):
         p, q = P[i, 2], P[i, 3]
         g, h = (d * p - b * q) / det, (a * q - b * p) / det
-        still_x[i] = x[i] - g * x[2] - h * x[3]
+        static_x[i] = x[i] - g * x[2] - h * x[3]
         for j in range(SIZE):
-            still_P[i, j] = P[i, j] - g * P[2, j] - h * P[3, j]
-    still_x[2] = still_x[3] = 0.0
+            static_P[i, j] = P[i, j] - g * P[2, j] - h * P[3, j]
+    static_x[2] = static_x[3] = 0.0
     for i in range(SIZE):
-        still_P[i, 2] = still_P[2, i] = still_P[i, 3] = still_P[3, i] = 0.0
+        static_P[i, 2] = static_P[2, i] = static_P[i, 3] = static_P[3, i] = 0.0
 
 
 @njit(cache=True)
-def flow(x: np.ndarray, P: np.ndarray, drift: float, speed: float, keep: float) -> None:
-    """Place plus drift times velocity; velocity times speed; viewpoint times keep: mean and covariance."""
+def flow(belief: Belief, drift: float, speed: float, keep: float) -> None:
+    """Position plus drift times velocity; velocity times speed; viewpoint error times keep."""
+    x, P = belief
     for k in range(2):
         x[k] += drift * x[2 + k]
         x[2 + k] *= speed
@@ -125,10 +159,8 @@ def flow(x: np.ndarray, P: np.ndarray, drift: float, speed: float, keep: float) 
 
 @njit(cache=True)
 def move_on(
-    x: np.ndarray,
-    P: np.ndarray,
-    still_x: np.ndarray,
-    still_P: np.ndarray,
+    moving: Belief,
+    static: Belief,
     stopping: int,
     dt: float,
     keep: float,
@@ -136,21 +168,21 @@ def move_on(
     view: np.ndarray,
     widened: float,
 ) -> None:
-    """Straight on for dt seconds; beside it what stands, whose viewpoint alone wanders.
+    """Predict both hypotheses: constant velocity, and static, where only the viewpoint error changes.
 
     Args:
-        x, P: (7,) and (7, 7), changed.
-        still_x, still_P: The same if it stands, changed.
-        stopping: 0: there is no such state; 1: there is; 2: it begins now.
+        moving, static: Changed.
+        stopping: 0: there is no static belief; 1: there is; 2: it starts now.
         dt: s.
-        keep: Of the viewpoint's error.
+        keep: Share of the viewpoint error that remains.
         push: Square of the random acceleration, m^2/s^4.
-        view, widened: (3, 3) of the robot's pose, and what is added to its place, m^2.
+        view, widened: (3, 3) covariance of the robot pose, and what is added to its position, m^2.
     """
+    P, static_P = moving.P, static.P
     if stopping == 2:
-        stop(x, P, still_x, still_P)
+        stop(moving, static)
     fresh = 1.0 - keep * keep
-    flow(x, P, dt, 1.0, keep)
+    flow(moving, dt, 1.0, keep)
     for i in range(3):
         for j in range(3):
             P[4 + i, 4 + j] += fresh * view[i, j]
@@ -162,24 +194,23 @@ def move_on(
         P[2 + k, 2 + k] += dt * dt * push
     make_positive(P, np.empty((SIZE, SIZE)))
     if stopping > 0:
-        flow(still_x, still_P, 0.0, 1.0, keep)
+        flow(static, 0.0, 1.0, keep)
         for i in range(3):
             for j in range(3):
-                still_P[4 + i, 4 + j] += fresh * view[i, j]
+                static_P[4 + i, 4 + j] += fresh * view[i, j]
         for k in range(2):
-            still_P[4 + k, 4 + k] += fresh * widened
+            static_P[4 + k, 4 + k] += fresh * widened
 
 
 @njit(cache=True)
-def turn(
-    x: np.ndarray, P: np.ndarray, seconds: float, every_s: float, turned_x: np.ndarray,
-    turned_P: np.ndarray,
-) -> float:  # fmt: skip
-    """The state if it turned within the last seconds, written; returns the probability that it did not."""
-    straight, t, move, keep, n00, n01, n11 = telegraph(seconds, every_s)
+def turn(moving: Belief, seconds: float, every_s: float, turned: Belief) -> float:
+    """Write the belief given at least one reversal in the time; returns the probability of none."""
+    (x, P), (turned_x, turned_P) = moving, turned
+    signal = telegraph(seconds, every_s)
+    n00, n01, n11 = signal.noise_place, signal.noise_both, signal.noise_speed
     turned_x[:] = x
     turned_P[:] = P
-    flow(turned_x, turned_P, move - t, keep, 1.0)
+    flow(turned, signal.move_s - signal.seconds, signal.keep, 1.0)
     for k in range(2):
         for j in range(2):
             power = x[2 + k] * x[2 + j] + P[2 + k, 2 + j]
@@ -187,22 +218,23 @@ def turn(
             turned_P[k, 2 + j] += n01 * power
             turned_P[2 + k, j] += n01 * power
             turned_P[2 + k, 2 + j] += n11 * power
-    return straight
+    return signal.straight
 
 
 @njit(cache=True)
 def look(
-    x: np.ndarray, P: np.ndarray, robot: np.ndarray, points: np.ndarray, seen: np.ndarray,
+    belief: Belief, robot: np.ndarray, points: np.ndarray, seen: np.ndarray,
     mean: np.ndarray, covariance: np.ndarray,
 ) -> None:  # fmt: skip
-    """Where the thing should be seen from the body: sigma points, what they see, and the moments of that.
+    """Predicted position in the body frame: sigma points, their measurements, mean and covariance of these.
 
     Args:
-        x, P: (7,) and (7, 7).
+        belief: Unchanged.
         robot: (3,), x, y, yaw.
         points, seen: (15, 7) and (15, 2), written.
         mean, covariance: (2,) and (2, 2), written.
     """
+    x, P = belief
     work, root = P.copy(), np.empty((SIZE, SIZE))
     make_positive(work, root)
     mean[:] = 0.0
@@ -233,33 +265,31 @@ def look(
 
 @njit(cache=True)
 def expect(
-    x: np.ndarray,
-    P: np.ndarray,
-    still_x: np.ndarray,
-    still_P: np.ndarray,
-    stands: bool,
+    moving: Belief,
+    static: Belief,
+    is_static: bool,
     robot: np.ndarray,
     unseen_s: float,
     every_s: float,
     means: np.ndarray,
     covariances: np.ndarray,
 ) -> float:
-    """Where it should be seen: gone straight on, turned, standing; returns the probability of straight on.
+    """Predicted measurements: gone straight, turned, static; returns the probability of having gone straight.
 
     Args:
-        x, P, still_x, still_P: As for `move_on`.
-        stands: Whether there is a standing state.
-        robot: (3,).
-        unseen_s, every_s: Time since it was seen, and between turns on average, s.
+        moving, static: Unchanged.
+        is_static: Whether there is a static belief.
+        robot: (3,), x, y, yaw.
+        unseen_s, every_s: Time since the last detection, and between reversals on average, s.
         means, covariances: (3, 2) and (3, 2, 2), written.
     """
     points, seen = np.empty((2 * SIZE + 1, SIZE)), np.empty((2 * SIZE + 1, 2))
-    turned_x, turned_P = np.empty(SIZE), np.empty((SIZE, SIZE))
-    straight = turn(x, P, unseen_s, every_s, turned_x, turned_P)
-    look(x, P, robot, points, seen, means[0], covariances[0])
-    look(turned_x, turned_P, robot, points, seen, means[1], covariances[1])
-    if stands:
-        look(still_x, still_P, robot, points, seen, means[2], covariances[2])
+    turned = Belief(np.empty(SIZE), np.empty((SIZE, SIZE)))
+    straight = turn(moving, unseen_s, every_s, turned)
+    look(moving, robot, points, seen, means[0], covariances[0])
+    look(turned, robot, points, seen, means[1], covariances[1])
+    if is_static:
+        look(static, robot, points, seen, means[2], covariances[2])
     return straight
 
 
@@ -268,11 +298,11 @@ def density(
     weights: np.ndarray, means: np.ndarray, covariances: np.ndarray, fresh: float,
     positions: np.ndarray, noises: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """How likely each detection is, per square metre, under all hypotheses by their weights.
+    """Probability density of each detection, per square metre, under the weighted hypotheses.
 
     Args:
-        weights, means, covariances: (3,), (3, 2) and (3, 2, 2), as from `expect`; weight 0: left out.
-        fresh: Added to the variance of what turned, m^2.
+        weights, means, covariances: (3,), (3, 2) and (3, 2, 2), from `expect`; weight 0: ignored.
+        fresh: Added to the variance of the turned hypothesis, m^2.
         positions, noises: (n, 2) and (n, 2, 2) of the detections.
     """
     found = np.zeros(len(positions))
@@ -292,27 +322,26 @@ def density(
 
 
 @njit(cache=True)
-def learn(
-    x: np.ndarray, P: np.ndarray, robot: np.ndarray, position: np.ndarray, noise: np.ndarray
-) -> None:
-    """The sigma-point update of x (7,) and P (7, 7), in place, by a position (2,) and its noise (2, 2)."""
+def learn(belief: Belief, robot: np.ndarray, position: np.ndarray, noise: np.ndarray) -> None:
+    """Sigma-point update of a belief, in place, by a position (2,) and its covariance (2, 2)."""
+    x, P = belief
     points, seen = np.empty((2 * SIZE + 1, SIZE)), np.empty((2 * SIZE + 1, 2))
     mean, S, R, root = np.empty(2), np.empty((2, 2)), noise.copy(), np.empty((2, 2))
-    look(x, P, robot, points, seen, mean, S)
+    look(belief, robot, points, seen, mean, S)
     make_positive(R, root)
     S += R
     det = S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
     gain = np.zeros((SIZE, 2))
     for j in range(SIZE):
         u = v = 0.0
-        for k in range(1, 2 * SIZE + 1):  # the middle point lies at the mean
+        for k in range(1, 2 * SIZE + 1):  # the centre is the mean
             u += OTHERS * (points[k, j] - x[j]) * (seen[k, 0] - mean[0])
             v += OTHERS * (points[k, j] - x[j]) * (seen[k, 1] - mean[1])
         gain[j, 0] = (u * S[1, 1] - v * S[1, 0]) / det
         gain[j, 1] = (v * S[0, 0] - u * S[0, 1]) / det
-    away, aside = position[0] - mean[0], position[1] - mean[1]
+    ahead, left = position[0] - mean[0], position[1] - mean[1]
     for j in range(SIZE):
-        x[j] += gain[j, 0] * away + gain[j, 1] * aside
+        x[j] += gain[j, 0] * ahead + gain[j, 1] * left
         first = gain[j, 0] * S[0, 0] + gain[j, 1] * S[1, 0]
         second = gain[j, 0] * S[0, 1] + gain[j, 1] * S[1, 1]
         for k in range(SIZE):
@@ -322,39 +351,38 @@ def learn(
 
 @njit(cache=True)
 def mix(
-    x: np.ndarray,
-    P: np.ndarray,
-    still_x: np.ndarray,
-    still_P: np.ndarray,
-    stands: bool,
+    moving: Belief,
+    static: Belief,
+    is_static: bool,
     moves: float,
     seconds: float,
     every_s: float,
     mean: np.ndarray,
     covariance: np.ndarray,
 ) -> None:
-    """Standing, gone straight on, turned: one mean (4,) and covariance (4, 4), written, of (x, y, vx, vy).
+    """Mixture of static, gone straight, and turned: mean (4,) and covariance (4, 4), written, of (x, y, vx, vy).
 
     Args:
-        x, P, still_x, still_P: As for `move_on`; the last two are overwritten unless it `stands`.
-        stands: Whether there is a standing state; else it is taken from the moving one.
-        moves: Probability.
-        seconds, every_s: Within which it may have turned, and between turns on average, s.
+        moving, static: The latter is overwritten unless `is_static`.
+        is_static: Whether there is a static belief; else it is derived from the moving one.
+        moves: Probability of moving.
+        seconds, every_s: Time in which it may have reversed, and between reversals on average, s.
     """
-    turned_x, turned_P = np.empty(SIZE), np.empty((SIZE, SIZE))
-    straight = turn(x, P, seconds, every_s, turned_x, turned_P)
-    if not stands:
-        stop(x, P, still_x, still_P)
+    turned = Belief(np.empty(SIZE), np.empty((SIZE, SIZE)))
+    straight = turn(moving, seconds, every_s, turned)
+    if not is_static:
+        stop(moving, static)
+    (x, P), (static_x, static_P), (turned_x, turned_P) = moving, static, turned
     a, b, c = 1.0 - moves, moves * straight, moves * (1.0 - straight)
     for i in range(4):
-        mean[i] = a * still_x[i] + b * x[i] + c * turned_x[i]
+        mean[i] = a * static_x[i] + b * x[i] + c * turned_x[i]
     for i in range(4):
         for j in range(4):
             covariance[i, j] = (
-                a * (still_P[i, j] + (still_x[i] - mean[i]) * (still_x[j] - mean[j]))
+                a * (static_P[i, j] + (static_x[i] - mean[i]) * (static_x[j] - mean[j]))
                 + b * (P[i, j] + (x[i] - mean[i]) * (x[j] - mean[j]))
                 + c * (turned_P[i, j] + (turned_x[i] - mean[i]) * (turned_x[j] - mean[j]))
             )
-    covariance[2, 2] += 1e-8  # nothing stands quite still
+    covariance[2, 2] += 1e-8  # keeps the covariance positive
     covariance[3, 3] += 1e-8
     make_positive(covariance, np.empty((4, 4)))

@@ -1,11 +1,12 @@
-"""Obstacles known by their colour: where they stand, from one picture and the floor.
+"""Obstacles of known colours: their position from one colour image and the floor.
 
-A pixel belongs to a colour by its chromaticity, which shade hardly changes. A patch of one colour that
-reaches down to its foot stands where the ray through the foot meets the floor; its width there gives the
-radius. Errors of pixel, head and camera height go into the covariance. Patches cut off by the border of
-the picture have no foot or no width, and are passed over.
+A pixel is assigned to a colour by its chromaticity, which shadows hardly change. The obstacle stands where the ray
+through the foot of a patch of one colour meets the floor; the width of the patch there gives the radius. The
+covariance includes errors of pixels, head angles and camera height. Patches at the image border have no foot or no
+width and are ignored.
 
-Source: seed 001, section V-A (simulator, obstacles found by colour); chromaticity and errors ours.
+Source: Yoo and Kim 2010 (seed 001), section V-A (obstacles found by colour in simulation); chromaticity and errors
+ours.
 """
 
 from __future__ import annotations
@@ -23,50 +24,57 @@ from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
 from ..primitives.frame import ColourView
 from ..primitives.pose import Pose3
+from ..primitives.settings import setting
 from .track import Detection
+
+DARKEST = 0.06  # ours: share of white below which chromaticity is noise
+LEAST_AREA_PX = 60  # ours: smaller patches are noise or too far
+EDGE_SIGMA_PX = 1.0  # ours: of the foot and of both sides
+HEAD_YAW_SIGMA_RAD = math.radians(0.5)  # walking trials: offset and backlash
+HEAD_PITCH_SIGMA_RAD = math.radians(0.7)  # walking trials: the same, and the gait
+CAMERA_HEIGHT_SIGMA_M = 0.004  # walking trials: trunk tilt of 0.6 deg, 0.38 m above the floor
+LARGEST_RADIUS_M = 0.35  # ours: larger patches are furniture of that colour
 
 
 @dataclass(frozen=True)
 class ColouredConfig:
-    """The colours, and how well a foot can be pointed at."""
+    """The colours that are searched for."""
 
-    colours: tuple[str, ...] = ()  # as "#e88028"; none: nothing is looked for
-    tolerance: float = 0.06  # ours: in chromaticity; orange and oak are 0.2 apart
-    darkest: float = 0.06  # ours: below this share of white, chromaticity is noise
-    least_area_px: int = 60  # ours: smaller patches are noise or too far
-    edge_sigma_px: float = 1.0  # ours: of a foot and of both sides
-    head_yaw_sigma_rad: float = math.radians(0.5)  # walking trials: offset and play
-    head_pitch_sigma_rad: float = math.radians(0.7)  # walking trials: the same, and the stride
-    camera_height_sigma_m: float = 0.004  # walking trials: trunk tilt of 0.6 deg, 0.38 m above
-    farthest_m: float = 2.5  # ours: beyond, half a degree of pitch is 15 cm
-    largest_radius_m: float = 0.35  # ours: larger is furniture of that colour
+    colours: tuple[str, ...] = setting(
+        (), "", 'colours of obstacles, as "#e88028"; none: no search', "seed 001"
+    )
+    tolerance: float = setting(
+        0.06, "", "largest difference in chromaticity", "ours: orange and oak are 0.2 apart"
+    )
+    farthest_m: float = setting(
+        2.5,
+        "m",
+        "range beyond which obstacles are ignored",
+        "ours: half a degree of pitch is 15 cm",
+    )
 
     def __post_init__(self) -> None:
         for colour in self.colours:
             if not re.fullmatch(r"#[0-9a-fA-F]{6}", colour):
                 raise ConfigError(
-                    f"coloured: colour {colour!r} is none; write it as red, green, blue: #e88028"
+                    f"coloured: colour {colour!r} is invalid; write it as red, green, blue: #e88028"
                 )
-        for name in ("tolerance", "darkest", "edge_sigma_px", "head_yaw_sigma_rad",
-                     "head_pitch_sigma_rad", "camera_height_sigma_m", "farthest_m",
-                     "largest_radius_m"):  # fmt: skip
+        for name in ("tolerance", "farthest_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"coloured: {name}={value} must be positive and finite")
-        if self.least_area_px < 1:
-            raise ConfigError(f"coloured: least_area_px={self.least_area_px} must be at least 1")
 
 
 @dataclass(frozen=True)
 class Patch:
-    """A patch of one colour in a picture.
+    """A connected region of one colour in an image.
 
     Args:
-        colour: Its number in the configuration.
+        colour: Index of the colour in the configuration.
         left, right: Columns of its sides, px.
-        side: Row where these were taken, px.
-        foot: Row of its foot in the middle, px.
-        top: Row of its top, px.
+        side: Row at which the sides are measured, px.
+        foot: Row of its lower end in the middle, px.
+        top: Row of its upper end, px.
     """
 
     colour: int
@@ -78,24 +86,24 @@ class Patch:
 
 
 def detect(view: ColourView, config: ColouredConfig) -> list[Detection]:
-    """Obstacles of the known colours that stand on the floor in view, body frame.
+    """Obstacles of the known colours on the floor, body frame.
 
     Args:
-        view: Picture with the camera's place on the body; a camera in the hand (no place) finds nothing.
-        config: Colours and errors.
+        view: Image with the pose of the camera on the body; without a pose there are no detections.
+        config: Colours.
     """
     if view.T_body_camera is None or not config.colours:
         return []
     found = []
     for patch in patches(view.rgb, config):
-        detection = _stand(patch, view.camera, view.T_body_camera, config)
+        detection = _locate(patch, view.camera, view.T_body_camera, config.farthest_m)
         if detection is not None:
             found.append(detection)
     return found
 
 
 def patches(rgb: UInt8[np.ndarray, "h w 3"], config: ColouredConfig) -> list[Patch]:
-    """Whole patches of each colour: those that the border cuts off are left out."""
+    """Patches of each colour that do not touch the image border."""
     height, width = rgb.shape[:2]
     labels = nearest_colour(rgb, config)
     found = []
@@ -107,7 +115,7 @@ def patches(rgb: UInt8[np.ndarray, "h w 3"], config: ColouredConfig) -> list[Pat
         for part in range(1, count):
             x, y, w, h, area = (int(v) for v in boxes[part])
             cut = x <= 1 or x + w >= width - 1 or y + h >= height - 1
-            if cut or area < config.least_area_px:
+            if cut or area < LEAST_AREA_PX:
                 continue
             found.append(_patch(colour, parts[y : y + h, x : x + w] == part, x, y))
     return found
@@ -116,14 +124,14 @@ def patches(rgb: UInt8[np.ndarray, "h w 3"], config: ColouredConfig) -> list[Pat
 def nearest_colour(
     rgb: UInt8[np.ndarray, "h w 3"], config: ColouredConfig
 ) -> Int8[np.ndarray, "h w"]:
-    """Number of the colour of each pixel, -1 where it is none of them."""
+    """Index of the colour of each pixel; -1 where it is none of them."""
     parts = (rgb >> 2).astype(np.int32)
     return _labels(config)[(parts[..., 0] << 12) | (parts[..., 1] << 6) | parts[..., 2]]
 
 
 @cache
 def _labels(config: ColouredConfig) -> Int8[np.ndarray, "262144"]:
-    """The same for every colour of six bits a channel."""
+    """Lookup table of `nearest_colour` for every colour of six bits per channel."""
     levels = np.indices((64, 64, 64)).reshape(3, -1).T * 4 + 1.5
     total = levels.sum(axis=1)
     share = levels[:, :2] / total[:, None]
@@ -134,12 +142,12 @@ def _labels(config: ColouredConfig) -> Int8[np.ndarray, "262144"]:
         away = np.square(share - known[:2] / max(known.sum(), 1)).sum(axis=1)
         labels[away < best] = number
         best = np.minimum(best, away)
-    labels[total < 3 * 255 * config.darkest] = -1
+    labels[total < 3 * 255 * DARKEST] = -1
     return labels
 
 
 def _patch(colour: int, mask: np.ndarray, x: int, y: int) -> Patch:
-    """Sides in the third quarter of its rows, above the round of its foot; foot in its middle third."""
+    """Sides in the third quarter of its rows, above the rounding of its foot; foot in its middle third."""
     h = len(mask)
     rows = np.arange(h // 2, max(3 * h // 4, h // 2 + 1))
     part = mask[rows]
@@ -154,26 +162,19 @@ def _patch(colour: int, mask: np.ndarray, x: int, y: int) -> Patch:
     )
 
 
-def _stand(
-    patch: Patch, camera: Camera, T_body_camera: Pose3, config: ColouredConfig
+def _locate(
+    patch: Patch, camera: Camera, T_body_camera: Pose3, farthest_m: float
 ) -> Detection | None:
-    """The disc that the patch stands on; None where that is not on the floor ahead, or too far or large."""
+    """The obstacle of a patch; None if its foot is not on the floor, or it is too far or too large."""
     measured = np.array([patch.left, patch.right, patch.foot, 0.0, 0.0, 0.0])
     disc = _disc(measured, patch.side, camera, T_body_camera)
-    if disc is None or disc[2] > config.largest_radius_m:
+    if disc is None or disc[2] > LARGEST_RADIUS_M:
         return None
-    if math.hypot(disc[0], disc[1]) > config.farthest_m:
+    if math.hypot(disc[0], disc[1]) > farthest_m:
         return None
-    deviations = np.array(
-        [
-            *[config.edge_sigma_px] * 3,
-            config.head_yaw_sigma_rad,
-            config.head_pitch_sigma_rad,
-            config.camera_height_sigma_m,
-        ]
-    )
+    head = (HEAD_YAW_SIGMA_RAD, HEAD_PITCH_SIGMA_RAD, CAMERA_HEIGHT_SIGMA_M)
     columns = []
-    for k, sigma in enumerate(deviations):
+    for k, sigma in enumerate((*[EDGE_SIGMA_PX] * 3, *head)):
         sides = [
             _disc(measured + sign * sigma * np.eye(6)[k], patch.side, camera, T_body_camera)
             for sign in (1, -1)
@@ -189,12 +190,12 @@ def _stand(
 def _disc(
     measured: np.ndarray, side: float, camera: Camera, T_body_camera: Pose3
 ) -> Float[np.ndarray, "3"] | None:
-    """(x, y, radius) of the foot's disc, body frame, m; None above the horizon.
+    """(x, y, radius) of the disc on the floor, body frame, m; None if the foot is above the horizon.
 
     Args:
-        measured: Columns of the sides, row of the foot, px, and errors of yaw and pitch, rad, and height, m.
+        measured: Columns of both sides, row of the foot, px; errors of yaw and pitch, rad, and of height, m.
         side: Row of the sides, px.
-        camera, T_body_camera: As believed.
+        camera, T_body_camera: Nominal camera and its pose on the body.
     """
     left, right, foot, yaw, pitch, height = measured
     place = T_body_camera.translation
@@ -226,7 +227,7 @@ def _disc(
 
 
 def _top_m(patch: Patch, disc: np.ndarray, camera: Camera, T_body_camera: Pose3) -> float:
-    """Height of the patch's top over the floor, as if above its front, m."""
+    """Height of the top of the patch above the floor, taken at its front, m."""
     u = (patch.left + patch.right) / 2
     ray = T_body_camera.rotation @ np.array(
         [(u - camera.cx) / camera.fx, (patch.top - camera.cy) / camera.fy, 1.0]
@@ -237,11 +238,12 @@ def _top_m(patch: Patch, disc: np.ndarray, camera: Camera, T_body_camera: Pose3)
 
 
 def _turn(yaw: float) -> np.ndarray:
+    """Rotation about z."""
     c, s = math.cos(yaw), math.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _pitch(angle: float) -> np.ndarray:
-    """Nose down."""
+    """Rotation about y; positive is down."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])

@@ -1,8 +1,10 @@
-"""Odometry from depth images: how a camera in the hand moves, and when nobody can tell.
+"""RGB-D odometry: the trajectory of a hand-held camera from its depth images, with losses detected.
 
-Read in this order: `pyramid` (an image made ready), `alignment` (two of them laid over each other, with the
-covariance), `hypotheses` (where to start when the step was large), `odometry` (image after image, losses,
-relocalisation). `peers` has Open3D's and small_gicp's behind the same signature.
+Read in this order: `pyramid` (image pyramid), `alignment` (relative pose of two images, with covariance),
+`hypotheses` (initial poses after a large rotation), `odometry` (image by image, losses, relocalisation),
+`place_recognition` and `back_end` (loop closures and pose graph), `pose_uncertainty` (covariances of the
+trajectory), `rgbd_odometry` (all of it, from frames to trajectory), `odometry_poses` (the pose source of the
+pipeline). `baselines` offers Open3D's and small_gicp's alignment behind the same signature.
 
 Source: Newcombe et al. 2011; Steinbrücker et al. 2011; Kerl et al. 2013; overlap off the floor is ours.
 """

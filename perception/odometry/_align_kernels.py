@@ -1,64 +1,70 @@
-"""Compiled: Gauss-Newton over pixels, each against the plane and the grey that the target has there."""
+"""Compiled Gauss-Newton over pixels, each against the plane and grey value of the target there."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-HUBER = 1.345  # 95 % as efficient as squares if nothing is wrong
-STEEPEST = 0.1  # cosine of the ray to the plane: flatter ones are seen too badly
+HUBER = 1.345  # 95 % efficiency for Gaussian errors
+STEEPEST = 0.1  # least cosine between ray and normal: depth at grazing incidence is unreliable
 
-# columns of the totals behind the 21 of the information and the 6 of the gradient
+# entries of the totals after the 21 of the information matrix and the 6 of the gradient
 GEOMETRIC, GEOMETRIC_COUNT, PHOTOMETRIC, PHOTOMETRIC_COUNT, PHOTOMETRIC_MEAN = 27, 28, 29, 30, 31
 VALID, VISIBLE, FITTING, CONTRADICTING = 32, 33, 34, 35
 TOTALS = 36
 
 
+class Source(NamedTuple):
+    """The moved image: depth, standard deviation, grey values, pixels that overlap counts, x/z and y/z."""
+
+    z: np.ndarray
+    sigma: np.ndarray
+    grey: np.ndarray
+    counts: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+
+
+class Target(NamedTuple):
+    """The fixed image: `pack`ed pixels, and fx, fy, cx, cy in px."""
+
+    packed: np.ndarray
+    intrinsics: np.ndarray
+
+
 @njit(cache=True)
 def equations(
-    z: np.ndarray,
-    sigma: np.ndarray,
-    grey: np.ndarray,
-    counts: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    target: np.ndarray,
-    intrinsics: np.ndarray,
+    source: Source,
+    target: Target,
     T: np.ndarray,
     gate_m: float,
     light: np.ndarray,
-    stride: int,
     totals: np.ndarray,
 ) -> None:
     """Fill the totals for T_target_source.
 
-    `light` is (deviation, mean) of grey differences, deviation 0 for none. `counts` marks the pixels that
-    overlap is judged by. Row by row: all pixels are projected in one vector loop, then looked up one by
-    one; what they say is written to `rows` and multiplied out in vector loops again.
+    `light` is (standard deviation, mean) of grey differences; a deviation of 0 leaves them out. `counts` marks the
+    pixels that overlap is measured by. Row by row: one vector loop projects all pixels, they are looked up one by
+    one, their equations are written to `rows`, and vector loops multiply these out.
     """
     totals[:] = 0.0
+    z, grey = source.z, source.grey
     width = z.shape[1]
     near = np.empty((5, width), np.float32)  # qx, qy, qz, u, v
     rows = np.empty((7, 2 * width), np.float32)  # sqrt(weight) * (six of J, residual)
-    camera = intrinsics.astype(np.float32)
+    camera = target.intrinsics.astype(np.float32)
     motion = T.astype(np.float32)
     gate = np.float32(gate_m)
-    for row in range(0, z.shape[0], stride):
+    for row in range(z.shape[0]):
         project(
-            z[row],
-            x,
-            np.float32(y[row]),
-            motion,
-            camera,
-            near[0],
-            near[1],
-            near[2],
-            near[3],
-            near[4],
-        )
+            z[row], source.x, np.float32(source.y[row]), motion, camera,
+            near[0], near[1], near[2], near[3], near[4],
+        )  # fmt: skip
         count = look_up(
-            z[row], sigma[row], grey[min(row, grey.shape[0] - 1)], counts[row], near, target, camera,
-            gate, light, grey.shape[0] > 1, rows, totals,
+            z[row], source.sigma[row], grey[min(row, grey.shape[0] - 1)], source.counts[row],
+            near, target.packed, camera, gate, light, grey.shape[0] > 1, rows, totals,
         )  # fmt: skip
         multiply_out(rows, count, totals)
 
@@ -109,7 +115,10 @@ def look_up(
     rows: np.ndarray,
     totals: np.ndarray,
 ) -> int:
-    """What the pixels of one row find in the target; how many equations they give."""
+    """Associate the pixels of one row with the target; returns the number of equations.
+
+    Long, because geometric and photometric equations share most of their values.
+    """
     height, width = target.shape[:2]
     half, huber = np.float32(0.5), np.float32(HUBER)
     right, bottom = np.float32(width) - half, np.float32(height) - half
@@ -195,7 +204,7 @@ def look_up(
 
 @njit(cache=True, fastmath={"reassoc", "contract"})
 def multiply_out(rows: np.ndarray, count: int, totals: np.ndarray) -> None:
-    """Add J'J and J'e of some equations; sums may be taken in any order, always the same."""
+    """Add J'J and J'e of the equations; the order of summation is free but always the same."""
     k = 0
     for i in range(7):
         for j in range(i, 7):
@@ -214,7 +223,7 @@ def multiply_out(rows: np.ndarray, count: int, totals: np.ndarray) -> None:
 
 @njit(cache=True)
 def step(totals: np.ndarray, T: np.ndarray) -> float:
-    """Solve the six equations and move T by it; the size of the step in m and rad, -1 if undetermined."""
+    """Solve the six equations and move T; returns the length of the step in m and rad, -1 if undetermined."""
     H = np.empty((6, 6))
     k = 0
     for i in range(6):
@@ -249,7 +258,7 @@ def step(totals: np.ndarray, T: np.ndarray) -> float:
 
 @njit(cache=True)
 def move(T: np.ndarray, twist: np.ndarray) -> None:
-    """T becomes exp(twist) T to first order in translation, exactly a rotation in rotation."""
+    """T becomes exp(twist) T, to first order in translation and exactly in rotation."""
     wx, wy, wz = twist[3], twist[4], twist[5]
     angle2 = wx * wx + wy * wy + wz * wz
     angle = np.sqrt(angle2)
@@ -269,37 +278,30 @@ def move(T: np.ndarray, twist: np.ndarray) -> None:
 
 @njit(cache=True)
 def refine(
-    z: np.ndarray,
-    sigma: np.ndarray,
-    grey: np.ndarray,
-    counts: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    target: np.ndarray,
-    intrinsics: np.ndarray,
+    source: Source,
+    target: Target,
     T: np.ndarray,
     gate_m: float,
     least_gate_m: float,
     light: np.ndarray,
-    stride: int,
     rounds: int,
-    enough: float,
+    converged: float,
     totals: np.ndarray,
 ) -> None:
-    """Move T until it settles on this level; the gate narrows from round to round."""
+    """Refine T on one level until it converges; the gate narrows with every iteration."""
     gate = gate_m
     for _ in range(rounds):
-        equations(z, sigma, grey, counts, x, y, target, intrinsics, T, gate, light, stride, totals)
+        equations(source, target, T, gate, light, totals)
         brighten(light, totals)
         size = step(totals, T)
-        if size < 0.0 or (size < enough and gate <= least_gate_m * 1.01):
+        if size < 0.0 or (size < converged and gate <= least_gate_m * 1.01):
             break
         gate = max(least_gate_m, 0.6 * gate)
 
 
 @njit(cache=True)
 def brighten(light: np.ndarray, totals: np.ndarray) -> None:
-    """Learn the difference in exposure and the deviation of grey values from the residuals."""
+    """Estimate the exposure difference and the standard deviation of grey values from the residuals."""
     count = totals[PHOTOMETRIC_COUNT]
     if light[0] <= 0.0 or count < 100.0:
         return
@@ -310,25 +312,23 @@ def brighten(light: np.ndarray, totals: np.ndarray) -> None:
 
 @njit(cache=True)
 def bends(
-    z: np.ndarray,
-    sigma: np.ndarray,
-    x: np.ndarray,
-    y: np.ndarray,
-    target: np.ndarray,
-    intrinsics: np.ndarray,
+    source: Source,
+    target: Target,
     T: np.ndarray,
     gate_m: float,
     side_px: float,
     pulls: np.ndarray,
 ) -> float:
-    """How every patch of the source would pull at the motion if its depth were a whole too large.
+    """Gradient of the motion by a relative depth error of each patch of the source.
 
-    Rows of `pulls` are patches, row by row: the sum of J' w (change of the residual by a relative change of
-    depth). Returns how far pixels have moved between the images, root mean square, px.
+    Rows of `pulls` are patches, row by row: the sum of J' w (derivative of the residual by the relative depth
+    error). Returns the root mean square displacement of pixels between the images, px.
     """
     pulls[:] = 0.0
-    height, width = target.shape[:2]
-    fx, fy, cx, cy = intrinsics
+    z, sigma, x, y = source.z, source.sigma, source.x, source.y
+    packed = target.packed
+    height, width = packed.shape[:2]
+    fx, fy, cx, cy = target.intrinsics
     columns = int(np.ceil(z.shape[1] / side_px))
     moved, count = 0.0, 0
     for row in range(z.shape[0]):
@@ -345,7 +345,7 @@ def bends(
             u, v = fx * qx / qz + cx, fy * qy / qz + cy
             if u < -0.5 or v < -0.5 or u >= width - 0.5 or v >= height - 0.5:
                 continue
-            cell = target[int(v + 0.5), int(u + 0.5)]
+            cell = packed[int(v + 0.5), int(u + 0.5)]
             seen, noise = cell[4], sigma[row, column]
             if not seen > 0.0 or cell[3] < STEEPEST * seen:
                 continue

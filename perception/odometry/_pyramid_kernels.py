@@ -1,20 +1,20 @@
-"""Compiled: smaller depth images that keep edges, and for each pixel the plane of its neighbourhood."""
+"""Compiled loops: edge-preserving downsampling of depth, and a plane fitted around each pixel."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-EDGE_SIGMAS = 4.0  # two depths that differ by more are two surfaces ...
-EDGE_SLOPE = 0.015  # ... unless the surface is aslant: share of depth per pixel, 75 deg at 260 px
-LEAST_NEIGHBOURS = 9  # ours: of 25; a plane through fewer is mostly noise
+EDGE_SIGMAS = 4.0  # a larger depth difference separates two surfaces ...
+EDGE_SLOPE = 0.015  # ... beyond this slope: share of depth per pixel, 75 deg at 260 px
+LEAST_NEIGHBOURS = 9  # ours: of 25; a plane through fewer pixels is mostly noise
 
 
 @njit(cache=True)
-def shrink(
+def downsample(
     z: np.ndarray, sigma: np.ndarray, grey: np.ndarray, factor: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean depth, deviation and grey of each block of pixels; depth of the nearest surface in it only."""
+    """Mean depth, standard deviation and grey value of each block; depth of the nearest surface in it only."""
     height, width = z.shape[0] // factor, z.shape[1] // factor
     has_grey = grey.shape[0] > 1
     small = np.empty((height, width), np.float32)
@@ -59,10 +59,10 @@ def pack(
     fx: float,
     fy: float,
 ) -> np.ndarray:
-    """For each pixel 32 bytes: plane (nx, ny, nz, d with n.p = d, n towards the scene), z, grey, its slopes.
+    """(h, w, 8) per pixel: plane (nx, ny, nz, d with n.p = d, n towards the scene), z, grey and its gradient.
 
-    The plane is fitted to inverse depth over 5x5 pixels, where a plane is exactly linear. NaN depth where
-    there is none or the neighbourhood is no plane.
+    The plane is fitted to inverse depth over 5x5 pixels, in which a plane is exactly linear. Depth is NaN where
+    it is missing or the neighbourhood is not planar.
     """
     height, width = z.shape
     has_grey = grey.shape[0] > 1

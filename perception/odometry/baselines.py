@@ -1,7 +1,7 @@
-"""Open3D's and small_gicp's alignments behind the signature of ours, for comparison and by choice.
+"""Open3D's and small_gicp's alignment behind the signature of `alignment.align`, for comparison.
 
-They take the same `Pyramid`s and answer with the same `Aligned`: what fits is judged by our measure, so
-their slips are told by the same test. Only the first start is used, for they take one.
+They take the same `Pyramid`s and return the same `Alignment`, evaluated by our measure, so one test finds the
+slips of all. They use only the first initial pose.
 
 Source: Steinbrücker et al. 2011, Park et al. 2017 (Open3D); Koide et al. 2024 (small_gicp).
 """
@@ -15,33 +15,33 @@ import numpy as np
 
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
-from .alignment import AlignConfig, Aligned, align, judged
+from .alignment import AlignConfig, Alignment, align, evaluate
 from .pyramid import Level, Pyramid
 
-Aligner = Callable[[Pyramid, Pyramid, Sequence[Pose3], AlignConfig], Aligned | None]
+Aligner = Callable[[Pyramid, Pyramid, Sequence[Pose3], AlignConfig], Alignment | None]
 
-NAMES = ("surefoot", "open3d", "open3d-intensity", "open3d-depth", "small_gicp")
+ALIGNERS = ("surefoot", "open3d", "open3d-intensity", "open3d-depth", "small_gicp")
 DEPTH_LIMIT_M = 6.0
-JUMP_M = 0.07  # Open3D's own default: depth differences beyond are no neighbours
+JUMP_M = 0.07  # Open3D's default: a larger depth difference is an outlier
 GICP_VOXEL_M = 0.03
 GICP_REACH_M = 0.3
 
 
 def aligner(name: str) -> Aligner:
-    """Whose alignment.
+    """The alignment of that name.
 
     Args:
-        name: "surefoot"; "open3d" (hybrid, takes grey values too), "open3d-intensity", "open3d-depth"
-            (point to plane); "small_gicp".
+        name: "surefoot"; "open3d" (hybrid of depth and grey), "open3d-intensity", "open3d-depth" (point to plane);
+            "small_gicp".
 
     Raises:
-        ConfigError: Nobody of that name.
+        ConfigError: The name is unknown.
     """
     if name == "surefoot":
         return align
     if name == "small_gicp":
         return _small_gicp
-    if name in NAMES:
+    if name in ALIGNERS:
         method = {
             "open3d": "Hybrid",
             "open3d-intensity": "Intensity",
@@ -50,26 +50,26 @@ def aligner(name: str) -> Aligner:
 
         def by_open3d(
             target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig
-        ) -> Aligned | None:
+        ) -> Alignment | None:
             return _open3d(target, source, starts, config, method[name])
 
         return by_open3d
-    raise ConfigError(f"odometry: engine={name!r} is unknown; choose one of {NAMES}")
+    raise ConfigError(f"odometry: aligner={name!r} is unknown; choose one of {ALIGNERS}")
 
 
 def _open3d(
     target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig, method: str
-) -> Aligned | None:
+) -> Alignment | None:
     import open3d
 
     core: Any = open3d.core
     odometry: Any = open3d.t.pipelines.odometry
     to, of = target.levels[0], source.levels[0]
-    criteria = [odometry.OdometryConvergenceCriteria(n) for n in (10, 5, 3)]  # its own defaults
+    criteria = [odometry.OdometryConvergenceCriteria(n) for n in (10, 5, 3)]  # Open3D's defaults
     try:
         found = odometry.rgbd_odometry_multi_scale(
-            rgbd(of),
-            rgbd(to),
+            rgbd_image(of),
+            rgbd_image(to),
             core.Tensor(to.camera.matrix),
             core.Tensor(starts[0].matrix),
             1.0,
@@ -78,13 +78,13 @@ def _open3d(
             getattr(odometry.Method, method),
             odometry.OdometryLossParams(JUMP_M),
         )
-    except RuntimeError:  # it says that too few pixels correspond
+    except RuntimeError:  # too few corresponding pixels
         return None
-    return judged(target, source, found.transformation.numpy().copy(), config)
+    return evaluate(target, source, found.transformation.numpy().copy(), config)
 
 
-def rgbd(level: Level) -> Any:
-    """A level as Open3D's picture with depth, m."""
+def rgbd_image(level: Level) -> Any:
+    """A pyramid level as Open3D's RGB-D image, depth in m."""
     import open3d
 
     geometry: Any = open3d.t.geometry
@@ -99,14 +99,14 @@ def rgbd(level: Level) -> Any:
 
 def _small_gicp(
     target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig
-) -> Aligned | None:
+) -> Alignment | None:
     import small_gicp  # type: ignore[import-not-found, unused-ignore]
 
-    engine: Any = small_gicp
+    library: Any = small_gicp
     clouds = [_cloud(pyramid.levels[0]) for pyramid in (target, source)]
     if min(len(cloud) for cloud in clouds) < 100:
         return None
-    found = engine.align(
+    found = library.align(
         *clouds,
         init_T_target_source=starts[0].matrix,
         registration_type="GICP",
@@ -114,7 +114,7 @@ def _small_gicp(
         max_correspondence_distance=GICP_REACH_M,
         num_threads=1,
     )
-    return judged(target, source, np.array(found.T_target_source), config)
+    return evaluate(target, source, np.array(found.T_target_source), config)
 
 
 def _cloud(level: Level) -> np.ndarray:

@@ -1,85 +1,81 @@
-"""How the camera moves from image to image, and when nobody can tell.
+"""Odometry by keyframes: the pose of each image, and detection of losses.
 
-Each image is laid over the latest reference image as long as enough of it is in view; then it becomes the
-reference itself, so errors add up per reference and not per image. A step that fits badly is tried again
-from many starts. What fits badly even then is a loss: it is said, and the camera is looked for among the
-references it has left behind.
+Each image is aligned with the latest reference image while enough of it is in view, and then becomes the
+reference itself, so drift accumulates per reference and not per image. A poor alignment is repeated from
+several initial poses. If it is still poor, the camera is lost: the step says so, and relocalisation searches
+for the camera among earlier references.
 
-Source: keyframes after Kerl et al., DVO (2013); judgement by overlap off the floor is ours.
+Source: keyframes after Kerl et al., DVO (2013); acceptance by overlap off the floor is ours.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
-from .alignment import AlignConfig, Aligned
+from ..primitives.settings import setting
+from .alignment import AlignConfig, Alignment
 from .baselines import aligner
-from .hypotheses import HypothesesConfig, large_steps
-from .pyramid import Kept, Pyramid, keep
+from .hypotheses import rotation_starts
+from .pyramid import CompressedImage, Pyramid, compress
 
 FIRST, TRACKED, DOUBTFUL, RELOCALISED = "first", "tracked", "doubtful", "relocalised"
 LOST, RESTARTED = "lost", "restarted"
 
+# Thresholds on shares of points; all ours, from recordings with ground truth.
+SURE_FITTING = 0.93  # a smaller share of inliers: other initial poses are tried
+SURE_CONTRADICTING = 0.02  # a larger share of contradicting points: likewise
+SURE_VISIBLE = 0.80  # a smaller share in view was a large step: likewise
+LEAST_FITTING = 0.70  # a smaller share of inliers: lost
+MOST_CONTRADICTING = 0.10  # a larger share of contradicting points: lost
+MOST_SIGMA_M = 0.05  # a larger standard deviation of the step: lost
+KEEP_VISIBLE = 0.80  # a reference is used while this share of the image is in view of it
+DOUBTFUL_CONTRADICTING = 0.03  # from this share on the step is reported as doubtful ...
+DOUBTFUL_FACTOR = 25.0  # ... and its covariance multiplied by this
+SEARCHED = 10  # references tried per lost image, in turn
+REUSE_VISIBLE = 0.85  # share of the image in view of an earlier reference that is used again
+REUSE_TURN_DEG = 12.0  # a fifth of the field of view, as KEEP_VISIBLE
+
 
 @dataclass(frozen=True)
 class OdometryConfig:
-    """When an alignment is believed, and when the reference changes."""
+    """Which alignment is used, and when the reference changes."""
 
-    engine: str = "surefoot"  # or one of `peers`
-    align: AlignConfig = field(default_factory=AlignConfig)
-    hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
-    sure_fitting: float = 0.93  # ours: less of the points fits: other starts are tried
-    sure_contradicting: float = 0.02  # ours: more of them contradict: likewise
-    sure_visible: float = 0.80  # ours: less in view was a large step: likewise
-    least_fitting: float = 0.70  # ours: less, and the camera is lost
-    most_contradicting: float = 0.10  # ours: more, and it is lost
-    most_sigma_m: float = 0.05  # ours: less sure than that of a step is no step
-    keep_visible: float = 0.80  # ours: the reference serves while so much is in view of it
-    keep_m: float = 0.30  # ours: and no farther: planes look different from elsewhere
-    doubtful_contradicting: float = 0.03  # ours: from here on the step is told as doubtful
-    doubtful_factor: float = 25.0  # ours: and its covariance so many times as large
-    searched: int = 10  # ours: references tried per lost image; they take turns
-    give_up: int = 10  # ours: images lost in a row; then a new reference begins where the last was
-    reuse: bool = (
-        False  # known views serve again: no new reference, no drift; a graph wants closures instead
+    aligner: str = setting(
+        "surefoot",
+        "",
+        "alignment of two images; open3d, open3d-intensity, open3d-depth and small_gicp for comparison",
+        "ours: baselines need their package",
     )
-    reuse_visible: float = 0.85  # ours: so much of the image in a view that is known serves
-    reuse_turn_deg: float = 12.0  # ours: a fifth of the view, as keep_visible
-    remembered: int = 200  # ours: references kept to find a lost camera; the memory stays bounded
+    keep_m: float = 0.30  # ours: farther from the reference, planes look different
+    give_up: int = 10  # ours: images lost in a row before a new reference starts at the last pose
+    remembered: int = 200  # ours: references kept for relocalisation; bounds the memory
+    reuse: bool = False  # use earlier references again, which stops drift; loop closures do without
 
     def __post_init__(self) -> None:
-        for name in (
-            "sure_fitting", "sure_contradicting", "sure_visible", "least_fitting",
-            "most_contradicting", "keep_visible", "doubtful_contradicting", "reuse_visible",
-        ):  # fmt: skip
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ConfigError(f"odometry: {name}={getattr(self, name)} must lie in [0, 1]")
         if self.remembered < 1:
             raise ConfigError(f"odometry: remembered={self.remembered} must be at least 1")
-        if not self.most_sigma_m > 0.0 or not self.keep_m > 0.0:
-            raise ConfigError(
-                f"odometry: most_sigma_m={self.most_sigma_m} and keep_m={self.keep_m} must be positive"
-            )
+        if not self.keep_m > 0.0:
+            raise ConfigError(f"odometry: keep_m={self.keep_m} must be positive")
 
 
 @dataclass(frozen=True)
 class Step:
-    """One image, placed.
+    """The pose of one image.
 
     Args:
-        state: "first", "tracked", "doubtful" (placed, but something speaks against it), "relocalised", "lost"
-            (the pose is only the last one), or "restarted": given up, begun anew from the last pose.
-        T_start_camera: The camera in the axes of the first image.
+        state: "first", "tracked", "doubtful" (pose accepted, but contradicting points are many), "relocalised",
+            "lost" (the pose is the last known one) or "restarted" (a new reference starts at the last known pose).
+        T_start_camera: The camera in the frame of the first image.
         motion: T_reference_camera.
         covariance: (6, 6) of `motion`, axes of the reference, m and rad.
-        reference: Number of the image that it was laid over.
-        aligned: What speaks for it; None for the first image and a lost one.
+        reference: Number of the image it is aligned with.
+        aligned: The alignment; None for the first image and lost ones.
     """
 
     state: str
@@ -87,81 +83,88 @@ class Step:
     motion: Pose3
     covariance: Float[np.ndarray, "6 6"]
     reference: int
-    aligned: Aligned | None = None
+    aligned: Alignment | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """An image that others are laid over."""
+    """An image that later images are aligned with."""
 
     number: int
-    image: Pyramid | Kept
+    image: Pyramid | CompressedImage
     T_start_camera: Pose3
 
     @property
     def pyramid(self) -> Pyramid:
-        """Ready for use."""
+        """The image pyramid, decompressed if necessary."""
         return self.image if isinstance(self.image, Pyramid) else self.image.pyramid()
 
 
 class Odometry:
-    """The camera's way, image by image."""
+    """Estimates the camera's trajectory image by image."""
 
-    def __init__(self, config: OdometryConfig | None = None) -> None:
+    def __init__(
+        self, config: OdometryConfig | None = None, align: AlignConfig | None = None
+    ) -> None:
         self.config = config or OdometryConfig()
+        self._align_config = align or AlignConfig()
         self.references: list[Reference] = []
         self.losses = 0
         self.relocalisations = 0
         self._count = 0
         self._pose = Pose3()
         self._velocity = Pose3()
-        self._before: Reference | None = None  # the image before this one, if it was placed
-        self._lost = 0  # images in a row
-        self._turn = 0  # whose turn it is among the references, when lost
-        self._align = aligner(self.config.engine)
+        self._before: Reference | None = None  # the previous image, if its pose is known
+        self._lost = 0  # lost images in a row
+        self._next = 0  # reference that the search for a lost camera tries next
+        self._align = aligner(self.config.aligner)
 
     def track(self, image: Pyramid) -> Step:
-        """Place the next image."""
+        """Estimate the pose of the next image."""
         number = self._count
         self._count += 1
         if not self.references:
             return self._begin(number, image)
         reference = self.references[-1]
-        aligned = self._follow(reference, image)
-        if not self._believed(aligned) and self._before is not None:
-            reference = self._refer(self._before)
-            aligned = self._follow(reference, image)
+        aligned = self._align_from_motion(reference, image)
+        if not self._acceptable(aligned) and self._before is not None:
+            reference = self._set_reference(self._before)
+            aligned = self._align_from_motion(reference, image)
         state = TRACKED
-        if not self._believed(aligned):
-            found = self._search(image)
+        if not self._acceptable(aligned):
+            found = self._relocalise(image)
             if found is None:
                 return self._lose(number, image)
             reference, aligned = found
             state = RELOCALISED
             self.relocalisations += 1
         assert aligned is not None
-        return self._place(number, image, reference, aligned, state)
+        return self._accept(number, image, reference, aligned, state)
 
     def _begin(self, number: int, image: Pyramid) -> Step:
-        self._refer(Reference(number, image, self._pose))
+        self._set_reference(Reference(number, image, self._pose))
         return Step(FIRST, self._pose, Pose3(), np.zeros((6, 6)), number)
 
-    def _place(
-        self, number: int, image: Pyramid, reference: Reference, aligned: Aligned, state: str
+    def _accept(
+        self, number: int, image: Pyramid, reference: Reference, aligned: Alignment, state: str
     ) -> Step:
-        """Believe it, and make it the reference if too little of the old one is in view."""
+        """Take over the pose, and make the image the reference if too little of the old one is in view."""
         pose = reference.T_start_camera @ aligned.motion
         tracked = state == TRACKED and self._before is not None
         self._lost = 0
         covariance = aligned.covariance
-        if state == TRACKED and aligned.contradicting > self.config.doubtful_contradicting:
-            state, covariance = DOUBTFUL, covariance * self.config.doubtful_factor
+        if state == TRACKED and aligned.contradicting > DOUBTFUL_CONTRADICTING:
+            state, covariance = DOUBTFUL, covariance * DOUBTFUL_FACTOR
         self._velocity = self._pose.inverse() @ pose if tracked else Pose3()
         self._pose = pose
         self._before = here = Reference(number, image, pose)
         far = float(np.linalg.norm(aligned.motion.position)) > self.config.keep_m
-        if far or aligned.visible < self.config.keep_visible or state == RELOCALISED:
-            known = self._known(pose, image) if state == TRACKED and self.config.reuse else None
+        if far or aligned.visible < KEEP_VISIBLE or state == RELOCALISED:
+            known = (
+                self._earlier_reference(pose, image)
+                if state == TRACKED and self.config.reuse
+                else None
+            )
             if known is not None:
                 reference, aligned = known
                 self._pose = pose = reference.T_start_camera @ aligned.motion
@@ -169,34 +172,34 @@ class Odometry:
                 return Step(
                     state, pose, aligned.motion, aligned.covariance, reference.number, aligned
                 )
-            self._refer(here)
+            self._set_reference(here)
         return Step(state, pose, aligned.motion, covariance, reference.number, aligned)
 
-    def _known(self, pose: Pose3, image: Pyramid) -> tuple[Reference, Aligned] | None:
-        """A reference of before that sees what this image sees, made the current one; None if none does."""
-        c = self.config
+    def _earlier_reference(self, pose: Pose3, image: Pyramid) -> tuple[Reference, Alignment] | None:
+        """An earlier reference with the same view, made the current one, and the alignment; None if there is none."""
+        keep_m = self.config.keep_m
         best, nearest = None, 1.0
         for reference in self.references[:-1]:
             there = reference.T_start_camera
-            away = float(np.linalg.norm(there.position - pose.position)) / c.keep_m
+            away = float(np.linalg.norm(there.position - pose.position)) / keep_m
             ahead = float(np.clip(there.rotation[:, 2] @ pose.rotation[:, 2], -1.0, 1.0))
-            away += math.degrees(math.acos(ahead)) / c.reuse_turn_deg
+            away += math.degrees(math.acos(ahead)) / REUSE_TURN_DEG
             if away < nearest:
                 best, nearest = reference, away
         if best is None:
             return None
         pyramid = best.pyramid
         start = best.T_start_camera.inverse() @ pose
-        aligned = self._align(pyramid, image, [start], c.align)
-        if aligned is None or not self._sure(aligned) or aligned.visible < c.reuse_visible:
+        aligned = self._align(pyramid, image, [start], self._align_config)
+        if aligned is None or not self._sure(aligned) or aligned.visible < REUSE_VISIBLE:
             return None
-        if float(np.linalg.norm(aligned.motion.position - start.position)) > c.keep_m:
+        if float(np.linalg.norm(aligned.motion.position - start.position)) > keep_m:
             return None
         self.references.remove(best)
-        return self._refer(Reference(best.number, pyramid, best.T_start_camera)), aligned
+        return self._set_reference(Reference(best.number, pyramid, best.T_start_camera)), aligned
 
     def _lose(self, number: int, image: Pyramid) -> Step:
-        """Say so; the pose stays where it was last known, and after a while is taken for a new start."""
+        """Report a loss. The pose stays the last known one; after several losses a new reference starts there."""
         self.losses += 1
         self._lost += 1
         self._velocity, self._before = Pose3(), None
@@ -206,66 +209,62 @@ class Odometry:
         if self._lost < self.config.give_up:
             return Step(LOST, self._pose, motion, unknown, reference.number)
         self._lost = 0
-        self._before = self._refer(Reference(number, image, self._pose))
+        self._before = self._set_reference(Reference(number, image, self._pose))
         return Step(RESTARTED, self._pose, motion, unknown, reference.number)
 
-    def _refer(self, reference: Reference) -> Reference:
-        """Lay what comes over this image from now on."""
-        for old in self.references[-1:]:  # the others have been put away before
+    def _set_reference(self, reference: Reference) -> Reference:
+        """Align later images with this one."""
+        for old in self.references[-1:]:  # earlier ones are compressed already
             if isinstance(old.image, Pyramid):
-                self.references[-1] = Reference(old.number, keep(old.image), old.T_start_camera)
+                self.references[-1] = Reference(old.number, compress(old.image), old.T_start_camera)
         self.references.append(reference)
-        if len(self.references) > self.config.remembered:  # thin out the old half, keep its ends
+        if len(self.references) > self.config.remembered:  # drop every other one of the old half
             half = len(self.references) // 2
             self.references = self.references[:half:2] + self.references[half:]
         return reference
 
-    def _follow(self, reference: Reference, image: Pyramid) -> Aligned | None:
-        """By constant velocity or rest; from many starts if that fits badly."""
+    def _align_from_motion(self, reference: Reference, image: Pyramid) -> Alignment | None:
+        """Align from constant velocity and from rest; if that is poor, from rotated initial poses too."""
         last = reference.T_start_camera.inverse() @ self._pose
         moving = last @ self._velocity
         starts = [moving, last]
         pyramid = reference.pyramid
-        aligned = self._align(pyramid, image, starts, self.config.align)
+        aligned = self._align(pyramid, image, starts, self._align_config)
         if self._sure(aligned):
             return aligned
         for around in (last, moving):
-            starts += large_steps(pyramid, around, self.config.hypotheses)
-        other = self._align(pyramid, image, starts, self.config.align)
+            starts += rotation_starts(pyramid, around)
+        other = self._align(pyramid, image, starts, self._align_config)
         if other is None or (aligned is not None and aligned.overlap >= other.overlap):
             return aligned
         return other
 
-    def _search(self, image: Pyramid) -> tuple[Reference, Aligned] | None:
-        """Among the references, the latest and some others in turn, the first one that is believed."""
+    def _relocalise(self, image: Pyramid) -> tuple[Reference, Alignment] | None:
+        """The first reliable alignment with the latest reference or some of the others, in turn."""
         latest, others = self.references[-1], self.references[:-1]
-        turn = [
-            (self._turn + n) % len(others) for n in range(min(self.config.searched, len(others)))
-        ]
-        self._turn += len(turn)
-        for reference in [latest, *(others[-1 - n] for n in turn)]:
+        order = [(self._next + n) % len(others) for n in range(min(SEARCHED, len(others)))]
+        self._next += len(order)
+        for reference in [latest, *(others[-1 - n] for n in order)]:
             pyramid = reference.pyramid
-            starts = [Pose3(), *large_steps(pyramid, Pose3(), self.config.hypotheses)]
-            aligned = self._align(pyramid, image, starts, self.config.align)
+            starts = [Pose3(), *rotation_starts(pyramid, Pose3())]
+            aligned = self._align(pyramid, image, starts, self._align_config)
             if aligned is not None and self._sure(aligned):
                 return reference, aligned
         return None
 
-    def _sure(self, aligned: Aligned | None) -> bool:
-        c = self.config
+    def _sure(self, aligned: Alignment | None) -> bool:
         return (
-            self._believed(aligned)
+            self._acceptable(aligned)
             and aligned is not None
-            and aligned.fitting >= c.sure_fitting
-            and aligned.contradicting <= c.sure_contradicting
-            and aligned.visible >= c.sure_visible
+            and aligned.fitting >= SURE_FITTING
+            and aligned.contradicting <= SURE_CONTRADICTING
+            and aligned.visible >= SURE_VISIBLE
         )
 
-    def _believed(self, aligned: Aligned | None) -> bool:
-        c = self.config
+    def _acceptable(self, aligned: Alignment | None) -> bool:
         return (
             aligned is not None
-            and aligned.fitting >= c.least_fitting
-            and aligned.contradicting <= c.most_contradicting
-            and float(np.linalg.eigvalsh(aligned.covariance[:3, :3])[-1]) <= c.most_sigma_m**2
+            and aligned.fitting >= LEAST_FITTING
+            and aligned.contradicting <= MOST_CONTRADICTING
+            and float(np.linalg.eigvalsh(aligned.covariance[:3, :3])[-1]) <= MOST_SIGMA_M**2
         )

@@ -1,4 +1,4 @@
-"""Pose source of a recording without poses: the camera's own odometry."""
+"""Pose source of a recording without poses: RGB-D odometry, frame by frame."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..floor.levelling import UP, shadow
+from ..depth.structured_light import StructuredLightConfig
+from ..floor.choose import FloorConfig
+from ..floor.levelling import UP, camera_above_floor
 from ..floor.prior import handheld_prior
 from ..localisation.filter import UpdateReport
-from ..localisation.pose_source import Placed, PriorConfig
+from ..localisation.pose_source import PlacedCamera
 from ..localisation.registration import RegistrationReport
 from ..localisation.static_points import StaticPoints
 from ..primitives.frame import Frame
@@ -21,98 +23,99 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from ..smoothing.factors import turned_covariance
 from .odometry import FIRST, LOST, RESTARTED, Step
-from .pose_uncertainty import joined
+from .pose_uncertainty import compounded
 from .rgbd_odometry import Odometer, OdometerConfig
+
+FLOOR_TILT_DEG = 3.0  # ours: tilt of a floor against earlier floors and the odometry between them
+FLOOR_HEIGHT_M = 0.08  # ours: its height, likewise
 
 
 class OdometryPoses:
-    """A camera in the hand that follows its own way.
+    """Poses of a hand-held camera by its own odometry.
 
-    The map frame is upright by the first floor seen. A lost frame keeps the last pose, is placed nowhere, and
-    so adds nothing to any map. As long as no frame has been laid over another, these may be single pictures:
-    each then stands alone, over its own shadow.
+    The map frame is upright, as defined by the first floor that is found. A lost frame keeps the last pose and
+    is not placed, so nothing is mapped from it. Until one image has been aligned with another, the frames may be
+    unrelated single images: each is then placed above its own floor at the origin.
     """
 
     def __init__(
         self,
         rng: np.random.Generator,
-        prior: PriorConfig,
         config: OdometerConfig | None = None,
+        floor: FloorConfig | None = None,
+        noise: StructuredLightConfig | None = None,
     ) -> None:
-        self._prior = prior
-        self.odometer = Odometer(rng, config)
+        """Begin before the first frame; the arguments are those of `Odometer`."""
+        self.odometer = Odometer(rng, config, floor, noise)
         self._step: Step | None = None
-        self._covariances: dict[
-            int, Float[np.ndarray, "6 6"]
-        ] = {}  # of references, and of the latest
+        self._covariances: dict[int, Float[np.ndarray, "6 6"]] = {}  # of references and the latest
         self._covariance = np.zeros((6, 6))
 
     @property
     def T_map_camera(self) -> Pose3 | None:
-        """The camera in the upright map frame; None until a floor is seen."""
+        """The camera in the upright map frame; None until a floor is found."""
         start = self.odometer.T_world_start
         return None if start is None or self._step is None else start @ self._step.T_start_camera
 
     @property
-    def _alone(self) -> bool:
-        """Whether no depth image, or none beside the first, was laid over another."""
+    def _unrelated(self) -> bool:
+        """True if there was no depth image, or none after the first could be aligned."""
         states = self.odometer.states
         return len(states) != 1 and all(one in (FIRST, LOST, RESTARTED) for one in states)
 
     @property
     def pose(self) -> Gaussian | None:
-        """Below the camera, heading where it looks; None until a floor is seen, or if nothing was ever followed."""
+        """The point below the camera and the heading of its optical axis; None until a floor is found."""
         T = self.T_map_camera
-        if T is None or self._alone:
+        if T is None or self._unrelated:
             return None
         ahead = T.rotation[:, 2]
         mean = np.array([T.translation[0], T.translation[1], math.atan2(ahead[1], ahead[0])])
         start = self.odometer.T_world_start
         assert start is not None
-        # this image's; the first's is carried along
+        # the distortion of this image; that of the first image is in the propagated covariance
         distortion = self.odometer.config.back_end.distortion
         covariance = turned_covariance(self._covariance + distortion, start.rotation)
         planar = np.ix_([0, 1, 5], [0, 1, 5])
-        floor = np.diag([1e-4**2, 1e-4**2, 1e-4**2])  # where the world begins is known
+        floor = np.diag([1e-4**2, 1e-4**2, 1e-4**2])  # the origin is known by definition
         return Gaussian(mean, covariance[planar] + floor)
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
-        """Follow the camera; a frame without depth leaves it where it was."""
+        """Track the camera; a frame without depth leaves the pose unchanged."""
         if frame.depth is None:
             return None
         number = len(self.odometer.states)
-        step = self._step = self.odometer.take(frame)
+        step = self._step = self.odometer.track(frame)
         first = self.odometer.config.back_end.distortion
         before = self._covariances.get(step.reference, first)
         reference = step.T_start_camera @ step.motion.inverse()
-        self._covariance = joined(before, reference, step.motion, step.covariance)
+        self._covariance = compounded(before, reference, step.motion, step.covariance)
         self._covariances[number] = self._covariance
         kept = {number, *(one.number for one in self.odometer.odometry.references)}
         self._covariances = {n: c for n, c in self._covariances.items() if n in kept}
         return None
 
     def register(self, seen: Sequence[StaticPoints]) -> RegistrationReport | None:
-        """Images have been laid over each other already."""
+        """Nothing to do: odometry has aligned the images already."""
         return None
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
-        """Horizontal, at height zero of the map; below somewhere while that is unknown."""
+        """Horizontal, at height zero of the map; the weak prior of a hand-held camera without a pose."""
         T = self.T_map_camera
-        if T is None or self._alone or not T.translation[2] > 0.0:
+        if T is None or self._unrelated or not T.translation[2] > 0.0:
             return handheld_prior(None)
-        c = self.odometer.config
-        tilt = math.radians(c.floor_tilt_deg)
+        tilt = math.radians(FLOOR_TILT_DEG)
         return Plane(
             T.rotation.T @ UP,
             T.translation[2],
-            np.diag([tilt**2, tilt**2, c.floor_height_m**2]),
+            np.diag([tilt**2, tilt**2, FLOOR_HEIGHT_M**2]),
         )
 
-    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> Placed | None:
-        """Where odometry has it; a lost camera is nowhere."""
-        if self._alone:
-            return None if floor is None else Placed(shadow(floor), floor)
+    def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> PlacedCamera | None:
+        """The camera at the pose of odometry; None while it is lost."""
+        if self._unrelated:
+            return None if floor is None else PlacedCamera(camera_above_floor(floor), floor)
         T = self.T_map_camera
         if T is None or self._step is None or self._step.state in (LOST, RESTARTED):
             return None
-        return Placed(T, floor or self.expected_floor(T_body_camera))
+        return PlacedCamera(T, floor or self.expected_floor(T_body_camera))

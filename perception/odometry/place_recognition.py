@@ -1,10 +1,10 @@
-"""Places known again: by features of their pictures, and whether the two lie over each other.
+"""Place recognition: features propose a relative pose, which the alignment then verifies.
 
 Each place keeps its strongest features with their points in space. Two places are compared by matching them;
-three matches give a motion, and the motion most matches agree with is where the alignment starts. What is
-not confirmed by the surfaces themselves is no recognition.
+three matches determine a motion, and the motion with the most inliers is the initial pose of the alignment.
+Without an alignment that fits, the place is not recognised.
 
-Source: seed 004 (MDGHM-SIFT); Fischler and Bolles 1981 (sampling); Horn 1987 (motion from points).
+Source: seed 004 (MDGHM-SIFT); Fischler and Bolles 1981 (RANSAC); Horn 1987 (motion from points).
 """
 
 from __future__ import annotations
@@ -17,108 +17,99 @@ from jaxtyping import Float, Float32
 from ..features import pictures
 from ..features.matching import MatchConfig, match
 from ..features.mdghm_sift import SiftConfig, detect
-from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
-from .pyramid import Kept, Pyramid, keep
+from .pyramid import CompressedImage, Pyramid, compress
+
+FARTHEST_M = 5.0  # ours: farther points are too uncertain
+NEAR_M = 0.03  # ours: distance of an inlier, at least
+NEAR_SHARE = 0.02  # ours: or as a share of its depth
+SAMPLES = 300  # ours: triples; finds 15 % inliers with 63 %, 25 % with 99 %
+LEAST_MATCHES = 10  # ours: five or six agree by chance
+SIMILAR = 0.85  # ours: least product of two descriptors of one feature
 
 
 @dataclass(frozen=True)
 class PlacesConfig:
-    """How places are told apart."""
+    """Features of places and their matching."""
 
     sift: SiftConfig = field(default_factory=lambda: SiftConfig(upsample=False, most=250))
     match: MatchConfig = field(default_factory=MatchConfig)
-    farthest_m: float = 5.0  # ours: points beyond are too unsure to tell a motion
-    near_m: float = 0.03  # ours: matches agree with a motion if they come so close, at least
-    near_share: float = 0.02  # ours: or so near, as a share of their distance
-    samples: int = 300  # ours: triples; finds 15 % right ones with 63 %, 25 % with 99 %
-    least_matches: int = 10  # ours: by chance, five or six agree
-
-    def __post_init__(self) -> None:
-        if self.samples < 1 or self.least_matches < 3:
-            raise ConfigError(
-                f"places: samples={self.samples} must be at least 1 and "
-                f"least_matches={self.least_matches} at least 3"
-            )
-        for name in ("farthest_m", "near_m", "near_share"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"places: {name}={getattr(self, name)} must be positive")
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """What is kept of one reference image.
+    """Features of one reference image.
 
     Args:
         number: Of the image.
-        image: Put away.
-        descriptors: Of the strongest features that have depth, length 1.
-        points: Where they are, camera frame, m.
+        image: Compressed.
+        descriptors: Of the strongest features with depth, unit length.
+        points: Their positions, camera frame, m.
     """
 
     number: int
-    image: Kept
+    image: CompressedImage
     descriptors: Float32[np.ndarray, "n 128"]
     points: Float[np.ndarray, "n 3"]
 
 
-def remember(number: int, image: Pyramid, config: PlacesConfig | None = None) -> Place:
-    """Make a place of an image; without a picture, its depth serves as one."""
+def describe(number: int, image: Pyramid, config: PlacesConfig | None = None) -> Place:
+    """Extract the place of an image; without a colour image, its depth serves as one."""
     config = config or PlacesConfig()
     level = image.levels[0]
-    valid = np.isfinite(level.z) & (level.z < config.farthest_m)
+    valid = np.isfinite(level.z) & (level.z < FARTHEST_M)
     if image.has_grey:
         picture = level.grey.astype(np.uint8)
     else:
-        picture = pictures.range_picture(level.z, config.farthest_m)
+        picture = pictures.range_picture(level.z, FARTHEST_M)
     found = detect(picture, config.sift, valid)
     u, v = np.rint(found.pixels).astype(int).T
     points = level.camera.back_project(
         found.pixels.astype(np.float64), level.z[v, u].astype(np.float64)
     )
-    return Place(number, keep(image), found.descriptors, points)
+    return Place(number, compress(image), found.descriptors, points)
 
 
-def likeness(place: Place, other: Place) -> float:
-    """How alike two pictures are: mean of each feature's best product; 0 where there are none."""
+def similarity(place: Place, other: Place) -> float:
+    """Share of features with a close match in the other place; 0 without features."""
     if len(place.descriptors) == 0 or len(other.descriptors) == 0:
         return 0.0
     best = (place.descriptors @ other.descriptors.T).max(axis=1)
-    return float(np.mean(best > 0.85))
+    return float(np.mean(best > SIMILAR))
 
 
 def motion_between(
     target: Place, source: Place, rng: np.random.Generator, config: PlacesConfig | None = None
 ) -> Pose3 | None:
-    """T_target_source that most matches agree with.
+    """T_target_source with the most inliers among the matches.
 
     Returns:
-        None where too few agree: another place, or too little to be seen.
+        None if inliers are too few: another place, or too little texture.
     """
     config = config or PlacesConfig()
     pairs = match(target.descriptors, source.descriptors, config.match)
-    if len(pairs) < config.least_matches:
+    if len(pairs) < LEAST_MATCHES:
         return None
     p, q = target.points[pairs[:, 0]], source.points[pairs[:, 1]]
-    near = np.maximum(config.near_m, config.near_share * np.linalg.norm(p, axis=1))
+    near = np.maximum(NEAR_M, NEAR_SHARE * np.linalg.norm(p, axis=1))
     best = np.zeros(len(p), bool)
-    for _ in range(config.samples):
+    for _ in range(SAMPLES):
         triple = rng.choice(len(p), 3, replace=False)
-        R, t = _motion(p[triple], q[triple])
-        agree = np.linalg.norm(q @ R.T + t - p, axis=1) < near
-        if np.count_nonzero(agree) > np.count_nonzero(best):
-            best = agree
-    if np.count_nonzero(best) < config.least_matches:
+        R, t = _rigid_motion(p[triple], q[triple])
+        inliers = np.linalg.norm(q @ R.T + t - p, axis=1) < near
+        if np.count_nonzero(inliers) > np.count_nonzero(best):
+            best = inliers
+    if np.count_nonzero(best) < LEAST_MATCHES:
         return None
     for _ in range(2):
-        R, t = _motion(p[best], q[best])
+        R, t = _rigid_motion(p[best], q[best])
         best = np.linalg.norm(q @ R.T + t - p, axis=1) < near
-        if np.count_nonzero(best) < config.least_matches:
+        if np.count_nonzero(best) < LEAST_MATCHES:
             return None
     return Pose3.from_rotation(R, t)
 
 
-def _motion(
+def _rigid_motion(
     p: Float[np.ndarray, "n 3"], q: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     """R, t with p = R q + t in least squares."""

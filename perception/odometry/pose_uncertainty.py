@@ -1,18 +1,17 @@
-"""What a way without poses claims: how far each pose may be off, once it is said against what.
+"""Covariances of a trajectory without absolute poses, relative to its start and after alignment.
 
-Where such a recording begins, which way is ahead and how high zero lies is convention, not measurement; a truth
-with axes of its own cannot tell it wrong. Two claims can be held against one. From the start: of the motion
-since the first pose, as a user of the map asks. Aligned: of what is left when the whole way is laid over the
-truth in least squares, as an evaluation does; there no single pose of the truth weighs more than others. Both
-take covariances between poses, which the marginals of a graph do not give: the factors are linearised once more
-at the solution, and a column of the inverse is solved for each pose.
+The origin, heading and height of such a trajectory are conventions, so its covariance depends on the gauge.
+`from_start` is the covariance of the motion since the first pose, which a user of the map needs. `aligned` is
+that of the error left after a least-squares rigid alignment with ground truth, which an evaluation needs. Both
+require covariances between poses, which the marginals of the graph do not give: the factors are linearised
+again at the solution, and one column of the inverse is solved for each pose.
 
-What lens and depth distort is alike wherever the same things are seen the same way: images that were laid over each
-other agree to 3 mm and 0.1 deg, and their way is off by 4 to 25 mm and 0.3 to 1.1 deg (three recordings). No graph
-can find that out; each image is given a deviation of its own for it (`BackEndConfig.image_m`).
+Lens and depth distortion are the same wherever a scene is seen in the same way: aligned images agree to 3 mm and
+0.1 deg, while their trajectory errs by 4 to 25 mm and 0.3 to 1.1 deg (three recordings). The graph cannot observe
+this error, so each image gets a standard deviation of its own for it (`BackEndConfig.image_m`).
 
-Source: Dellaert and Kaess (2006), section 3 (square root SAM); Baarda (1973) (a free network's covariance after
-a change of its gauge).
+Source: Dellaert and Kaess (2006), section 3 (square root SAM); Baarda (1973) (covariance of a free network after
+a change of gauge).
 """
 
 from __future__ import annotations
@@ -28,27 +27,26 @@ from scipy.sparse.linalg import splu
 
 from ..primitives.errors import InputError
 from ..primitives.pose import Pose3
-from ..smoothing.factors import Factor, FloorSeen, LoopClosure, Motion, turned_covariance
+from ..smoothing.factors import WIDTHS, Factor, FloorSeen, LoopClosure, Motion, turned_covariance
 
-HUBER = 1.345  # as the graph weighs floors
-LOOSE = 0.1  # m and rad: deviation of the first pose; any does that binds little, for it drops out
-TURN_M = 1.0  # ours: a turn counts as what it moves at arm's length
+LOOSE = 0.1  # m and rad: standard deviation of the first pose; it cancels, so any loose value does
+TURN_M = 1.0  # ours: arm that converts rotations to translations
 
 
 def cross(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """The matrix of the cross product with v from the left."""
+    """Matrix of the cross product v x."""
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def carried(arm: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 6"]:
-    """How an error of a pose shows at a place that hangs on it: a turn moves what is an arm away."""
+def error_transport(arm: Float[np.ndarray, "3"]) -> Float[np.ndarray, "6 6"]:
+    """Maps the error of a pose to the error at a point rigidly attached to it, `arm` away."""
     lever = np.eye(6)
     lever[:3, 3:] = -cross(arm)
     return lever
 
 
-def joined(
+def compounded(
     before: Float[np.ndarray, "6 6"],
     reference: Pose3,
     motion: Pose3,
@@ -65,20 +63,20 @@ def joined(
     Returns:
         Of the camera, (x, y, z, rotation vector), world axes.
     """
-    lever = carried(reference.rotation @ motion.position)
+    lever = error_transport(reference.rotation @ motion.position)
     whole = lever @ before @ lever.T + turned_covariance(step, reference.rotation)
     return np.asarray((whole + whole.T) / 2.0)
 
 
 @dataclass(frozen=True)
-class Hung:
-    """An image of the way: where it is, and by which pose of the graph that is known.
+class AttachedImage:
+    """An image, and the pose of the graph that it is attached to.
 
     Args:
         pose: T_world_camera.
-        reference: Number of the pose in the graph; its own if the image is one.
-        own: Covariance of what no other image shares with it, axes of the reference: the step from there, none for
-            a reference itself, and what the image distorts.
+        reference: Number of the pose in the graph; its own number if the image is a variable.
+        own: Covariance of the errors that no other image shares, axes of the reference: of the step from the
+            reference, and of the image's distortion.
     """
 
     pose: Pose3
@@ -87,72 +85,75 @@ class Hung:
 
 
 @dataclass(frozen=True)
-class Claims:
+class PoseUncertainty:
     """Covariances of (x, y, z, rotation vector) of every image, world axes, m and rad.
 
     Args:
-        from_start: Given where the first image is; zero for that.
-        aligned: After the best motion of the whole way, `gauge` says which that is.
+        from_start: Relative to the first image.
+        aligned: After the rigid alignment of the whole trajectory, see `rigid_alignment`.
     """
 
     from_start: Float[np.ndarray, "n 6 6"]
     aligned: Float[np.ndarray, "n 6 6"]
 
 
-def gauge(
+def rigid_alignment(
     positions: Float[np.ndarray, "n 3"],
 ) -> tuple[Float[np.ndarray, "n 6 6"], Float[np.ndarray, "n 6 6"]]:
-    """How a small motion of the whole way moves every pose, and how the best one follows from errors.
+    """Jacobians of the least-squares rigid alignment of a trajectory, about its mean position.
 
-    A turn by one radian weighs as much as a shift by `TURN_M`. The motion is about the mean position.
+    A rotation of one radian weighs as much as a translation of `TURN_M`.
 
     Args:
         positions: Of the poses, world axes, m.
 
     Returns:
-        A and G: poses move by A_k g, and g = sum of G_k e_k makes the weighted squares of e_k - A_k g least.
+        A and G: a small rigid motion g moves pose k by A_k g, and g = sum of G_k e_k minimises the weighted squares
+        of e_k - A_k g.
     """
     arms = positions - positions.mean(axis=0)
-    moves = np.stack([carried(arm) for arm in arms])
+    moves = np.stack([error_transport(arm) for arm in arms])
     weights = np.array([1.0] * 3 + [TURN_M**2] * 3)
     weighed = moves.transpose(0, 2, 1) * weights
     normal = np.einsum("nij,njk->ik", weighed, moves)
     return moves, np.linalg.solve(normal, weighed)
 
 
-def claims(factors: Sequence[Factor], poses: Mapping[int, Pose3], way: Sequence[Hung]) -> Claims:
-    """What a graph claims of every image that hangs on it.
+def pose_uncertainty(
+    factors: Sequence[Factor], poses: Mapping[int, Pose3], images: Sequence[AttachedImage]
+) -> PoseUncertainty:
+    """Covariances of all images attached to a solved graph.
 
     Args:
-        factors: Motions and closures in space, floors; those that were rejected left out.
+        factors: Motions and loop closures in space, and floors, without the rejected ones.
         poses: T_world_body by number, the solution of the factors.
-        way: Images; the first one defines the start and is a pose of the graph.
+        images: The first one defines the start and is a variable of the graph.
 
     Raises:
-        InputError: The factors do not tie the poses together.
+        InputError: The factors do not connect the poses.
     """
     graph = _Solved(factors, poses)
-    moves, best = gauge(np.array([one.pose.position for one in way]))
+    moves, best = rigid_alignment(np.array([one.pose.position for one in images]))
     levers, alone = [], []
-    for one in way:
+    for one in images:
         reference = poses[one.reference]
-        levers.append(carried(one.pose.position - reference.position))
+        levers.append(error_transport(one.pose.position - reference.position))
         alone.append(turned_covariance(one.own, reference.rotation))
     common = graph.columns(
-        (one.reference, G @ L) for one, G, L in zip(way, best, levers, strict=True)
+        (one.reference, G @ L) for one, G, L in zip(images, best, levers, strict=True)
     )
     spread = common.own + sum(G @ S @ G.T for G, S in zip(best, alone, strict=True))
-    start = graph.columns([(way[0].reference, np.eye(6))])
+    start = graph.columns([(images[0].reference, np.eye(6))])
     covariances = graph.covariances()
     from_start, aligned = [], []
-    for i, (one, L, S) in enumerate(zip(way, levers, alone, strict=True)):
+    for i, (one, L, S) in enumerate(zip(images, levers, alone, strict=True)):
         own = L @ covariances[one.reference] @ L.T + S
-        since = carried(one.pose.position - way[0].pose.position)
+        since = error_transport(one.pose.position - images[0].pose.position)
         with_start = L @ start.of(one.reference) + (alone[0] if i == 0 else 0.0)
         from_start.append(_less(own, since, with_start, start.own + alone[0]))
         with_common = L @ common.of(one.reference) + S @ best[i].T
         aligned.append(_less(own, moves[i], with_common, spread))
-    return Claims(np.array(from_start), np.array(aligned))
+    return PoseUncertainty(np.array(from_start), np.array(aligned))
 
 
 def _less(own: np.ndarray, A: np.ndarray, shared: np.ndarray, common: np.ndarray) -> np.ndarray:
@@ -162,18 +163,18 @@ def _less(own: np.ndarray, A: np.ndarray, shared: np.ndarray, common: np.ndarray
 
 
 class _Columns:
-    """Covariances of all poses with one combination of their errors."""
+    """Cross-covariances of all poses with one linear combination of their errors."""
 
     def __init__(self, at: Mapping[int, int], columns: np.ndarray, own: np.ndarray) -> None:
         self._at, self._columns, self.own = at, columns, own
 
     def of(self, number: int) -> Float[np.ndarray, "6 6"]:
-        """Of one pose with it."""
+        """That of one pose."""
         return np.asarray(self._columns[self._at[number] : self._at[number] + 6])
 
 
 class _Solved:
-    """The factors, linearised, with the inverse of their information at hand."""
+    """The linearised factors with their factorised information matrix."""
 
     def __init__(self, factors: Sequence[Factor], poses: Mapping[int, Pose3]) -> None:
         numbers = sorted(poses)
@@ -191,11 +192,11 @@ class _Solved:
             self._inverse = splu(entries.matrix())
         except RuntimeError as error:
             raise InputError(
-                f"claims: the factors do not tie every pose to pose {numbers[0]} ({error})"
+                f"pose uncertainty: the factors do not connect every pose to pose {numbers[0]} ({error})"
             ) from error
 
     def columns(self, parts: Iterable[tuple[int, np.ndarray]]) -> _Columns:
-        """Of the sum of parts, each a matrix times the error of a pose."""
+        """Cross-covariances with a sum of parts, each a matrix times the error of a pose."""
         wanted = np.zeros((self._size, 6))
         for number, part in parts:
             wanted[self._at[number] : self._at[number] + 6] += part.T
@@ -203,7 +204,7 @@ class _Solved:
         return _Columns(self._at, columns, wanted.T @ columns)
 
     def covariances(self) -> dict[int, Float[np.ndarray, "6 6"]]:
-        """Of every pose by itself."""
+        """Marginal covariance of every pose."""
         return {number: self.columns([(number, np.eye(6))]).own for number in self._at}
 
 
@@ -217,7 +218,7 @@ class _Information:
         self._values: list[np.ndarray] = []
 
     def add(self, at: Sequence[int], block: Float[np.ndarray, "n n"]) -> None:
-        """Add a block whose rows and columns belong to the variables that begin there."""
+        """Add a block for the variables that begin at these indices."""
         index = np.concatenate([np.arange(start, start + 6) for start in at])
         rows, columns = np.meshgrid(index, index, indexing="ij")
         self._rows.append(rows.ravel())
@@ -234,16 +235,16 @@ class _Information:
 def _between(
     factor: Motion | LoopClosure, poses: Mapping[int, Pose3]
 ) -> Float[np.ndarray, "12 12"]:
-    """Information of errors (before, after), world axes."""
+    """Information about the errors (before, after), world axes."""
     before = poses[factor.before]
     information = np.linalg.inv(turned_covariance(factor.covariance, before.rotation))
     arm = poses[factor.after].position - before.position
-    jacobian = np.hstack([-carried(arm), np.eye(6)])
+    jacobian = np.hstack([-error_transport(arm), np.eye(6)])
     return np.asarray(jacobian.T @ information @ jacobian)
 
 
 def _floor(factor: FloorSeen, pose: Pose3) -> Float[np.ndarray, "6 6"]:
-    """Information of a pose's error by the floor z = 0, weighed as its loss does."""
+    """Information about a pose's error by the floor z = 0, with the weight of its robust loss."""
     up = np.array([0.0, 0.0, 1.0])
     plane = factor.plane
     jacobian = np.zeros((3, 6))
@@ -254,5 +255,6 @@ def _floor(factor: FloorSeen, pose: Pose3) -> Float[np.ndarray, "6 6"]:
     missing = np.array([tilt[0], tilt[1], pose.position[2] - plane.offset_m])
     information = np.linalg.inv(plane.covariance)
     size = math.sqrt(float(missing @ information @ missing))
-    weight = 1.0 if size <= HUBER else HUBER / size
+    width = WIDTHS["huber"]
+    weight = 1.0 if size <= width else width / size
     return np.asarray(weight * jacobian.T @ information @ jacobian)

@@ -1,7 +1,7 @@
-"""One RGB-D image made ready for alignment: small, smaller, smallest.
+"""Image pyramid of an RGB-D image, prepared for alignment.
 
-What moves is a plain list of points; what it is aligned with also has a plane and grey slopes at every pixel.
-Those cost more and only references need them, so they are made when first asked for.
+The source image of an alignment needs only its points. The target also needs a plane and grey gradients at
+every pixel; these cost more and only references need them, so they are computed on first use.
 
 Source: Newcombe et al., KinectFusion (2011), projective association; planes by inverse depth are ours.
 """
@@ -19,19 +19,28 @@ from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.frame import Depth
 from ..primitives.plane import Plane
+from ..primitives.settings import setting
 from . import _pyramid_kernels as kernels
+from ._align_kernels import Source, Target
 
 NO_GREY = np.zeros((1, 1), np.float32)
 
 
+OFF_FLOOR_SIGMAS = 4.0  # ours: points closer to the floor plane count as floor
+OFF_FLOOR_M = 0.02  # ours: the same, at least
+COMPRESSED_M = (
+    6.5  # depth beyond is dropped by `compress`, whose 16 bit hold tenths of a millimetre
+)
+
+
 @dataclass(frozen=True)
 class PyramidConfig:
-    """How far images are shrunk."""
+    """Sizes of the image pyramid."""
 
-    finest_px: int = 320  # ours: width from which on more pixels cost time and give no accuracy
-    levels: int = 3  # ours: each half as wide as the one before; 80 pixels forgive large steps
-    off_floor_sigmas: float = 4.0  # ours: points nearer to the floor plane count as floor
-    off_floor_m: float = 0.02  # ours: the same, at least
+    finest_px: int = setting(
+        320, "px", "width of the finest level", "ours: more pixels add time and no accuracy"
+    )
+    levels: int = 3  # ours: each half as wide as the previous one; 80 px converge from large steps
 
     def __post_init__(self) -> None:
         if self.finest_px < 40:
@@ -42,14 +51,14 @@ class PyramidConfig:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One size of the image.
+    """One level of the pyramid.
 
     Args:
-        z: Along the axis, m, NaN where there is none.
-        sigma: Deviation of z, m.
-        grey: Full scale 255; (1, 1) where there is no picture.
-        camera: Intrinsics of this size.
-        counts: 1 where a pixel is not floor: overlap is judged by those.
+        z: Depth along the optical axis, m, NaN where missing.
+        sigma: Standard deviation of z, m.
+        grey: 0 to 255; (1, 1) without a colour image.
+        camera: Intrinsics of this level.
+        counts: 1 where a pixel is off the floor: only those count for the overlap.
     """
 
     z: Float32[np.ndarray, "h w"]
@@ -60,7 +69,7 @@ class Level:
 
     @cached_property
     def packed(self) -> Float32[np.ndarray, "h w 8"]:
-        """Plane, depth, grey and its slopes of every pixel, in 32 bytes."""
+        """Plane, depth, grey value and its gradient of every pixel, 32 bytes each."""
         x, y = self.slopes
         camera = self.camera
         return np.asarray(kernels.pack(self.z, self.sigma, self.grey, x, y, camera.fx, camera.fy))
@@ -72,53 +81,58 @@ class Level:
         return x[0], y[:, 0]
 
     @cached_property
-    def intrinsics(self) -> np.ndarray:
-        """fx, fy, cx, cy in px."""
+    def as_source(self) -> Source:
+        """The level as the moved image of an alignment."""
+        return Source(self.z, self.sigma, self.grey, self.counts, *self.slopes)
+
+    @cached_property
+    def as_target(self) -> Target:
+        """The level as the fixed image of an alignment."""
         camera = self.camera
-        return np.array([camera.fx, camera.fy, camera.cx, camera.cy])
+        return Target(self.packed, np.array([camera.fx, camera.fy, camera.cx, camera.cy]))
 
 
 @dataclass(frozen=True, eq=False)
 class Pyramid:
-    """The sizes of one image, finest first."""
+    """The levels of one image, finest first, and the floor in the camera frame if known."""
 
     levels: tuple[Level, ...]
     floor: Plane | None = None
 
     @property
     def has_grey(self) -> bool:
-        """Whether there is a picture beside the depth."""
+        """True if there is a colour image beside the depth."""
         return self.levels[0].grey.shape == self.levels[0].z.shape
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
-    """An image put away in a sixth of its room: depth in tenths of a millimetre, grey in 8 bit."""
+class CompressedImage:
+    """An image in a sixth of its memory: depth in tenths of a millimetre, grey values in 8 bit."""
 
     z: UInt16[np.ndarray, "h w"]
     sigma: UInt16[np.ndarray, "h w"]
     grey: UInt8[np.ndarray, "a b"]
     camera: Camera
     floor: Plane | None
-    config: PyramidConfig
+    levels: int
 
     def pyramid(self) -> Pyramid:
-        """The image made ready again."""
+        """The decompressed image pyramid."""
         z = self.z.astype(np.float32) * np.float32(1e-4)
         z[self.z == 0] = np.nan
         sigma = self.sigma.astype(np.float32) * np.float32(2e-5)
-        return _levels(z, sigma, self.grey.astype(np.float32), self.camera, self.floor, self.config)
+        return _levels(z, sigma, self.grey.astype(np.float32), self.camera, self.floor, self.levels)
 
 
-def keep(image: Pyramid, config: PyramidConfig | None = None) -> Kept:
-    """Put an image away; depth beyond 6.5 m is forgotten."""
+def compress(image: Pyramid) -> CompressedImage:
+    """Compress an image; depth beyond `COMPRESSED_M` is dropped."""
     level = image.levels[0]
     with np.errstate(invalid="ignore"):
-        near = level.z < 6.5
+        near = level.z < COMPRESSED_M
         z = np.where(near, level.z * 1e4 + 0.5, 0.0).astype(np.uint16)
         sigma = np.where(near, np.clip(level.sigma * 5e4, 1.0, 65535.0), 0.0).astype(np.uint16)
     grey = level.grey.astype(np.uint8)
-    return Kept(z, sigma, grey, level.camera, image.floor, config or PyramidConfig())
+    return CompressedImage(z, sigma, grey, level.camera, image.floor, len(image.levels))
 
 
 def build(
@@ -127,16 +141,16 @@ def build(
     floor: Plane | None = None,
     config: PyramidConfig | None = None,
 ) -> Pyramid:
-    """Make one image ready.
+    """Build the pyramid of one image.
 
     Args:
-        depth: Image with its deviation.
-        rgb: Picture registered to the depth, red first; None aligns by depth alone.
-        floor: In the camera frame, if known: overlap is judged off it, for a bare floor fits everywhere.
-        config: Sizes.
+        depth: Depth image with standard deviations.
+        rgb: Colour image registered to the depth; None aligns by depth alone.
+        floor: In the camera frame, if known: overlap is measured off it, since a bare floor fits everywhere.
+        config: Sizes; the defaults if None.
 
     Raises:
-        InputError: The picture is not as large as the depth image.
+        InputError: The colour image is not as large as the depth image.
     """
     config = config or PyramidConfig()
     z, sigma, camera = depth.z, depth.sigma, depth.camera
@@ -144,17 +158,17 @@ def build(
     if rgb is not None:
         if rgb.shape[:2] != z.shape:
             raise InputError(
-                f"odometry: picture of {rgb.shape[:2]} for a depth image of {z.shape}; register it first"
+                f"odometry: colour image of {rgb.shape[:2]} for a depth image of {z.shape}; register it first"
             )
         grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     if camera.is_distorted:
-        z, sigma, grey, camera = _straightened(z, sigma, grey, camera)
+        z, sigma, grey, camera = _undistorted(z, sigma, grey, camera)
     factor = max(1, round(camera.width / config.finest_px))
     light = grey.astype(np.float32) if factor == 1 else grey
     if factor > 1:
-        z, sigma, light = kernels.shrink(z, sigma, light, factor)
-        camera = shrunk(camera, factor)
-    return _levels(z, sigma, light, camera, floor, config)
+        z, sigma, light = kernels.downsample(z, sigma, light, factor)
+        camera = downsampled(camera, factor)
+    return _levels(z, sigma, light, camera, floor, config.levels)
 
 
 def _levels(
@@ -163,22 +177,22 @@ def _levels(
     light: np.ndarray,
     camera: Camera,
     floor: Plane | None,
-    config: PyramidConfig,
+    count: int,
 ) -> Pyramid:
-    """The image at its finest size and all smaller ones."""
+    """The finest level and all smaller ones."""
     levels = []
-    for number in range(config.levels):
+    for number in range(count):
         if number > 0:
-            z, sigma, light = kernels.shrink(z, sigma, light, 2)
-            camera = shrunk(camera, 2)
-        levels.append(Level(z, sigma, light, camera, _off_floor(z, sigma, camera, floor, config)))
+            z, sigma, light = kernels.downsample(z, sigma, light, 2)
+            camera = downsampled(camera, 2)
+        levels.append(Level(z, sigma, light, camera, _off_floor(z, sigma, camera, floor)))
         if min(camera.width, camera.height) < 32:
             break
     return Pyramid(tuple(levels), floor)
 
 
-def shrunk(camera: Camera, factor: int) -> Camera:
-    """The camera of an image each pixel of which is the mean of factor x factor."""
+def downsampled(camera: Camera, factor: int) -> Camera:
+    """Intrinsics of an image whose pixels are the means of factor x factor pixels."""
     half = (factor - 1) / 2
     return Camera(
         camera.width // factor,
@@ -191,22 +205,22 @@ def shrunk(camera: Camera, factor: int) -> Camera:
 
 
 def _off_floor(
-    z: np.ndarray, sigma: np.ndarray, camera: Camera, floor: Plane | None, config: PyramidConfig
+    z: np.ndarray, sigma: np.ndarray, camera: Camera, floor: Plane | None
 ) -> UInt8[np.ndarray, "h w"]:
     if floor is None:
         return np.ones(z.shape, np.uint8)
     x, y = camera.single_slopes
     nx, ny, nz = floor.normal.astype(np.float32)
-    drop = nx * x + ny * y + nz  # height lost per metre along the axis
-    away = np.abs(drop * z + np.float32(floor.offset_m))
-    near = np.float32(config.off_floor_sigmas) * sigma * np.abs(drop)
-    return np.asarray(away > np.maximum(near, np.float32(config.off_floor_m))).astype(np.uint8)
+    drop = nx * x + ny * y + nz  # distance to the plane lost per metre of depth
+    distance = np.abs(drop * z + np.float32(floor.offset_m))
+    near = np.float32(OFF_FLOOR_SIGMAS) * sigma * np.abs(drop)
+    return np.asarray(distance > np.maximum(near, np.float32(OFF_FLOOR_M))).astype(np.uint8)
 
 
-def _straightened(
+def _undistorted(
     z: np.ndarray, sigma: np.ndarray, grey: np.ndarray, camera: Camera
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Camera]:
-    """The images as the same camera without lens errors sees them; nearest pixel, so edges stay."""
+    """The images without lens distortion; nearest pixel, which keeps depth edges sharp."""
     straight = Camera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy)
     maps = cv2.initUndistortRectifyMap(
         camera.matrix,
@@ -218,7 +232,7 @@ def _straightened(
     )
     nothing = float("nan")
 
-    def turned(image: np.ndarray, border: float) -> np.ndarray:
+    def remapped(image: np.ndarray, border: float) -> np.ndarray:
         return np.asarray(
             cv2.remap(
                 image, *maps, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=border
@@ -226,5 +240,5 @@ def _straightened(
         )
 
     if grey.shape == z.shape:
-        grey = turned(grey, 0.0)
-    return turned(z, nothing), turned(sigma, nothing), grey, straight
+        grey = remapped(grey, 0.0)
+    return remapped(z, nothing), remapped(sigma, nothing), grey, straight

@@ -1,12 +1,9 @@
-"""Compiled inner loops of the hypothesis bank: branch, weigh, prune, merge.
-
-A bank is a tuple of arrays, first axis the hypothesis, heaviest first: means, roots, log weights, landmarks
-held in each slot and when used, and how many sightings in a row were taken for nothing.
-"""
+"""Compiled inner loops of the hypothesis bank: branch, weigh, prune, merge."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,28 +12,40 @@ from ..filtering._square_root_kernels import wrapped
 from ._planar_kernels import (
     BEARING,
     DEPTH,
-    DOUBT_AFTER,
-    GATE,
-    OUTLIER,
-    OUTLIER_DENSITY,
-    PLACE,
-    SCALE,
     SIZE,
     YAW,
+    Scratch,
     Weights,
     X,
     Y,
+    correct,
     deviations,
     expected,
-    look,
+    inflate,
     move,
     occupy,
     pose_covariance,
     slot_of,
-    widen,
 )
+from .config import Parameters
 
-Bank = tuple[np.ndarray, ...]
+
+class Bank(NamedTuple):
+    """Hypotheses along the first axis, heaviest first.
+
+    Args:
+        means, roots: State and lower Cholesky root of its covariance.
+        log_weights: Logarithms of the weights.
+        held, used: Landmark in each displacement slot, and when it was last seen, s.
+        unmatched: Number of sightings in a row that matched no landmark.
+    """
+
+    means: np.ndarray
+    roots: np.ndarray
+    log_weights: np.ndarray
+    held: np.ndarray
+    used: np.ndarray
+    unmatched: np.ndarray
 
 
 @njit(cache=True)
@@ -47,7 +56,7 @@ def linear_density(
     entry: int,
     measured: np.ndarray,
     sigmas: np.ndarray,
-    p: np.ndarray,
+    p: Parameters,
 ) -> tuple[float, float]:
     """Normalised innovation squared and log density of a sighting, by linearisation at the mean."""
     size = mean.shape[0]
@@ -63,94 +72,120 @@ def linear_density(
         dx, dy = -root[X, j], -root[Y, j]
         if entry >= 0:
             dx, dy = dx + root[entry, j], dy + root[entry + 1, j]
-        a = p[SCALE] * (c * dx + s * dy + left * root[YAW, j]) + sigmas[0] * root[DEPTH, j]
+        a = p.scale * (c * dx + s * dy + left * root[YAW, j]) + sigmas[0] * root[DEPTH, j]
         b = (x * dy - y * dx) / square - root[YAW, j] + root[BEARING, j]
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
     if entry < 0:
-        aa, bb = aa + p[PLACE] ** 2, bb + p[PLACE] ** 2 / square
+        aa, bb = aa + p.place**2, bb + p.place**2 / square
     determinant = aa * bb - ab * ab
     squared = (bb * first * first - 2.0 * ab * first * second + aa * second * second) / determinant
     return squared, -0.5 * squared - math.log(2.0 * math.pi) - 0.5 * math.log(determinant)
 
 
 @njit(cache=True)
-def advance(
+def predict(
     bank: Bank,
     count: int,
     dt: float,
     path: float,
     turn: float,
-    p: np.ndarray,
+    p: Parameters,
     weights: Weights,
-    scratch: tuple[np.ndarray, ...],
+    scratch: Scratch,
 ) -> None:
-    """Move every hypothesis."""
+    """Predict every hypothesis."""
     for h in range(count):
-        move(bank[0][h], bank[1][h], dt, path, turn, p, weights, scratch)
+        move(bank.means[h], bank.roots[h], dt, path, turn, p, weights, scratch)
 
 
 @njit(cache=True)
-def take(
+def branch(
+    bank: Bank,
+    places: np.ndarray,
+    seen: np.ndarray,
+    count: int,
+    rate: float,
+    taken: np.ndarray,
+    p: Parameters,
+    weight: np.ndarray,
+    parent: np.ndarray,
+    mark: np.ndarray,
+) -> int:
+    """Branches of all hypotheses for one sighting: log weight, hypothesis and landmark, -1 for clutter.
+
+    Args:
+        taken: (h,) bits of the landmarks that each hypothesis has seen at this instant.
+        weight, parent, mark: Receive the branches.
+
+    Returns:
+        Number of branches.
+    """
+    marks = places.shape[0]
+    clutter = math.log(p.outlier * p.outlier_density)
+    landmark = math.log((1.0 - p.outlier) / marks)
+    sigmas = np.empty(2)
+    sigmas[0], sigmas[1] = deviations(seen[0], rate, p)
+    found = 0
+    for h in range(count):
+        weight[found], parent[found], mark[found] = bank.log_weights[h] + clutter, h, -1
+        found += 1
+        for m in range(marks):
+            if taken[h] >> m & 1:
+                continue
+            slot = slot_of(m, bank.held[h], bank.used[h])
+            held = slot >= 0 and bank.held[h, slot] == m
+            squared, density = linear_density(
+                bank.means[h], bank.roots[h], places[m], SIZE + 2 * slot if held else -1,
+                seen, sigmas, p,
+            )  # fmt: skip
+            if squared <= 1.5 * p.gate:
+                weight[found] = bank.log_weights[h] + landmark + density
+                parent[found], mark[found] = h, m
+                found += 1
+    return found
+
+
+@njit(cache=True)
+def update(
     bank: Bank,
     spare: Bank,
     places: np.ndarray,
     seen: np.ndarray,
     count: int,
     rate: float,
-    clock: float,
+    time_s: float,
     depth: float,
-    p: np.ndarray,
+    p: Parameters,
     weights: Weights,
-    scratch: tuple[np.ndarray, ...],
+    scratch: Scratch,
 ) -> int:
-    """Learn from the sightings of one instant, none of which tells whose it is.
+    """Update with the sightings of one instant without identities.
 
-    Every hypothesis branches into every landmark inside the gate that it has not yet seen at this instant,
-    and into "nothing"; the heaviest branches go on.
+    Every hypothesis branches into every landmark inside the gate that it has not yet seen at this instant, and
+    into clutter; the heaviest branches are kept.
 
     Args:
         bank, spare: The bank, changed, and another of the same shape, overwritten.
         places: (l, 2), at most 62.
         seen: (k, 2) depth and bearing.
-        count: Hypotheses in use.
-        rate, clock: Turn, rad/s; time, s.
-        depth: Branches lighter than the heaviest by more than this, in log weight, are dropped.
+        count: Number of hypotheses.
+        rate, time_s: Turn, rad/s; time, s.
+        depth: Branches lighter than the heaviest by more than this, in log weight, are pruned.
 
     Returns:
-        How many are in use now.
+        Number of hypotheses afterwards.
     """
-    capacity, marks = bank[0].shape[0], places.shape[0]
+    capacity, marks = bank.means.shape[0], places.shape[0]
     branches = capacity * (marks + 1)
-    weight, parent, mark = (
-        np.empty(branches),
-        np.empty(branches, np.int64),
-        np.empty(branches, np.int64),
-    )
+    weight = np.empty(branches)
+    parent, mark = np.empty(branches, np.int64), np.empty(branches, np.int64)
     taken, taken_spare = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
-    sigmas = np.empty(2)
-    nothing = math.log(p[OUTLIER] * p[OUTLIER_DENSITY])
-    something = math.log((1.0 - p[OUTLIER]) / marks)
+    clutter = math.log(p.outlier * p.outlier_density)
+    landmark = math.log((1.0 - p.outlier) / marks)
     for row in range(seen.shape[0]):
         if not (math.isfinite(seen[row, 0]) and math.isfinite(seen[row, 1])):
             continue
-        sigmas[0], sigmas[1] = deviations(seen[row, 0], rate, p)
-        found = 0
-        for h in range(count):
-            weight[found], parent[found], mark[found] = bank[2][h] + nothing, h, -1
-            found += 1
-            for m in range(marks):
-                if taken[h] >> m & 1:
-                    continue
-                slot = slot_of(m, bank[3][h], bank[4][h])
-                held = slot >= 0 and bank[3][h, slot] == m
-                squared, density = linear_density(
-                    bank[0][h], bank[1][h], places[m], SIZE + 2 * slot if held else -1,
-                    seen[row], sigmas, p,
-                )  # fmt: skip
-                if squared <= 1.5 * p[GATE]:
-                    weight[found] = bank[2][h] + something + density
-                    parent[found], mark[found] = h, m
-                    found += 1
+        found = branch(bank, places, seen[row], count, rate, taken, p, weight, parent, mark)
         order = np.argsort(-weight[:found])
         best, kept = weight[order[0]], 0
         for k in order[: min(found, capacity)]:
@@ -160,101 +195,102 @@ def take(
             copy(bank, h, spare, kept)
             taken_spare[kept] = taken[h]
             if m < 0:
-                spare[2][kept] += nothing
-                spare[5][kept] += 1
-                if spare[5][kept] >= p[DOUBT_AFTER]:
-                    widen(spare[0][kept], spare[1][kept], 1.0, p, weights, scratch)
-                    spare[5][kept] = 0
+                spare.log_weights[kept] += clutter
+                spare.unmatched[kept] += 1
+                if spare.unmatched[kept] >= p.recover_after:
+                    inflate(spare.means[kept], spare.roots[kept], 1.0, p, weights, scratch)
+                    spare.unmatched[kept] = 0
             else:
                 entry = occupy(
-                    spare[0][kept], spare[1][kept], slot_of(m, spare[3][kept], spare[4][kept]), m,
-                    clock, spare[3][kept], spare[4][kept], p, scratch[2],
+                    spare.means[kept], spare.roots[kept],
+                    slot_of(m, spare.held[kept], spare.used[kept]), m,
+                    time_s, spare.held[kept], spare.used[kept], p, scratch.wide,
                 )  # fmt: skip
-                status, density = look(
-                    spare[0][kept], spare[1][kept], places[m], entry, seen[row], rate, 2.0 * p[GATE],
-                    p, weights, scratch,
+                status, density = correct(
+                    spare.means[kept], spare.roots[kept], places[m], entry, seen[row], rate,
+                    2.0 * p.gate, p, weights, scratch,
                 )  # fmt: skip
-                spare[2][kept] += something + density if status == 1 else nothing
-                spare[5][kept] = 0
+                spare.log_weights[kept] += landmark + density if status == 1 else clutter
+                spare.unmatched[kept] = 0
                 taken_spare[kept] |= 1 << m
             kept += 1
         count = kept
         for h in range(count):
             copy(spare, h, bank, h)
             taken[h] = taken_spare[h]
-    return tidy(bank, spare, count)
+    return merge(bank, spare, count)
 
 
 @njit(cache=True)
 def copy(source: Bank, h: int, target: Bank, to: int) -> None:
     """Copy one hypothesis."""
-    target[0][to] = source[0][h]
-    target[1][to] = source[1][h]
-    target[2][to] = source[2][h]
-    target[3][to] = source[3][h]
-    target[4][to] = source[4][h]
-    target[5][to] = source[5][h]
+    target.means[to] = source.means[h]
+    target.roots[to] = source.roots[h]
+    target.log_weights[to] = source.log_weights[h]
+    target.held[to] = source.held[h]
+    target.used[to] = source.used[h]
+    target.unmatched[to] = source.unmatched[h]
 
 
 @njit(cache=True)
-def tidy(bank: Bank, spare: Bank, count: int) -> int:
-    """Sort by weight, let what has come to the same pose be one, and make the weights sum to one."""
-    order = np.argsort(-bank[2][:count])
+def merge(bank: Bank, spare: Bank, count: int) -> int:
+    """Sort by weight, merge hypotheses at the same pose, and normalise the weights."""
+    order = np.argsort(-bank.log_weights[:count])
     kept, difference = 0, np.empty(3)
     for k in order:
         same = -1
         for other in range(kept):
             for j in range(3):
-                difference[j] = bank[0][k, j] - spare[0][other, j]
+                difference[j] = bank.means[k, j] - spare.means[other, j]
             difference[YAW] = wrapped(difference[YAW])
             squared = 0.0
             for j in range(3):
                 for i in range(j):
-                    difference[j] -= spare[1][other, j, i] * difference[i]
-                difference[j] /= spare[1][other, j, j]
+                    difference[j] -= spare.roots[other, j, i] * difference[i]
+                difference[j] /= spare.roots[other, j, j]
                 squared += difference[j] * difference[j]
             if squared < 0.1:
                 same = other
                 break
         if same >= 0:
-            high = max(spare[2][same], bank[2][k])
-            spare[2][same] = high + math.log(
-                math.exp(spare[2][same] - high) + math.exp(bank[2][k] - high)
+            high = max(spare.log_weights[same], bank.log_weights[k])
+            spare.log_weights[same] = high + math.log(
+                math.exp(spare.log_weights[same] - high) + math.exp(bank.log_weights[k] - high)
             )
         else:
             copy(bank, k, spare, kept)
             kept += 1
-    high, total = spare[2][0], 0.0
+    high, total = spare.log_weights[0], 0.0
     for h in range(kept):
-        high = max(high, spare[2][h])
+        high = max(high, spare.log_weights[h])
     for h in range(kept):
-        total += math.exp(spare[2][h] - high)
+        total += math.exp(spare.log_weights[h] - high)
     for h in range(kept):
-        spare[2][h] -= high + math.log(total)
+        spare.log_weights[h] -= high + math.log(total)
         copy(spare, h, bank, h)
     return kept
 
 
 @njit(cache=True)
 def mixture(bank: Bank, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and covariance of (x, y, yaw) over all hypotheses by their weights."""
+    """Mean and covariance of (x, y, yaw) of the mixture."""
     mean, covariance, own = np.zeros(3), np.zeros((3, 3)), np.empty((3, 3))
     sine = cosine = 0.0
     for h in range(count):
-        share = math.exp(bank[2][h])
-        mean[X] += share * bank[0][h, X]
-        mean[Y] += share * bank[0][h, Y]
-        sine += share * math.sin(bank[0][h, YAW])
-        cosine += share * math.cos(bank[0][h, YAW])
+        share = math.exp(bank.log_weights[h])
+        mean[X] += share * bank.means[h, X]
+        mean[Y] += share * bank.means[h, Y]
+        sine += share * math.sin(bank.means[h, YAW])
+        cosine += share * math.cos(bank.means[h, YAW])
     mean[YAW] = math.atan2(sine, cosine)
-    away = np.empty(3)
+    offset = np.empty(3)
     for h in range(count):
-        share = math.exp(bank[2][h])
-        pose_covariance(bank[1][h], own)
+        share = math.exp(bank.log_weights[h])
+        pose_covariance(bank.roots[h], own)
         for j in range(3):
-            away[j] = bank[0][h, j] - mean[j]
-        away[YAW] = wrapped(away[YAW])
+            offset[j] = bank.means[h, j] - mean[j]
+        offset[YAW] = wrapped(offset[YAW])
         for i in range(3):
             for j in range(3):
-                covariance[i, j] += share * (own[i, j] + away[i] * away[j])
+                covariance[i, j] += share * (own[i, j] + offset[i] * offset[j])
     return mean, covariance

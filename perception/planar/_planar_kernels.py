@@ -1,61 +1,54 @@
-"""Compiled inner loops of planar localisation: motion, sightings of landmarks, and a whole journey at once.
+"""Compiled inner loops of planar localisation: motion, sightings of landmarks, and whole runs.
 
-The first entries of the state and the entries of the parameter vector `p` are named here, in the order of
-`planar.PlanarConfig`. After the first SIZE entries the state holds displacements (x, y) of the landmarks seen
-last, one pair a slot. Scratch arrays are made once per call, by `scratch_space`.
+After the first SIZE entries, named here, the state holds displacements (x, y) of the landmarks seen last, one
+pair per slot.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ..filtering._square_root_kernels import corrected, draw, lower, predicted, wrapped
+from .config import Parameters
 
-Weights = tuple[float, np.ndarray, np.ndarray]
-"""Reach of the sigma points, and their weights for the mean and for the covariance."""
+
+class Weights(NamedTuple):
+    """Reach of the sigma points, and their weights for the mean and for the covariance."""
+
+    reach: float
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+class Scratch(NamedTuple):
+    """Work space of the kernels, allocated once, see `scratch_space`."""
+
+    points: np.ndarray
+    seen: np.ndarray
+    wide: np.ndarray
+    away: np.ndarray
+    work: np.ndarray
+    noise: np.ndarray
+    noise_seen: np.ndarray
+    innovation: np.ndarray
+    angles: np.ndarray
+    angles_seen: np.ndarray
+
 
 SIZE = 10
-X, Y, YAW, PACE, TURN, DRIFT, DEPTH, BEARING, BOW, SWERVE = range(SIZE)
-(
-    ALONG,
-    ACROSS,
-    TURN_PER_PATH,
-    TURN_PER_TURN,
-    TURN_PER_TIME,
-    PACE_WALK,
-    TURN_WALK,
-    DRIFT_WALK,
-    LENS_WALK,
-    OFFSET,
-    SCALE,
-    DEPTH_NEAR,
-    DEPTH_FAR,
-    BEARING_SIGMA,
-    BEARING_TURNING,
-    DEPTH_SHARED,
-    DEPTH_MEMORY,
-    BEARING_SHARED,
-    BEARING_MEMORY,
-    PLACE,
-    PLACE_MEMORY,
-    OUTLIER,
-    OUTLIER_DENSITY,
-    GATE,
-    DOUBT_AFTER,
-    DOUBT_M,
-    DOUBT_RAD,
-) = range(27)
+X, Y, YAW, ODOMETRY_SCALE, TURN_SCALE, DRIFT, DEPTH, BEARING, LENS_EVEN, LENS_ODD = range(SIZE)
 
 
 @njit(cache=True)
-def scratch_space(size: int) -> tuple[np.ndarray, ...]:
-    """Points, what they see, wide, away, work, noise, noise of a sighting, innovation, angles of both."""
+def scratch_space(size: int) -> Scratch:
+    """Work space for a state of that size: sigma points, their sightings, roots, noise, angle flags."""
     angles = np.zeros(size, np.bool_)
     angles[YAW] = True
-    return (
+    return Scratch(
         np.empty((2 * size + 1, size)),
         np.empty((2 * size + 1, 2)),
         np.empty((size + 2, 3 * size + 3)),
@@ -76,22 +69,21 @@ def move(
     dt: float,
     path: float,
     turn: float,
-    p: np.ndarray,
+    p: Parameters,
     weights: Weights,
-    scratch: tuple[np.ndarray, ...],
+    scratch: Scratch,
 ) -> bool:
-    """Advance by what odometry tells; False, and nothing changed, if that is not finite."""
-    points, _, wide, away, work, noise, _, _, angles, _ = scratch
-    reach, weights_mean, weights_covariance = weights
+    """Predict by odometry; False without any change if the result is not finite."""
+    points, noise = scratch.points, scratch.noise
     size = mean.shape[0]
-    keep_depth = math.exp(-dt / p[DEPTH_MEMORY])
-    keep_bearing = math.exp(-dt / p[BEARING_MEMORY])
-    keep_place = math.exp(-dt / p[PLACE_MEMORY])
-    draw(mean, root, reach, points)
+    keep_depth = math.exp(-dt / p.depth_memory)
+    keep_bearing = math.exp(-dt / p.bearing_memory)
+    keep_place = math.exp(-dt / p.place_memory)
+    draw(mean, root, weights.reach, points)
     for k in range(points.shape[0]):
         point = points[k]
-        ahead = path * point[PACE]
-        turned = turn * point[TURN] + point[DRIFT] * dt
+        ahead = path * point[ODOMETRY_SCALE]
+        turned = turn * point[TURN_SCALE] + point[DRIFT] * dt
         middle = point[YAW] + 0.5 * turned
         point[X] += ahead * math.cos(middle)
         point[Y] += ahead * math.sin(middle)
@@ -104,41 +96,46 @@ def move(
         for j in range(size):
             noise[i, j] = 0.0
     length, second = abs(path), math.sqrt(dt)
-    along, across = p[ALONG] * math.sqrt(length), p[ACROSS] * math.sqrt(length)
+    along, across = p.along * math.sqrt(length), p.across * math.sqrt(length)
     c, s = math.cos(mean[YAW] + 0.5 * turn), math.sin(mean[YAW] + 0.5 * turn)
     noise[X, X], noise[X, Y] = c * along, -s * across
     noise[Y, X], noise[Y, Y] = s * along, c * across
     noise[YAW, YAW] = math.sqrt(
-        p[TURN_PER_PATH] ** 2 * length
-        + p[TURN_PER_TURN] ** 2 * abs(turn)
-        + p[TURN_PER_TIME] ** 2 * dt
+        p.turn_per_path**2 * length + p.turn_per_turn**2 * abs(turn) + p.turn_per_time**2 * dt
     )
-    noise[PACE, PACE] = p[PACE_WALK] * second
-    noise[TURN, TURN] = p[TURN_WALK] * second
-    noise[DRIFT, DRIFT] = p[DRIFT_WALK] * second
-    noise[DEPTH, DEPTH] = p[DEPTH_SHARED] * math.sqrt(1.0 - keep_depth**2)
-    noise[BEARING, BEARING] = p[BEARING_SHARED] * math.sqrt(1.0 - keep_bearing**2)
-    noise[BOW, BOW] = noise[SWERVE, SWERVE] = p[LENS_WALK] * second
+    noise[ODOMETRY_SCALE, ODOMETRY_SCALE] = p.odometry_scale_walk * second
+    noise[TURN_SCALE, TURN_SCALE] = p.turn_scale_walk * second
+    noise[DRIFT, DRIFT] = p.drift_walk * second
+    noise[DEPTH, DEPTH] = p.depth_shared * math.sqrt(1.0 - keep_depth**2)
+    noise[BEARING, BEARING] = p.bearing_shared * math.sqrt(1.0 - keep_bearing**2)
+    noise[LENS_EVEN, LENS_EVEN] = noise[LENS_ODD, LENS_ODD] = p.lens_walk * second
     for j in range(SIZE, size):
-        noise[j, j] = p[PLACE] * math.sqrt(1.0 - keep_place**2)
-    return predicted(
-        points, weights_mean, weights_covariance, noise, angles, mean, root, wide, away, work
-    )
+        noise[j, j] = p.place * math.sqrt(1.0 - keep_place**2)
+    return _predicted(mean, root, weights, scratch)
 
 
 @njit(cache=True)
-def deviations(depth: float, rate: float, p: np.ndarray) -> tuple[float, float]:
-    """Of the depth, m, and of the bearing, rad, of one sighting; rate: turn of the body, rad/s."""
-    return math.hypot(p[DEPTH_NEAR], p[DEPTH_FAR] * depth * depth), math.hypot(
-        p[BEARING_SIGMA], p[BEARING_TURNING] * rate
+def _predicted(mean: np.ndarray, root: np.ndarray, weights: Weights, scratch: Scratch) -> bool:
+    """Mean and root of the moved sigma points with the noise of the scratch space; False if refused."""
+    return predicted(
+        scratch.points, weights.mean, weights.covariance, scratch.noise, scratch.angles,
+        mean, root, scratch.wide, scratch.away, scratch.work,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def deviations(depth: float, rate: float, p: Parameters) -> tuple[float, float]:
+    """Standard deviations of depth, m, and bearing, rad, of one sighting; rate: turn of the body, rad/s."""
+    return math.hypot(p.depth_near, p.depth_far * depth * depth), math.hypot(
+        p.bearing_sigma, p.bearing_turning * rate
     )
 
 
 @njit(cache=True)
 def expected(
-    state: np.ndarray, place: np.ndarray, slot: int, sigma_depth: float, p: np.ndarray
+    state: np.ndarray, place: np.ndarray, slot: int, sigma_depth: float, p: Parameters
 ) -> tuple[float, float]:
-    """Depth and bearing at which a state sees a place; slot: entry of its displacement, or -1."""
+    """Expected depth and bearing of a landmark; slot: entry of its displacement, or -1."""
     x, y = place[0] - state[X], place[1] - state[Y]
     if slot >= 0:
         x, y = x + state[slot], y + state[slot + 1]
@@ -146,13 +143,13 @@ def expected(
     ahead, left = c * x + s * y, c * y - s * x
     bearing = math.atan2(left, ahead)
     side = 2.0 * bearing  # 1 at half a radian
-    lens = side * side * (state[BOW] + side * state[SWERVE])
-    depth = p[OFFSET] + p[SCALE] * ahead + sigma_depth * state[DEPTH]
+    lens = side * side * (state[LENS_EVEN] + side * state[LENS_ODD])
+    depth = p.offset + p.scale * ahead + sigma_depth * state[DEPTH]
     return depth, wrapped(bearing + state[BEARING] + lens)
 
 
 @njit(cache=True)
-def look(
+def correct(
     mean: np.ndarray,
     root: np.ndarray,
     place: np.ndarray,
@@ -160,39 +157,26 @@ def look(
     measured: np.ndarray,
     rate: float,
     gate: float,
-    p: np.ndarray,
+    p: Parameters,
     weights: Weights,
-    scratch: tuple[np.ndarray, ...],
+    scratch: Scratch,
 ) -> tuple[int, float]:
-    """Learn from one sighting of a known place; (status, log density) as `corrected`."""
-    points, seen, wide, away, work, _, noise, innovation, angles, angles_seen = scratch
-    reach, weights_mean, weights_covariance = weights
+    """Update with one sighting of a known landmark; (status, log density) as `corrected`."""
+    points, seen, noise = scratch.points, scratch.seen, scratch.noise_seen
     noise[0, 0], noise[1, 1] = deviations(measured[0], rate, p)
-    draw(mean, root, reach, points)
+    draw(mean, root, weights.reach, points)
     for k in range(points.shape[0]):
         seen[k, 0], seen[k, 1] = expected(points[k], place, slot, noise[0, 0], p)
     return corrected(
-        points,
-        seen,
-        weights_mean,
-        weights_covariance,
-        measured,
-        noise,
-        angles,
-        angles_seen,
-        gate,
-        mean,
-        root,
-        innovation,
-        wide,
-        away,
-        work,
-    )
+        points, seen, weights.mean, weights.covariance, measured, noise,
+        scratch.angles, scratch.angles_seen, gate, mean, root,
+        scratch.innovation, scratch.wide, scratch.away, scratch.work,
+    )  # fmt: skip
 
 
 @njit(cache=True)
 def slot_of(mark: int, held: np.ndarray, used: np.ndarray) -> int:
-    """The slot that holds a landmark; else one that is free, else the one used longest ago; -1 if none."""
+    """The slot of a landmark; else a free one, else the one unused for longest; -1 without slots."""
     found = -1
     for s in range(held.shape[0]):
         if held[s] == mark:
@@ -208,17 +192,17 @@ def occupy(
     root: np.ndarray,
     slot: int,
     mark: int,
-    clock: float,
+    time_s: float,
     held: np.ndarray,
     used: np.ndarray,
-    p: np.ndarray,
+    p: Parameters,
     wide: np.ndarray,
 ) -> int:
-    """Let a slot hold this landmark from now on; returns the entry of its displacement, -1 for slot -1."""
+    """Assign a slot to a landmark; returns the entry of its displacement, -1 for slot -1."""
     if slot < 0:
         return -1
     entry, size = SIZE + 2 * slot, mean.shape[0]
-    used[slot] = clock
+    used[slot] = time_s
     if held[slot] == mark:
         return entry
     held[slot] = mark
@@ -229,7 +213,7 @@ def occupy(
     for i in range(entry, entry + 2):
         for j in range(size):
             wide[i, j] = 0.0
-        wide[i, size + i - entry] = p[PLACE]
+        wide[i, size + i - entry] = p.place
         mean[i] = 0.0
     lower(wide, size, size + 2)
     for i in range(size):
@@ -239,73 +223,72 @@ def occupy(
 
 
 @njit(cache=True)
-def mixed(log_density: float, p: np.ndarray) -> float:
-    """Log density of a sighting that is an outlier now and then."""
-    bad = math.log(p[OUTLIER] * p[OUTLIER_DENSITY])
-    good = log_density + math.log(1.0 - p[OUTLIER])
+def log_mixture(log_density: float, p: Parameters) -> float:
+    """Log density of a sighting with a share of outliers."""
+    bad = math.log(p.outlier * p.outlier_density)
+    good = log_density + math.log(1.0 - p.outlier)
     top = max(bad, good)
     return top + math.log(math.exp(bad - top) + math.exp(good - top))
 
 
 @njit(cache=True)
-def widen(
+def inflate(
     mean: np.ndarray,
     root: np.ndarray,
     times: float,
-    p: np.ndarray,
+    p: Parameters,
     weights: Weights,
-    scratch: tuple[np.ndarray, ...],
+    scratch: Scratch,
 ) -> None:
-    """Doubt the pose: add so many times the deviation of doubt to it."""
-    points, _, wide, away, work, noise, _, _, angles, _ = scratch
-    reach, weights_mean, weights_covariance = weights
-    draw(mean, root, reach, points)
+    """Add `times` the recovery standard deviation to the pose."""
+    points, noise = scratch.points, scratch.noise
+    draw(mean, root, weights.reach, points)
     for i in range(mean.shape[0]):
         for j in range(mean.shape[0]):
             noise[i, j] = 0.0
-    noise[X, X] = noise[Y, Y] = times * p[DOUBT_M]
-    noise[YAW, YAW] = min(times * p[DOUBT_RAD], 2.0)
-    predicted(points, weights_mean, weights_covariance, noise, angles, mean, root, wide, away, work)
+    noise[X, X] = noise[Y, Y] = times * p.recovery_m
+    noise[YAW, YAW] = min(times * p.recovery_rad, 2.0)
+    _predicted(mean, root, weights, scratch)
 
 
 @njit(cache=True)
-def learn(
+def update(
     mean: np.ndarray,
     root: np.ndarray,
     mark: int,
     place: np.ndarray,
     measured: np.ndarray,
     rate: float,
-    clock: float,
+    time_s: float,
     held: np.ndarray,
     used: np.ndarray,
     trust: np.ndarray,
-    p: np.ndarray,
+    p: Parameters,
     weights: Weights,
-    scratch: tuple[np.ndarray, ...],
+    scratch: Scratch,
 ) -> tuple[int, float]:
-    """Learn from a landmark that tells who it is, and doubt oneself when too many in a row do not fit.
+    """Update with an identified landmark; inflate the pose after too many rejections in a row.
 
-    `trust` holds how many were rejected in a row and how often that has led to doubt, and is changed.
+    `trust` holds the number of rejections in a row and of recoveries so far, and is changed.
     """
     if not (math.isfinite(measured[0]) and math.isfinite(measured[1])):
         return -1, -math.inf
-    entry = occupy(mean, root, slot_of(mark, held, used), mark, clock, held, used, p, scratch[2])
-    status, density = look(mean, root, place, entry, measured, rate, p[GATE], p, weights, scratch)
+    entry = occupy(mean, root, slot_of(mark, held, used), mark, time_s, held, used, p, scratch.wide)
+    status, density = correct(mean, root, place, entry, measured, rate, p.gate, p, weights, scratch)
     if status == 1:
         trust[0] = 0
         trust[1] = max(trust[1] - 1, 0)
     elif status == 0:
         trust[0] += 1
-        if trust[0] >= p[DOUBT_AFTER]:
-            widen(mean, root, 2.0 ** min(trust[1], 6), p, weights, scratch)
+        if trust[0] >= p.recover_after:
+            inflate(mean, root, 2.0 ** min(trust[1], 6), p, weights, scratch)
             trust[0], trust[1] = 0, trust[1] + 1
     return status, density
 
 
 @njit(cache=True)
 def pose_covariance(root: np.ndarray, covariance: np.ndarray) -> None:
-    """Of (x, y, yaw), written to (3, 3)."""
+    """Covariance of (x, y, yaw), written to (3, 3)."""
     for i in range(3):
         for j in range(3):
             total = 0.0
@@ -315,7 +298,7 @@ def pose_covariance(root: np.ndarray, covariance: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def follow(
+def filter_journey(
     mean: np.ndarray,
     root: np.ndarray,
     steps: np.ndarray,
@@ -323,10 +306,10 @@ def follow(
     marks: np.ndarray,
     seen: np.ndarray,
     places: np.ndarray,
-    p: np.ndarray,
+    p: Parameters,
     weights: Weights,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Filter a whole journey whose landmarks tell who they are.
+    """Filter a whole run with identified landmarks.
 
     Args:
         mean, root: Of the start; changed to those of the end.
@@ -336,8 +319,8 @@ def follow(
         places: (l, 2).
 
     Returns:
-        Means and covariances of (x, y, yaw) at each instant, status and whitened innovation of each
-        sighting, and the log likelihood of all of them.
+        Means and covariances of (x, y, yaw) at each instant, status and whitened innovation of each sighting, and
+        the log likelihood of all of them.
     """
     count, size = steps.shape[0], mean.shape[0]
     means, covariances = np.empty((count, 3)), np.empty((count, 3, 3))
@@ -345,20 +328,20 @@ def follow(
     slots = (size - SIZE) // 2
     held, used, trust = np.full(slots, -1), np.zeros(slots), np.zeros(2, np.int64)
     scratch = scratch_space(size)
-    total, clock = 0.0, 0.0
+    total, time_s = 0.0, 0.0
     for i in range(count):
         dt, path, turn = steps[i]
         move(mean, root, dt, path, turn, p, weights, scratch)
-        clock += dt
+        time_s += dt
         rate = turn / dt if dt > 1e-3 else 0.0
         for row in range(first_row[i], first_row[i + 1]):
-            status[row], density = learn(
-                mean, root, marks[row], places[marks[row]], seen[row], rate, clock,
+            status[row], density = update(
+                mean, root, marks[row], places[marks[row]], seen[row], rate, time_s,
                 held, used, trust, p, weights, scratch,
             )  # fmt: skip
             if status[row] >= 0:
-                whitened[row] = scratch[7]
-                total += mixed(density, p)
+                whitened[row] = scratch.innovation
+                total += log_mixture(density, p)
         means[i] = mean[:3]
         pose_covariance(root, covariances[i])
     return means, covariances, status, whitened, total

@@ -1,16 +1,16 @@
-"""Where am I on the floor: odometry and sightings of known landmarks, with what spoils both as part of the state.
+"""Planar localisation by odometry and sightings of known landmarks, with their systematic errors as states.
 
-Wheels turn a little more or less than they tell; a camera that takes distance from the size of a tag errs the
-same way for a while; its lens bends bearings at the rim; and a tag is never seen exactly where the map has it.
-Taken for noise that is new every time, each of these would be averaged away by the hundred sightings of a
-robot that stands, and the filter would be sure of a wrong place. They are states instead: the error of what
-odometry tells, of depth, bearing and lens, and a displacement for each of the landmarks seen last.
+Wheel odometry has scale errors; a camera that measures distance by the size of a tag has a slowly varying
+bias; its lens distorts bearings at the rim; and the map position of a tag is inaccurate. If these errors were
+modelled as white noise, the hundred sightings of a standing robot would average them out and the filter would
+be overconfident. So they are states: the errors of odometry, depth, bearing and lens, and a displacement for
+each of the landmarks seen last.
 
-A sighting is (depth, bearing): the distance along the optical axis, not along the ray, for that is what the
-size of a tag tells. Its noise grows with the square of the depth.
+A sighting is (depth, bearing): the distance along the optical axis, not along the ray, because the size of a
+tag depends on it. Its noise grows with the square of the depth.
 
-Nothing here needs the truth to be tuned: `follow` gives the likelihood of all innovations, and
-`planar_fit.fit` looks for the parameters that make it largest.
+Tuning needs no ground truth: `filter_journey` returns the likelihood of all innovations, and `planar_fit.fit`
+maximises it.
 
 Source: seed 001, sections 2, 3 (sigma-point filter); maximum likelihood by innovations after Schweppe (1965);
 the states are ours.
@@ -31,64 +31,18 @@ from ..filtering.square_root import SigmaPoints
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.gaussian import Gaussian
 from . import _planar_kernels as kernels
-
-
-@dataclass(frozen=True)
-class PlanarConfig:
-    """Noise of odometry and sightings; order as in the kernels. First guesses: `fit` finds better ones."""
-
-    along: float = 0.05  # ours: m per root of a metre travelled
-    across: float = 0.03  # ours: likewise
-    turn_per_path: float = 0.02  # ours: rad per root of a metre
-    turn_per_turn: float = 0.1  # ours: rad per root of a radian turned
-    turn_per_time: float = 0.002  # ours: rad per root of a second
-    pace_walk: float = 1e-4  # ours: per root of a second; wheels hardly change
-    turn_walk: float = 1e-4  # ours: likewise
-    drift_walk: float = 1e-5  # ours: rad/s per root of a second
-    lens_walk: float = 1e-5  # ours: rad per root of a second; a lens hardly changes
-    offset: float = 0.04  # ours: m, depth told of a tag at the body's middle
-    scale: float = 1.01  # ours: depth told per depth
-    depth_near: float = 0.01  # ours: m, deviation of depth close by
-    depth_far: float = 0.001  # ours: 1/m, its growth with the square of depth
-    bearing_sigma: float = 0.004  # ours: rad, about two pixels
-    bearing_turning: float = 0.04  # ours: s, bearing error by turning, exposure and stamps
-    depth_shared: float = 1.0  # ours: error common to all depths, in their own deviations
-    depth_memory: float = 10.0  # ours: s, how long it stays
-    bearing_shared: float = 0.008  # ours: rad, error common to all bearings
-    bearing_memory: float = 5.0  # ours: s
-    place: float = 0.02  # ours: m, a tag against its place on the map, per axis
-    place_memory: float = 30.0  # ours: s; from elsewhere it is another error
-    outlier: float = 0.01  # ours: share of sightings that mean nothing
-    outlier_density: float = 0.15  # 1 / (7 m by 1 rad): the view of a small camera
-    gate: float = (
-        25.0  # ours: normalised innovation squared that is still believed, five deviations
-    )
-    doubt_after: int = 6  # ours: sightings in a row, rejected, before doubting oneself
-    doubt_m: float = 0.3  # ours: deviation added then, twice as much every next time
-    doubt_rad: float = 0.3  # ours: likewise
-
-    def __post_init__(self) -> None:
-        for name, value in dataclasses.asdict(self).items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"planar: {name}={value} must be positive and finite")
-        if self.outlier >= 1.0:
-            raise ConfigError(f"planar: outlier={self.outlier} is a share and must lie below 1")
-
-    @property
-    def vector(self) -> Float[np.ndarray, "27"]:
-        """All values in order."""
-        return np.array(dataclasses.astuple(self), float)
+from .config import PlanarConfig
 
 
 @dataclass(frozen=True)
 class PlanarPrior:
-    """What is unknown at the start beside the pose, and how many displacements are kept in mind."""
+    """Uncertainty of the initial state beside the pose, and the number of landmark displacements estimated."""
 
-    pace_sigma: float = 0.05  # ours: travel per travel told, around 1
-    turn_sigma: float = 0.05  # ours: turn per turn told, around 1
+    odometry_scale_sigma: float = 0.05  # ours: true distance per odometry distance, around 1
+    turn_scale_sigma: float = 0.05  # ours: true turn per odometry turn, around 1
     drift_sigma: float = 0.005  # ours: rad/s
-    lens_sigma: float = 0.02  # ours: rad at half a radian off the axis, about 1 deg
-    slots: int = 4  # ours: landmarks in view at a time; more cost cubically and told little
+    lens_sigma: float = 0.02  # ours: rad at half a radian from the axis, about 1 deg
+    slots: int = 4  # ours: landmarks in view at a time; the cost is cubic and more hardly help
 
     def __post_init__(self) -> None:
         for name, value in dataclasses.asdict(self).items():
@@ -96,15 +50,15 @@ class PlanarPrior:
                 raise ConfigError(f"planar: {name}={value} must not be negative")
 
     def state(self, pose: Gaussian, config: PlanarConfig) -> Gaussian:
-        """The whole state at the start, from a pose (x, y, yaw)."""
+        """The initial state, from a pose (x, y, yaw)."""
         if pose.mean.shape != (3,) or not np.all(np.isfinite(pose.mean)):
             raise ConfigError(f"planar: start {pose.mean} must be a finite (x, y, yaw)")
         size = kernels.SIZE + 2 * self.slots
         mean, sigma = np.zeros(size), np.full(size, config.place)
-        mean[:3], mean[kernels.PACE], mean[kernels.TURN] = pose.mean, 1.0, 1.0
+        mean[:3], mean[kernels.ODOMETRY_SCALE], mean[kernels.TURN_SCALE] = pose.mean, 1.0, 1.0
         sigma[3 : kernels.SIZE] = (
-            self.pace_sigma,
-            self.turn_sigma,
+            self.odometry_scale_sigma,
+            self.turn_scale_sigma,
             self.drift_sigma,
             config.depth_shared,
             config.bearing_shared,
@@ -118,15 +72,15 @@ class PlanarPrior:
 
 @dataclass(frozen=True)
 class Journey:
-    """What odometry and a camera told, instant by instant.
+    """Odometry and sightings of a run, instant by instant.
 
     Args:
         start: Pose (x, y, yaw) before the first instant, m and rad, world frame.
-        steps: (n, 3) time passed, s, path, m, and turn, rad, since the instant before.
+        steps: (n, 3) time, s, path length, m, and turn, rad, since the previous instant.
         first_row: (n + 1,) the sightings of instant i are rows first_row[i] to first_row[i + 1].
         marks: (r,) index of the landmark into `places`.
         seen: (r, 2) depth along the optical axis, m, and bearing, rad, left positive.
-        places: (l, 2) of the landmarks, m, world frame.
+        places: (l, 2) positions of the landmarks, m, world frame.
     """
 
     start: Gaussian
@@ -150,15 +104,15 @@ class Journey:
 
 
 @dataclass(frozen=True)
-class Followed:
-    """What the filter made of a journey.
+class FilteredJourney:
+    """Result of the filter on a run.
 
     Args:
         means: (n, 3) x, y, yaw at each instant, after its sightings.
         covariances: Of these.
         status: Of each sighting: 1 used, 0 outside the gate, -1 not finite.
         whitened: Innovation of each sighting; zero where not finite.
-        log_likelihood: Of all sightings, by their innovations; outliers count as such.
+        log_likelihood: Of all sightings by their innovations, outliers included.
         final: Mean of the whole state at the end, entries as in the kernels.
     """
 
@@ -170,20 +124,20 @@ class Followed:
     final: Float[np.ndarray, "s"]
 
 
-def weights(size: int) -> tuple[float, np.ndarray, np.ndarray]:
-    """Sigma points as the kernels take them; all weights positive for any size (cubature points)."""
+def sigma_weights(size: int) -> kernels.Weights:
+    """Sigma points for the kernels, with positive weights for any size (cubature points)."""
     points = SigmaPoints.scaled(size, alpha=1.0, beta=0.0)
-    return points.reach, points.mean, points.covariance
+    return kernels.Weights(points.reach, points.mean, points.covariance)
 
 
-def follow(
+def filter_journey(
     journey: Journey, config: PlanarConfig | None = None, prior: PlanarPrior | None = None
-) -> Followed:
-    """Filter a whole journey in one compiled call."""
+) -> FilteredJourney:
+    """Filter a whole run in one compiled call."""
     config, prior = config or PlanarConfig(), prior or PlanarPrior()
     state = prior.state(journey.start, config)
     root = np.linalg.cholesky(state.covariance)
-    means, covariances, status, whitened, likelihood = kernels.follow(
+    means, covariances, status, whitened, likelihood = kernels.filter_journey(
         state.mean,
         root,
         journey.steps,
@@ -191,14 +145,14 @@ def follow(
         journey.marks,
         journey.seen,
         journey.places,
-        config.vector,
-        weights(len(state.mean)),
+        config.parameters,
+        sigma_weights(len(state.mean)),
     )
-    return Followed(means, covariances, status, whitened, float(likelihood), state.mean)
+    return FilteredJourney(means, covariances, status, whitened, float(likelihood), state.mean)
 
 
 class PlanarFilter:
-    """The same from instant to instant: `predict` moves it, `update` learns from a landmark."""
+    """The same filter, instant by instant."""
 
     def __init__(
         self,
@@ -211,19 +165,19 @@ class PlanarFilter:
 
         Args:
             start: Over (x, y, yaw), m and rad, world frame.
-            places: Where each landmark is, m, world frame, by its number.
+            places: Position of each landmark, m, world frame, by its number.
             config: Noise; the defaults if None.
-            prior: What is unknown beside the pose.
+            prior: Uncertainty of the other states.
         """
         self.config, self.prior = config or PlanarConfig(), prior or PlanarPrior()
         state = self.prior.state(start, self.config)
         self._mean, self._root = state.mean, np.linalg.cholesky(state.covariance)
         self._places = {number: np.array(place, float) for number, place in places.items()}
-        self._p, self._weights = self.config.vector, weights(len(state.mean))
+        self._p, self._weights = self.config.parameters, sigma_weights(len(state.mean))
         self._scratch = kernels.scratch_space(len(state.mean))
         self._held, self._used = np.full(self.prior.slots, -1), np.zeros(self.prior.slots)
         self._trust = np.zeros(2, np.int64)
-        self._clock = self._rate = 0.0
+        self._time_s = self._rate = 0.0
 
     @property
     def pose(self) -> Gaussian:
@@ -231,16 +185,16 @@ class PlanarFilter:
         return Gaussian(self._mean[:3].copy(), self._root[:3, :3] @ self._root[:3, :3].T)
 
     def predict(self, dt: float, path: float, turn: float) -> bool:
-        """Advance; False, and nothing has changed, if an argument is not finite or time runs back.
+        """Advance; False without any change if an argument is not finite or time runs backwards.
 
         Args:
             dt: Time passed, s.
-            path: Way driven since, m, forwards positive, by odometry.
+            path: Path length since, m, forwards positive, by odometry.
             turn: Turn since, rad, by odometry.
         """
         if not (math.isfinite(dt + path + turn) and dt >= 0.0):
             return False
-        self._clock += dt
+        self._time_s += dt
         self._rate = turn / dt if dt > 1e-3 else 0.0
         return bool(
             kernels.move(
@@ -249,19 +203,19 @@ class PlanarFilter:
         )
 
     def update(self, mark: int, measured: Float[np.ndarray, "2"]) -> bool:
-        """Learn from a landmark; returns whether it was believed.
+        """Update with a landmark; returns whether the sighting was used.
 
-        When several in a row are not, the filter doubts its pose, each time more, until some are again.
+        After several rejected sightings in a row the pose covariance is inflated, more each time, until some are used.
 
         Args:
-            mark: Its number; an unknown one is not believed.
+            mark: Number of the landmark; unknown ones are rejected.
             measured: Depth, m, and bearing, rad, left positive.
         """
         place = self._places.get(mark)
         if place is None:
             return False
-        status, _ = kernels.learn(
-            self._mean, self._root, mark, place, np.asarray(measured, float), self._rate, self._clock,
+        status, _ = kernels.update(
+            self._mean, self._root, mark, place, np.asarray(measured, float), self._rate, self._time_s,
             self._held, self._used, self._trust, self._p, self._weights, self._scratch,
         )  # fmt: skip
         return bool(status == 1)

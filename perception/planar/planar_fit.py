@@ -1,8 +1,8 @@
-"""Parameters of planar localisation by maximum likelihood: no truth is looked at.
+"""Parameters of planar localisation by maximum likelihood, without ground truth.
 
-The filter's own innovations say how likely a recording is under given parameters. They are sought one at a
-time, by steps that grow while they help and shrink when they do not (compass search); a gate makes the
-likelihood jump now and then, which such a search forgives and a gradient does not.
+The innovations of the filter give the likelihood of a recording under given parameters. Compass search
+maximises it, one parameter at a time, with steps that grow after a success and shrink after a failure. The
+gate makes the likelihood discontinuous, which such a search tolerates and a gradient does not.
 
 Source: Schweppe, "Evaluation of likelihood functions for Gaussian signals" (1965); compass search: Kolda,
 Lewis, Torczon, "Optimization by direct search" (SIAM Review 45, 2003).
@@ -18,7 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
-from .planar import Journey, PlanarConfig, PlanarPrior, follow
+from .config import PlanarConfig
+from .planar import Journey, PlanarPrior, filter_journey
 
 FITTED = {
     "along": 0.4,
@@ -26,7 +27,7 @@ FITTED = {
     "turn_per_path": 0.4,
     "turn_per_turn": 0.4,
     "turn_per_time": 0.4,
-    "turn_walk": 0.8,
+    "turn_scale_walk": 0.8,
     "drift_walk": 0.8,
     "offset": 0.2,
     "scale": 0.005,
@@ -41,25 +42,25 @@ FITTED = {
     "place": 0.4,
     "place_memory": 0.6,
 }
-"""What is fitted of a `PlanarConfig`, with the first step of each, in the logarithm."""
+"""The fitted fields of a `PlanarConfig`, with the initial step of each, in the logarithm."""
 
 
-def search(
+def compass_search(
     cost: Callable[[Float[np.ndarray, "n"]], float],
     start: Float[np.ndarray, "n"],
     steps: Sequence[float],
     sweeps: int,
 ) -> Float[np.ndarray, "n"]:
-    """Compass search for the least cost.
+    """Minimise a cost by compass search.
 
     Args:
-        cost: What to make small; infinite or NaN is never taken.
-        start: Where to begin.
-        steps: First step of each coordinate, not zero.
-        sweeps: How often each coordinate is tried.
+        cost: Infinite or NaN values are never accepted.
+        start: Initial point.
+        steps: Initial step of each coordinate, not zero.
+        sweeps: Number of times that each coordinate is tried.
 
     Returns:
-        The best point found; never worse than the start.
+        The best point; never worse than the start.
     """
     if len(steps) != len(start) or not all(steps):
         raise ConfigError(f"search: {len(start)} coordinates need as many steps, none of them zero")
@@ -71,7 +72,7 @@ def search(
                 tried = best.copy()
                 tried[i] += sign * step[i]
                 found = cost(tried)
-                if found < least - 1e-3:  # log likelihood; less says nothing
+                if found < least - 1e-3:  # log likelihood; a smaller gain is noise
                     best, least = tried, found
                     step[i] *= 1.5 * sign
                     break
@@ -87,13 +88,13 @@ def fit(
     sweeps: int = 6,
     prior: PlanarPrior | None = None,
 ) -> tuple[PlanarConfig, float]:
-    """The parameters under which a journey is likeliest, and the delay of its odometry.
+    """The parameters with the highest likelihood, and the delay of the odometry.
 
     Args:
-        journey_at: The journey if the body moves so many seconds after odometry says that it does.
-        guess: Where to begin; a factor of e^3 away from it counts as one deviation.
-        delay_s: First guess of the delay, s.
-        sweeps: How often each parameter is tried.
+        journey_at: The run if the body moves this many seconds after its odometry.
+        guess: Initial parameters; a factor of e^3 counts as one standard deviation.
+        delay_s: Initial delay, s.
+        sweeps: Number of times that each parameter is tried.
         prior: Of the state at the start.
 
     Returns:
@@ -109,9 +110,11 @@ def fit(
         )
 
     def cost(point: np.ndarray) -> float:
-        likelihood = follow(journey_at(float(point[-1])), config(point), prior).log_likelihood
+        likelihood = filter_journey(
+            journey_at(float(point[-1])), config(point), prior
+        ).log_likelihood
         return -likelihood + float(point[:-1] @ point[:-1]) / (2.0 * 3.0**2)
 
     start = np.append(np.zeros(len(FITTED)), delay_s)
-    best = search(cost, start, [*FITTED.values(), 0.03], sweeps)
+    best = compass_search(cost, start, [*FITTED.values(), 0.03], sweeps)
     return config(best), float(best[-1])

@@ -1,4 +1,4 @@
-"""The camera: a pinhole with a lens that bends rays radially and tangentially.
+"""Camera model: pinhole with radial and tangential lens distortion.
 
 Source: Brown-Conrady with 5 coefficients, OpenCV's rational polynomial with 8 (ROS: plumb_bob and
 rational_polynomial).
@@ -13,15 +13,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Float32
 
-from .errors import ConfigError
+from .errors import ConfigError, InputError
 
 
 @dataclass(frozen=True)
 class Camera:
     """Intrinsics in pixels; pixel centres at integers, so the image spans [-0.5, width - 0.5].
 
-    `distortion` is (k1, k2, p1, p2, k3), or those and (k4, k5, k6) of a rational lens, as OpenCV orders them;
-    all zero means a rectified image.
+    `distortion` is (k1, k2, p1, p2, k3), for a rational lens also (k4, k5, k6), in OpenCV's order; all zero for a
+    rectified image.
     """
 
     width: int
@@ -50,12 +50,12 @@ class Camera:
         if len(self.distortion) not in (5, 8) or not all(map(math.isfinite, self.distortion)):
             raise ConfigError(
                 f"camera: distortion={self.distortion} must be 5 finite numbers (k1, k2, p1, p2, k3) or 8 "
-                "(and k4, k5, k6); check the intrinsics"
+                "(also k4, k5, k6); check the intrinsics"
             )
 
     @staticmethod
     def from_view(width: int, height: int, across_rad: float, down_rad: float) -> Camera:
-        """Distortion-free camera from its full opening angles, axis through the image centre."""
+        """Distortion-free camera from its horizontal and vertical field of view, centred in the image."""
         return Camera(
             width,
             height,
@@ -72,12 +72,12 @@ class Camera:
 
     @property
     def is_distorted(self) -> bool:
-        """Whether the lens bends rays at all."""
+        """Whether the lens has distortion."""
         return any(self.distortion)
 
     @cached_property
     def rays(self) -> Float[np.ndarray, "height width 3"]:
-        """For each pixel the ray (x, y, 1) through it in the camera frame, distortion undone."""
+        """Ray (x, y, 1) of each pixel in the camera frame, without distortion."""
         v, u = np.mgrid[0 : self.height, 0 : self.width].astype(np.float64)
         x, y = self._undistort((u - self.cx) / self.fx, (v - self.cy) / self.fy)
         rays = np.stack([x, y, np.ones_like(x)], axis=-1)
@@ -86,7 +86,7 @@ class Camera:
 
     @cached_property
     def slopes(self) -> tuple[Float[np.ndarray, "a width"], Float[np.ndarray, "height b"]]:
-        """Ray slopes x/z and y/z of every pixel, in the smallest shapes that broadcast to the image."""
+        """Ray slopes x/z and y/z of every pixel, in shapes that broadcast to the image."""
         if self.is_distorted:
             return self.rays[..., 0], self.rays[..., 1]
         x = (np.arange(self.width) - self.cx) / self.fx
@@ -97,14 +97,14 @@ class Camera:
     def single_slopes(
         self,
     ) -> tuple[Float32[np.ndarray, "a width"], Float32[np.ndarray, "height b"]]:
-        """The slopes in single precision and contiguous, for compiled loops."""
+        """`slopes` in single precision and contiguous, for compiled loops."""
         x, y = self.slopes
         return np.ascontiguousarray(x, np.float32), np.ascontiguousarray(y, np.float32)
 
     def back_project(
         self, pixels: Float[np.ndarray, "*n 2"], depth: Float[np.ndarray, "*n"]
     ) -> Float[np.ndarray, "*n 3"]:
-        """Points in the camera frame, m, of pixels (u, v) at depth z, m; NaN depth gives NaN."""
+        """Points in the camera frame, m, of pixels (u, v) at depth z, m; NaN for NaN depth."""
         x, y = self._undistort(
             np.asarray((pixels[..., 0] - self.cx) / self.fx),
             np.asarray((pixels[..., 1] - self.cy) / self.fy),
@@ -112,17 +112,25 @@ class Camera:
         return np.stack([x * depth, y * depth, depth], axis=-1)
 
     def project(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
-        """Pixels (u, v) of points in the camera frame, m; NaN for points not in front of it."""
+        """Pixels (u, v) of points in the camera frame, m; NaN for points that are not in front of it."""
         z = np.where(points[..., 2] > 1e-9, points[..., 2], np.nan)
         x, y = self._distort(np.asarray(points[..., 0] / z), np.asarray(points[..., 1] / z))
         return np.stack([self.fx * x + self.cx, self.fy * y + self.cy], axis=-1)
 
     def contains(self, pixels: Float[np.ndarray, "*n 2"]) -> np.ndarray:
-        """Whether each pixel (u, v) lies on the image."""
+        """Whether each pixel (u, v) is in the image."""
         u, v = pixels[..., 0], pixels[..., 1]
         with np.errstate(invalid="ignore"):
             return np.asarray(
                 (u >= -0.5) & (u <= self.width - 0.5) & (v >= -0.5) & (v <= self.height - 0.5)
+            )
+
+    def check_image(self, name: str, image: np.ndarray) -> None:
+        """Raise InputError unless the image has the size of the camera; `name` is for the message."""
+        if image.shape[:2] != (self.height, self.width):
+            raise InputError(
+                f"{name} image is {image.shape[:2]}, its camera has {(self.height, self.width)} (rows, "
+                "columns); check the intrinsics"
             )
 
     def _distort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,7 +148,7 @@ class Camera:
         )
 
     def _undistort(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Invert the lens by Newton's method with a Jacobian by differences; 1e-12 in a few rounds."""
+        """Invert the distortion by Newton's method with a numerical Jacobian; accurate to 1e-12."""
         if not self.is_distorted:
             return x, y
         step = 1e-6

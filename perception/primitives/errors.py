@@ -1,25 +1,25 @@
-"""What can go wrong, in words for the person who has to mend it.
+"""Errors that the project raises, with messages for the user.
 
-Every message names the thing, its value, what was expected and what to do. The command line catches the
-root once and shows one line; libraries raise, and never exit.
+Every message has the name, the value, what was expected, and what to do. The command line catches the root class and
+prints one line; libraries raise and never exit.
 """
 
 
 class SurefootError(Exception):
-    """Root of everything this project raises on purpose."""
+    """Root of all errors of this project."""
 
 
 class InputError(SurefootError):
-    """What the user gave cannot be used: a path, a file, a name, a value."""
+    """Unusable input: a path, a file, a name, a value."""
 
 
 class ConfigError(InputError):
-    """A configuration value is impossible or a key unknown."""
+    """Invalid configuration value, or unknown key."""
 
 
 class RecordingError(InputError):
-    """A recording as a whole cannot be read (a single bad frame is skipped and counted instead)."""
+    """Unreadable recording; a single bad frame is skipped and counted instead."""
 
 
 class OutputError(SurefootError):
-    """Results cannot be written: disk full, folder read-only, path taken."""
+    """Results cannot be written: disk full, folder read-only, path in use."""

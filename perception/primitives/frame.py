@@ -1,8 +1,8 @@
-"""One instant of the sensors, as it comes from a body or out of a recording.
+"""One instant of the sensors, from a robot or a recording.
 
-A part that the body does not have is None. What the images mean is told by the type, never by a
-convention: z along the optical axis (`DepthView`), range along the ray (`RangeView`), a rectified pair
-(`StereoView`), colour (`ColourView`). `Depth` is what perception makes of any of the first three.
+A sensor that the robot does not have is None. The type defines the meaning of an image: depth along the optical axis
+(`DepthView`), range along the ray (`RangeView`), a stereo pair (`StereoView`), colour (`ColourView`). Perception
+converts each of the first three to `Depth`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .pose import Pose2, Pose3
 class DepthView:
     """Depth along the optical axis, m, NaN where there is none (RGB-D cameras).
 
-    `T_body_camera` is the camera on the body by its joint angles; None for a camera in the hand.
+    `T_body_camera` is the pose of the camera on the body by joint angles; None for a handheld camera.
     """
 
     depth: Float32[np.ndarray, "h w"]
@@ -40,10 +40,10 @@ class RangeView:
 
 @dataclass(frozen=True)
 class StereoView:
-    """A rectified grey pair; the camera is the left one, the right one `baseline_m` to its right.
+    """A grey stereo pair; `camera` is the left one, the right one is `baseline_m` to its right.
 
-    A camera with distortion says that both are still as two parallel, equal lenses drew them; see
-    `rectification.straightened`.
+    The cameras are parallel and equal. If `camera` has distortion, both images have it; `rectification.rectified`
+    removes it.
     """
 
     left: UInt8[np.ndarray, "h w"]
@@ -55,7 +55,7 @@ class StereoView:
 
 @dataclass(frozen=True)
 class ColourView:
-    """A colour image, red first."""
+    """A colour image in the order red, green, blue."""
 
     rgb: UInt8[np.ndarray, "h w 3"]
     camera: Camera
@@ -64,15 +64,15 @@ class ColourView:
 
 @dataclass(frozen=True)
 class Depth:
-    """Depth with its uncertainty: what every depth sensor becomes.
+    """Depth with its standard deviation, from any depth sensor.
 
     Args:
         z: Along the optical axis, m, NaN where there is none.
-        sigma: Deviation of z, m, NaN where there is none.
+        sigma: Standard deviation of z, m, NaN where there is none.
         camera: Intrinsics.
-        T_body_camera: Camera on the body; None for a camera in the hand.
-        baseline_m: Of a pair; what the right image does not show, fx baseline / z pixels from the left border on,
-            has no depth. 0: one camera.
+        T_body_camera: Pose of the camera on the body; None for a handheld camera.
+        baseline_m: Of a stereo pair, 0 for one camera; fx baseline / z pixels at the left border, which the right
+            image does not show, have no depth.
     """
 
     z: Float32[np.ndarray, "h w"]
@@ -84,11 +84,11 @@ class Depth:
 
 @dataclass(frozen=True)
 class StepOdometry:
-    """How the body believes it moved since the frame before.
+    """Motion of the body since the previous frame, by joint angles.
 
     Args:
-        motion: Body frame now, in the body frame of the frame before, from joint angles and stance foot.
-        steps: How much of a footstep this was (0.5: half a step); slip grows with it.
+        motion: Body frame now in the previous body frame, by joint angles and stance foot.
+        steps: Footsteps made (0.5: half a step); slip grows with them.
     """
 
     motion: Pose2
@@ -97,7 +97,7 @@ class StepOdometry:
 
 @dataclass(frozen=True)
 class Imu:
-    """Mean of the inertial sensor over the time since the frame before, body axes.
+    """Mean of the inertial sensor over the time since the previous frame, body axes.
 
     Args:
         angular_velocity: (3,), rad/s.
@@ -110,16 +110,16 @@ class Imu:
 
 @dataclass(frozen=True)
 class Frame:
-    """Everything the sensors say at one instant.
+    """Measurements of all sensors at one instant.
 
     Args:
-        stamp_s: Time of the instant, s, in the recording's own clock.
-        tof, depth, stereo, colour: The views, None where the body has no such camera or it rested.
-        odometry: Motion since the frame before; None if the body has no legs or no memory of them.
-        imu: Inertial sensor.
-        T_world_camera: Pose of the depth camera as *given by the recording* (motion capture, another
-            SLAM system); None in a live run, always.
-        footstep_due: Whether the gait asks for its next walk command at this instant.
+        stamp_s: Time, s, by the clock of the recording.
+        tof, depth, stereo, colour: Images; None without such a camera, or without an image at this instant.
+        odometry: Motion since the previous frame; None without step odometry.
+        imu: Inertial sensor; None without one.
+        T_world_camera: Pose of the depth camera given by the recording (motion capture, another SLAM system);
+            None in a live run.
+        footstep_due: Whether the gait needs its next walk command at this instant.
     """
 
     stamp_s: float

@@ -1,4 +1,4 @@
-"""A Gaussian: what we believe of a vector, and how sure we are."""
+"""A Gaussian: mean and covariance of a vector."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class Gaussian:
-    """Mean (n,) and covariance (n, n), in whatever units the owner states."""
+    """Mean (n,) and covariance (n, n); the owner states the units."""
 
     mean: Float[np.ndarray, "n"]
     covariance: Float[np.ndarray, "n n"]
 
     def mahalanobis_squared(self, point: Float[np.ndarray, "n"]) -> float:
-        """Squared distance of a point in units of the deviation; chi-square with n degrees of freedom."""
+        """Squared Mahalanobis distance of a point; chi-square with n degrees of freedom."""
         difference = point - self.mean
         return float(difference @ np.linalg.solve(self.covariance, difference))
 
@@ -30,7 +30,7 @@ class Gaussian:
         return Gaussian(matrix @ self.mean, matrix @ self.covariance @ matrix.T)
 
     def ellipse(self, probability: float = 0.95) -> tuple[float, float, float]:
-        """Half axes (long, short) and the direction of the long one, rad, for the first two entries."""
+        """Confidence ellipse of the first two entries: half axes (long, short), direction of the long one, rad."""
         values, vectors = np.linalg.eigh(self.covariance[:2, :2])
         scale = -2.0 * np.log(1.0 - probability)  # chi-square quantile, two degrees of freedom
         short, long = np.sqrt(np.maximum(values, 0.0) * scale)

@@ -1,4 +1,4 @@
-"""Landmarks: places that the robot knows beforehand and can recognise, and sightings of them."""
+"""Landmarks at known positions, and their detections."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Landmark:
 
     Args:
         identity: Number printed on the tag (OpenCV dictionary DICT_4X4_50).
-        position: Of the tag's centre, world frame, m.
+        position: Centre of the tag, world frame, m.
         side_m: Side of the black square.
     """
 
@@ -25,12 +25,12 @@ class Landmark:
 
 @dataclass(frozen=True)
 class Sighting:
-    """One landmark seen once, in the body frame.
+    """One detection of a landmark, body frame.
 
     Args:
-        identity: Which landmark; None if it could not be told.
+        identity: Number of the landmark; None if unknown.
         measured: (range on the floor in m, bearing in rad, left positive).
-        covariance: (2, 2) of the two.
+        covariance: (2, 2) of range and bearing.
     """
 
     identity: int | None

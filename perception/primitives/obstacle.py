@@ -1,4 +1,4 @@
-"""An obstacle as planning sees it: a disc on the floor that may move."""
+"""An obstacle for planning: a disc on the floor that may move."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ MOVING = 0.3
 
 @dataclass(frozen=True)
 class Obstacle:
-    """A tracked thing on the floor, in world coordinates.
+    """A tracked obstacle, world frame.
 
     Args:
         state: Gaussian over (x, y, vx, vy), m and m/s, world frame.
-        radius_m: Of the disc that covers it.
-        height_m: Its top above the floor.
-        track: Number that stays with it while it is followed.
+        radius_m: Radius of its covering disc.
+        height_m: Height of its top above the floor.
+        track: Number of its track.
         moving: Probability that it moves, in [0, 1].
-        seen_s: Stamp of the last sighting.
-        since_s: Stamp of the first sighting.
-        straight: The same as `state` under the one hypothesis that it moves and has gone straight on since it
-            was seen; None where nobody asked.
+        seen_s: Time of the last detection.
+        since_s: Time of the first detection.
+        straight: `state` under the hypothesis that it moves at constant velocity since the last detection; None
+            if unknown.
     """
 
     state: Gaussian
@@ -49,11 +49,11 @@ class Obstacle:
         return self.state.mean[2:]
 
     def after(self, seconds: float, acceleration_mps2: float = 0.0) -> Obstacle:
-        """The obstacle after some time at constant velocity, its covariance grown accordingly.
+        """The obstacle predicted at constant velocity.
 
         Args:
-            seconds: How far ahead, s.
-            acceleration_mps2: Deviation of the random acceleration it may have meanwhile.
+            seconds: Prediction time, s.
+            acceleration_mps2: Standard deviation of its random acceleration.
         """
         step = np.eye(4)
         step[0, 2] = step[1, 3] = seconds
@@ -63,7 +63,7 @@ class Obstacle:
         return replace(self, state=Gaussian(state.mean, covariance), straight=None)
 
     def gone_straight(self) -> Obstacle:
-        """The obstacle under that hypothesis, for those who make their own of where else it may be."""
+        """The obstacle with `straight` as its state, for planners that have their own hypotheses of turns."""
         if self.straight is None or self.straight is self.state:
             return self
         return replace(self, state=self.straight)

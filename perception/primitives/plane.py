@@ -1,4 +1,4 @@
-"""A plane `n.p + rho = 0` and how sure we are of it."""
+"""A plane `n.p + rho = 0` with its covariance."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from .pose import Pose3
 class Plane:
     """Unit normal and offset, with the covariance of (two tilts, offset).
 
-    For a floor seen from a camera the normal points up, from the floor to the camera, and the offset is
-    the camera's height above it.
+    For a floor in the camera frame, the normal points up, from the floor to the camera, and the offset is the height
+    of the camera above it.
 
     Args:
         normal: n, (3,), unit length.
         offset_m: rho in n.p + rho = 0, m.
         covariance: (3, 3) of (tilt about `tangents[0]` and `tangents[1]` in rad, offset in m): the true
-            normal is n + a t0 + b t1 to first order, the true offset rho + c, for error (a, b, c).
+            normal is n + a t0 + b t1 to first order, the true offset rho + c, for an error (a, b, c).
 
     Source: seed 003, section 3.
     """
@@ -34,7 +34,7 @@ class Plane:
 
     @cached_property
     def tangents(self) -> Float[np.ndarray, "2 3"]:
-        """Two unit vectors that with the normal make a right-handed frame; a function of n alone."""
+        """Two unit vectors that form a right-handed frame with the normal; a function of n alone."""
         x, y, z = (float(v) for v in self.normal)
         least = min(range(3), key=lambda i: abs((x, y, z)[i]))
         a, b, c = ((0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0))[least]  # n x axis of the least entry
@@ -43,7 +43,7 @@ class Plane:
         return np.array([[a, b, c], [y * c - z * b, z * a - x * c, x * b - y * a]])
 
     def distance(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
-        """Signed distance of points (..., 3), m; positive on the side the normal points to."""
+        """Signed distance of points (..., 3), m; positive on the side of the normal."""
         return np.asarray(points @ self.normal + self.offset_m)
 
     def angle_to(self, other: Plane) -> float:
@@ -54,12 +54,12 @@ class Plane:
         )
 
     def error_to(self, other: Plane) -> Float[np.ndarray, "3"]:
-        """(a, b, c) of `covariance` that leads from this plane to the other: rad, rad, m."""
+        """Error (a, b, c), as in `covariance`, from this plane to the other: rad, rad, m."""
         tilt = self.tangents @ other.normal / max(float(self.normal @ other.normal), 1e-9)
         return np.array([tilt[0], tilt[1], other.offset_m - self.offset_m])
 
     def moved(self, T_to_from: Pose3) -> Plane:
-        """The same plane, covariance included, in the frame that the transform leads to."""
+        """The same plane with its covariance in another frame."""
         normal = T_to_from.rotation @ self.normal
         offset = self.offset_m - float(normal @ T_to_from.position)
         moved = Plane(normal, offset)

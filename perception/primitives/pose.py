@@ -1,7 +1,7 @@
 """Poses on the floor and in space.
 
-`Pose2` is where a walker stands; `Pose3` is a rigid motion, held as translation and unit quaternion so
-that it can be written to a file and read back to the same bits.
+`Pose2` is a pose on the floor; `Pose3` is a rigid motion, stored as translation and unit quaternion, so that it can be
+written to a file and read back to the same bits.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from jaxtyping import Float
 def wrap_angle(angle_rad: float) -> float:
     """The same angle in [-pi, pi)."""
     turned = (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
-    return turned if turned < math.pi else -math.pi  # rounding may reach the open end
+    return turned if turned < math.pi else -math.pi  # rounding may give pi
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Pose2:
         return Pose2(-c * self.x - s * self.y, s * self.x - c * self.y, wrap_angle(-self.yaw))
 
     def apply(self, points: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """Map points (..., 2) in m from the pose's own frame to its parent's."""
+        """Map points (..., 2), m, from the frame of the pose to its parent frame."""
         return np.asarray(points @ self.rotation.T + np.array([self.x, self.y]))
 
     @property
@@ -58,7 +58,7 @@ class Pose2:
         return np.array([self.x, self.y, self.yaw])
 
     def lifted(self) -> Pose3:
-        """The same pose in space, on the floor z = 0, upright."""
+        """The same pose in space: upright, at z = 0."""
         return Pose3(
             (self.x, self.y, 0.0), (0.0, 0.0, math.sin(self.yaw / 2), math.cos(self.yaw / 2))
         )
@@ -68,8 +68,7 @@ class Pose2:
 class Pose3:
     """A rigid motion: translation in m, unit quaternion in the order x, y, z, w.
 
-    The quaternion is used as it is given, normalised only when the rotation matrix is formed, so that
-    writing and reading it keeps every bit.
+    The quaternion is normalised only in the rotation matrix, so that writing and reading keep its bits.
     """
 
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -126,11 +125,11 @@ class Pose3:
         return Pose3.from_rotation(self.rotation.T, -self.rotation.T @ self.position)
 
     def apply(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
-        """Map points (..., 3) in m from the pose's own frame to its parent's."""
+        """Map points (..., 3), m, from the frame of the pose to its parent frame."""
         return np.asarray(points @ self.rotation.T + self.position)
 
     def flattened(self) -> Pose2:
-        """Shadow on the floor: x, y and the heading of the frame's x axis."""
+        """Projection on the floor: x, y and the heading of the x axis."""
         return Pose2(
             self.translation[0],
             self.translation[1],
@@ -139,11 +138,11 @@ class Pose3:
 
 
 CAMERA_IN_BODY_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""R_opt of seed 000: camera axes (right, down, ahead) expressed in body axes (ahead, left, up)."""
+"""R_opt of seed 000: camera axes (right, down, ahead) in body axes (ahead, left, up)."""
 
 
 def head_rotation(pan_rad: float, tilt_rad: float) -> Float[np.ndarray, "3 3"]:
-    """Camera axes in body axes for a head turned left by pan and down by tilt, rad."""
+    """Camera axes in body axes for a head panned left and tilted down, rad."""
     c, s = math.cos(pan_rad), math.sin(pan_rad)
     yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     c, s = math.cos(tilt_rad), math.sin(tilt_rad)
@@ -152,7 +151,7 @@ def head_rotation(pan_rad: float, tilt_rad: float) -> Float[np.ndarray, "3 3"]:
 
 
 def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
-    """Unit quaternion (x, y, z, w) of a rotation matrix, by its largest component (Shepperd 1978)."""
+    """Unit quaternion (x, y, z, w) of a rotation matrix, from its largest component (Shepperd 1978)."""
     r = rotation
     squares = np.array(
         [

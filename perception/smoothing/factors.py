@@ -1,25 +1,22 @@
-"""What a smoother is told: every measurement with its covariance, in our own words.
+"""Measurements as factors, independent of the solver.
 
-Poses have numbers, in the order in which they were lived through. A factor says something of one pose or of
-two: how far the body went, where a landmark was seen, where registration puts it, that it has been here
-before, which floor it stands on. The same factors serve the planar smoother (`Pose2`, Gaussians over x, y,
-yaw) and the one in space (`Pose3`, `Placement`).
+Poses are numbered in order of time. A factor constrains one pose or two: odometry, a sighted landmark, a
+registered pose, a loop closure, a detected floor. The same factors serve the planar smoother (`Pose2`,
+Gaussians over x, y, yaw) and the one in space (`Pose3`, `Placement`).
 
-Some errors are no noise: steps that always slip alike, a gyro with a bias, a head that sits askew. Such an
-error is a `Systematic` with a name; factors that suffer from it carry an `Effect`, and the smoother finds it
-together with the poses.
+Some errors are not white: a constant slip of steps, a gyro bias, a pan offset. Such an error is a `Systematic`
+with a name; factors that contain it carry an `Effect`, and the smoother estimates it with the poses.
 
 Covariances of a motion are in the axes of the pose before it, covariances of a pose in those of the world:
 (x, y, yaw) on the floor, (x, y, z, rotation vector) in space.
 
-Source: seed 001, sections 2 and 3 (what is measured); Dellaert and Kaess, "Factor Graphs for Robot Perception"
+Source: seed 001, sections 2 and 3 (the measurements); Dellaert and Kaess, "Factor Graphs for Robot Perception"
 (2017).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -31,15 +28,16 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose2, Pose3
 
 LOSSES = ("none", "huber", "cauchy")
+WIDTHS = {"huber": 1.345, "cauchy": 2.385}  # 95 % efficiency for Gaussian errors
 
 
 @dataclass(frozen=True)
 class Loss:
-    """What an error costs beyond its square: "none" its square, "huber" its size, "cauchy" its logarithm.
+    """Robust loss: "none" (quadratic), "huber" (linear beyond the width) or "cauchy" (logarithmic).
 
     Args:
         kind: One of `LOSSES`.
-        width: From where on, in deviations; 0 takes the customary one.
+        width: Where it departs from the square, in standard deviations; 0 takes that of `WIDTHS`.
     """
 
     kind: str = "none"
@@ -54,13 +52,13 @@ class Loss:
 
 @dataclass(frozen=True)
 class Systematic:
-    """An error that stays, or changes slowly: a small motion that every unit of something adds.
+    """A constant or slowly varying error: a small motion per unit of the effects' scale.
 
     Args:
         name: By which effects refer to it.
-        mean: (3,), (ahead, left, turn) expected beforehand, m, m, rad, per unit of the effects' scale.
-        sigma: (3,), how far it may lie from that; 0 where there is no such error.
-        walk: (3,), deviation of its change per square root of the effects' elapsed.
+        mean: (3,), prior mean of (ahead, left, turn), m, m, rad, per unit of scale.
+        sigma: (3,), prior standard deviation; 0 where there is no such error.
+        walk: (3,), standard deviation of its change per square root of the effects' elapsed.
     """
 
     name: str
@@ -78,12 +76,12 @@ class Systematic:
 
 @dataclass(frozen=True)
 class Effect:
-    """How much of a systematic error is in one measurement.
+    """The share of a systematic error in one measurement.
 
     Args:
         name: Of the error.
         scale: Positive; the measurement lacks the motion `scale * error` at its end.
-        elapsed: By how much the error had time to change since its effect before, in the unit of its walk.
+        elapsed: Since the previous effect of the error, in the unit of its walk.
     """
 
     name: str
@@ -94,13 +92,13 @@ class Effect:
         if not (self.scale > 0.0 and self.elapsed >= 0.0 and math.isfinite(self.scale)):
             raise ConfigError(
                 f"effect of {self.name!r}: scale={self.scale} must be positive and "
-                f"elapsed={self.elapsed} not negative; leave effects of nothing out"
+                f"elapsed={self.elapsed} not negative; leave out effects with scale 0"
             )
 
 
 @dataclass(frozen=True)
 class Placement:
-    """A pose in space and how sure it is.
+    """A pose in space with its covariance.
 
     Args:
         pose: T_world_body.
@@ -116,13 +114,13 @@ class Placement:
 
 @dataclass(frozen=True)
 class Motion:
-    """The body went from one pose to a later one, by odometry.
+    """Odometry between two poses.
 
     Args:
         before, after: Numbers of the two poses.
         motion: T_before_after.
         covariance: (3, 3) of (x, y, yaw) or (6, 6) of (x, y, z, rotation vector), axes of the pose before.
-        effects: Systematic errors in it; only on the floor.
+        effects: Its systematic errors; only on the floor.
         loss: Against slips and falls.
     """
 
@@ -137,20 +135,20 @@ class Motion:
         _check_between("motion", self.before, self.after, self.motion, self.covariance)
         if self.effects and isinstance(self.motion, Pose3):
             raise InputError(
-                f"motion {self.before} to {self.after}: systematic errors are known on the floor only; "
-                "leave the effects of a motion in space away"
+                f"motion {self.before} to {self.after}: systematic errors are supported on the floor only; "
+                "give a motion in space without effects"
             )
 
 
 @dataclass(frozen=True)
 class LoopClosure:
-    """The body is where it has been before: a panorama or a cloud is recognised.
+    """Relative pose of two poses at a recognised place.
 
     Args:
         before, after: Numbers of the two poses.
         motion: T_before_after.
         covariance: As of `Motion`.
-        loss: Recognition errs grossly at times; Cauchy's forgives that.
+        loss: Against false recognition; Cauchy's tolerates gross errors.
     """
 
     before: int
@@ -165,7 +163,7 @@ class LoopClosure:
 
 @dataclass(frozen=True)
 class PoseSeen:
-    """Where the body is, by registration with a map or given from outside.
+    """Measured pose, by registration with a map or given from outside.
 
     Args:
         pose: Number of the pose.
@@ -191,14 +189,14 @@ class PoseSeen:
 
 @dataclass(frozen=True)
 class LandmarkSeen:
-    """One landmark in one glance, body axes.
+    """Sighting of one landmark, body axes.
 
     Args:
-        landmark: Its place (x, y) in the world, m, if known, else the number by which it is known again.
+        landmark: Its position (x, y) in the world, m, if known, else its number.
         measured: (range on the floor in m, bearing in rad, left positive).
-        covariance: (2, 2) of the two, without what the whole glance has in common.
-        effects: Systematic errors of this one sighting, in axes along and across the ray.
-        loss: Against mistaken identity.
+        covariance: (2, 2) of the two, without the errors that the whole glance shares.
+        effects: Systematic errors of this sighting alone, in axes along and across the ray.
+        loss: Against false identities.
     """
 
     landmark: tuple[float, float] | int
@@ -212,18 +210,20 @@ class LandmarkSeen:
         _check(name, self.measured)
         check_covariance(name, self.covariance, 2)
         if not self.measured[0] > 0.0:
-            raise InputError(f"{name}: range {self.measured[0]} m must be positive; leave it out")
+            raise InputError(
+                f"{name}: range {self.measured[0]} m must be positive; leave out the sighting"
+            )
 
 
 @dataclass(frozen=True)
 class Glance:
-    """Landmarks seen from one pose at one instant, by one head.
+    """Sightings of landmarks from one pose at one instant, with common errors of the head.
 
     Args:
         pose: Number of the pose.
         seen: The landmarks.
-        play_rad: Deviation of a bearing error that all of them share and that is new at every glance.
-        effects: Systematic errors of the head, all landmarks alike.
+        play_rad: Standard deviation of a bearing error that all of them share, independent at every glance.
+        effects: Systematic errors of the head, common to all landmarks.
     """
 
     pose: int
@@ -240,12 +240,12 @@ class Glance:
 
 @dataclass(frozen=True)
 class FloorSeen:
-    """The floor under a pose in space: it tells height, roll and pitch.
+    """Detected floor below a pose in space: it determines height, roll and pitch.
 
     Args:
         pose: Number of the pose.
         plane: In the axes of the pose, normal up, with its covariance; the world's floor is z = 0.
-        loss: Against a table taken for the floor.
+        loss: Against a table detected as floor.
     """
 
     pose: int
@@ -260,7 +260,7 @@ Factor = Motion | LoopClosure | PoseSeen | Glance | FloorSeen
 
 
 def poses_of(factor: Factor) -> tuple[int, ...]:
-    """Numbers of the poses that a factor speaks of."""
+    """Numbers of the poses that a factor constrains."""
     if isinstance(factor, (Motion, LoopClosure)):
         return (factor.before, factor.after)
     return (factor.pose,)
@@ -283,31 +283,8 @@ def turned_covariance(
     return np.asarray(turn @ covariance @ turn.T)
 
 
-def integrated(
-    motions: Sequence[Motion],
-) -> tuple[Pose2, Float[np.ndarray, "3 3"]]:
-    """Consecutive motions on the floor as one, covariances in the axes of the first pose.
-
-    For a graph with poses only where something was seen. Effects are not joined; what comes of them
-    must be in the covariances.
-
-    Source: first-order propagation, Smith, Self and Cheeseman (1990), eq. (14).
-    """
-    whole, covariance = Pose2(), np.zeros((3, 3))
-    for one in motions:
-        if not isinstance(one.motion, Pose2):
-            raise InputError("integrated: motions in space cannot be joined here; give Pose2")
-        after = whole @ one.motion
-        carried = np.eye(3)
-        carried[0, 2], carried[1, 2] = -(after.y - whole.y), after.x - whole.x
-        covariance = carried @ covariance @ carried.T
-        covariance = covariance + turned_covariance(one.covariance, whole.rotation)
-        whole = after
-    return whole, covariance
-
-
 def check_covariance(name: str, covariance: Float[np.ndarray, "d d"], size: int) -> None:
-    """Refuse what is no covariance of this size: not finite, not symmetric, not positive definite."""
+    """Refuse matrices that are not finite, symmetric and positive definite of this size."""
     if covariance.shape != (size, size):
         raise InputError(f"{name}: covariance of {covariance.shape}, expected ({size}, {size})")
     good = bool(np.all(np.isfinite(covariance)))
@@ -320,7 +297,7 @@ def check_covariance(name: str, covariance: Float[np.ndarray, "d d"], size: int)
     if not good:
         raise InputError(
             f"{name}: covariance {covariance.tolist()} must be finite, symmetric and positive definite; "
-            "give every direction a deviation"
+            "give every direction a standard deviation"
         )
 
 
@@ -337,4 +314,4 @@ def _check_between(
 def _check(name: str, *arrays: np.ndarray) -> None:
     for array in arrays:
         if not np.all(np.isfinite(array)):
-            raise InputError(f"{name}: {array} must be finite; leave the measurement out")
+            raise InputError(f"{name}: {array} must be finite; leave out the measurement")

@@ -1,14 +1,13 @@
-"""Our factors as GTSAM's: the only place where a measurement becomes a native factor.
+"""Conversion of our factors to GTSAM's; the only module that creates GTSAM factors.
 
-Every factor here is one that GTSAM has compiled; one written in Python would cost five times the time. What
-GTSAM has no factor for is said with more poses. A head that looks askew is a pose of its own, turned away
-from the body's by its play; and a systematic error is a velocity in the sense of GTSAM's factor of
-white noise on acceleration, which says that a pose followed from another by a velocity times a time,
-and that the velocity hardly changed meanwhile. The pose that odometry tells is left at the velocity "slip"
-for as long as the steps are many, and that is the pose after them.
+All factors are compiled ones of GTSAM; a factor in Python would take five times as long. Where GTSAM has no
+suitable factor, auxiliary poses express it. A head with play is a pose of its own, rotated against the body. A
+systematic error is a velocity in GTSAM's white-noise-on-acceleration factor, by which one pose follows from
+another at a velocity over a time, and the velocity hardly changes: the pose by odometry moves at the velocity
+"slip" for as many units as there were steps.
 
-GTSAM holds small motions of a pose in the pose's own axes, on the floor as (x, y, yaw), in space with the
-rotation first; here covariances are turned into those axes, and back.
+GTSAM expresses perturbations of a pose in the pose's own axes, on the floor as (x, y, yaw), in space with the
+rotation first; covariances are converted to those axes, and back.
 
 Source: Dellaert and Kaess, "Factor Graphs for Robot Perception" (2017); velocity factor: Barfoot, Tong,
 Särkkä, "Batch continuous-time trajectory estimation as exactly sparse Gaussian process regression" (2014);
@@ -29,6 +28,7 @@ from ..primitives.errors import InputError
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2, Pose3
 from .factors import (
+    WIDTHS,
     Effect,
     Factor,
     FloorSeen,
@@ -44,57 +44,56 @@ from .factors import (
     turned_covariance,
 )
 
-TIGHT = 1e-5  # m and rad: ten micrometres, nothing to a walker and easy on the arithmetic
-SETTLED = 1e-3  # least change of a systematic error between two effects, in its own sigma, likewise
-ABSENT = 1e-4  # sigma of a systematic error that is not there: m and rad per unit
-CUSTOMARY = {"huber": 1.345, "cauchy": 2.385}  # 95 % as efficient as squares if nothing is wrong
+TIGHT = 1e-5  # m and rad: negligible, and well conditioned
+SETTLED = 1e-3  # least change of a systematic error between two effects, in its sigma, likewise
+ABSENT = 1e-4  # sigma of an absent systematic error: m and rad per unit
 
 
 class Graph:
-    """New native factors with first guesses of their variables; `take` hands them over.
+    """New GTSAM factors with initial values of their variables; `take` returns them.
 
-    Variables get GTSAM keys by letter: x poses, l landmarks, m poses in between, s systematic errors, f floor.
+    GTSAM keys by letter: x poses, l landmarks, m auxiliary poses, s systematic errors, f floor.
     """
 
     def __init__(self, systematics: Sequence[Systematic] = ()) -> None:
         self._systematics = {one.name: one for one in systematics}
-        self._chain: dict[str, tuple[int, Any]] = {}  # latest variable of each error, and its guess
+        self._chain: dict[str, tuple[int, Any]] = {}  # latest variable, initial value
         self._landmarks: dict[int, Any] = {}
         self._count = 0
         self._floor = False
-        self._begin()
+        self._reset()
 
-    def _begin(self) -> None:
+    def _reset(self) -> None:
         self.factors = gtsam.NonlinearFactorGraph()
         self.values = gtsam.Values()
-        self.passing: list[int] = []  # variables of this instant, which may be forgotten later
-        self.doubted: list[int] = []  # indices of factors with a loss that may be left out
+        self.passing: list[int] = []  # variables of this instant, which may be marginalised later
+        self.robust: list[int] = []  # indices of factors with a loss that may be rejected
         self._guesses: dict[int, Any] = {}
 
     def take(self) -> tuple[Any, Any, list[int]]:
-        """New factors, guesses, and the variables that belong to this instant; and begin anew."""
+        """New factors, initial values, and the variables of this instant; then start over."""
         taken = self.factors, self.values, self.passing
-        self._begin()
+        self._reset()
         return taken
 
     @property
     def systematic_keys(self) -> dict[str, int]:
-        """Latest variable of each systematic error that was met."""
+        """Latest variable of each systematic error so far."""
         return {name: key for name, (key, _) in self._chain.items()}
 
     @property
     def landmark_keys(self) -> dict[int, int]:
-        """Variable of each landmark that is estimated."""
+        """Variable of each estimated landmark."""
         return {number: int(gtsam.symbol("l", number)) for number in self._landmarks}
 
     @property
     def lasting(self) -> list[int]:
-        """Variables that belong to no instant: errors as they are now, landmarks, the floor."""
+        """Variables of no single instant: current systematic errors, landmarks, the floor."""
         floor = [int(gtsam.symbol("f", i)) for i in range(2 if self._floor else 0)]
         return [*self.systematic_keys.values(), *self.landmark_keys.values(), *floor]
 
     def add_pose(self, number: int, guess: Pose2 | Pose3) -> None:
-        """A new pose."""
+        """Add a pose with its initial value."""
         key = pose_key(number)
         native = to_native(guess)
         self.values.insert(key, native)
@@ -102,11 +101,11 @@ class Graph:
         self.passing.append(key)
 
     def recall_pose(self, number: int, guess: Pose2 | Pose3) -> None:
-        """A pose that was added before, and what is now believed of it."""
+        """Set the current estimate of an earlier pose."""
         self._guesses[pose_key(number)] = to_native(guess)
 
     def add(self, factor: Factor) -> None:
-        """One measurement; its poses have been added before."""
+        """Add one measurement of poses that were added before."""
         if isinstance(factor, Motion):
             self._motion(factor)
         elif isinstance(factor, LoopClosure):
@@ -127,11 +126,11 @@ class Graph:
         noise = self._noise(local_covariance(factor.covariance, factor.motion), factor.loss)
         here = pose_key(factor.before)
         if factor.effects:
-            told = self._new_pose(self._guesses[here].compose(motion))
-            self._between(here, told, motion, noise)
+            end = self._new_pose(self._guesses[here].compose(motion))
+            self._between(here, end, motion, noise)
             for effect in factor.effects[:-1]:
-                told = self._affected(told, effect)
-            self._affected(told, factor.effects[-1], after)
+                end = self._affected(end, effect)
+            self._affected(end, factor.effects[-1], after)
         else:
             self._between(here, after, motion, noise)
 
@@ -148,7 +147,7 @@ class Graph:
     def _glance(self, factor: Glance) -> None:
         head = pose_key(factor.pose)
         if factor.play_rad > 0.0:
-            head = self._turned(head, 0.0, factor.play_rad)
+            head = self._rotated(head, 0.0, factor.play_rad)
         for effect in factor.effects:
             head = self._affected(head, effect)
         for one in factor.seen:
@@ -157,8 +156,8 @@ class Graph:
     def _landmark(self, head: int, one: LandmarkSeen) -> None:
         distance, bearing = (float(v) for v in one.measured)
         eye = head
-        if one.effects:  # an error along the ray needs a pose that looks along it
-            eye = self._turned(head, bearing, TIGHT)
+        if one.effects:  # an error along the ray needs a pose in that direction
+            eye = self._rotated(head, bearing, TIGHT)
             for effect in one.effects:
                 eye = self._affected(eye, effect)
             bearing = 0.0
@@ -191,9 +190,9 @@ class Graph:
             self.factors.add(gtsam.PriorFactorPose3(anchor, gtsam.Pose3(), firm))
             upright = np.array([0.0, 0.0, 1.0, 0.0])
             self.factors.add(gtsam.OrientedPlane3Factor(upright, level, anchor, floor))
-        # GTSAM's plane factor takes neither a loss nor, its tangents being its own affair, a covariance that
-        # is not round. So an eye beside the pose sees the floor exactly, and how far the eye may be from
-        # the pose says what the floor is worth: tilts turn it, the offset lifts it.
+        # GTSAM's plane factor takes neither a loss nor an anisotropic covariance. So an auxiliary pose
+        # observes the floor exactly, and its deviation from the pose has the floor's covariance: tilts
+        # rotate it, the offset lifts it.
         plane = factor.plane
         n, (first, second) = plane.normal, plane.tangents
         away = np.zeros((6, 3))
@@ -207,8 +206,8 @@ class Graph:
         measured = np.append(n, plane.offset_m)
         self.factors.add(gtsam.OrientedPlane3Factor(measured, exact, eye, floor))
 
-    def _turned(self, here: int, turn_rad: float, sigma_rad: float) -> int:
-        """A pose at the same place, turned."""
+    def _rotated(self, here: int, turn_rad: float, sigma_rad: float) -> int:
+        """A rotated pose at the same position."""
         turn = gtsam.Pose2(0.0, 0.0, turn_rad)
         there = self._new_pose(self._guesses[here].compose(turn))
         sigmas = np.array([TIGHT, TIGHT, max(sigma_rad, TIGHT)])
@@ -216,10 +215,10 @@ class Graph:
         return there
 
     def _affected(self, here: int, effect: Effect, there: int | None = None) -> int:
-        """The pose that a systematic error makes of another."""
+        """The pose after a systematic error."""
         if effect.name not in self._systematics:
             raise InputError(
-                f"effect of {effect.name!r}: no such systematic error was given; "
+                f"effect of {effect.name!r}: there is no such systematic error; "
                 f"known are {sorted(self._systematics) or 'none'}"
             )
         error = self._systematics[effect.name]
@@ -264,15 +263,15 @@ class Graph:
         self.factors.add(kind(here, there, motion, noise))
 
     def _noise(self, covariance: Float[np.ndarray, "d d"], loss: Loss, needed: bool = False) -> Any:
-        """Noise of the next factor that is added; a needed one keeps its loss and is never left out."""
+        """Noise of the next factor; a needed one keeps its loss and is never rejected."""
         noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
         if loss.kind == "none":
             return noise
         if not needed:
-            self.doubted.append(self.factors.size())
+            self.robust.append(self.factors.size())
         estimators = gtsam.noiseModel.mEstimator
         kind: Any = {"huber": estimators.Huber, "cauchy": estimators.Cauchy}[loss.kind]
-        width = loss.width or CUSTOMARY[loss.kind]
+        width = loss.width or WIDTHS[loss.kind]
         return gtsam.noiseModel.Robust.Create(kind.Create(width), noise)
 
 
@@ -282,14 +281,14 @@ def pose_key(number: int) -> int:
 
 
 def to_native(pose: Pose2 | Pose3) -> Any:
-    """As GTSAM holds it."""
+    """To GTSAM's type."""
     if isinstance(pose, Pose2):
         return gtsam.Pose2(pose.x, pose.y, pose.yaw)
     return gtsam.Pose3(pose.matrix)
 
 
 def from_native(native: Any) -> Pose2 | Pose3:
-    """As we hold it."""
+    """From GTSAM's type."""
     if isinstance(native, gtsam.Pose2):
         return Pose2(native.x(), native.y(), native.theta())
     return Pose3.from_matrix(native.matrix())
@@ -298,13 +297,13 @@ def from_native(native: Any) -> Pose2 | Pose3:
 def local_covariance(
     covariance: Float[np.ndarray, "d d"], pose: Pose2 | Pose3
 ) -> Float[np.ndarray, "d d"]:
-    """From the axes in which the pose is given to its own, in GTSAM's order."""
+    """From the axes that the pose is given in to its own, in GTSAM's order."""
     local = turned_covariance(covariance, pose.rotation.T)
     return local if isinstance(pose, Pose2) else _swapped(local)
 
 
-def belief(native: Any, covariance: Float[np.ndarray, "d d"]) -> Gaussian | Placement:
-    """From GTSAM's pose and marginal covariance: both in the axes of the world, in our order."""
+def marginal(native: Any, covariance: Float[np.ndarray, "d d"]) -> Gaussian | Placement:
+    """From GTSAM's pose and marginal covariance, in world axes and our order."""
     pose = from_native(native)
     if isinstance(pose, Pose2):
         turned = turned_covariance(covariance, pose.rotation)
@@ -316,10 +315,10 @@ def belief(native: Any, covariance: Float[np.ndarray, "d d"]) -> Gaussian | Plac
 def first_guesses(
     factors: Sequence[Factor], known: Mapping[int, Pose2 | Pose3]
 ) -> dict[int, Pose2 | Pose3]:
-    """A guess of every pose that the factors speak of, along motions from the known ones.
+    """Initial values of all poses of the factors, along motions from the known ones.
 
     Raises:
-        InputError: A pose is reached from nowhere.
+        InputError: A pose is not connected.
     """
     guesses = dict(known)
     for factor in factors:
@@ -330,7 +329,7 @@ def first_guesses(
                 if isinstance(place, Gaussian)
                 else place.pose
             )
-    # Motions first: a closure may be wrong. Places seen from outside may be wrong too, but anchor islands.
+    # Motions first: a loop closure may be false. Measured poses may be false too, but anchor the rest.
     for kind in (Motion, (Motion, LoopClosure)):
         rest: list[Motion | LoopClosure] = [f for f in factors if isinstance(f, kind)]
         while rest:
@@ -341,8 +340,8 @@ def first_guesses(
     for number in (number for factor in factors for number in poses_of(factor)):
         if number not in guesses:
             raise InputError(
-                f"pose {number} is connected with no pose that is known; give the motion that leads to it, "
-                "or where it was seen from outside"
+                f"pose {number} is not connected to a known pose; give the motion that leads to it, "
+                "or a measured pose"
             )
     return guesses
 
@@ -357,11 +356,11 @@ def _reach(one: Motion | LoopClosure, guesses: dict[int, Any]) -> bool:
 
 
 def _exponential(motion: Float[np.ndarray, "3"]) -> Any:
-    """The pose that a velocity of (ahead, left, turn) per second leads to in one."""
+    """The pose reached in one second at a velocity (ahead, left, turn)."""
     return gtsam.Pose2.Expmap(motion)
 
 
 def _swapped(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-    """Rotation first instead of translation first, or the other way round."""
+    """Rotation and translation exchanged."""
     order = [3, 4, 5, 0, 1, 2]
     return np.asarray(covariance[np.ix_(order, order)])

@@ -1,12 +1,11 @@
-"""Where was I: all measurements at once, or those of the last seconds at every instant.
+"""Batch smoothing: the poses of a whole run by nonlinear least squares.
 
-A filter believes of the present what the past told. A smoother also lets later measurements correct earlier
-poses; its covariances, the marginals of the whole, are what the filter's are held against. `solve` and
-`smooth` take a recorded run as one least-squares problem (Levenberg-Marquardt, then a gate for what has a
-loss). `fixed_lag` follows a run as it goes, from the same factors.
+Unlike a filter, a smoother lets later measurements correct earlier poses; its marginal covariances are the
+reference for the filter's. `solve` and `smooth` optimise all factors at once (Levenberg-Marquardt, then a gate
+for factors with a robust loss). `fixed_lag` does so incrementally, with the same factors.
 
-Source: Dellaert and Kaess (2006), square root SAM; Kaess et al., iSAM2 (2012); both as in
-GTSAM. The gate after robust losses is ours.
+Source: Dellaert and Kaess (2006), square root SAM; Kaess et al., iSAM2 (2012); both as in GTSAM. The gate after
+robust losses is ours.
 """
 
 from __future__ import annotations
@@ -35,47 +34,39 @@ from .factors import (
 if TYPE_CHECKING:
     from .graph import Graph
 
-GATE_ROUNDS = 5  # ours: two settle who is in
-IMPOSSIBLE_M = 1e4  # a marginal deviation that says: the arithmetic broke down
+GATE_ROUNDS = 5  # ours: two usually decide which factors are outliers
+GATE_PROBABILITY = 0.999  # as the filter's: share of correct measurements inside the gate
+ITERATIONS = 100  # ours: ten suffice for a walk, false closures take more
+IMPOSSIBLE_M = 1e4  # a marginal standard deviation that reveals a numerical breakdown
 
 
 @dataclass(frozen=True)
 class SmootherConfig:
-    """How the smoothing is done; what is smoothed is said by the factors."""
+    """Parameters of batch and fixed-lag smoothing."""
 
-    lag_s: float = 10.0  # spec of the benchmark: 10 s at 10 Hz; longer hardly helps a walker
-    relinearise: float = (
-        0.001  # ours: m and rad; then means lie within 1 % of a deviation of the batch
-    )
-    iterations: int = 100  # ours: batch; ten do for a walk, bad closures take more
-    outliers: str = "gate"  # "losses": each factor's own; "gate": then in or out
-    gate_probability: float = 0.999  # as the filter's: true measurements kept
+    lag_s: float = 10.0  # spec of the benchmark: 10 s at 10 Hz; longer hardly helps a walk
+    relinearise: float = 0.001  # ours: m and rad; means lie within 1 % of a deviation of the batch
+    outliers: str = "gate"  # "losses": each factor's robust loss; "gate": then used or rejected
 
     def __post_init__(self) -> None:
         for name in ("lag_s", "relinearise"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"smoother: {name}={getattr(self, name)} must be positive")
-        if self.iterations < 1:
-            raise ConfigError(f"smoother: iterations={self.iterations} must be at least 1")
         if self.outliers not in ("losses", "gate"):
             raise ConfigError(f"smoother: outliers={self.outliers!r} must be 'losses' or 'gate'")
-        if not 0.0 < self.gate_probability < 1.0:
-            raise ConfigError(
-                f"smoother: gate_probability={self.gate_probability} must lie between 0 and 1"
-            )
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What a batch of factors says.
+    """The estimate by a batch of factors.
 
     Args:
         poses: By number: Gaussians over (x, y, yaw), or placements in space; world frame.
         landmarks: By number: Gaussians over (x, y), world frame, m.
         systematics: By name: Gaussians over (ahead, left, turn) at the end of the run.
         error: Half the sum of squares (robust: of losses) at the solution.
-        rejected: Factors of which the gate left something out; sightings of unknown landmarks and of the floor
-            keep their loss instead.
+        rejected: Factors with a part outside the gate; sightings of unknown landmarks and of the floor keep their
+            loss instead.
     """
 
     poses: dict[int, Gaussian | Placement]
@@ -91,7 +82,7 @@ def smooth(
     systematics: Sequence[Systematic] = (),
     config: SmootherConfig | None = None,
 ) -> list[Gaussian]:
-    """The poses of a run on the floor, from all that was measured.
+    """The poses of a run on the floor.
 
     Args:
         factors: In any order; poses are numbered, gaps are allowed.
@@ -103,18 +94,10 @@ def smooth(
         In order of their numbers, over (x, y, yaw), m and rad, world frame.
 
     Raises:
-        InputError: A pose is connected with nothing, or the factors do not determine it.
+        InputError: A pose is not connected, or the factors do not determine it.
     """
     poses = solve(factors, start, systematics, config).poses
     return [pose for pose in poses.values() if isinstance(pose, Gaussian)]
-
-
-def smooth_in_space(
-    factors: Sequence[Factor], start: Placement, config: SmootherConfig | None = None
-) -> list[Placement]:
-    """The same in space: odometry steps, floors, closures."""
-    poses = solve(factors, start, (), config).poses
-    return [pose for pose in poses.values() if isinstance(pose, Placement)]
 
 
 def solve(
@@ -123,16 +106,16 @@ def solve(
     systematics: Sequence[Systematic] = (),
     config: SmootherConfig | None = None,
 ) -> Solution:
-    """Everything that the factors determine, with marginal covariances.
+    """Estimate everything that the factors determine, with marginal covariances.
 
     Args:
         factors: In any order.
-        start: Of the pose with the lowest number; None if poses were seen from outside.
+        start: Of the pose with the lowest number; None if a `PoseSeen` anchors the poses.
         systematics: Errors that effects of the factors refer to.
         config: The defaults if None.
 
     Raises:
-        InputError: There are no factors, a pose is connected with nothing, or is not determined.
+        InputError: There are no factors, or a pose is not connected or not determined.
     """
     import gtsam
 
@@ -141,30 +124,28 @@ def solve(
     config = config or SmootherConfig()
     numbers = sorted({number for factor in factors for number in poses_of(factor)})
     if not numbers:
-        raise InputError("smoother: no factors were given; expected at least one motion")
+        raise InputError("smoother: there are no factors; give at least one motion")
     factors = [*([] if start is None else [PoseSeen(numbers[0], start)]), *factors]
-    one_kind(factors)
+    check_dimension(factors)
     guesses = native.first_guesses(factors, {})
     stiff = bool(systematics) or any(isinstance(factor, FloorSeen) for factor in factors)
     try:
-        draft = _draft_by_stages(_stages(factors), systematics, config, stiff)
-    except (InputError, RuntimeError):  # not lived through in order of the numbers
+        draft = _incremental_draft(_stages(factors), systematics, config, stiff)
+    except (InputError, RuntimeError):  # not connected in the order of their numbers
         draft = _Draft(native.Graph(systematics))
         draft.add(factors, guesses, {})
     built, values, graph = draft.built, draft.values, draft.graph
     rejected: list[int] = []
     try:
-        values = _optimised(built, values, config, stiff)
+        values = _optimised(built, values, stiff)
         if config.outliers == "gate":
-            built, values, rejected = _gated(built, values, draft.doubted, config, stiff)
-        marginals = gtsam.ISAM2(
-            incremental(config, stiff)
-        )  # gtsam.Marginals cannot be told to use QR
+            built, values, rejected = _gated(built, values, draft.robust, stiff)
+        marginals = gtsam.ISAM2(isam2_parameters(config, stiff))  # gtsam.Marginals has no QR
         marginals.update(built, values)
         poses = {}
         for number in numbers:
             covariance = marginals.marginalCovariance(native.pose_key(number))
-            poses[number] = native.belief(_at(values, number, guesses[number]), covariance)
+            poses[number] = native.marginal(_at(values, number, guesses[number]), covariance)
         landmarks = {
             number: Gaussian(values.atPoint2(key), marginals.marginalCovariance(key))
             for number, key in sorted(graph.landmark_keys.items())
@@ -174,16 +155,16 @@ def solve(
             for name, key in graph.systematic_keys.items()
         }
     except RuntimeError as error:
-        raise undetermined(error) from error
+        raise underdetermined(error) from error
     for number, pose in poses.items():
-        check_possible(number, pose)
+        check_marginal(number, pose)
     return Solution(
         poses, landmarks, errors, float(built.error(values)), [draft.owners[i] for i in rejected]
     )
 
 
 class _Draft:
-    """A graph under construction, with first values of its variables."""
+    """A GTSAM graph under construction, with initial values of its variables."""
 
     def __init__(self, graph: Graph) -> None:
         import gtsam
@@ -192,7 +173,7 @@ class _Draft:
         self.built = gtsam.NonlinearFactorGraph()
         self.values = gtsam.Values()
         self.owners: list[Factor] = []
-        self.doubted: list[int] = []
+        self.robust: list[int] = []
 
     def add(
         self,
@@ -200,7 +181,7 @@ class _Draft:
         guesses: Mapping[int, Pose2 | Pose3],
         known: Mapping[int, Pose2 | Pose3],
     ) -> tuple[Any, Any]:
-        """Our factors as native ones; those and the values that came with them."""
+        """Add our factors; returns the GTSAM factors and their initial values."""
         for number, pose in known.items():
             self.graph.recall_pose(number, pose)
         for number in sorted(set(guesses) - set(known)):
@@ -209,22 +190,22 @@ class _Draft:
         for factor in factors:
             self.graph.add(factor)
             self.owners += [factor] * (count + self.graph.factors.size() - len(self.owners))
-        self.doubted += [count + i for i in self.graph.doubted]
+        self.robust += [count + i for i in self.graph.robust]
         native, values, _ = self.graph.take()
         self.built.push_back(native)
         self.values.insert(values)
         return native, values
 
 
-def _draft_by_stages(
+def _incremental_draft(
     stages: Sequence[Sequence[Factor]],
     systematics: Sequence[Systematic],
     config: SmootherConfig,
     stiff: bool,
 ) -> _Draft:
-    """Live through the run once: dead reckoning to the end would lead the optimiser astray.
+    """Initial values by one incremental pass: from dead reckoning alone the optimiser may diverge.
 
-    Closures, of which some may be wrong, come in at the end.
+    Loop closures, some of which may be false, are added last.
     """
     import gtsam
 
@@ -232,30 +213,30 @@ def _draft_by_stages(
 
     draft = _Draft(native.Graph(systematics))
     rough = replace(config, relinearise=0.1)  # the optimiser does the rest
-    engine = gtsam.ISAM2(incremental(rough, stiff))
+    isam2 = gtsam.ISAM2(isam2_parameters(rough, stiff))
     poses: dict[int, Pose2 | Pose3] = {}
     *stages, closures = stages
     for factors in stages:
-        told = {number for factor in factors for number in poses_of(factor)}
+        mentioned = {number for factor in factors for number in poses_of(factor)}
         known = {}
-        for number in told & set(poses):
+        for number in mentioned & set(poses):
             key = native.pose_key(number)
             planar = isinstance(poses[number], Pose2)
             mean = (
-                engine.calculateEstimatePose2(key) if planar else engine.calculateEstimatePose3(key)
+                isam2.calculateEstimatePose2(key) if planar else isam2.calculateEstimatePose3(key)
             )
             known[number] = native.from_native(mean)
         guesses = native.first_guesses(factors, known)
-        engine.update(*draft.add(factors, guesses, known))
+        isam2.update(*draft.add(factors, guesses, known))
         poses.update(guesses)
-    draft.values = engine.calculateEstimate()
+    draft.values = isam2.calculateEstimate()
     known = {n: native.from_native(_at(draft.values, n, poses[n])) for n in sorted(poses)}
     draft.add(closures, known, known)
     return draft
 
 
 def _stages(factors: Sequence[Factor]) -> list[list[Factor]]:
-    """What each pose in turn brought that was not known before; the closures last."""
+    """The factors in the order of their latest pose; loop closures last."""
     stages: dict[int, list[Factor]] = {}
     for factor in factors:
         if not isinstance(factor, LoopClosure):
@@ -272,8 +253,8 @@ def _at(values: Any, number: int, kind: Pose2 | Pose3) -> Any:
     return values.atPose2(key) if isinstance(kind, Pose2) else values.atPose3(key)
 
 
-def incremental(config: SmootherConfig, stiff: bool) -> Any:
-    """Parameters of iSAM2; stiff graphs (systematic errors, floors) are too much for Cholesky's method."""
+def isam2_parameters(config: SmootherConfig, stiff: bool) -> Any:
+    """Parameters of iSAM2; stiff graphs (systematic errors, floors) need QR instead of Cholesky."""
     import gtsam
 
     parameters = gtsam.ISAM2Params()
@@ -284,11 +265,11 @@ def incremental(config: SmootherConfig, stiff: bool) -> Any:
     return parameters
 
 
-def _parameters(config: SmootherConfig, stiff: bool) -> Any:
+def _parameters(stiff: bool) -> Any:
     import gtsam
 
     parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setMaxIterations(config.iterations)
+    parameters.setMaxIterations(ITERATIONS)
     if stiff:
         parameters.setLinearSolverType("MULTIFRONTAL_QR")
     parameters.setRelativeErrorTol(1e-7)
@@ -296,51 +277,53 @@ def _parameters(config: SmootherConfig, stiff: bool) -> Any:
     return parameters
 
 
-def _optimised(built: Any, values: Any, config: SmootherConfig, stiff: bool) -> Any:
+def _optimised(built: Any, values: Any, stiff: bool) -> Any:
     import gtsam
 
-    return gtsam.LevenbergMarquardtOptimizer(built, values, _parameters(config, stiff)).optimize()
+    return gtsam.LevenbergMarquardtOptimizer(built, values, _parameters(stiff)).optimize()
 
 
 def _gated(
-    built: Any, values: Any, doubted: Sequence[int], config: SmootherConfig, stiff: bool
+    built: Any, values: Any, robust: Sequence[int], stiff: bool
 ) -> tuple[Any, Any, list[int]]:
-    """The graph with every doubted factor in, by its square, or out; where it then lies; and which are out.
+    """Every robust factor either used with a quadratic loss or rejected: graph, values, rejected factors.
 
-    Begins where the losses led.
+    Starts from the optimum of the robust losses.
     """
     import gtsam
 
     rejected: list[int] | None = None
     kept = built
     for _ in range(GATE_ROUNDS):
-        outside = [i for i in doubted if _outside(built.at(i), values, config.gate_probability)]
-        if outside == rejected or not doubted:
+        outside = [i for i in robust if _outside(built.at(i), values)]
+        if outside == rejected or not robust:
             break
         rejected = outside
         kept = gtsam.NonlinearFactorGraph()
-        plain, out = set(doubted), set(outside)
+        plain, out = set(robust), set(outside)
         for i in range(built.size()):
             factor = built.at(i)
             if i not in plain:
                 kept.add(factor)
             elif i not in out:
                 kept.add(factor.cloneWithNewNoiseModel(factor.noiseModel().noise()))
-        values = _optimised(kept, values, config, stiff)
+        values = _optimised(kept, values, stiff)
     return kept, values, rejected or []
 
 
-def _outside(factor: Any, values: Any, probability: float) -> bool:
-    """Whether a factor with a loss fits so badly that it means something else."""
+def _outside(factor: Any, values: Any) -> bool:
+    """Whether the residual of a robust factor is outside the gate."""
     noise = factor.noiseModel().noise()
     squared = noise.squaredMahalanobisDistance(factor.unwhitenedError(values))
-    return bool(squared > chi_square_quantile(probability, noise.dim()))
+    return bool(squared > chi_square_quantile(GATE_PROBABILITY, noise.dim()))
 
 
-def one_kind(factors: Iterable[Factor]) -> None:
+def check_dimension(factors: Iterable[Factor]) -> None:
     """Refuse a mixture of factors on the floor and in space."""
     if len({_in_space(factor) for factor in factors}) > 1:
-        raise InputError("smoother: factors on the floor and in space are mixed; give one kind")
+        raise InputError(
+            "smoother: factors on the floor and in space are mixed; give factors of one kind"
+        )
 
 
 def _in_space(factor: Factor) -> bool:
@@ -351,18 +334,18 @@ def _in_space(factor: Factor) -> bool:
     return isinstance(factor, FloorSeen)
 
 
-def check_possible(number: int, pose: Gaussian | Placement) -> None:
-    """Refuse a marginal that says nothing."""
+def check_marginal(number: int, pose: Gaussian | Placement) -> None:
+    """Refuse a marginal of an undetermined pose."""
     variances = np.diag(pose.covariance)
     if not np.all((variances > 0.0) & (variances < IMPOSSIBLE_M**2)):
         raise InputError(
             f"pose {number} is not determined: variances {variances}; give the motions that lead to it "
-            "or where it was seen from outside"
+            "or a measured pose"
         )
 
 
-def undetermined(error: RuntimeError) -> InputError:
-    """What GTSAM says of a singular system, for who gave the factors."""
+def underdetermined(error: RuntimeError) -> InputError:
+    """The error of a singular system, from GTSAM's message."""
     return InputError(
         "smoother: the factors do not determine every pose "
         f"({str(error).strip().splitlines()[0]}); give a start or more measurements"

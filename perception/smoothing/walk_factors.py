@@ -1,12 +1,12 @@
-"""What a walker's sensors say, as factors: footsteps, gyro, tags; with what spoils them systematically.
+"""The sensors of a walking robot as factors: footsteps, gyro, tags, and their systematic errors.
 
-The noise figures are those of the walker's filter, and so are the errors that stay: the slip of every step, the
-drift of its turn, the bias of the gyro, the head that sits askew, and what all ranges have in common. So filter
-and smoother believe the same of the world, and differ only in what they look back upon.
+Noise and systematic errors are those of the pose filter: the slip of every step, the drift of the heading, the
+gyro bias, the pan offset of the head, and the common bias of all ranges. So filter and smoother have the same
+model and differ only in the measurements they use.
 
-Poses are frames: pose 0 is the first frame, pose k is reached by the motion told in frame k.
+Poses are frames: pose 0 is the first frame, pose k is reached by the motion of frame k.
 
-Source: seed 001, section 3; noise figures: see `filter`.
+Source: seed 001, section 3; noise: see `localisation.localiser_noise`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..filtering.models import YAW, positive
-from ..localisation.filter import LocaliserConfig, process_noise
+from ..localisation.localiser_noise import (
+    DRIFT_WALK_RAD,
+    GYRO_BIAS_SIGMA_RADPS,
+    GYRO_BIAS_WALK_RADPS,
+    RANGE_WALK,
+    SLIP_WALK_M,
+    LocaliserConfig,
+    process_noise,
+)
 from ..primitives.frame import Imu, StepOdometry
 from ..primitives.landmark import Sighting
 from ..primitives.pose import Pose2, wrap_angle
@@ -30,11 +38,11 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Instant:
-    """What a walker's sensors say in one frame, as far as it tells where it is.
+    """The localisation measurements of one frame.
 
     Args:
         stamp_s: Of the frame.
-        odometry: Motion since the frame before; None: the robot may have walked anywhere.
+        odometry: Motion since the previous frame; None: the robot may have walked.
         imu: Means over that time; None without one.
         sightings: Of landmarks.
     """
@@ -46,11 +54,11 @@ class Instant:
 
 
 SLIP, DRIFT, GYRO, PAN, RANGE = "slip", "drift", "gyro", "pan", "range"
-TAG_LOSS = Loss("cauchy")  # ours: a tag taken for another comes several times alike
+TAG_LOSS = Loss("cauchy")  # ours: a misread tag is misread several times in a row
 
 
 def walk_systematics(config: LocaliserConfig) -> tuple[Systematic, ...]:
-    """The walker's systematic errors as motions, per step, per step, per s, per glance, per deviation."""
+    """The systematic errors as motions: per step, per step, per s, per glance, per standard deviation of a range."""
     none = np.zeros(3)
 
     def turn(sigma: float) -> np.ndarray:
@@ -62,16 +70,14 @@ def walk_systematics(config: LocaliserConfig) -> tuple[Systematic, ...]:
     return (
         Systematic(
             SLIP,
-            np.array([config.slip_m, config.crab_m, 0.0]),
-            np.array([config.slip_sigma_m, config.crab_sigma_m, 0.0]),
-            np.array([config.slip_walk_m, config.slip_walk_m, 0.0]),
+            np.array([config.slip_m, config.lateral_slip_m, 0.0]),
+            np.array([config.slip_sigma_m, config.lateral_slip_sigma_m, 0.0]),
+            np.array([SLIP_WALK_M, SLIP_WALK_M, 0.0]),
         ),
-        Systematic(DRIFT, none, turn(config.drift_sigma_rad), turn(config.drift_walk_rad)),
-        Systematic(
-            GYRO, none, turn(config.gyro_bias_sigma_radps), turn(config.gyro_bias_walk_radps)
-        ),
+        Systematic(DRIFT, none, turn(config.drift_sigma_rad), turn(DRIFT_WALK_RAD)),
+        Systematic(GYRO, none, turn(GYRO_BIAS_SIGMA_RADPS), turn(GYRO_BIAS_WALK_RADPS)),
         Systematic(PAN, none, turn(config.pan_offset_sigma_rad), none),
-        Systematic(RANGE, none, ahead(config.range_offset_sigma), ahead(config.range_walk)),
+        Systematic(RANGE, none, ahead(config.range_offset_sigma), ahead(RANGE_WALK)),
     )
 
 
@@ -84,25 +90,25 @@ def walk_factors(
 
     Args:
         instants: In order of time.
-        places: Where landmarks are, world frame, m, by identity.
-        config: Noise figures; the defaults if None.
+        places: Positions of landmarks, world frame, m, by identity.
+        config: Noise; the defaults if None.
 
     Returns:
         (stamp, factors) of every frame, for `smooth_fixed_lag`; all factors together for `smooth`.
     """
     config = config or LocaliserConfig()
     frames: list[tuple[float, list[Factor]]] = []
-    looked = None
+    last_s = None
     for number, instant in enumerate(instants):
         factors: list[Factor] = []
         if number > 0:
             dt = instant.stamp_s - instants[number - 1].stamp_s
             factors.append(step(config, number, instant.odometry, instant.imu, dt))
-        elapsed = 0.0 if looked is None else instant.stamp_s - looked
+        elapsed = 0.0 if last_s is None else instant.stamp_s - last_s
         seen = glance(config, number, instant.sightings, places, elapsed)
         if seen is not None:
             factors.append(seen)
-            looked = instant.stamp_s
+            last_s = instant.stamp_s
         frames.append((instant.stamp_s, factors))
     return frames
 
@@ -116,13 +122,13 @@ def step(
 ) -> Motion:
     """The motion from pose number - 1 to pose `number`, by legs and gyro together.
 
-    The two turns are weighed by their noise; almost all the weight is the gyro's, and its bias then is the
-    error that stays.
+    The two turns are weighted by their variances; almost all the weight is the gyro's, and then its bias is the
+    systematic error of the turn.
 
     Args:
-        config: Noise figures.
+        config: Noise.
         number: Of the pose that the motion leads to.
-        odometry: Motion since the frame before; None or not finite: the robot may have walked anywhere.
+        odometry: Motion since the previous frame; None or not finite: the robot may have walked.
         imu: Means over that time; None or not finite: no gyro.
         dt: That time, s, not negative.
     """
@@ -138,12 +144,12 @@ def step(
         effects.append(Effect(SLIP, steps, steps))
     gyro = imu is not None and dt > 0.0 and bool(np.all(np.isfinite(imu.angular_velocity)))
     if gyro and imu is not None:
-        sure = (config.gyro_sigma_radps * dt) ** 2
-        share = noise[YAW, YAW] / (noise[YAW, YAW] + sure)  # of the gyro in the turn
+        variance = (config.gyro_sigma_radps * dt) ** 2
+        share = noise[YAW, YAW] / (noise[YAW, YAW] + variance)  # of the gyro in the turn
         rest = wrap_angle(float(imu.angular_velocity[2]) * dt - motion.yaw)
         motion = Pose2(motion.x, motion.y, wrap_angle(motion.yaw + share * rest))
         drifted = ((1.0 - share) * config.drift_sigma_rad * steps) ** 2
-        noise[YAW, YAW] = share * sure + drifted
+        noise[YAW, YAW] = share * variance + drifted
         effects.append(Effect(GYRO, share * dt, dt))
     elif steps > 0.0:
         effects.append(Effect(DRIFT, steps, steps))
@@ -158,29 +164,29 @@ def glance(
     elapsed_s: float = 0.0,
     loss: Loss = TAG_LOSS,
 ) -> Glance | None:
-    """The landmarks of one frame, or None if none was told.
+    """The landmarks of one frame, or None without valid sightings.
 
     Args:
-        config: Noise figures.
+        config: Noise.
         number: Of the pose.
-        sightings: Those without identity, unknown or not finite are left out.
-        places: Where landmarks are, world frame, m, by identity.
-        elapsed_s: Since the glance before.
+        sightings: Those without identity, unknown or not finite are ignored.
+        places: Positions of landmarks, world frame, m, by identity.
+        elapsed_s: Since the previous glance.
         loss: Of each landmark.
     """
-    told: list[tuple[int, np.ndarray, np.ndarray]] = []
+    valid: list[tuple[int, np.ndarray, np.ndarray]] = []
     for one in sightings:
         numbers = np.append(one.measured, one.covariance.ravel())
         if one.identity is None or one.identity not in places:
             continue
         if np.all(np.isfinite(numbers)) and one.measured[0] > 0.0:
-            told.append((one.identity, one.measured, positive(one.covariance)))
-    if not told:
+            valid.append((one.identity, one.measured, positive(one.covariance)))
+    if not valid:
         return None
-    own = min(P[1, 1] - P[0, 1] ** 2 / P[0, 0] for _, _, P in told)
+    own = min(P[1, 1] - P[0, 1] ** 2 / P[0, 0] for _, _, P in valid)
     shared = min(config.shared_bearing_sigma_rad**2, 0.99 * own)  # each must keep some of its own
     seen: list[LandmarkSeen] = []
-    for identity, measured, P in told:
+    for identity, measured, P in valid:
         P = P - np.diag([0.0, shared])
         common = Effect(RANGE, math.sqrt(P[0, 0]), 0.0 if seen else elapsed_s)
         seen.append(LandmarkSeen(places[identity], measured, P, (common,), loss))

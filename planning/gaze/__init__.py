@@ -1,11 +1,10 @@
-"""Where to look while walking.
+"""Gaze: where to look while walking.
 
-In reading order: `evaluations` (how much each reason to look weighs: psi_lm, psi_sf, psi_ob, psi_way),
-`selection` (what each direction of the head is worth, and the one to take), `sampling` (the ground round
-the robot, as the camera sees it), `tag_gain` (what a landmark would tell), `attention` (the evaluations of this
-moment, from live covariances, and two reasons more) with `attention_config`, `sweep` (the plain policy: look where
-the next steps go, glance left and right in between, and do not lose sight of what moves), `policy` (which of them
-decides). Compiled loops are in `_gaze_kernels`.
+In reading order: `evaluations` (the four psi, how much each reason to look counts), `selection` (the gaze map over
+pan and tilt, and the direction to take), `sampling` (ground cells as the camera sees them), `landmark_gain` (how much
+a sighting of a landmark reduces the pose covariance), `priority` and `untracked_targets` (clusters that need a track),
+`attention` (the gaze map of the present moment), `sweep` (the simple policy: next steps, glances to both sides,
+tracks out of sight), `policy` (choice among them). Compiled loops are in `_gaze_kernels`.
 
 Sources: seed 001, section 3, eq. (1) to (6); seed 003, section 5 (head command); the order of glances is ours.
 """

@@ -1,4 +1,4 @@
-"""Compiled inner loops of the gaze map: what each direction would show, what is near, where it is highest."""
+"""Compiled loops of the gaze map: points in view of each direction, cells in a sector, regions of a mask."""
 
 from __future__ import annotations
 
@@ -18,20 +18,19 @@ def count(
     half_down: float,
     result: np.ndarray,
 ) -> None:
-    """Weight of the points in view of every gaze.
+    """Total weight of the points in view of every gaze.
 
-    For one pan a point is in view over one interval of tilts: its angle below the optical axis must lie
-    within half the view down, and its depth must be enough for the view across. So each point costs two
-    entries of a difference, not one test per tilt. Where the view across is wide enough at any tilt that shows
-    the point at all, its slope below the camera is looked up among those of the tilts' upper and lower edges;
-    only near the sides the interval takes an angle.
+    For one pan a point is in view over one interval of tilts: its angle from the optical axis must lie within half
+    the vertical view, and its depth must suffice for the horizontal view. Each point therefore costs two entries of a
+    difference instead of a test per tilt. Away from the sides of the view the interval follows from a lookup of the
+    point's slope among those of the upper and lower edges; near the sides it is computed from an angle.
 
     Args:
-        points: (n, 3) from the camera, body axes, m.
+        points: (n, 3) relative to the camera, body axes, m.
         weights: (n,).
-        pans, tilts: Of the gazes, even steps, rad; pan left, tilt down positive.
-        half_across, half_down: Of the view, rad.
-        result: (pans, tilts), written.
+        pans, tilts: Of the gazes, in even steps, rad; pan left, tilt down positive.
+        half_across, half_down: Half the horizontal and vertical field of view, rad.
+        result: (pans, tilts) output.
     """
     rows, steps = len(pans), len(tilts)
     first = tilts[0]
@@ -45,8 +44,8 @@ def count(
         low, high = 0, -1
         for k in range(len(points)):
             x, y, z = points[k, 0], points[k, 1], points[k, 2]
-            ahead, aside = c * x + s * y, c * y - s * x
-            across, reach = aside * aside, slope * (ahead * ahead + z * z)  # squares
+            ahead, lateral = c * x + s * y, c * y - s * x
+            across, reach = lateral * lateral, slope * (ahead * ahead + z * z)  # squares
             if ahead <= 0.0 or across > reach:
                 continue
             if across > near * reach:
@@ -54,7 +53,7 @@ def count(
                 middle = math.atan2(-z, ahead) - first
                 low = max(math.ceil((middle - half) * per_rad - 1e-9), 0)
                 high = min(math.floor((middle + half) * per_rad + 1e-9), steps - 1)
-            else:  # neighbours in the list are neighbours on the ground: go on from the last one's
+            else:  # points in sequence are neighbours: start from the interval of the last one
                 down = -z / ahead
                 low = min(max(low, 0), steps)
                 while low > 0 and under[low - 1] >= down:
@@ -77,7 +76,7 @@ def count(
 
 @njit(cache=True)
 def _slopes(angles: np.ndarray) -> np.ndarray:
-    """Tangents, in the order of the angles, rad, even beyond straight up or down; a hair to the safe side."""
+    """Tangents of the angles, rad; infinite with the sign of the angle beyond straight up or down."""
     found = np.empty(len(angles))
     for k in range(len(angles)):
         if abs(angles[k]) < 0.5 * math.pi:
@@ -98,13 +97,14 @@ def sector(
     farthest: float,
     ahead: float,
 ) -> np.ndarray:
-    """Numbers of the places in a ring about (x, y) that lie no farther aside than an angle.
+    """Indices of the points in a sector of an annulus.
 
     Args:
-        places: (n, 2).
-        x, y, cosine, sine: Middle, and where 'ahead' is.
-        nearest, farthest: Of the ring.
-        ahead: Cosine of the angle.
+        places: (n, 2), m.
+        x, y: Middle of the annulus.
+        cosine, sine: Direction of the middle of the sector.
+        nearest, farthest: Radii of the annulus.
+        ahead: Cosine of half the angle of the sector.
     """
     found, count = np.empty(len(places), np.int64), 0
     for k in range(len(places)):
@@ -118,10 +118,10 @@ def sector(
 
 @njit(cache=True)
 def middles(top: np.ndarray) -> np.ndarray:
-    """(k, 2) mean row and column of every connected region, 8 neighbours, in the order of their first cells.
+    """(k, 2) mean row and column of every region of 8-connected cells, in the order of their first cells.
 
     Args:
-        top: (rows, columns) bool; cleared.
+        top: (rows, columns) bool; cleared by this function.
     """
     rows, columns = top.shape
     found, count = np.empty((rows * columns, 2)), 0

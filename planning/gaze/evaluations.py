@@ -1,11 +1,11 @@
-"""The four partial evaluations: how much each reason to look somewhere weighs, each in [0, 1].
+"""The four partial evaluations of the gaze, each in [0, 1].
 
-psi_lm: the ground round the robot that has become stale. psi_sf: how vague the robot's own place is. psi_ob:
-how vague, fast and near an obstacle is. psi_way: how free the way is; on a free way the way point is worth a
-look, in a crowd the crowd is.
+psi_lm: share of stale ground round the robot. psi_sf: uncertainty of the robot's position. psi_ob: uncertainty,
+speed and nearness of an obstacle. psi_way: free distance ahead; with much of it the gaze goes to the way point, else
+to the obstacles.
 
-Source: seed 001, section 3, eq. (1) to (4). Eq. (1) is printed as a ratio without bound; `literal` keeps it, cut
-at 1.
+Source: Yoo 2010 (seed 001), section 3, eq. (1) to (4). Eq. (1) is printed as a ratio without bound; `literal` keeps
+it, limited to 1.
 """
 
 from __future__ import annotations
@@ -17,18 +17,27 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.settings import setting
 
 
 @dataclass(frozen=True)
 class EvaluationConfig:
     """Thresholds of the evaluations."""
 
-    nearest_m: float = 0.30  # seed 001: d_nm, sampling region of the map
-    farthest_m: float = 1.30  # seed 001: d_fm
-    self_sigma_m: float = 0.10  # own (specification): T_sf
-    obstacle_rate_mps: float = 0.02  # own (specification): T_o
-    obstacle_weight: float = 1.0  # own (specification): omega_o
-    way_free_m: float = 1.0  # own (specification): d_nThres
+    nearest_m: float = setting(
+        0.30, "m", "inner radius d_nm of the ground whose confidence is sampled", "seed 001"
+    )
+    farthest_m: float = setting(
+        1.30, "m", "outer radius d_fm of the ground whose confidence is sampled", "seed 001"
+    )
+    self_sigma_m: float = setting(
+        0.10, "m", "standard deviation T_sf of the robot's position at which psi_sf is 1", "ours"
+    )
+    obstacle_rate_mps: float = setting(
+        0.02, "m/s", "threshold T_o at which psi_ob is 1: deviation times speed by distance", "ours"
+    )
+    obstacle_weight: float = setting(1.0, "", "factor omega_o of psi_ob", "ours")
+    way_free_m: float = setting(1.0, "m", "free distance d_nThres at which psi_way is 1", "ours")
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.nearest_m < self.farthest_m:
@@ -46,11 +55,11 @@ def of_map(stale: int, fresh: int, literal: bool = False) -> float:
     """psi_lm: share of the sampling region out of view that is stale.
 
     Args:
-        stale, fresh: N_lp and N_cp, sample points out of view whose confidence is below lambda_cf, or not.
-        literal: The printed ratio N_lp / N_cp, cut at 1; with nothing fresh it is 1.
+        stale, fresh: N_lp and N_cp, sample points out of view with confidence below lambda_cf, and the others.
+        literal: The printed ratio N_lp / N_cp, limited to 1; 1 without fresh points.
 
     Returns:
-        In [0, 1]; 0 if everything is in view.
+        In [0, 1]; 0 if all points are in view.
 
     Source: seed 001, eq. (1); r / (1 + r) of the printed ratio r has the same order and a bound.
     """
@@ -60,10 +69,10 @@ def of_map(stale: int, fresh: int, literal: bool = False) -> float:
 
 
 def of_self(covariance: Float[np.ndarray, "3 3"], config: EvaluationConfig) -> float:
-    """psi_sf: deviation of the robot's place along its worst axis, by T_sf, at most 1.
+    """psi_sf: standard deviation of the position along its worst axis, divided by T_sf, at most 1.
 
     Args:
-        covariance: Of (x, y, yaw), m and rad; the heading does not count.
+        covariance: Of (x, y, yaw), m and rad; the heading is not used.
 
     Source: seed 001, eq. (2).
     """
@@ -76,11 +85,11 @@ def of_obstacles(
     covariances: Float[np.ndarray, "n 2 2"],
     config: EvaluationConfig,
 ) -> Float[np.ndarray, "n"]:
-    """psi_ob of each obstacle: vague, fast and near, by T_o, at most 1; 0 for what stands.
+    """psi_ob of each obstacle: deviation times speed by distance, divided by T_o, at most 1; 0 for static ones.
 
     Args:
-        positions: From the robot, robot axes or any other, m.
-        velocities: Their own, not relative to the robot's, m/s.
+        positions: Relative to the robot, in any axes, m.
+        velocities: In the world, not relative to the robot, m/s.
         covariances: Of the positions, m^2.
 
     Source: seed 001, eq. (3).
@@ -96,10 +105,10 @@ def relevant(
     velocities: Float[np.ndarray, "n 2"],
     robot_velocity: Float[np.ndarray, "2"],
 ) -> Bool[np.ndarray, "n"]:
-    """The obstacles that count (O_dted|bappr): all ahead, and those behind that come nearer.
+    """The relevant obstacles (O_dted|bappr): all ahead, and those behind that approach.
 
     Args:
-        positions, velocities: In the body frame (x ahead), m and m/s, the velocities their own.
+        positions, velocities: In body axes (x ahead), m and m/s; velocities in the world.
         robot_velocity: In the same axes, m/s.
 
     Source: seed 001, section 3, the set of eq. (3).
@@ -112,11 +121,11 @@ def relevant(
 def of_way(
     positions: Float[np.ndarray, "n 2"], radii: Float[np.ndarray, "n"], config: EvaluationConfig
 ) -> float:
-    """psi_way: distance from the robot to the nearest extended obstacle, by d_nThres, at most 1.
+    """psi_way: distance to the nearest extended obstacle, divided by d_nThres, at most 1.
 
     Args:
-        positions: Of the middles from the robot, m; those that `matter`, and their virtual obstacles.
-        radii: Extended ones, S_oe, m.
+        positions: Of the `relevant` obstacles and their virtual obstacles, relative to the robot, m.
+        radii: Extended radii S_oe, m.
 
     Source: seed 001, eq. (4).
     """

@@ -1,4 +1,4 @@
-"""Places as the camera sees them, and the ground round the robot that is worth one.
+"""Points relative to body and camera, and the ground cells whose confidence the gaze considers.
 
 Source: seed 001, section 3, eq. (1).
 """
@@ -19,13 +19,13 @@ from .selection import GazeMapConfig
 
 
 def in_body(pose: Gaussian, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """World places, m, from the mean of a pose over (x, y, yaw), body axes."""
+    """World points, m, in the body frame at the mean of a pose over (x, y, yaw)."""
     c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
     return np.asarray((places - pose.mean[:2]) @ np.array([[c, -s], [s, c]]))
 
 
 def in_world(pose: Gaussian, place: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-    """The inverse of `in_body`: a place (x ahead, y left), m, in the world, m."""
+    """The inverse of `in_body`: a point (x ahead, y left), m, in the world frame."""
     c, s = math.cos(pose.mean[2]), math.sin(pose.mean[2])
     return np.asarray(pose.mean[:2] + np.array([[c, -s], [s, c]]) @ place)
 
@@ -36,13 +36,13 @@ def from_camera(
     eye_m: float,
     heights: Float[np.ndarray, "n"] | None = None,
 ) -> Float[np.ndarray, "n 3"]:
-    """World places, m, from the camera, body axes.
+    """World points relative to the camera, body axes, m.
 
     Args:
         pose: Over (x, y, yaw), world frame.
         places: World frame, m.
         eye_m: Height of the camera.
-        heights: Of the places, m; None: on the floor.
+        heights: Of the points, m; None: on the floor.
     """
     seen = np.empty((len(places), 3))
     seen[:, :2] = in_body(pose, places)
@@ -53,7 +53,7 @@ def from_camera(
 def region(
     grid: EgocentricGrid, pose: Gaussian, config: GazeMapConfig, farthest_m: float
 ) -> Int[np.ndarray, "n"]:
-    """R_s as flat indices of the map's cells, up to a distance, m; `sample_region` says more."""
+    """R_s of `sample_region` as flat indices of the cells of the map."""
     x, y, yaw = pose.mean.tolist()
     return np.asarray(
         _gaze_kernels.sector(
@@ -71,17 +71,17 @@ def sample_region(
     config: GazeMapConfig,
     farthest_m: float | None = None,
 ) -> tuple[Float[np.ndarray, "n 2"], Float32[np.ndarray, "n"]]:
-    """R_s: middles of the cells between d_nm and d_fm that the neck can turn to, and their confidence.
+    """R_s: middles of the cells between d_nm and d_fm within the range of the neck, and their confidence.
 
     Args:
         grid: The terrain map; its window should reach d_fm round the robot.
         confidence: Of its cells.
         pose: Over (x, y, yaw), world frame.
-        config: d_nm, d_fm and the reach of the neck.
-        farthest_m: In place of d_fm.
+        config: d_nm, d_fm and the range of the neck.
+        farthest_m: Replaces d_fm.
 
     Returns:
-        World frame, m; and C in [0, 1].
+        Points in the world frame, m, and C in [0, 1].
 
     Source: seed 001, section 3, eq. (1).
     """

@@ -1,12 +1,11 @@
-"""The gaze map: what each direction of the head is worth, and the one to take.
+"""The gaze map over pan and tilt, and the direction to take.
 
-Each evaluation gives its value to every direction that would show what it is about: the way point, an
-obstacle, stale ground. The weighted sum over pan and tilt is the integration map GM; the head turns to the
-middle of its highest plateau. A look that is under way is kept unless another is worth clearly more, so that
-the head does not flutter.
+Each evaluation adds its value to all directions that show its target: the way point, an obstacle, stale ground. The
+weighted sum is the integration map GM; the head turns to the middle of its highest plateau. The present direction is
+kept unless another is clearly better, so that the head does not oscillate.
 
-Source: seed 001, section 3, eq. (5) and (6), Fig. 7; the true field of view in place of the seed's rectangle
-of pan and tilt (kept as `literal`), and keeping a look, are ours.
+Source: Yoo 2010 (seed 001), section 3, eq. (5) and (6), Fig. 7. Ours: the true field of view instead of a rectangle
+of pan and tilt (kept as `literal`), and keeping the direction.
 """
 
 from __future__ import annotations
@@ -21,6 +20,7 @@ from jaxtyping import Bool, Float
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import head_rotation
 from perception.primitives.robot_model import DARWIN_OP, HeadLimits
+from perception.primitives.settings import setting
 
 from ..commands import GazeCommand
 from . import _gaze_kernels
@@ -32,15 +32,21 @@ class GazeMapConfig:
     """Directions, field of view, weights."""
 
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    across_deg: float = setting(
+        44.0, "deg", "horizontal field of view of the camera to aim", "seed 004; seed 001 has 60"
+    )
+    down_deg: float = setting(
+        35.0, "deg", "vertical field of view of the camera to aim", "seed 004; seed 001 has 45"
+    )
+    map_weight: float = setting(0.25, "", "weight w_lm of stale ground", "ours")
+    way_weight: float = setting(0.25, "", "weight w_way of the way point", "ours")
+    self_weight: float = setting(0.25, "", "weight w_sf of the robot's own position", "ours")
+    obstacle_weight: float = setting(0.25, "", "weight w_ob of obstacles", "ours")
+    keep: float = setting(
+        0.10, "", "relative gain for which the gaze leaves its present direction", "ours"
+    )
     head: HeadLimits = DARWIN_OP.head  # replaced by the robot's
-    step_deg: float = 2.0  # own (specification)
-    across_deg: float = 44.0  # seed 004: of the narrowest depth camera; seed 001's has 60
-    down_deg: float = 35.0  # seed 004; seed 001's has 45
-    map_weight: float = 0.25  # own (specification): w_lm
-    way_weight: float = 0.25  # own (specification): w_way
-    self_weight: float = 0.25  # own (specification): w_sf
-    obstacle_weight: float = 0.25  # own (specification): w_ob
-    keep: float = 0.10  # ours: another look must be worth so much more, share of the present one
+    step_deg: float = 2.0  # ours: grid of directions
     literal: bool = False  # a rectangle of pan and tilt, and the mean of all stale ground
 
     def __post_init__(self) -> None:
@@ -56,20 +62,19 @@ class GazeMapConfig:
 
     @cached_property
     def pans(self) -> Float[np.ndarray, "rows"]:
-        """Of the map's rows, rad, left positive."""
+        """Pan of each row of the map, rad, left positive."""
         steps = round(self.head.pan_deg / self.step_deg)
-        return _kept(np.radians(np.arange(-steps, steps + 1) * self.step_deg))
+        return _read_only(np.radians(np.arange(-steps, steps + 1) * self.step_deg))
 
     @cached_property
     def tilts(self) -> Float[np.ndarray, "columns"]:
-        """Of the map's columns, rad, down positive."""
+        """Tilt of each column of the map, rad, down positive."""
         highest, lowest = self.head.tilt_deg
         steps = round((lowest - highest) / self.step_deg)
-        return _kept(np.radians(highest + np.arange(steps + 1) * self.step_deg))
+        return _read_only(np.radians(highest + np.arange(steps + 1) * self.step_deg))
 
 
-def _kept(directions: np.ndarray) -> np.ndarray:
-    """Not to be written into: every later reader gets the same."""
+def _read_only(directions: np.ndarray) -> np.ndarray:
     directions.setflags(write=False)
     return directions
 
@@ -77,11 +82,11 @@ def _kept(directions: np.ndarray) -> np.ndarray:
 def shown(
     places: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"], config: GazeMapConfig
 ) -> Float[np.ndarray, "rows columns"]:
-    """Weight of the places that each gaze would show, [pan, tilt].
+    """Total weight of the points that each gaze shows, [pan, tilt].
 
     Args:
-        places: From the camera, body axes (x ahead, y left, z up), m.
-        weights: One a place.
+        places: Relative to the camera, body axes (x ahead, y left, z up), m.
+        weights: Of the points.
         config: Directions and field of view.
     """
     result = np.zeros((len(config.pans), len(config.tilts)))
@@ -107,11 +112,11 @@ def shown(
 def in_view(
     places: Float[np.ndarray, "n 3"], gaze: GazeCommand, config: GazeMapConfig
 ) -> Bool[np.ndarray, "n"]:
-    """Which places one gaze shows; the same frustum as `shown`, for any direction.
+    """Which points one gaze shows; the frustum of `shown`, for any direction.
 
     Args:
-        places: From the camera, body axes, m.
-        gaze: The head's direction.
+        places: Relative to the camera, body axes, m.
+        gaze: Direction of the head.
         config: Field of view.
     """
     axes = head_rotation(gaze.pan_rad, gaze.tilt_rad)  # columns: right, down, ahead
@@ -136,12 +141,11 @@ def gaze_map(
 
     Args:
         psi_map, psi_way, psi_self, psi_obstacles: The evaluations.
-        stale: Stale ground out of view, from the camera, body axes, m.
+        stale: Stale ground out of view, relative to the camera, body axes, m.
         way: The way point on the floor, likewise.
-        obstacles: Where each stands on the floor, likewise.
+        obstacles: Positions on the floor, likewise.
         config: Directions, field of view, weights.
-        landmarks: Known ones that would help the robot to find itself; None, or none: the obstacles serve, as
-            in the seed.
+        landmarks: Landmarks that help localisation; None or empty: the obstacles serve, as in the paper.
 
     Source: seed 001, eq. (5) and (6).
     """
@@ -161,10 +165,9 @@ def gaze_map(
 def _stale_share(
     stale: Float[np.ndarray, "n 3"], config: GazeMapConfig
 ) -> Float[np.ndarray, "rows columns"]:
-    """R_lm without its psi: how much of the stale ground each gaze shows, the best 1.
+    """R_lm without its psi: share of the stale ground that each gaze shows, normalised to a maximum of 1.
 
-    As printed one direction stands for all of it, its mean: stale ground on both sides averages to the fresh
-    middle.
+    The printed form uses the mean of the stale ground, which for stale ground on both sides is the fresh middle.
     """
     if config.literal:
         return shown(stale.mean(axis=0)[None], np.ones(1), config)
@@ -176,11 +179,11 @@ def _stale_share(
 def highest_plateau(
     total: Float[np.ndarray, "rows columns"], present: GazeCommand, config: GazeMapConfig
 ) -> GazeCommand:
-    """theta*: the middle of the connected region where GM is greatest; of several the one nearest to here.
+    """theta*: the middle of the connected region with the largest GM; of several the one nearest to the present gaze.
 
     Args:
         total: GM, [pan, tilt].
-        present: Where the head looks now.
+        present: Present direction of the head.
         config: Directions.
     """
     top = total >= float(total.max()) * (1.0 - 1e-9) - 1e-12
@@ -196,7 +199,7 @@ def highest_plateau(
 def worth(
     total: Float[np.ndarray, "rows columns"], gaze: GazeCommand, config: GazeMapConfig
 ) -> float:
-    """GM at a direction, of the nearest cell."""
+    """GM at the cell nearest to a direction."""
     row = int(np.argmin(np.abs(config.pans - gaze.pan_rad)))
     column = int(np.argmin(np.abs(config.tilts - gaze.tilt_rad)))
     return float(total[row, column])
@@ -208,13 +211,13 @@ def select(
     aimed: GazeCommand | None,
     config: GazeMapConfig,
 ) -> GazeCommand:
-    """Where to look next.
+    """The next direction of the head.
 
     Args:
         total: GM, [pan, tilt].
-        present: Where the head looks now.
-        aimed: The look under way; None: none is.
-        config: Directions, and how loyal to that look.
+        present: Present direction of the head.
+        aimed: Direction commanded before; None: none.
+        config: Directions, and the gain that another direction needs.
     """
     best = highest_plateau(total, present, config)
     if aimed is not None and worth(total, aimed, config) * (1.0 + config.keep) >= float(

@@ -1,9 +1,9 @@
-"""Things that no track follows yet: where a look shows each whole, and how much that look is due.
+"""Untracked clusters as gaze targets, with their priority.
 
-A track takes three sightings of a whole thing, and one look is two frames: who looks away then loses it again.
-What the edge of the view cuts off gets no track at all until the head has turned towards it, and whatever
-stands or goes there is blind ground beside the way. So such a thing is looked at with what may hide beyond
-the cut, again and again while it is near, less eagerly after looks that brought nothing.
+A track takes three sightings of a whole cluster, and one gaze lasts two frames, so a single look often creates none.
+A cluster cut off by the edge of the view gets no track until the head turns towards it, and the ground beside the
+path stays unknown there. The gaze therefore returns to such clusters while they are near, with lower priority
+after looks that created no track.
 
 Source: ours.
 """
@@ -20,22 +20,27 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
 from ..commands import GazeCommand
-from .attention_settings import AttentionConfig
+from .priority import FAR_M, NEAR_M, SEEK_MAX, nearness
 from .sampling import from_camera, in_world
 from .selection import GazeMapConfig, in_view
 
-LARGEST_M = 0.35  # as the tracker: larger is furniture
+LARGEST_M = 0.35  # as the tracker: larger clusters are furniture
+CLOSE_M = 0.7  # ours: a cluster this near has the priority of the most overdue track
+APART_M = 0.25  # ours: nearer than this to a track, or to an earlier cluster, it is the same
+AGAIN_SHARE = 0.5  # ours: factor of the priority for each earlier look ...
+FORGET_S = 8.0  # ours: ... within this time
+HIDDEN_M = 0.10  # ours: extent that may be hidden beyond the edge of the view
 
 
 class UntrackedTargets:
-    """Remembers which things without a track got a look."""
+    """Clusters without a track, and the looks that they got."""
 
-    def __init__(self, config: AttentionConfig, eye_m: float) -> None:
-        self.config, self._eye_m = config, eye_m
-        self._places: list[np.ndarray] = []  # of this moment's things, world frame
-        self._points: list[np.ndarray] = []  # of them, that looks should show, world frame
-        self._whose: list[int] = []  # which thing each point is of
-        self._met: list[tuple[np.ndarray, float]] = []  # what got a look, when
+    def __init__(self, eye_m: float) -> None:
+        self._eye_m = eye_m
+        self._places: list[np.ndarray] = []  # of the present clusters, world frame
+        self._points: list[np.ndarray] = []  # points that looks should show, world frame
+        self._owner: list[int] = []  # cluster of each point
+        self._looks: list[tuple[np.ndarray, float]] = []  # position and stamp of earlier looks
 
     def weigh(
         self,
@@ -44,36 +49,35 @@ class UntrackedTargets:
         clusters: Sequence[Cluster],
         obstacles: Sequence[Obstacle],
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Points that looks should show, and what each is worth; from the camera, body axes, m.
+        """Points that looks should show, from the camera in body axes, m, and their priorities.
 
-        A whole thing has one point, one that is cut off three: its middle, and how far it may reach on either
-        side. Of the cut off only the near count: far off it is mostly furniture.
+        A whole cluster has one point. A cut off one has three, its middle and its possible ends, and counts only
+        nearby, since farther away it is mostly furniture.
 
         Args:
-            stamp_s: Now.
+            stamp_s: Present time.
             pose: Over (x, y, yaw), world frame.
-            clusters: Things seen in this frame, body frame.
+            clusters: Of this frame, body frame.
             obstacles: Tracks, world frame.
         """
-        config = self.config
-        self._met = [(at, when) for at, when in self._met if stamp_s - when < config.met_s]
-        self._places, self._points, self._whose = [], [], []
+        self._looks = [(at, when) for at, when in self._looks if stamp_s - when < FORGET_S]
+        self._places, self._points, self._owner = [], [], []
         tracks = [obstacle.position for obstacle in obstacles]
         points: list[list[float]] = []
         worth: list[float] = []
         for cluster in clusters:
             away = float(np.hypot(*cluster.centre))
-            far = config.far_m if cluster.whole else config.near_m
+            far = FAR_M if cluster.whole else NEAR_M
             if cluster.radius_m > LARGEST_M or away > far:
                 continue
             place = in_world(pose, cluster.centre)
-            if any(np.hypot(*(place - track)) < config.new_apart_m for track in tracks):
+            if any(np.hypot(*(place - track)) < APART_M for track in tracks):
                 continue
-            before = sum(np.hypot(*(place - met)) < config.new_apart_m for met, _ in self._met)
-            due = config.seek_max if away < config.close_m else config.nearness(away)
-            due *= config.again_share**before
-            shown = _extent(cluster, away, config.hidden_m)
-            self._whose += [len(self._places)] * len(shown)
+            before = sum(np.hypot(*(place - look)) < APART_M for look, _ in self._looks)
+            due = SEEK_MAX if away < CLOSE_M else nearness(away)
+            due *= AGAIN_SHARE**before
+            shown = _extent(cluster, away)
+            self._owner += [len(self._places)] * len(shown)
             self._points += [in_world(pose, at) for at in shown]
             self._places.append(place)
             points += [[*at, -self._eye_m] for at in shown]
@@ -83,20 +87,20 @@ class UntrackedTargets:
     def looked(
         self, stamp_s: float, gaze: GazeCommand, pose: Gaussian, view: GazeMapConfig
     ) -> None:
-        """Take down which of them the look that was decided on is going to show, be it in part.
+        """Record the clusters that the chosen gaze shows, also in part.
 
-        What lies beyond the reach of the neck never shows more: who waited for that would stare for ever.
+        A cluster partly beyond the range of the neck is never shown whole; without this it would hold the gaze.
         """
         there = from_camera(pose, np.reshape(self._points, (-1, 2)), self._eye_m)
         shown = in_view(there, gaze, view)
-        met = sorted({whose for whose, seen in zip(self._whose, shown, strict=True) if seen})
-        self._met += [(self._places[k], stamp_s) for k in met]
+        met = sorted({owner for owner, seen in zip(self._owner, shown, strict=True) if seen})
+        self._looks += [(self._places[k], stamp_s) for k in met]
 
 
-def _extent(cluster: Cluster, away: float, hidden_m: float) -> list[np.ndarray]:
-    """Its middle, and if it is cut off how far it may reach across the line of sight, body frame, m."""
+def _extent(cluster: Cluster, away: float) -> list[np.ndarray]:
+    """The middle of a cluster, and if it is cut off its possible ends across the line of sight, body frame, m."""
     if cluster.whole:
         return [cluster.centre]
     x, y = (cluster.centre / max(away, 1e-9)).tolist()
-    across = (cluster.radius_m + hidden_m) * np.array([-y, x])
+    across = (cluster.radius_m + HIDDEN_M) * np.array([-y, x])
     return [cluster.centre, cluster.centre + across, cluster.centre - across]

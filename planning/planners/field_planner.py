@@ -95,7 +95,7 @@ class FieldPlanner(GoalSeeker):
             arrival,
             field,
             self._robot,
-            self._config.gaze.attention.map.evaluation,
+            self._config.gaze.map.evaluation,
             cells[np.hypot(*(cells - [x, y]).T) < NEAR_M],
             cell_m,
         )

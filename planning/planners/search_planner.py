@@ -149,7 +149,7 @@ class SearchPlanner:
         self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
     ) -> WalkCommand:
         """The field's step round moving obstacles; the path avoids the static ones."""
-        config, gait = self._config.via_field, self._robot.gait
+        config, gait = self._config.univector, self._robot.gait
         x, y, yaw = (float(v) for v in pose.mean)
         arrival = self._goals.heading if _same(via, self._goals.present) else None
         movers = [o for o in obstacles if o.moving >= MOVING]
@@ -161,7 +161,7 @@ class SearchPlanner:
             arrival,
             config,
             self._robot,
-            self._config.gaze.attention.map.evaluation,
+            self._config.gaze.map.evaluation,
         )
         speed = advice.speed_mps if config.velocity_change else gait.cruise_mps
         return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)

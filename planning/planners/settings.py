@@ -34,8 +34,7 @@ class PlanningConfig:
         search: Potential and grid search.
         route: When the path is searched anew.
         exploration: Choice of places to visit.
-        univector: Field of the planner "field", to the goal.
-        via_field: Field of the planner "search", to its via points.
+        univector: Field of the planners "field" (to the goal) and "search" (to its via points).
         guard: Check of every step against predicted obstacles.
         swarm: The planner by one colour camera.
         avoidance: Choice of the avoidance motion.
@@ -49,7 +48,6 @@ class PlanningConfig:
     route: RouteConfig = field(default_factory=RouteConfig)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     univector: FieldConfig = BESIDE_GUARD
-    via_field: FieldConfig = BESIDE_GUARD
     guard: GuardConfig = field(default_factory=GuardConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)
     avoidance: AvoidanceConfig = field(default_factory=AvoidanceConfig)

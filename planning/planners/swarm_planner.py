@@ -41,7 +41,7 @@ DOUBTED = (
 )
 BESIDE_M = 0.05  # ours: a contact this near to a moving track belongs to it
 GLANCE_RAD = math.radians(10.0)  # ours: with the head turned further the picture is a glance
-AT_HEELS = 0.04  # ours: cost of following; at three times that the robot walks along with crossing obstacles
+FOLLOWING_COST = 0.04  # ours: at three times that the robot walks along with crossing obstacles
 GLANCE_EVERY = (
     2  # ours: steps between glances, by which a reversal beside the robot is noticed later
 )
@@ -64,16 +64,16 @@ class SwarmPlanner(GoalSeeker):
         self._robot = config.robot
         self._corners = Corners(self._settings.objective.literal)
         react_s = config.guard.react_s + GLANCE_EVERY * self._robot.gait.step_s
-        self._guard = Guard(replace(config.guard, react_s=react_s, at_heels=AT_HEELS), self._robot)
-        self._standing = GroundMemory(config.swarm.standing)
+        self._guard = Guard(
+            replace(config.guard, react_s=react_s, following_cost=FOLLOWING_COST), self._robot
+        )
+        self._standing = GroundMemory()
         self._rng = np.random.default_rng([config.seed, 40])
         self._seen: ColourFloor | None = None  # in the last picture
         self._best: search.Best | None = None  # pixel chosen in this picture
         self._movable: np.ndarray | None = None  # where it was searched
         self._schedule = Schedule(self._robot.gait)
-        self._glances = Glances(
-            self._settings.glance, self._robot.radius_m, self._robot.gait.max_speed_mps
-        )
+        self._glances = Glances(self._robot, self._settings.glances)
         self._place: Float[np.ndarray, "2"] | None = None  # of that pixel on the floor
         self._waits = False  # whether the guard shortened the last step
 

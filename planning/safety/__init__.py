@@ -1,1 +1,9 @@
-"""The guard: steps that stay clear of what stands and of what may move."""
+"""The last check on a footstep among static and moving obstacles.
+
+In reading order: `prediction` (motion patterns learnt from tracks), `hypotheses` (where obstacles may be during the
+next seconds), `guard` with `guard_settings` (rollout of candidate plans, choice of the step), `line_of_sight` (the
+target by which plans are judged), `step_filter` (the protocol) and its baselines `dynamic_window` and
+`velocity_obstacles`. Modules whose names end in `_kernels` hold compiled loops.
+
+Source: ours; the baselines cite theirs.
+"""

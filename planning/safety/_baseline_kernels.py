@@ -1,4 +1,4 @@
-"""Compiled inner loops of the peers: speeds held for a while, and times to contact."""
+"""Compiled loops of the baselines: rollouts at constant speed and turn, and times to contact."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ def hold_speeds(
     target: np.ndarray,
     result: np.ndarray,
 ) -> None:
-    """Hold each speed and turn, footstep by footstep.
+    """Roll out each pair of speed and turn, footstep by footstep.
 
     Args:
         robot: (x, y, yaw).
         pairs: (c, 2) speed, m/s, and turn a step, rad.
-        step_s, steps: Time of a step, and how many.
-        discs: (n, 5) of x, y, vx, vy, distance at which they touch.
+        step_s, steps: Duration of a step, and number of steps.
+        discs: (n, 5) of x, y, vx, vy, and distance of contact.
         cells: (k, 2) middles of occupied cells.
-        cell_m: Distance at which these touch.
+        cell_m: Distance of contact with these.
         target: (x, y).
         result: (c, 3) output: least gap, m; time without contact, s; angle off the target after the
             first step, rad.
@@ -63,13 +63,13 @@ def hold_speeds(
 def times_to_contact(
     place: np.ndarray, velocities: np.ndarray, discs: np.ndarray, result: np.ndarray
 ) -> None:
-    """When each velocity, held, brings a point to the first disc.
+    """Time at which each velocity brings a point into contact with the first disc.
 
     Args:
         place: (x, y).
         velocities: (c, 2), m/s.
-        discs: (n, 6) of x, y, vx, vy, radius, and the time beyond which a contact does not count.
-        result: (c,) output, s; infinite if never. Inside a disc: 0 towards its middle, else far.
+        discs: (n, 6) of x, y, vx, vy, radius, and the horizon beyond which a contact does not count.
+        result: (c,) output, s; infinite without contact. Inside a disc 0 for motion towards its middle.
     """
     for i in range(len(velocities)):
         first = math.inf

@@ -1,27 +1,99 @@
-"""Compiled rollouts of the guard: where candidate plans lead, and what they come close to.
+"""Compiled rollouts of the guard: the poses of candidate plans and their distances to obstacles.
 
 A step moves the body along its old heading, then turns it. Positions are sampled in the middle and at
-the end of every step. Arrays and scalars only.
+the end of every step.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-MOST_EXTRA = 0.25  # m: what heading and loyalty may add to a plan's cost, at most
+MOST_EXTRA = 0.25  # m: bound of what heading and the preference for the present plan add to a cost
+
+FORWARD, LEFT, TURN, REPEAT, THEN_FORWARD, THEN_LEFT, THEN_TURN, PURSUES = range(8)
+"""Columns of a plan: the first step, m, m, rad; how many times it is made; the steps after it; whether these turn
+to the target and stop there."""
+
+
+class Gait(NamedTuple):
+    """Limits of a step: turn, rad; duration, s; forward and lateral speed, m/s."""
+
+    max_turn_rad: float
+    step_s: float
+    forward_mps: float
+    side_mps: float
+
+
+class Costs(NamedTuple):
+    """How missing distance is charged; costs are metres of detour.
+
+    Args:
+        soft_m: Width of the band beyond the required distance.
+        soft_cost_m: Cost at the inner edge of that band.
+        steep: Cost per metre of missing distance.
+        touch_m: Missing distance that is a contact.
+        contact_cost_m: Further cost of a contact.
+        fade_s: Time after which a cost counts 1/e.
+        react_s: Time to react to a reversal.
+        following: Share charged for every step within the band of an obstacle that may reverse.
+        max_sigma_m: Largest standard deviation added to a distance.
+    """
+
+    soft_m: float
+    soft_cost_m: float
+    steep: float
+    touch_m: float
+    contact_cost_m: float
+    fade_s: float
+    react_s: float
+    following: float
+    max_sigma_m: float
+
+
+class Discs(NamedTuple):
+    """Predicted discs, h hypotheses at n samples, two a step.
+
+    Args:
+        places: (h, n, 2) world frame, m.
+        velocities: (h, n, 2), m/s.
+        needed: (h, n) required distance between the middles, m; 0 where a hypothesis does not apply.
+        covariances: (h, n, 3) of the relative position, as `relative_covariances` writes them, m^2.
+        weights: (h,) probabilities.
+        turning: (h, n) probability of a reversal at that time.
+    """
+
+    places: np.ndarray
+    velocities: np.ndarray
+    needed: np.ndarray
+    covariances: np.ndarray
+    weights: np.ndarray
+    turning: np.ndarray
+
+
+class Cells(NamedTuple):
+    """Occupied cells, nearest to the robot first.
+
+    Args:
+        places: (k, 2) middles, world frame, m.
+        needed: (k, 2) required distance, and distance of contact, m.
+    """
+
+    places: np.ndarray
+    needed: np.ndarray
 
 
 @njit(cache=True)
 def _distance(x: float, y: float) -> float:
-    """As `math.hypot`, which takes care of numbers that are not met here: 2.6 for 15 ns."""
+    """As `math.hypot` without its care for extreme numbers, at 2.6 ns instead of 15 ns."""
     return math.sqrt(x * x + y * y)
 
 
 @njit(cache=True)
-def relative_places(
+def relative_covariances(
     mover: np.ndarray,
     robot: np.ndarray,
     times: np.ndarray,
@@ -29,13 +101,14 @@ def relative_places(
     acceleration: float,
     result: np.ndarray,
 ) -> None:
-    """Covariance of the relative place, going straight on.
+    """Covariance of the relative position of an obstacle at constant velocity.
 
     Args:
         mover, robot: Covariances of (x, y, vx, vy) and of (x, y, yaw), world frame, m, m/s and rad.
-        times: (n,) from now, s; what is later than `sure_s` counts as if it were then.
-        acceleration: Of the mover, random, m/s^2.
-        result: (n, 3), written: variances of x and of y, covariance of the two, m^2.
+        times: (n,) from now, s.
+        sure_s: Time at which the growth ends.
+        acceleration: Random acceleration of the obstacle, m/s^2.
+        result: (n, 3) output: variances of x and of y, covariance of x and y, m^2.
     """
     for k in range(len(times)):
         t = min(times[k], sure_s)
@@ -49,23 +122,23 @@ def relative_places(
 
 
 @njit(cache=True)
-def _need(base: float, doubt: np.ndarray, most: float, x: float, y: float) -> float:
-    """Distance to be kept in a direction: the base and a deviation, no larger than `most`, along it."""
+def _need(base: float, covariance: np.ndarray, most: float, x: float, y: float) -> float:
+    """Required distance in a direction: the base plus the standard deviation along it, at most `most`."""
     square = max(x * x + y * y, 1e-18)
-    along = (x * x * doubt[0] + y * y * doubt[1] + 2.0 * x * y * doubt[2]) / square
+    along = (x * x * covariance[0] + y * y * covariance[1] + 2.0 * x * y * covariance[2]) / square
     return base + min(math.sqrt(max(along, 0.0)), most)
 
 
 @njit(cache=True)
-def _harm(gap: float, soft: float, ease: float, steep: float, touch: float, hard: float) -> float:
-    """Cost of a gap short of what is needed (negative: beyond it), m of detour."""
-    if gap <= -soft:
+def _harm(missing: float, costs: Costs) -> float:
+    """Cost of missing distance (negative: distance to spare), m of detour."""
+    if missing <= -costs.soft_m:
         return 0.0
-    if gap <= 0.0:
-        share = 1.0 + gap / soft
-        return ease * share * share
-    cost = ease + steep * gap
-    return cost + hard if gap > touch else cost
+    if missing <= 0.0:
+        share = 1.0 + missing / costs.soft_m
+        return costs.soft_cost_m * share * share
+    cost = costs.soft_cost_m + costs.steep * missing
+    return cost + costs.contact_cost_m if missing > costs.touch_m else cost
 
 
 @njit(cache=True)
@@ -78,21 +151,19 @@ def _too_late(
     beside: float,
     lead: float,
     react_s: float,
-    top: float,
-    side: float,
-    turn_rate: float,
+    gait: Gait,
 ) -> float:
-    """How far the robot is from being out of the way in time, if the mover turned back now, m; 0: in time.
+    """Distance that the robot lacks to leave the path of an obstacle that reverses now, m; 0 if it is in time.
 
     Args:
-        ax, ay: Robot minus mover.
-        yaw: Of the robot.
-        vx, vy: Of the mover, before it turns.
-        beside, lead: Distances to be kept across its way and along it.
-        react_s: Until a turn is noticed and the robot moves.
-        top, side: Speeds ahead, and aside or back.
-        turn_rate: rad/s.
+        ax, ay: Robot minus obstacle, m.
+        yaw: Heading of the robot.
+        vx, vy: Velocity of the obstacle before the reversal, m/s.
+        beside, lead: Required distances across its path and along it, m.
+        react_s: Time until the robot moves.
+        gait: Speeds and turn rate of the robot.
     """
+    top, side, turn_rate = gait.forward_mps, gait.side_mps, gait.max_turn_rad / gait.step_s
     speed = math.sqrt(vx * vx + vy * vy)
     if speed < 1e-3:
         return 0.0
@@ -128,11 +199,11 @@ def _within_reach(
     turning: np.ndarray,
     soft: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of each sample the discs that any plan can come near to, or that may turn there: numbers, how many."""
+    """For each sample the discs that a plan can reach or that may reverse: their numbers, and how many."""
     longest = 0.0
     for i in range(plans.shape[0]):
-        longest = max(longest, _distance(plans[i, 0], plans[i, 1]))
-        longest = max(longest, _distance(plans[i, 4], plans[i, 5]))
+        longest = max(longest, _distance(plans[i, FORWARD], plans[i, LEFT]))
+        longest = max(longest, _distance(plans[i, THEN_FORWARD], plans[i, THEN_LEFT]))
     many, samples = most.shape
     near, counts = np.empty((samples, many), np.int64), np.zeros(samples, np.int64)
     for sample in range(samples):
@@ -149,32 +220,32 @@ def _within_reach(
 
 
 @njit(cache=True)
-def _distances(
-    velocities: np.ndarray, needed: np.ndarray, doubts: np.ndarray, widest: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each disc and sample the largest distance to be kept, that across its way, and that along it."""
+def _distances(discs: Discs, widest: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of each disc and sample the largest required distance, the one across its path, and the one along it."""
+    needed, velocities = discs.needed, discs.velocities
     many, samples = needed.shape
     most, beside, lead = np.zeros_like(needed), np.zeros_like(needed), np.zeros_like(needed)
     for h in range(many):
         for sample in range(samples):
-            base, doubt = needed[h, sample], doubts[h, sample]
+            base, covariance = needed[h, sample], discs.covariances[h, sample]
             if base <= 0.0:
                 continue
-            middle, half = 0.5 * (doubt[0] + doubt[1]), 0.5 * (doubt[0] - doubt[1])
-            worst = max(middle + _distance(half, doubt[2]), 0.0)
+            middle = 0.5 * (covariance[0] + covariance[1])
+            half = 0.5 * (covariance[0] - covariance[1])
+            worst = max(middle + _distance(half, covariance[2]), 0.0)
             most[h, sample] = base + min(math.sqrt(worst), widest)
             vx, vy = velocities[h, sample, 0], velocities[h, sample, 1]
-            beside[h, sample] = _need(base, doubt, widest, -vy, vx)
-            lead[h, sample] = _need(base, doubt, widest, vx, vy)
+            beside[h, sample] = _need(base, covariance, widest, -vy, vx)
+            lead[h, sample] = _need(base, covariance, widest, vx, vy)
     return most, beside, lead
 
 
 @njit(cache=True)
 def _begin_alike(plans: np.ndarray, i: int) -> bool:
-    """Whether a plan begins as the one before it."""
+    """Whether a plan has the first part of the one before it."""
     begin, before = plans[i], plans[i - 1]
-    same = begin[0] == before[0] and begin[1] == before[1] and begin[2] == before[2]
-    return bool(same and begin[3] == before[3])
+    same = begin[FORWARD] == before[FORWARD] and begin[LEFT] == before[LEFT]
+    return bool(same and begin[TURN] == before[TURN] and begin[REPEAT] == before[REPEAT])
 
 
 @njit(cache=True)
@@ -182,69 +253,53 @@ def roll_out(
     robot: np.ndarray,
     plans: np.ndarray,
     target: np.ndarray,
-    gait: np.ndarray,
-    places: np.ndarray,
-    velocities: np.ndarray,
-    needed: np.ndarray,
-    doubts: np.ndarray,
-    weights: np.ndarray,
-    turning: np.ndarray,
-    cells: np.ndarray,
-    cells_needed: np.ndarray,
-    prices: np.ndarray,
+    gait: Gait,
+    discs: Discs,
+    cells: Cells,
+    costs: Costs,
     prune: bool,
     results: np.ndarray,
 ) -> None:
-    """Roll every plan out; with `prune` no further than it takes to see that it is not the cheapest.
+    """Roll out every plan; with `prune` only as far as it may still be the cheapest.
 
-    One function on purpose: parted into steps, discs and cells it takes a third longer (1.8 for 1.3 ms).
+    One function on purpose: split into steps, discs and cells it takes a third longer (1.8 for 1.3 ms).
 
     Args:
-        robot: (x, y, yaw).
-        plans: (c, 8): forward, left, turn of a first step; for how many steps it is repeated; then
-            forward, left, turn of the steps after; whether these pursue the target (turning to it,
-            stopping at it). Plans that begin alike and follow each other are begun only once.
-        target: (x, y).
-        gait: Greatest turn of a step, rad; time of a step, s; speeds ahead and aside, m/s.
-        places: (h, 2 steps, 2) of moving discs at the samples.
-        velocities: (h, 2 steps, 2) of these.
-        needed: (h, 2 steps) least distance to each; 0 where the hypothesis says nothing.
-        doubts: (h, 2 steps, 3) covariance of its place as `relative_places` writes it, m^2: one deviation
-            towards the robot is added to the distance.
-        weights: (h,) of each.
-        turning: (h, 2 steps) probability that it turns back at that time.
-        cells: (k, 2) middles of occupied cells, the nearest to the robot first.
-        cells_needed: (k, 2): least distance to each; less than this is a contact.
-        prices: Width of the uneasy band, m; price of its inner edge, m; price of missing distance, m/m;
-            missing distance that is a contact, m; price of a contact, m; time in which prices fall by
-            e, s; time to react, s; what a step within the band of who may turn back there counts; the
-            largest deviation that is added, m.
-        prune: Whether a plan that costs more than one before it already is given up (harm infinite).
-        results: (c, 4) output: harm by movers, harm by cells, distance to the target (least, and a
-            little of the last), angle off it at the end.
+        robot: (x, y, yaw), world frame, m and rad.
+        plans: (c, 8) with the columns above. Plans that follow each other with the same first part share its rollout.
+        target: (x, y), world frame, m.
+        gait: Limits of a step.
+        discs: Moving obstacles; one standard deviation towards the robot is added to the required distance.
+        cells: Occupied cells.
+        costs: Of missing distance.
+        prune: Whether a plan is given up once it costs more than an earlier one (its cost is then infinite).
+        results: (c, 4) output: cost of discs, m; cost of cells, m; distance to the target, m (the least, and a
+            tenth of what the last exceeds it); angle off the target at the end, rad.
     """
-    max_turn, step_s, top, side = gait[0], gait[1], gait[2], gait[3]
-    soft, ease, steep, touch, hard = prices[0], prices[1], prices[2], prices[3], prices[4]
-    fade_s, react_s, at_heels, doubtful = prices[5], prices[6], prices[7], prices[8]
+    places, velocities, needed = discs.places, discs.velocities, discs.needed
+    covariances, weights, turning = discs.covariances, discs.weights, discs.turning
+    max_turn, step_s, top = gait.max_turn_rad, gait.step_s, gait.forward_mps
+    soft = costs.soft_m
     many, samples = needed.shape[0], needed.shape[1]
-    most, beside, lead = _distances(velocities, needed, doubts, doubtful)
+    most, beside, lead = _distances(discs, costs.max_sigma_m)
     worst = np.empty(many)
-    late, heels = np.empty(many), np.empty(many)
+    late, following = np.empty(many), np.empty(many)
     fades = np.empty(samples)
     cheapest = math.inf
     near, counts = _within_reach(robot, plans, places, most, turning, soft)
-    apart, widest = np.empty(cells.shape[0]), 0.0
-    for k in range(cells.shape[0]):
-        apart[k] = _distance(cells[k, 0] - robot[0], cells[k, 1] - robot[1]) - 1e-6
-        widest = max(widest, cells_needed[k, 0])
+    middles, near_cells = cells.places, cells.needed
+    apart, widest = np.empty(middles.shape[0]), 0.0
+    for k in range(middles.shape[0]):
+        apart[k] = _distance(middles[k, 0] - robot[0], middles[k, 1] - robot[1]) - 1e-6
+        widest = max(widest, near_cells[k, 0])
     for sample in range(samples):
-        fades[sample] = math.exp(-(sample + 1) * 0.5 * step_s / fade_s)
+        fades[sample] = math.exp(-(sample + 1) * 0.5 * step_s / costs.fade_s)
     away = _distance(target[0] - robot[0], target[1] - robot[1])
     begun, begun_worst = np.empty(6), np.empty(many)
-    begun_late, begun_heels = np.empty(many), np.empty(many)
+    begun_late, begun_following = np.empty(many), np.empty(many)
     given_up, done = False, 0
     for i in range(plans.shape[0]):
-        first = min(int(plans[i, 3]), samples // 2)
+        first = min(int(plans[i, REPEAT]), samples // 2)
         alike = i > 0 and _begin_alike(plans, i)
         if alike and given_up and done < first:
             results[i] = results[i - 1]
@@ -254,20 +309,21 @@ def roll_out(
             walls, nearest, last = float(begun[3]), float(begun[4]), float(begun[5])
             worst[:] = begun_worst
             late[:] = begun_late
-            heels[:] = begun_heels
+            following[:] = begun_following
         else:
             x, y, yaw = float(robot[0]), float(robot[1]), float(robot[2])
             walls, nearest, last = 0.0, away, away
             worst[:] = 0.0
             late[:] = 0.0
-            heels[:] = 0.0
+            following[:] = 0.0
         given_up = False
         for step in range(first if alike else 0, samples // 2):
             if step < first:
-                forward, left, turn = plans[i, 0], plans[i, 1], plans[i, 2]
+                forward, left, turn = plans[i, FORWARD], plans[i, LEFT], plans[i, TURN]
             else:
-                forward, left, turn = plans[i, 4], plans[i, 5], plans[i, 6]
-                if plans[i, 7] > 0.0:
+                forward, left = plans[i, THEN_FORWARD], plans[i, THEN_LEFT]
+                turn = plans[i, THEN_TURN]
+                if plans[i, PURSUES] > 0.0:
                     dx, dy = target[0] - x, target[1] - y
                     if _distance(dx, dy) < 0.5 * forward:
                         forward, turn = 0.0, 0.0
@@ -292,15 +348,17 @@ def roll_out(
                     square = ax * ax + ay * ay
                     close = square < (most[h, sample] + soft) ** 2
                     if close:
-                        need = _need(needed[h, sample], doubts[h, sample], doubtful, ax, ay)
+                        need = _need(
+                            needed[h, sample], covariances[h, sample], costs.max_sigma_m, ax, ay
+                        )
                         close = square < (need + soft) ** 2
                     if close:
                         gap = need - math.sqrt(square)
-                        cost = fade * _harm(gap, soft, ease, steep, touch, hard)
+                        cost = fade * _harm(gap, costs)
                         if cost > worst[h]:
                             worst[h] = cost
-                    heeds = at_heels > 0.0 or not close
-                    if half == 1 and heeds and turning[h, sample] > 0.0:
+                    counts_close = costs.following > 0.0 or not close
+                    if half == 1 and counts_close and turning[h, sample] > 0.0:
                         missing = _too_late(
                             ax,
                             ay,
@@ -309,40 +367,34 @@ def roll_out(
                             velocities[h, sample, 1],
                             beside[h, sample],
                             lead[h, sample],
-                            react_s,
-                            top,
-                            side,
-                            max_turn / step_s,
+                            costs.react_s,
+                            gait,
                         )
                         if missing > 0.0:
-                            cost = (
-                                fade
-                                * turning[h, sample]
-                                * _harm(missing, soft, ease, steep, touch, hard)
-                            )
+                            cost = fade * turning[h, sample] * _harm(missing, costs)
                             if close:
-                                heels[h] += at_heels * cost
+                                following[h] += costs.following * cost
                             elif cost > late[h]:
                                 late[h] = cost
                 gone = _distance(x - robot[0], y - robot[1]) + widest
-                for k in range(cells.shape[0]):
-                    if apart[k] > gone:  # and so are all after it
+                for k in range(middles.shape[0]):
+                    if apart[k] > gone:  # so are all later ones
                         break
-                    ax = x - cells[k, 0]
-                    ay = y - cells[k, 1]
+                    ax = x - middles[k, 0]
+                    ay = y - middles[k, 1]
                     square = ax * ax + ay * ay
-                    if square < cells_needed[k, 0] ** 2:
+                    if square < near_cells[k, 0] ** 2:
                         gap = math.sqrt(square)
-                        cost = steep * (cells_needed[k, 0] - gap)
-                        if gap < cells_needed[k, 1]:
-                            cost += hard
+                        cost = costs.steep * (near_cells[k, 0] - gap)
+                        if gap < near_cells[k, 1]:
+                            cost += costs.contact_cost_m
                         walls = max(walls, cost * fade)
             last = _distance(target[0] - x, target[1] - y)
             nearest = min(nearest, last)
             if prune:
                 harm = walls
                 for h in range(many):
-                    harm += weights[h] * (worst[h] + late[h] + heels[h])
+                    harm += weights[h] * (worst[h] + late[h] + following[h])
                 left = (samples // 2 - 1 - step) * step_s * top
                 if harm + max(nearest - left, 0.0) > cheapest:
                     given_up, done = True, step
@@ -351,12 +403,12 @@ def roll_out(
                 begun[:] = np.array((x, y, yaw, walls, nearest, last))
                 begun_worst[:] = worst
                 begun_late[:] = late
-                begun_heels[:] = heels
+                begun_following[:] = following
         if given_up:
             results[i, 0], results[i, 1] = math.inf, 0.0
             results[i, 2], results[i, 3] = nearest, 0.0
             continue
-        for h in range(many):  # who is caught up with after the end is charged at the end
+        for h in range(many):  # an obstacle that catches up after the end is charged at the end
             if needed[h, samples - 1] <= 0.0:
                 continue
             missing = _too_late(
@@ -368,18 +420,16 @@ def roll_out(
                 beside[h, samples - 1],
                 lead[h, samples - 1],
                 0.0,
-                top,
-                side,
-                max_turn / step_s,
+                gait,
             )
             if missing > 0.0:
-                cost = fades[samples - 1] * _harm(missing, soft, ease, steep, touch, hard)
+                cost = fades[samples - 1] * _harm(missing, costs)
                 worst[h] = max(worst[h], cost)
         error = math.atan2(target[1] - y, target[0] - x) - yaw
         off = abs((error + math.pi) % (2.0 * math.pi) - math.pi)
         harm = 0.0
         for h in range(many):
-            harm += weights[h] * (worst[h] + late[h] + heels[h])
+            harm += weights[h] * (worst[h] + late[h] + following[h])
         results[i, 0] = harm
         results[i, 1] = walls
         results[i, 2] = nearest + 0.1 * (last - nearest)

@@ -1,4 +1,4 @@
-"""Compiled forecast of a mover on its line."""
+"""Compiled forecast of an obstacle that goes back and forth on a line."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ def back_and_forth(
     velocities: np.ndarray,
     learnt: np.ndarray,
 ) -> None:
-    """Where it is at the times, turning at the ends that are known.
+    """Positions and velocities at the given times, reversing at the known turning points.
 
     Args:
-        seen_at: (2,) where it was seen, m; it keeps to its own parallel of the line.
-        sense: +1 along the line's direction, -1 against it.
+        seen_at: (2,) position of the last sighting, m; the obstacle stays on its parallel to the line.
+        sense: +1 along the direction of the line, -1 against it.
         speed: m/s.
-        since_seen: (n,) times since then, s.
-        direction: (2,) of the line.
+        since_seen: (n,) times since the sighting, s.
+        direction: (2,) unit vector of the line.
         start: Coordinate of `seen_at` on the line, m.
-        seen: Between which coordinates it was ever seen, m.
-        turns: Coordinates of its turns, m; NaN where not known.
-        places, velocities: (n, 2), written, m and m/s.
-        learnt: (n,), written: where it was seen to pass, or behind a turn.
+        seen: Coordinates between which it was observed, m.
+        turns: Coordinates of the turning points, m; NaN if unknown.
+        places, velocities: (n, 2) output, m and m/s.
+        learnt: (n,) output: whether a position lies where it was observed, or behind a turn.
     """
     low, high = turns
     least, most = seen
@@ -50,13 +50,13 @@ def back_and_forth(
     if math.isfinite(end):
         end = max(end, start) if sense > 0.0 else min(end, start)
     for k in range(len(since_seen)):
-        way, now = speed * since_seen[k], sense
+        gone, now = speed * since_seen[k], sense
         if both:
-            at = (phase + way) % (2.0 * length)
+            at = (phase + gone) % (2.0 * length)
             now = 1.0 if at <= length else -1.0
             at = low + (at if at <= length else 2.0 * length - at)
         else:
-            at = start + sense * way
+            at = start + sense * gone
             if math.isfinite(end) and sense * (at - end) > 0.0:
                 at, now = 2.0 * end - at, -sense
         for axis in range(2):

@@ -1,24 +1,22 @@
-"""A dynamic window among movers: the usual local planner, kept as a peer of field and guard.
+"""The dynamic window approach among moving obstacles, a baseline for the guard.
 
-Every speed and turn that the next step allows is held for a while; those that keep clear of everything, each
-mover going straight on, are valued by heading, clearance and speed. Cruising speed is fast enough: a peer that
-walks faster than the others is compared with nobody. Faster is for getting out of the way.
+Every pair of speed and turn that the next step allows is rolled out. Pairs that keep clear of all obstacles, each at
+constant velocity, are scored by heading, clearance and speed. The usual speed is the cruising speed, so that walking
+times are comparable; higher speeds are for evasion only.
 
 Source: Fox, Burgard, Thrun, "The dynamic window approach to collision avoidance" (IEEE Robotics and Automation
-Magazine 4, 1997); movers at constant velocity as in Seder, Petrovic, "Dynamic window based approach to mobile
-robot motion control in the presence of moving obstacles" (ICRA 2007).
+Magazine 4, 1997); moving obstacles as in Seder, Petrovic, "Dynamic window based approach to mobile robot motion
+control in the presence of moving obstacles" (ICRA 2007).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
@@ -26,39 +24,19 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 from ..commands import WalkCommand
 from ..footsteps import limited_step
 from . import _baseline_kernels as kernels
-from .step_filter import BASELINE_CELL_M
+from .step_filter import BASELINE_CELL_M, BASELINE_MARGIN_M
 
-
-@dataclass(frozen=True)
-class DynamicWindowConfig:
-    """Samples, horizon and weights."""
-
-    speeds: int = 9  # ours: from back to cruise, and top speed
-    turns: int = 15  # ours: from right to left
-    horizon_s: float = 5.2  # ours: eight steps
-    margin_m: float = 0.05  # as the guard's
-    w_heading: float = 0.8  # Fox 1997: 2 of 2.4, here of 1
-    w_clear: float = 0.1  # Fox 1997: 0.2
-    w_speed: float = 0.1  # Fox 1997: 0.2
-    clear_m: float = 0.5  # ours: farther is clear
-
-    def __post_init__(self) -> None:
-        if self.speeds < 2 or self.turns < 2:
-            raise ConfigError(
-                f"dynamic window: speeds={self.speeds} and turns={self.turns} must be at least 2"
-            )
-        for name in ("horizon_s", "clear_m"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"dynamic window: {name}={getattr(self, name)} must be positive")
+SPEEDS, TURNS = 9, 15  # ours: from backwards to cruise, and top speed; from right to left
+HORIZON_S = 5.2  # ours: eight steps
+NEAR_M = 1.2  # ours: farther cells are out of reach
+CLEAR_M = 0.5  # ours: clearance that scores fully
+HEADING, CLEARANCE, SPEED = 0.8, 0.1, 0.1  # Fox 1997: weights of 2, 0.2 and 0.2, here of a sum of 1
 
 
 class DynamicWindow:
     """Chooses a speed and a turn for every step; without memory."""
 
-    def __init__(
-        self, config: DynamicWindowConfig | None = None, robot: RobotModel = DARWIN_OP
-    ) -> None:
-        self._config = config or DynamicWindowConfig()
+    def __init__(self, robot: RobotModel = DARWIN_OP) -> None:
         self._robot = robot
 
     def choose(
@@ -70,25 +48,25 @@ class DynamicWindow:
         target: Float[np.ndarray, "2"],
         stamp_s: float,
     ) -> WalkCommand:
-        """The step of the best pair; if no pair keeps clear, the one that does so longest."""
-        config, gait = self._config, self._robot.gait
+        """The step of the best pair; if no pair keeps clear, of the pair with the latest contact."""
+        gait = self._robot.gait
         if desired == WalkCommand():
-            return desired  # it is looking round
-        movers = [o for o in obstacles if o.moving >= MOVING]
+            return desired  # the robot stands to look round
+        moving = [o for o in obstacles if o.moving >= MOVING]
         discs = np.array(
-            [[*o.position, *o.velocity, o.radius_m + self._robot.radius_m] for o in movers]
+            [[*o.position, *o.velocity, o.radius_m + self._robot.radius_m] for o in moving]
         ).reshape(-1, 5)
-        slow = np.linspace(-gait.max_back_mps, gait.cruise_mps, config.speeds)
-        speeds = np.append(slow, gait.max_speed_mps)  # linspace ends at cruise exactly
-        turns = np.linspace(-gait.max_turn_rad, gait.max_turn_rad, config.turns)
+        slow = np.linspace(-gait.max_back_mps, gait.cruise_mps, SPEEDS)
+        speeds = np.append(slow, gait.max_speed_mps)
+        turns = np.linspace(-gait.max_turn_rad, gait.max_turn_rad, TURNS)
         pairs = np.stack(np.meshgrid(speeds, turns, indexing="ij"), axis=-1).reshape(-1, 2)
         found = np.empty((len(pairs), 3))
-        near = np.hypot(*(occupied - robot.mean[:2]).T) < 1.2
+        near = np.hypot(*(occupied - robot.mean[:2]).T) < NEAR_M
         kernels.hold_speeds(
             robot.mean.astype(np.float64),
             pairs,
             gait.step_s,
-            round(config.horizon_s / gait.step_s),
+            round(HORIZON_S / gait.step_s),
             discs,
             np.ascontiguousarray(occupied[near], np.float64),
             self._robot.breadth * BASELINE_CELL_M,
@@ -96,11 +74,11 @@ class DynamicWindow:
             found,
         )
         gap, clear_s, off = found.T
-        worth = config.w_heading * (1.0 - off / math.pi)
-        worth += config.w_clear * np.clip(gap / config.clear_m, 0.0, 1.0)
-        worth += config.w_speed * pairs[:, 0] / gait.max_speed_mps
-        worth -= pairs[:, 0] > gait.cruise_mps  # faster only where nothing slower keeps clear
-        admissible = gap > config.margin_m
+        worth = HEADING * (1.0 - off / math.pi)
+        worth += CLEARANCE * np.clip(gap / CLEAR_M, 0.0, 1.0)
+        worth += SPEED * pairs[:, 0] / gait.max_speed_mps
+        worth -= pairs[:, 0] > gait.cruise_mps  # only where nothing slower keeps clear
+        admissible = gap > BASELINE_MARGIN_M
         best = int(np.argmax(np.where(admissible, worth, -10.0 + clear_s + gap)))
         speed, turn = (float(v) for v in pairs[best])
         return limited_step(gait, speed, 0.0, turn)

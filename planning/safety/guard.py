@@ -1,14 +1,15 @@
-"""The guard: lets only steps pass that stay clear of what stands and of what may move.
+"""The guard: lets a footstep pass only if it stays clear of static and of moving obstacles.
 
-The field looks one step ahead, but a robot of 0.10 m/s among blind movers of 0.06 m/s is hit from the side
-and from behind. So before each step many plans (turn, walk on, side step, step back, wait, then go) are
-rolled out for 7.8 s against every mover, with a distance that grows with its covariance, and
-against the occupied cells. A mover goes where its line is known to lead; where nothing is known it goes on, or
-turns back at any moment: then a plan is charged for every place from which the robot could not get out of its
-way in time. A plan that ends where it could not get out of the way of one who goes on is charged likewise:
-else the robot backs away, for as long as it is judged, from who is a little faster than it. Standing is a plan
-like the others and no safer: a mover does not go round a robot. The plan chosen is remembered: the next step
-goes on with it unless another is clearly better.
+The field looks one step ahead, but a robot of 0.10 m/s among obstacles that do not avoid it, at 0.06 m/s, is hit
+from the side and from behind. Before each step the guard rolls out many plans (turn, walk on, side step, step
+back, wait, then go on) for 7.8 s against the predicted obstacles, with a distance that grows with their covariance,
+and against the occupied cells.
+
+A moving obstacle follows the motion pattern learnt for it. Without a pattern it goes straight on or reverses at any
+time, and a plan is charged for every position from which the robot could not leave its path in time. The end of a
+plan is charged likewise, else the robot would back away for as long as plans are judged. Standing still is a plan
+like the others and not safer, since these obstacles do not go round a robot. The guard keeps its plan until another
+is clearly better.
 
 Source: ours; it adds to seed 001, section 4, what a study in simulation showed to be missing.
 """
@@ -29,27 +30,27 @@ from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from ..commands import WalkCommand
 from ..footsteps import footstep, half_a_step_on, limited_step
-from . import _guard_kernels
-from .guard_settings import CELL_CONTACT_M, CELL_DISTANCE_M
+from . import _guard_kernels as kernels
+from . import guard_settings as constants
 from .guard_settings import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
 from .prediction import MotionPatterns
 
 
 class Guard:
-    """The guard of one walk: remembers the ways of movers, and the plan begun."""
+    """The guard of one walk; keeps the motion patterns of obstacles and the present plan."""
 
-    def __init__(self, config: GuardConfig, robot: RobotModel) -> None:
+    def __init__(self, config: GuardConfig, robot: RobotModel = DARWIN_OP) -> None:
         self.config, self.robot = config, robot
-        self.habits = MotionPatterns(config.prediction)
-        self._begun: np.ndarray | None = None
+        self.patterns = MotionPatterns()
+        self._present: np.ndarray | None = None  # the plan being walked
         self._last, self._last_s = WalkCommand(), -math.inf
         self._plans = _fixed_plans(config.steps, robot.gait)
 
     @property
     def cell_distance_m(self) -> float:
         """Distance kept between the middle of the body and that of an occupied cell, m."""
-        return self.robot.breadth * CELL_DISTANCE_M
+        return self.robot.breadth * constants.CELL_DISTANCE_M
 
     def choose(
         self,
@@ -62,57 +63,55 @@ class Guard:
     ) -> WalkCommand:
         """The desired step if it is safe, else the first step of the best plan.
 
-        A step is safe if it can be followed by walking on to the target without coming too close.
+        A step is safe if the robot can make it and then walk to the target at a sufficient distance.
 
         Args:
-            desired: What the field asks for.
+            desired: Step that the planner asks for.
             robot: Gaussian over (x, y, yaw), world frame.
-            obstacles: Tracks, world frame, as of now, gone straight on since they were seen.
-            occupied: Middles of occupied cells, world frame, m; far ones may be included.
+            obstacles: Tracks at the present time, world frame, each under the hypothesis of straight motion.
+            occupied: Middles of occupied cells, world frame, m; may include distant ones.
             target: Via point, world frame, m.
-            stamp_s: Now, in the clock of `Obstacle.seen_s`.
+            stamp_s: Present time, in the clock of `Obstacle.seen_s`.
         """
-        self.habits.learn(obstacles)
-        # others have decided since, if the last step of its own is long ago
-        long_ago = stamp_s - self._last_s > 1.5 * self.robot.gait.step_s
-        ahead = half_a_step_on(
-            Pose2(*robot.mean.tolist()), WalkCommand() if long_ago else self._last
-        )
+        self.patterns.update(obstacles)
+        # after a long pause the last step was another component's
+        paused = stamp_s - self._last_s > 1.5 * self.robot.gait.step_s
+        ahead = half_a_step_on(Pose2(*robot.mean.tolist()), WalkCommand() if paused else self._last)
         robot = Gaussian(ahead.vector, robot.covariance)
         scene = _Scene(
-            robot, obstacles, occupied, target, self.config, self.robot, stamp_s, self.habits
+            robot, obstacles, occupied, target, self.config, self.robot, stamp_s, self.patterns
         )
         self._last, self._last_s = self._safest(desired, scene), stamp_s
         return self._last
 
+    def expected(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Obstacle]:
+        """The tracks at their predicted positions, and remembered obstacles without a track; for the gaze."""
+        everything = [*obstacles, *self.patterns.remembered(obstacles, stamp_s)]
+        return [self.patterns.propagated(obstacle, stamp_s) for obstacle in everything]
+
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
-        harm, _ = scene.judge(_wishes(desired, self.robot.gait)[:1])
-        if harm[0] <= self.config.pass_m:
-            self._begun = None
+        harm, _ = scene.judge(_desired_plans(desired, self.robot.gait)[:1])
+        if harm[0] <= constants.PASS_M:
+            self._present = None
             return desired
-        plans = self._with_wishes(desired)
+        plans = self._candidates(desired)
         harm, cost = scene.judge(plans, prune=True)
         if np.isfinite(cost[1]):
             cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]
         best = int(np.argmin(cost))
-        self._begun = plans[best].copy()
+        self._present = plans[best].copy()
         return desired if best == 0 else scene.step(plans[best])
 
-    def expected(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Obstacle]:
-        """The tracks where they should be by now, and what is remembered but followed no more: for the eyes."""
-        everything = [*obstacles, *self.habits.remembered(obstacles, stamp_s)]
-        return [self.habits.now(obstacle, stamp_s) for obstacle in everything]
-
-    def _with_wishes(self, desired: WalkCommand) -> np.ndarray:
-        """The plans: the desired step and then pursuit first, what is left of the plan begun second."""
-        wishes = _wishes(desired, self.robot.gait)
-        begun = wishes[0].copy()
-        if self._begun is not None:
-            begun = self._begun.copy()
-            begun[3] = max(begun[3] - 1.0, 0.0)
-            if begun[3] == 0.0 and begun[7] == 0.0:  # its second part goes on
-                begun[:3], begun[3] = begun[4:7], 1.0
-        return np.concatenate([wishes[:1], begun[None], wishes[1:], self._plans])
+    def _candidates(self, desired: WalkCommand) -> np.ndarray:
+        """All plans: first the desired step and then pursuit, second the rest of the present plan."""
+        wishes = _desired_plans(desired, self.robot.gait)
+        rest = wishes[0].copy()
+        if self._present is not None:
+            rest = self._present.copy()
+            rest[kernels.REPEAT] = max(rest[kernels.REPEAT] - 1.0, 0.0)
+            if rest[kernels.REPEAT] == 0.0 and rest[kernels.PURSUES] == 0.0:
+                rest[:3], rest[kernels.REPEAT] = rest[4:7], 1.0  # its second part continues
+        return np.concatenate([wishes[:1], rest[None], wishes[1:], self._plans])
 
 
 def choose(
@@ -128,7 +127,7 @@ def choose(
     """As `Guard.choose`, for one step without memory.
 
     Args:
-        stamp_s: Now, in the clock of `Obstacle.seen_s`; None: the latest sighting of any track.
+        stamp_s: Present time, in the clock of `Obstacle.seen_s`; None: the latest sighting of any track.
     """
     if stamp_s is None:
         stamp_s = max((obstacle.seen_s for obstacle in obstacles), default=0.0)
@@ -136,7 +135,7 @@ def choose(
 
 
 class _Scene:
-    """Everything that plans are judged by, laid out for the kernel."""
+    """Everything that plans are judged by, as arrays for the kernel."""
 
     def __init__(
         self,
@@ -147,77 +146,66 @@ class _Scene:
         config: GuardConfig,
         model: RobotModel,
         stamp_s: float,
-        habits: MotionPatterns,
+        patterns: MotionPatterns,
     ) -> None:
         gait = model.gait
-        where = Hypotheses(robot, stamp_s, config, model, habits)
-        for obstacle in [*obstacles, *habits.remembered(obstacles, stamp_s)]:
-            where.add(obstacle)
-        for line in habits.lost(obstacles, stamp_s):
-            where.add_lost(line)
-        self._w_heading, self._limits = config.w_heading, gait
+        hypotheses = Hypotheses(robot, stamp_s, config, model, patterns)
+        for obstacle in [*obstacles, *patterns.remembered(obstacles, stamp_s)]:
+            hypotheses.add(obstacle)
+        for line in patterns.lost(obstacles, stamp_s):
+            hypotheses.add_lost(line)
+        self._limits = gait
         self._robot, self._target = robot.mean.astype(np.float64), target.astype(np.float64)
-        self._gait = np.array(
-            [gait.max_turn_rad, gait.step_s, gait.max_speed_mps, max(gait.max_side_mps, 1e-3)]
+        self._gait = kernels.Gait(
+            gait.max_turn_rad, gait.step_s, gait.max_speed_mps, max(gait.max_side_mps, 1e-3)
         )
-        self._movers = where.arrays()
+        self._discs = hypotheses.discs()
         self._cells = _cells(robot.mean[:2], occupied, config.steps, model)
-        self._prices = np.array(
-            [
-                config.soft_m,
-                config.uneasy_m,
-                config.steep,
-                config.margin_m,
-                config.contact_m,
-                config.fade_s,
-                config.react_s,
-                config.at_heels,
-                config.sigmas * config.max_sigma_m,
-            ]
+        self._costs = kernels.Costs(
+            soft_m=constants.SOFT_M,
+            soft_cost_m=constants.SOFT_COST_M,
+            steep=constants.STEEP,
+            touch_m=config.margin_m,
+            contact_cost_m=constants.CONTACT_COST_M,
+            fade_s=config.fade_s,
+            react_s=config.react_s,
+            following=config.following_cost,
+            max_sigma_m=config.sigmas * config.max_sigma_m,
         )
 
     def judge(self, plans: np.ndarray, prune: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Harm and cost of every plan, m; infinite for one given up early."""
-        places, velocities, needed, doubts, weights, turning = self._movers
-        cells, cells_needed = self._cells
+        """Cost of obstacles, and total cost, of every plan, m; infinite for a plan given up early."""
         results = np.empty((len(plans), 4))
-        _guard_kernels.roll_out(
+        kernels.roll_out(
             self._robot,
             np.ascontiguousarray(plans),
             self._target,
             self._gait,
-            places,
-            velocities,
-            needed,
-            doubts,
-            weights,
-            turning,
-            cells,
-            cells_needed,
-            self._prices,
+            self._discs,
+            self._cells,
+            self._costs,
             prune,
             results,
         )
         harm = results[:, 0] + results[:, 1]
-        return harm, harm + results[:, 2] + self._w_heading * results[:, 3]
+        return harm, harm + results[:, 2] + constants.HEADING_COST_M * results[:, 3]
 
     def step(self, plan: np.ndarray) -> WalkCommand:
-        """The first step of a plan, as it was judged: a plan whose first part is over may pursue the target."""
+        """The first step of a plan, as the kernel makes it; a plan whose first part is over may pursue the target."""
         gait = self._limits
-        begins = plan[3] > 0.0
+        begins = plan[kernels.REPEAT] > 0.0
         forward, left, turn = (plan[:3] if begins else plan[4:7]).tolist()
-        if begins or plan[7] == 0.0:
+        if begins or plan[kernels.PURSUES] == 0.0:
             return limited_step(gait, forward / gait.step_s, left / gait.step_s, turn)
         dx, dy = (self._target - self._robot[:2]).tolist()
         if math.hypot(dx, dy) < 0.5 * forward:
             return limited_step(gait, 0.0, 0.0, 0.0)
-        return footstep(
-            math.atan2(dy, dx), forward / gait.step_s, Pose2(*self._robot.tolist()), gait
-        )
+        pose = Pose2(*self._robot.tolist())
+        return footstep(math.atan2(dy, dx), forward / gait.step_s, pose, gait)
 
 
-def _wishes(desired: WalkCommand, gait: GaitLimits) -> np.ndarray:
-    """(c, 8) as `_guard_kernels.roll_out` takes them: the desired step, then pursuit; or then standing."""
+def _desired_plans(desired: WalkCommand, gait: GaitLimits) -> np.ndarray:
+    """(3, 8) plans that begin with the desired step, then pursue the target or stand."""
     cruise = gait.cruise_mps * gait.step_s
     wish = [desired.forward_m, desired.lateral_m, desired.turn_rad]
     return np.array(
@@ -227,7 +215,7 @@ def _wishes(desired: WalkCommand, gait: GaitLimits) -> np.ndarray:
 
 @cache
 def _fixed_plans(steps: int, gait: GaitLimits) -> np.ndarray:
-    """(c, 8): every way to begin, for some steps, and every way to go on."""
+    """(c, 8) plans: every first step, for some steps, with every continuation."""
     step, turn = gait.step_s, gait.max_turn_rad
     cruise, top = gait.cruise_mps * step, gait.max_speed_mps * step
     half, back, side = cruise / 2, -gait.max_back_mps * step, gait.max_side_mps * step
@@ -242,15 +230,15 @@ def _fixed_plans(steps: int, gait: GaitLimits) -> np.ndarray:
     return np.array(plans, np.float64)
 
 
-def _cells(
-    here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel
-) -> tuple[np.ndarray, np.ndarray]:
-    """The cells within reach, nearest first, the distance to be kept (no more than there is), and of contact."""
+def _cells(here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel) -> kernels.Cells:
+    """The cells within reach, nearest first; the required distance is at most the present one."""
     gap = np.hypot(*(occupied - here).T)
-    wanted_m, contact_m = model.breadth * CELL_DISTANCE_M, model.breadth * CELL_CONTACT_M
+    wanted_m = model.breadth * constants.CELL_DISTANCE_M
+    contact_m = model.breadth * constants.CELL_CONTACT_M
     reach = steps * model.gait.step_s * model.gait.max_speed_mps + wanted_m
     near = np.flatnonzero(gap <= reach)
     near = near[np.argsort(gap[near], kind="stable")]
     wanted = np.clip(gap[near], contact_m, wanted_m)
     touch = np.minimum(np.full(len(wanted), contact_m), gap[near])
-    return np.ascontiguousarray(occupied[near], np.float64), np.stack([wanted, touch], axis=1)
+    places = np.ascontiguousarray(occupied[near], np.float64)
+    return kernels.Cells(places, np.stack([wanted, touch], axis=1))

@@ -1,69 +1,84 @@
-"""What the guard is told: horizon, margins, hypotheses and prices.
+"""Settings and constants of the guard: horizon, margins, hypotheses and costs.
 
-Source: ours, from a study in simulation; the body's radius from seed 001.
+Costs are lengths: the detour that avoiding them is worth.
+
+Source: ours, from a study in simulation.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from perception.primitives.errors import ConfigError
-
-from .prediction import PredictionConfig
+from perception.primitives.settings import setting
 
 CELL_DISTANCE_M = 0.185
-"""Ours: distance from the middle of a DARwIn-OP to that of an occupied cell, with 1 cm to spare; grows with the body."""
+"""Ours: distance kept from the middle of a DARwIn-OP to that of an occupied cell, 1 cm to spare; grows with breadth."""
 
 CELL_CONTACT_M = 0.15
-"""Ours: the same at contact."""
+"""Ours: the same distance at contact."""
+
+STILL_MARGIN_M = 0.02  # ours: margin to a static obstacle
+SMALL_RADIUS_M = 0.20  # ours: larger static tracks are represented by occupied cells alone
+SURE_S = 3.0  # ours: the covariance grows no longer than this; later the obstacle is observed again
+DOUBT_S = 2.5  # ours: how far ahead the hypotheses of an unseen reversal are followed
+LONGEST_UNSEEN_S = 15.0  # ours: cap on the time since the last sighting
+TURNS_EVERY_S = 20.0  # ours: mean time between reversals; the courses have 12 to 25 s
+LOST_WEIGHT = 0.3  # ours: weight of a target lost somewhere on its line
+SOFT_M = 0.10  # ours: width of the band beyond the margin that costs a little
+SOFT_COST_M = 0.15  # ours: cost at the inner edge of that band
+STEEP = 40.0  # ours: cost per metre of missing distance
+CONTACT_COST_M = 4.0  # ours: further cost of a contact
+HEADING_COST_M = 0.05  # ours: cost per rad of facing away from the target at the end
+PASS_M = 0.10  # ours: a desired step with no more cost than this passes
 
 
 @dataclass(frozen=True)
 class GuardConfig:
-    """Horizon, margins, hypotheses and prices."""
+    """Horizon, margins, hypotheses and costs."""
 
-    prediction: PredictionConfig = field(default_factory=PredictionConfig)
-    steps: int = 12  # own: 7.8 s, what the study found enough
-    margin_m: float = 0.05  # ours: between surfaces, of movers
-    sigmas: float = 1.0  # ours: share of the deviation added to the margin
-    max_sigma_m: float = 0.15  # ours: more doubt than this would freeze the robot
-    still_margin_m: float = 0.02  # ours: the same, of what stands: it is certain
-    acceleration_mps2: float = 0.004  # ours: of movers, how their covariance grows
-    sure_s: float = 3.0  # ours: covariances of later are taken from here: by then more is known
-    small_radius_m: float = 0.20  # ours: larger standing tracks are left to the occupied cells
-    doubt_s: float = (
-        2.5  # ours (study: 3.3): how long the hypotheses that it turned back unseen are followed
+    steps: int = setting(12, "", "steps that each plan is rolled out for", "ours: 7.8 s suffice")
+    margin_m: float = setting(
+        0.05, "m", "gap kept between the body and a moving obstacle", "ours: surface to surface"
     )
-    longest_unseen_s: float = (
-        15.0  # ours: a mover lost for longer is taken to be lost for this long
+    sigmas: float = setting(
+        1.0, "", "standard deviations of relative position added to the margin", "ours"
     )
-    turns_every_s: float = 20.0  # navigation trials: movers turn every 12 to 25 s
-    turn_weight: float = 0.25  # ours: a turn within the time that getting out of the way takes
-    learnt_weight: float = 0.04  # ours: the same where it was never seen to turn
-    lost_weight: float = 0.3  # ours: of what was lost somewhere on its line
-    react_s: float = 1.3  # ours: until a turn is noticed and the robot makes its next step
-    at_heels: float = 0.0  # ours: what each step close to who may turn back adds, as a share of
-    # being late; for movers as slow as the robot: among faster ones, heeded at its worst moment alone, it
-    # dawdled (22 for 30 of 40 hard courses)
-    soft_m: float = 0.10  # ours: band beyond the margin that is avoided if it costs little
-    uneasy_m: float = 0.15  # ours: m of detour that leaving the band is worth
-    steep: float = 40.0  # ours: m of detour that each m of missing distance is worth
-    contact_m: float = 4.0  # ours: m of detour that a contact is worth, beside that
-    w_heading: float = 0.05  # ours: m per rad of facing away from the target at the end
-    keep_m: float = 0.04  # ours: another plan must be better by so much than the one begun ...
-    keep_share: float = 0.15  # ours: ... and by this share of its harm: who wavers is caught
-    pass_m: float = 0.10  # ours: the desired step passes if it does no more harm than this
-    fade_s: float = 8.0  # ours: harm this much later weighs 1/e; 4 puts squeezes off, 16 dawdles
+    max_sigma_m: float = setting(
+        0.15, "m", "largest standard deviation that is added", "ours: more would freeze the robot"
+    )
+    acceleration_mps2: float = setting(
+        0.004, "m/s^2", "random acceleration of moving obstacles in the prediction", "ours"
+    )
+    turn_weight: float = setting(
+        0.25,
+        "",
+        "probability that a moving obstacle reverses while the robot gets out of its path",
+        "ours",
+    )
+    react_s: float = setting(
+        1.3, "s", "time until a reversal is noticed and the next step begins", "ours: two steps"
+    )
+    fade_s: float = setting(
+        8.0, "s", "time after which a later cost counts 1/e", "ours: 4 reacts late, 16 hesitates"
+    )
+    learnt_weight: float = 0.04  # ours: the same where it passed before without reversing
+    following_cost: float = 0.0  # ours: share of the cost of every step behind an obstacle that
+    # may reverse; for slow obstacles. Among faster ones it hesitates (22 for 30 of 40 hard courses)
+    keep_m: float = 0.04  # ours: another plan must be better than the present one by this ...
+    keep_share: float = 0.15  # ours: ... and by this share of the present plan's cost
 
     def __post_init__(self) -> None:
         if self.steps < 1:
             raise ConfigError(f"guard: steps={self.steps} must be at least 1")
-        for name in ("doubt_s", "soft_m", "fade_s", "turns_every_s"):
+        for name in ("react_s", "fade_s"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"guard: {name}={value} must be positive and finite")
-        if not (math.isfinite(self.at_heels) and self.at_heels >= 0.0):
-            raise ConfigError(f"guard: at_heels={self.at_heels} must be finite and not negative")
+        if not (math.isfinite(self.following_cost) and self.following_cost >= 0.0):
+            raise ConfigError(
+                f"guard: following_cost={self.following_cost} must be finite and not negative"
+            )
         if not 0.0 <= self.keep_share < 1.0:
             raise ConfigError(f"guard: keep_share={self.keep_share} must lie in [0, 1)")

@@ -1,9 +1,9 @@
-"""Straight ways among what stands: whether one is barred, and how far along a path one leads.
+"""Lines of sight among static obstacles: whether one is blocked, and how far along a path one reaches.
 
-A plan among movers is judged by where it leads to. The next way point is bent round whoever is in the way just
-now, and to go there is to go along with it: what is judged by must lie beyond.
+The guard judges a plan by the target it leads to. The next way point of a path bends round moving obstacles, and
+walking to it means walking along with them, so the target lies farther along the path.
 
-Source: ours, from walks among movers.
+Source: ours, from walks among moving obstacles.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ def is_blocked(
     standing: Float[np.ndarray, "n 2"],
     distance_m: float,
 ) -> bool:
-    """Whether any of the places that stand lies so near to the straight way from here to there, m."""
+    """Whether a static point lies within a distance of the segment between two places, m."""
     way, apart = there - here, standing - here
     length = max(float(np.hypot(*way)), 1e-9)
     along = apart @ way / length
-    aside = np.abs(apart[:, 0] * way[1] - apart[:, 1] * way[0]) / length
-    return bool(((along > 0.0) & (along < length) & (aside < distance_m)).any())
+    lateral = np.abs(apart[:, 0] * way[1] - apart[:, 1] * way[0]) / length
+    return bool(((along > 0.0) & (along < length) & (lateral < distance_m)).any())
 
 
 def farthest_visible(
@@ -32,13 +32,13 @@ def farthest_visible(
     standing: Float[np.ndarray, "n 2"],
     distance_m: float,
 ) -> Float[np.ndarray, "2"]:
-    """The last point of a path with a straight way to it; the first where all others are barred.
+    """The last point of a path with a free line of sight; the first point if no other has one.
 
     Args:
         here: World frame, m.
-        points: Of the path ahead, k >= 1, the next one first.
-        standing: Places of what stands; what moves is not among them.
-        distance_m: How near to the way a place bars it.
+        points: Path ahead, k >= 1, nearest first.
+        standing: Points of static obstacles.
+        distance_m: Distance from the segment within which such a point blocks it.
     """
     for point in points[:0:-1]:
         if not is_blocked(here, point, standing, distance_m):

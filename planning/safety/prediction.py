@@ -1,11 +1,11 @@
-"""What a mover will do, learnt from what it did: lines, turning points, and the way it takes between them.
+"""Motion patterns of moving obstacles: lines, turning points, and the forecast along them.
 
-Little robots, and people who pace, go to and fro. Once one was seen to turn at a place it will turn there
-again; and where it was seen to pass it will not turn. The tracks forget what is out of sight for twelve seconds,
-so the lines are remembered here, and a track that comes to life on a known line inherits what was learnt
-there. Where nothing was learnt a mover goes on, or turns at any moment.
+Small robots, and people who pace, go back and forth. An obstacle that was seen to reverse at a place reverses there
+again, and it does not reverse where it was seen to pass. Tracks end twelve seconds after the last sighting, so the
+lines are kept here, and a new track on a known line inherits what was learnt there. An obstacle without a line goes
+straight on or reverses at any time.
 
-Source: ours; navigation trials (most contacts come after a reversal).
+Source: ours; in the navigation trials most contacts follow a reversal.
 """
 
 from __future__ import annotations
@@ -17,53 +17,42 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 
 from . import _prediction_kernels
 
-REMEMBERED = 0.6  # probability that what is remembered really is where its line leads it
-
-
-@dataclass(frozen=True)
-class PredictionConfig:
-    """What counts as the same line, and how far it is believed."""
-
-    moving_share: float = 0.5  # ours: less probable movers teach nothing
-    least_mps: float = 0.02  # ours: slower is noise
-    sure_share: float = 0.5  # ours: deviation of the velocity, share of the speed, to learn from
-    aside_m: float = 0.20  # ours: off a line by so much is another line; tracks are 5 cm wrong
-    askew_deg: float = 25.0  # ours: the same for the direction
-    beyond_m: float = 1.5  # ours: before or behind what was seen of a line, still on it
-    speed_share: float = 0.5  # ours: another speed by so much is another mover
-    long_m: float = 0.3  # ours: a line of this length has shown its mover's speed ...
-    usual_share: float = 0.15  # ours: ... which differs from time to time by this share
-    longest_gap_s: float = 10.0  # ours: out of sight for longer it may have turned twice
-    contradicted_m: float = 0.25  # ours: seen so far behind a turning point, it is none
-    fresh_share: float = 0.5  # ours: weight of a new sighting of a turning point
-    most_mps: float = 0.25  # ours: estimated speeds are capped here
-    remembered_s: float = 60.0  # ours: both ends known, its place is told for so long unseen
-    lost_s: float = 30.0  # ours: ends not known, it counts as lost on its line for so long
-    drift_mps: float = 0.012  # ours: how the told place grows vague, along the line
-    lines: int = 40  # ours: remembered at most, the latest
-
-    def __post_init__(self) -> None:
-        for name, value in self.__dict__.items():
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"prediction: {name}={value} must be positive and finite")
+# all ours
+TOP_MPS = 0.25  # cap on estimated speeds
+REMEMBERED = 0.6  # probability that a remembered obstacle is where its line predicts it
+LEARN_FROM = 0.5  # tracks with a lower probability of moving teach nothing
+LEAST_MPS = 0.02  # slower motion is noise
+SURE_SHARE = 0.5  # standard deviation of the velocity, as a share of the speed, to learn from
+LATERAL_M = 0.20  # farther off a line is another line; tracks err by 5 cm
+OBLIQUE_DEG = 25.0  # the same for the direction
+BEYOND_M = 1.5  # beyond the observed ends of a line, still on it
+SPEED_SHARE = 0.5  # a speed that differs by more belongs to another obstacle
+LONG_M = 0.3  # a line of this length has shown the speed of its obstacle ...
+SPEED_SPREAD = 0.15  # ... which varies by this share
+LONGEST_GAP_S = 10.0  # an obstacle out of sight for longer may have reversed twice
+CONTRADICTED_M = 0.25  # a sighting this far beyond a turning point removes it
+FRESH_SHARE = 0.5  # weight of a new sighting of a turning point
+REMEMBERED_S = 60.0  # how long an obstacle between two known ends is predicted out of sight
+LOST_S = 30.0  # how long one with an unknown end counts as lost on its line
+DRIFT_MPS = 0.012  # growth of the deviation along the line while out of sight
+LINES = 40  # lines kept, the latest
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Where a mover will be.
+    """Predicted positions of a moving obstacle.
 
     Args:
-        places: At the times asked for, world frame, m.
-        velocities: At these, m/s.
-        learnt: Whether each place lies where it was seen to pass, or behind a turn that it was seen to
-            make: there it will not turn otherwise.
-        since_seen: Whether the way since it was last seen is known too: it need not be looked for elsewhere.
+        places: At the requested times, world frame, m.
+        velocities: At the same times, m/s.
+        learnt: Whether each position lies where the obstacle was seen to pass, or behind an observed turn; it does
+            not reverse there.
+        since_seen: Whether its path since the last sighting is known too.
     """
 
     places: Float[np.ndarray, "n 2"]
@@ -74,16 +63,19 @@ class Forecast:
 
 @dataclass
 class Line:
-    """A line that something goes to and fro on.
+    """A line along which an obstacle goes back and forth; coordinates are m from the origin along the direction.
 
     Args:
-        origin: A place on it, m.
+        origin: A point on the line, world frame, m.
         direction: Unit vector along it.
-        speed_mps: Of what goes there.
-        low, high: Ends of what was seen of it, m from the origin along the direction.
-        turn_low, turn_high: Where it turns; NaN: not known.
-        at, sense, seen_s: Last sighting: place, +1 or -1 for the direction of walking, stamp.
-        track: Number of the track that was last seen on it.
+        speed_mps: Speed of the obstacle.
+        low, high: Observed ends.
+        at, sense, seen_s: Last sighting: coordinate, sign of the motion, stamp.
+        track: Number of the track last seen on it.
+        radius_m: Radius of the obstacle.
+        turn_low, turn_high: Turning points; NaN if unknown.
+        sums: n, and sums of x, y, xx, xy, yy of the sightings from the origin.
+        scalars: Origin and direction as plain numbers, which are faster than arrays.
     """
 
     origin: Float[np.ndarray, "2"]
@@ -98,70 +90,63 @@ class Line:
     radius_m: float = 0.10
     turn_low: float = math.nan
     turn_high: float = math.nan
-    sums: np.ndarray = field(default_factory=lambda: np.zeros(6))  # n, x, y, xx, xy, yy
-    plain: tuple[float, ...] = field(init=False)  # origin and direction
+    sums: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    scalars: tuple[float, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.turned_to(self.origin, self.direction)
+        self.place(self.origin, self.direction)
 
-    def turned_to(self, origin: np.ndarray, direction: np.ndarray) -> None:
-        """Lie here from now on; arguments as of the line."""
+    def place(self, origin: np.ndarray, direction: np.ndarray) -> None:
+        """Set origin and direction."""
         self.origin, self.direction = origin, direction
-        self.plain = (*origin.tolist(), *direction.tolist())  # two numbers need no arrays
+        self.scalars = (*origin.tolist(), *direction.tolist())
 
     def along(self, place: np.ndarray) -> float:
-        """Coordinate of a place."""
+        """Coordinate of a point."""
         x, y, dx, dy = self._offset(place)
         return float(x * dx + y * dy)
 
-    def aside(self, place: np.ndarray) -> float:
-        """Distance of a place from the line."""
-        x, y, dx, dy = self._offset(place)
-        return abs(float(x * dy - y * dx))
-
     def _offset(self, place: np.ndarray) -> tuple[float, float, float, float]:
-        """From the origin, and the direction."""
-        (x, y), (x0, y0, dx, dy) = place.tolist(), self.plain
+        (x, y), (x0, y0, dx, dy) = place.tolist(), self.scalars
         return x - x0, y - y0, dx, dy
 
 
 class MotionPatterns:
     """All lines learnt so far."""
 
-    def __init__(self, config: PredictionConfig | None = None) -> None:
-        self.config = config or PredictionConfig()
+    def __init__(self) -> None:
         self.lines: list[Line] = []
 
-    def learn(self, obstacles: Sequence[Obstacle]) -> None:
-        """Take in the tracks of now; those not seen since the last call teach nothing."""
+    def update(self, obstacles: Sequence[Obstacle]) -> None:
+        """Learn from the present tracks; one without a sighting since the last call changes nothing."""
         for obstacle in obstacles:
-            if obstacle.moving >= self.config.moving_share and self._sure(obstacle):
+            if obstacle.moving >= LEARN_FROM and self._sure(obstacle):
                 self._learn(obstacle)
-        self.lines = sorted(self.lines, key=lambda line: line.seen_s)[-self.config.lines :]
+        self.lines = sorted(self.lines, key=lambda line: line.seen_s)[-LINES:]
 
     def forecast(
         self, obstacle: Obstacle, stamp_s: float, times: Float[np.ndarray, "n"]
     ) -> Forecast:
-        """The way of a mover, as far as known.
+        """The predicted path of a moving obstacle.
 
         Args:
-            obstacle: Gone straight on since it was seen (`Obstacle.gone_straight`).
-            stamp_s: Now.
-            times: From now on, s, ascending.
+            obstacle: Under the hypothesis of straight motion since its last sighting (`Obstacle.gone_straight`).
+            stamp_s: Present time.
+            times: From the present on, s, ascending.
         """
         velocity = obstacle.velocity
         speed = float(np.hypot(*velocity))
-        velocity = velocity * min(1.0, self.config.most_mps / max(speed, 1e-9))
+        velocity = velocity * min(1.0, TOP_MPS / max(speed, 1e-9))
         unseen = max(stamp_s - obstacle.seen_s, 0.0)
         seen_at = obstacle.position - obstacle.velocity * unseen
-        line = self._line_of(obstacle, seen_at) if speed >= self.config.least_mps else None
+        line = self._line_of(obstacle, seen_at) if speed >= LEAST_MPS else None
         if line is None:
             places = seen_at + (unseen + times[:, None]) * velocity
             moving = np.broadcast_to(velocity, places.shape)
             return Forecast(places, moving, np.zeros(len(times), np.bool_), False)
         sense = 1.0 if float(velocity @ line.direction) >= 0.0 else -1.0
         start = line.along(seen_at)
-        rate = min(self._rate(obstacle, line), self.config.most_mps)
+        rate = min(self._rate(obstacle, line), TOP_MPS)
         places, velocities = np.empty((len(times), 2)), np.empty((len(times), 2))
         learnt = np.empty(len(times), np.bool_)
         _prediction_kernels.back_and_forth(
@@ -180,9 +165,9 @@ class MotionPatterns:
         known = math.isfinite(line.turn_high if sense > 0 else line.turn_low)
         return Forecast(places, velocities, learnt, known or bool(unseen > 0.0 and learnt[0]))
 
-    def now(self, obstacle: Obstacle, stamp_s: float) -> Obstacle:
-        """A mover where its line has led it by now; any other obstacle as it is."""
-        if obstacle.moving < self.config.moving_share or stamp_s <= obstacle.seen_s:
+    def propagated(self, obstacle: Obstacle, stamp_s: float) -> Obstacle:
+        """A moving obstacle at its predicted present position; any other obstacle unchanged."""
+        if obstacle.moving < LEARN_FROM or stamp_s <= obstacle.seen_s:
             return obstacle
         forecast = self.forecast(obstacle, stamp_s, np.zeros(1))
         if not forecast.since_seen:
@@ -192,19 +177,19 @@ class MotionPatterns:
         return replace(obstacle, state=state, straight=None)
 
     def remembered(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Obstacle]:
-        """Movers that no track follows any more, but whose line is known from end to end.
+        """Moving obstacles without a track on lines with two known turning points.
 
         Returns:
-            As if gone straight on since they were seen; `forecast` and `now` lead them along their lines.
+            Obstacles under the hypothesis of straight motion; `forecast` and `propagated` follow their lines.
         """
         found = []
-        for line in self._deserted(obstacles, stamp_s, self.config.remembered_s):
+        for line in self._without_track(obstacles, stamp_s, REMEMBERED_S):
             if not (math.isfinite(line.turn_low) and math.isfinite(line.turn_high)):
                 continue
             unseen = stamp_s - line.seen_s
             velocity = line.sense * line.speed_mps * line.direction
             seen_at = line.origin + line.at * line.direction
-            along = (0.05 + self.config.drift_mps * unseen) ** 2
+            along = (0.05 + DRIFT_MPS * unseen) ** 2
             P = np.zeros((4, 4))
             P[:2, :2] = along * np.outer(line.direction, line.direction) + 0.05**2 * np.eye(2)
             P[2:, 2:] = np.eye(2) * 1e-4
@@ -221,17 +206,17 @@ class MotionPatterns:
         return found
 
     def lost(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Line]:
-        """Lines that something was lost on, whose ends are not known: it may be anywhere there."""
+        """Lines with an unknown end on which an obstacle was lost; it may be anywhere on them."""
         return [
             line
-            for line in self._deserted(obstacles, stamp_s, self.config.lost_s)
+            for line in self._without_track(obstacles, stamp_s, LOST_S)
             if not (math.isfinite(line.turn_low) and math.isfinite(line.turn_high))
         ]
 
-    def _deserted(
+    def _without_track(
         self, obstacles: Sequence[Obstacle], stamp_s: float, longest_s: float
     ) -> list[Line]:
-        """Lines seen within a time that no present track is on."""
+        """Lines with a sighting within the last `longest_s` and no present track."""
         tracks = {obstacle.track for obstacle in obstacles}
         lost = [
             line
@@ -245,7 +230,7 @@ class MotionPatterns:
         taken = [
             self._line_of(obstacle, obstacle.position)
             for obstacle in obstacles
-            if obstacle.moving >= self.config.moving_share
+            if obstacle.moving >= LEARN_FROM
         ]
         return [line for line in lost if not any(line is other for other in taken)]
 
@@ -253,41 +238,41 @@ class MotionPatterns:
         speed = float(np.hypot(*obstacle.velocity))
         P = obstacle.state.covariance[2:, 2:]
         sigma = math.sqrt(max(float(P[0, 0] + P[1, 1]) / 2.0, 0.0))
-        return speed >= self.config.least_mps and sigma <= self.config.sure_share * speed
+        return speed >= LEAST_MPS and sigma <= SURE_SHARE * speed
 
     def _rate(self, obstacle: Obstacle, line: Line) -> float:
-        """Speed on a line, m/s: the track's and the line's own, each by how sure it is.
+        """Speed on a line, m/s: mean of the track's and the line's speed, weighted by their variances.
 
-        A track that was just seen to turn knows its speed badly; on its line it had one before.
+        Just after a reversal the speed of the track is uncertain; the line gives the one before.
         """
         speed = float(np.hypot(*obstacle.velocity))
-        if line.high - line.low < self.config.long_m:
+        if line.high - line.low < LONG_M:
             return speed
         P = obstacle.state.covariance[2:, 2:]
         own = max(float(line.direction @ P @ line.direction), 1e-12)
-        usual = (self.config.usual_share * line.speed_mps) ** 2
+        usual = (SPEED_SPREAD * line.speed_mps) ** 2
         return (speed * usual + line.speed_mps * own) / (own + usual)
 
     def _line_of(self, obstacle: Obstacle, place: np.ndarray) -> Line | None:
-        """The line that it is on: of those near and along, the nearest."""
-        config, least = self.config, math.cos(math.radians(self.config.askew_deg))
+        """The nearest of the lines that agree with its position, heading and speed; None if none does."""
+        least = math.cos(math.radians(OBLIQUE_DEG))
         (x, y), (vx, vy) = place.tolist(), obstacle.velocity.tolist()
         speed = max(math.hypot(vx, vy), 1e-9)
         best, found = math.inf, None
         for line in self.lines:
-            x0, y0, dx, dy = line.plain
+            x0, y0, dx, dy = line.scalars
             if abs(vx * dx + vy * dy) < least * speed:
                 continue
             same = line.track == obstacle.track
-            if not same and abs(speed - line.speed_mps) > config.speed_share * line.speed_mps:
+            if not same and abs(speed - line.speed_mps) > SPEED_SHARE * line.speed_mps:
                 continue
-            aside = abs((x - x0) * dy - (y - y0) * dx)
+            lateral = abs((x - x0) * dy - (y - y0) * dx)
             at = (x - x0) * dx + (y - y0) * dy
-            reach = 2.0 * config.beyond_m if same else config.beyond_m
+            reach = 2.0 * BEYOND_M if same else BEYOND_M
             if not line.low - reach <= at <= line.high + reach:
                 continue
-            cost = aside * (0.5 if same else 1.0)
-            if aside <= config.aside_m and cost < best:
+            cost = lateral * (0.5 if same else 1.0)
+            if lateral <= LATERAL_M and cost < best:
                 best, found = cost, line
         return found
 
@@ -317,30 +302,30 @@ class MotionPatterns:
             return
         at = line.along(place)
         sense = 1.0 if float(velocity @ line.direction) > 0.0 else -1.0
-        if sense != line.sense and gap <= self.config.longest_gap_s:
+        if sense != line.sense and gap <= LONGEST_GAP_S:
             turn = (line.at + at + line.sense * speed * gap) / 2.0
             turn = max(turn, at, line.at) if line.sense > 0.0 else min(turn, at, line.at)
             self._turned(line, turn)
         line.low, line.high = min(line.low, at), max(line.high, at)
-        if at > line.turn_high + self.config.contradicted_m:
+        if at > line.turn_high + CONTRADICTED_M:
             line.turn_high = math.nan
-        if at < line.turn_low - self.config.contradicted_m:
+        if at < line.turn_low - CONTRADICTED_M:
             line.turn_low = math.nan
         line.at, line.sense, line.seen_s, line.track = at, sense, obstacle.seen_s, obstacle.track
         line.speed_mps += 0.1 * (speed - line.speed_mps)
         _straighten(line, place)
 
     def _turned(self, line: Line, turn: float) -> None:
-        """It turned there; an older opinion is mixed in if it is near."""
+        """Record a turning point; average it with an older one nearby."""
         name = "turn_high" if line.sense > 0.0 else "turn_low"
         old = getattr(line, name)
-        if abs(old - turn) <= 2.0 * self.config.contradicted_m:
-            turn = old + self.config.fresh_share * (turn - old)
+        if abs(old - turn) <= 2.0 * CONTRADICTED_M:
+            turn = old + FRESH_SHARE * (turn - old)
         setattr(line, name, turn)
 
 
 def _straighten(line: Line, place: np.ndarray) -> None:
-    """Fit the direction to all places seen, once they are far enough apart to tell."""
+    """Add a sighting and fit the line to all sightings once they are 0.3 m apart."""
     offset = place - line.origin
     x, y = float(offset[0]), float(offset[1])
     line.sums += np.array([1.0, x, y, x * x, x * y, y * y])
@@ -352,8 +337,10 @@ def _straighten(line: Line, place: np.ndarray) -> None:
     direction = np.array([math.cos(angle), math.sin(angle)])
     direction = direction if float(direction @ line.direction) >= 0.0 else -direction
     middle = np.array([sx, sy]) / n
-    line.turned_to(line.origin + middle - float(middle @ direction) * direction, direction)
-    shift = float(middle @ line.direction) * line.direction - middle  # back into the sums
+    line.place(line.origin + middle - float(middle @ direction) * direction, direction)
+    shift = (
+        float(middle @ line.direction) * line.direction - middle
+    )  # shifts the sums to the new origin
     line.sums = np.array(
         [
             n,

@@ -1,4 +1,4 @@
-"""Who has the last word on a footstep: the guard, or one of the peers that it is compared with."""
+"""The protocol of the last check on a footstep, which the guard and its baselines implement."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ from ..commands import WalkCommand
 BASELINE_CELL_M = 0.17
 """Ours: distance that the baselines keep from the middle of an occupied cell, for a DARwIn-OP."""
 
+BASELINE_MARGIN_M = 0.05
+"""Ours: margin of the baselines to moving obstacles, as the guard's default."""
+
 
 @runtime_checkable
 class StepFilter(Protocol):
-    """From the step that the field wants to the step that is made."""
+    """Replaces the desired step by one that avoids collisions."""
 
     def choose(
         self,
@@ -30,21 +33,21 @@ class StepFilter(Protocol):
         target: Float[np.ndarray, "2"],
         stamp_s: float,
     ) -> WalkCommand:
-        """The step to make; to be asked once per footstep, in order.
+        """The step to make; called once per footstep, in order.
 
         Args:
-            desired: What the field asks for.
+            desired: Step that the planner asks for.
             robot: Gaussian over (x, y, yaw), world frame.
-            obstacles: Tracks, world frame, as of now.
-            occupied: Middles of occupied cells, world frame, m; far ones may be included.
+            obstacles: Tracks at the present time, world frame.
+            occupied: Middles of occupied cells, world frame, m; may include distant ones.
             target: Via point, world frame, m.
-            stamp_s: Now, in the clock of `Obstacle.seen_s`.
+            stamp_s: Present time, in the clock of `Obstacle.seen_s`.
         """
         ...
 
 
 class Unfiltered:
-    """Makes every step that the field wants: the published method alone."""
+    """Returns every desired step unchanged: the published method alone."""
 
     def choose(
         self,
@@ -55,5 +58,5 @@ class Unfiltered:
         target: Float[np.ndarray, "2"],
         stamp_s: float,
     ) -> WalkCommand:
-        """The desired step, whatever there is."""
+        """The desired step."""
         return desired

@@ -1,10 +1,9 @@
-"""The next footstep from one picture: a swarm, or an exact search, over the pixels of the floor.
+"""The next footstep from one colour picture: search over the pixels of the floor.
 
-Read in this order: `floor_rows` (what a pixel's row says about the floor), `objective` (distance to the
-goal and the four penalties), `search` (the particle swarm in its modes, and the exact search that sweeps
-the picture from the feet upwards), `corners` (what the feet have just lost sight of), `command` (the best
-pixel as a footstep), `glances` (looking aside for who is lost there). Compiled loops
-are in the modules whose names end in `_kernels`.
+In reading order: `floor_rows` (floor geometry of the rows of a picture), `objective` (distance to the goal and four
+penalties), `search` (the particle swarm and an exact search), `corners` (obstacles that have just left the picture beside
+the feet), `command` (the best pixel as a footstep), `ground_memory` (contacts and floor seen during the last steps),
+`glances` (looks aside for obstacles out of sight), `settings`. Modules whose names end in `_kernels` hold compiled loops.
 
-Source: seed 000, sections 4 and 5.
+Source: Han 2018 (seed 000), sections 4 and 5.
 """

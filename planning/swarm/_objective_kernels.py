@@ -1,37 +1,97 @@
-"""Compiled value of pixels: cost and penalties. Arrays and scalars only.
-
-`shape` packs what does not depend on the picture, see `objective.Objective.packed`: 0 fx, 1 cx, 2 left of
-the eye, 3 to 6 the lines, 7 half width of the corridor, 8 least and 9 greatest angle of the window as seen
-from the robot, 10 tilt sine, 11 tilt cosine, 12 ahead of the eye, 13 height of the eye, 14 fy, 15 cy,
-16 goal ahead, 17 goal left, 18 first column, 19 end of the columns, 20 farthest range, 21 first row,
-22 whether as printed, 23 heading by which the printed angle is wrong, 24 whether the corridor's inside counts.
-"""
+"""Compiled value of pixels: cost and penalties of seed 000, eq. (3) to (9)."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-WIDEST = math.radians(80.0)
+WIDEST = math.radians(80.0)  # ours: largest direction from the robot's heading that is searched
+
+
+class Geometry(NamedTuple):
+    """Numbers of one picture, robot and goal; "ahead" and "left" are in the frame of `floor_rows`, m.
+
+    Args:
+        fx, fy, cx, cy: Pinhole of the upright camera, px.
+        eye_ahead, eye_left, eye_up: Position of the camera.
+        tilt_sin, tilt_cos: Of its tilt.
+        p0, p1, q0, q1: Lines of `FloorRows.lines`.
+        half_m: Half width of the corridor.
+        least_rad, greatest_rad: Window of directions seen from the robot.
+        goal_ahead, goal_left: Goal.
+        first_column, end_column: Columns that are open.
+        farthest_m: Longest range.
+        first_row: First row that is searched.
+        heading_rad: Offset of the angle, which only the printed form gets wrong.
+        literal: Whether the corridor is as printed.
+        filled: Whether pixels between the edges of the corridor count.
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    eye_ahead: float
+    eye_left: float
+    eye_up: float
+    tilt_sin: float
+    tilt_cos: float
+    p0: float
+    p1: float
+    q0: float
+    q1: float
+    half_m: float
+    least_rad: float
+    greatest_rad: float
+    goal_ahead: float
+    goal_left: float
+    first_column: float
+    end_column: float
+    farthest_m: float
+    first_row: float
+    heading_rad: float
+    literal: bool
+    filled: bool
+
+
+class Arrays(NamedTuple):
+    """The objective over one picture.
+
+    Args:
+        blocked: (h, w) uint8, pixels that cannot be walked on.
+        integral: (h + 1, w + 1) their number above and left of each corner.
+        rows: (h, 2) distance ahead, m, and metres per column of each row; -1 ahead without floor.
+        boxes: (h, 3) first row, end row and half width of the footprint at each row, px.
+        geometry: Numbers of the picture, robot and goal.
+        penalty: Of each violated condition, m.
+    """
+
+    blocked: np.ndarray
+    integral: np.ndarray
+    rows: np.ndarray
+    boxes: np.ndarray
+    geometry: Geometry
+    penalty: float
 
 
 @njit(cache=True, inline="always")
-def left_of(shape: np.ndarray, u: float, per_px: float) -> float:
-    """How far left of the robot a column shows the floor, in a row of so many metres to a column."""
-    return shape[2] - (u - shape[1]) * per_px
+def left_of(view: Geometry, u: float, per_px: float) -> float:
+    """Lateral position of the floor in a column, left positive, m; per_px in metres per column."""
+    return view.eye_left - (u - view.cx) * per_px
 
 
 @njit(cache=True, inline="always")
-def column_of(shape: np.ndarray, left: float, per_px: float) -> float:
-    """The column, in fractions, that shows the floor so far left of the robot: the reverse of `left_of`."""
-    return shape[1] + (shape[2] - left) / per_px
+def column_of(view: Geometry, left: float, per_px: float) -> float:
+    """The inverse of `left_of`: the column, with a fraction, of a lateral position."""
+    return view.cx + (view.eye_left - left) / per_px
 
 
 @njit(cache=True, inline="always")
 def line_blocked(blocked: np.ndarray, a: float, b: float, first_row: float) -> bool:
-    """Whether the image line u = a + b v touches a blocked pixel from a row down to the lowest."""
+    """Whether the image line u = a + b v touches a blocked pixel between a row and the lowest one."""
     height, width = blocked.shape
     start = max(math.ceil(first_row), 0)
     half = 0.5 * abs(b)
@@ -49,7 +109,7 @@ def line_blocked(blocked: np.ndarray, a: float, b: float, first_row: float) -> b
 def between_blocked(
     integral: np.ndarray, a: float, b: float, c: float, d: float, first_row: float
 ) -> bool:
-    """Whether a pixel is blocked between the lines u = a + b v and u = c + d v, from a row down to the lowest."""
+    """Whether a pixel between the lines u = a + b v and u = c + d v is blocked, from a row to the lowest one."""
     height, width = integral.shape[0] - 1, integral.shape[1] - 1
     for y in range(height - 1, max(math.ceil(first_row), 0) - 1, -1):
         left = max(math.floor(a + b * y + 0.5), 0)
@@ -63,25 +123,25 @@ def between_blocked(
 
 
 @njit(cache=True, inline="always")
-def edge_line(shape: np.ndarray, tangent: float, secant: float, side: float) -> tuple[float, float]:
-    """(a, b) of the corridor's left (+1) or right (-1) edge towards a direction."""
-    k = side * shape[7] * secant - shape[2]
-    a = shape[1] - shape[0] * (shape[3] * tangent + shape[5] * k)
-    b = -shape[0] * (shape[4] * tangent + shape[6] * k)
+def edge_line(view: Geometry, tangent: float, secant: float, side: float) -> tuple[float, float]:
+    """(a, b) of the left (+1) or right (-1) edge of the corridor in a direction."""
+    k = side * view.half_m * secant - view.eye_left
+    a = view.cx - view.fx * (view.p0 * tangent + view.q0 * k)
+    b = -view.fx * (view.p1 * tangent + view.q1 * k)
     return a, b
 
 
 @njit(cache=True, inline="always")
-def row_of(shape: np.ndarray, ahead: float) -> float:
-    """Row in which the floor so far ahead appears."""
-    away = ahead - shape[12]
-    depth = max(away * shape[11] + shape[13] * shape[10], 1e-9)
-    return shape[15] + shape[14] * (shape[13] * shape[11] - away * shape[10]) / depth
+def row_of(view: Geometry, ahead: float) -> float:
+    """Row of the floor at a distance ahead."""
+    away = ahead - view.eye_ahead
+    depth = max(away * view.tilt_cos + view.eye_up * view.tilt_sin, 1e-9)
+    return view.cy + view.fy * (view.eye_up * view.tilt_cos - away * view.tilt_sin) / depth
 
 
 @njit(cache=True, inline="always")
 def footprint_blocked(integral: np.ndarray, boxes: np.ndarray, u: int, v: int) -> bool:
-    """p1: whether the robot's footprint there leaves the picture or covers a blocked pixel."""
+    """p1: whether the footprint at a pixel leaves the picture or covers a blocked pixel."""
     top, bottom, half = boxes[v, 0], boxes[v, 1], boxes[v, 2]
     left, right = u - half, u + half + 1
     if top < 0 or bottom > integral.shape[0] - 1 or left < 0 or right > integral.shape[1] - 1:
@@ -96,43 +156,42 @@ def footprint_blocked(integral: np.ndarray, boxes: np.ndarray, u: int, v: int) -
 
 
 @njit(cache=True, inline="always")
-def way_blocked(
-    blocked: np.ndarray,
-    integral: np.ndarray,
-    shape: np.ndarray,
+def corridor_blocked(
+    objective: Arrays,
     u: int,
     v: int,
     ahead: float,
     left: float,
 ) -> bool:
-    """p2: whether the corridor from the robot to the pixel covers a blocked pixel."""
-    if shape[22] > 0.0:
-        return printed_way_blocked(blocked, shape, u, v)
+    """p2: whether the corridor from the robot to a pixel covers a blocked pixel."""
+    blocked, integral, view = objective.blocked, objective.integral, objective.geometry
+    if view.literal:
+        return printed_corridor_blocked(blocked, view, u, v)
     reach = math.hypot(ahead, left)
     if ahead < reach * math.cos(WIDEST):
         return True
     tangent, secant, sine = left / ahead, reach / ahead, left / reach
     for side in (1.0, -1.0):
-        a, b = edge_line(shape, tangent, secant, side)
-        if line_blocked(blocked, a, b, row_of(shape, ahead - side * shape[7] * sine)):
+        a, b = edge_line(view, tangent, secant, side)
+        if line_blocked(blocked, a, b, row_of(view, ahead - side * view.half_m * sine)):
             return True
-    if shape[24] == 0.0:
+    if not view.filled:
         return False
-    a, b = edge_line(shape, tangent, secant, 1.0)
-    c, d = edge_line(shape, tangent, secant, -1.0)
-    nearer = row_of(shape, ahead - shape[7] * abs(sine))  # of the two corners at its end
+    a, b = edge_line(view, tangent, secant, 1.0)
+    c, d = edge_line(view, tangent, secant, -1.0)
+    nearer = row_of(view, ahead - view.half_m * abs(sine))  # of the two corners at the end
     return between_blocked(integral, a, b, c, d, nearer)
 
 
 @njit(cache=True, inline="always")
-def printed_way_blocked(blocked: np.ndarray, shape: np.ndarray, u: int, v: int) -> bool:
-    """p2 as printed: lines from the pixel to both nearest pixels, a corridor that ends in a point."""
+def printed_corridor_blocked(blocked: np.ndarray, view: Geometry, u: int, v: int) -> bool:
+    """p2 as printed: a corridor that narrows to the pixel."""
     last = blocked.shape[0] - 1
     if v >= last:
         return False
-    depth = 1.0 / (shape[5] + shape[6] * last)
+    depth = 1.0 / (view.q0 + view.q1 * last)
     for side in (1.0, -1.0):
-        near = shape[1] - shape[0] * (side * shape[7] - shape[2]) / depth
+        near = view.cx - view.fx * (side * view.half_m - view.eye_left) / depth
         b = (near - u) / (last - v)
         if line_blocked(blocked, u - b * v, b, float(v)):
             return True
@@ -141,62 +200,56 @@ def printed_way_blocked(blocked: np.ndarray, shape: np.ndarray, u: int, v: int) 
 
 @njit(cache=True)
 def value(
-    blocked: np.ndarray,
-    integral: np.ndarray,
-    rows: np.ndarray,
-    boxes: np.ndarray,
-    shape: np.ndarray,
-    penalty: float,
+    objective: Arrays,
     u: int,
     v: int,
     bound: float,
 ) -> float:
-    """O of one pixel: metres to the goal, and a penalty for each of the four that is violated.
+    """O of one pixel: distance to the goal, m, plus a penalty for each of the four violated conditions.
 
-    What reaches the bound is of no interest: the result is then some number not below it.
+    From the bound on the value is not exact; it is then any number not below the bound.
     """
+    integral, rows, boxes = objective.integral, objective.rows, objective.boxes
+    view, penalty = objective.geometry, objective.penalty
     ahead = rows[v, 0]
-    if not (v >= shape[21] and ahead > 0.0):
+    if not (v >= view.first_row and ahead > 0.0):
         return 5.0 * penalty + 1e-3 * penalty * (rows.shape[0] - v)
-    left = left_of(shape, u, rows[v, 1])
-    cost = math.hypot(ahead - shape[16], left - shape[17])
+    left = left_of(view, u, rows[v, 1])
+    cost = math.hypot(ahead - view.goal_ahead, left - view.goal_left)
     if cost >= bound:
         return cost
     count = 0
     if footprint_blocked(integral, boxes, u, v):
         count += 1
-    if u < shape[18] or u >= shape[19]:
+    if u < view.first_column or u >= view.end_column:
         count += 1
-    angle = math.atan2(left, ahead) + shape[23]
+    angle = math.atan2(left, ahead) + view.heading_rad
     if angle > math.pi:
         angle -= 2.0 * math.pi
-    inside = shape[8] <= angle <= shape[9] and math.hypot(ahead, left) <= shape[20]
+    inside = (
+        view.least_rad <= angle <= view.greatest_rad and math.hypot(ahead, left) <= view.farthest_m
+    )
     if not inside:
         count += 1
     if cost + penalty * count >= bound:
         return cost + penalty * count
-    if count == 0 or shape[22] > 0.0:
-        if way_blocked(blocked, integral, shape, u, v, ahead, left):
+    if count == 0 or view.literal:
+        if corridor_blocked(objective, u, v, ahead, left):
             count += 1
     else:
-        count += 1  # a pixel that is forbidden anyhow has no way: its lines need not be followed
+        count += 1  # a forbidden pixel needs no test of its corridor
     return cost + penalty * count
 
 
 @njit(cache=True)
 def values(
-    blocked: np.ndarray,
-    integral: np.ndarray,
-    rows: np.ndarray,
-    boxes: np.ndarray,
-    shape: np.ndarray,
-    penalty: float,
+    objective: Arrays,
     pixels: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """O of many pixels (n, 2), rounded to whole ones; those outside the picture are taken at its rim."""
-    height, width = blocked.shape
+    """O of many pixels (n, 2), rounded and clipped to the picture."""
+    height, width = objective.blocked.shape
     for i in range(pixels.shape[0]):
         u = min(max(math.floor(pixels[i, 0] + 0.5), 0), width - 1)
         v = min(max(math.floor(pixels[i, 1] + 0.5), 0), height - 1)
-        out[i] = value(blocked, integral, rows, boxes, shape, penalty, u, v, np.inf)
+        out[i] = value(objective, u, v, np.inf)

@@ -1,6 +1,6 @@
-"""The best pixel as a footstep: as far round as one step allows, and ahead; or turning where nothing is free.
+"""The best pixel as a footstep: turn as far as one step allows, and forward; or turn on the spot without a free pixel.
 
-Source: seed 000, section 5, eq. (10), C_w,penalty; slower while the turn is not done is ours (`footsteps`).
+Source: Han 2018 (seed 000), section 5, eq. (10), C_w,penalty; slowing down in turns is ours (`footsteps`).
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ PRINTED_STEP_M = 0.04  # S_F, seed 000
 
 
 def angle_to(place: Float[np.ndarray, "2"], robot: Pose2) -> float:
-    """theta_p: direction of a place as seen from the robot's heading, left positive, in [-pi, pi) rad.
+    """theta_p: direction of a place relative to the heading, left positive, in [-pi, pi) rad.
 
-    Source: seed 000, eq. (7) with the missing subscript and the robot's heading put in.
+    Source: seed 000, eq. (7), with the missing subscript and the heading of the robot.
     """
     return wrap_angle(math.atan2(place[1] - robot.y, place[0] - robot.x) - robot.yaw)
 
@@ -32,7 +32,7 @@ def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> Wa
 
     Args:
         place: P_best on the floor, world frame, m.
-        robot: Where it stands.
+        robot: Pose, world frame.
         gait: Cruising speed and limits.
 
     Source: seed 000, eq. (10).
@@ -41,9 +41,9 @@ def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> Wa
 
 
 def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> WalkCommand:
-    """The same as printed, for comparison: always 0.04 m, by an angle that forgets the robot's heading.
+    """The printed form, for comparison: always 0.04 m, by an angle without the heading of the robot.
 
-    It is that to the y axis, and of the arc tangent of a ratio: right for who faces along y, and for places ahead.
+    The angle is relative to the y axis, by the arc tangent of a ratio: correct for a heading along y and places ahead.
 
     Source: seed 000, eq. (10) as printed; the angle there is positive to the right.
     """
@@ -56,7 +56,7 @@ def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> Wa
 def turning(
     goal: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits, literal: bool = False
 ) -> WalkCommand:
-    """C_w,penalty: on the spot towards the goal; as printed always by +14 deg.
+    """C_w,penalty: turn on the spot towards the goal; in the printed form always by +14 deg.
 
     Source: seed 000, section 5; the sign is ours.
     """

@@ -1,10 +1,10 @@
-"""What the feet have just lost sight of: S_m, a counter of steps for each side of the picture.
+"""Obstacles that have just left the picture beside the feet: S_m, a counter of steps for each side.
 
-An obstacle in a lower corner of the picture is about to leave it, and will be beside the feet while the
-robot passes it. For as many steps as that takes, that half of the picture is not walked to.
+An obstacle in a lower corner of the picture is about to leave it and is then beside the feet while the robot passes. For
+the number of steps that this takes, that half of the picture is closed.
 
-Source: seed 000, section 4.4, eq. (6); one counter for each side is ours, and so is that two do not close the
-whole picture: ahead between them is where the robot has just seen floor.
+Source: Han 2018 (seed 000), section 4.4, eq. (6). Ours: one counter for each side, and that both together close nothing,
+since the robot has just seen floor ahead between them.
 """
 
 from __future__ import annotations
@@ -15,34 +15,34 @@ from perception.primitives.errors import InputError
 
 
 class Corners:
-    """Counts for both sides; lives from step to step."""
+    """The counters of both sides."""
 
     def __init__(self, printed: bool = False) -> None:
-        """Nothing lost yet.
+        """Both counters at 0.
 
         Args:
-            printed: One counter, of the side seen last, and both sides may be closed.
+            printed: One counter, for the last side, and both halves may be closed.
         """
         self._printed = printed
         self.steps = (0, 0)
-        """S_m of the left and of the right, steps still to go."""
+        """S_m of the left and of the right, remaining steps."""
 
     @property
     def blocked(self) -> tuple[bool, bool]:
-        """Whether the left and the right half are closed, p3; with both closed neither is."""
+        """Whether the left and the right half are closed, p3; never both."""
         left, right = (count > 0 for count in self.steps)
         return (False, False) if left and right and not self._printed else (left, right)
 
     def update(self, seen: tuple[bool, bool], unseen_m: float, step_m: float) -> None:
-        """Once per footstep.
+        """Update once per footstep.
 
         Args:
-            seen: Whether an obstacle shows in the lower left and the lower right corner.
-            unseen_m: From the body to the nearest floor that it sees (0.16 in the seed); NaN if it sees none.
+            seen: Whether an obstacle appears in the lower left and in the lower right corner.
+            unseen_m: Distance from the body to the nearest visible floor (seed 000: 0.16 m); NaN without any.
             step_m: S_F.
 
         Raises:
-            InputError: for a step that leads nowhere.
+            InputError: The step has no length.
         """
         if not step_m > 0.0:
             raise InputError(f"corners: step_m={step_m} must be positive")
@@ -51,6 +51,6 @@ class Corners:
             fresh if shows else max(0, count - 1)
             for shows, count in zip(seen, self.steps, strict=True)
         )
-        if self._printed and any(seen) and not all(seen):  # the counter begins anew, for this side
+        if self._printed and any(seen) and not all(seen):  # the one counter restarts for this side
             left, right = (left, 0) if seen[0] else (0, right)
         self.steps = (left, right)

@@ -1,9 +1,9 @@
-"""What the rows of a picture say about the floor: with an upright camera each row is one distance ahead.
+"""Floor geometry of the rows of a picture: for an upright camera each row is one distance ahead.
 
-The frame used here has its origin on the floor under the body and its x axis along the camera's heading,
-so every row is a line of constant x ("ahead") and a pixel is so many metres wide.
+The frame has its origin on the floor under the body and its x axis along the heading of the camera, so that every row is
+a line of constant x ("ahead") and every pixel of it has the same width on the floor.
 
-Source: seed 000, eq. (1) and (2), solved for points on the floor.
+Source: Han 2018 (seed 000), eq. (1) and (2), solved for points on the floor.
 """
 
 from __future__ import annotations
@@ -19,24 +19,26 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
 
-UPRIGHT_RAD = math.radians(0.05)  # a lean that moves no pixel of 720 by more than a third of one
+UPRIGHT_RAD = math.radians(
+    0.05
+)  # ours: a roll that moves no pixel of 720 by more than a third of one
 SWAY_RAD = math.radians(
     5.0
-)  # walking trials: a trunk rolls by 2.8 deg in one of a hundred pictures
-MOST_LEAN_RAD = math.radians(45.0)
+)  # ours: in walking trials the trunk rolls by 2.8 deg in 1 % of the pictures
+MOST_ROLL_RAD = math.radians(45.0)
 
 
 @dataclass(frozen=True, eq=False)
 class FloorRows:
-    """The floor as a camera on the body sees it.
+    """The floor seen by a camera on the body.
 
     Args:
-        camera: Its pinhole.
+        camera: Pinhole model.
         heading_rad: Of the camera in the body frame, left positive.
-        tilt_rad: Downwards.
-        eye: (ahead, left, up) of the camera, this module's frame, m.
-        ahead: Of each row's floor, m; NaN at and above the horizon.
-        per_px: Metres to one column in each row; NaN at and above the horizon.
+        tilt_rad: Down positive.
+        eye: (ahead, left, up) of the camera in the frame of this module, m.
+        ahead: Distance of the floor in each row, m; NaN at and above the horizon.
+        per_px: Width of a column on the floor in each row, m; NaN at and above the horizon.
         lines: (p0, p1, q0, q1): x / depth = p0 + p1 v and 1 / depth = q0 + q1 v on the floor.
     """
 
@@ -49,7 +51,7 @@ class FloorRows:
     lines: Float[np.ndarray, "4"]
 
     def row_of(self, ahead_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Row, in fractions, in which the floor so far ahead appears; may lie outside the picture."""
+        """Row, with a fraction, of the floor at a distance ahead; may lie outside the picture."""
         away, up = ahead_m - self.eye[0], self.eye[2]
         c, s = math.cos(self.tilt_rad), math.sin(self.tilt_rad)
         depth = np.maximum(away * c + up * s, 1e-9)
@@ -65,14 +67,14 @@ class FloorRows:
 
     @staticmethod
     def of(camera: Camera, T_body_camera: Pose3) -> FloorRows:
-        """From a camera's place on the body; of a camera that leans, as if it stood upright (`upright`).
+        """From the pose of a camera on the body; its roll is removed (`upright`).
 
         Raises:
-            InputError: for a lens that is not rectified, or a camera in the floor.
+            InputError: The picture is distorted, or the camera is not above the floor.
         """
         if camera.is_distorted:
-            raise InputError("swarm: the picture is distorted; rectify it before planning on it")
-        T_body_camera = T_body_camera @ _leaning(-lean(T_body_camera))
+            raise InputError("swarm: the picture is distorted; rectify it first")
+        T_body_camera = T_body_camera @ _rolled(-roll_of(T_body_camera))
         right, axis = T_body_camera.rotation[:, 0], T_body_camera.rotation[:, 2]
         x, y, up = T_body_camera.translation
         if not up > 0.0:
@@ -99,8 +101,8 @@ class FloorRows:
         )
 
 
-def lean(T_body_camera: Pose3) -> float:
-    """How far the camera is turned about its own axis away from upright, clockwise, rad."""
+def roll_of(T_body_camera: Pose3) -> float:
+    """Roll of the camera about its optical axis, clockwise, rad."""
     right, down = T_body_camera.rotation[2, 0], T_body_camera.rotation[2, 1]
     return math.atan2(-float(right), -float(down))
 
@@ -108,24 +110,24 @@ def lean(T_body_camera: Pose3) -> float:
 def upright(
     movable: UInt8[np.ndarray, "h w"], camera: Camera, T_body_camera: Pose3
 ) -> UInt8[np.ndarray, "h w"]:
-    """The mask as the same camera would see it without its lean.
+    """The mask rotated to the view of an upright camera.
 
-    The wedges that come from outside are as the border beside them: taken for blocked, a degree of lean would lay
-    a bar before the feet. Wider ones than a walk makes are nobody's floor, and blocked.
+    The wedges from outside the picture repeat its border; as blocked pixels they would close the space before the feet at
+    a degree of roll. Wedges larger than those of a walk are blocked.
 
     Raises:
-        InputError: for a camera that lies on its side.
+        InputError: The camera rolls by more than 45 deg.
     """
-    angle = lean(T_body_camera)
-    if abs(angle) > MOST_LEAN_RAD:
+    angle = roll_of(T_body_camera)
+    if abs(angle) > MOST_ROLL_RAD:
         raise InputError(
-            f"swarm: the camera leans by {math.degrees(angle):.0f} deg, expected at most "
-            f"{math.degrees(MOST_LEAN_RAD):.0f}; turn the picture before planning on it"
+            f"swarm: the camera rolls by {math.degrees(angle):.0f} deg, expected at most "
+            f"{math.degrees(MOST_ROLL_RAD):.0f}; rotate the picture first"
         )
     if abs(angle) < UPRIGHT_RAD:
         return movable
     K = camera.matrix
-    turned = K @ _leaning(-angle).rotation.T @ np.linalg.inv(K)
+    turned = K @ _rolled(-angle).rotation.T @ np.linalg.inv(K)
     size = (camera.width, camera.height)
     border = cv2.BORDER_REPLICATE if abs(angle) <= SWAY_RAD else cv2.BORDER_CONSTANT
     return np.asarray(
@@ -134,8 +136,8 @@ def upright(
     )
 
 
-def _leaning(angle_rad: float) -> Pose3:
-    """A turn about the optical axis, clockwise as seen from behind the camera."""
+def _rolled(angle_rad: float) -> Pose3:
+    """A rotation about the optical axis, clockwise seen from behind the camera."""
     return Pose3(quat_xyzw=(0.0, 0.0, math.sin(angle_rad / 2), math.cos(angle_rad / 2)))
 
 

@@ -1,93 +1,69 @@
-"""Looking aside for a step: where a mover should be that the picture ahead does not show.
+"""Glances: looks aside, for one step, for a moving obstacle that the picture ahead does not show.
 
-A camera that always looks ahead loses who crosses, and what was lost may have turned back: the guard then
-waits for phantoms. A glance tells. Every other step at most is one, and walks on to the place that was chosen
-before it: the picture of a glance chooses none. Of several it goes to whoever could be here first, had it
-turned back when it was last seen. Who waits and looks for nobody looks to both sides by turns.
+A camera that always looks ahead loses crossing obstacles, and the guard must assume that they may have reversed. A glance
+resolves this. At most every other step is one; the robot then walks on to the target chosen before, since the picture of
+a glance selects none. Of several obstacles it goes to the one that could arrive first if it reversed at its last
+sighting. A robot that waits without such an obstacle looks to both sides alternately.
 
-Source: ours; the seed's head stays ahead.
+Source: ours; in seed 000 the head stays ahead.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
-from perception.primitives.errors import ConfigError
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.robot_model import RobotModel
 
 from .command import angle_to
 
-
-@dataclass(frozen=True)
-class GlanceConfig:
-    """Whom to look for, and how far round."""
-
-    enabled: bool = True
-    unseen_s: float = (
-        0.5  # ours: who shows in the second picture of the last step is not looked for
-    )
-    reach_m: float = 1.3  # ours: farther, nobody comes within ten seconds
-    from_deg: float = (
-        35.0  # ours: nearer to the axis the picture ahead shows it, or something hides it
-    )
-    to_deg: float = 120.0  # ours: who is farther round is behind
-    spare_deg: float = 20.0  # ours: the head stops short of it; where it is, is not known well
-    most_deg: float = 75.0  # ours: the head turns no further
-
-    def __post_init__(self) -> None:
-        for name in ("unseen_s", "reach_m", "from_deg", "to_deg", "spare_deg", "most_deg"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"glance: {name}={value} must be positive and finite")
+# all ours
+UNSEEN_S = 0.5  # an obstacle in the second picture of the last step needs no glance
+REACH_M = 1.3  # farther obstacles are ten seconds away
+FROM_DEG = 35.0  # nearer to the axis the picture ahead shows the obstacle, unless it is occluded
+TO_DEG = 120.0  # farther round it is behind the robot
+SPARE_DEG = 20.0  # the head stops short of the predicted direction, which is uncertain
+MOST_DEG = 75.0  # largest pan
 
 
 class Glances:
-    """Lives from step to step."""
+    """Chooses the pan of each step; remembers the last side."""
 
-    def __init__(self, config: GlanceConfig, body_radius_m: float, top_speed_mps: float) -> None:
-        """Look ahead.
-
-        Args:
-            config: Whom to look for.
-            body_radius_m, top_speed_mps: Of this robot.
-        """
-        self._config = config
-        self._radius_m, self._top_mps = body_radius_m, top_speed_mps
-        self._aside = False
-        self._side = 1.0  # where who waits looked last
+    def __init__(self, robot: RobotModel, enabled: bool = True) -> None:
+        self._robot, self._enabled = robot, enabled
+        self._lateral = False  # whether the last pan was a glance
+        self._side = 1.0  # side of the last look while waiting
 
     def next(
         self, robot: Pose2, movers: Sequence[Obstacle], stamp_s: float, waits: bool = False
     ) -> float:
-        """Where to turn the head for the next step: pan, left positive, rad; 0 ahead.
+        """Pan of the head for the next step, left positive, rad; 0 is ahead.
 
         Args:
-            robot: Where it stands, world frame.
-            movers: Where they should be by now, world frame.
-            stamp_s: Now, in the clock of `Obstacle.seen_s`.
+            robot: Pose, world frame.
+            movers: Moving obstacles at their predicted positions, world frame.
+            stamp_s: Present time, in the clock of `Obstacle.seen_s`.
             waits: Whether the robot gives way and hardly moves.
         """
-        config = self._config
-        if self._aside or not config.enabled:
-            self._aside = False
+        if self._lateral or not self._enabled:
+            self._lateral = False
             return 0.0
         wanted: list[tuple[float, float]] = []
         for mover in movers:
             away = math.hypot(mover.position[0] - robot.x, mover.position[1] - robot.y)
             side = angle_to(mover.position, robot)
-            beside = config.from_deg <= abs(math.degrees(side)) <= config.to_deg
+            beside = FROM_DEG <= abs(math.degrees(side)) <= TO_DEG
             unseen = stamp_s - mover.seen_s
-            if beside and away < config.reach_m and unseen > config.unseen_s:
-                closing = self._top_mps + math.hypot(*mover.velocity)
-                left = (away - self._radius_m - mover.radius_m) / closing - unseen
+            if beside and away < REACH_M and unseen > UNSEEN_S:
+                closing = self._robot.gait.max_speed_mps + math.hypot(*mover.velocity)
+                left = (away - self._robot.radius_m - mover.radius_m) / closing - unseen
                 wanted.append((left, side))
-        self._aside = bool(wanted) or waits
+        self._lateral = bool(wanted) or waits
         if not wanted:
             self._side = -self._side if waits else self._side
-            return self._side * math.radians(config.most_deg) if waits else 0.0
+            return self._side * math.radians(MOST_DEG) if waits else 0.0
         _, side = min(wanted)
-        pan = max(abs(side) - math.radians(config.spare_deg), 0.0)
-        return wrap_angle(math.copysign(min(pan, math.radians(config.most_deg)), side))
+        pan = max(abs(side) - math.radians(SPARE_DEG), 0.0)
+        return wrap_angle(math.copysign(min(pan, math.radians(MOST_DEG)), side))

@@ -1,15 +1,13 @@
-"""The objective: how good a pixel of the floor is as the next place to walk to.
+"""The objective: the cost of a floor pixel as the next target.
 
-The cost is the distance from the pixel's floor point to the goal. Four things forbid a pixel: the robot's
-footprint there touches what cannot be walked on (p1), an edge of the corridor from the feet to it does
-(p2), it lies on the side where an obstacle has just been lost from sight beside the feet (p3), or the
-robot would have to turn farther than it can before it gets there (p4).
+The cost is the distance from the floor point of the pixel to the goal. Four conditions forbid a pixel: the footprint of
+the robot there covers a blocked pixel (p1), the corridor from the feet to it does (p2), it lies on the side where an
+obstacle has just left the picture beside the feet (p3), or the robot cannot turn to it in time (p4).
 
-What is printed and does not work exists as `literal`: penalties of 1 against a cost in metres (a pixel
-inside an obstacle 1.5 m nearer the goal wins), a corridor that narrows to a point, angles that forget the
-robot's own heading.
+`literal` keeps the printed form, which does not work: penalties of 1 against a cost in metres (a pixel inside an obstacle
+1.5 m nearer to the goal wins), a corridor that narrows to a point, and angles without the heading of the robot.
 
-Source: seed 000, sections 4.2 to 4.6, eq. (3) to (9).
+Source: Han 2018 (seed 000), sections 4.2 to 4.6, eq. (3) to (9).
 """
 
 from __future__ import annotations
@@ -19,30 +17,35 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
+from perception.primitives.settings import setting
 
-from . import _objective_kernels
+from . import _objective_kernels as kernels
 from .floor_rows import FloorRows, upright
 
 
 @dataclass(frozen=True)
 class ObjectiveConfig:
-    """The robot's measures and the limits of the search."""
+    """Margins and limits of the search."""
 
-    margin_m: float = 0.02  # own (specification): added to both half measures
-    window_steps: int = 4  # N_step, seed 000: the window is theta_safety N_step to both sides
-    farthest_m: float = 6.0  # d_max, own (specification)
-    top_share: float = 120.0 / 720.0  # seed 000: rows from 120 of 720 on
-    penalty: float = 1e3  # ours, for infinity: keeps a slope for the swarm; seed 000 prints 1
-    inside: bool = (
-        True  # ours: nothing between the edges of the corridor either; seed 000: its edges
+    margin_m: float = setting(
+        0.02, "m", "margin added to half the width and half the depth of the robot", "ours"
     )
-    literal: bool = False  # as printed: narrowing corridor, absolute angles; with penalty 1
+    window_steps: int = setting(
+        4, "", "N_step: steps within which the robot must be able to turn to a pixel", "seed 000"
+    )
+    farthest_m: float = setting(6.0, "m", "d_max: longest range of a target", "ours")
+    top_share: float = setting(
+        120.0 / 720.0, "", "share of the rows above the search", "seed 000: rows from 120 of 720 on"
+    )
+    penalty: float = 1e3  # ours: stands for infinity and keeps a slope for the swarm; seed 000: 1
+    inside: bool = True  # ours: the whole corridor must be free; seed 000: its edges
+    literal: bool = False  # as printed, with penalty 1
 
     def __post_init__(self) -> None:
         for name in ("farthest_m", "penalty"):
@@ -62,29 +65,21 @@ class ObjectiveConfig:
 
 
 PRINTED = ObjectiveConfig(margin_m=0.0, penalty=1.0, literal=True)
-"""Eq. (4) to (9) as they are printed, for comparison."""
+"""Eq. (4) to (9) as printed, for comparison."""
 
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """O over one result image; build it with `of`.
+    """O over one picture; build it with `of`.
 
     Args:
-        blocked: Pixels that cannot be walked on.
-        integral: Their count above and left of each corner.
-        rows: (ahead, metres per column) of each row; ahead is -1 where there is no floor.
-        boxes: (first row, end row, half width) of the robot's footprint at each row, px.
-        packed: See `_objective_kernels`.
+        arrays: Picture, footprints and numbers of the view, for the kernels.
         floor: Geometry of the view.
-        robot: Where the robot stands, world frame.
-        config: Measures and limits.
+        robot: Pose of the robot, world frame.
+        config: Margins and limits.
     """
 
-    blocked: UInt8[np.ndarray, "h w"]
-    integral: Int[np.ndarray, "h1 w1"]
-    rows: Float[np.ndarray, "h 2"]
-    boxes: Int[np.ndarray, "h 3"]
-    packed: Float[np.ndarray, "25"]
+    arrays: kernels.Arrays
     floor: FloorRows
     robot: Pose2
     config: ObjectiveConfig
@@ -103,18 +98,18 @@ class Objective:
         """Prepare the objective for one picture.
 
         Args:
-            movable: I_r: not 0 where the floor may be walked on.
+            movable: I_r: not 0 where the robot may walk.
             camera: Of the picture, rectified.
-            T_body_camera: Its place on the body. If it leans, the picture is turned upright first, and
-                pixels are those of the upright picture from then on.
+            T_body_camera: Its pose on the body. If the camera rolls, the picture is rotated upright first, and
+                pixels are those of the upright picture.
             robot: Pose of the body, world frame.
             goal: World frame, m.
-            config: Limits.
+            config: Margins and limits.
             sides_blocked: Whether S_m forbids the left and the right half of the picture.
             model: Width, depth and gait of the robot.
 
         Raises:
-            InputError: for a picture that is not the camera's, or a camera as `FloorRows.of` refuses.
+            InputError: The picture does not have the size of the camera, or `FloorRows.of` refuses the camera.
         """
         if movable.shape != (camera.height, camera.width):
             raise InputError(
@@ -126,34 +121,21 @@ class Objective:
         blocked = (standing == 0).view(np.uint8)
         rows = np.stack([floor.ahead, floor.per_px], axis=1)
         rows[~np.isfinite(rows[:, 0])] = -1.0
-        return Objective(
+        arrays = kernels.Arrays(
             blocked,
             cv2.integral(blocked, sdepth=cv2.CV_32S),
             rows,
             _footprints(floor, config, model),
-            _pack(floor, robot, goal, config, model, sides_blocked),
-            floor,
-            robot,
-            config,
+            _geometry(floor, robot, goal, config, model, sides_blocked),
+            config.penalty,
         )
+        return Objective(arrays, floor, robot, config)
 
     def value(self, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n"]:
-        """O of pixels (u, v), rounded to whole ones: metres, or at least `config.penalty` if forbidden."""
+        """O of pixels (u, v), rounded, m; at least `config.penalty` for a forbidden one."""
         out = np.empty(len(pixels))
-        _objective_kernels.values(*self.arrays, np.ascontiguousarray(pixels, np.float64), out)
+        kernels.values(self.arrays, np.ascontiguousarray(pixels, np.float64), out)
         return out
-
-    @property
-    def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-        """Blocked pixels, their integral, rows, boxes, the packed numbers and the penalty: what the loops take."""
-        return (
-            self.blocked,
-            self.integral,
-            self.rows,
-            self.boxes,
-            self.packed,
-            self.config.penalty,
-        )
 
     def place(self, pixel: tuple[int, int]) -> Float[np.ndarray, "2"]:
         """Floor point of a pixel (u, v), world frame, m; NaN above the horizon."""
@@ -161,7 +143,7 @@ class Objective:
 
 
 def _footprints(floor: FloorRows, config: ObjectiveConfig, model: RobotModel) -> np.ndarray:
-    """Rows and half width that cover the image of the robot's rectangle about each row's floor."""
+    """First row, end row and half width of the image of the footprint at each row, px."""
     half_depth = model.depth_m / 2 + config.margin_m
     half_width = model.width_m / 2 + config.margin_m
     ahead = np.where(np.isfinite(floor.ahead), floor.ahead, 0.0)
@@ -175,47 +157,45 @@ def _footprints(floor: FloorRows, config: ObjectiveConfig, model: RobotModel) ->
     return boxes.astype(np.int64)
 
 
-def _pack(
+def _geometry(
     floor: FloorRows,
     robot: Pose2,
     goal: np.ndarray,
     config: ObjectiveConfig,
     model: RobotModel,
     sides_blocked: tuple[bool, bool],
-) -> np.ndarray:
+) -> kernels.Geometry:
     camera, (x, y, up) = floor.camera, floor.eye
     in_body = robot.inverse().apply(np.asarray(goal, np.float64))
     ahead, left = Pose2(yaw=-floor.heading_rad).apply(in_body)
     window = config.window_rad(model.gait)
     turned = wrap_angle(robot.yaw - math.pi / 2) if config.literal else 0.0
     half = camera.width / 2
-    first, end = (
-        half if sides_blocked[0] else 0.0,
-        half if sides_blocked[1] else float(camera.width),
-    )
-    return np.array(
-        [
-            camera.fx,
-            camera.cx,
-            y,
-            *floor.lines,
-            model.width_m / 2 + config.margin_m,
-            -window,
-            window,
-            math.sin(floor.tilt_rad),
-            math.cos(floor.tilt_rad),
-            x,
-            up,
-            camera.fy,
-            camera.cy,
-            ahead,
-            left,
-            first,
-            end,
-            config.farthest_m,
-            config.top_share * camera.height,
-            float(config.literal),
-            floor.heading_rad + turned,
-            float(config.inside),
-        ]
+    p0, p1, q0, q1 = floor.lines.tolist()
+    return kernels.Geometry(
+        fx=float(camera.fx),
+        fy=float(camera.fy),
+        cx=float(camera.cx),
+        cy=float(camera.cy),
+        eye_ahead=float(x),
+        eye_left=float(y),
+        eye_up=float(up),
+        tilt_sin=math.sin(floor.tilt_rad),
+        tilt_cos=math.cos(floor.tilt_rad),
+        p0=p0,
+        p1=p1,
+        q0=q0,
+        q1=q1,
+        half_m=model.width_m / 2 + config.margin_m,
+        least_rad=-window,
+        greatest_rad=window,
+        goal_ahead=float(ahead),
+        goal_left=float(left),
+        first_column=half if sides_blocked[0] else 0.0,
+        end_column=half if sides_blocked[1] else float(camera.width),
+        farthest_m=config.farthest_m,
+        first_row=config.top_share * camera.height,
+        heading_rad=floor.heading_rad + turned,
+        literal=config.literal,
+        filled=config.inside,
     )

@@ -1,13 +1,12 @@
-"""Everything that the walker of seed 000 can be told."""
+"""Settings of the planner of seed 000."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.settings import setting
 
-from .glances import GlanceConfig
-from .ground_memory import GroundMemoryConfig
 from .objective import PRINTED, ObjectiveConfig
 from .search import SwarmConfig
 
@@ -17,28 +16,37 @@ VERSIONS = ("ours", "published", "printed")
 
 @dataclass(frozen=True)
 class SwarmWalkerConfig:
-    """Objective, search and memory, and when which goal holds.
+    """Objective, search, prediction, and the schedule of the goals.
 
     Args:
-        version: "ours": as the values below say. "published": the seed's walker, its misprints mended: a
-            swarm with constriction, prediction by flow, neither guard nor glances. "printed": to the letter.
+        version: "ours": the values below. "published": the planner of the paper with its misprints corrected, a
+            swarm with constriction and prediction by optical flow, without guard and glances. "printed": to the
+            letter.
     """
 
-    version: str = "ours"
+    version: str = setting(
+        "ours", "", "ours, published or printed: which form of the paper", "ours"
+    )
     objective: ObjectiveConfig = field(default_factory=ObjectiveConfig)
     search: SwarmConfig = field(default_factory=SwarmConfig)
-    standing: GroundMemoryConfig = field(default_factory=GroundMemoryConfig)
-    glance: GlanceConfig = field(default_factory=GlanceConfig)
-    prediction: str = "tracks"  # ours: "flow" is the seed's, by two pictures 0.2 s apart
-    guarded: bool = True  # ours: the guard looks 7.8 s ahead, the seed one step
-    tilt_deg: float = 30.0  # seed 000: the head is bowed
-    goal_times_s: tuple[
-        float, ...
-    ] = ()  # from when each goal holds; none: when the last is reached
+    prediction: str = setting(
+        "tracks", "", "prediction of moving obstacles: tracks or flow", "ours; seed 000: flow"
+    )
+    glances: bool = setting(
+        True, "", "looks aside for moving obstacles out of sight", "ours; seed 000: none"
+    )
+    tilt_deg: float = setting(30.0, "deg", "tilt of the head, down positive", "seed 000")
+    goal_times_s: tuple[float, ...] = setting(
+        (),
+        "s",
+        "time from which each goal holds; empty: from the arrival at the one before",
+        "seed 000, section 6.5.1",
+    )
+    guarded: bool = True  # ours: the guard looks 7.8 s ahead, the paper one step
 
     @property
     def as_walked(self) -> SwarmWalkerConfig:
-        """The same with what the version means put in."""
+        """The settings with those that the version implies."""
         if self.version == "ours":
             return self
         printed = self.version == "printed"
@@ -46,7 +54,7 @@ class SwarmWalkerConfig:
             self,
             objective=PRINTED if printed else replace(self.objective, inside=False),
             search=replace(self.search, mode="literal" if printed else "constriction"),
-            glance=replace(self.glance, enabled=False),
+            glances=False,
             prediction="flow",
             guarded=False,
         )
@@ -57,12 +65,10 @@ class SwarmWalkerConfig:
                 f"swarm: version={self.version!r} is unknown; choose {', '.join(VERSIONS)}"
             )
         if not 0.0 <= self.tilt_deg <= 60.0:
-            raise ConfigError(
-                f"swarm: tilt_deg={self.tilt_deg} must lie in [0, 60], where the head can look"
-            )
+            raise ConfigError(f"swarm: tilt_deg={self.tilt_deg} must lie in [0, 60]")
         if self.prediction not in PREDICTIONS:
             raise ConfigError(
                 f"swarm: prediction={self.prediction!r} is unknown; choose {', '.join(PREDICTIONS)}"
             )
         if list(self.goal_times_s) != sorted(self.goal_times_s):
-            raise ConfigError(f"swarm: goal_times_s={self.goal_times_s} must not go back in time")
+            raise ConfigError(f"swarm: goal_times_s={self.goal_times_s} must not decrease")

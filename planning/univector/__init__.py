@@ -1,9 +1,9 @@
-"""How to walk to a via point among obstacles: the univector field.
+"""The univector field: walking to a via point among obstacles.
 
-In reading order: `fields` (the move-to-goal field MUF, the avoid-obstacle field AUF, their sum, and `FieldConfig`
-with a switch for each addition), `collision` (which speeds lead into a mover, and how doubt widens them), `speed`
-(passing before it, behind it, or out of its way), `virtual_obstacle` (turning aside early where no speed helps),
-`motion` (all of that as one decision: heading and speed). Compiled loops are in `_kernels`.
+In reading order: `fields` (the move-to-goal field MUF, the avoid-obstacle field AUF, their sum, and `FieldConfig`),
+`collision` (speeds that lead into a moving obstacle, widened by the covariance), `speed` (passing before it, behind
+it, or leaving its path), `virtual_obstacle` (turning aside early where no speed avoids it), `motion` (heading and
+speed from all of these). Compiled loops are in `_kernels` and `_collision_kernels`.
 
-Source: seed 001, section 4, eq. (7) to (11).
+Source: Yoo 2010 (seed 001), section 4, eq. (7) to (11).
 """

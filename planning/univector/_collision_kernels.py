@@ -1,7 +1,7 @@
-"""Compiled inner loops of the collision test: bands of speeds, what doubt adds to them, the nearest approach.
+"""Compiled loops of the collision test: bands of colliding speeds, their widening, the nearest approach.
 
-All in O_R. Places and velocities are (2,), a covariance (4, 4) over (x, y, vx, vy); a band is its two bounds,
-(NaN, NaN) where no speed collides. Arrays and scalars only.
+All in O_R. Positions and velocities are (2,), a covariance is (4, 4) over (x, y, vx, vy); a band is its two bounds,
+(NaN, NaN) if no speed collides.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ import numpy as np
 from numba import njit
 
 NONE = (math.nan, math.nan)
-ROUNDS = 4  # of finding a root whose radius depends on it; the change is then below a millimetre
+ROUNDS = (
+    4  # iterations for a root whose radius depends on it; the change is then below a millimetre
+)
 
 
 @njit(cache=True)
 def colliding_speeds(place: np.ndarray, velocity: np.ndarray, radius: float) -> tuple[float, float]:
-    """Between the roots of the polynomial of the speed."""
+    """The band between the roots of the quadratic."""
     px, py, vx, vy = place[0], place[1], velocity[0], velocity[1]
     D = px * px + py * py - radius * radius
     if D <= 0.0:
@@ -33,10 +35,12 @@ def colliding_speeds(place: np.ndarray, velocity: np.ndarray, radius: float) -> 
     square = b * b - 4.0 * a * c
     if square < 0.0 and a < 0.0:
         return NONE
-    root = math.sqrt(max(square, 0.0))  # where the path crosses the disc it is never below 0
+    root = math.sqrt(max(square, 0.0))  # if the path crosses the disc it is not negative
     one, other = (-b - root) / (2.0 * a), (-b + root) / (2.0 * a)
     first, second = min(one, other), max(one, other)
-    if a > 0.0:  # the path crosses the disc: any speed high enough, or low enough if it lies behind
+    if (
+        a > 0.0
+    ):  # the path crosses the disc: every speed above the root, or below it if the disc is behind
         return (second, np.inf) if px > 0.0 else (-np.inf, first)
     middle = (first + second) / 2.0
     return (first, second) if px * middle > pv else NONE  # p.w > 0
@@ -44,7 +48,7 @@ def colliding_speeds(place: np.ndarray, velocity: np.ndarray, radius: float) -> 
 
 @njit(cache=True)
 def contact(place: np.ndarray, velocity: np.ndarray, speed: float) -> float:
-    """Time of the nearest approach; 0 if both stand still to each other."""
+    """Time of the nearest approach; 0 without relative motion."""
     wx, wy = speed - velocity[0], -velocity[1]
     square = wx * wx + wy * wy
     return (place[0] * wx + place[1] * wy) / square if square > 0.0 else 0.0
@@ -54,7 +58,7 @@ def contact(place: np.ndarray, velocity: np.ndarray, speed: float) -> float:
 def miss_deviation(
     place: np.ndarray, velocity: np.ndarray, covariance: np.ndarray, speed: float, horizon_s: float
 ) -> float:
-    """Of the relative place, across the relative motion, at the nearest approach."""
+    """Standard deviation of the relative position across the relative motion, at the nearest approach."""
     wx, wy = speed - velocity[0], -velocity[1]
     size = math.hypot(wx, wy)
     if size < 1e-9:
@@ -73,7 +77,7 @@ def miss_deviation(
 
 @njit(cache=True)
 def nearest_speed(place: np.ndarray, velocity: np.ndarray) -> float:
-    """The speed whose relative velocity points at the obstacle; the obstacle's own along x if none does."""
+    """The speed whose relative velocity points at the obstacle; the x velocity of the obstacle if there is none."""
     if abs(place[1]) <= 1e-9:
         return velocity[0]
     return velocity[0] - velocity[1] * place[0] / place[1]
@@ -89,7 +93,7 @@ def widened_band(
     max_sigma: float,
     horizon_s: float,
 ) -> tuple[float, float]:
-    """The band widened at either end by the deviations there."""
+    """The band widened at both ends by the standard deviations there."""
 
     def widened(speed: float) -> tuple[float, float]:
         sigma = miss_deviation(place, velocity, covariance, speed, horizon_s)
@@ -97,7 +101,7 @@ def widened_band(
 
     band = colliding_speeds(place, velocity, radius)
     start = band
-    if math.isnan(band[0]):  # only doubt can make it collide: at the speed that comes nearest
+    if math.isnan(band[0]):  # the enlarged disc may collide: start at the speed that comes nearest
         start = widened(nearest_speed(place, velocity))
     low, high = start
     for _ in range(ROUNDS):
@@ -115,7 +119,7 @@ def widened_band(
 
 @njit(cache=True)
 def travelled(speed: float, acceleration: float, bound: float, time: float) -> float:
-    """Way by a time: even acceleration until a speed is reached, which is then kept."""
+    """Distance at a time: constant acceleration until the bound is reached, then constant speed."""
     if acceleration == 0.0 or speed == bound:
         return speed * time
     changing = max((bound - speed) / acceleration, 0.0)
@@ -133,7 +137,7 @@ def least_distance(
     horizon_s: float,
     samples: int,
 ) -> float:
-    """Of so many even samples up to the horizon."""
+    """Least distance over equally spaced samples up to the horizon."""
     least = np.inf
     for k in range(samples):
         time = horizon_s if k == samples - 1 else k * (horizon_s / (samples - 1))

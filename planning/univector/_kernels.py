@@ -1,49 +1,55 @@
-"""Compiled inner loops of the univector field: one pose or a whole picture, the same code.
+"""Compiled loops of the univector field, for one pose or many.
 
-No angle is formed where a rotation of the unit vector does, and no place is asked about an obstacle that
-cannot reach it: places are taken in runs of 64, and what lies beyond the box about a run is left out at once.
-Arrays and scalars only.
+Rotations of unit vectors replace angles where possible. Places are processed in runs of 64; an obstacle that does not
+reach the bounding box of a run is skipped for all of it.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 RUN = 64
+K_ALPHA, K_BETA = 1.0, -1.0  # ours: the field depends on the position alone, a dipole field
+
+
+class Shape(NamedTuple):
+    """Parameters of the field: d_con, d_e, d_b and K_r, m; weights of both parts; whether eq. (8), (9) are as printed."""
+
+    d_con: float
+    d_e: float
+    d_b: float
+    k_r: float
+    w_goal: float
+    w_avoid: float
+    literal: bool
+
+
+class Discs(NamedTuple):
+    """Obstacles: middles (m, 2) and extended radii (m,), m; whether each is virtual (m,)."""
+
+    centres: np.ndarray
+    radii: np.ndarray
+    virtual: np.ndarray
 
 
 @njit(cache=True)
-def _towards(
-    ux: float,
-    uy: float,
-    rho: float,
-    heading: float,
-    goal_heading: float,
-    k_alpha: float,
-    k_beta: float,
-    near: float,
-    ramp: bool,
-    literal: bool,
-) -> tuple[float, float]:
-    """Eq. (8) within d_con, with angles; (ux, uy) leads to the goal."""
+def _as_printed(ux: float, uy: float, heading: float, goal_heading: float) -> tuple[float, float]:
+    """Eq. (8) within d_con as printed; (ux, uy) points to the goal."""
     th_rd = math.atan2(uy, ux)
     two_pi = 2.0 * math.pi
     alpha = (th_rd - heading + math.pi) % two_pi - math.pi
     beta = (goal_heading - th_rd + math.pi) % two_pi - math.pi
-    if literal:
-        th_c = k_alpha * alpha + k_beta * beta
-        return -math.cos(th_c), -math.sin(th_c)
-    weight = k_beta * min(1.0, 2.0 * (1.0 - rho / near)) if ramp else k_beta
-    phi = heading + k_alpha * alpha + weight * beta
-    return math.cos(phi), math.sin(phi)
+    th_c = K_ALPHA * alpha + K_BETA * beta
+    return -math.cos(th_c), -math.sin(th_c)
 
 
 @njit(cache=True)
 def _quarter_turns(share: float) -> tuple[float, float]:
-    """Cosine and sine of share quarter turns, 0 <= share <= 2, to 1e-11."""
+    """Cosine and sine of a number of quarter turns, 0 <= share <= 2, to 1e-11."""
     z = 0.5 * math.pi * (share - 1.0)
     s = z * z
     sine = z * (
@@ -97,17 +103,14 @@ def _avoid(
     last: int,
     goal_x: float,
     goal_y: float,
-    centres: np.ndarray,
-    radii: np.ndarray,
-    virtual: np.ndarray,
-    d_e: float,
-    d_b: float,
-    k_r: float,
-    literal: bool,
+    discs: Discs,
+    shape: Shape,
     to_goal: np.ndarray,
     sums: np.ndarray,
 ) -> None:
     """Sum of eq. (9) over the obstacles for one run of places; `to_goal` holds their distances to the goal."""
+    centres, radii, virtual = discs
+    d_e, d_b, k_r, literal = shape.d_e, shape.d_b, shape.k_r, shape.literal
     low_x = high_x = places[first, 0]
     low_y = high_y = places[first, 1]
     for i in range(first, last):
@@ -138,9 +141,9 @@ def _avoid(
                 continue
             if not virtual[j]:
                 if to_goal[i - first] + radius < goal_away:
-                    continue  # the obstacle lies far behind the goal's back
+                    continue  # the obstacle lies beyond the goal
                 if -ox * (goal_x - places[i, 0]) - oy * (goal_y - places[i, 1]) <= 0.0:
-                    continue  # it lies behind the robot
+                    continue  # the obstacle lies behind the robot
             share = (rho - radius) / d_e if rho < edge else 2.0 - (edge + k_r) / (rho + k_r)
             c, s = _quarter_turns(share)
             if bx * oy - by * ox >= 0.0:
@@ -157,31 +160,23 @@ def field(
     goal_y: float,
     goal_heading: float,
     oriented: bool,
-    centres: np.ndarray,
-    radii: np.ndarray,
-    virtual: np.ndarray,
-    k_rho: float,
-    k_alpha: float,
-    k_beta: float,
-    near: float,
-    ramp: bool,
-    d_e: float,
-    d_b: float,
-    k_r: float,
-    w_goal: float,
-    w_avoid: float,
-    literal: bool,
+    discs: Discs,
+    shape: Shape,
     out: np.ndarray,
 ) -> None:
     """Eq. (10) at every place; a weight of zero leaves that part out.
 
     Args:
-        places: (n, 2). headings: (n,).
-        centres: (m, 2). radii: (m,). virtual: (m,), what lies beside the robot by its nature.
-        out: (n, 2), written. The others: as in `fields`.
+        places: (n, 2), world frame, m.
+        headings: (n,) of the robot, rad; used by the printed form only.
+        goal_x, goal_y, goal_heading: World frame, m and rad.
+        oriented: Whether the heading at the goal matters.
+        discs: Obstacles.
+        shape: Parameters of the field.
+        out: (n, 2) output.
     """
     turn_x, turn_y = math.cos(goal_heading), math.sin(goal_heading)
-    dipole = not literal and not ramp and k_alpha == 1.0 and k_beta == -1.0
+    w_goal, w_avoid, literal = shape.w_goal, shape.w_avoid, shape.literal
     to_goal = np.empty(RUN)
     sums = np.zeros((RUN, 2))
     for first in range(0, places.shape[0], RUN):
@@ -190,31 +185,25 @@ def field(
             dx, dy = goal_x - places[i, 0], goal_y - places[i, 1]
             to_goal[i - first] = math.sqrt(dx * dx + dy * dy)
         if w_avoid != 0.0:
-            _avoid(
-                *(places, first, last, goal_x, goal_y, centres, radii, virtual),
-                *(d_e, d_b, k_r, literal, to_goal, sums),
-            )
+            _avoid(places, first, last, goal_x, goal_y, discs, shape, to_goal, sums)
         for i in range(first, last):
             mx, my, rho = 0.0, 0.0, to_goal[i - first]
             if w_goal != 0.0 and rho >= 1e-12:
                 mx, my = (goal_x - places[i, 0]) / rho, (goal_y - places[i, 1]) / rho
-                if not (oriented and rho <= near):
+                if not (oriented and rho <= shape.d_con):
                     if literal:
                         mx, my = -mx, -my
-                elif dipole:  # phi = 2 th_rd - th_tg: the square of u, turned back by th_tg
+                elif literal:
+                    mx, my = _as_printed(mx, my, headings[i], goal_heading)
+                else:  # phi = 2 th_rd - th_tg: the square of u, rotated back by th_tg
                     a, b = mx * mx - my * my, 2.0 * mx * my
                     mx, my = a * turn_x + b * turn_y, b * turn_x - a * turn_y
-                else:
-                    mx, my = _towards(
-                        *(mx, my, rho, headings[i], goal_heading),
-                        *(k_alpha, k_beta, near, ramp, literal),
-                    )
             sx, sy = sums[i - first, 0], sums[i - first, 1]
             size = math.sqrt(sx * sx + sy * sy)
             if size < 1e-9:
                 weight = w_goal if literal or w_goal == 0.0 else 1.0
-                out[i, 0] = weight * k_rho * mx
-                out[i, 1] = weight * k_rho * my
+                out[i, 0] = weight * mx
+                out[i, 1] = weight * my
             else:
-                out[i, 0] = w_goal * k_rho * mx + w_avoid * sx / size
-                out[i, 1] = w_goal * k_rho * my + w_avoid * sy / size
+                out[i, 0] = w_goal * mx + w_avoid * sx / size
+                out[i, 1] = w_goal * my + w_avoid * sy / size

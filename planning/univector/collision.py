@@ -1,12 +1,11 @@
-"""Which speeds lead into a moving obstacle: the robot goes straight ahead, the obstacle straight on.
+"""The speeds at which a robot that goes straight collides with an obstacle at constant velocity.
 
-All in O_R, the robot's axes: the robot at the origin, x ahead. With w the robot's velocity relative to the
-obstacle there is a collision if p.w > 0 and (p.w)^2 > |w|^2 (|p|^2 - S^2): a polynomial of second order in the
-robot's speed, whose roots bound the band of colliding speeds. The paper supposes exact velocities, and says
-so; here the extended radius grows by the deviation of the miss, from the covariance of relative place and
-velocity at the time of the nearest approach.
+Frame O_R: the robot at the origin, x ahead. With w the velocity of the robot relative to the obstacle there is a
+collision if p.w > 0 and (p.w)^2 > |w|^2 (|p|^2 - S^2), a quadratic in the speed of the robot, whose roots bound the band
+of colliding speeds. The paper assumes exact velocities. Here the extended radius grows by the standard deviation of the
+miss distance, from the covariance of relative position and velocity at the nearest approach.
 
-Source: seed 001, section 4 (collision test, reconstructed); the deviation of the miss is ours.
+Source: Yoo 2010 (seed 001), section 4 (collision test, reconstructed); the deviation of the miss is ours.
 """
 
 from __future__ import annotations
@@ -24,27 +23,27 @@ EXACT = np.zeros((4, 4))
 
 @dataclass(frozen=True)
 class Band:
-    """The open interval of robot speeds that collide, v_c2 < v < v_c1, m/s; may be unbounded."""
+    """The open interval of colliding speeds, v_c2 < v < v_c1, m/s; may be unbounded."""
 
     low: float
     high: float
 
     def contains(self, speed_mps: float) -> bool:
-        """Whether a speed leads to a collision."""
+        """Whether a speed collides."""
         return self.low < speed_mps < self.high
 
 
 def colliding_speeds(
     place: Float[np.ndarray, "2"], velocity: Float[np.ndarray, "2"], radius_m: float
 ) -> Band | None:
-    """The band of speeds ahead that would bring the robot into the disc, ever.
+    """The band of forward speeds that bring the robot into the disc at any time.
 
     Args:
-        place, velocity: Of the obstacle in O_R, its own velocity, m and m/s.
+        place, velocity: Of the obstacle, in axes of O_R, m and m/s; the velocity is that in the world.
         radius_m: S_oe.
 
     Returns:
-        None if no speed collides. All speeds if the robot is in the disc already.
+        None if no speed collides. All speeds if the robot is inside the disc.
     """
     return _band(kernels.colliding_speeds(place, velocity, radius_m))
 
@@ -56,14 +55,14 @@ def _band(bounds: tuple[float, float]) -> Band | None:
 def contact(
     place: Float[np.ndarray, "2"], velocity: Float[np.ndarray, "2"], speed_mps: float
 ) -> float:
-    """t_c: time of the nearest approach at a speed, s; at a root of the band the disc is just touched.
+    """t_c: time of the nearest approach at a speed, s; at a root of the band it is the time of contact.
 
     Args:
         place, velocity: Of the obstacle in O_R (x ahead), m and m/s.
-        speed_mps: Of the robot, ahead.
+        speed_mps: Forward speed of the robot.
 
     Returns:
-        Negative if it is over; 0 if robot and obstacle stand still to each other.
+        Negative if it is past; 0 without relative motion.
 
     Source: seed 001, section 4.
     """
@@ -77,13 +76,13 @@ def miss_deviation(
     speed_mps: float,
     horizon_s: float,
 ) -> float:
-    """Deviation of the distance at which the obstacle is missed, m.
+    """Standard deviation of the miss distance, m.
 
     Args:
         place, velocity: In O_R.
         covariance: Of (x, y, vx, vy) relative to the robot, in O_R.
         speed_mps: Of the robot.
-        horizon_s: Doubt of the velocity grows no longer than this.
+        horizon_s: Time after which the uncertainty of the velocity has no further effect.
 
     Source: ours; first order, across the relative motion at the nearest approach.
     """
@@ -99,13 +98,13 @@ def widened_band(
     max_sigma_m: float,
     horizon_s: float,
 ) -> Band | None:
-    """The band widened so far that a speed outside misses by the extra deviations, too.
+    """The band of the disc enlarged by the standard deviation of the miss.
 
     Args:
         place, velocity, covariance: As in `miss_deviation`.
-        radius_m: S_oe without doubt.
-        sigmas: How many deviations are added, each bound with its own.
-        max_sigma_m: A deviation counts no more than this.
+        radius_m: S_oe without it.
+        sigmas: Standard deviations to add, at each bound its own.
+        max_sigma_m: Largest standard deviation that is added.
         horizon_s: As in `miss_deviation`.
 
     Source: ours; seed 001 leaves uncertain velocities open.

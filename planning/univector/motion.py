@@ -1,10 +1,10 @@
-"""One decision of the field among moving obstacles: a heading and a speed.
+"""Heading and speed of the next step among moving obstacles.
 
-In the paper's order: the evaluations, the extended radii, for each mover whether and how a change of speed
-avoids it, virtual obstacles for those that none does, and the field over all of them. Each addition has its
-switch in `FieldConfig`.
+In the order of the paper: the evaluations, the extended radii, for each moving obstacle the change of speed that avoids
+it, virtual obstacles for those that no speed avoids, and the field over all of them. Each addition has a switch in
+`FieldConfig`.
 
-Source: seed 001, section 6; what is done when two movers want different speeds is ours.
+Source: Yoo 2010 (seed 001), section 6; the choice between different speeds for several obstacles is ours.
 """
 
 from __future__ import annotations
@@ -28,21 +28,20 @@ from .fields import FieldConfig
 from .speed import CLEAR, VIRTUAL, Change, change, least_distance
 from .virtual_obstacle import VirtualObstacle, virtual_obstacle
 
-SLOWEST_MPS = 0.005  # ours: what is slower is no mover
+SLOWEST_MPS = 0.005  # ours: slower obstacles count as static
 NO_CELLS = np.zeros((0, 2))
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What the field says.
+    """Result of the field.
 
     Args:
         heading_rad: Direction to walk, world frame.
         speed_mps: Speed at the end of the next step.
-        changes: What is done about each obstacle, in the order given.
+        changes: Change of speed for each obstacle, in their order.
         psi: psi_sf + psi_ob of each, in [0, 2]; zeros without gaze coupling.
-        centres, extended_m, virtual: The discs of the field, world frame, m: the obstacles, the cells, then the
-            virtual ones.
+        centres, extended_m, virtual: Discs of the field, world frame, m: obstacles, cells, virtual obstacles.
     """
 
     heading_rad: float
@@ -56,7 +55,7 @@ class Advice:
 
 @dataclass(frozen=True)
 class _Mover:
-    """An obstacle in O_R."""
+    """A moving obstacle in O_R."""
 
     place: np.ndarray
     velocity: np.ndarray
@@ -82,15 +81,15 @@ def advise(
 
     Args:
         robot: Gaussian over (x, y, yaw), world frame, m and rad.
-        speed_mps: Of the robot at present, ahead.
-        obstacles: Tracks, world frame; those that probably stand count with velocity 0.
+        speed_mps: Present forward speed.
+        obstacles: Tracks, world frame; static ones count with velocity 0.
         goal: p_d, world frame, m.
         goal_heading: th_tg, rad; None for any.
-        config: The field, its additions and their switches.
+        config: The field and the switches of its additions.
         model: Radius, speeds and step time of the robot.
         evaluation: Thresholds of psi; None: the defaults.
-        cells: Middles of occupied cells that stand beside the tracks, world frame, m.
-        cell_m: Their side.
+        cells: Middles of occupied cells without a track, world frame, m.
+        cell_m: Side of a cell.
 
     Source: seed 001, section 4 and 6.
     """
@@ -122,7 +121,7 @@ def advise(
     still = np.zeros(len(cells))
     discs = [*centres, *cells]
     sizes = [
-        *(extended + _place_doubt(robot, obstacles, config)),
+        *(extended + _position_sigma(robot, obstacles, config)),
         *fields.extended_radius(still + cell_m / 2, still, still, config, model.radius_m),
     ]
     for extra in _virtual(movers, changes, speed_mps, config):
@@ -148,7 +147,7 @@ def advise(
 
 
 def relative_covariance(robot: Gaussian, obstacle: Obstacle) -> Float[np.ndarray, "4 4"]:
-    """Of an obstacle's (x, y, vx, vy) in O_R: its own, the robot's place, and the robot's heading.
+    """Covariance of an obstacle (x, y, vx, vy) in O_R, with that of the pose of the robot.
 
     Args:
         robot: Gaussian over (x, y, yaw), world frame.
@@ -170,7 +169,7 @@ def relative_covariance(robot: Gaussian, obstacle: Obstacle) -> Float[np.ndarray
 def _virtual(
     movers: Sequence[_Mover], changes: Sequence[Change], speed_mps: float, config: FieldConfig
 ) -> list[VirtualObstacle]:
-    """Virtual obstacles, in O_R, of the movers that no change of speed avoids."""
+    """Virtual obstacles, in O_R, of the moving obstacles that no change of speed avoids."""
     if not config.virtual_obstacles:
         return []
     found = [
@@ -191,47 +190,49 @@ def _psi(
     velocities: np.ndarray,
     evaluation: EvaluationConfig,
 ) -> np.ndarray:
-    """psi_sf + psi_ob of each obstacle, by the evaluations that turn the head."""
+    """psi_sf + psi_ob of each obstacle."""
     offsets = np.array([o.position - robot.mean[:2] for o in obstacles]).reshape(-1, 2)
     covariances = np.array([o.state.covariance[:2, :2] for o in obstacles]).reshape(-1, 2, 2)
     psi_ob = evaluations.of_obstacles(offsets, velocities, covariances, evaluation)
     return evaluations.of_self(robot.covariance, evaluation) + psi_ob
 
 
-def _place_doubt(robot: Gaussian, obstacles: Sequence[Obstacle], config: FieldConfig) -> np.ndarray:
-    """What the deviation of the relative place adds to S_oe, m."""
+def _position_sigma(
+    robot: Gaussian, obstacles: Sequence[Obstacle], config: FieldConfig
+) -> np.ndarray:
+    """Standard deviation of the relative position to add to S_oe, m."""
     if not config.uncertainty:
         return np.zeros(len(obstacles))
     sigma = [
         evaluations.deviation(o.state.covariance[:2, :2] + robot.covariance[:2, :2])
         for o in obstacles
     ]
-    return config.sigmas * np.minimum(np.array(sigma).reshape(-1), config.max_sigma_m)
+    return fields.SIGMAS * np.minimum(np.array(sigma).reshape(-1), fields.MAX_SIGMA_M)
 
 
 def _speed(
     movers: Sequence[_Mover], speed_mps: float, config: FieldConfig, gait: GaitLimits
 ) -> tuple[list[Change], float, float]:
-    """What is done about each mover; the acceleration, and the speed at which it ends."""
-    cruise = math.copysign(config.acceleration_mps2, gait.cruise_mps - speed_mps)
+    """Change of speed for each moving obstacle, the acceleration, and the speed at which it ends."""
+    cruise = math.copysign(fields.ACCELERATION_MPS2, gait.cruise_mps - speed_mps)
     if not (config.velocity_change or config.virtual_obstacles):
         return [CLEAR] * len(movers), cruise, gait.cruise_mps
     bands = [
         widened_band(
             *(mover.place, mover.velocity, mover.radius_m, mover.covariance),
-            *(config.sigmas, config.max_sigma_m, config.horizon_s),
+            *(fields.SIGMAS, fields.MAX_SIGMA_M, fields.HORIZON_S),
         )
         for mover in movers
     ]
-    radii = [mover.radius_m + _miss_doubt(mover, speed_mps, config) for mover in movers]
+    radii = [mover.radius_m + _miss_sigma(mover, speed_mps, config) for mover in movers]
     changes = [
-        change(mover.place, mover.velocity, radius, band, speed_mps, config, gait.max_speed_mps)
+        change(mover.place, mover.velocity, radius, band, speed_mps, gait.max_speed_mps)
         for mover, radius, band in zip(movers, radii, bands, strict=True)
     ]
 
     def clear(acceleration: float, bound: float) -> bool:
         return all(
-            least_distance(m.place, m.velocity, speed_mps, acceleration, bound, config.horizon_s)
+            least_distance(m.place, m.velocity, speed_mps, acceleration, bound, fields.HORIZON_S)
             >= r - 1e-6
             for m, r, one in zip(movers, radii, changes, strict=True)
             if one.case != VIRTUAL.case
@@ -248,17 +249,21 @@ def _speed(
         if clear(acceleration, bound):
             return changes, acceleration, bound
     turned = [c if c.case == CLEAR.case else VIRTUAL for c in changes]
-    return turned, -config.acceleration_mps2, 0.0  # none suits all: slow down, and turn aside
+    return (
+        turned,
+        -fields.ACCELERATION_MPS2,
+        0.0,
+    )  # no acceleration avoids all: slow down and turn aside
 
 
 def _virtual_or_clear(one: Change) -> Change:
-    """What is left to do if the speed stays as it is."""
+    """The change without a change of speed."""
     return one if one.case == VIRTUAL.case else CLEAR
 
 
-def _miss_doubt(mover: _Mover, speed_mps: float, config: FieldConfig) -> float:
-    """Deviation of the miss at the present speed, as much of it as counts, m."""
+def _miss_sigma(mover: _Mover, speed_mps: float, config: FieldConfig) -> float:
+    """Standard deviation of the miss at the present speed, limited, m."""
     sigma = miss_deviation(
-        mover.place, mover.velocity, mover.covariance, speed_mps, config.horizon_s
+        mover.place, mover.velocity, mover.covariance, speed_mps, fields.HORIZON_S
     )
-    return config.sigmas * min(sigma, config.max_sigma_m)
+    return fields.SIGMAS * min(sigma, fields.MAX_SIGMA_M)

@@ -1,14 +1,14 @@
-"""Passing before a moving obstacle, behind it, or out of its way: one change of speed along the heading.
+"""Change of speed to pass before a moving obstacle or behind it, or to leave its path.
 
-(a) The robot is outside the band that the obstacle sweeps: it accelerates to pass before it, or decelerates to
-let it pass. (b) It is in the band: it goes on until it is out of it in time. (c) Nothing of that is within reach, or
-the obstacle comes straight along the robot's own path: `virtual_obstacle` turns it aside.
+(a) Outside the band that the obstacle sweeps the robot accelerates to pass before it, or decelerates to let it pass.
+(b) Inside the band it accelerates to leave it in time. (c) If neither is within the limits, or the obstacle comes along
+the path of the robot, `virtual_obstacle` turns the robot aside.
 
-The printed law meets the point of contact at the time of contact with an even acceleration. Under way the
-robot is then nearer than along the even speed the point was made for; the acceleration is raised until the
-whole way is clear. `literal` keeps the law.
+The printed law reaches the point of contact at the time of contact with constant acceleration. On the way there the
+robot comes nearer than at constant speed, so the acceleration is raised until the whole path is clear; `literal` keeps
+the law.
 
-Source: seed 001, section 4, velocity modification, cases (a) to (c); raising it is ours.
+Source: Yoo 2010 (seed 001), section 4, velocity modification, cases (a) to (c); raising it is ours.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from perception.primitives.robot_model import DARWIN_OP
 
 from . import _collision_kernels as kernels
 from .collision import Band, contact
-from .fields import FieldConfig
+from .fields import ACCELERATION_MPS2, HORIZON_S
 
-SAMPLES = 161  # over the horizon: 5 cm/s of relative motion between two is 2.5 mm
-HALVINGS = 12
+SAMPLES = 161  # ours: over the horizon; at 5 cm/s relative speed every 2.5 mm
+HALVINGS = 12  # ours: of the bisection
 
 
 @dataclass(frozen=True)
 class Change:
-    """What to do about one mover.
+    """The change of speed for one moving obstacle.
 
     Args:
-        case: "clear", "accelerate", "decelerate", "escape", or "virtual" where no speed helps.
-        acceleration_mps2: From now on, until top speed or standstill.
+        case: "clear", "accelerate", "decelerate", "escape", or "virtual" if no speed avoids it.
+        acceleration_mps2: Until top speed or standstill.
     """
 
     case: str
@@ -54,11 +54,11 @@ def least_distance(
     bound_mps: float,
     horizon_s: float,
 ) -> float:
-    """How near the robot comes to the middle of an obstacle within the horizon, m, if it does this.
+    """Least distance to the middle of an obstacle within the horizon, m.
 
     Args:
         place, velocity: Of the obstacle in O_R, m and m/s.
-        speed_mps, acceleration_mps2: Of the robot along x.
+        speed_mps, acceleration_mps2: Of the robot, along x.
         bound_mps: Speed at which the acceleration ends.
         horizon_s: How far ahead.
     """
@@ -75,15 +75,15 @@ def contact_acceleration(
     speed_mps: float,
     contact_speed_mps: float,
 ) -> float:
-    """a_i of the printed law: to be at the point of contact at the time of contact, m/s^2.
+    """a_i of the printed law, which reaches the point of contact at the time of contact, m/s^2.
 
     Args:
         place, velocity: Of the obstacle in O_R (x ahead), m and m/s.
-        speed_mps: Of the robot at present, ahead.
+        speed_mps: Present forward speed of the robot.
         contact_speed_mps: v_ci, a root of the band.
 
     Returns:
-        Infinite where the contact is over or never comes.
+        Infinite if the contact is past or never comes.
 
     Source: seed 001, section 4 (change of velocity).
     """
@@ -99,15 +99,15 @@ def escape_acceleration(
     radius_m: float,
     speed_mps: float,
 ) -> float:
-    """a of case (b): to be at the edge of the swept band, ahead, when the obstacle gets there, m/s^2.
+    """a of case (b), which reaches the edge of the swept band ahead when the obstacle does, m/s^2.
 
     Args:
         place, velocity: Of the obstacle in O_R (x ahead), m and m/s.
         radius_m: S_oe.
-        speed_mps: Of the robot at present, ahead.
+        speed_mps: Present forward speed of the robot.
 
     Returns:
-        Infinite if the band has no edge ahead, or the obstacle is already beyond it.
+        Infinite if the band has no edge ahead, or the obstacle is beyond it.
 
     Source: seed 001, section 4, case (b).
     """
@@ -126,20 +126,18 @@ def change(
     radius_m: float,
     band: Band | None,
     speed_mps: float,
-    config: FieldConfig,
     top_mps: float = DARWIN_OP.gait.max_speed_mps,
     literal: bool = False,
 ) -> Change:
-    """What to do about one mover.
+    """The change of speed for one moving obstacle.
 
     Args:
         place, velocity: Of the obstacle in O_R, m and m/s.
-        radius_m: S_oe, the deviation of the miss included where it counts.
+        radius_m: S_oe, with the standard deviation of the miss if it is used.
         band: Colliding speeds, or None.
-        speed_mps: Of the robot along x.
-        config: Acceleration and horizon.
+        speed_mps: Forward speed of the robot.
         top_mps: Top speed of the robot.
-        literal: The printed law as it is.
+        literal: The printed law.
 
     Source: seed 001, section 4, velocity modification.
     """
@@ -148,11 +146,8 @@ def change(
     size = float(np.hypot(*velocity))
     across = abs(float(velocity[0] * place[1] - velocity[1] * place[0])) / max(size, 1e-12)
     inside = across <= radius_m
-    if (
-        not literal
-        and least_distance(place, velocity, speed_mps, 0.0, 0.0, config.horizon_s) >= radius_m
-    ):
-        return VIRTUAL if inside else CLEAR  # it collides beyond the horizon
+    if not literal and least_distance(place, velocity, speed_mps, 0.0, 0.0, HORIZON_S) >= radius_m:
+        return VIRTUAL if inside else CLEAR  # the collision is beyond the horizon
     if inside:
         wanted = [("escape", escape_acceleration(place, velocity, radius_m, speed_mps))]
     else:
@@ -160,14 +155,14 @@ def change(
             ("accelerate", _bounded(place, velocity, speed_mps, band.high, top_mps)),
             ("decelerate", contact_acceleration(place, velocity, speed_mps, max(band.low, 0.0))),
         ]
-    limit = config.acceleration_mps2
+    limit = ACCELERATION_MPS2
     for case, first in wanted:
         if not abs(first) <= limit:
             continue
         if literal:
             return Change(case, first)
         sign = -1.0 if case == "decelerate" else 1.0
-        found = _until_clear(place, velocity, radius_m, speed_mps, first, sign, config, top_mps)
+        found = _until_clear(place, velocity, radius_m, speed_mps, first, sign, top_mps)
         if found is not None:
             return Change(case, found)
     return VIRTUAL
@@ -176,7 +171,7 @@ def change(
 def _bounded(
     place: np.ndarray, velocity: np.ndarray, speed_mps: float, root: float, top: float
 ) -> float:
-    """a_1, infinite if v_c1 is beyond reach."""
+    """a_1; infinite if v_c1 is above top speed."""
     return contact_acceleration(place, velocity, speed_mps, root) if root <= top else math.inf
 
 
@@ -187,17 +182,16 @@ def _until_clear(
     speed_mps: float,
     first: float,
     sign: float,
-    config: FieldConfig,
     top_mps: float,
 ) -> float | None:
-    """The least acceleration of this sign, from the law's on, that keeps clear; None if none within limits does."""
+    """The least acceleration of this sign, from that of the law on, without contact; None beyond the limit."""
 
     def clear(a: float) -> bool:
         bound = top_mps if a > 0.0 else 0.0
-        least = least_distance(place, velocity, speed_mps, a, bound, config.horizon_s)
+        least = least_distance(place, velocity, speed_mps, a, bound, HORIZON_S)
         return least >= radius_m - 1e-9
 
-    low, high = sign * max(sign * first, 0.0), sign * config.acceleration_mps2
+    low, high = sign * max(sign * first, 0.0), sign * ACCELERATION_MPS2
     if clear(low):
         return low
     if not clear(high):

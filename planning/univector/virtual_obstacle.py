@@ -1,11 +1,10 @@
-"""The virtual obstacle on the path of a mover, which turns the robot aside early and gently.
+"""The virtual obstacle on the path of a moving obstacle, which turns the robot aside early and gently.
 
-It stands where the robot's perpendicular meets the obstacle's path, as large as the obstacle itself where the
-obstacle is, and shrinks to nothing at a distance that grows with speed and with the gaze evaluations. The
-curve between is Schlick's rational bias, symmetric and through (xi, xi); it brings the printed factor
-(1 - xi)^2 / xi^2 with it.
+It lies at the foot of the perpendicular from the robot to the path of the obstacle. It has the size of the obstacle at
+the obstacle and vanishes at a distance that grows with the relative speed and the gaze evaluations. The curve between
+is Schlick's rational bias, symmetric and through (xi, xi), which has the printed factor (1 - xi)^2 / xi^2.
 
-Source: seed 001, eq. (11) (lost, reconstructed) and the velocity of the foot.
+Source: Yoo 2010 (seed 001), eq. (11) (lost, reconstructed) and the velocity of the foot.
 """
 
 from __future__ import annotations
@@ -20,15 +19,18 @@ from perception.primitives.errors import InputError
 
 from .fields import FieldConfig
 
+REACH_V_S = 12.0  # w_dist eta_vo; ours: growth of the distance with the relative speed
+REACH_PSI_M = 0.3  # w_dist eta_imp; ours: growth with the gaze evaluations
+
 
 @dataclass(frozen=True)
 class VirtualObstacle:
-    """A disc on the path of a mover.
+    """A disc on the path of a moving obstacle.
 
     Args:
-        place: p_vo, in O_R, m.
+        place: p_vo, in the body frame O_R, m.
         radius_m: R_vo.
-        velocity: Of the foot of the perpendicular while the robot walks, in O_R, m/s.
+        velocity: Velocity of the foot of the perpendicular while the robot walks, in O_R, m/s.
     """
 
     place: Float[np.ndarray, "2"]
@@ -40,12 +42,12 @@ def shrunken_radius(extended_m: float, share: float, convexity: float) -> float:
     """R_calc: radius at a share h_vo of the distance at which it vanishes, m.
 
     Args:
-        extended_m: S_oe of the obstacle itself.
-        share: h_vo, at least 0; from 1 on there is nothing left.
-        convexity: xi in (0, 1); 0.5 is a straight line, a triangle from above; larger bulges.
+        extended_m: S_oe of the obstacle.
+        share: h_vo, at least 0; from 1 on the radius is 0.
+        convexity: xi in (0, 1); 0.5 shrinks linearly, more is convex.
 
     Raises:
-        InputError: A share below 0 or a convexity outside (0, 1).
+        InputError: The share is negative or the convexity not in (0, 1).
 
     Source: seed 001, eq. (11).
     """
@@ -68,14 +70,14 @@ def virtual_obstacle(
     psi: float,
     config: FieldConfig,
 ) -> VirtualObstacle | None:
-    """The one of a mover; None if the robot is behind it, beyond its reach, or the mover stands.
+    """The virtual obstacle of a moving obstacle; None behind it, beyond its reach, or if it is static.
 
     Args:
-        place, velocity: Of the obstacle in O_R, its own velocity, m and m/s.
-        speed_mps: Of the robot, ahead.
+        place, velocity: Of the obstacle, in axes of O_R, m and m/s; the velocity is that in the world.
+        speed_mps: Forward speed of the robot.
         extended_m: S_oe.
-        psi: psi_sf + psi_ob, in [0, 2]; 0 where not used.
-        config: Convexity, and how the distance grows.
+        psi: psi_sf + psi_ob, in [0, 2]; 0 if not used.
+        config: Convexity.
 
     Source: seed 001, section 4, eq. (11).
     """
@@ -83,11 +85,11 @@ def virtual_obstacle(
     if size < 1e-9:
         return None
     along = velocity / size
-    ahead = -float(place @ along)  # of the obstacle, where the perpendicular falls
+    ahead = -float(place @ along)  # of the obstacle, to the foot of the perpendicular
     if ahead <= 0.0:
         return None
     relative = velocity - np.array([speed_mps, 0.0])
-    vanishes = config.virtual_v_s * float(np.hypot(*relative)) + config.virtual_psi_m * psi
+    vanishes = REACH_V_S * float(np.hypot(*relative)) + REACH_PSI_M * psi
     share = ahead / vanishes if vanishes > 0.0 else math.inf
     foot = place + ahead * along
     radius = min(shrunken_radius(extended_m, share, config.convexity), float(np.hypot(*foot)))

@@ -1,15 +1,15 @@
-"""Footsteps to motion: the linear inverted pendulum walks over the footprints it is given.
+"""Gait: the linear inverted pendulum walks over the commanded footprints.
 
-The body's weight is a pendulum of constant height above the zero moment point (ZMP) p. Its divergent
-part, the capture point xi = c + c'/w, obeys xi' = w (xi - p), and is planned backwards from the end of a
-preview in which the step is repeated; the centre of mass follows it, c' = w (xi - c). Between knots the
-ZMP is linear in time, so both have closed forms.
+The body is a pendulum of constant height over the zero moment point (ZMP) p. Its divergent component, the capture
+point xi = c + c'/w, obeys xi' = w (xi - p) and is computed backwards from the end of a preview that repeats the step.
+The centre of mass follows it: c' = w (xi - c). Between knots the ZMP is linear in time, so both have closed forms.
 
-One step begins with its double support: a command moves the walking frame, the swing foot is due at its
-side of the frame, the weight is shifted onto the other foot (T_DS), and the swing foot flies (T_SS).
-Feet and weight are exact here; slip, play and tremble belong to `body`.
+A step starts with its double support: the command moves the walking frame, the weight shifts onto the stance foot
+(T_DS), then the swing foot moves to its side of the frame (T_SS). The trajectories are exact; slip, backlash and sway
+belong to the bodies.
 
-Source: seed 000, section 2.1 (footstep command); Kajita et al. 2001 (pendulum); capture point: Pratt 2006.
+Source: Kang et al. (seed 000), section 2.1 (footstep command); Kajita et al. 2001 (pendulum); Pratt et al. 2006
+(capture point).
 """
 
 from __future__ import annotations
@@ -22,38 +22,43 @@ from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.settings import setting
 from planning.commands import WalkCommand
 
 from ..ranges import check_ranges
 
 GRAVITY_MPS2 = 9.81
+PREVIEW_STEPS = 4  # ours: the fourth step ahead moves the centre of mass by less than 0.1 mm
 
 
 @dataclass(frozen=True)
 class GaitConfig:
-    """Measures of the walk and limits of a footstep.
+    """Dimensions of the walk and limits of a footstep.
 
-    A command beyond a limit is not refused: the body does what it can of it, and its joints report that.
+    A command beyond a limit is clipped, and the odometry reports the clipped step. Lengths scale with the body.
     """
 
     tick_s: float = 0.005  # seed 001: control period 5 ms
-    stance_width_m: float = 0.090  # DARwIn-OP: two hips of 37 mm, feet set 8 mm wider each
-    narrowest_m: float = 0.070  # ours: feet of 66 mm must not touch
+    stance_width_m: float = 0.090  # DARwIn-OP: hips 37 mm from the middle, feet 8 mm further out
+    narrowest_m: float = 0.070  # ours: soles of 66 mm must not touch
     lift_m: float = 0.022  # ours: clears bumps of 1 cm
     com_height_m: float = 0.215  # DARwIn-OP, walking posture
     zmp_inward_m: float = 0.004  # ours: 10 mm was worse in dynamic walking
-    preview_steps: int = 4  # ours: the fourth step ahead moves the weight by less than 0.1 mm
     backward_limit_m: float = 0.03  # ours: heels
-    forward_limit_m: float = 0.08  # ours: longest step seen stable in dynamic walking
+    forward_limit_m: float = 0.08  # ours: longest stable step in dynamic walking trials
     lateral_limit_m: float = 0.04  # ours
-    rescue_back_m: float = 0.10  # ours: limits of a step that answers a push ...
-    rescue_forward_m: float = 0.10  # ... which may fail where not to make it would
+    rescue_back_m: float = 0.10  # ours: limits of a recovery step after a push
+    rescue_forward_m: float = 0.10  # ours
     turn_limit_deg: float = 14.0  # seed 000: theta_safety
-    single_support_s: tuple[float, float] = (
-        0.25,
-        0.60,
-    )  # ours: shortest, longest; dT = 0.2 must fit
-    double_support_s: tuple[float, float] = (0.10, 0.80)  # ours
+    single_support_s: tuple[float, float] = setting(
+        (0.25, 0.60),
+        "s",
+        "shortest and longest single support that the body executes",
+        "ours: the image interval of seed 000, 0.2 s, must fit",
+    )
+    double_support_s: tuple[float, float] = setting(
+        (0.10, 0.80), "s", "shortest and longest double support that the body executes", "ours"
+    )
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tick_s <= 0.02:
@@ -69,7 +74,6 @@ class GaitConfig:
             stance_width_m=(0.0, 1.0),
             lift_m=(0.0, 0.3),
             com_height_m=(0.02, 3.0),
-            preview_steps=(2.0, 50.0),
             backward_limit_m=(0.0, 1.0),
             forward_limit_m=(0.0, 1.0),
             lateral_limit_m=(0.0, 1.0),
@@ -92,18 +96,18 @@ class GaitConfig:
 
 @dataclass(frozen=True)
 class Feet:
-    """Both feet on the floor, and the side whose turn it is to swing (+1 left, -1 right)."""
+    """Both feet on the floor, and the side that swings next (+1 left, -1 right)."""
 
     left: Pose2
     right: Pose2
     swing: int = 1
 
     def of(self, side: int) -> Pose2:
-        """The left foot for +1, the right one for -1."""
+        """The left foot for +1, the right foot for -1."""
         return self.left if side > 0 else self.right
 
     def placed(self, pose: Pose2) -> Feet:
-        """After the swing foot came down there: the other one is next."""
+        """The feet after the swing foot landed at a pose."""
         if self.swing > 0:
             return Feet(pose, self.right, -1)
         return Feet(self.left, pose, 1)
@@ -111,18 +115,18 @@ class Feet:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One step, tick by tick, as the joints make it; arrays of n ticks, the last one at its end.
+    """Trajectories of one step, one row per tick, the last row at its end.
 
     Args:
-        stepping: Whether a foot swings; False for standing still.
-        double_support_ticks: How many of the ticks are double support.
+        stepping: Whether a foot swings; False for standing.
+        double_support_ticks: Ticks of double support.
         left, right: Feet, (x, y, yaw), frame of the gait's own dead reckoning, m and rad.
         lift: Height of the swing foot, m.
-        swing: Which foot swings, +1 left, -1 right.
-        com: Centre of mass on the floor, m.
-        com_velocity: m/s.
-        body: Body frame, (x, y, yaw): the middle of the feet.
-        progress: Share of the step's motion of the body that is done, 0 to 1.
+        swing: Swing foot, +1 left, -1 right, 0 none.
+        com: Centre of mass projected on the floor, m.
+        com_velocity: Its velocity, m/s.
+        body: Body frame midway between the feet, (x, y, yaw).
+        progress: Completed share of the step's motion, 0 to 1.
     """
 
     stepping: bool
@@ -138,13 +142,13 @@ class Step:
 
     @property
     def ticks(self) -> int:
-        """Length of the step."""
+        """Number of ticks of the step."""
         return len(self.progress)
 
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """A stretch of time over which the ZMP moves evenly from start to end, m."""
+    """A time interval over which the ZMP moves at constant velocity from start to end, m."""
 
     start: Float[np.ndarray, "2"]
     end: Float[np.ndarray, "2"]
@@ -157,12 +161,12 @@ def capture_point_before(
     remaining_s: float | Float[np.ndarray, "n"],
     omega: float,
 ) -> Float[np.ndarray, "*n 2"]:
-    """The capture point some time before the end of a phase: xi' = w (xi - p) solved backwards.
+    """Capture point some time before the end of a phase: xi' = w (xi - p) solved backwards.
 
     Args:
         after: xi at the end of the phase, m.
-        phase: How the ZMP moves.
-        remaining_s: Time to the end; or times, and the answer has a row for each.
+        phase: Motion of the ZMP.
+        remaining_s: Time to the end; for an array of times the result has one row each.
         omega: w = sqrt(g / height), 1/s.
     """
     speed = (phase.end - phase.start) / phase.duration_s
@@ -175,7 +179,7 @@ def capture_point_before(
 def pendulum(
     position: float, velocity: float, zmp: float, seconds: float, height_m: float
 ) -> tuple[float, float]:
-    """The pendulum over a resting ZMP: position and velocity after some time.
+    """Position and velocity of the pendulum over a fixed ZMP after some time.
 
     Source: seed 000, section 3 (x(t) and x'(t), T_c = sqrt(z_c / g)).
     """
@@ -188,13 +192,13 @@ def pendulum(
 
 
 def smooth(share: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-    """Minimum jerk from 0 to 1 while the share of time goes from 0 to 1."""
+    """Minimum-jerk profile from 0 to 1 for a share of time from 0 to 1."""
     t = np.clip(share, 0.0, 1.0)
     return np.asarray(t**3 * (10.0 - 15.0 * t + 6.0 * t**2))
 
 
 class Gait:
-    """Walks step by step from the origin of its own dead reckoning, feet side by side."""
+    """Generates step after step from the origin of its own dead reckoning, starting with the feet side by side."""
 
     def __init__(self, config: GaitConfig) -> None:
         self.config = config
@@ -206,15 +210,15 @@ class Gait:
         self._capture = np.zeros(2)
         self._omega = math.sqrt(GRAVITY_MPS2 / config.com_height_m)
 
-    def step(self, command: WalkCommand, astray_m: float = 0.0) -> Step:
-        """Take up a command at the start of a double support, and make the whole step.
+    def step(self, command: WalkCommand, extension_m: float = 0.0) -> Step:
+        """Execute a command from the start of a double support to the end of the step.
 
-        A zero command with the feet side by side is standing still: no foot swings. Beyond the limits
-        the command is clipped; a sideways step towards the standing foot ends where the feet would touch.
+        A zero command with the feet side by side means standing: no foot swings. Commands beyond the limits are
+        clipped; a lateral step towards the stance foot ends where the feet would touch.
 
         Args:
-            command: Of the footstep.
-            astray_m: How far ahead of the plan the weight is being carried: the step goes so much further.
+            command: Footstep command.
+            extension_m: Forward extension of the step after a push.
         """
         config = self.config
         double, single = (
@@ -224,8 +228,8 @@ class Gait:
                 (command.single_support_s, config.single_support_s),
             )
         )
-        frame, target, stepping = self._next(self._frame, self._feet, command, astray_m)
-        phases = self._preview(command, double, single, astray_m)
+        frame, target, stepping = self._next(self._frame, self._feet, command, extension_m)
+        phases = self._preview(command, double, single, extension_m)
         capture = self._capture_points(phases, double, single)
         com, velocity = self._follow(capture)
         swing = self._feet.swing if stepping else 0
@@ -248,18 +252,20 @@ class Gait:
         )
 
     def land(self, step: Step, tick: int) -> None:
-        """The swing foot of this step, the last one made, was put down early, at this tick of it."""
+        """Register that the swing foot of the last step landed early, at this tick."""
         x, y, yaw = (float(v) for v in (step.left if step.swing > 0 else step.right)[tick])
         self._feet = replace(self._feet, swing=step.swing).placed(Pose2(x, y, yaw))
 
     def _next(
-        self, frame: Pose2, feet: Feet, command: WalkCommand, astray_m: float = 0.0
+        self, frame: Pose2, feet: Feet, command: WalkCommand, extension_m: float = 0.0
     ) -> tuple[Pose2, Pose2, bool]:
-        """The walking frame after a command, where the swing foot goes, and whether it has to move."""
+        """Walking frame after a command, target of the swing foot, and whether that foot has to move."""
         config = self.config
         forward = min(max(command.forward_m, -config.backward_limit_m), config.forward_limit_m)
-        if astray_m:
-            forward = min(max(forward + astray_m, -config.rescue_back_m), config.rescue_forward_m)
+        if extension_m:
+            forward = min(
+                max(forward + extension_m, -config.rescue_back_m), config.rescue_forward_m
+            )
         lateral = min(max(command.lateral_m, -config.lateral_limit_m), config.lateral_limit_m)
         limit = math.radians(config.turn_limit_deg)
         turn = min(max(command.turn_rad, -limit), limit)
@@ -278,15 +284,15 @@ class Gait:
         return moved, target, not (still and square)
 
     def _preview(
-        self, command: WalkCommand, double: int, single: int, astray_m: float
+        self, command: WalkCommand, double: int, single: int, extension_m: float
     ) -> list[Phase]:
-        """How the ZMP moves over this step and the ones after it, the command repeated."""
+        """Motion of the ZMP over this step and the previewed ones, which repeat the command."""
         tick = self.config.tick_s
         phases: list[Phase] = []
         frame, feet, zmp = self._frame, self._feet, self._zmp
-        for _ in range(self.config.preview_steps):
-            frame, target, stepping = self._next(frame, feet, command, astray_m)
-            astray_m = 0.0
+        for _ in range(PREVIEW_STEPS):
+            frame, target, stepping = self._next(frame, feet, command, extension_m)
+            extension_m = 0.0
             if stepping:
                 side = -feet.swing
                 inward = Pose2(0.0, -side * self.config.zmp_inward_m)
@@ -305,7 +311,7 @@ class Gait:
     def _capture_points(
         self, phases: list[Phase], double: int, single: int
     ) -> Float[np.ndarray, "n 2"]:
-        """xi at the start of each tick and at the end of the last, from the end of the preview back.
+        """Capture point at the start of each tick and at the end of the last, from the end of the preview backwards.
 
         A new command makes the plan jump; the difference fades out over the double support.
         """
@@ -326,9 +332,9 @@ class Gait:
     def _follow(
         self, capture: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-        """The centre of mass behind the capture point, given at the m = n + 1 edges of n ticks.
+        """Centre of mass behind a capture point given at the m = n + 1 edges of n ticks.
 
-        Exact for a capture point that moves evenly over a tick.
+        Exact for a capture point that moves linearly within a tick.
         """
         tick, omega = self.config.tick_s, self._omega
         decay = math.exp(-omega * tick)
@@ -346,7 +352,7 @@ class Gait:
     def _swing(
         self, feet: Feet, target: Pose2, stepping: bool, double: int, single: int
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Both feet, the swing foot's height and the share done, at the end of every tick."""
+        """Left foot, right foot, height of the swing foot and completed share at the end of every tick."""
         share = np.maximum(np.arange(1, double + single + 1) - double, 0) / single
         progress = smooth(share) if stepping else np.zeros(double + single)
         rise = smooth(share / 0.45) - smooth((share - 0.55) / 0.45)  # 45 % up, 10 % hold, 45 % down
@@ -363,7 +369,7 @@ class Gait:
 def _middle(
     left: Float[np.ndarray, "n 3"], right: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Between the feet: mean position, mean heading the short way round."""
+    """Midway between the feet: mean position and mean heading."""
     between = right - left
     between[:, 2] = (between[:, 2] + math.pi) % (2 * math.pi) - math.pi
     return np.asarray(left + between / 2)

@@ -1,4 +1,4 @@
-"""The head: pan and tilt joints with a top speed, encoders that round, and joints that sit a little askew."""
+"""Head: pan and tilt joints with a speed limit, quantised encoders and joint offsets."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from ..ranges import check_ranges
 
 @dataclass(frozen=True)
 class HeadConfig:
-    """Where the head sits and how it moves.
+    """Geometry and motion of the head.
 
     Args:
         hip_m: Height of the pelvis while walking.
         neck_m: Pan joint above the pelvis.
         tilt_m: Tilt joint above the pan joint.
-        pan_deg: Reach to each side.
+        pan_deg: Range to each side.
         tilt_deg: (highest, lowest) tilt, down positive.
-        speed_radps: Top speed of both joints.
-        encoder_deg: Grain of the encoders.
-        offset_deg: Deviation of each joint's zero, one value a run.
+        speed_radps: Speed limit of both joints.
+        encoder_deg: Resolution of the encoders.
+        offset_deg: Standard deviation of each joint's offset, drawn once per run.
     """
 
-    hip_m: float = 0.2055  # DARwIn-OP walking; tilted 30 deg the camera then stands at 0.383 m
+    hip_m: float = 0.2055  # DARwIn-OP walking; the camera is then at 0.383 m at a tilt of 30 deg
     neck_m: float = 0.150  # DARwIn-OP
     tilt_m: float = 0.015  # DARwIn-OP
-    pan_deg: float = 90.0  # seed 001, our range
-    tilt_deg: tuple[float, float] = (0.0, 60.0)  # seed 001, our range
+    pan_deg: float = 90.0  # ours, joints of seed 001
+    tilt_deg: tuple[float, float] = (0.0, 60.0)  # ours, joints of seed 001
     speed_radps: float = 4.0  # ours: MX-28 servo under load
-    encoder_deg: float = 0.088  # MX-28: 4096 to the turn
+    encoder_deg: float = 0.088  # MX-28: 4096 counts per turn
     offset_deg: float = 0.3  # measured on walkers of this size
 
     def __post_init__(self) -> None:
@@ -57,7 +57,7 @@ class HeadConfig:
 
 
 class Head:
-    """Turns towards where it was last told to look."""
+    """Pan and tilt joints that move towards the last gaze command."""
 
     def __init__(self, config: HeadConfig, rng: np.random.Generator) -> None:
         self.config = config
@@ -66,51 +66,53 @@ class Head:
         self._pan = 0.0
         self._tilt = math.radians(min(max(0.0, config.tilt_deg[0]), config.tilt_deg[1]))
         self._aim = (self._pan, self._tilt)
-        self._play = self._lag = (0.0, 0.0)
+        self._deflection = self._lag = (0.0, 0.0)
 
     @property
-    def zeros(self) -> tuple[float, float]:
-        """How far askew pan and tilt joint sit, rad; a body with dynamics builds them so."""
+    def joint_offsets(self) -> tuple[float, float]:
+        """Offsets of the pan and tilt joints, rad."""
         return self._offset[0], self._offset[1]
 
     @property
-    def aims(self) -> tuple[float, float]:
-        """Pan and tilt that the servos hold now, rad."""
+    def setpoints(self) -> tuple[float, float]:
+        """Pan and tilt commanded to the servos now, rad."""
         return self._pan, self._tilt
 
-    def deflected(self, joints_rad: tuple[float, float], motors_rad: tuple[float, float]) -> None:
-        """A body with dynamics tells how far pan and tilt are from where the servos shall hold them.
+    def set_deflection(
+        self, joints_rad: tuple[float, float], motors_rad: tuple[float, float]
+    ) -> None:
+        """Set the deviation of pan and tilt from their setpoints; called by a body with dynamics.
 
         Args:
-            joints_rad: Of the joints themselves.
-            motors_rad: On the motors' side of the gears, where the encoders sit.
+            joints_rad: At the joints.
+            motors_rad: At the motors, where the encoders are.
         """
-        self._play, self._lag = joints_rad, motors_rad
+        self._deflection, self._lag = joints_rad, motors_rad
 
     def look(self, gaze: GazeCommand) -> None:
-        """Clipped to the reach of the joints."""
+        """Set the gaze, clipped to the range of the joints."""
         reach = math.radians(self.config.pan_deg)
         high, low = (math.radians(v) for v in self.config.tilt_deg)
         self._aim = (min(max(gaze.pan_rad, -reach), reach), min(max(gaze.tilt_rad, high), low))
 
     def advance(self, seconds: float) -> None:
-        """Turn on, each joint as fast as it may."""
+        """Move both joints towards the gaze, each within its speed limit."""
         step = self.config.speed_radps * seconds
         self._pan += min(max(self._aim[0] - self._pan, -step), step)
         self._tilt += min(max(self._aim[1] - self._tilt, -step), step)
 
-    def camera_by_encoders(self, mount: tuple[float, float, float]) -> Pose3:
-        """A camera on the pelvis as the encoders have it; the mount is its place in the head, m."""
-        grain = math.radians(self.config.encoder_deg)
+    def camera_from_encoders(self, mount: tuple[float, float, float]) -> Pose3:
+        """Camera in the frame of the pelvis as the encoders give it; the mount is its position in the head, m."""
+        count = math.radians(self.config.encoder_deg)
         pan, tilt = self._pan + self._lag[0], self._tilt + self._lag[1]
-        if grain > 0.0:
-            pan, tilt = round(pan / grain) * grain, round(tilt / grain) * grain
+        if count > 0.0:
+            pan, tilt = round(pan / count) * count, round(tilt / count) * count
         return self._chain(pan, tilt, mount)
 
-    def camera_truly(self, mount: tuple[float, float, float]) -> Pose3:
-        """Where it is on a pelvis that does not tremble."""
+    def true_camera(self, mount: tuple[float, float, float]) -> Pose3:
+        """True camera in the frame of a pelvis without sway."""
         pan, tilt = self._pan + self._offset[0], self._tilt + self._offset[1]
-        return self._chain(pan + self._play[0], tilt + self._play[1], mount)
+        return self._chain(pan + self._deflection[0], tilt + self._deflection[1], mount)
 
     def _chain(self, pan: float, tilt: float, mount: tuple[float, float, float]) -> Pose3:
         config = self.config

@@ -1,4 +1,4 @@
-"""The inertial sensor in the trunk: mean angular velocity and specific force between two instants."""
+"""Inertial sensor in the trunk: mean angular velocity and specific force between two instants."""
 
 from __future__ import annotations
 
@@ -9,18 +9,28 @@ from jaxtyping import Float
 
 from perception.primitives.frame import Imu
 from perception.primitives.pose import wrap_angle
+from perception.primitives.settings import setting
 
 from ..ranges import check_ranges
 from .gait import GRAVITY_MPS2
-from .kinematic import Tremble
 
 
 @dataclass(frozen=True)
 class ImuConfig:
-    """Noise of the means, and biases that stay for a run."""
+    """Noise of the means, and biases that are constant within a run."""
 
-    gyro_sigma_radps: float = 0.002  # ours: MEMS gyro averaged over 0.2 s, mounting included
-    gyro_bias_radps: float = 0.005  # ours: after a calibration at rest minutes ago
+    gyro_sigma_radps: float = setting(
+        0.002,
+        "rad/s",
+        "standard deviation of the gyro",
+        "ours: MEMS gyro averaged over 0.2 s, with its mounting",
+    )
+    gyro_bias_radps: float = setting(
+        0.005,
+        "rad/s",
+        "standard deviation of the gyro's bias, constant within a run",
+        "ours: calibrated at rest minutes before",
+    )
     force_sigma_mps2: float = 0.05  # ours
     force_bias_mps2: float = 0.03  # ours
 
@@ -37,21 +47,22 @@ class ImuConfig:
 
 @dataclass(frozen=True, eq=False)
 class TrunkState:
-    """What the sensor feels the change of.
+    """State of the trunk whose change the sensor measures.
 
     Args:
         yaw_rad: True heading of the body.
-        velocity_body: Of the trunk over the floor, body axes, m/s.
-        tremble: Roll and pitch of the trunk; the yaw of the tremble is the neck's, and is not felt.
+        velocity_body: Velocity of the trunk over the floor, body axes, m/s.
+        roll_rad, pitch_rad: Tilt of the trunk.
     """
 
     yaw_rad: float
     velocity_body: Float[np.ndarray, "2"]
-    tremble: Tremble
+    roll_rad: float
+    pitch_rad: float
 
 
 class InertialSensor:
-    """Gyro and accelerometer with their own biases."""
+    """Gyro and accelerometer, each with its own bias."""
 
     def __init__(self, config: ImuConfig, rng: np.random.Generator) -> None:
         self._config = config
@@ -60,21 +71,15 @@ class InertialSensor:
         self.force_bias = config.force_bias_mps2 * rng.standard_normal(3)
 
     def measure(self, before: TrunkState, now: TrunkState, seconds: float) -> Imu:
-        """Means over the time between two states, body axes: exact ones, plus bias and noise."""
+        """Means between two states, body axes: the exact values plus bias and noise."""
         turn = wrap_angle(now.yaw_rad - before.yaw_rad)
-        rate = np.array(
-            [
-                now.tremble.roll_rad - before.tremble.roll_rad,
-                now.tremble.pitch_rad - before.tremble.pitch_rad,
-                turn,
-            ]
-        )
-        # the change of velocity, seen from the heading half way
+        rate = np.array([now.roll_rad - before.roll_rad, now.pitch_rad - before.pitch_rad, turn])
+        # change of velocity in the axes of the mean heading
         c, s = np.cos(turn / 2), np.sin(turn / 2)
         back = np.array([[c, -s], [s, c]])
         change = back @ now.velocity_body - back.T @ before.velocity_body
-        roll = (before.tremble.roll_rad + now.tremble.roll_rad) / 2
-        pitch = (before.tremble.pitch_rad + now.tremble.pitch_rad) / 2
+        roll = (before.roll_rad + now.roll_rad) / 2
+        pitch = (before.pitch_rad + now.pitch_rad) / 2
         up = GRAVITY_MPS2 * np.array(
             [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
         )

@@ -1,4 +1,4 @@
-"""Compiled inner loops of the geometric sensor: what hides what, and where rays end."""
+"""Compiled loops of the geometric sensor: occlusion of discs, and ray casting among discs in a room."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from numba import njit
 
 
 @njit(cache=True)
-def hidden(
+def find_occluded(
     away: np.ndarray, bearing: np.ndarray, half: np.ndarray, apart: float, result: np.ndarray
 ) -> None:
-    """Whether a nearer disc covers any part of each, or is closer than `apart` in angle.
+    """Whether a nearer disc covers any part of each disc, or is closer than `apart` in angle.
 
     Args:
-        away, bearing, half: (n,) of each disc: distance, direction, half of its width in angle.
+        away, bearing, half: (n,) distance, direction and angular half width of each disc.
         apart: rad.
         result: (n,) output.
     """
@@ -30,14 +30,10 @@ def hidden(
 
 
 @njit(cache=True)
-def cast(
-    rays: np.ndarray,
-    discs: np.ndarray,
-    walls: np.ndarray,
-    distance: np.ndarray,
-    what: np.ndarray,
+def cast_rays(
+    rays: np.ndarray, discs: np.ndarray, walls: np.ndarray, distance: np.ndarray, what: np.ndarray
 ) -> None:
-    """Where each ray ends: at a disc (its number) or at the walls of a room (-1).
+    """Where each ray ends: at a disc (its index) or at the walls (-1).
 
     Args:
         rays: (m, 3) of x, y, direction.

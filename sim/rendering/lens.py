@@ -1,6 +1,6 @@
-"""A lens before a renderer that knows only pinholes: a wider ideal picture, looked up where every ray goes.
+"""Lens distortion: render a wider pinhole image and resample it along the distorted rays.
 
-Source: Brown-Conrady, as `perception.primitives.camera` has it.
+Source: Brown-Conrady, as in `perception.primitives.camera`.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ from jaxtyping import Float32, UInt8
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 
-WIDEST = 3.0  # ours: times the picture that an ideal camera may need; more is no lens to walk with
+WIDEST = 3.0  # ours: greatest ratio of the fields of view with and without distortion
 
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """What bends an ideal picture.
+    """Resampling of an ideal image.
 
     Args:
-        ideal: The pinhole to render: the same pixels and more around them, enough for every bent ray.
-        columns, rows: Where in its picture the ray of each pixel is, px.
+        ideal: Pinhole camera to render, with margins for every distorted ray.
+        columns, rows: Position of each pixel's ray in the ideal image, px.
     """
 
     ideal: Camera
     columns: Float32[np.ndarray, "h w"]
     rows: Float32[np.ndarray, "h w"]
 
-    def bent(self, picture: UInt8[np.ndarray, "h2 w2 3"]) -> UInt8[np.ndarray, "h w 3"]:
-        """The picture that the ideal one becomes."""
-        seen = cv2.remap(picture, self.columns, self.rows, cv2.INTER_LINEAR)
-        return np.asarray(seen, dtype=np.uint8)
+    def distorted(self, picture: UInt8[np.ndarray, "h2 w2 3"]) -> UInt8[np.ndarray, "h w 3"]:
+        """Resample an ideal image."""
+        image = cv2.remap(picture, self.columns, self.rows, cv2.INTER_LINEAR)
+        return np.asarray(image, dtype=np.uint8)
 
 
 @cache
-def lens_of(camera: Camera) -> Lens:
-    """The lens of a camera with distortion; made once."""
-    x = camera.rays[..., 0] * camera.fx + camera.cx  # px of the same picture without a lens
+def lens_for(camera: Camera) -> Lens:
+    """Lens of a camera with distortion, cached."""
+    x = camera.rays[..., 0] * camera.fx + camera.cx  # px of the undistorted image
     y = camera.rays[..., 1] * camera.fy + camera.cy
     left, top = math.floor(x.min()) - 1, math.floor(y.min()) - 1
     width, height = math.ceil(x.max()) + 2 - left, math.ceil(y.max()) + 2 - top
@@ -49,11 +49,11 @@ def lens_of(camera: Camera) -> Lens:
     return Lens(ideal, (x - left).astype(np.float32), (y - top).astype(np.float32))
 
 
-def check(camera: Camera) -> None:
-    """Refuse a lens that folds the picture over or needs far too wide a view.
+def check_lens(camera: Camera) -> None:
+    """Refuse a distortion that folds the image or needs far too wide a field of view.
 
     Raises:
-        ConfigError: Away from the middle rays do not keep their order, or a corner looks too far aside.
+        ConfigError: Radii are not monotonic, or a corner looks too far outward.
     """
     w, h = camera.width - 1.0, camera.height - 1.0
     corners = np.array([[0.0, 0.0], [w, 0.0], [0.0, h], [w, h]])
@@ -66,6 +66,6 @@ def check(camera: Camera) -> None:
         wide = (np.ptp(rays[:, :2], axis=0) * (camera.fx, camera.fy)).max() / max(w, h)
     if not (kept and wide <= WIDEST):
         raise ConfigError(
-            f"camera: lens={camera.distortion} folds the picture over or looks more than {WIDEST:g} times as "
-            "wide as without; choose smaller coefficients (k1, k2, p1, p2, k3)"
+            f"camera: lens={camera.distortion} folds the image or widens the field of view more than "
+            f"{WIDEST:g} times; choose smaller coefficients (k1, k2, p1, p2, k3)"
         )

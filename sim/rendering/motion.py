@@ -1,7 +1,4 @@
-"""How a camera moves while it looks: one velocity and one rate of turning, even over an exposure.
-
-Source: ours.
-"""
+"""Camera motion during an exposure: constant linear and angular velocity. Source: ours."""
 
 from __future__ import annotations
 
@@ -16,31 +13,31 @@ from perception.primitives.pose import Pose3
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Of a camera, in world axes.
+    """Motion of a camera, world axes.
 
     Args:
         velocity: Of its centre, m/s.
-        turning: About its centre, rad/s.
+        angular_velocity: About its centre, rad/s.
     """
 
     velocity: Float[np.ndarray, "3"]
-    turning: Float[np.ndarray, "3"]
+    angular_velocity: Float[np.ndarray, "3"]
 
-    def moved(self, pose: Pose3, seconds: float) -> Pose3:
-        """Where the camera is that long after the pose; before it where negative."""
-        turned = Rotation.from_rotvec(self.turning * seconds).as_matrix() @ pose.rotation
+    def pose_after(self, pose: Pose3, seconds: float) -> Pose3:
+        """Camera pose that long after a pose; before it if negative."""
+        turned = Rotation.from_rotvec(self.angular_velocity * seconds).as_matrix() @ pose.rotation
         return Pose3.from_rotation(turned, pose.position + self.velocity * seconds)
 
 
-STILL = Motion(np.zeros(3), np.zeros(3))
+STATIONARY = Motion(np.zeros(3), np.zeros(3))
 
 
 def motion_between(before: Pose3, after: Pose3, seconds: float) -> Motion:
-    """What leads from one pose to another in that time."""
+    """Motion from one pose to another in a time."""
     turned = Rotation.from_matrix(after.rotation @ before.rotation.T).as_rotvec()
     return Motion((after.position - before.position) / seconds, turned / seconds)
 
 
-def moments(length_s: float, count: int) -> list[float]:
-    """The middles of so many even parts of an exposure, s from its own middle."""
+def exposure_times(length_s: float, count: int) -> list[float]:
+    """Midpoints of equal parts of an exposure, s from its middle."""
     return [length_s * ((k + 0.5) / count - 0.5) for k in range(count)]

@@ -1,7 +1,7 @@
-"""Scenes to meshes with textures: every patch painted, lit, and laid out on one image per body.
+"""Textured meshes of a scene: every patch painted, shaded, and packed into one texture per object.
 
-Light comes from above and a little from one side; near the floor and beside furniture it is darker, as
-under a sky of lamps. That is painted on once and costs nothing when a camera looks.
+Light comes from above and slightly from one side; surfaces darken near the floor and near furniture. The shading is
+part of the textures and costs nothing at rendering.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
-from ..scene import FloorArea, Scene
+from ..scene import Extent, FloorArea, Scene
 from ..shapes import Patch, Shape, outline, patches
 from .rays import floor_patch
 from .textures import paint
 
-FLOOR_GRAIN_M = 0.0016  # of a stereo pixel's size at 0.9 m; finer costs start-up time
-SURFACE_GRAIN_M = 0.002
-WALL_GRAIN_M = 0.0025
-MOST_PX = 26e6  # ours: 8 x 8 m of floor at its grain, 75 MB; of what is larger the grain is coarser
-MOST_SIDE_PX = 8000  # within what any renderer takes as a texture
-_LIGHT = np.array([0.35, -0.25, 0.90]) / math.hypot(0.35, 0.25, 0.90)
-_WIDTH_UNIT = 4  # the EGL renderer shears textures whose rows are no multiple of 4 px
-_RIM_PX = 8  # each patch is surrounded by its own colours, so that mipmaps do not mix neighbours
+FLOOR_RESOLUTION_M = 0.0016  # ours: a stereo pixel at 0.9 m; finer costs start-up time
+SURFACE_RESOLUTION_M = 0.002  # ours
+WALL_RESOLUTION_M = 0.0025  # ours
+MOST_PX = 26e6  # ours: 8 x 8 m of floor, 75 MB; larger surfaces get a coarser texture
+MOST_SIDE_PX = 8000  # ours: every renderer accepts such a texture
+_LIGHT = np.array([0.35, -0.25, 0.90]) / math.hypot(0.35, 0.25, 0.90)  # ours
+_WIDTH_UNIT = 4  # EGL shears textures whose rows are no multiple of 4 px
+_BORDER_PX = 8  # ours: each patch repeats its edge, so that mipmaps do not mix neighbours
 
 
 @dataclass(frozen=True, eq=False)
 class Painted:
-    """A mesh with one texture image.
+    """A mesh with one texture.
 
     Args:
         vertices: m.
-        triangles: Into the vertices.
+        triangles: Vertex indices.
         uv: (0, 0) the upper left corner of the texture.
         normals: Of the vertices.
         texture: Red first.
@@ -48,7 +48,7 @@ class Painted:
     texture: UInt8[np.ndarray, "h w 3"]
 
     def wavefront(self) -> str:
-        """The mesh as the text of a Wavefront OBJ file, whose v runs upwards."""
+        """Text of a Wavefront OBJ file, whose v runs upwards."""
         lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in self.vertices]
         lines += [f"vt {u:.7f} {1 - v:.7f}" for u, v in self.uv]
         lines += [f"vn {x:.4f} {y:.4f} {z:.4f}" for x, y, z in self.normals]
@@ -60,35 +60,37 @@ class Painted:
 
 
 def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
-    """All of a scene: what stands still, and each mover about its own origin."""
-    standing: list[Shape] = [part for thing in scene.things for part in thing.parts]
+    """Meshes of the static objects, and of each moving object about its own origin."""
+    standing = [part for _, part in scene.static_shapes]
     floor = floor_patch(scene)
     image = _floor_image(scene, standing, np.random.default_rng([scene.seed, 10]))
     still = [Painted(floor.vertices, floor.triangles, floor.uv, _normals(floor), image)]
-    for k, thing in enumerate(scene.things):
+    for k, item in enumerate(scene.static_objects):
         rng = np.random.default_rng([scene.seed, 11, k])
-        surfaces = [p for part in thing.parts for p in patches(part) if _is_inside(p, scene.extent)]
+        surfaces = [p for part in item.parts for p in patches(part) if _is_inside(p, scene.extent)]
         if surfaces:
-            still.append(_paint(surfaces, rng, WALL_GRAIN_M if thing.wall else SURFACE_GRAIN_M))
-    movers = []
-    for k, mover in enumerate(scene.movers):
+            still.append(
+                _paint(surfaces, rng, WALL_RESOLUTION_M if item.wall else SURFACE_RESOLUTION_M)
+            )
+    moving_objects = []
+    for k, moving_object in enumerate(scene.moving_objects):
         rng = np.random.default_rng([scene.seed, 12, k])
-        surfaces = [p for part in mover.parts for p in patches(part)]
-        movers.append(_paint(surfaces, rng, SURFACE_GRAIN_M))
-    return still, movers
+        surfaces = [p for part in moving_object.parts for p in patches(part)]
+        moving_objects.append(_paint(surfaces, rng, SURFACE_RESOLUTION_M))
+    return still, moving_objects
 
 
-def _is_inside(patch: Patch, extent: tuple[float, float, float, float]) -> bool:
-    """Whether a patch belongs to the room: the outer sides of its walls do not."""
+def _is_inside(patch: Patch, extent: Extent) -> bool:
+    """Whether a patch faces the room: the outer sides of its walls do not."""
     x, y, _ = patch.vertices.mean(axis=0)
     return bool(extent[0] <= x <= extent[2] and extent[1] <= y <= extent[3])
 
 
-def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, grain_m: float) -> Painted:
-    """Patches painted and stacked below each other on one image."""
-    images = [_lit(patch, rng, grain_m) for patch in surfaces]
+def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, px_m: float) -> Painted:
+    """Paint patches and pack them into one texture."""
+    images = [_lit(patch, rng, px_m) for patch in surfaces]
     framed = [
-        np.pad(image, ((_RIM_PX, _RIM_PX), (_RIM_PX, _RIM_PX), (0, 0)), mode="edge")
+        np.pad(image, ((_BORDER_PX, _BORDER_PX), (_BORDER_PX, _BORDER_PX), (0, 0)), mode="edge")
         for image in images
     ]
     places, size = _shelves([image.shape[:2] for image in framed])
@@ -98,8 +100,8 @@ def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, grain_m: float) 
     for patch, image, (top, left) in zip(surfaces, framed, places, strict=True):
         height, width = image.shape[:2]
         sheet[top : top + height, left : left + width] = image
-        corner = np.array([left + _RIM_PX, top + _RIM_PX])
-        inner = np.array([width - 2 * _RIM_PX, height - 2 * _RIM_PX])
+        corner = np.array([left + _BORDER_PX, top + _BORDER_PX])
+        inner = np.array([width - 2 * _BORDER_PX, height - 2 * _BORDER_PX])
         uv.append((corner + patch.uv * inner) / np.array([size[1], size[0]]))
         vertices.append(patch.vertices)
         normals.append(_normals(patch))
@@ -115,7 +117,7 @@ def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, grain_m: float) 
 
 
 def _shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
-    """Places (top, left) for rectangles in rows, tallest first, and the size of the sheet."""
+    """Positions (top, left) of rectangles in rows, tallest first, and the size of the sheet."""
     across = max(max(w for _, w in sizes), int(math.sqrt(sum(h * w for h, w in sizes))))
     across = -(-across // _WIDTH_UNIT) * _WIDTH_UNIT
     places: list[tuple[int, int]] = [(0, 0)] * len(sizes)
@@ -129,9 +131,9 @@ def _shelves(sizes: Sequence[tuple[int, int]]) -> tuple[list[tuple[int, int]], t
     return places, (top + row, across)
 
 
-def _lit(patch: Patch, rng: np.random.Generator, grain_m: float) -> UInt8[np.ndarray, "h w 3"]:
-    """The patch's material under the room's light."""
-    image = paint(patch.material, patch.size_m, _affordable(patch.size_m, grain_m), rng)
+def _lit(patch: Patch, rng: np.random.Generator, px_m: float) -> UInt8[np.ndarray, "h w 3"]:
+    """The patch's material under the light of the room."""
+    image = paint(patch.material, patch.size_m, _limited_resolution(patch.size_m, px_m), rng)
     if patch.material.startswith("tag/"):
         return image
     height, width = image.shape[:2]
@@ -152,64 +154,57 @@ def _lit(patch: Patch, rng: np.random.Generator, grain_m: float) -> UInt8[np.nda
 def _floor_image(
     scene: Scene, standing: Sequence[Shape], rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """All flooring, with soft shadows where things meet it."""
+    """All flooring, with soft contact shadows."""
     x0, y0, x1, y1 = scene.extent
-    grain = _affordable((x1 - x0, y1 - y0), FLOOR_GRAIN_M)
-    width = _WIDTH_UNIT * round((x1 - x0) / grain / _WIDTH_UNIT)
-    size = (round((y1 - y0) / grain), width)
+    px_m = _limited_resolution((x1 - x0, y1 - y0), FLOOR_RESOLUTION_M)
+    width = _WIDTH_UNIT * round((x1 - x0) / px_m / _WIDTH_UNIT)
+    size = (round((y1 - y0) / px_m), width)
     image = np.zeros((*size, 3), np.uint8)
     for area in scene.floor:
-        rows, columns = _window(area, scene.extent, size, grain)
+        rows, columns = _window(area, scene.extent, size, px_m)
         a, b, c, d = area.extent
-        piece = paint(area.material, (c - a, d - b), grain, rng)
+        piece = paint(area.material, (c - a, d - b), px_m, rng)
         wide = (columns.stop - columns.start, rows.stop - rows.start)
-        if min(wide) < 1:  # less than a pixel of it is inside
+        if min(wide) < 1:  # less than a pixel inside
             continue
         image[rows, columns] = cv2.resize(piece, wide, interpolation=cv2.INTER_LINEAR)
     shade = _contact_shade(scene.extent, standing, size)
     return np.clip(image * shade[..., None], 0, 255).astype(np.uint8)
 
 
-def _affordable(size_m: tuple[float, float], grain_m: float) -> float:
-    """The grain, coarser where a surface is so large that its image would be too."""
+def _limited_resolution(size_m: tuple[float, float], px_m: float) -> float:
+    """Resolution, made coarser where the texture of a large surface would exceed the limits."""
     width, height = size_m
-    return max(grain_m, math.sqrt(width * height / MOST_PX), max(size_m) / MOST_SIDE_PX)
+    return max(px_m, math.sqrt(width * height / MOST_PX), max(size_m) / MOST_SIDE_PX)
 
 
 def _window(
-    area: FloorArea,
-    extent: tuple[float, float, float, float],
-    size: tuple[int, int],
-    grain: float,
+    area: FloorArea, extent: Extent, size: tuple[int, int], px_m: float
 ) -> tuple[slice, slice]:
-    """Rows and columns of a floor area; row 0 is the far side, y_max."""
+    """Rows and columns of a floor area; row 0 is at y_max."""
     a, b, c, d = area.extent
-    rows = slice(
-        max(0, round((extent[3] - d) / grain)),
-        min(size[0], round((extent[3] - b) / grain)),
-    )
+    rows = slice(max(0, round((extent[3] - d) / px_m)), min(size[0], round((extent[3] - b) / px_m)))
     columns = slice(
-        max(0, round((a - extent[0]) / grain)),
-        min(size[1], round((c - extent[0]) / grain)),
+        max(0, round((a - extent[0]) / px_m)), min(size[1], round((c - extent[0]) / px_m))
     )
     return rows, columns
 
 
 def _contact_shade(
-    extent: tuple[float, float, float, float], standing: Sequence[Shape], size: tuple[int, int]
+    extent: Extent, standing: Sequence[Shape], size: tuple[int, int]
 ) -> Float32[np.ndarray, "h w"]:
-    """Factor of brightness: darker within 10 to 20 cm of walls and of what stands on the floor."""
-    grain = 0.02
+    """Brightness factor: darker within 10 to 20 cm of walls and of objects on the floor."""
+    px_m = 0.02
     x0, y0, x1, y1 = extent
-    small = (round((y1 - y0) / grain) + 2, round((x1 - x0) / grain) + 2)
+    small = (round((y1 - y0) / px_m) + 2, round((x1 - x0) / px_m) + 2)
     free = np.zeros(small, np.uint8)
     free[1:-1, 1:-1] = 255
     for shape in standing:
         if shape.bottom_m < 0.05:
-            corners = (outline(shape) - np.array([x0, y1])) / np.array([grain, -grain]) + 0.5
+            corners = (outline(shape) - np.array([x0, y1])) / np.array([px_m, -px_m]) + 0.5
             cv2.fillPoly(free, [np.rint(corners).astype(np.int32)], 0)
-    away = cv2.distanceTransform(free, cv2.DIST_L2, 5) * grain
-    shade = (1.0 - 0.40 * np.exp(-away / 0.10)).astype(np.float32)[1:-1, 1:-1]
+    distance = cv2.distanceTransform(free, cv2.DIST_L2, 5) * px_m
+    shade = (1.0 - 0.40 * np.exp(-distance / 0.10)).astype(np.float32)[1:-1, 1:-1]
     return np.asarray(cv2.resize(shade, (size[1], size[0]), interpolation=cv2.INTER_LINEAR))
 
 

@@ -1,12 +1,12 @@
-"""What the cameras see: PyBullet's renderers over textured meshes made of the scene's patches.
+"""Camera images by PyBullet's renderers, over the textured meshes of the scene.
 
-Two renderers, one picture geometry: the EGL plugin (Mesa is enough, no graphics card needed), and
-PyBullet's own TinyRenderer, three times slower, which needs nothing. Their pixel centres differ by half
-a pixel across and, in TinyRenderer, one and a half down; the projection is shifted so that both have
-pixel centres at integers and the optical axis through the image centre, as `Camera.from_view` says.
+Two renderers with one image geometry: the EGL plugin (Mesa suffices, no graphics card needed), and PyBullet's own
+TinyRenderer, three times slower, without requirements. Their pixel centres differ by half a pixel horizontally, and
+TinyRenderer's by one and a half vertically; the projection compensates this, so that both have pixel centres at
+integers and the optical axis through the image centre, as `Camera.from_view` defines it.
 
-Light is painted on (by normal, with soft contact shadows), so that both renderers show the same picture.
-PyBullet is loaded on first use and kept from writing to the terminal.
+Shading is part of the textures, so both renderers show the same image. PyBullet is loaded on first use, and its output
+to the terminal is suppressed.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ _log = logging.getLogger(__name__)
 
 RENDERERS = ("auto", "egl", "tiny")
 NEAR_M, FAR_M = 0.05, 12.0
-BACKGROUND = (214, 222, 230)  # beyond the walls
+BACKGROUND = (214, 222, 230)  # ours: outside the walls
 
-# TinyRenderer's integer pixel (x, y) is the ray ((x - w/2)/f, (y + 1 - h/2)/f); EGL's is centred.
+# TinyRenderer's pixel (x, y) is the ray ((x - w/2)/f, (y + 1 - h/2)/f); EGL's is centred.
 _SHIFT_PX = {"egl": (0.0, 0.0), "tiny": (0.5, -0.5)}
 
 
 def choose_renderer(wanted: str) -> str:
-    """Which renderer "auto" means here: EGL where it works, else TinyRenderer.
+    """Resolve "auto": EGL where it works, else TinyRenderer.
 
     Raises:
         ConfigError: for an unknown name, or for "egl" where it does not work.
@@ -67,13 +67,13 @@ def choose_renderer(wanted: str) -> str:
 
 
 class Pictures:
-    """A scene ready to be looked at. Close it: it holds a PyBullet client and a temporary folder."""
+    """Renders a scene. Close it: it holds a PyBullet client and a temporary folder."""
 
     def __init__(self, scene: Scene, renderer: str) -> None:
         self.renderer = choose_renderer(renderer)
         self._folder = tempfile.TemporaryDirectory(prefix="surefoot-")
-        still, movers = paint_scene(scene)
-        with quiet():
+        still, moving_objects = paint_scene(scene)
+        with silenced_output():
             pybullet = bullet.library()
             self._bullet: Any = pybullet
             self._client = pybullet.connect(pybullet.DIRECT)
@@ -84,30 +84,32 @@ class Pictures:
                 )
             for k, painted in enumerate(still):
                 self._show(painted, f"still{k}")
-            self._movers = [self._show(painted, f"mover{k}") for k, painted in enumerate(movers)]
+            self._moving = [
+                self._show(painted, f"moving{k}") for k, painted in enumerate(moving_objects)
+            ]
 
     def place(self, where: Sequence[tuple[float, float]]) -> None:
-        """Put the movers at these (x, y), m."""
-        for body, (x, y) in zip(self._movers, where, strict=True):
+        """Move the moving objects to these (x, y), m."""
+        for body, (x, y) in zip(self._moving, where, strict=True):
             self._bullet.resetBasePositionAndOrientation(
                 body, [x, y, 0.0], [0.0, 0.0, 0.0, 1.0], physicsClientId=self._client
             )
 
     def colour(self, camera: Camera, T_world_camera: Pose3) -> UInt8[np.ndarray, "h w 3"]:
-        """The picture of an ideal camera, red first."""
+        """Image of an ideal camera, red first."""
         return np.ascontiguousarray(self._render(camera, T_world_camera)[0])
 
     def depth(self, camera: Camera, T_world_camera: Pose3) -> Float32[np.ndarray, "h w"]:
-        """Depth along the optical axis as the renderer has it, m, NaN for the background."""
+        """Depth along the optical axis from the renderer's depth buffer, m, NaN for the background."""
         buffer = self._render(camera, T_world_camera)[1].astype(np.float64)
         depth = FAR_M * NEAR_M / (FAR_M - (FAR_M - NEAR_M) * buffer)
         depth[buffer >= 1.0 - 1e-6] = np.nan
         return depth.astype(np.float32)
 
     def close(self) -> None:
-        """Give the client and the folder back; a second time does nothing."""
+        """Close the client and delete the folder; a second call does nothing."""
         if self._client >= 0:
-            with quiet():
+            with silenced_output():
                 if self._plugin >= 0:
                     self._bullet.unloadPlugin(self._plugin, physicsClientId=self._client)
                 self._bullet.disconnect(physicsClientId=self._client)
@@ -117,7 +119,7 @@ class Pictures:
     def _render(self, camera: Camera, T_world_camera: Pose3) -> tuple[np.ndarray, np.ndarray]:
         bullet, size = self._bullet, (camera.height, camera.width)
         egl = self.renderer == "egl"
-        with quiet():
+        with silenced_output():
             _, _, rgba, depth, _ = bullet.getCameraImage(
                 camera.width,
                 camera.height,
@@ -139,7 +141,7 @@ class Pictures:
         return picture, buffer
 
     def _show(self, painted: Painted, name: str) -> int:
-        """A body without mass or collision that shows a painted mesh."""
+        """Add a body without mass or collision that shows a textured mesh."""
         folder = Path(self._folder.name)
         mesh, texture = folder / f"{name}.obj", folder / f"{name}.bmp"
         mesh.write_text(painted.wavefront())
@@ -167,13 +169,13 @@ class Pictures:
 
 
 def _view(T_world_camera: Pose3) -> list[float]:
-    """OpenGL's view matrix, column by column: x right, y up, z backward."""
+    """OpenGL view matrix, column by column: x right, y up, z backward."""
     matrix = np.diag([1.0, -1.0, -1.0, 1.0]) @ T_world_camera.inverse().matrix
     return [float(value) for value in matrix.T.ravel()]
 
 
 def _projection(camera: Camera, shift_px: tuple[float, float]) -> list[float]:
-    """OpenGL's projection matrix, column by column, the renderer's own pixel shift taken back."""
+    """OpenGL projection matrix, column by column, with the renderer's pixel shift compensated."""
     n, f = NEAR_M, FAR_M
     across = 2 * (camera.cx - shift_px[0] + 0.5) / camera.width - 1
     down = 2 * (camera.cy - shift_px[1] + 0.5) / camera.height - 1
@@ -192,7 +194,7 @@ def _egl_file() -> str:
 
 @cache
 def _egl_works() -> bool:
-    """Tried in another process: without a display the plugin ends the one that loads it."""
+    """Try EGL in another process: without a display the plugin terminates its process."""
     if not _egl_file():
         return False
     trial = (
@@ -213,8 +215,8 @@ def _egl_works() -> bool:
 
 
 @contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """Keeps C++ from writing to standard output and error meanwhile."""
+def silenced_output() -> Iterator[None]:
+    """Suppress the standard output and error of C++ code."""
     sys.stdout.flush()
     sys.stderr.flush()
     kept: list[tuple[int, int]] = []
@@ -226,7 +228,7 @@ def quiet() -> Iterator[None]:
                     os.dup2(nowhere.fileno(), number)
             yield
         finally:
-            ctypes.CDLL(None).fflush(None)  # what C still holds back goes nowhere too
+            ctypes.CDLL(None).fflush(None)  # discard buffered output of C as well
             for number, copy in kept:
                 os.dup2(copy, number)
                 os.close(copy)

@@ -1,7 +1,6 @@
-"""Rays against the world: how far, what, and how aslant. Embree behind Open3D; imported on first use.
+"""Ray casting by Embree through Open3D: distance, incidence angle and albedo; imported on first use.
 
-The depth of every sensor and nothing else is measured here; it agrees with the pictures because both are
-made of the same patches.
+All simulated ranges come from here. They agree with the images because both use the same patches.
 """
 
 from __future__ import annotations
@@ -26,12 +25,12 @@ MISSING_LIBRARIES = (
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What rays met; arrays of n.
+    """Results of n rays.
 
     Args:
-        distance_m: Along the ray, infinite where it met nothing.
-        cosine: Between the ray and the surface's normal, 0 where nothing was met.
-        albedo: Of the surface, 0 where nothing was met.
+        distance_m: Along the ray, infinite without a hit.
+        cosine: Of the angle between ray and surface normal, 0 without a hit.
+        albedo: Of the surface, 0 without a hit.
     """
 
     distance_m: Float32[np.ndarray, "n"]
@@ -40,39 +39,50 @@ class Hits:
 
 
 class RayCaster:
-    """The scene as triangles; movers are put where they are before each cast."""
+    """The scene as triangles; `place` the moving objects before casting."""
 
     def __init__(self, scene: Scene) -> None:
         self._o3d = open3d_library()
         floor = floor_patch(scene)
         still = [(floor, scene.floor_albedo)]
-        for thing in scene.things:
-            still += [(patch, thing.albedo) for part in thing.parts for patch in patches(part)]
+        for item in scene.static_objects:
+            still += [(patch, item.albedo) for part in item.parts for patch in patches(part)]
         self._still = _mesh(still)
-        self._movers = [
-            _mesh([(patch, mover.albedo) for part in mover.parts for patch in patches(part)])
-            for mover in scene.movers
+        self._moving = [
+            _mesh(
+                [
+                    (patch, moving_object.albedo)
+                    for part in moving_object.parts
+                    for patch in patches(part)
+                ]
+            )
+            for moving_object in scene.moving_objects
         ]
-        self._where: tuple[tuple[float, float], ...] | None = None
+        self._places: tuple[tuple[float, float], ...] | None = None
         self._embree: Any = None
-        self._albedo = [self._still.albedo, *(mover.albedo for mover in self._movers)]
+        self._albedo = [
+            self._still.albedo,
+            *(moving_object.albedo for moving_object in self._moving),
+        ]
 
     def place(self, where: Sequence[tuple[float, float]]) -> None:
-        """Put the movers at these (x, y), m. Building anew takes 1 to 2 ms, moving is not offered."""
-        if self._embree is not None and tuple(where) == self._where:
+        """Move the moving objects to these (x, y), m; rebuilding takes 1 to 2 ms."""
+        if self._embree is not None and tuple(where) == self._places:
             return
-        self._where = tuple(where)
+        self._places = tuple(where)
         tensor = self._o3d.core.Tensor
         self._embree = self._o3d.t.geometry.RaycastingScene()
         self._embree.add_triangles(tensor(self._still.vertices), tensor(self._still.triangles))
-        for mover, (x, y) in zip(self._movers, self._where, strict=True):
-            moved = mover.vertices + np.array([x, y, 0.0], np.float32)
-            self._embree.add_triangles(tensor(moved), tensor(mover.triangles))
+        for moving_object, (x, y) in zip(self._moving, self._places, strict=True):
+            moved = moving_object.vertices + np.array([x, y, 0.0], np.float32)
+            self._embree.add_triangles(tensor(moved), tensor(moving_object.triangles))
 
     def cast(self, origin: Float[np.ndarray, "3"], directions: Float32[np.ndarray, "n 3"]) -> Hits:
-        """Rays from one point along unit directions, world frame, m."""
+        """Cast rays from one point along unit directions, world frame, m."""
         if self._embree is None:
-            raise SurefootError("rays were cast before the movers were placed; call place() first")
+            raise SurefootError(
+                "rays cast before the moving objects were placed; call place() first"
+            )
         rays = np.empty((len(directions), 6), np.float32)
         rays[:, :3] = origin
         rays[:, 3:] = directions
@@ -124,10 +134,10 @@ def _mesh(surfaces: list[tuple[Patch, float]]) -> _Mesh:
 
 
 def open3d_library() -> Any:
-    """Open3D, imported late: it takes a second.
+    """Import Open3D, which takes a second.
 
     Raises:
-        SurefootError: It does not load; says what to install.
+        SurefootError: Open3D does not load; says what to install.
     """
     try:
         import open3d

@@ -1,9 +1,8 @@
-"""Materials: procedural, metric, never repeating, so that a stereo pair can be matched anywhere.
+"""Procedural materials: metric and aperiodic, so that stereo matching works everywhere.
 
-A material is a name "kind/colour". Painted on a rectangle of so many metres it is sums of noise at
-octaves from decimetres to millimetres, with what the kind adds: planks, tiles, threads, drawers.
-Plain or periodic surfaces make stereo fail, which is a fact of life and an experiment of its own, but
-not what a home looks like.
+A material is a name "kind/colour". Painted on a rectangle it is a sum of noise at octaves from decimetres to
+millimetres, plus the structure of its kind: planks, tiles, threads, drawers. The kind "plain" has no texture: stereo
+fails on it.
 """
 
 from __future__ import annotations
@@ -43,23 +42,23 @@ PALETTE: dict[str, tuple[int, int, int]] = {
     "lime": (150, 190, 60),
 }
 
-TAG_MODULES = 6  # a DICT_4X4_50 tag is 4 x 4 bits in a black frame one wide
-TAG_MARGIN_MODULES = 1  # of white around it on its plate
+TAG_MODULES = 6  # DICT_4X4_50: 4 x 4 bits in a black frame of one module
+TAG_MARGIN_MODULES = 1  # white margin on the plate
 
 
 def paint(
     material: str, size_m: tuple[float, float], metres_per_px: float, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """A rectangle of a material.
+    """Texture of a rectangle.
 
     Args:
-        material: "kind/colour", or "tag/17" for the tag with that number.
+        material: "kind/colour", or "tag/17" for a tag with its id.
         size_m: Width and height.
-        metres_per_px: Grain of the result.
-        rng: Source of everything that is not regular.
+        metres_per_px: Resolution.
+        rng: Source of all irregular structure.
 
     Raises:
-        InputError: for a kind or colour that does not exist.
+        InputError: for an unknown kind or colour.
     """
     kind, _, colour = material.partition("/")
     if kind == "tag":
@@ -84,14 +83,14 @@ def noise(
     finest_m: float = 0.002,
     stretch: float = 1.0,
 ) -> Float32[np.ndarray, "h w"]:
-    """Noise of many octaves of equal strength, each laid over the finer grid; mean 0, deviation 1.
+    """Noise of many octaves of equal strength; mean 0, standard deviation 1.
 
     Args:
         shape: Rows and columns.
-        metres_per_px: Grain.
-        rng: Source.
+        metres_per_px: Resolution.
+        rng: Random source.
         coarsest_m, finest_m: Feature sizes of the first and the last octave.
-        stretch: How much longer features are along the rows than across.
+        stretch: Ratio of feature length along rows to that across.
     """
     height, width = shape
     feature = coarsest_m
@@ -108,48 +107,48 @@ def noise(
     return np.asarray((total - total.mean()) / max(float(total.std()), 1e-6), dtype=np.float32)
 
 
-def _plain(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """One colour, nothing else: what stereo cannot match."""
+def _plain(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    """One colour without texture: stereo cannot match it."""
     return image
 
 
-def _plaster(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    mottled = noise(image.shape[:2], grain, rng, 0.25)
+def _plaster(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    mottled = noise(image.shape[:2], px_m, rng, 0.25)
     return image + 9.0 * mottled[..., None] * np.array([1.0, 0.98, 0.9], np.float32)
 
 
-def _wall(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Plaster down to a white skirting board."""
-    image = _plaster(image, grain, rng)
-    board = round(0.07 / grain)
+def _wall(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    """Plaster above a white skirting board."""
+    image = _plaster(image, px_m, rng)
+    board = round(0.07 / px_m)
     if image.shape[0] > 4 * board:
         image[-board:] = 0.25 * image[-board:] + np.float32(0.75) * np.array(
             PALETTE["white"], np.float32
         )
-        image[-board : -board + max(1, round(0.004 / grain))] *= np.float32(0.6)
+        image[-board : -board + max(1, round(0.004 / px_m))] *= np.float32(0.6)
     return image
 
 
-def _fabric(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    woven = noise(image.shape[:2], grain, rng, 0.2)
+def _fabric(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    woven = noise(image.shape[:2], px_m, rng, 0.2)
     return image * (1 + 0.16 * woven)[..., None]
 
 
-def _wood(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    veins = noise(image.shape[:2], grain, rng, 0.03, stretch=10.0)
-    pores = noise(image.shape[:2], grain, rng, 0.06, stretch=2.0)
+def _wood(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    veins = noise(image.shape[:2], px_m, rng, 0.03, stretch=10.0)
+    pores = noise(image.shape[:2], px_m, rng, 0.06, stretch=2.0)
     return image * (1 + 0.10 * veins + 0.08 * pores)[..., None]
 
 
-def _planks(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Floor boards along the rows, each cut at random and of its own shade."""
-    image = _wood(image, grain, rng)
+def _planks(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    """Floor boards along the rows, with random lengths and shades."""
+    image = _wood(image, px_m, rng)
     height, width = image.shape[:2]
-    board = max(8, round(0.13 / grain))
+    board = max(8, round(0.13 / px_m))
     for top in range(0, height, board):
-        left = -int(rng.integers(0, round(0.8 / grain)))
+        left = -int(rng.integers(0, round(0.8 / px_m)))
         while left < width:
-            length = int(rng.uniform(0.6, 1.5) / grain)
+            length = int(rng.uniform(0.6, 1.5) / px_m)
             rows, columns = slice(top, top + board), slice(max(left, 0), max(left + length, 0))
             tint = np.array([1.0, 1.0, 1.0]) + rng.normal(0, 0.02, 3)
             image[rows, columns] *= (rng.normal(1.0, 0.09) * tint).astype(np.float32)
@@ -159,10 +158,10 @@ def _planks(image: Image, grain: float, rng: np.random.Generator) -> Image:
     return image
 
 
-def _tiles(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Square tiles of 33 cm, each of its own shade, with strong clouds so that none looks like another."""
-    side = max(8, round(0.33 / grain))
-    image = image * (1 + 0.12 * noise(image.shape[:2], grain, rng, 0.25))[..., None]
+def _tiles(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    """Square tiles of 33 cm with random shades and low-frequency noise, so that all differ."""
+    side = max(8, round(0.33 / px_m))
+    image = image * (1 + 0.12 * noise(image.shape[:2], px_m, rng, 0.25))[..., None]
     for top in range(0, image.shape[0], side):
         for left in range(0, image.shape[1], side):
             image[top : top + side, left : left + side] *= np.float32(rng.normal(1.0, 0.07))
@@ -172,14 +171,14 @@ def _tiles(image: Image, grain: float, rng: np.random.Generator) -> Image:
     return image
 
 
-def _rug(image: Image, grain: float, rng: np.random.Generator) -> Image:
+def _rug(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     """A woven rug with a border and irregular bands."""
     height, width = image.shape[:2]
-    image = _fabric(image, grain, rng)
-    bands = noise((height, width), grain, rng, 0.35, 0.08, stretch=3.0)
+    image = _fabric(image, px_m, rng)
+    bands = noise((height, width), px_m, rng, 0.35, 0.08, stretch=3.0)
     image[np.abs(bands) < 0.18] *= np.float32(1.45)
     for inset, thick, factor in ((0.05, 0.025, 1.6), (0.10, 0.012, 0.5)):
-        a, b = round(inset / grain), max(2, round(thick / grain))
+        a, b = round(inset / px_m), max(2, round(thick / px_m))
         ring = np.zeros((height, width), bool)
         ring[a : height - a, a : width - a] = True
         ring[a + b : height - a - b, a + b : width - a - b] = False
@@ -187,13 +186,13 @@ def _rug(image: Image, grain: float, rng: np.random.Generator) -> Image:
     return image
 
 
-def _drawers(image: Image, grain: float, rng: np.random.Generator) -> Image:
+def _drawers(image: Image, px_m: float, rng: np.random.Generator) -> Image:
     """Wooden doors or drawers with dark joints and small handles."""
-    image = _wood(image, grain, rng)
+    image = _wood(image, px_m, rng)
     height, width = image.shape[:2]
-    across = max(1, round(width * grain / 0.5))
-    down = max(1, round(height * grain / 0.4))
-    line = max(1, round(0.006 / grain))
+    across = max(1, round(width * px_m / 0.5))
+    down = max(1, round(height * px_m / 0.4))
+    line = max(1, round(0.006 / px_m))
     for i in range(across):
         for j in range(down):
             x0, x1 = i * width // across, (i + 1) * width // across
@@ -201,49 +200,49 @@ def _drawers(image: Image, grain: float, rng: np.random.Generator) -> Image:
             image[y0 : y1 + 1, x0 : x0 + line] *= 0.45
             image[y0 : y0 + line, x0 : x1 + 1] *= 0.45
             middle = ((x0 + x1) // 2, y0 + max(3, (y1 - y0) // 4))
-            reach = max(2, round(0.05 / grain))
+            reach = max(2, round(0.05 / px_m))
             image[middle[1] - line : middle[1] + line, middle[0] - reach : middle[0] + reach] = 60.0
     return image
 
 
-def _books(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """Shelves of books, no two alike."""
-    image = _wood(image, grain, rng)
+def _books(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    """Shelves of books, all different."""
+    image = _wood(image, px_m, rng)
     height, width = image.shape[:2]
-    shelf, rim = max(12, round(0.32 / grain)), max(2, round(0.02 / grain))
+    shelf, rim = max(12, round(0.32 / px_m)), max(2, round(0.02 / px_m))
     colours = [np.array(c, np.float32) for c in PALETTE.values()]
     for top in range(rim, height - rim, shelf):
         base = min(top + shelf - rim, height - rim)
         image[top:base, rim : width - rim] *= 0.25
         left = rim
         while left < width - rim:
-            thick = max(2, round(rng.uniform(0.015, 0.05) / grain))
+            thick = max(2, round(rng.uniform(0.015, 0.05) / px_m))
             tall = round(rng.uniform(0.55, 0.9) * (base - top))
             if rng.random() < 0.9:
                 spine = colours[int(rng.integers(len(colours)))] * rng.uniform(0.6, 1.0)
                 image[base - tall : base, left : min(left + thick - 1, width - rim)] = spine
             left += thick
-    return image + 5.0 * noise((height, width), grain, rng, 0.05)[..., None]
+    return image + 5.0 * noise((height, width), px_m, rng, 0.05)[..., None]
 
 
-def _cardboard(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    image = image * (1 + 0.09 * noise(image.shape[:2], grain, rng, 0.15))[..., None]
+def _cardboard(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    image = image * (1 + 0.09 * noise(image.shape[:2], px_m, rng, 0.15))[..., None]
     height, width = image.shape[:2]
-    tape = max(2, round(0.025 / grain))
+    tape = max(2, round(0.025 / px_m))
     image[:, width // 2 - tape : width // 2 + tape] *= np.array([1.12, 1.08, 0.95], np.float32)
     image[int(0.6 * height) : int(0.8 * height), int(0.1 * width) : int(0.35 * width)] *= 0.6
     return image
 
 
-def _leaves(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    clumps = noise(image.shape[:2], grain, rng, 0.12)
+def _leaves(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    clumps = noise(image.shape[:2], px_m, rng, 0.12)
     return image * (1 + 0.38 * clumps)[..., None] * np.array([0.95, 1.05, 0.9], np.float32)
 
 
-def _stripes(image: Image, grain: float, rng: np.random.Generator) -> Image:
-    """A painted casing with bands and scratches: the moving robots."""
+def _stripes(image: Image, px_m: float, rng: np.random.Generator) -> Image:
+    """A painted casing with bands and scratches, for moving robots."""
     height = image.shape[0]
-    image = image * (1 + 0.10 * noise(image.shape[:2], grain, rng, 0.08))[..., None]
+    image = image * (1 + 0.10 * noise(image.shape[:2], px_m, rng, 0.08))[..., None]
     for where, thick in ((0.18, 0.10), (0.62, 0.05)):
         image[int(where * height) : int((where + thick) * height)] *= np.float32(0.35)
     return image
@@ -267,7 +266,7 @@ KINDS: dict[str, Callable[[Image, float, np.random.Generator], Image]] = {
 
 
 def _tag(identity: int) -> UInt8[np.ndarray, "h w 3"]:
-    """The tag with its white margin, 24 px a module."""
+    """The tag with its white margin, 24 px per module."""
     modules = TAG_MODULES + 2 * TAG_MARGIN_MODULES
     image = np.full((modules * 24, modules * 24), 245, np.uint8)
     inner = slice(TAG_MARGIN_MODULES * 24, (TAG_MARGIN_MODULES + TAG_MODULES) * 24)

@@ -1,8 +1,4 @@
-"""Scenes: everything that stands and moves in a world, as plain values, made from a name and a seed.
-
-A scene is data. `world` plays it, `pictures` paints it, `rays` measures it. The generators of the known
-scenes are registered at the end; each is a function of the seed, some of the difficulty too.
-"""
+"""The catalogue of scenes: each generator makes a scene from a seed, some also from a difficulty."""
 
 from __future__ import annotations
 
@@ -14,31 +10,31 @@ from pathlib import Path
 from perception.primitives.errors import InputError
 
 from ..scene import Scene
-from . import difficulty as grades
+from . import avoidance_scenes, course, flat, home, plain_room, public_places, rooms, seed_rooms
+from . import difficulty as difficulties
+from .scene_file import read_scene
 
 
 def names() -> tuple[str, ...]:
-    """The known scenes."""
+    """Names of the scenes."""
     return tuple(_registry())
 
 
-def load(name: str, seed: int, difficulty: float = grades.USUAL) -> Scene:
-    """A scene by its name, or from a user's file; the same seed and difficulty give the same scene.
+def load(name: str, seed: int, difficulty: float = difficulties.USUAL) -> Scene:
+    """Load a scene by name or from a user's file; the same seed and difficulty give the same scene.
 
     Args:
-        name: Of a known scene, or a path that ends in .toml (see `scene_file`).
-        seed: Of everything that is drawn.
-        difficulty: In [0, 1]: how many things and movers, how fast, how narrow the ways; 0.5 is usual.
-            What papers print or use as it is (robots_room, narrow_course, boxes, avoidance_*), what is for
-            measuring (empty_room, plain_room) and a user's file stay what they are.
+        name: Name in the catalogue, or a path that ends in .toml (see `scene_file`). seed: Seed of everything drawn.
+        difficulty: In [0, 1]: number and speed of objects, width of passages; 0.5 is the usual scene. Scenes that a
+        paper
+            specifies (robots_room, narrow_course, boxes, avoidance_*), scenes for measurements (empty_room,
+            plain_room) and user files ignore it.
 
     Raises:
-        InputError: for an unknown name, an impossible seed or difficulty, or a file that cannot be read.
+        InputError: for an unknown name, an invalid seed or difficulty, or an unreadable file.
     """
-    grades.check(difficulty)
+    difficulties.check(difficulty)
     if name.endswith(".toml"):
-        from .scene_file import read_scene  # it builds the values defined here
-
         return read_scene(Path(name), seed)
     known = _registry()
     if name not in known:
@@ -53,10 +49,8 @@ def load(name: str, seed: int, difficulty: float = grades.USUAL) -> Scene:
 
 
 def _registry() -> dict[str, Callable[[int, float], Scene]]:
-    from . import avoidance_scenes, course, flat, home, plain_room, public_places, rooms, seed_rooms
-
     known: dict[str, Callable[[int, float], Scene]] = {
-        "home": home.furnished,
+        "home": home.home,
         "flat": flat.flat,
         "corridor": rooms.corridor,
         "office": public_places.office,
@@ -79,5 +73,5 @@ def _registry() -> dict[str, Callable[[int, float], Scene]]:
 
 
 def _always(made: Callable[[int], Scene]) -> Callable[[int, float], Scene]:
-    """A scene that is as difficult as it is."""
+    """A generator that ignores the difficulty."""
     return lambda seed, difficulty: made(seed)

@@ -1,9 +1,8 @@
-"""The courses of seed 001: round obstacles in a square room, some of them going to and fro, and via points.
+"""The courses of seed 001: static and moving round obstacles in a square room, and via points.
 
-Sixteen obstacles, four of them moving, are what survives of the paper's experiment; size of the room, places,
-lines and via points are drawn by the seed. What moves is blind to the robot and to everything else, so its
-lines keep clear of what stands and of each other: nothing is drawn that could not be walked. A harder course has
-more of both, closer together, and what moves is faster.
+The paper's experiment specifies sixteen obstacles, four of them moving; the seed draws their positions, the size of
+the room is ours. Moving obstacles react to nothing, so their segments keep clear of static obstacles and of each
+other. A harder course has more obstacles, closer together, and faster moving ones.
 
 Source: seed 001, section V-C; speeds and the hard course from a study of such walks.
 """
@@ -19,31 +18,31 @@ from jaxtyping import Float
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import MovingObject, Scene, StaticObject
+from ..scene import MovingObject, Place, Scene, StaticObject
 from ..shapes import Cylinder
-from .difficulty import USUAL, count, graded
-from .rooms import finished, walls
+from .difficulty import USUAL, interpolated, interpolated_count
+from .rooms import scene_with_tags, walls
 
 STANDING, MOVING = "teal", "violet"
 COLOURS = ("#347a80", "#8654b0")
-"""Of the plaster of what stands and of what moves: seed 001 finds obstacles by colour."""
+"""Colours of static and of moving obstacles: seed 001 detects obstacles by colour."""
 
 RADIUS_M = 0.10  # S_o, seed 001
-HEIGHT_M = 0.40  # ours: hides what is behind it from a camera at 0.38 m
-DRAWS = 400
+HEIGHT_M = 0.40  # ours: occludes the view of a camera at 0.38 m
+DRAWS = 400  # ours
 
 
 @dataclass(frozen=True)
 class CourseKind:
-    """What a course is drawn from.
+    """Parameters of a course.
 
     Args:
         name: Of the scene.
-        side_m: Of the room.
-        standing, moving: How many obstacles.
-        speeds_mps: Of movers, least and most.
-        length_m: Of the straight lines from the start through all via points.
-        between_m: Between middles of standing obstacles.
+        side_m: Side of the room.
+        standing, moving: Numbers of static and moving obstacles.
+        speeds_mps: Least and greatest speed of moving obstacles.
+        length_m: Length of the straight segments from the start through all via points.
+        between_m: Least distance between centres of static obstacles.
     """
 
     name: str
@@ -59,14 +58,14 @@ SLOW = CourseKind("course", 6.0, 12, 4, (0.03, 0.06), 30.0)
 FAST = CourseKind("fast_course", 6.0, 12, 4, (0.03, 0.15), 30.0)
 HARD = CourseKind("hard_course", 8.0, 18, 12, (0.05, 0.20), 30.0)
 
-REVERSAL_S = (12.0, 25.0)  # seed 000: 18 to 25 s; ours: some turn sooner
-TO_WALL_M = 0.55  # middles of standing obstacles: the robot passes
-LINE_TO_STANDING_M = 0.30  # from a mover's line to a standing middle
-LINE_TO_LINE_M = 0.25  # from line to line
-LINE_TO_WALL_M = 0.30
-LINE_TO_START_M = 0.60
-VIA_TO_STANDING_M = 0.45
-LEG_M = (1.5, 4.5)
+REVERSAL_S = (12.0, 25.0)  # seed 000: 18 to 25 s; ours: some reverse sooner
+TO_WALL_M = 0.55  # ours, from centres of static obstacles: the robot passes
+LINE_TO_STANDING_M = 0.30  # ours, from a moving obstacle's segment to a static centre
+LINE_TO_LINE_M = 0.25  # ours, between segments
+LINE_TO_WALL_M = 0.30  # ours
+LINE_TO_START_M = 0.60  # ours
+VIA_TO_STANDING_M = 0.45  # ours
+LEG_M = (1.5, 4.5)  # ours
 
 
 def course(seed: int, difficulty: float = USUAL) -> Scene:
@@ -75,48 +74,48 @@ def course(seed: int, difficulty: float = USUAL) -> Scene:
 
 
 def fast_course(seed: int, difficulty: float = USUAL) -> Scene:
-    """The same with movers of up to 0.15 m/s: half again as fast as the robot."""
+    """The same with moving obstacles of up to 0.15 m/s, 1.5 times the robot's speed."""
     return draw(FAST, seed, difficulty)
 
 
 def hard_course(seed: int, difficulty: float = USUAL) -> Scene:
-    """Thirty obstacles, twelve of them moving at up to 0.20 m/s, twice as fast as the robot."""
+    """Thirty obstacles, twelve of them moving at up to 0.20 m/s, twice the robot's speed."""
     return draw(HARD, seed, difficulty)
 
 
 def draw(kind: CourseKind, seed: int, difficulty: float = USUAL) -> Scene:
-    """A course of a kind.
+    """Draw a course.
 
     Raises:
-        SurefootError: None of many draws fitted the room.
+        SurefootError: No draw fits the room.
     """
     rng = np.random.default_rng([seed, 5, kind.moving, round(1e3 * kind.speeds_mps[1])])
-    kind = _graded(kind, difficulty)
+    kind = _at_difficulty(kind, difficulty)
     for _ in range(DRAWS):
         posts = _posts(kind, rng)
         start = None if posts is None else _start(kind, posts, rng)
         if posts is None or start is None:
             continue
-        movers = _movers(kind, posts, start, rng)
+        moving_objects = _moving_objects(kind, posts, start, rng)
         vias = _via_points(kind, posts, start, rng)
-        if movers is not None and vias is not None:
-            return _built(kind, seed, posts, start, movers, vias)
+        if moving_objects is not None and vias is not None:
+            return _built(kind, seed, posts, start, moving_objects, vias)
     raise SurefootError(
-        f"{kind.name}: no draw of {DRAWS} with seed {seed} fitted the room; take another"
+        f"{kind.name}: no draw of {DRAWS} with seed {seed} fits the room; choose another seed"
     )
 
 
-def _graded(kind: CourseKind, difficulty: float) -> CourseKind:
-    """The kind made easier or harder; the closest pair still lets a disc of 15 cm through."""
-    number = graded(difficulty, 2 / 3, 1.0, 4 / 3)
-    speed = graded(difficulty, 0.7, 1.0, 1.3)
+def _at_difficulty(kind: CourseKind, difficulty: float) -> CourseKind:
+    """Parameters at a difficulty; the closest pair still lets a disc of 15 cm radius through."""
+    number = interpolated(difficulty, 2 / 3, 1.0, 4 / 3)
+    speed = interpolated(difficulty, 0.7, 1.0, 1.3)
     slow, fast = kind.speeds_mps
     return replace(
         kind,
         standing=round(number * kind.standing),
-        moving=count(difficulty, kind.moving // 2, kind.moving, kind.moving * 3 // 2),
+        moving=interpolated_count(difficulty, kind.moving // 2, kind.moving, kind.moving * 3 // 2),
         speeds_mps=(speed * slow, speed * fast),
-        between_m=kind.between_m * graded(difficulty, 1.2, 1.0, 0.9),
+        between_m=kind.between_m * interpolated(difficulty, 1.2, 1.0, 0.9),
     )
 
 
@@ -141,11 +140,8 @@ def _start(
     return None
 
 
-def _movers(
-    kind: CourseKind,
-    posts: np.ndarray,
-    start: tuple[float, float],
-    rng: np.random.Generator,
+def _moving_objects(
+    kind: CourseKind, posts: np.ndarray, start: Place, rng: np.random.Generator
 ) -> tuple[MovingObject, ...] | None:
     found: list[MovingObject] = []
     lines: list[np.ndarray] = []
@@ -170,11 +166,7 @@ def _movers(
 
 
 def _fits(
-    line: np.ndarray,
-    others: list[np.ndarray],
-    kind: CourseKind,
-    posts: np.ndarray,
-    start: tuple[float, float],
+    line: np.ndarray, others: list[np.ndarray], kind: CourseKind, posts: np.ndarray, start: Place
 ) -> bool:
     if line.min() < LINE_TO_WALL_M or line.max() > kind.side_m - LINE_TO_WALL_M:
         return False
@@ -195,30 +187,27 @@ def _apart(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _via_points(
-    kind: CourseKind,
-    posts: np.ndarray,
-    start: tuple[float, float],
-    rng: np.random.Generator,
+    kind: CourseKind, posts: np.ndarray, start: Place, rng: np.random.Generator
 ) -> tuple[tuple[float, float], ...] | None:
-    """Places until the straight lines add up to the length; the last leg is cut to fit."""
-    way: list[np.ndarray] = [np.array(start)]
+    """Places until the segments add up to the length; the last one is shortened to fit."""
+    path: list[np.ndarray] = [np.array(start)]
     left = kind.length_m
     for _ in range(4000):
         place = rng.uniform(0.5, kind.side_m - 0.5, 2)
-        leg = math.dist(place, way[-1])
+        leg = math.dist(place, path[-1])
         if not LEG_M[0] <= leg <= LEG_M[1]:
             continue
         last = left - leg < LEG_M[0]
         if last:
-            place = way[-1] + (place - way[-1]) * left / leg
+            place = path[-1] + (place - path[-1]) * left / leg
             leg = left
         inside = place.min() >= 0.5 and place.max() <= kind.side_m - 0.5
         if not inside or np.hypot(*(posts - place).T).min() < VIA_TO_STANDING_M:
             continue
-        way.append(place)
+        path.append(place)
         left -= leg
         if last:
-            return tuple((float(x), float(y)) for x, y in way[1:])
+            return tuple((float(x), float(y)) for x, y in path[1:])
     return None
 
 
@@ -226,9 +215,9 @@ def _built(
     kind: CourseKind,
     seed: int,
     posts: np.ndarray,
-    start: tuple[float, float],
-    movers: tuple[MovingObject, ...],
-    vias: tuple[tuple[float, float], ...],
+    start: Place,
+    moving_objects: tuple[MovingObject, ...],
+    vias: tuple[Place, ...],
 ) -> Scene:
     extent = (0.0, 0.0, kind.side_m, kind.side_m)
     heading = math.atan2(vias[0][1] - start[1], vias[0][0] - start[0])
@@ -244,13 +233,13 @@ def _built(
         )
         for k, (x, y) in enumerate(posts)
     )
-    return finished(
+    return scene_with_tags(
         kind.name,
         seed,
         extent,
         "planks/oak",
         building + standing,
-        movers,
+        moving_objects,
         Pose2(*start, heading),
         vias,
         tags=24,

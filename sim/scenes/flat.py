@@ -1,10 +1,10 @@
-"""The flat: four rooms in a ring, joined by doorways whose leaves stand open, and people walking through.
+"""The flat: four rooms in a ring with doorways, open door leaves, and people who walk through them.
 
-Every room has a floor, furniture and walls of its own; the start is in one room, the goals are in the three
-others, the first of them two doorways away either way round. Whoever stands in one doorway leaves the other way
-open. A harder flat has narrower doorways, leaves less open, more furniture and more and faster people.
+Each room has its own floor, furniture and walls. The start is in one room, the goals are in the other three, the first
+of them two doorways away in either direction, so a person in one doorway leaves the other route open. A harder flat
+has narrower doorways, leaves less open, more furniture, and more and faster people.
 
-Source: ours; doorways of a home are 0.6 to 0.9 m wide.
+Source: ours; doorways of homes are 0.6 to 0.9 m wide.
 """
 
 from __future__ import annotations
@@ -18,26 +18,24 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..scene import Extent, FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Shape
-from .difficulty import USUAL, count, graded, span
+from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
-from .furniture import CATALOGUE, Model, Piece, furnish
-from .home import free_spot, numbered
-from .public_places import PERSON_RADIUS_M, line_of, person
-from .rooms import WALL_HEIGHT_M, WALL_THICKNESS_M, Extent, towards, walls
+from .furniture import Piece, furnish, model_of
+from .home import free_spot, with_numbered_names
+from .public_places import PERSON_RADIUS_M, path_of, person
+from .rooms import WALL_HEIGHT_M, WALL_THICKNESS_M, heading_towards, walls
 from .tags import place_tags
 
 EXTENT = (0.0, 0.0, 7.2, 5.6)
 DOOR_HEIGHT_M = 2.0
-LEAF_M = 0.04  # thick
-WALKER_RADIUS_M = (
-    0.20  # 0.15 of the planning disc and what the guard keeps: a doorway of 0.5 m is enough
-)
-DRAWS = 100
-ROOM_DRAWS = 20
-GOAL_M = 0.32  # free about the start and the goals: the robot turns there
-TAGS = 44  # the dictionary has 50
+LEAF_M = 0.04  # ours: thickness
+WALKER_RADIUS_M = 0.20  # ours: body of 0.15 and the guard's margin; fits a doorway of 0.5 m
+DRAWS = 100  # ours
+ROOM_DRAWS = 20  # ours
+GOAL_M = 0.32  # ours: clearance at start and goals, for turning
+TAGS = 44  # ours: the dictionary has 50
 
 _NEEDED = {
     "living room": ("sofa", "bookshelf", "armchair", "plant", "coffee table"),
@@ -47,22 +45,22 @@ _NEEDED = {
 }
 _FLOORS = {"living room": "planks/oak", "kitchen": "tiles/grey", "bedroom": "planks/pine"}
 _RUGS = {"living room": ("rug/teal", "rug/rust"), "bedroom": ("rug/plum", "rug/navy")}
-_APPROACH_M = 0.25  # before a doorway, where no furniture comes
+_APPROACH_M = 0.25  # ours: kept free on both sides of a doorway
 
 
 @dataclass(frozen=True)
 class Doorway:
-    """An opening in an inner wall, with its leaf.
+    """An opening in an inner wall, with its door leaf.
 
     Args:
         middle: (x, y), m.
         width_m: Between the jambs.
         along_x: Whether the wall runs along x, else along y.
-        hinge, side: -1 or 1: at which jamb the leaf hangs, and to which side of the wall it opens.
-        open_rad: How far it stands open.
+        hinge, side: -1 or 1: jamb of the hinge, and side of the wall to which the leaf opens.
+        open_rad: Opening angle of the leaf.
     """
 
-    middle: tuple[float, float]
+    middle: Place
     width_m: float
     along_x: bool
     hinge: int
@@ -71,7 +69,7 @@ class Doorway:
 
     @property
     def along(self) -> np.ndarray:
-        """Unit vector of the wall."""
+        """Unit vector along the wall."""
         return np.array([1.0, 0.0]) if self.along_x else np.array([0.0, 1.0])
 
     @property
@@ -81,7 +79,7 @@ class Doorway:
 
     @property
     def leaf(self) -> Box:
-        """The leaf as it stands."""
+        """The open door leaf."""
         swung = math.sin(self.open_rad) * self.side * self.across
         ahead = swung - math.cos(self.open_rad) * self.hinge * self.along
         jamb = np.array(self.middle) + self.hinge * self.width_m / 2 * self.along
@@ -93,7 +91,7 @@ class Doorway:
 
     @property
     def approach(self) -> Box:
-        """The opening and the ground before and behind it."""
+        """The opening and the ground on both sides of it."""
         depth = WALL_THICKNESS_M + 2 * _APPROACH_M
         across = (self.width_m, depth) if self.along_x else (depth, self.width_m)
         return Box((*self.middle, 1.0), (*across, 2.0))
@@ -111,17 +109,17 @@ class _Plan:
 
 @dataclass(frozen=True)
 class _Layout:
-    things: tuple[StaticObject, ...]
+    static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
     start: Pose2
-    goals: tuple[tuple[float, float], ...]
+    goals: tuple[Place, ...]
 
 
 def flat(seed: int, difficulty: float = USUAL) -> Scene:
     """The flat of a seed.
 
     Raises:
-        SurefootError: None of many draws could be walked.
+        SurefootError: No draw can be crossed.
     """
     rng = np.random.default_rng([seed, 42])
     for _ in range(DRAWS):
@@ -132,20 +130,22 @@ def flat(seed: int, difficulty: float = USUAL) -> Scene:
         if layout is None or people is None:
             continue
         plates, landmarks = place_tags(
-            EXTENT, layout.things, layout.start, TAGS, others=layout.goals
+            EXTENT, layout.static_objects, layout.start, TAGS, others=layout.goals
         )
         return Scene(
             "flat",
             seed,
             EXTENT,
             _flooring(plan, names, rng),
-            layout.things + plates,
+            layout.static_objects + plates,
             people,
             landmarks,
             layout.start,
             layout.goals,
         )
-    raise SurefootError(f"flat: no draw of {DRAWS} with seed {seed} could be walked; take another")
+    raise SurefootError(
+        f"flat: no draw of {DRAWS} with seed {seed} can be crossed; choose another seed"
+    )
 
 
 def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
@@ -174,20 +174,20 @@ def _plan(rng: np.random.Generator, difficulty: float) -> _Plan:
     leaves = (StaticObject("door", (doorway.leaf,), 0.6, wall=True) for doorway in doorways)
     outer = walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white"))
     building = (*outer, *inner, *leaves)
-    space = clearance_map(EXTENT, [part for thing in building for part in thing.parts])
+    space = clearance_map(EXTENT, [part for item in building for part in item.parts])
     return _Plan(rooms, doorways, building, space)
 
 
 def _doorway(
-    at: float,
-    ends: tuple[float, float],
-    along_x: bool,
-    rng: np.random.Generator,
-    difficulty: float,
+    at: float, ends: tuple[float, float], along_x: bool, rng: np.random.Generator, difficulty: float
 ) -> Doorway:
-    """Somewhere in a wall between its ends, its leaf clear of both corners."""
-    width = float(rng.uniform(*span(difficulty, (0.80, 0.90), (0.65, 0.80), (0.50, 0.60))))
-    open_deg = float(rng.uniform(*span(difficulty, (100.0, 130.0), (90.0, 120.0), (85.0, 105.0))))
+    """A doorway between the ends of a wall, its leaf clear of both corners."""
+    width = float(
+        rng.uniform(*interpolated_span(difficulty, (0.80, 0.90), (0.65, 0.80), (0.50, 0.60)))
+    )
+    open_deg = float(
+        rng.uniform(*interpolated_span(difficulty, (100.0, 130.0), (90.0, 120.0), (85.0, 105.0)))
+    )
     swung = width * max(0.0, -math.cos(math.radians(open_deg)))
     corner = width / 2 + max(0.30, swung + 0.05)
     along = float(rng.uniform(ends[0] + corner, ends[1] - corner))
@@ -203,7 +203,7 @@ def _wall(
     doorways: tuple[Doorway, ...],
     material: str,
 ) -> list[StaticObject]:
-    """The pieces of an inner wall beside and above its doorways, which come in rising order."""
+    """Pieces of an inner wall beside and above its doorways, given in rising order."""
     jambs = [ends[0]]
     for doorway in doorways:
         along = doorway.middle[0 if along_x else 1]
@@ -223,14 +223,14 @@ def _wall(
 def _lay_out(
     plan: _Plan, names: list[str], rng: np.random.Generator, difficulty: float
 ) -> _Layout | None:
-    """Furniture, start and goals; None if they do not go together."""
+    """Furniture, start and goals; None if they are incompatible."""
     pieces: list[Piece] = []
     for room, name in zip(plan.rooms, names, strict=True):
         found = _furnish(plan, room, name, pieces, rng, difficulty)
         if found is None:
             return None
         pieces += found
-    things = plan.building + tuple(numbered(pieces))
+    static_objects = plan.building + tuple(with_numbered_names(pieces))
     space = _space(plan, pieces)
     spots = [
         free_spot(space, (room[0], room[2]), (room[1], room[3]), GOAL_M, rng) for room in plan.rooms
@@ -240,12 +240,12 @@ def _lay_out(
     start, *goals = (place for place in places if place is not None)
     if len(goals) < 3:
         return None
-    way = space.walk(start, goals[0], WALKER_RADIUS_M)
+    path = space.path(start, goals[0], WALKER_RADIUS_M)
     reach = space.reachable(start, WALKER_RADIUS_M)
-    if way is None or not all(reach[space.cell(goal)] for goal in goals):
+    if path is None or not all(reach[space.cell(goal)] for goal in goals):
         return None
-    heading = towards(start, tuple(way[min(12, len(way) - 1)]))
-    return _Layout(things, space, Pose2(*start, heading), tuple(goals))
+    heading = heading_towards(start, tuple(path[min(12, len(path) - 1)]))
+    return _Layout(static_objects, space, Pose2(*start, heading), tuple(goals))
 
 
 def _furnish(
@@ -256,13 +256,15 @@ def _furnish(
     rng: np.random.Generator,
     difficulty: float,
 ) -> list[Piece] | None:
-    """Furniture of one room that leaves all doorways joined; None if none was found."""
+    """Furniture of one room that keeps all doorways connected; None if none was found."""
     kept_free: tuple[Shape, ...] = tuple(
         shape for doorway in plan.doorways for shape in (doorway.leaf, doorway.approach)
     )
-    wanted = tuple(_model(kind) for kind in _NEEDED[name][: count(difficulty, 2, 4, 5)])
-    passage_m = graded(difficulty, 0.66, 0.58, 0.50)
-    least = count(difficulty, 1, 3, 3)
+    wanted = tuple(
+        model_of(kind) for kind in _NEEDED[name][: interpolated_count(difficulty, 2, 4, 5)]
+    )
+    passage_m = interpolated(difficulty, 0.66, 0.58, 0.50)
+    least = interpolated_count(difficulty, 1, 3, 3)
     for _ in range(ROOM_DRAWS):
         pieces = furnish(room, StaticObject("doors", kept_free), wanted, rng, passage_m, least)
         if pieces is None:
@@ -274,13 +276,9 @@ def _furnish(
     return None
 
 
-def _model(kind: str) -> Model:
-    return next(model for model in CATALOGUE if model.name == kind)
-
-
 def _space(plan: _Plan, pieces: list[Piece]) -> ClearanceMap:
-    """What is left between the building and the furniture."""
-    still = clearance_map(EXTENT, [part for piece in pieces for part in piece.thing.parts])
+    """Clearance among building and furniture."""
+    still = clearance_map(EXTENT, [part for piece in pieces for part in piece.static_object.parts])
     free = np.minimum(plan.space.clearance, still.clearance)
     return ClearanceMap(still.origin, still.cell_m, free)
 
@@ -288,10 +286,10 @@ def _space(plan: _Plan, pieces: list[Piece]) -> ClearanceMap:
 def _people(
     plan: _Plan, layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> tuple[MovingObject, ...] | None:
-    """Each goes to and fro through a doorway of its own; None if they find no lines."""
-    speeds = span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
+    """People who each walk back and forth through a doorway of their own; None if they do not fit."""
+    speeds = interpolated_span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
     found: list[MovingObject] = []
-    number = count(difficulty, 1, 2, 3)
+    number = interpolated_count(difficulty, 1, 2, 3)
     for index in rng.permutation(len(plan.doorways)):
         doorway = plan.doorways[index]
         for _ in range(ROOM_DRAWS):
@@ -311,8 +309,8 @@ def _people(
 
 
 def _keeps_clear(one: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
-    """Its line is free, not at the start or a goal, and wherever it is there is another way."""
-    line = line_of(one)
+    """Whether a person's segment is free, away from start and goals, and always leaves another route."""
+    line = path_of(one)
     start = (layout.start.x, layout.start.y)
     if any(layout.space.at(place) < PERSON_RADIUS_M + 0.01 for place in line):
         return False
@@ -320,7 +318,7 @@ def _keeps_clear(one: MovingObject, layout: _Layout, others: list[MovingObject])
         return False
     if any(math.dist(place, goal) < 0.65 for place in line for goal in layout.goals):
         return False
-    if any(math.dist(a, b) < 0.6 for other in others for a in line for b in line_of(other)):
+    if any(math.dist(a, b) < 0.6 for other in others for a in line for b in path_of(other)):
         return False
     for place in line[::2]:
         blocked = layout.space.with_disc(place, PERSON_RADIUS_M)

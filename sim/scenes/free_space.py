@@ -1,4 +1,4 @@
-"""Where a round body can stand and walk among standing things; used to make scenes that can be crossed."""
+"""Free space for a round body among static objects, for scenes that can be crossed."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
+from ..scene import Extent, Place
 from ..shapes import Shape, distance
 
-ROBOT_TOP_M = 0.5  # what is higher does not stand in a robot's way
+ROBOT_TOP_M = 0.5  # ours: shapes above this height do not block the robot
 
 
 @dataclass(frozen=True, eq=False)
 class ClearanceMap:
-    """For every cell the distance to the nearest thing, m, negative inside it.
+    """Distance of every cell to the nearest object, m, negative inside it.
 
     Args:
         origin: (x, y) of the first cell's centre, m.
-        cell_m: Grain.
+        cell_m: Side of a cell.
         clearance: Indexed [row (y), column (x)].
     """
 
@@ -30,11 +31,11 @@ class ClearanceMap:
 
     @property
     def centres(self) -> Float[np.ndarray, "n 2"]:
-        """Of all cells in order, m."""
+        """Centres of all cells in order, m."""
         return _grid(self.origin, self.clearance.shape, self.cell_m)
 
     def at(self, point: tuple[float, float]) -> float:
-        """Clearance of the cell that holds a place; minus infinity outside."""
+        """Clearance of the cell that contains a point; minus infinity outside."""
         row, column = self.cell(point)
         rows, columns = self.clearance.shape
         if not (0 <= row < rows and 0 <= column < columns):
@@ -42,34 +43,28 @@ class ClearanceMap:
         return float(self.clearance[row, column])
 
     def cell(self, point: tuple[float, float]) -> tuple[int, int]:
-        """[row, column] of the cell that holds a place."""
+        """[row, column] of the cell that contains a point."""
         return (
             round((point[1] - self.origin[1]) / self.cell_m),
             round((point[0] - self.origin[0]) / self.cell_m),
         )
 
-    def with_disc(self, centre: tuple[float, float], radius_m: float) -> ClearanceMap:
-        """The same with one more disc standing there."""
+    def with_disc(self, centre: Place, radius_m: float) -> ClearanceMap:
+        """The map with one more disc."""
         away = np.hypot(*(self.centres - np.array(centre)).T) - radius_m
         return ClearanceMap(
-            self.origin,
-            self.cell_m,
-            np.minimum(self.clearance, away.reshape(self.clearance.shape)),
+            self.origin, self.cell_m, np.minimum(self.clearance, away.reshape(self.clearance.shape))
         )
 
-    def reachable(
-        self, start: tuple[float, float], radius_m: float
-    ) -> Bool[np.ndarray, "rows columns"]:
-        """Cells that a disc of that radius can get to from the start (four neighbours)."""
+    def reachable(self, start: Place, radius_m: float) -> Bool[np.ndarray, "rows columns"]:
+        """Cells that a disc of that radius can reach from the start (four neighbours)."""
         labels, _ = ndimage.label(self.clearance >= radius_m)
         row, column = self.cell(start)
         label = labels[row, column]
         return np.asarray((labels == label) & (label > 0))
 
-    def walk(
-        self, start: tuple[float, float], goal: tuple[float, float], radius_m: float
-    ) -> Float[np.ndarray, "n 2"] | None:
-        """A short walk for a disc, cell by cell, m; None if there is none."""
+    def path(self, start: Place, goal: Place, radius_m: float) -> Float[np.ndarray, "n 2"] | None:
+        """A shortest path of cells for a disc, m; None if there is none."""
         free = self.clearance >= radius_m
         steps = _distances(free, self.cell(start))
         at = self.cell(goal)
@@ -87,10 +82,8 @@ class ClearanceMap:
         return np.asarray(back[:, ::-1] * self.cell_m + np.array(self.origin))
 
 
-def clearance_map(
-    extent: tuple[float, float, float, float], shapes: Sequence[Shape], cell_m: float = 0.05
-) -> ClearanceMap:
-    """Clearance inside the walls of a room, from walls and everything below the robot's top."""
+def clearance_map(extent: Extent, shapes: Sequence[Shape], cell_m: float = 0.05) -> ClearanceMap:
+    """Clearance inside the walls of a room, from walls and all shapes below the robot's top."""
     x_min, y_min, x_max, y_max = extent
     shape = (int((y_max - y_min) / cell_m), int((x_max - x_min) / cell_m))
     origin = (x_min + cell_m / 2, y_min + cell_m / 2)
@@ -119,7 +112,7 @@ def _grid(
 def _distances(
     free: Bool[np.ndarray, "rows columns"], start: tuple[int, int]
 ) -> Int[np.ndarray, "rows columns"]:
-    """Steps from the start to every free cell, -1 where there is no way; a wave, ring by ring."""
+    """Steps from the start to every free cell, -1 where it is unreachable (breadth-first search)."""
     steps = np.full(free.shape, -1, np.int64)
     if not free[start]:
         return steps

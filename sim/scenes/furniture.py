@@ -1,4 +1,4 @@
-"""Household furniture made of boxes and cylinders, and how a room is furnished with it."""
+"""Furniture made of boxes and cylinders, and the furnishing of a room."""
 
 from __future__ import annotations
 
@@ -8,16 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..scene import StaticObject
+from ..scene import Extent, Place, StaticObject
 from ..shapes import Box, Cylinder, Shape, Solid, distance, outline
 
-Extent = tuple[float, float, float, float]
 Parts = tuple[Shape, ...]
 
-PASSAGE_M = (
-    0.66  # kept free between pieces that stand in the room: a body of 28 cm radius and a bit
-)
-LEAST_PIECES = 9
+PASSAGE_M = 0.66  # ours: between pieces, for a body of 28 cm radius
+LEAST_PIECES = 9  # ours
 
 
 @dataclass(frozen=True)
@@ -25,11 +22,11 @@ class Model:
     """A kind of furniture.
 
     Args:
-        name: For people.
-        footprint: Depth (its own x, it looks towards +x) and width, m.
-        build: Its parts about the origin; draws colours.
-        wall: Whether it stands with its back to a wall.
-        albedo: In the infrared.
+        name: Such as "sofa".
+        footprint: Depth (along its own x, its front is +x) and width, m.
+        build: Makes its parts about the origin; draws colours.
+        wall: Whether its back is at a wall.
+        albedo: Infrared reflectance.
     """
 
     name: str
@@ -41,10 +38,10 @@ class Model:
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of furniture where it stands."""
+    """A placed piece of furniture."""
 
     model: Model
-    thing: StaticObject
+    static_object: StaticObject
 
 
 def _colour(rng: np.random.Generator, *names: str) -> str:
@@ -163,6 +160,11 @@ CATALOGUE: tuple[Model, ...] = (
 )
 
 
+def model_of(kind: str) -> Model:
+    """The first model of a kind."""
+    return next(model for model in CATALOGUE if model.name == kind)
+
+
 def furnish(
     extent: Extent,
     partition: StaticObject,
@@ -171,21 +173,21 @@ def furnish(
     passage_m: float = PASSAGE_M,
     least: int = LEAST_PIECES,
 ) -> list[Piece] | None:
-    """Put furniture into a room, piece by piece, leaving out what finds no place.
+    """Furnish a room piece by piece; pieces that do not fit are left out.
 
-    Pieces of the wall stand with their backs 2 cm from it; the others keep a passage to everything, or
-    stand close to a wall.
+    Pieces with their back to a wall stand 2 cm from it; the others keep a passage to everything or stand close to a
+    wall.
 
     Args:
         extent: Of the room, m.
-        partition: What stands in it already.
-        models: What is wanted, in this order.
-        rng: Of places and colours.
+        partition: Shapes already in the room.
+        models: Wanted pieces in order.
+        rng: Source of places and colours.
         passage_m: Kept free between pieces.
-        least: With fewer pieces it is no furnished room.
+        least: Least number of pieces.
 
     Returns:
-        The pieces, or None if too few found a place.
+        The pieces, or None if fewer than the least number fitted.
     """
     placed: list[Piece] = []
     taken: list[Shape] = list(partition.parts)
@@ -195,8 +197,8 @@ def furnish(
             piece = _draw(model, extent, rng)
             if _fits(piece, extent, taken, rims, passage_m):
                 placed.append(piece)
-                taken += piece.thing.parts
-                rims = np.concatenate([rims, *(_rim(part) for part in piece.thing.parts)])
+                taken += piece.static_object.parts
+                rims = np.concatenate([rims, *(_rim(part) for part in piece.static_object.parts)])
                 break
     return placed if len(placed) >= least else None
 
@@ -227,9 +229,9 @@ def _draw(model: Model, extent: Extent, rng: np.random.Generator) -> Piece:
 
 
 def place_piece(
-    model: Model, place: tuple[float, float], yaw_rad: float, rng: np.random.Generator
+    model: Model, place: Place, yaw_rad: float, rng: np.random.Generator
 ) -> StaticObject:
-    """A piece of furniture, its middle on a place, its front turned that way; draws its colours."""
+    """A piece of furniture centred at a place with that yaw; draws its colours."""
     parts = tuple(_moved(part, place, yaw_rad) for part in model.build(rng))
     return StaticObject(model.name, parts, model.albedo)
 
@@ -238,16 +240,16 @@ def _fits(
     piece: Piece, extent: Extent, taken: list[Shape], rims: np.ndarray, passage_m: float
 ) -> bool:
     x0, y0, x1, y1 = extent
-    corners = np.concatenate([outline(part) for part in piece.thing.parts])
+    corners = np.concatenate([outline(part) for part in piece.static_object.parts])
     if corners[:, 0].min() < x0 or corners[:, 0].max() > x1:
         return False
     if corners[:, 1].min() < y0 or corners[:, 1].max() > y1:
         return False
     passage = passage_m if not piece.model.wall else 0.06
-    gap = min(_gap(part, rims) for part in piece.thing.parts)
+    gap = min(_gap(part, rims) for part in piece.static_object.parts)
     if gap < passage:
         return False
-    own = np.concatenate([_rim(part) for part in piece.thing.parts])
+    own = np.concatenate([_rim(part) for part in piece.static_object.parts])
     gap = min(gap, *(_gap(shape, own) for shape in taken))
     if piece.model.wall:
         return gap >= passage and (gap >= passage_m or gap < 0.30)
@@ -265,7 +267,7 @@ def _gap(shape: Shape, points: np.ndarray) -> float:
 
 
 def _rim(shape: Shape) -> np.ndarray:
-    """Points along the outline: corners for a round one, else sixteen to a side."""
+    """Points along the outline: the corners of a cylinder, else sixteen per side."""
     corners = outline(shape)
     if isinstance(shape, Cylinder):
         return corners
@@ -273,7 +275,7 @@ def _rim(shape: Shape) -> np.ndarray:
     return (corners + share * (np.roll(corners, -1, axis=0) - corners)).reshape(-1, 2)
 
 
-def _moved(part: Shape, place: tuple[float, float], yaw: float) -> Shape:
+def _moved(part: Shape, place: Place, yaw: float) -> Shape:
     c, s = math.cos(yaw), math.sin(yaw)
     assert not isinstance(part, Solid)  # the catalogue is made of boxes and cylinders
     x, y, z = part.centre

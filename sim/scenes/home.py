@@ -1,70 +1,71 @@
-"""The furnished home: a living and a dining room with a wide opening, another one for every seed.
+"""The furnished home: a living and a dining room with a wide opening, drawn by the seed.
 
-Furniture goes along the walls first, then into the rooms; little robots go to and fro across the way.
-A draw that cannot be crossed by a body of 28 cm radius, whatever the robots do, is drawn again. A harder home
-has more pieces and narrower passages between them, a longer partition, and more and faster robots.
-Everything is solid down to the floor. Source: ours.
+Furniture is placed along the walls first, then inside the rooms; small robots move back and forth across the path to
+the first goal. Layouts that a body of 28 cm radius cannot cross at every position of the robots are drawn again. A
+harder home has more pieces, narrower passages, a longer partition, and more and faster robots. Source: ours.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..scene import FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, distance
-from .difficulty import USUAL, count, graded, span
+from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
 from .furniture import CATALOGUE, LEAST_PIECES, PASSAGE_M, Model, Piece, furnish
-from .rooms import little_robot, towards, walls
+from .rooms import heading_towards, small_robot, walls
 from .tags import place_tags
 
 EXTENT = (0.0, 0.0, 6.4, 5.0)
-WALKER_RADIUS_M = 0.28  # 0.15 of the body, the rest to plan with
-DRAWS = 200  # seeds 0 to 19 take one to three
+WALKER_RADIUS_M = 0.28  # ours: body of 0.15 and a margin for planning
+DRAWS = 200  # ours: seeds 0 to 19 need one to three
 _MOVER_RADIUS_M = 0.10
 _COLOURS = ("orange", "lime", "violet", "navy", "red")
 
 
 @dataclass(frozen=True)
 class _Layout:
-    things: tuple[StaticObject, ...]
+    static_objects: tuple[StaticObject, ...]
     space: ClearanceMap
-    way: np.ndarray
-    start: tuple[float, float]
-    goals: tuple[tuple[float, float], ...]
+    path: np.ndarray
+    start: Place
+    goals: tuple[Place, ...]
 
 
-def furnished(seed: int, difficulty: float = USUAL) -> Scene:
+def home(seed: int, difficulty: float = USUAL) -> Scene:
     """The home of a seed."""
     rng = np.random.default_rng([seed, 1])
     for _ in range(DRAWS):
         layout = _lay_out(rng, difficulty)
-        movers = None if layout is None else _set_going(layout, rng, difficulty)
-        if layout is None or movers is None:
+        moving_objects = None if layout is None else _set_going(layout, rng, difficulty)
+        if layout is None or moving_objects is None:
             continue
-        if not _worth_crossing(layout, movers, difficulty):
+        if not _worth_crossing(layout, moving_objects, difficulty):
             continue
-        heading = towards(layout.start, tuple(layout.way[min(12, len(layout.way) - 1)]))
+        heading = heading_towards(layout.start, tuple(layout.path[min(12, len(layout.path) - 1)]))
         start = Pose2(*layout.start, heading)
-        plates, landmarks = place_tags(EXTENT, layout.things, start, count=24)
+        plates, landmarks = place_tags(EXTENT, layout.static_objects, start, count=24)
         return Scene(
             "home",
             seed,
             EXTENT,
             _flooring(rng),
-            layout.things + plates,
-            movers,
+            layout.static_objects + plates,
+            moving_objects,
             landmarks,
             start,
             layout.goals,
         )
-    raise SurefootError(f"home: no draw of {DRAWS} with seed {seed} could be crossed; take another")
+    raise SurefootError(
+        f"home: no draw of {DRAWS} with seed {seed} can be crossed; choose another seed"
+    )
 
 
 def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
@@ -79,8 +80,10 @@ def _flooring(rng: np.random.Generator) -> tuple[FloorArea, ...]:
 
 
 def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
-    """Furniture, start and goals; None if they do not go together."""
-    partition_y = float(rng.uniform(*span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0))))
+    """Furniture, start and goals; None if they are incompatible."""
+    partition_y = float(
+        rng.uniform(*interpolated_span(difficulty, (0.6, 1.0), (1.0, 1.5), (1.5, 2.0)))
+    )
     partition_x = float(rng.uniform(3.1, 3.7))
     from_south = bool(rng.integers(2))
     middle = partition_y / 2 if from_south else EXTENT[3] - partition_y / 2
@@ -90,56 +93,51 @@ def _lay_out(rng: np.random.Generator, difficulty: float) -> _Layout | None:
         0.75,
         wall=True,
     )
-    building = (
-        *walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")),
-        partition,
-    )
+    building = (*walls(EXTENT, ("wall/sky", "wall/cream", "wall/sage", "wall/white")), partition)
     pieces = furnish(
         EXTENT,
         partition,
         _models(difficulty),
         rng,
-        graded(difficulty, 0.80, PASSAGE_M, 0.60),
-        count(difficulty, 6, LEAST_PIECES, 11),
+        interpolated(difficulty, 0.80, PASSAGE_M, 0.60),
+        interpolated_count(difficulty, 6, LEAST_PIECES, 11),
     )
     if pieces is None:
         return None
-    things = building + tuple(numbered(pieces))
-    space = clearance_map(EXTENT, [*partition.parts, *(p for t in pieces for p in t.thing.parts)])
+    static_objects = building + tuple(with_numbered_names(pieces))
+    space = clearance_map(
+        EXTENT, [*partition.parts, *(p for t in pieces for p in t.static_object.parts)]
+    )
     start = free_spot(space, (0.4, 1.9), (0.4, 4.6), 0.36, rng)
     first = free_spot(space, (4.9, 6.0), (0.4, 4.6), 0.36, rng)
     if start is None or first is None or math.dist(start, first) < 4.0:
         return None
-    way = space.walk(start, first, WALKER_RADIUS_M)
+    path = space.path(start, first, WALKER_RADIUS_M)
     reach = space.reachable(start, WALKER_RADIUS_M)
     others = [
         free_spot(space, *box, 0.36, rng)
         for box in (((2.2, 4.6), (1.6, 4.4)), ((0.4, 2.2), (0.4, 4.6)))
     ]
-    if way is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
+    if path is None or any(spot is None or not reach[space.cell(spot)] for spot in others):
         return None
     goals = (first, *(spot for spot in others if spot is not None))
-    return _Layout(things, space, way, start, goals)
+    return _Layout(static_objects, space, path, start, goals)
 
 
 def _models(difficulty: float) -> tuple[Model, ...]:
-    """What a home is furnished with: the hard one with the small things once more."""
+    """Furniture of a home; a hard one has the small pieces twice."""
     small = tuple(model for model in CATALOGUE[7:12])
     most = len(CATALOGUE)
-    return (CATALOGUE + small)[: count(difficulty, 8, most, most + len(small))]
+    return (CATALOGUE + small)[: interpolated_count(difficulty, 8, most, most + len(small))]
 
 
-def numbered(pieces: list[Piece]) -> list[StaticObject]:
-    """The pieces as things; of several of a kind each gets its number."""
-    names = [piece.thing.name for piece in pieces]
+def with_numbered_names(pieces: list[Piece]) -> list[StaticObject]:
+    """The pieces as static objects, numbered where a name occurs more than once."""
+    names = [piece.static_object.name for piece in pieces]
     found = []
     for k, piece in enumerate(pieces):
-        name = (
-            names[k]
-            if names.count(names[k]) == 1
-            else f"{names[k]} {names[: k + 1].count(names[k])}"
-        )
-        found.append(StaticObject(name, piece.thing.parts, piece.thing.albedo))
+        number = f" {names[: k + 1].count(names[k])}" if names.count(names[k]) > 1 else ""
+        found.append(replace(piece.static_object, name=names[k] + number))
     return found
 
 
@@ -150,7 +148,7 @@ def free_spot(
     clearance_m: float,
     rng: np.random.Generator,
 ) -> tuple[float, float] | None:
-    """Somewhere within the ranges with that much room about it; None if chance finds nothing."""
+    """A random place within the ranges with that clearance; None if 60 draws find none."""
     for _ in range(60):
         place = (round(float(rng.uniform(*x_range)), 2), round(float(rng.uniform(*y_range)), 2))
         if space.at(place) >= clearance_m:
@@ -161,29 +159,29 @@ def free_spot(
 def _set_going(
     layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> tuple[MovingObject, ...] | None:
-    """Little robots, usually three: their lines keep clear of furniture, start, goals, and never lock the way."""
-    movers: list[MovingObject] = []
-    for k, colour in enumerate(_COLOURS[: count(difficulty, 1, 3, 5)]):
+    """Small robots, usually three, clear of furniture, start and goals, that never block the path."""
+    moving_objects: list[MovingObject] = []
+    for k, colour in enumerate(_COLOURS[: interpolated_count(difficulty, 1, 3, 5)]):
         for _ in range(60):
-            candidate = _draw_mover(k, colour, layout, rng, difficulty)
-            if _keeps_clear(candidate, layout, movers):
-                movers.append(candidate)
+            candidate = _draw_robot(k, colour, layout, rng, difficulty)
+            if _keeps_clear(candidate, layout, moving_objects):
+                moving_objects.append(candidate)
                 break
         else:
             return None
-    return tuple(movers)
+    return tuple(moving_objects)
 
 
-def _draw_mover(
+def _draw_robot(
     k: int, colour: str, layout: _Layout, rng: np.random.Generator, difficulty: float
 ) -> MovingObject:
-    """The first two cross or follow the way, the others are anywhere."""
-    speeds = span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
+    """The first two cross or follow the path, the others are anywhere."""
+    speeds = interpolated_span(difficulty, (0.02, 0.04), (0.03, 0.06), (0.05, 0.09))
     speed, reversal = float(rng.uniform(*speeds)), float(rng.uniform(15.0, 25.0))
     heading = float(rng.uniform(-math.pi, math.pi))
     if k < 2:
         share = rng.uniform(0.25, 0.5) if k == 0 else rng.uniform(0.5, 0.75)
-        middle = layout.way[int(share * (len(layout.way) - 1))] + rng.normal(0, 0.15, 2)
+        middle = layout.path[int(share * (len(layout.path) - 1))] + rng.normal(0, 0.15, 2)
     else:
         middle = np.array([rng.uniform(0.5, 5.9), rng.uniform(0.5, 4.5)])
     half = speed * reversal / 2
@@ -192,12 +190,15 @@ def _draw_mover(
         float(middle[1] - half * math.sin(heading)),
     )
     height = float(rng.uniform(0.40, 0.50))
-    return little_robot(f"robot {k + 1}", start, heading, speed, reversal, colour, height)
+    return small_robot(f"robot {k + 1}", start, heading, speed, reversal, colour, height)
 
 
-def _keeps_clear(mover: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
+def _keeps_clear(moving_object: MovingObject, layout: _Layout, others: list[MovingObject]) -> bool:
     line = [
-        (x, y) for x, y, _, _ in (mover.state(s) for s in np.linspace(0.0, mover.reversal_s, 12))
+        (x, y)
+        for x, y, _, _ in (
+            moving_object.state(s) for s in np.linspace(0.0, moving_object.reversal_s, 12)
+        )
     ]
     if any(layout.space.at(place) < _MOVER_RADIUS_M + 0.10 for place in line):
         return False
@@ -209,7 +210,7 @@ def _keeps_clear(mover: MovingObject, layout: _Layout, others: list[MovingObject
         ends = [other.state(s)[:2] for s in np.linspace(0.0, other.reversal_s, 12)]
         if any(math.dist(a, b) < 0.6 for a in line for b in ends):
             return False
-    for place in line[::2]:  # wherever it is, one can pass it
+    for place in line[::2]:  # it can be passed at every position
         reach = layout.space.with_disc(place, _MOVER_RADIUS_M).reachable(
             layout.start, WALKER_RADIUS_M
         )
@@ -218,20 +219,22 @@ def _keeps_clear(mover: MovingObject, layout: _Layout, others: list[MovingObject
     return True
 
 
-def _worth_crossing(layout: _Layout, movers: tuple[MovingObject, ...], difficulty: float) -> bool:
-    """Usually at least six obstacles within a metre of the way, two of them moving."""
+def _worth_crossing(
+    layout: _Layout, moving_objects: tuple[MovingObject, ...], difficulty: float
+) -> bool:
+    """Whether there are enough obstacles near the path: usually six within a metre, two of them moving."""
     standing = sum(
-        min(float(distance(part, layout.way).min()) for part in thing.parts) < 1.0
-        for thing in layout.things
-        if not thing.wall
+        min(float(distance(part, layout.path).min()) for part in item.parts) < 1.0
+        for item in layout.static_objects
+        if not item.wall
     )
     moving = sum(
         min(
-            float(np.hypot(*(layout.way - np.array(mover.state(s)[:2])).T).min())
-            for s in np.linspace(0.0, mover.reversal_s, 12)
+            float(np.hypot(*(layout.path - np.array(moving_object.state(s)[:2])).T).min())
+            for s in np.linspace(0.0, moving_object.reversal_s, 12)
         )
         < 1.0
-        for mover in movers
+        for moving_object in moving_objects
     )
-    enough = count(difficulty, 3, 6, 8), count(difficulty, 1, 2, 2)
+    enough = interpolated_count(difficulty, 3, 6, 8), interpolated_count(difficulty, 1, 2, 2)
     return standing + moving >= enough[0] and moving >= enough[1]

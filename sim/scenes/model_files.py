@@ -1,9 +1,8 @@
-"""Models that a user brings, as solids: meshes (OBJ, STL, PLY, glTF) and URDF files.
+"""Models from files as solids: meshes (OBJ, STL, PLY, glTF) and URDF files.
 
-A glTF is turned from its y up to our z up, as other meshes are where the user says so. A sheet without a
-thickness is given one, so that it is seen from both sides and can be touched. Of a URDF every link is placed
-with its joints at zero, and what it looks like is taken, or, where it says nothing of that, what it collides
-with.
+A glTF is rotated from its y up to our z up; for other meshes the user states the axis. A sheet without thickness
+becomes a board, so that it is visible from both sides and solid. Links of a URDF are placed with all joints at zero;
+their visual geometry is used, or else their collision geometry.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from ..rendering.rays import open3d_library
 from ..shapes import Solid
 
 MESHES = (".obj", ".stl", ".ply", ".off", ".gltf", ".glb")
-MOST_TRIANGLES = 50_000  # rays and pictures of a scene stay quick
-SHEET_M = 0.01  # ours: what a sheet without a thickness is given
+MOST_TRIANGLES = 50_000  # ours: rendering and ray casting stay fast
+SHEET_M = 0.01  # ours: thickness given to a sheet
 _THINNEST_M = 1e-4
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z, z to -y
 
@@ -33,17 +32,16 @@ _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z
 def read_model(
     path: Path, material: str = "plaster/grey", scale: float = 1.0, up: str = ""
 ) -> tuple[Solid, ...]:
-    """The solids of a model about its own origin, z up, m; one for each piece that hangs together.
+    """Solids of a model about its own origin, z up, m; one for each connected component.
 
     Args:
         path: Mesh or URDF.
-        material: What it looks like.
-        scale: Metres to a unit of the file.
-        up: Axis of the file that points up, "y" or "z"; empty for y of a glTF, as its standard has it, and z
-            of all others.
+        material: Its material.
+        scale: Metres per unit of the file.
+        up: Axis of the file that points up, "y" or "z"; empty: y for glTF (by its standard), else z.
 
     Raises:
-        InputError: Absent, of another kind, empty or too large; a URDF that is not z up.
+        InputError: Missing, of another format, empty or too large; a URDF that is not z up.
     """
     if not path.is_file():
         raise InputError(
@@ -55,7 +53,7 @@ def read_model(
         meshes = _read_urdf(path)
     elif path.suffix.lower() in MESHES:
         mesh = _read_mesh(path)
-        if (up or _up(path)) == "y":
+        if (up or ("y" if path.suffix.lower() in (".gltf", ".glb") else "z")) == "y":
             mesh.rotate(_Y_UP, center=(0.0, 0.0, 0.0))
         meshes = [mesh]
     else:
@@ -68,12 +66,12 @@ def read_model(
     count = sum(len(mesh.triangles) for mesh in meshes)
     if count > MOST_TRIANGLES:
         raise InputError(
-            f"{path}: {count} triangles; at most {MOST_TRIANGLES} are taken, simplify the mesh"
+            f"{path}: {count} triangles; at most {MOST_TRIANGLES} are allowed, simplify the mesh"
         )
     solids = tuple(solid for mesh in meshes for solid in _pieces(mesh, material))
     if not solids:
         raise InputError(
-            f"{path}: holds no surface wider than {1e3 * _THINNEST_M:g} mm; look at its unit, and at scale"
+            f"{path}: has no surface wider than {1e3 * _THINNEST_M:g} mm; check its unit and scale"
         )
     return solids
 
@@ -81,7 +79,7 @@ def read_model(
 def placed(
     solids: tuple[Solid, ...], at: tuple[float, float, float], yaw_rad: float
 ) -> tuple[Solid, ...]:
-    """The same, turned about the vertical and put somewhere."""
+    """The solids rotated about the vertical and moved."""
     c, s = math.cos(yaw_rad), math.sin(yaw_rad)
     R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     return tuple(
@@ -89,23 +87,19 @@ def placed(
     )
 
 
-def _up(path: Path) -> str:
-    return "y" if path.suffix.lower() in (".gltf", ".glb") else "z"
-
-
 def _read_mesh(path: Path) -> Any:
     o3d = open3d_library()
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh = o3d.io.read_triangle_mesh(str(path))
     if not len(mesh.triangles):
-        raise InputError(f"{path}: holds no triangles that Open3D can read")
+        raise InputError(f"{path}: has no triangles that Open3D can read")
     if not np.isfinite(np.asarray(mesh.vertices)).all():
-        raise InputError(f"{path}: holds vertices that are not finite; export the mesh anew")
+        raise InputError(f"{path}: has vertices that are not finite; export the mesh again")
     return mesh
 
 
 def _pieces(mesh: Any, material: str) -> list[Solid]:
-    """What hangs together is one solid; sheets are thickened, slivers without a width left out."""
+    """One solid per connected component; sheets are thickened, slivers without width left out."""
     mesh.merge_close_vertices(1e-6)
     mesh.remove_degenerate_triangles()
     labels = np.asarray(mesh.cluster_connected_triangles()[0])
@@ -128,7 +122,7 @@ def _pieces(mesh: Any, material: str) -> list[Solid]:
 def _thickened(
     points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], normal: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "l 3"]]:
-    """A sheet laid flat and made a board: once above, once below, and a rim along its open edges."""
+    """A flat sheet made a board: one face above, one below, and a rim along its open edges."""
     flat = points - ((points - points.mean(axis=0)) @ normal)[:, None] * normal
     _, kept, merged = np.unique(
         np.rint(flat / _THINNEST_M), axis=0, return_index=True, return_inverse=True
@@ -137,7 +131,7 @@ def _thickened(
     a, b, c = (flat[faces[:, k]] for k in range(3))
     facing = np.cross(b - a, c - a) @ normal
     upwards = np.where((facing > 0.0)[:, None], faces, faces[:, ::-1])[np.abs(facing) > 1e-12]
-    # a sheet drawn once for each side is one sheet
+    # faces drawn once for each side count once
     _, single = np.unique(np.sort(upwards, axis=1), axis=0, return_index=True)
     top = upwards[single]
     edges = np.concatenate([top[:, [0, 1]], top[:, [1, 2]], top[:, [2, 0]]])
@@ -160,7 +154,7 @@ def _read_urdf(path: Path) -> list[Any]:
     try:
         robot = ET.parse(path).getroot()
     except ET.ParseError as error:
-        raise InputError(f"{path}: is no XML: {error}; a URDF was expected") from error
+        raise InputError(f"{path}: not valid XML: {error}; expected a URDF") from error
     if robot.tag != "robot":
         raise InputError(f"{path}: its root is <{robot.tag}>; a URDF begins with <robot>")
     parents = {
@@ -187,7 +181,7 @@ def _read_urdf(path: Path) -> list[Any]:
 
 
 def _geometry(geometry: ET.Element | None, path: Path) -> Any:
-    """A shape of a URDF about its own origin."""
+    """A URDF shape about its own origin."""
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:
         raise InputError(f"{path}: a link has no <geometry>")
@@ -209,7 +203,7 @@ def _geometry(geometry: ET.Element | None, path: Path) -> Any:
 
 
 def _referenced(shape: ET.Element, path: Path) -> Any:
-    """The mesh that a URDF points to, as its file has it: its place in the link is the URDF's to say."""
+    """The mesh that a URDF references, in its own frame; the URDF places it in the link."""
     name = _attribute(shape, "filename", path)
     plain = name.split("://")[-1]
     places = [path.parent / plain, path.parent / plain.split("/", 1)[-1]]
@@ -227,9 +221,9 @@ def _referenced(shape: ET.Element, path: Path) -> Any:
     mesh = _read_mesh(file)
     scale = _numbers(shape, "scale", 3, path, "1 1 1")
     if 0.0 in scale:
-        raise InputError(f"{path}: scale={shape.get('scale')!r} of <mesh>: 0 leaves nothing of it")
+        raise InputError(f"{path}: scale={shape.get('scale')!r} of <mesh>: must not be 0")
     mesh.transform(np.diag([*scale, 1.0]))
-    if math.prod(scale) < 0.0:  # mirrored: outside would be inside
+    if math.prod(scale) < 0.0:  # a mirrored mesh needs its faces reversed
         triangles = np.asarray(mesh.triangles)
         triangles[:] = triangles[:, ::-1].copy()
     return mesh
@@ -261,7 +255,7 @@ def _numbers(
     default: str = "",
     positive: bool = False,
 ) -> list[float]:
-    """So many finite numbers out of an attribute, m or rad; positive ones for sizes."""
+    """A number of finite values from an attribute, m or rad; positive ones for sizes."""
     text = (element.get(name) or default) if default else _attribute(element, name, path)
     kind = "positive number" if positive else "number"
     expected = f"expected {count} {kind}{'s' if count > 1 else ''}"

@@ -1,8 +1,6 @@
-"""A room without texture: plain walls, a plain floor, plain boxes in the way.
+"""A room without texture: plain walls, floor and boxes, for colour detection where stereo fails.
 
-A camera sees all of it well by colour; a stereo pair has nothing to match but edges.
-
-Source: seed 003, section 9 (where stereo ends); the room is ours.
+Source: seed 003, section 9 (limits of stereo); the room is ours.
 """
 
 from __future__ import annotations
@@ -13,13 +11,13 @@ from perception.primitives.pose import Pose2
 
 from ..scene import Scene, StaticObject
 from ..shapes import Box
-from .rooms import finished, walls
+from .rooms import scene_with_tags, walls
 
 BOX_M = (0.28, 0.28, 0.30)
 
 
 def plain_room(seed: int) -> Scene:
-    """3 x 3.6 m; a box on the straight way to the goal and one on each side, drawn by the seed."""
+    """3 x 3.6 m; a box on the straight path to the goal and one on each side, drawn by the seed."""
     rng = np.random.default_rng([seed, 5])
     extent = (0.0, 0.0, 3.6, 3.0)
     building = walls(extent, ("plain/cream", "plain/sky", "plain/sage", "plain/sky"))
@@ -39,7 +37,7 @@ def plain_room(seed: int) -> Scene:
         )
         for k, (middle, colour) in enumerate(zip(middles, ("teal", "plum", "navy"), strict=True))
     )
-    return finished(
+    return scene_with_tags(
         "plain_room",
         seed,
         extent,

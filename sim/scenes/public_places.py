@@ -1,4 +1,4 @@
-"""Scenes beyond the flat: an office full of desks, and a hall that people cross."""
+"""Larger scenes: an office full of desks, and a hall that people cross."""
 
 from __future__ import annotations
 
@@ -9,95 +9,108 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
-from ..scene import MovingObject, Scene, StaticObject
+from ..scene import Extent, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
-from .difficulty import USUAL, Span, count, graded, span
+from .difficulty import USUAL, Span, interpolated, interpolated_count, interpolated_span
 from .free_space import ClearanceMap, clearance_map
-from .furniture import CATALOGUE, place_piece
-from .rooms import finished, walls
+from .furniture import model_of, place_piece
+from .rooms import scene_with_tags, walls
 
 OFFICE_M = (0.0, 0.0, 7.0, 5.0)
 HALL_M = (0.0, 0.0, 8.0, 5.0)
-DRAWS = 60
-WALKER_RADIUS_M = 0.28  # a body of 15 cm radius that sways, and room to pass
-PEOPLE = (2, 5, 6)  # ours: who crosses the hall, by its difficulty
-PERSON_RADIUS_M = 0.18
-PERSON_HEIGHT_M = 1.60
-SLOWEST_MPS, FASTEST_MPS = (
-    0.04,
-    0.12,
-)  # strolling children: people at full speed are beyond a small robot
+DRAWS = 60  # ours
+WALKER_RADIUS_M = 0.28  # ours: body of 0.15 and a margin for planning
+PEOPLE = (2, 5, 6)  # ours: in the hall, at difficulty 0, 0.5 and 1
+PERSON_RADIUS_M = 0.18  # ours
+PERSON_HEIGHT_M = 1.60  # ours
+SPEEDS_MPS = (0.04, 0.12)  # ours: scaled to a small robot of 0.1 m/s
 
-_CHAIR = next(model for model in CATALOGUE if model.name == "chair")
-_BIN = next(model for model in CATALOGUE if model.name == "bin")
-_SHELF = next(model for model in CATALOGUE if model.name == "bookshelf")
+
 _CLOTHES = ("navy", "rust", "plum", "teal", "mustard")
 
 
 def office(seed: int, difficulty: float = USUAL) -> Scene:
-    """Two rows of desks with chairs pushed about, shelves at the walls, cartons and bins in the aisles.
+    """Two rows of desks with chairs, shelves at the walls, and bins in the aisle.
 
-    In a harder one the rows stand closer to the walls and more bins lie between them.
+    In a harder office the rows stand closer to the middle of the room and more bins lie between them.
     """
     rng = np.random.default_rng([seed, 40])
     extent = OFFICE_M
     start, goals = Pose2(0.5, 2.5, 0.0), ((6.5, 2.5), (6.4, 0.5), (0.6, 4.5))
-    rows = span(difficulty, (1.25, 3.75), (1.15, 3.85), (1.05, 3.95))
+    rows = interpolated_span(difficulty, (1.25, 3.75), (1.15, 3.85), (1.05, 3.95))
     for _ in range(DRAWS):
-        things = [*walls(extent, ("wall/white", "wall/sky", "wall/cream", "wall/sage"))]
+        static_objects = [*walls(extent, ("wall/white", "wall/sky", "wall/cream", "wall/sage"))]
         for k, (x, y) in enumerate((x, y) for y in rows for x in (1.7, 3.5, 5.3)):
             shift = rng.uniform(-0.12, 0.12, 2)
             place = (x + float(shift[0]), y + float(shift[1]))
-            things.append(StaticObject(f"desk {k + 1}", _desk(place)))
+            static_objects.append(StaticObject(f"desk {k + 1}", _desk(place)))
             towards_aisle = 1.0 if y < 2.5 else -1.0
             seat = (place[0] + float(rng.uniform(-0.3, 0.3)), place[1] + towards_aisle * 0.55)
-            chair = place_piece(_CHAIR, seat, float(rng.uniform(-math.pi, math.pi)), rng)
-            things.append(StaticObject(f"chair {k + 1}", chair.parts, chair.albedo))
-        things.append(place_piece(_SHELF, (3.5, extent[3] - 0.18), -math.pi / 2, rng))
-        for k in range(count(difficulty, 1, 3, 5)):
+            chair = place_piece(model_of("chair"), seat, float(rng.uniform(-math.pi, math.pi)), rng)
+            static_objects.append(StaticObject(f"chair {k + 1}", chair.parts, chair.albedo))
+        static_objects.append(
+            place_piece(model_of("bookshelf"), (3.5, extent[3] - 0.18), -math.pi / 2, rng)
+        )
+        for k in range(interpolated_count(difficulty, 1, 3, 5)):
             place = (float(rng.uniform(1.2, 5.8)), float(rng.uniform(2.2, 2.8)))
-            litter = place_piece(_BIN, place, float(rng.uniform(-math.pi, math.pi)), rng)
-            things.append(StaticObject(f"bin {k + 1}", litter.parts, litter.albedo))
-        if _can_be_walked(extent, things, start, goals):
-            return finished(
-                "office", seed, extent, "tiles/grey", tuple(things), (), start, goals, tags=24
+            litter = place_piece(model_of("bin"), place, float(rng.uniform(-math.pi, math.pi)), rng)
+            static_objects.append(StaticObject(f"bin {k + 1}", litter.parts, litter.albedo))
+        if _can_be_walked(extent, static_objects, start, goals):
+            return scene_with_tags(
+                "office",
+                seed,
+                extent,
+                "tiles/grey",
+                tuple(static_objects),
+                (),
+                start,
+                goals,
+                tags=24,
             )
     raise SurefootError(
-        f"office: no draw of {DRAWS} with seed {seed} could be walked; take another"
+        f"office: no draw of {DRAWS} with seed {seed} can be crossed; choose another seed"
     )
 
 
 def hall(seed: int, difficulty: float = USUAL) -> Scene:
-    """A bare hall with two pillars and a bench that people cross, to and fro, from wall to wall.
+    """A bare hall with two pillars and a bench, where people walk back and forth between the long walls.
 
-    In a harder one more people walk between more pillars, closer together and faster.
+    In a harder hall more people walk faster and closer together between more pillars.
     """
     rng = np.random.default_rng([seed, 41])
     extent = HALL_M
     start, goals = Pose2(0.6, 2.5, 0.0), ((7.4, 2.5), (7.2, 0.6))
-    things = [*walls(extent, ("wall/cream", "wall/white", "wall/sky", "wall/white"))]
-    for k, x in enumerate(np.linspace(2.6, 5.4, count(difficulty, 1, 2, 3))):
+    static_objects = [*walls(extent, ("wall/cream", "wall/white", "wall/sky", "wall/white"))]
+    for k, x in enumerate(np.linspace(2.6, 5.4, interpolated_count(difficulty, 1, 2, 3))):
         y = float(rng.uniform(1.8, 3.2))
-        things.append(
+        static_objects.append(
             StaticObject(
                 f"pillar {k + 1}", (Cylinder((float(x), y, 1.2), 0.18, 2.4, "plaster/grey"),)
             )
         )
     bench = Box((4.0, 4.6, 0.21), (1.4, 0.38, 0.42), 0.0, "wood/walnut")
-    things.append(StaticObject("bench", (bench,)))
+    static_objects.append(StaticObject("bench", (bench,)))
     spots = ((start.x, start.y), *goals)
     for _ in range(DRAWS):
-        people = _people(things, spots, difficulty, rng)
-        if len(people) == count(difficulty, *PEOPLE):
-            return finished(
-                "hall", seed, extent, "tiles/grey", tuple(things), people, start, goals, tags=24
+        people = _people(static_objects, spots, difficulty, rng)
+        if len(people) == interpolated_count(difficulty, *PEOPLE):
+            return scene_with_tags(
+                "hall",
+                seed,
+                extent,
+                "tiles/grey",
+                tuple(static_objects),
+                people,
+                start,
+                goals,
+                tags=24,
             )
     raise SurefootError(
-        f"hall: in none of {DRAWS} draws with seed {seed} did all people keep apart; take another"
+        f"hall: in no draw of {DRAWS} with seed {seed} do all people keep apart; choose another seed"
     )
 
 
-def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
+def _desk(place: Place) -> tuple[Shape, ...]:
     """A top on two side panels, 1.2 m wide and 0.6 m deep."""
     x, y = place
     top = Box((x, y, 0.70), (1.2, 0.6, 0.04), 0.0, "wood/pine")
@@ -106,18 +119,18 @@ def _desk(place: tuple[float, float]) -> tuple[Shape, ...]:
 
 
 def _people(
-    things: list[StaticObject],
-    spots: tuple[tuple[float, float], ...],
+    static_objects: list[StaticObject],
+    spots: tuple[Place, ...],
     difficulty: float,
     rng: np.random.Generator,
 ) -> tuple[MovingObject, ...]:
-    """One after the other where there is room for them; fewer than wanted where the first ones bar it."""
-    shapes = [part for thing in things if not thing.wall for part in thing.parts]
+    """People placed one after the other; fewer than wanted if there is no room."""
+    shapes = [part for item in static_objects if not item.wall for part in item.parts]
     space = clearance_map(HALL_M, shapes)
-    speeds = span(difficulty, (0.03, 0.08), (SLOWEST_MPS, FASTEST_MPS), (0.06, 0.18))
-    apart_m = graded(difficulty, 0.8, 0.6, 0.42)
+    speeds = interpolated_span(difficulty, (0.03, 0.08), SPEEDS_MPS, (0.06, 0.18))
+    apart_m = interpolated(difficulty, 0.8, 0.6, 0.42)
     people: tuple[MovingObject, ...] = ()
-    for k in range(count(difficulty, *PEOPLE)):
+    for k in range(interpolated_count(difficulty, *PEOPLE)):
         for _ in range(DRAWS):
             one = _person(k, HALL_M, rng, speeds)
             if _keeps_apart(one, people, space, spots, apart_m):
@@ -131,7 +144,7 @@ def _people(
 def _person(
     k: int, extent: tuple[float, ...], rng: np.random.Generator, speeds_mps: Span
 ) -> MovingObject:
-    """From one long wall to the other, more or less straight across."""
+    """A person who walks from one long wall to the other, nearly straight across."""
     x = float(rng.uniform(1.4, extent[2] - 1.4))
     margin = PERSON_RADIUS_M + 0.15
     upwards = bool(rng.integers(2))
@@ -143,13 +156,9 @@ def _person(
 
 
 def person(
-    k: int,
-    start: tuple[float, float],
-    heading_rad: float,
-    speed_mps: float,
-    reversal_s: float,
+    k: int, start: Place, heading_rad: float, speed_mps: float, reversal_s: float
 ) -> MovingObject:
-    """Number k, from 0, of the people of a scene, who goes to and fro; its clothes are its own."""
+    """Person number k, from 0, walking back and forth, with clothes by number."""
     trunk = Cylinder(
         (0.0, 0.0, 0.72), PERSON_RADIUS_M, 1.44, f"fabric/{_CLOTHES[k % len(_CLOTHES)]}"
     )
@@ -162,32 +171,31 @@ def _keeps_apart(
     one: MovingObject,
     others: tuple[MovingObject, ...],
     space: ClearanceMap,
-    spots: tuple[tuple[float, float], ...],
+    spots: tuple[Place, ...],
     apart_m: float,
 ) -> bool:
-    """No two lines share a place, and none leads over a spot or a thing."""
-    line = line_of(one)
+    """Whether a person's segment stays clear of the others', of start and goals, and of objects."""
+    line = path_of(one)
     if any(math.dist(place, spot) < 0.7 for place in line for spot in spots):
         return False
     if any(space.at(place) < PERSON_RADIUS_M + 0.1 for place in line):
         return False
     return all(
-        math.dist(a, b) > apart_m for other in map(line_of, others) for a in line for b in other
+        math.dist(a, b) > apart_m for other in map(path_of, others) for a in line for b in other
     )
 
 
-def line_of(mover: MovingObject) -> list[tuple[float, float]]:
-    """Places along its way from one end to the other, (x, y), m."""
-    return [mover.state(float(s))[:2] for s in np.linspace(0.0, mover.reversal_s, 25)]
+def path_of(moving_object: MovingObject) -> list[Place]:
+    """Places along a moving object's segment, (x, y), m."""
+    return [
+        moving_object.state(float(s))[:2] for s in np.linspace(0.0, moving_object.reversal_s, 25)
+    ]
 
 
 def _can_be_walked(
-    extent: tuple[float, float, float, float],
-    things: list[StaticObject],
-    start: Pose2,
-    goals: tuple[tuple[float, float], ...],
+    extent: Extent, static_objects: list[StaticObject], start: Pose2, goals: tuple[Place, ...]
 ) -> bool:
-    shapes = [part for thing in things if not thing.wall for part in thing.parts]
-    reach = clearance_map(extent, shapes).reachable((start.x, start.y), WALKER_RADIUS_M)
+    shapes = [part for item in static_objects if not item.wall for part in item.parts]
     space = clearance_map(extent, shapes)
+    reach = space.reachable((start.x, start.y), WALKER_RADIUS_M)
     return all(bool(reach[space.cell(goal)]) for goal in goals)

@@ -1,4 +1,4 @@
-"""The plain scenes: an empty room, a corridor, boxes in an arena; and the walls and tags all rooms have."""
+"""Plain scenes (empty room, corridor, boxes in an arena), and the walls and tags of all rooms."""
 
 from __future__ import annotations
 
@@ -8,15 +8,13 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..scene import Extent, FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Cylinder
-from .difficulty import USUAL, count, graded, span
+from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
 from .tags import place_tags
 
 WALL_HEIGHT_M = 2.4
 WALL_THICKNESS_M = 0.10
-
-Extent = tuple[float, float, float, float]
 
 
 def walls(extent: Extent, materials: tuple[str, str, str, str]) -> tuple[StaticObject, ...]:
@@ -34,9 +32,9 @@ def walls(extent: Extent, materials: tuple[str, str, str, str]) -> tuple[StaticO
     return tuple(StaticObject("wall", (box,), 0.75, wall=True) for box in boxes)
 
 
-def little_robot(
+def small_robot(
     name: str,
-    start: tuple[float, float],
+    start: Place,
     heading_rad: float,
     speed_mps: float,
     reversal_s: float,
@@ -51,9 +49,9 @@ def little_robot(
 
 
 def empty_room(seed: int) -> Scene:
-    """Four walls and a floor, 5 x 4 m: for measuring sensors and walking without anything in the way."""
+    """Four walls and a floor of 5 x 4 m, for measurements without obstacles."""
     extent = (0.0, 0.0, 5.0, 4.0)
-    return finished(
+    return scene_with_tags(
         "empty_room",
         seed,
         extent,
@@ -66,106 +64,108 @@ def empty_room(seed: int) -> Scene:
 
 
 def corridor(seed: int, difficulty: float = USUAL) -> Scene:
-    """A corridor of 8 x 1.6 m with boxes at alternating sides and one robot going along it.
+    """A corridor of 8 x 1.6 m with boxes at alternating sides and a robot moving along it.
 
-    A harder one has more and wider boxes, a faster robot and at last a second one.
+    A harder corridor has more and wider boxes, a faster robot, and finally a second one.
     """
     rng = np.random.default_rng([seed, 2])
     extent = (0.0, 0.0, 8.0, 1.6)
-    things = list(walls(extent, ("wall/cream",) * 4))
+    static_objects = list(walls(extent, ("wall/cream",) * 4))
     side = bool(rng.integers(2))
-    for k, x in enumerate(np.arange(1.8, 6.8, graded(difficulty, 2.2, 1.5, 1.2))):
-        widths = span(difficulty, (0.22, 0.30), (0.3, 0.42), (0.45, 0.6))
+    for k, x in enumerate(np.arange(1.8, 6.8, interpolated(difficulty, 2.2, 1.5, 1.2))):
+        widths = interpolated_span(difficulty, (0.22, 0.30), (0.3, 0.42), (0.45, 0.6))
         width, height = float(rng.uniform(*widths)), float(rng.uniform(0.3, 0.6))
         y = width / 2 + 0.02 if side else extent[3] - width / 2 - 0.02
         place = (float(x + rng.uniform(-0.15, 0.15)), y, height / 2)
-        things.append(
+        static_objects.append(
             StaticObject(
                 f"carton {k + 1}", (Box(place, (0.35, width, height), 0.0, "cardboard/kraft"),)
             )
         )
         side = not side
-    movers = []
+    moving_objects = []
     for name, x, heading, colour in (
         ("robot 1", 4.2, 0.0, "orange"),
         ("robot 2", 3.4, math.pi, "lime"),
-    )[: count(difficulty, 1, 1, 2)]:
-        speed = float(rng.uniform(*span(difficulty, (0.02, 0.03), (0.03, 0.05), (0.05, 0.08))))
-        movers.append(little_robot(name, (x, 0.8), heading, speed, 20.0, colour))
-    return finished(
+    )[: interpolated_count(difficulty, 1, 1, 2)]:
+        speed = float(
+            rng.uniform(*interpolated_span(difficulty, (0.02, 0.03), (0.03, 0.05), (0.05, 0.08)))
+        )
+        moving_objects.append(small_robot(name, (x, 0.8), heading, speed, 20.0, colour))
+    return scene_with_tags(
         "corridor",
         seed,
         extent,
         "tiles/grey",
-        tuple(things),
-        tuple(movers),
+        tuple(static_objects),
+        tuple(moving_objects),
         Pose2(0.6, 0.8, 0.0),
         ((7.3, 0.8), (0.7, 0.8)),
     )
 
 
 def boxes(seed: int) -> Scene:
-    """An arena of 4 x 3 m with boxes of 32 x 24 x 32 cm in a row, a gap between them.
+    """An arena of 4 x 3 m with a row of boxes of 32 x 24 x 32 cm and a gap in it.
 
-    Source: seed 004, section 8 (test obstacle, arena of 2.5 x 3 m; ours is longer to start back).
+    Source: seed 004, section 8 (test obstacle, arena of 2.5 x 3 m; ours is longer, for a longer approach).
     """
     rng = np.random.default_rng([seed, 3])
     extent = (0.0, 0.0, 4.0, 3.0)
-    things = list(walls(extent, ("wall/white",) * 4))
+    static_objects = list(walls(extent, ("wall/white",) * 4))
     gap = float(rng.uniform(0.7, 0.9))
     middle = float(rng.uniform(1.0, 2.0))
     y_low, y_high = middle - gap / 2, middle + gap / 2
     for k in range(2):
         for name, y in (("low", y_low - 0.12 - 0.24 * k), ("high", y_high + 0.12 + 0.24 * k)):
             box = Box((2.0, y, 0.16), (0.32, 0.24, 0.32), 0.0, "cardboard/kraft")
-            things.append(StaticObject(f"box {name} {k + 1}", (box,)))
-    return finished(
+            static_objects.append(StaticObject(f"box {name} {k + 1}", (box,)))
+    return scene_with_tags(
         "boxes",
         seed,
         extent,
         "planks/pine",
-        tuple(things),
+        tuple(static_objects),
         (),
         Pose2(0.6, 1.5, 0.0),
         ((3.4, 1.5),),
     )
 
 
-def finished(
+def scene_with_tags(
     name: str,
     seed: int,
     extent: Extent,
     flooring: str,
-    things: tuple[StaticObject, ...],
-    movers: tuple[MovingObject, ...],
+    static_objects: tuple[StaticObject, ...],
+    moving_objects: tuple[MovingObject, ...],
     start: Pose2,
-    goals: tuple[tuple[float, float], ...],
+    goals: tuple[Place, ...],
     tags: int = 16,
     low: bool = False,
 ) -> Scene:
-    """A scene of one flooring with its tags hung.
+    """A scene with one flooring and tags on its walls.
 
     Args:
-        name, seed, extent, things, movers, start, goals: As of the scene.
-        flooring: Material of all the floor.
-        tags: How many at most.
-        low: Whether only walls carry and hide tags: what else stands there is too low to.
+        name, seed, extent, static_objects, moving_objects, start, goals: As in `Scene`.
+        flooring: Material of the floor.
+        tags: Greatest number of tags.
+        low: Whether the other objects are too low to carry or occlude tags.
     """
-    around = tuple(thing for thing in things if thing.wall) if low else things
-    plates, landmarks = place_tags(extent, around, start, tags)
+    carriers = tuple(item for item in static_objects if item.wall) if low else static_objects
+    plates, landmarks = place_tags(extent, carriers, start, tags)
     return Scene(
         name,
         seed,
         extent,
         (FloorArea(flooring, extent),),
-        things + plates,
-        movers,
+        static_objects + plates,
+        moving_objects,
         landmarks,
         start,
         goals,
     )
 
 
-def towards(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Heading from one place to another, rad."""
+def heading_towards(a: tuple[float, float], b: tuple[float, float]) -> float:
+    """Heading from one point to another, rad."""
     return math.atan2(b[1] - a[1], b[0] - a[0])

@@ -1,7 +1,6 @@
-"""Scenes that a user writes, as TOML: ten lines are a room with something in it.
+"""Scenes from a user's TOML file.
 
-Lengths are m, angles deg, places (x, y) on the floor. Every key is known here; a misspelt one is refused, with
-its nearest.
+Lengths are in m, angles in deg, places (x, y) on the floor. Unknown keys are refused with the nearest known one.
 """
 
 from __future__ import annotations
@@ -20,21 +19,20 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 
 from ..rendering.textures import PALETTE
-from ..scene import FloorArea, MovingObject, Scene, StaticObject
+from ..scene import Extent, FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .furniture import CATALOGUE, place_piece
 from .model_files import placed, read_model
-from .rooms import WALL_HEIGHT_M, little_robot, walls
+from .rooms import WALL_HEIGHT_M, small_robot, walls
 from .scene_checks import (
-    Extent,
     check_area,
     check_extent,
-    check_mover,
+    check_moving_object,
+    check_object,
     check_places,
-    check_thing,
-    check_ways,
+    check_reachable,
 )
-from .scene_table import LEAST_M, Reader
+from .scene_table import LEAST_M, TableReader
 from .tags import place_tags
 
 EXAMPLE = """\
@@ -46,47 +44,43 @@ name = "table"
 at = [2.5, 2.0]
 size = [0.6, 0.8, 0.5]       # along its own x, y, and its height
 yaw = 20
-[[mover]]
+[[moving_object]]
 from = [3.6, 1.0]
 to = [3.6, 3.0]
 speed = 0.05
 """
 
-ALBEDO = 0.6  # ours: of a thing that says nothing of it
-MOST_TAGS = 50  # in the dictionary, see `textures`
-_TAGS = 16
-_KEYS: dict[str, dict[str, str]] = {
-    "": {
-        "extent": "four numbers", "start": "x, y, heading", "goals": "a list of places",
-        "floor": "a material", "walls": "a material", "tags": "how many", "box": "tables",
-        "cylinder": "tables", "furniture": "tables", "model": "tables", "mover": "tables",
-        "area": "tables",
-    },
-    "box": dict.fromkeys(("name", "at", "size", "yaw", "above", "material", "albedo"), ""),
-    "cylinder": dict.fromkeys(("name", "at", "radius", "height", "above", "material", "albedo"), ""),
-    "furniture": dict.fromkeys(("kind", "at", "yaw", "name"), ""),
-    "model": dict.fromkeys(
-        ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"), ""
+ALBEDO = 0.6  # ours: default
+MOST_TAGS = 50  # size of the dictionary, see `textures`
+_TAGS = 16  # ours: default
+_KEYS: dict[str, tuple[str, ...]] = {
+    "": (
+        "extent", "start", "goals", "floor", "walls", "tags", "box", "cylinder", "furniture", "model",
+        "moving_object", "area",
     ),
-    "mover": dict.fromkeys(("name", "from", "to", "speed", "height", "colour", "under_way"), ""),
-    "area": dict.fromkeys(("extent", "material"), ""),
+    "box": ("name", "at", "size", "yaw", "above", "material", "albedo"),
+    "cylinder": ("name", "at", "radius", "height", "above", "material", "albedo"),
+    "furniture": ("kind", "at", "yaw", "name"),
+    "model": ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"),
+    "moving_object": ("name", "from", "to", "speed", "height", "colour", "phase"),
+    "area": ("extent", "material"),
 }  # fmt: skip
 
 
 def read_scene(path: Path, seed: int) -> Scene:
-    """The scene of a file.
+    """Read a scene from a file.
 
     Args:
         path: TOML, see `EXAMPLE`.
-        seed: Of colours, textures and where movers are on their lines.
+        seed: Draws colours, textures and phases of moving objects.
 
     Raises:
-        InputError: naming file, entry and value, what was expected and what would mend it.
+        InputError: with file, entry, value, the expected value and a remedy.
     """
     if seed < 0:
         raise InputError(f"{path}: seed {seed} must not be negative; choose 0 or more")
     table = _load(path)
-    reader = Reader(path, EXAMPLE)
+    reader = TableReader(path, EXAMPLE)
     extent = reader.numbers(table, "extent", 4)
     check_extent(reader.where, extent)
     x, y, heading = reader.numbers(table, "start", 3)
@@ -96,43 +90,43 @@ def read_scene(path: Path, seed: int) -> Scene:
         raise InputError(f"{path}: goals is missing; give at least one place, goals = [[4.4, 2.0]]")
     rng = np.random.default_rng([seed, 30])
     wall = reader.material(table, "walls", "wall/cream")
-    things = (*walls(extent, (wall,) * 4), *_things(reader, table, extent, rng))
+    static_objects = (*walls(extent, (wall,) * 4), *_static_objects(reader, table, extent, rng))
     places = [("start", (x, y)), *((f"goal {k}", goal) for k, goal in enumerate(goals, 1))]
-    check_places(reader.where, extent, things, places)
-    check_ways(reader.where, extent, things, (x, y), goals)
-    movers = []
-    for number, item in reader.entries(table, "mover"):
-        movers.append(_mover(reader, item, number))
-        check_mover(reader.where, movers[-1], extent, things, (x, y))
+    check_places(reader.where, extent, static_objects, places)
+    check_reachable(reader.where, extent, static_objects, (x, y), goals)
+    moving_objects = []
+    for number, item in reader.entries(table, "moving_object"):
+        moving_objects.append(_moving_object(reader, item, number))
+        check_moving_object(reader.where, moving_objects[-1], extent, static_objects, (x, y))
     areas = [FloorArea(reader.material(table, "floor", "planks/oak"), extent)]
     for _, item in reader.entries(table, "area"):
         material = reader.material(item, "material", "rug/teal")
         areas.append(FloorArea(material, reader.numbers(item, "extent", 4)))
         check_area(reader.where, areas[-1], extent)
     count = reader.count(table, "tags", _TAGS, MOST_TAGS)
-    plates, landmarks = place_tags(extent, things, start, count) if count else ((), ())
+    plates, landmarks = place_tags(extent, static_objects, start, count) if count else ((), ())
     return Scene(
         path.stem,
         seed,
         extent,
         tuple(areas),
-        things + plates,
-        tuple(movers),
+        static_objects + plates,
+        tuple(moving_objects),
         landmarks,
         start,
         goals,
     )
 
 
-def _things(
-    reader: Reader, table: Mapping[str, Any], extent: Extent, rng: np.random.Generator
+def _static_objects(
+    reader: TableReader, table: Mapping[str, Any], extent: Extent, rng: np.random.Generator
 ) -> list[StaticObject]:
     found = []
 
     def add(item: Mapping[str, Any], name: str, parts: tuple[Shape, ...], albedo: float) -> None:
         shown = reader.word(item, "name", name)
         found.append(StaticObject(shown, parts, reader.number(item, "albedo", albedo, 0.0, 1.0)))
-        check_thing(reader.where, found[-1], extent, reader.number(item, "above", 0.0))
+        check_object(reader.where, found[-1], extent, reader.number(item, "above", 0.0))
 
     for number, item in reader.entries(table, "box"):
         size = reader.size(item, "size")
@@ -162,8 +156,10 @@ def _things(
     return found
 
 
-def _model(reader: Reader, item: Mapping[str, Any], number: int) -> tuple[str, tuple[Shape, ...]]:
-    """What a model is called unless it has a name, and its parts."""
+def _model(
+    reader: TableReader, item: Mapping[str, Any], number: int
+) -> tuple[str, tuple[Shape, ...]]:
+    """Default name of a model, and its parts."""
     file = reader.path.parent / reader.word(item, "file")
     up = reader.word(item, "up") if "up" in item else ""
     if up not in ("", "y", "z"):
@@ -178,7 +174,7 @@ def _model(reader: Reader, item: Mapping[str, Any], number: int) -> tuple[str, t
     return f"{file.stem} {number}", placed(solids, place, yaw)
 
 
-def _mover(reader: Reader, item: Mapping[str, Any], number: int) -> MovingObject:
+def _moving_object(reader: TableReader, item: Mapping[str, Any], number: int) -> MovingObject:
     first, last = reader.place(item, "from"), reader.place(item, "to")
     speed = reader.number(item, "speed")
     length = math.dist(first, last)
@@ -190,10 +186,10 @@ def _mover(reader: Reader, item: Mapping[str, Any], number: int) -> MovingObject
     heading = math.atan2(last[1] - first[1], last[0] - first[0])
     height = reader.number(item, "height", 0.45, 0.1, WALL_HEIGHT_M)
     name = reader.word(item, "name", f"robot {number}")
-    robot = little_robot(name, first, heading, speed, length / speed, colour, height)
-    if "under_way" not in item:
+    robot = small_robot(name, first, heading, speed, length / speed, colour, height)
+    if "phase" not in item:
         return robot
-    return replace(robot, under_way_s=reader.number(item, "under_way", least=0.0))
+    return replace(robot, phase_s=reader.number(item, "phase", least=0.0))
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -201,10 +197,10 @@ def _load(path: Path) -> dict[str, Any]:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be read: {error.strerror}; a scene was expected"
+            f"{path}: cannot be read: {error.strerror}; expected a scene file"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is no valid TOML: {error}") from error
+        raise InputError(f"{path}: not valid TOML: {error}") from error
     _refuse_unknown(path, table, "")
     for kind in (key for key in _KEYS if key and key in table):
         entries = table[kind]

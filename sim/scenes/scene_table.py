@@ -1,4 +1,4 @@
-"""Values out of the tables of a scene file; complaints name the file, the entry, the key and what was expected."""
+"""Checked reading of values from a scene file's tables; errors state file, entry, key and the expected value."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from perception.primitives.errors import InputError
 
 from ..rendering.textures import KINDS, PALETTE
 
-LEAST_M = 0.001  # ours: of a size; what is thinner is neither seen nor touched
+LEAST_M = 0.001  # ours: least size
 
 
-class Reader:
-    """Takes values out of tables.
+class TableReader:
+    """Reads values from tables.
 
     Args:
-        path: Of the file, for complaints.
-        example: What a whole file looks like, for complaints.
+        path: Of the file, for errors.
+        example: A complete file, for errors.
     """
 
     def __init__(self, path: Path, example: str) -> None:
@@ -29,15 +29,15 @@ class Reader:
 
     @property
     def where(self) -> str:
-        """The file, and the entry that is read just now."""
+        """The file and the current entry."""
         return f"{self.path}: {self._entry}"
 
     def refusal(self, key: str, value: object, expected: str) -> InputError:
-        """What to say of a value that cannot be."""
+        """The error for an invalid value."""
         return InputError(f"{self.where}{key} = {value!r}; expected {expected}")
 
     def entries(self, table: Mapping[str, Any], kind: str) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Number, from 1, and table of each [[kind]]; while one is out, complaints are about it."""
+        """Number, from 1, and table of each [[kind]]; errors meanwhile refer to that entry."""
         for number, item in enumerate(table.get(kind, []), 1):
             name = item.get("name", item.get("kind", ""))
             self._entry = f"[[{kind}]] {number}{f' {name!r}' if name else ''}: "
@@ -45,7 +45,7 @@ class Reader:
         self._entry = ""
 
     def items(self, table: Mapping[str, Any], key: str) -> list[Any]:
-        """A list of anything."""
+        """A list."""
         value = table.get(key, [])
         if not isinstance(value, list):
             raise self.refusal(key, value, "a list")
@@ -59,7 +59,7 @@ class Reader:
         least: float = -math.inf,
         most: float = math.inf,
     ) -> float:
-        """A finite number, neither below the least nor above the most."""
+        """A finite number within a range."""
         value = table.get(key, default)
         good = isinstance(value, int | float) and not isinstance(value, bool)
         if not good or not math.isfinite(value):
@@ -77,7 +77,7 @@ class Reader:
         return int(value)
 
     def numbers(self, table: Mapping[str, Any], key: str, count: int) -> tuple[Any, ...]:
-        """So many finite numbers."""
+        """A list of that many finite numbers."""
         value = table.get(key)
         if not isinstance(value, list) or len(value) != count:
             raise self.refusal(
@@ -93,19 +93,19 @@ class Reader:
         return x, y, z
 
     def place(self, table: Mapping[str, Any], key: str) -> tuple[float, float]:
-        """A place on the floor."""
+        """A point on the floor."""
         x, y = self.numbers(table, key, 2)
         return x, y
 
     def word(self, table: Mapping[str, Any], key: str, default: str | None = None) -> str:
-        """A text."""
+        """A non-empty text."""
         value = table.get(key, default)
         if not isinstance(value, str) or not value:
             raise self.refusal(key, value, "a text in quotes")
         return value
 
     def material(self, table: Mapping[str, Any], key: str, default: str) -> str:
-        """A material that can be painted."""
+        """A known material."""
         value = self.word(table, key, default)
         kind, _, colour = value.partition("/")
         if kind not in KINDS or colour not in PALETTE:

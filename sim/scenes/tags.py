@@ -1,7 +1,7 @@
-"""Where the tags hang: on walls and tall furniture, so that from anywhere some are in view.
+"""Placement of tags on walls and tall furniture, so that several are visible from everywhere.
 
-Places are chosen greedily: of all free spots on upright faces the one that is seen, within range and not
-too aslant, from the most places that still see few tags. Source: ours.
+Positions are chosen greedily: of all free spots on vertical faces the one visible, within range and at a moderate
+viewing angle, from the most places that still see few tags. Source: ours.
 """
 
 from __future__ import annotations
@@ -16,16 +16,17 @@ from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2
 
 from ..rendering.textures import TAG_MARGIN_MODULES, TAG_MODULES
-from ..scene import StaticObject
+from ..scene import Extent, Place, StaticObject
 from ..shapes import Box, Shape, distance, outline
 from .free_space import clearance_map
 
-SIDE_M = 0.22  # of the black square: 24 px at 3.3 m in the colour camera, 4 px a module
+SIDE_M = 0.22  # ours: black square; 24 px at 3.3 m in the colour camera, 4 px per module
 PLATE_M = SIDE_M * (TAG_MODULES + 2 * TAG_MARGIN_MODULES) / TAG_MODULES
 THICKNESS_M = 0.006
-IN_VIEW_M = 2.5  # how far a tag is counted on
-HIDING_M = 0.33  # what is taller, as seen from a camera at 0.4 m, hides part of a tag at 0.45 m
-ENOUGH = 3  # tags in view of a place, after which more count little
+IN_VIEW_M = 2.5  # ours: range within which a tag counts as visible
+OCCLUDING_M = 0.33  # ours: taller shapes occlude a tag at 0.45 m for a camera at 0.4 m
+ENOUGH = 3  # ours: visible tags after which more count little
+OBLIQUE_DEG = 60.0  # ours: greatest viewing angle
 
 
 @dataclass(frozen=True)
@@ -35,26 +36,26 @@ class _Spot:
 
 
 def place_tags(
-    extent: tuple[float, float, float, float],
-    things: tuple[StaticObject, ...],
+    extent: Extent,
+    static_objects: tuple[StaticObject, ...],
     start: Pose2,
     count: int,
-    others: tuple[tuple[float, float], ...] = (),
+    others: tuple[Place, ...] = (),
 ) -> tuple[tuple[StaticObject, ...], tuple[Landmark, ...]]:
-    """Tag plates and what the robot is told of them.
+    """Tag plates and the corresponding landmarks.
 
     Args:
         extent: Of the floor, m.
-        things: Walls and furniture; tags hang on faces of boxes that are wide and high enough.
-        start: Where the robot begins; only places it can reach count.
-        count: How many tags at most (the dictionary has 50).
-        others: Places that it will reach too, through doorways finer than the grain of 25 cm.
+        static_objects: Walls and furniture; tags are placed on faces of boxes that are wide and high enough.
+        start: Start of the robot; only places reachable from it count.
+        count: Greatest number of tags (the dictionary has 50).
+        others: Further reachable places, behind doorways narrower than the grid of 25 cm resolves.
     """
-    shapes = [part for thing in things for part in thing.parts]
-    space = clearance_map(extent, [s for t in things if not t.wall for s in t.parts], 0.25)
-    inside = [s for t in things if t.wall for s in t.parts if _inside(s, extent)]
+    shapes = [part for item in static_objects for part in item.parts]
+    space = clearance_map(extent, [s for t in static_objects if not t.wall for s in t.parts], 0.25)
+    inside = [s for t in static_objects if t.wall for s in t.parts if _inside(s, extent)]
     space_all = clearance_map(
-        extent, [s for t in things if not t.wall for s in t.parts] + inside, 0.25
+        extent, [s for t in static_objects if not t.wall for s in t.parts] + inside, 0.25
     )
     reachable = space_all.reachable((start.x, start.y), 0.15).ravel()
     for place in others:
@@ -93,12 +94,12 @@ def place_tags(
     return tuple(plates), tuple(landmarks)
 
 
-def _inside(shape: Shape, extent: tuple[float, float, float, float]) -> bool:
+def _inside(shape: Shape, extent: Extent) -> bool:
     return extent[0] < shape.centre[0] < extent[2] and extent[1] < shape.centre[1] < extent[3]
 
 
-def _spots(extent: tuple[float, float, float, float], shapes: list[Shape]) -> list[_Spot]:
-    """Every 30 cm along each upright face that can carry a plate and is not covered by another shape."""
+def _spots(extent: Extent, shapes: list[Shape]) -> list[_Spot]:
+    """Spots every 30 cm along vertical faces that can carry a plate and are not covered by another shape."""
     spots = []
     for box in shapes:
         if not isinstance(box, Box) or box.top_m < 0.20 + PLATE_M or box.bottom_m > 0.1:
@@ -128,11 +129,11 @@ def _uncovered(
     ahead: Float[np.ndarray, "2"],
     along: Float[np.ndarray, "2"],
     height: float,
-    extent: tuple[float, float, float, float],
+    extent: Extent,
     shapes: list[Shape],
     own: Shape,
 ) -> bool:
-    """Whether the plate's face lies in the room and 10 cm before it there is nothing."""
+    """Whether the plate lies in the room with 10 cm of free space in front of it."""
     x0, y0, x1, y1 = extent
     samples = np.array(
         [at + ahead * d + along * PLATE_M * s for d in (0.02, 0.10) for s in (-0.6, 0.0, 0.6)]
@@ -153,16 +154,16 @@ def _uncovered(
 def _visible(
     places: Float[np.ndarray, "n 2"], spots: list[_Spot], shapes: list[Shape]
 ) -> Bool[np.ndarray, "n k"]:
-    """Which spots are seen from which places: near enough, not aslant, nothing tall between."""
+    """Visibility of spots from places: within range, at a moderate viewing angle, not occluded."""
     centres = np.array([spot.centre[:2] for spot in spots]).reshape(-1, 2)
     normals = np.array([[math.cos(s.normal_rad), math.sin(s.normal_rad)] for s in spots])
     centres = centres + 0.01 * normals.reshape(-1, 2)
     ray = centres[None] - places[:, None]
     reach = np.linalg.norm(ray, axis=2)
     facing = -(ray * normals[None]).sum(axis=2) / np.maximum(reach, 1e-9)
-    seen = (reach < IN_VIEW_M) & (reach > 0.4) & (facing > math.cos(math.radians(60)))
+    seen = (reach < IN_VIEW_M) & (reach > 0.4) & (facing > math.cos(math.radians(OBLIQUE_DEG)))
     for shape in shapes:
-        if shape.top_m > HIDING_M and shape.bottom_m < HIDING_M + 0.2:
+        if shape.top_m > OCCLUDING_M and shape.bottom_m < OCCLUDING_M + 0.2:
             seen &= ~_crosses(places, ray, outline(shape))
     return np.asarray(seen)
 
@@ -172,7 +173,7 @@ def _crosses(
     ray: Float[np.ndarray, "n k 2"],
     corners: Float[np.ndarray, "c 2"],
 ) -> Bool[np.ndarray, "n k"]:
-    """Whether the way from each origin along each of its rays meets a convex outline."""
+    """Whether the segment from each origin along each of its rays meets a convex outline."""
     enter = np.zeros(ray.shape[:2])
     leave = np.ones(ray.shape[:2])
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):

@@ -1,1 +1,5 @@
-"""Simulated sensors with their errors."""
+"""Simulated sensors.
+
+`cameras` (colour and stereo images), `tof_camera` (ranges), and `geometric_sensor` (detections of discs without
+rendering, for long studies).
+"""

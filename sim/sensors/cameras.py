@@ -1,6 +1,6 @@
-"""The colour camera and the stereo pair: sizes, places in the head, lens, exposure, noise of the image.
+"""Colour camera and stereo pair: resolution, mount, lens, exposure and image noise.
 
-Brightness follows the gain alone: light is as much as the exposure needs, the exposure only smears what moves.
+Brightness depends on the gain only; the exposure time only adds motion blur.
 """
 
 from __future__ import annotations
@@ -16,37 +16,39 @@ from jaxtyping import Int8, UInt8
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
+from perception.primitives.settings import setting
 
 from ..ranges import check_ranges
 from ..rendering import lens as lenses
-from ..rendering.motion import STILL, Motion, moments
+from ..rendering.motion import STATIONARY, Motion, exposure_times
 from ..world import World
 
 
 @dataclass(frozen=True)
 class ImageConfig:
-    """A camera that takes pictures: square pixels, optical axis through the middle.
+    """A camera with square pixels and its principal point at the image centre.
 
     Args:
-        width, height: Of the picture, px.
-        across_deg: Full opening angle without its lens.
-        mount_m: Place in the head.
-        noise_grey: Deviation at gain 1, every pixel and colour its own, grey levels.
-        lens: (k1, k2, p1, p2, k3); all zero draws straight.
-        gain: Of brightness and noise alike; what is too bright is white.
-        exposure_s: About the stamp; 0 takes an instant.
-        exposure_parts: Renderings whose mean is the picture.
+        noise_grey: Standard deviation at gain 1, independent per pixel and channel, grey levels.
+        lens: (k1, k2, p1, p2, k3).
+        gain: Of brightness and noise; values saturate at white.
+        exposure_s: Exposure time, centred at the stamp; 0 is instantaneous.
+        exposure_parts: Renderings that are averaged over the exposure.
     """
 
-    width: int
-    height: int
-    across_deg: float
-    mount_m: tuple[float, float, float]
-    noise_grey: float = 2.0  # notes on cameras of this size
+    width: int = setting(720, "px", "width of the image", "seed 000; stereo: ours")
+    height: int = setting(720, "px", "height of the image", "seed 000; stereo: ours")
+    across_deg: float = setting(
+        90.0, "deg", "horizontal field of view without the lens", "seed 000; stereo: ours"
+    )
+    mount_m: tuple[float, float, float] = setting(
+        (0.035, 0.0, 0.035), "m", "position in the head", "DARwIn-OP"
+    )
+    noise_grey: float = 2.0  # typical cameras of this size
     lens: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # ours: rectified
-    gain: float = 1.0  # ours: brightness as painted
+    gain: float = 1.0  # ours
     exposure_s: float = 0.0  # ours: instantaneous; indoors 0.01 to 0.03 s
-    exposure_parts: int = 5  # ours: a smear of up to 10 px stays even
+    exposure_parts: int = 5  # ours: enough for a blur of 10 px
 
     def __post_init__(self) -> None:
         if not 0.0 < self.across_deg < 170.0:
@@ -63,11 +65,11 @@ class ImageConfig:
             exposure_parts=(1.0, 100.0),
         )
         if self.camera.is_distorted:
-            lenses.check(self.camera)
+            lenses.check_lens(self.camera)
 
     @property
     def camera(self) -> Camera:
-        """Its intrinsics, the lens included."""
+        """Intrinsics, with the lens."""
         focal = self.width / 2 / math.tan(math.radians(self.across_deg) / 2)
         middle = ((self.width - 1) / 2, (self.height - 1) / 2)
         return Camera(self.width, self.height, focal, focal, *middle, self.lens)
@@ -78,16 +80,16 @@ def colour_picture(
     config: ImageConfig,
     T_world_camera: Pose3,
     rng: np.random.Generator,
-    motion: Motion = STILL,
+    motion: Motion = STATIONARY,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """A picture with the lens, the exposure and the noise of its sensor, red first.
+    """Image with lens, exposure and sensor noise, red first.
 
     Args:
         world: At the middle of the exposure.
         config: Of the camera.
-        T_world_camera: At that instant.
-        rng: Of the noise.
-        motion: Of the camera while it looks.
+        T_world_camera: At that time.
+        rng: Source of the noise.
+        motion: Of the camera during the exposure.
     """
     return _read_out(_exposed(world, config, T_world_camera, Pose3(), motion), config, rng)
 
@@ -98,11 +100,11 @@ def stereo_pair(
     baseline_m: float,
     T_world_left: Pose3,
     rng: np.random.Generator,
-    motion: Motion = STILL,
+    motion: Motion = STATIONARY,
 ) -> tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]:
-    """Left and right grey picture of a parallel pair with equal lenses, each with its own noise.
+    """Left and right grey image of a parallel pair with equal lenses and independent noise.
 
-    Without a lens the pair is perfectly rectified; with one it is as raw as that of a real rig.
+    Without a lens the pair is perfectly rectified; with one it is as raw as that of a real camera.
     """
     left, right = (
         _read_out(
@@ -118,24 +120,24 @@ def stereo_pair(
 def _exposed(
     world: World, config: ImageConfig, T_world_rig: Pose3, T_rig_camera: Pose3, motion: Motion
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The mean over the exposure of what the lens throws on the sensor."""
+    """Mean over the exposure of the image behind the lens."""
     camera = config.camera
-    ideal = lenses.lens_of(camera).ideal if camera.is_distorted else camera
+    ideal = lenses.lens_for(camera).ideal if camera.is_distorted else camera
     if config.exposure_s == 0.0:
         picture = world.picture(ideal, T_world_rig @ T_rig_camera)
     else:
         total = np.zeros((ideal.height, ideal.width, 3), np.float32)
-        for after_s in moments(config.exposure_s, config.exposure_parts):
-            pose = motion.moved(T_world_rig, after_s) @ T_rig_camera
+        for after_s in exposure_times(config.exposure_s, config.exposure_parts):
+            pose = motion.pose_after(T_world_rig, after_s) @ T_rig_camera
             total += world.picture(ideal, pose, after_s)
         picture = np.rint(total / config.exposure_parts).astype(np.uint8)
-    return lenses.lens_of(camera).bent(picture) if camera.is_distorted else picture
+    return lenses.lens_for(camera).distorted(picture) if camera.is_distorted else picture
 
 
 def _read_out(
     image: UInt8[np.ndarray, "h w *c"], config: ImageConfig, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w *c"]:
-    """What the sensor makes of it: gain on light and noise, white where it is full."""
+    """Apply gain, saturation and noise of the sensor."""
     if config.gain != 1.0:
         bright = np.rint(image * np.float32(config.gain))
         image = np.minimum(bright, np.float32(255.0)).astype(np.uint8)
@@ -145,7 +147,7 @@ def _read_out(
 def _noisy(
     image: UInt8[np.ndarray, "h w *c"], sigma: float, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w *c"]:
-    """Gaussian noise in whole grey levels, drawn by its 256 quantiles: ten times faster than normals."""
+    """Add Gaussian noise in whole grey levels, drawn by its 256 quantiles: ten times faster than normal deviates."""
     if sigma == 0.0:
         return image
     drawn = np.frombuffer(rng.bytes(image.size), np.uint8).reshape(image.shape)

@@ -1,5 +1,5 @@
-"""Benchmarks: one file per hot path, ours against a named peer in the same process, interleaved.
+"""Benchmarks: one file per time-critical function, compared with named other packages.
 
-Read `benchmark` (how two things are timed fairly), then any file. A bar is a ratio, at no worse accuracy;
-absolute times are shown and never judged.
+Read `benchmark` (the timing method) first, then any file. A bound is a ratio of times, at accuracy that is no worse;
+absolute times are reported but not judged.
 """

@@ -1,8 +1,8 @@
-"""The cheapest path on the lattice, against pyastar2d and scikit-image's MCP_Geometric.
+"""Cheapest path on the lattice, against pyastar2d and scikit-image's MCP_Geometric.
 
-All get their own kind of array ready-made and give back the path. MCP_Geometric solves our problem and
-must find the same cost. pyastar2d solves an easier one: it prices a step by the cell it enters, a diagonal
-one like a straight one; its path is re-priced by our rule.
+Each candidate gets its input array prepared and returns the path. MCP_Geometric solves the same problem and must
+find the same cost. pyastar2d solves a simpler one: the cost of a step is that of the cell it enters, also for a
+diagonal step; its path is evaluated with our cost.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ ROUNDS = 9
 
 
 def run() -> Comparison:
-    """Three maps of each size; the ratios are geometric means over all nine."""
+    """Three maps of each size; the ratios are geometric means over all nine maps."""
     peers, missing = _peers()
     times: dict[str, list[float]] = {}
     ratios: dict[str, list[float]] = {name: [] for name in peers}
@@ -36,13 +36,13 @@ def run() -> Comparison:
         for number in range(MAPS):
             ground, start, goal = problem(side, np.random.default_rng([side, number]))
             ours = partial(astar.cheapest, ground.price, ground.blocked, start, goal)
-            contestants: dict[str, Callable[[], Any]] = {"ours": ours}
-            contestants |= {name: make(ground, start, goal) for name, make in peers.items()}
-            for name, value in race(contestants, ROUNDS).items():
+            candidates: dict[str, Callable[[], Any]] = {"ours": ours}
+            candidates |= {name: make(ground, start, goal) for name, make in peers.items()}
+            for name, value in race(candidates, ROUNDS).items():
                 taken.setdefault(name, []).append(value)
             cost = astar.lattice_cost(_found(ours()), ground.price)
             for name in peers:
-                theirs = astar.lattice_cost(_found(contestants[name]()), ground.price)
+                theirs = astar.lattice_cost(_found(candidates[name]()), ground.price)
                 apart[name] = max(apart[name], theirs / cost - 1.0, key=abs)
         for name, values in taken.items():
             times.setdefault(f"{name}_{side}_ms", []).extend(values)
@@ -59,7 +59,7 @@ def run() -> Comparison:
 def problem(
     side: int, rng: np.random.Generator
 ) -> tuple[astar.Terrain, tuple[int, int], tuple[int, int]]:
-    """Terrain that can be crossed, and the nodes [row, column] to start and end at."""
+    """Traversable terrain with start and goal nodes [row, column]."""
     while True:
         grid = random_terrain.make(side, rng)
         ground = astar.prepare(
@@ -79,12 +79,12 @@ def problem(
 
 
 def _found(cells: np.ndarray | None) -> np.ndarray:
-    assert cells is not None, "the terrain can be crossed"
+    assert cells is not None, "the terrain has a path"
     return cells
 
 
 def _peers() -> tuple[dict[str, Callable[..., Callable[[], Any]]], list[str]]:
-    """How each peer that is installed is set to work; and those that are not."""
+    """Functions that prepare each installed peer, and the packages that are not installed."""
     found: dict[str, Callable[..., Callable[[], Any]]] = {}
     missing = []
     for name, package, module, make in (

@@ -38,7 +38,9 @@ def run() -> Comparison:
             }
         )
         peer = _open3d_points(image, camera).point.positions.numpy().astype(np.float64)
-        u, v = np.rint(camera.project(peer)).astype(np.int64).T  # Open3D's order is its threads'
+        u, v = (
+            np.rint(camera.project(peer)).astype(np.int64).T
+        )  # the order of Open3D's points depends on its threads
         worst = max(worst, float(np.max(np.abs(points.organised(depth)[v, u] - peer))))
         times.update({f"{name}_{width}x{height}_ms": value for name, value in taken.items()})
         ratios["ratio_open3d"].append(taken["open3d"] / taken["ours"])

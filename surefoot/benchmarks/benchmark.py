@@ -1,6 +1,6 @@
-"""How two things are timed fairly: interleaved in one process, warm, by processor time, median.
+"""Timing of benchmarks: interleaved in one process, after a warm-up, median of the processor time.
 
-Absolute times drift with the machine; the ratio of two medians taken in turn does not.
+Absolute times vary with the load of the machine; the ratio of two interleaved medians hardly does.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ import numpy as np
 
 from ..results import registry
 
-FILES = {
-    "stereo": "stereo",
-    "backproject": "backproject",
-    "plane": "plane",
-    "grid": "grid",
-    "ukf": "ukf",
-    "astar": "astar",
-    "mdghm": "mdghm",
-    "monocular": "monocular",
-    "panorama": "panorama",
-    "smoother": "smoother",
-    "process": "process",
-    "gaze": "gaze",
-    "univector": "univector",
-    "swarm": "swarm",
-    "fams": "fams",
-}
-"""Where each benchmark lives: name to file of this folder."""
+NAMES = (
+    "stereo",
+    "backproject",
+    "plane",
+    "grid",
+    "ukf",
+    "astar",
+    "mdghm",
+    "monocular",
+    "panorama",
+    "smoother",
+    "process",
+    "gaze",
+    "univector",
+    "swarm",
+    "fams",
+)
+"""Each is a module of this package with a `BENCHMARK`."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a benchmark measured.
+    """Result of a benchmark.
 
     Args:
-        milliseconds: Median processor time of each contestant, by name.
-        ratios: Peer over ours; above 1 we are faster.
-        accuracy: Errors of both, by name, so that speed is not bought.
-        missing: Peers that are not installed here.
+        milliseconds: Median processor time of each candidate, by name.
+        ratios: Time of the peer divided by ours; above 1 ours is faster.
+        accuracy: Errors of both, by name.
+        missing: Peers that are not installed.
     """
 
     milliseconds: dict[str, float]
@@ -53,7 +53,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """One hot path against its peers; `bars` are the least ratios."""
+    """Comparison of one function with its peers; `bars` are the smallest ratios allowed."""
 
     name: str
     title: str
@@ -61,11 +61,11 @@ class Benchmark:
     bars: Mapping[str, float]
 
 
-def race(contestants: Mapping[str, Callable[[], object]], rounds: int = 15) -> dict[str, float]:
-    """Median processor time of each, ms: two warm-up rounds, then all in turn, round by round."""
-    times: dict[str, list[float]] = {name: [] for name in contestants}
+def race(candidates: Mapping[str, Callable[[], object]], rounds: int = 15) -> dict[str, float]:
+    """Median processor time of each candidate, ms: two warm-up rounds, then all in turn in each round."""
+    times: dict[str, list[float]] = {name: [] for name in candidates}
     for number in range(rounds + 2):
-        for name, run in contestants.items():
+        for name, run in candidates.items():
             start = time.process_time_ns()
             run()
             spent = (time.process_time_ns() - start) / 1e6
@@ -75,18 +75,18 @@ def race(contestants: Mapping[str, Callable[[], object]], rounds: int = 15) -> d
 
 
 def names() -> list[str]:
-    """All benchmarks."""
-    return list(FILES)
+    """Names of all benchmarks."""
+    return list(NAMES)
 
 
 def load(name: str) -> Benchmark:
-    """The benchmark of that name; an unknown one is an InputError with the nearest."""
-    found: Benchmark = registry.load("benchmark", __package__, FILES, name)
+    """The benchmark of a name; an InputError for an unknown name suggests the nearest."""
+    found: Benchmark = registry.load("benchmark", __package__, {one: one for one in NAMES}, name)
     return found
 
 
 def judge(benchmark: Benchmark, measured: Comparison) -> dict[str, Any]:
-    """The one object that `--json` prints; a bar whose peer is absent is left out and said."""
+    """The object that `--json` prints; a bound whose peer is not installed is left out and listed."""
     bars = {name: bar for name, bar in benchmark.bars.items() if name in measured.ratios}
     return {
         "id": benchmark.name,
@@ -101,13 +101,13 @@ def judge(benchmark: Benchmark, measured: Comparison) -> dict[str, Any]:
 
 
 def lines(result: Mapping[str, Any]) -> list[str]:
-    """The same for people."""
+    """The result as text."""
     shown = [f"{result['id']}  {result['title']}"]
     shown += [f"  {name:<32} {value:10.3f}" for name, value in result["figures"].items()]
     for name, ratio in result["ratios"].items():
         bar = result["targets"].get(name)
-        note = "" if bar is None else f"   bar {bar[0]} {bar[1]:g}"
+        note = "" if bar is None else f"   bound {bar[0]} {bar[1]:g}"
         shown.append(f"  {name:<32} {ratio:10.2f} x{note}")
-    shown += [f"  peer not installed here: {name}" for name in result["missing_peers"]]
+    shown += [f"  peer not installed: {name}" for name in result["missing_peers"]]
     shown.append("passed" if result["passed"] else "NOT PASSED")
     return shown

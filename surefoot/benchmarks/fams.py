@@ -1,7 +1,7 @@
 """The fuzzy selection of a motion for 10,000 inputs, against scikit-fuzzy's control system on arrays.
 
-Both hold the same sets and the same 25 rules; scikit-fuzzy's consequents are one narrow triangle for each motion, and
-its mean of maxima names the strongest. Agreement is told on inputs off the borders.
+Both have the same sets and the same 25 rules. The consequents in scikit-fuzzy are one narrow triangle per motion, and
+its mean of maxima gives the strongest. The share of inputs with different results is reported.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ ROUNDS = 3  # scikit-fuzzy takes seconds
 
 
 def peer(config: FamsConfig) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """The same selection made of scikit-fuzzy's parts."""
+    """The same selection, built with scikit-fuzzy."""
     skfuzzy: Any = importlib.import_module("skfuzzy")
     control: Any = importlib.import_module("skfuzzy.control")
 
@@ -63,17 +63,17 @@ def peer(config: FamsConfig) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
 
 
 def run() -> Comparison:
-    """One draw of 10,000 inputs."""
+    """10,000 random inputs."""
     config = FamsConfig()
     rng = np.random.default_rng(15)
     width, gap = rng.uniform(0.0, 1.6, INPUTS), rng.uniform(0.0, 1.2, INPUTS)
-    contestants: dict[str, Callable[[], object]] = {"ours_ms": partial(select, width, gap, config)}
+    candidates: dict[str, Callable[[], object]] = {"ours_ms": partial(select, width, gap, config)}
     try:
         theirs = peer(config)
     except ImportError:
-        return Comparison(race(contestants, ROUNDS), {}, {}, ["scikit-fuzzy"])
-    contestants["skfuzzy_ms"] = partial(theirs, width, gap)
-    times = race(contestants, ROUNDS)
+        return Comparison(race(candidates, ROUNDS), {}, {}, ["scikit-fuzzy"])
+    candidates["skfuzzy_ms"] = partial(theirs, width, gap)
+    times = race(candidates, ROUNDS)
     differ = float(np.mean(select(width, gap, config) != theirs(width, gap)))
     return Comparison(
         times,

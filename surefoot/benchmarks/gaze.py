@@ -1,7 +1,7 @@
-"""The gaze map with the true field of view, against NumPy broadcasting over all directions and places.
+"""Gaze map with the true field of view, against NumPy broadcasting over all directions and points.
 
-61 x 31 directions, 300 places of stale ground. NumPy is given its rotation of every direction ready-made and
-tests all places against the four sides of the view at once, as one writes it first; both count the same.
+61 x 31 directions, 300 points on the ground. NumPy gets the rotation of every direction precomputed and tests all
+points against the four sides of the view at once; both give the same result.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ def in_numpy(
     across: float,
     down: float,
 ) -> np.ndarray:
-    """Weight in view of every direction; rotations (p, t, 3, 3), tangents of half the view."""
-    right, below, ahead = np.moveaxis(np.einsum("nk,ptkj->ptnj", places, rotations), -1, 0)
-    inside = (np.abs(right) <= across * ahead) & (np.abs(below) <= down * ahead)
+    """Weight in view for every direction; rotations (p, t, 3, 3), tangents of half the field of view."""
+    right, down_, forward = np.moveaxis(np.einsum("nk,ptkj->ptnj", places, rotations), -1, 0)
+    inside = (np.abs(right) <= across * forward) & (np.abs(down_) <= down * forward)
     return np.asarray((inside * weights).sum(axis=-1))
 
 
 def run() -> Comparison:
-    """Three grounds; the ratio is the geometric mean."""
+    """Three random sets of points; the ratio is the geometric mean."""
     config = GazeMapConfig(head=HeadLimits(60.0, (0.0, 60.0)), step_deg=2.0)
     pans, tilts = config.pans, config.tilts
     rotations = np.array([[head_rotation(float(p), float(t)) for t in tilts] for p in pans])
@@ -69,7 +69,7 @@ def run() -> Comparison:
 
 BENCHMARK = Benchmark(
     "gaze",
-    "Gaze map of 61 x 31 directions, true field of view, 300 places",
+    "Gaze map of 61 x 31 directions, true field of view, 300 points",
     run,
     {"ratio_numpy": 10.0},
 )

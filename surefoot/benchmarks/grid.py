@@ -1,8 +1,8 @@
 """Update of the terrain map from one depth image, against octomap's insertion of the same points.
 
-Octomap is three-dimensional and frees space along rays; ours is 2.5-dimensional: probability, stamp, mean
-height and its variance on the floor plane, free where floor was seen. Both get the same points and are
-asked the same: which columns hold an obstacle. `discretize=True` is octomap's fast way for dense points.
+Octomap is three-dimensional and clears space along rays; ours is 2.5-dimensional: probability, stamp, mean
+height and its variance on the floor plane, free where the floor was seen. Both get the same points and are compared
+by the same question: which columns contain an obstacle. `discretize=True` is octomap's fast mode for dense points.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .benchmark import Benchmark, Comparison, race
 GRIDS = ((0.05, 3.55), (0.02, 3.50))  # cell, side, m
 SIZES = ((176, 144), (640, 480))  # 25k and 307k pixels
 HEIGHT_M, TILT_RAD = 0.4, math.radians(32.0)
-CEILING_M = 0.56  # seed 003: the robot's height and 0.1 m
-OBSTACLE_M = 0.03  # points above this are an obstacle's
+CEILING_M = 0.56  # seed 003: height of the robot plus 0.1 m
+OBSTACLE_M = 0.03  # points above this belong to an obstacle
 
 
-class Sight(NamedTuple):
-    """What one frame hands to the map: points, flags and sigmas as the pipeline has them."""
+class MapInput(NamedTuple):
+    """Input of the map for one frame: points, flags and standard deviations."""
 
     xyz: np.ndarray
     is_obstacle: np.ndarray
@@ -39,13 +39,13 @@ class Sight(NamedTuple):
     sigma_m: np.ndarray
 
 
-def sight(width: int, height: int, rng: np.random.Generator) -> Sight:
-    """A floor with five boxes and a wall, seen from a small robot's head, with depth noise."""
+def map_input(width: int, height: int, rng: np.random.Generator) -> MapInput:
+    """A floor with five boxes and a wall, seen from the head of a small robot, with depth noise."""
     camera = Camera.from_view(width, height, math.radians(60.0), math.radians(47.0))
     rays = camera.rays @ head_rotation(0.0, TILT_RAD).T
     with np.errstate(divide="ignore"):
         z = np.where(rays[..., 2] < -1e-3, -HEIGHT_M / rays[..., 2], np.inf)
-        z = np.minimum(z, 2.4 / rays[..., 0])  # a wall 2.4 m ahead
+        z = np.minimum(z, 2.4 / rays[..., 0])  # a wall at 2.4 m
     for _ in range(5):
         u, v = rng.integers(0, width * 5 // 6), rng.integers(height // 5, height * 3 // 5)
         box = np.s_[v : v + height // 5, u : u + width // 6]
@@ -58,11 +58,11 @@ def sight(width: int, height: int, rng: np.random.Generator) -> Sight:
     xyz = np.ascontiguousarray(xyz[used])
     drop = np.abs(xyz[:, 2] - HEIGHT_M) / noisy.ravel()[used]
     flags = xyz[:, 2] > OBSTACLE_M
-    return Sight(xyz, flags, np.zeros(len(xyz), np.bool_), sigma.ravel()[used] * drop)
+    return MapInput(xyz, flags, np.zeros(len(xyz), np.bool_), sigma.ravel()[used] * drop)
 
 
-def updater(grid: EgocentricGrid, seen: Sight) -> partial[None]:
-    """The grid's update as the pipeline calls it."""
+def updater(grid: EgocentricGrid, seen: MapInput) -> partial[None]:
+    """Update of the grid, as the pipeline calls it."""
     return partial(
         grid.update,
         seen.xyz,
@@ -78,7 +78,7 @@ def updater(grid: EgocentricGrid, seen: Sight) -> partial[None]:
 
 
 def run() -> Comparison:
-    """Two sizes of image on two sizes of cell; the ratio is the geometric mean of the four."""
+    """Two image sizes and two cell sizes; the ratio is the geometric mean of the four."""
     octomap: Any = None
     with suppress(ImportError):
         octomap = importlib.import_module("octomap")
@@ -87,17 +87,17 @@ def run() -> Comparison:
     accuracy: dict[str, float] = {}
     for cell_m, side_m in GRIDS:
         for width, height in SIZES:
-            seen = sight(width, height, np.random.default_rng(0))
+            seen = map_input(width, height, np.random.default_rng(0))
             grid = EgocentricGrid(GridConfig(side_m=side_m, cell_m=cell_m), np.zeros(2))
-            contestants: dict[str, Any] = {"ours": updater(grid, seen)}
+            candidates: dict[str, Any] = {"ours": updater(grid, seen)}
             if octomap is not None:
                 tree = octomap.OcTree(cell_m)
                 camera = np.array([0.0, 0.0, HEIGHT_M])
-                contestants["octomap"] = partial(
+                candidates["octomap"] = partial(
                     tree.insertPointCloud, seen.xyz, camera, discretize=True
                 )
             name = f"{width}x{height}_{round(1e3 * cell_m)}mm"
-            taken = race(contestants, rounds=11)
+            taken = race(candidates, rounds=11)
             times.update({f"{who}_{name}_ms": value for who, value in taken.items()})
             if octomap is None:
                 continue
@@ -110,14 +110,12 @@ def run() -> Comparison:
     return Comparison(times, mean, accuracy, [] if ratios else ["octomap-python"])
 
 
-def _right(grid: EgocentricGrid, tree: Any, seen: Sight) -> tuple[float, float]:
-    """Share of the seen columns that each tells rightly to hold an obstacle, or none."""
+def _right(grid: EgocentricGrid, tree: Any, seen: MapInput) -> tuple[float, float]:
+    """Share of the observed columns that each map classifies correctly."""
     n = grid.config.cells
     cells = grid.cell_of(seen.xyz[:, :2])
     inside = ((cells >= 0) & (cells < n)).all(axis=1)
-    rising = seen.is_obstacle & (
-        seen.xyz[:, 2] > 2 * grid.cell_m
-    )  # clear of the floor's own voxels
+    rising = seen.is_obstacle & (seen.xyz[:, 2] > 2 * grid.cell_m)  # above the voxels of the floor
     tally = np.zeros((2, n, n), int)
     np.add.at(tally, (rising[inside].astype(int), *cells[inside].T), 1)
     judged = np.argwhere(tally.sum(axis=0) >= 5)
@@ -135,7 +133,7 @@ def _right(grid: EgocentricGrid, tree: Any, seen: Sight) -> tuple[float, float]:
 def _occupied(tree: Any, node: Any) -> bool:
     try:
         return bool(tree.isNodeOccupied(node))
-    except Exception:  # the binding's own error for a voxel that is not there
+    except Exception:  # the binding's exception for an absent voxel
         return False
 
 

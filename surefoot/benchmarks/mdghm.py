@@ -19,7 +19,7 @@ RIGHT_PX = 2.0
 
 
 def picture(width: int, height: int, rng: np.random.Generator) -> UInt8[np.ndarray, "h w"]:
-    """Things of all sizes before a textured wall, with the noise of a camera."""
+    """Objects of all sizes in front of a textured wall, with camera noise."""
     grey = np.full((height, width), 110.0)
     for octave in range(1, 6):
         grain = rng.normal(0.0, 10.0, (height // 2**octave + 2, width // 2**octave + 2))

@@ -1,8 +1,7 @@
-"""The monocular cycle against a chain of plain OpenCV calls, on the same pair of 720x720 pictures.
+"""The monocular cycle against a chain of OpenCV calls, on the same pair of 720x720 images.
 
-Both have the same colour range, thresholds and corners' settings; both paint the floor over before they
-follow corners. The peer does everything at full resolution, by one library call after the other. Learning the
-colours belongs to neither.
+Both use the same colour range, thresholds and corner settings, and both mask the floor before they track corners.
+The peer works at full resolution with one library call after the other. Neither time includes learning the colours.
 """
 
 from __future__ import annotations
@@ -27,20 +26,16 @@ from .benchmark import Benchmark, Comparison, race
 
 CONFIG = MonocularConfig()
 Found = tuple[np.ndarray, float]
-"""A pixel (u, v) where an obstacle touches the floor, and its least speed on the floor, m/s."""
+"""Pixel (u, v) where an obstacle touches the floor, and its smallest speed on the floor, m/s."""
 
-ROBOTS = (
-    (0.9, -0.25, 0.0),
-    (1.2, 0.2, 0.06),
-    (1.6, -0.1, -0.06),
-)  # ahead, left, m; speed left, m/s
+ROBOTS = ((0.9, -0.25, 0.0), (1.2, 0.2, 0.06), (1.6, -0.1, -0.06))  # x, y, m; speed along y, m/s
 SIDE_M, HEIGHT_M, STEP_M, STEP_S = 0.09, 0.08, 0.0123, 0.2
-NEAR_M = 0.08  # ours: half a front and what a pixel may err; boxes stand 0.5 m apart
-ALLOWED_MPS = 0.03  # ours: half the speed of a robot; more would turn standing and moving around
+NEAR_M = 0.08  # ours: half a front face plus the pixel error; boxes are 0.5 m apart
+ALLOWED_MPS = 0.03  # ours: half the speed of a robot, which separates static from moving
 
 
 def scene(rng: np.random.Generator) -> tuple[Picture, Picture]:
-    """Two pictures of a mottled floor before a wall with three textured boxes on it, two of which move."""
+    """Two images of a textured floor and wall with three textured boxes, two of which move."""
     camera = Camera.from_view(720, 720, math.pi / 2, math.pi / 2)
     grain = cv2.resize(rng.normal(0.0, 1.0, (500, 500)).astype(np.float32), (2000, 2000))
     fronts = rng.integers(0, 255, (len(ROBOTS), 12, 12)).astype(np.uint8)
@@ -85,7 +80,7 @@ def _drawn(
 def ours(
     previous: Picture, current: Picture, colours: ColourRange, core: ColourRange
 ) -> list[Found]:
-    """Every obstacle that has a flow, left to right; its pixel is the middle one of its edge."""
+    """Every obstacle with flow, left to right; its pixel is the middle of its edge."""
     ground = ground_image(current, colours, CONFIG.ground, core)
     edges = find_edges(ground)
     before = ground_image(previous, colours, CONFIG.ground, core)
@@ -101,7 +96,7 @@ def ours(
 
 
 def plain(previous: Picture, current: Picture, colours: ColourRange) -> list[Found]:
-    """The same by plain OpenCV and NumPy, one call after the other; the pixel lies below the corner."""
+    """The same with OpenCV and NumPy, one call after the other; the pixel is below the corner."""
     ground, before = _plain_ground(current, colours), _plain_ground(previous, colours)
     edges = np.zeros_like(ground)
     edges[:-1] = np.where((ground[:-1] == 0) & (ground[1:] > 0), 255, 0)
@@ -125,18 +120,18 @@ def plain(previous: Picture, current: Picture, colours: ColourRange) -> list[Fou
     )
     good = (found[:, 0] > 0) & (returned[:, 0] > 0)
     good &= np.linalg.norm((back - begin)[:, 0], axis=1) <= flow.agree_px
-    was = floor_points(begin[good, 0].astype(float), previous.camera, previous.T_world_camera)
-    now = floor_points(end[good, 0].astype(float), current.camera, current.T_world_camera)
-    speed = np.hypot(*(now - was).T) / (current.stamp_s - previous.stamp_s)
-    least: dict[int, Found] = {}
+    before_m = floor_points(begin[good, 0].astype(float), previous.camera, previous.T_world_camera)
+    after_m = floor_points(end[good, 0].astype(float), current.camera, current.T_world_camera)
+    speed = np.hypot(*(after_m - before_m).T) / (current.stamp_s - previous.stamp_s)
+    slowest: dict[int, Found] = {}
     for (u, v), value in zip(np.rint(end[good, 0]).astype(int), speed, strict=True):
         rows = np.flatnonzero(edges[max(v - 1, 0) : v + flow.band_px + 1, u])
         if len(rows) and np.isfinite(value):
             foot = np.array([u, max(v - 1, 0) + rows[0]])
             group = int(groups[foot[1], foot[0]])
-            if group not in least or value < least[group][1]:
-                least[group] = (foot, float(value))
-    return sorted(least.values(), key=lambda found: int(found[0][0]))
+            if group not in slowest or value < slowest[group][1]:
+                slowest[group] = (foot, float(value))
+    return sorted(slowest.values(), key=lambda found: int(found[0][0]))
 
 
 def _plain_ground(picture: Picture, colours: ColourRange) -> np.ndarray:
@@ -157,9 +152,9 @@ def _plain_ground(picture: Picture, colours: ColourRange) -> np.ndarray:
 
 
 def run() -> Comparison:
-    """One pair; accuracy: the least speeds of both, box by box, against the boxes' own.
+    """One pair; accuracy is the error of the smallest speed of each box.
 
-    Accuracy passes or fails beside the time: what is allowed over the worst error of ours.
+    Accuracy has a bound, too: the allowed error divided by the largest error of ours.
     """
     previous, current = scene(np.random.default_rng(5))
     memory = FloorColours(CONFIG.adaptation)
@@ -196,9 +191,9 @@ def run() -> Comparison:
 
 
 def speed_errors(found: list[Found], current: Picture) -> dict[float, float]:
-    """Error of the least speed of every box, m/s, by where it began; infinite for a box that was not found.
+    """Error of the smallest speed of every box, m/s, by its initial y; infinite for a box that was not found.
 
-    An obstacle is the box before whose front it touches the floor; of several, the nearest.
+    An obstacle belongs to the box whose front is near its contact with the floor; of several, the nearest counts.
     """
     errors = {}
     for ahead, left, speed in ROBOTS:
@@ -215,7 +210,7 @@ def speed_errors(found: list[Found], current: Picture) -> dict[float, float]:
 
 BENCHMARK = Benchmark(
     "monocular",
-    "Ground, edges, corners, flow and least flow at 720x720, against plain OpenCV",
+    "Ground, edges, corners, flow and smallest flow at 720x720, against OpenCV",
     run,
     {"ratio_opencv": 2.5, "ratio_allowed_error": 1.0},
 )

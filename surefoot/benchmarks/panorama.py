@@ -1,6 +1,6 @@
-"""Parts of the panorama against OpenCV: labelling level sets, finding views in it; drawing views for a figure.
+"""Steps of the panorama against OpenCV: labelling level sets, locating views; and the time to render views.
 
-Labels come with box and size of every part on both sides, as obstacles are made of these.
+Both labellings include bounding box and size of every part, which the obstacles need.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ PX_PER_DEG = 4.0
 DIRECTIONS_DEG = [(yaw, 0) for yaw in (-60, -30, 0, 30, 60)] + [
     (yaw, pitch) for pitch in (-17, 17) for yaw in (-30, 30)
 ]
-REACH_PX = (3, 3)  # 0.75 deg: three deviations of what registration leaves
+REACH_PX = (3, 3)  # 0.75 deg: three standard deviations of the registration error
 
 
 def room(sphere: Sphere, rng: np.random.Generator) -> Float32[np.ndarray, "h w"]:
-    """Range of a room with boxes, with noise, from 0.5 m above its floor."""
+    """Range image of a room with boxes, with noise, from 0.5 m above its floor."""
     rays = sphere.rays
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.where(rays[..., 2] < 0.0, -0.5 / rays[..., 2], 9.0)
@@ -64,7 +64,7 @@ def run() -> Comparison:
 
     ours, theirs = len(level_sets.label(slices)), per_level()
     times = race({"ccl": lambda: level_sets.label(slices), "ccl_cv2": per_level}, rounds=9)
-    matching, errors = _finding(range_m, rng)
+    matching, errors = _locating(range_m, rng)
     times.update(matching)
     times.update(race({"warps": _warps(rng)}, rounds=5))
     return Comparison(
@@ -77,10 +77,10 @@ def run() -> Comparison:
     )
 
 
-def _finding(
+def _locating(
     range_m: Float32[np.ndarray, "h w"], rng: np.random.Generator
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Nine cuts with fresh noise, up to 2 px from where they are expected."""
+    """Nine image patches with new noise, up to 2 px from their expected position."""
     cuts = []
     for yaw, pitch in DIRECTIONS_DEG:
         x = round((yaw + 82 - 22) * PX_PER_DEG) + int(rng.integers(-2, 3))
@@ -117,7 +117,7 @@ def _finding(
 
 
 def _warps(rng: np.random.Generator) -> Callable[[], object]:
-    """Drawing nine views of flat walls onto the sphere, for a figure."""
+    """Render nine views of flat walls onto the sphere."""
     camera = Camera.from_view(176, 144, math.radians(44.0), math.radians(35.0))
     views, placed = [], []
     for yaw, pitch in DIRECTIONS_DEG:
@@ -132,7 +132,7 @@ def _warps(rng: np.random.Generator) -> Callable[[], object]:
 
 BENCHMARK = Benchmark(
     "panorama",
-    "Labelling 50 level sets, finding nine views, against OpenCV",
+    "Labelling 50 level sets, locating nine views, against OpenCV",
     run,
     {"ratio_ccl": 25.0, "ratio_fncc": 4.0},
 )

@@ -25,18 +25,18 @@ from .benchmark import Benchmark, Comparison, race
 
 HEIGHT_M, TILT_RAD = 1.2, math.radians(25.0)
 SIZES = ((320, 240), (640, 480))
-BAND_M, TRIES = 0.01, 1000  # of both peers
+BAND_M, TRIES = 0.01, 1000  # inlier distance and iterations of both peers
 SCENES = 10  # for the errors
 
 
 def scene(width: int, height: int, rng: np.random.Generator) -> tuple[Points, Plane]:
-    """A floor seen from 1.2 m, boxes and a wall on about 45 % of the image, Kinect noise."""
+    """A floor seen from 1.2 m, with boxes and a wall on about 45 % of the image, and Kinect noise."""
     camera = Camera.from_view(width, height, math.radians(60.0), math.radians(47.0))
     pose = Pose3.from_rotation(head_rotation(0.0, TILT_RAD), np.array([0.0, 0.0, HEIGHT_M]))
     rays = camera.rays @ pose.rotation.T
     with np.errstate(divide="ignore"):
         z = np.where(rays[..., 2] < -1e-3, -HEIGHT_M / rays[..., 2], np.inf)
-        z = np.minimum(z, 3.0 / rays[..., 0])  # a wall 3 m ahead
+        z = np.minimum(z, 3.0 / rays[..., 0])  # a wall at 3 m
     for _ in range(5):
         u, v = rng.integers(0, width), rng.integers(height // 3, height)
         w, h = width // 6, height // 5
@@ -58,13 +58,13 @@ def run() -> Comparison:
     accuracy: dict[str, float] = {}
     for width, height in SIZES:
         cloud, _ = scene(width, height, rng)
-        contestants: dict[str, Callable[[], object]] = {
+        candidates: dict[str, Callable[[], object]] = {
             "ours": partial(choose.find, cloud, handheld_prior(None), rng),
             "open3d": partial(_open3d, _open3d_cloud(cloud)),
         }
         if has_peer:
-            contestants["pyransac3d"] = partial(_pyransac3d, cloud.xyz)
-        taken = race(contestants, rounds=7)
+            candidates["pyransac3d"] = partial(_pyransac3d, cloud.xyz)
+        taken = race(candidates, rounds=7)
         times |= {f"{name}_{width}x{height}_ms": value for name, value in taken.items()}
         for name, value in taken.items():
             if name != "ours":
@@ -79,12 +79,12 @@ def run() -> Comparison:
 
 
 def _errors(width: int, height: int, rng: np.random.Generator, has_peer: bool) -> dict[str, float]:
-    """Median errors of each contestant at one size, and how far ours stays below Open3D's."""
+    """Median errors of each candidate at one size, and the ratio of ours to that of Open3D."""
     pairs: dict[str, list[tuple[float, float]]] = {}
     for _ in range(SCENES):
         cloud, true = scene(width, height, rng)
         found = choose.find(cloud, handheld_prior(None), rng)
-        assert found is not None, "the scene always shows its floor"
+        assert found is not None, "every scene has a visible floor"
         planes = {"ours": found.plane, "open3d": _open3d(_open3d_cloud(cloud))}
         if has_peer:
             planes["pyransac3d"] = _pyransac3d(cloud.xyz)

@@ -1,8 +1,7 @@
-"""A recording of depth and colour at 640x480: odometry and surface map against Open3D's, and the whole chain.
+"""A recording of depth and colour at 640x480: odometry and surface map against Open3D, and the complete chain.
 
-The images are five of Redwood's living room where it is at hand, else a made-up room: two walls, a floor and
-a box, seen by a camera that sways. Both sides do what a frame costs them: ours makes its pyramid, aligns
-and, where the reference changes, packs; Open3D's gets its images converted beforehand.
+The images are five of Redwood's living room if available, else a synthetic room: two walls and a floor, seen by a
+moving camera. The time of ours includes the image pyramid; the images of Open3D are converted beforehand.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ def images() -> list[Image]:
     try:
         recording = open_recording(real_data.folder("redwood_livingroom"))
     except InputError:
-        return made_up()
+        return synthetic()
     found = []
     for frame in recording.frames():
         assert frame.depth is not None
@@ -50,7 +49,7 @@ def images() -> list[Image]:
     return found
 
 
-def made_up() -> list[Image]:
+def synthetic() -> list[Image]:
     """Five views of a corner with a floor, from exact planes with noise."""
     camera = Camera(640, 480, 525.0, 525.0, 319.5, 239.5)
     rng = np.random.default_rng(0)
@@ -58,12 +57,14 @@ def made_up() -> list[Image]:
     found = []
     for number in range(5):
         pose = Pose3((0.02 * number, 0.0, 0.01 * number), (0.0, 0.0, 0.0, 1.0))
-        ahead = camera.rays @ planes[:, :3].T
-        gone = planes[:, 3] - planes[:, :3] @ pose.position
+        approach = camera.rays @ planes[:, :3].T
+        distance = planes[:, 3] - planes[:, :3] @ pose.position
         with np.errstate(divide="ignore"):
-            z = np.where(ahead > 1e-6, gone / ahead, np.inf).min(axis=-1)
-        spots = pose.apply(camera.rays * z[..., None])
-        light = 128 + 60 * np.sin(7 * spots[..., 0]) * np.sin(9 * spots[..., 1] + 5 * spots[..., 2])
+            z = np.where(approach > 1e-6, distance / approach, np.inf).min(axis=-1)
+        points_world = pose.apply(camera.rays * z[..., None])
+        light = 128 + 60 * np.sin(7 * points_world[..., 0]) * np.sin(
+            9 * points_world[..., 1] + 5 * points_world[..., 2]
+        )
         rgb = np.repeat(light[..., None], 3, axis=2).astype(np.uint8)
         noisy = (z + rng.normal(0.0, 0.002, z.shape) * z**2).astype(np.float32)
         found.append((structured_light.depth(DepthView(noisy, camera)), rgb, pose))
@@ -71,7 +72,7 @@ def made_up() -> list[Image]:
 
 
 def run() -> Comparison:
-    """Odometry, surface map, and everything for one frame."""
+    """Odometry, surface map, and the complete chain."""
     given = images()
     odometry, drift = _race_odometry(given)
     surface = _race_tsdf(given)
@@ -139,14 +140,14 @@ def _race_odometry(given: list[Image]) -> tuple[dict[str, float], dict[str, floa
 
 
 def swing(count: int) -> list[int]:
-    """There and back again without standing still: 0 1 2 1 for three."""
+    """Indices forth and back without repetition: 0 1 2 1 for three."""
     return [*range(count), *range(count - 2, 0, -1)]
 
 
 def _race_tsdf(given: list[Image]) -> dict[str, float]:
     config = TsdfConfig(voxel_m=0.02)
     ours, peer = Tsdf(config), Open3dMap(config)
-    contestants = {}
+    candidates = {}
     for name, surface in (("tsdf_ours_ms", ours), ("tsdf_open3d_ms", peer)):
         turn = cycle(given)
 
@@ -154,12 +155,12 @@ def _race_tsdf(given: list[Image]) -> dict[str, float]:
             depth, rgb, pose = next(turn)
             surface.integrate(depth, pose, rgb)
 
-        contestants[name] = partial(fuse, surface, turn)
-    return race(contestants, 20)
+        candidates[name] = partial(fuse, surface, turn)
+    return race(candidates, 20)
 
 
 def _chain(given: list[Image]) -> float:
-    """Frames a second of everything a frame needs: floor, odometry, surface; wall time, best of three."""
+    """Frames per second of floor, odometry and surface together; processor time, best of three."""
     odometry, surface = Odometry(), Tsdf()
     rng = np.random.default_rng(0)
     turn = cycle(swing(len(given)))
@@ -185,7 +186,7 @@ def _chain(given: list[Image]) -> float:
 
 BENCHMARK = Benchmark(
     "process",
-    "A depth recording at 640x480: odometry, surface map, the whole chain",
+    "A depth recording at 640x480: odometry, surface map, complete chain",
     run,
     {"frames_per_second": 30.0, "ratio_odometry_open3d": 3.0, "ratio_tsdf_open3d": 2.0},
 )

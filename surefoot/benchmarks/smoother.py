@@ -1,9 +1,8 @@
-"""Smoothing as the walk goes on, against GTSAM's batch optimiser on the same graph.
+"""Incremental smoothing during a walk, against GTSAM's batch optimiser on the same graph.
 
-A walk of 1000 poses, ten a second, among known and unknown landmarks. Ours takes in one instant after the other, from
-our factors to the newest pose; the peer solves the whole graph by Levenberg-Marquardt, as one would have to
-do at every instant without iSAM2. It starts where dead reckoning leads, and what it costs to build is not
-counted.
+A walk of 1000 poses at 10 Hz among known and unknown landmarks. The time of ours is that of one update, from new
+factors to the newest pose; the peer solves the whole graph by Levenberg-Marquardt, which every update would need
+without iSAM2. It starts at dead reckoning; the time to build its graph does not count.
 """
 
 from __future__ import annotations
@@ -26,22 +25,22 @@ POSES = 1000
 RATE_HZ = 10.0
 LOOK_EVERY = 10  # poses
 REACH_M = 3.0
-STEP = np.array([0.02, 0.002, math.radians(0.5)])  # deviations of odometry: m, m, rad
-SIGHT = np.array([0.03, math.radians(1.0)])  # of range and bearing
+STEP = np.array([0.02, 0.002, math.radians(0.5)])  # standard deviations of odometry: m, m, rad
+SIGHT = np.array([0.03, math.radians(1.0)])  # standard deviations of range and bearing
 START = Gaussian(np.zeros(3), np.diag([0.01, 0.01, 0.01]) ** 2)
-LAST = 100  # updates that are judged, with a batch before every tenth
-RELINEARISE = 0.01  # m and rad: a third of the deviations of a sighting
+LAST = 100  # timed updates, with a batch before every tenth
+RELINEARISE = 0.01  # m and rad: a third of the standard deviations of a landmark measurement
 
 
 def walk(rng: np.random.Generator) -> list[tuple[float, list[Factor]]]:
-    """Rounds through a room of 8 m: (stamp, factors) of each instant; every second landmark is unknown."""
+    """Circles in a room of 8 m: (stamp, factors) of each instant; every second landmark is unknown."""
     true = Pose2()
     marks = np.stack([4.0 * np.cos(np.arange(12)), 4.0 * np.sin(np.arange(12)) + 2.0], axis=-1)
     frames: list[tuple[float, list[Factor]]] = [(0.0, [])]
     for k in range(1, POSES):
-        told = Pose2(0.1, 0.0, 0.05)
-        factors: list[Factor] = [Motion(k - 1, k, told, np.diag(STEP**2))]
-        true = true @ Pose2(*(float(v) for v in told.vector + STEP * rng.standard_normal(3)))
+        step = Pose2(0.1, 0.0, 0.05)
+        factors: list[Factor] = [Motion(k - 1, k, step, np.diag(STEP**2))]
+        true = true @ Pose2(*(float(v) for v in step.vector + STEP * rng.standard_normal(3)))
         if k % LOOK_EVERY == 0:
             seen = []
             for i, (x, y) in enumerate(true.inverse().apply(marks)):
@@ -56,7 +55,7 @@ def walk(rng: np.random.Generator) -> list[tuple[float, list[Factor]]]:
 
 
 def run() -> Comparison:
-    """Median of the last 100 updates against the median of ten batches between them."""
+    """Median time of the last 100 updates, and of ten batch solutions between them."""
     frames = walk(np.random.default_rng(0))
     endless = FixedLagSmoother(START, (), SmootherConfig(lag_s=math.inf, relinearise=RELINEARISE))
     for stamp, factors in frames[:-LAST]:
@@ -75,14 +74,14 @@ def run() -> Comparison:
         updates.append((time.process_time_ns() - begun) / 1e6)
     assert isinstance(newest, Pose2)
     ours, batch = float(np.median(updates)), float(np.median(batches))
-    bounded, sure = fixed_lag(frames)
+    bounded, with_covariance = fixed_lag(frames)
     return Comparison(
         {
             "update_ms": ours,
             "update_worst_ms": float(np.max(updates)),
             "batch_ms": batch,
             "fixed_lag_10s_at_10hz_ms": bounded,
-            "fixed_lag_with_covariance_ms": sure,
+            "fixed_lag_with_covariance_ms": with_covariance,
         },
         {"ratio_batch": batch / ours},
         {
@@ -93,9 +92,9 @@ def run() -> Comparison:
 
 
 def fixed_lag(frames: Sequence[tuple[float, list[Factor]]]) -> tuple[float, float]:
-    """Median times of an update with 10 s of lag, ms: without and with the newest pose's covariance."""
+    """Median times of an update with a lag of 10 s, ms: without and with the covariance of the newest pose."""
     smoother = FixedLagSmoother(START, (), SmootherConfig(lag_s=10.0, relinearise=RELINEARISE))
-    plain, sure = [], []
+    mean_only, with_covariance = [], []
     for number, (stamp, factors) in enumerate(frames):
         begun = time.process_time_ns()
         smoother.update(stamp, factors)
@@ -103,20 +102,20 @@ def fixed_lag(frames: Sequence[tuple[float, list[Factor]]]) -> tuple[float, floa
         middle = time.process_time_ns()
         smoother.pose(number)
         if number >= POSES // 2:
-            plain.append((middle - begun) / 1e6)
-            sure.append((time.process_time_ns() - begun) / 1e6)
-    return float(np.median(plain)), float(np.median(sure))
+            mean_only.append((middle - begun) / 1e6)
+            with_covariance.append((time.process_time_ns() - begun) / 1e6)
+    return float(np.median(mean_only)), float(np.median(with_covariance))
 
 
 class Batch:
-    """The whole graph in GTSAM's hands, from dead reckoning."""
+    """The whole graph in GTSAM, initialised by dead reckoning."""
 
     def __init__(self, frames: Sequence[tuple[float, list[Factor]]]) -> None:
         from perception.smoothing import graph
         from perception.smoothing.factors import PoseSeen
 
         factors: list[Factor] = [PoseSeen(0, START)]
-        factors += [factor for _, told in frames for factor in told]
+        factors += [factor for _, added in frames for factor in added]
         built = graph.Graph()
         for number, guess in graph.first_guesses(factors, {}).items():
             built.add_pose(number, guess)
@@ -127,7 +126,7 @@ class Batch:
         self._newest = graph.pose_key(POSES - 1)
 
     def solve(self) -> None:
-        """By Levenberg-Marquardt, GTSAM's own parameters."""
+        """Solve by Levenberg-Marquardt with the default parameters of GTSAM."""
         import gtsam
 
         self._solved = gtsam.LevenbergMarquardtOptimizer(self._factors, self._start).optimize()

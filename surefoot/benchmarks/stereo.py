@@ -1,7 +1,7 @@
-"""Stereo with reliability, against OpenCV's StereoBM, on a drawn pair whose disparity is known.
+"""Stereo with reliability, against OpenCV's StereoBM, on synthetic pairs of known disparity.
 
-Ours includes all that `disparity` gives: sub-pixel disparity, reliability, deviation. StereoBM gives its
-disparity and drops pixels by its own filters; wrong pixels are counted where StereoBM kept as many.
+The time of ours includes sub-pixel disparity, reliability and standard deviation. StereoBM returns disparity and
+discards pixels by its own filters; wrong pixels are counted at the coverage of StereoBM.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ NOISE_GREY = 2.0
 BASELINE_M = 0.1
 
 
-def drawn(
+def synthetic(
     width: int, height: int, steps: int, rng: np.random.Generator
 ) -> tuple[StereoView, Float32[np.ndarray, "h w"]]:
-    """A slanted floor, a wall and boxes before it, textured in many octaves, noise on both images.
+    """A slanted floor, a wall and boxes, with texture of many octaves and noise in both images.
 
     Returns:
         The pair, and the disparity of each left pixel, px.
@@ -45,10 +45,10 @@ def drawn(
         block = np.s_[y : y + h, x : x + w]
         truth[block] = np.maximum(truth[block], np.float32(rng.uniform(0.3, 0.9) * steps))
     right = _texture(width, height, rng)
-    # The left image is drawn from the right one along the disparity, nearer surfaces over farther ones.
+    # The left image is the right one shifted by the disparity; nearer surfaces cover farther ones.
     left = cv2.remap(right, u - truth, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
     hidden = np.zeros(truth.shape, dtype=bool)
-    for d in range(1, steps):  # something nearer lies on the same ray of the right camera
+    for d in range(1, steps):  # a nearer surface is on the same ray of the right camera
         shifted = np.full_like(truth, -1.0)
         shifted[:, : width - d] = truth[:, d:]
         hidden |= np.abs(shifted - truth - d) < 0.5
@@ -73,7 +73,7 @@ def _texture(width: int, height: int, rng: np.random.Generator) -> Float32[np.nd
 
 
 def run() -> Comparison:
-    """Two sizes, four lengths of search; about 20 s. OpenCV runs in one thread, as ours does."""
+    """Two image sizes, four search ranges; about 20 s. OpenCV runs in one thread, as ours."""
     rng = np.random.default_rng(0)
     times: dict[str, float] = {}
     ratios: list[float] = []
@@ -83,7 +83,7 @@ def run() -> Comparison:
     try:
         for width, height in SIZES:
             for steps in SEARCHES:
-                view, truth = drawn(width, height, steps, rng)
+                view, truth = synthetic(width, height, steps, rng)
                 config = replace(stereo.StereoConfig(), most_disparity_px=steps)
                 peer = cv2.StereoBM.create(steps, BM_BLOCK_PX)
                 taken = race(
@@ -114,7 +114,7 @@ def wrong(
     config: stereo.StereoConfig,
     peer: cv2.StereoBM,
 ) -> dict[str, float]:
-    """Share of pixels off by more than a pixel, %, ours and StereoBM's, at StereoBM's coverage."""
+    """Percentage of pixels with an error above one pixel, of both at the coverage of StereoBM."""
     theirs = peer.compute(view.left, view.right).astype(np.float32) / np.float32(16.0)
     kept = theirs >= 0.0
     found = stereo.disparity(view, config)

@@ -1,7 +1,7 @@
-"""The best pixel of a result image of 720 x 720: swarm and exact search against pyswarms.
+"""Best pixel of a result image of 720 x 720 pixels: swarm and exact search, against pyswarms.
 
-All search the same compiled objective. pyswarms gets it as it asks for: a function of a whole generation.
-The swarms have 50 particles and 100 epochs; the exact search is checked against a look at every pixel.
+All minimise the same compiled objective; pyswarms evaluates it for a whole generation at once. The swarms have 50
+particles and 100 epochs; the exact search is checked against brute force.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SWARM = search.SwarmConfig(mode="spread")
 
 
 def run() -> Comparison:
-    """Eight random floors, searched in turn by everybody; gaps are to the exact optimum."""
+    """Eight random floors; gaps are the differences from the exact optimum."""
     peer, missing = _peer()
     floors = [random_floors.make(np.random.default_rng([8, k])) for k in range(PICTURES)]
     objectives = [
@@ -34,15 +34,15 @@ def run() -> Comparison:
         for f in floors
     ]
     rng = np.random.default_rng(0)
-    contestants: dict[str, Callable[[], list[float]]] = {
+    candidates: dict[str, Callable[[], list[float]]] = {
         "swarm_ms": lambda: [search.fly(o, SWARM, rng).value for o in objectives],
         "exact_ms": lambda: [_value(search.exact(o)) for o in objectives],
     }
     if peer is not None:
-        contestants["pyswarms_ms"] = lambda: [_pyswarms(peer, o) for o in objectives]
-    times = {name: spent / PICTURES for name, spent in race(contestants, ROUNDS).items()}
+        candidates["pyswarms_ms"] = lambda: [_pyswarms(peer, o) for o in objectives]
+    times = {name: spent / PICTURES for name, spent in race(candidates, ROUNDS).items()}
     best = np.array([_value(search.brute_force(o)) for o in objectives])
-    gaps = {name: np.array(contestant()) - best for name, contestant in contestants.items()}
+    gaps = {name: np.array(candidate()) - best for name, candidate in candidates.items()}
     accuracy = {}
     for name, gap in gaps.items():
         accuracy[name.replace("_ms", "_gap_m_median")] = float(np.median(gap))
@@ -69,7 +69,7 @@ def _peer() -> tuple[Any, list[str]]:
 
 def _pyswarms(peer: Any, objective: Objective) -> float:
     """The global-best swarm of pyswarms with the same constants."""
-    height, width = objective.blocked.shape
+    height, width = objective.arrays.blocked.shape
     inertia, own, others, _ = search.MODES["constriction"]
     low = np.array([0.0, objective.config.top_share * height])
     optimiser = peer.single.GlobalBestPSO(

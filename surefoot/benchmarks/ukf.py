@@ -1,9 +1,8 @@
-"""Sigma-point filters of many obstacles, against filterpy's, one object each.
+"""Sigma-point filters of many obstacles, against filterpy with one filter per obstacle.
 
-The same filter on both sides: constant velocity, one step of prediction and one measured position each, the same sigma
-points. Ours advances all obstacles in one compiled call; filterpy has its fastest form, plain differences and
-means. The second kind of measurement, range and bearing, is shown beside it; there the bearing is averaged on
-the circle by both.
+Both use the same filter: constant velocity, one prediction and one measured position per step, the same sigma
+points. Ours updates all obstacles in one compiled call; filterpy runs in its fastest form, with plain differences
+and means. Measurements of range and bearing are compared, too; there both average the bearing on the circle.
 """
 
 from __future__ import annotations
@@ -20,11 +19,7 @@ from perception.filtering.square_root import SigmaPoints, step_movers
 
 from .benchmark import Benchmark, Comparison, race
 
-STEPS = {
-    1: 400,
-    16: 60,
-    100: 15,
-}  # of a run, by obstacles, so that the clock has something to measure
+STEPS = {1: 400, 16: 60, 100: 15}  # steps of a run by number of obstacles, long enough to be timed
 DT_S = 0.1
 VIEWPOINT = np.array([-1.0, -2.0, 0.3])
 POINTS = SigmaPoints.scaled(4)
@@ -36,7 +31,7 @@ P0 = np.diag([0.3, 0.3, 0.1, 0.1]) ** 2
 
 
 def seen(kind: str, state: np.ndarray) -> np.ndarray:
-    """What is measured of a state: x and y, or range and bearing from the viewpoint."""
+    """Measurement of a state: x and y, or range and bearing from the viewpoint."""
     if kind == "position":
         return state[:2]
     x, y = state[0] - VIEWPOINT[0], state[1] - VIEWPOINT[1]
@@ -44,7 +39,7 @@ def seen(kind: str, state: np.ndarray) -> np.ndarray:
 
 
 def scene(kind: str, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """First beliefs (count, 4), ahead of the viewpoint, and measurements (steps, count, 2)."""
+    """Initial means (count, 4) in front of the viewpoint, and measurements (steps, count, 2)."""
     true = np.column_stack([rng.uniform(1.0, 4.0, (count, 2)), rng.normal(0.0, 0.1, (count, 2))])
     start = true + rng.normal(size=true.shape) @ np.sqrt(P0)
     rows = []
@@ -66,7 +61,7 @@ def ours(kind: str, start: np.ndarray, measured: np.ndarray) -> tuple[np.ndarray
 
 
 def peers(kind: str, start: np.ndarray) -> list[Any]:
-    """One filterpy filter an obstacle."""
+    """One filterpy filter per obstacle."""
     from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 
     filters = []
@@ -88,7 +83,7 @@ def peers(kind: str, start: np.ndarray) -> list[Any]:
 def theirs(
     kind: str, filters: list[Any], start: np.ndarray, measured: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The same by filterpy."""
+    """Means and covariances of filterpy after all steps."""
     for one, mean in zip(filters, start, strict=True):
         one.x, one.P, one.Q, one.R = mean.copy(), P0.copy(), Q, R[kind]
     for row in measured:
@@ -99,7 +94,7 @@ def theirs(
 
 
 def run() -> Comparison:
-    """1, 16 and 100 obstacles; times are of one step of all."""
+    """1, 16 and 100 obstacles; times are those of one step of all obstacles."""
     rng = np.random.default_rng(0)
     times: dict[str, float] = {}
     ratios: dict[str, float] = {}
@@ -108,15 +103,15 @@ def run() -> Comparison:
         for count, steps in STEPS.items():
             start, measured = scene(kind, count, rng)
             filters = peers(kind, start)
-            contestants: dict[str, Callable[[], tuple[np.ndarray, np.ndarray]]] = {
+            candidates: dict[str, Callable[[], tuple[np.ndarray, np.ndarray]]] = {
                 "ours": partial(ours, kind, start, measured),
                 "filterpy": partial(theirs, kind, filters, start, measured),
             }
-            mine, peer = (contestant() for contestant in contestants.values())
+            mine, peer = (candidate() for candidate in candidates.values())
             worst = max(
                 worst, *(float(np.abs(a - b).max()) for a, b in zip(mine, peer, strict=True))
             )
-            taken = race(contestants, rounds=9)
+            taken = race(candidates, rounds=9)
             name = f"{count}" if kind == "position" else f"polar_{count}"
             ratios[f"ratio_filterpy_{name}"] = taken["filterpy"] / taken["ours"]
             times.update({f"{who}_{name}_ms": value / steps for who, value in taken.items()})

@@ -1,7 +1,7 @@
-"""The univector field of a whole picture, against the same formulas in NumPy.
+"""Univector field on a grid, against the same formulas in NumPy.
 
-A picture of 200 x 200 places with 16 obstacles, eq. (8) to (10) as in the specification: NumPy takes the
-places all at once, one obstacle after the other, with angles. Beside it the field at one pose.
+A grid of 200 x 200 points with 16 obstacles, seed 001, eq. (8) to (10): NumPy evaluates all points at once, one
+obstacle after the other, with angles. The field at a single pose is timed, too.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ SIDE = 200
 OBSTACLES = 16
 EXTENT_M = 6.0
 ROUNDS = 15
-OFTEN = 20  # one pose is too short to be timed alone
+REPEATS = 20  # one pose alone is too fast to be timed
 
 
 def in_numpy(
@@ -31,11 +31,11 @@ def in_numpy(
     radii: np.ndarray,
     config: fields.FieldConfig,
 ) -> np.ndarray:
-    """u_T with angles and whole arrays; what one writes first."""
+    """u_T with angles, on whole arrays."""
     to_goal = goal - places
     rho_rg = np.hypot(to_goal[:, 0], to_goal[:, 1])
     th_rd = np.arctan2(to_goal[:, 1], to_goal[:, 0])
-    phi = np.where(rho_rg > config.d_con_m, th_rd, th_rd + config.k_beta * (goal_heading - th_rd))
+    phi = np.where(rho_rg > config.d_con_m, th_rd, th_rd + -1.0 * (goal_heading - th_rd))
     towards = np.column_stack([np.cos(phi), np.sin(phi)])
     total = np.zeros_like(places)
     for centre, radius in zip(centres, radii, strict=True):
@@ -45,7 +45,7 @@ def in_numpy(
         share = np.where(
             rho < radius + config.d_e_m,
             (rho - radius) / config.d_e_m,
-            2.0 - (radius + config.d_e_m + config.k_r_m) / (rho + config.k_r_m),
+            2.0 - (radius + config.d_e_m + fields.K_R_M) / (rho + fields.K_R_M),
         )
         sign = np.where(p_od[0] * p_or[:, 1] - p_od[1] * p_or[:, 0] < 0.0, 1.0, -1.0)
         inside = rho < radius
@@ -63,7 +63,7 @@ def in_numpy(
 
 
 def run() -> Comparison:
-    """Three worlds; the ratios are geometric means."""
+    """Three random worlds; the ratios are geometric means."""
     config = fields.FieldConfig()
     axis = np.linspace(0.0, EXTENT_M, SIDE)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
@@ -77,18 +77,18 @@ def run() -> Comparison:
         centres, radii = rng.uniform(0.0, EXTENT_M, (OBSTACLES, 2)), rng.uniform(0.2, 0.35, 16)
         rest = goal, heading, centres, radii, config
         pose = places[[20_000]]
-        contestants: dict[str, Callable[[], np.ndarray]] = {
+        candidates: dict[str, Callable[[], np.ndarray]] = {
             "ours_ms": partial(fields.total, places, *rest),
             "numpy_ms": partial(in_numpy, places, *rest),
-            "ours_one_pose_ms": partial(_often, fields.total, pose, rest),
-            "numpy_one_pose_ms": partial(_often, in_numpy, pose, rest),
+            "ours_one_pose_ms": partial(_repeated, fields.total, pose, rest),
+            "numpy_one_pose_ms": partial(_repeated, in_numpy, pose, rest),
         }
-        found = race(contestants, ROUNDS)
+        found = race(candidates, ROUNDS)
         for name, value in found.items():
-            times.setdefault(name, []).append(value / OFTEN if "pose" in name else value)
+            times.setdefault(name, []).append(value / REPEATS if "pose" in name else value)
         ratios.append(found["numpy_ms"] / found["ours_ms"])
         one.append(found["numpy_one_pose_ms"] / found["ours_one_pose_ms"])
-        ours, theirs = contestants["ours_ms"](), contestants["numpy_ms"]()
+        ours, theirs = candidates["ours_ms"](), candidates["numpy_ms"]()
         apart = max(apart, float(np.quantile(np.abs(ours - theirs), 0.9999)))
     return Comparison(
         {name: float(np.median(values)) for name, values in times.items()},
@@ -100,17 +100,17 @@ def run() -> Comparison:
     )
 
 
-def _often(
-    contestant: Callable[..., np.ndarray], place: np.ndarray, rest: tuple[Any, ...]
+def _repeated(
+    candidate: Callable[..., np.ndarray], place: np.ndarray, rest: tuple[Any, ...]
 ) -> np.ndarray:
-    for _ in range(OFTEN):
-        found = contestant(place, *rest)
+    for _ in range(REPEATS):
+        found = candidate(place, *rest)
     return found
 
 
 BENCHMARK = Benchmark(
     "univector",
-    "Univector field of 200 x 200 places among 16 obstacles",
+    "Univector field at 200 x 200 points among 16 obstacles",
     run,
     {"ratio_numpy": 15.0},
 )

@@ -363,8 +363,8 @@ def evaluate(
     as_json: bool,
 ) -> None:
     """Hold RUN against the truth: errors, consistency, map, contacts; writes metrics and report."""
-    from ..evaluation.evaluate import closing_table
     from ..evaluation.evaluate import evaluate as measure
+    from ..evaluation.targets import closing_table
     from ..report.page import write_report
     from ..results.run_folder import RunFolder
 

@@ -97,7 +97,7 @@ def warm(say: Callable[[str], None]) -> None:
         [mover, crossing],
         np.array([2.0, 0.0]),
         None,
-        config.via_field,
+        config.univector,
         config.robot_model,
     )
     say(f"floors and guard: {time.perf_counter() - began:.1f} s")
@@ -142,9 +142,9 @@ def _camera_in_the_hand(rng: np.random.Generator) -> str:
         assert view is not None
         depth = structured_light.depth(view)
         rgb = rng.integers(0, 255, (*depth.z.shape, 3)).astype(np.uint8)
-        odometer.take_images(depth, rgb)
+        odometer.track_images(depth, rgb)
         surface.integrate(depth, Pose3(), rgb)
-    odometer.way()
+    odometer.trajectory()
     traversability(surface.mesh())
     return "odometry and surface"
 

@@ -7,8 +7,8 @@ import math
 from typing import Any
 
 from perception.floor.classify import ClassConfig
-from perception.localisation.filter import LocaliserConfig
 from perception.localisation.landmarks import LandmarkConfig
+from perception.localisation.localiser_noise import LocaliserConfig
 from perception.primitives.robot_model import GaitLimits
 from sim.robot import RobotConfig
 
@@ -19,8 +19,8 @@ from .schema import Config
 WALKED_LOCALISER = LocaliserConfig(
     slip_m=0.0014,
     slip_sigma_m=0.0006,
-    crab_m=-0.0003,
-    crab_sigma_m=0.0006,
+    lateral_slip_m=-0.0003,
+    lateral_slip_sigma_m=0.0006,
     drift_sigma_rad=math.radians(0.25),
     step_x_sigma_m=0.0019,
     step_y_sigma_m=0.0015,
@@ -30,7 +30,7 @@ WALKED_LOCALISER = LocaliserConfig(
     shared_bearing_sigma_rad=math.radians(0.2),
 )
 """What the odometry of the dynamic body needs: its steps come out a millimetre longer, turn and lead to one
-side, left ones otherwise than right ones. Slip, crab and steps are measured on 64 walks of 34 steps; deviations are
+side, left ones otherwise than right ones. Slip, lateral slip and steps are measured on 64 walks of 34 steps; deviations are
 wider, for left and right differ. After a stop the soles settle by .4 deg, yet the standing deviation lets the gyro
 follow a twist of ten degrees a second: taken for standing still, that would be taken for a bias of the gyro, and
 mislead it for minutes."""

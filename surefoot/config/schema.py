@@ -21,9 +21,9 @@ from perception.depth.structured_light import StructuredLightConfig
 from perception.depth.time_of_flight import TofConfig
 from perception.floor.choose import FloorConfig
 from perception.floor.classify import ClassConfig
-from perception.floor.refine import RefineConfig, SharedError
-from perception.localisation.filter import LocaliserConfig
+from perception.floor.refine import RefineConfig
 from perception.localisation.landmarks import LandmarkConfig
+from perception.localisation.localiser_noise import LocaliserConfig
 from perception.localisation.pose_source import PriorConfig
 from perception.localisation.registration import RegistrationConfig
 from perception.monocular.cycle import MonocularConfig
@@ -53,7 +53,7 @@ from .robot_model import model_of
 CALIBRATED_TOF = TofConfig(wiggle_m=0.004, stray_share=0.02)
 """Ours: noise of the simulated robot's ToF camera by calibration; another camera needs its own values."""
 
-CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof=SharedError(0.0002, 0.0003)))
+CALIBRATED_FLOOR = FloorConfig(refine=RefineConfig(tof_scale=0.0002, tof_bend=0.0003))
 """Ours: error common to all points of a ToF view after that calibration, from the NEES of walks."""
 
 
@@ -95,8 +95,7 @@ class Config:
     route: RouteConfig = field(default_factory=RouteConfig)
     gait: GaitLimits = field(default_factory=GaitLimits)
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
-    univector: FieldConfig = BESIDE_GUARD  # of the planner `field`, straight to the goal
-    via_field: FieldConfig = BESIDE_GUARD  # of the planner `search`, to its via points
+    univector: FieldConfig = BESIDE_GUARD
     guard: GuardConfig = field(default_factory=GuardConfig)
     monocular: MonocularConfig = field(default_factory=MonocularConfig)
     swarm: SwarmWalkerConfig = field(default_factory=SwarmWalkerConfig)

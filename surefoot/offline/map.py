@@ -23,7 +23,7 @@ from mapping.surface.tsdf_config import SurfaceMap, TsdfConfig
 from perception.depth import structured_light
 from perception.floor.levelling import UP, rotation_between
 from perception.odometry.odometry import LOST, RESTARTED
-from perception.odometry.pose_uncertainty import Claims
+from perception.odometry.pose_uncertainty import PoseUncertainty
 from perception.odometry.rgbd_odometry import Odometer
 from perception.primitives.errors import RecordingError
 from perception.primitives.frame import Depth, Frame
@@ -81,7 +81,7 @@ class _Way:
     states: tuple[str, ...] = ()
     solution: Solution | None = None
     odometer: Odometer | None = None
-    claims: Claims | None = None
+    claims: PoseUncertainty | None = None
 
 
 def map_recording(
@@ -163,22 +163,24 @@ def _given(recording: Recording) -> _Way:
 
 def _found(recording: Recording, config: Config, say: Say) -> _Way:
     """The camera's own way, with loops closed."""
-    odometer = Odometer(np.random.default_rng(config.seed), config.odometer)
+    odometer = Odometer(
+        np.random.default_rng(config.seed), config.odometer, config.floor, config.structured_light
+    )
     stamps = []
     for number, frame in enumerate(_with_depth(recording)):
-        step = odometer.take(frame)
+        step = odometer.track(frame)
         stamps.append(frame.stamp_s)
         say(f"way: frame {number + 1}{_of(recording)}, {step.state}")
-    poses, solution = odometer.way() if stamps else ([], None)
+    poses, solution = odometer.trajectory() if stamps else ([], None)
     placed = {
         stamp: pose
         for stamp, pose, state in zip(stamps, poses, odometer.states, strict=True)
         if state not in (LOST, RESTARTED)
     }
-    claims = odometer.claims(solution)
+    claims = odometer.uncertainty(solution)
     if claims is not None:
         told = [state not in (LOST, RESTARTED) for state in odometer.states]
-        claims = Claims(claims.from_start[told], claims.aligned[told])
+        claims = PoseUncertainty(claims.from_start[told], claims.aligned[told])
     return _Way(placed, tuple(odometer.states), solution, odometer, claims)
 
 

@@ -26,7 +26,7 @@ from perception.primitives.frame import DepthView, Frame
 from perception.primitives.plane import Plane
 
 from ..config.schema import Config
-from ..recordings.recording import FrameError, Journal, Recording
+from ..recordings.recording import FrameError, Recording, SkipLog
 from ..report.plots.monocular import stages
 from ..run.pipeline import Pipeline
 from .colour_camera_pose import T_floor_colour, registered
@@ -68,7 +68,7 @@ class ColourFloor:
 def colour_floors(
     recording: Recording,
     config: Config | None = None,
-    journal: Journal | None = None,
+    journal: SkipLog | None = None,
     say: Say = lambda text: None,
 ) -> Iterator[ColourFloor]:
     """Every frame with a colour picture over a floor; the pair is this picture and the one before.
@@ -82,7 +82,7 @@ def colour_floors(
         say: Gets what is wrong with an odd picture, in detail.
     """
     config = config or Config()
-    journal = journal or Journal()
+    journal = journal or SkipLog()
     monocular, pipeline = Monocular(config.monocular), Pipeline(config, recording.info)
     before: Picture | None = None
     for number, frame in enumerate(recording.frames()):
@@ -165,7 +165,7 @@ def process_monocular(
     folder.mkdir(parents=True, exist_ok=True)
     for old in (*folder.glob("stages-*.png"), folder / "monocular.json"):
         old.unlink(missing_ok=True)
-    journal, judged, frames = Journal(), [], 0
+    journal, judged, frames = SkipLog(), [], 0
     for floor in colour_floors(recording, config, journal, say):
         frames += 1
         name = folder / f"stages-{floor.number:06d}.png"

@@ -1,18 +1,18 @@
-"""Recordings: frames that were seen before, or that others have seen.
+"""Readers of recordings, and the writer of our own format.
 
-Read `recording` (what every recording answers) and `open` (which reader a path needs). Then the readers:
-`tum`, `seven_scenes`, `redwood` (Open3D's layout too), `replica` and `plain` for folders, `pcd` for one
-organised cloud; they share `folder` (the lazy loop that skips and counts what is damaged), `images`,
-`poses` and `description` (the `recording.toml` that says what a folder of images does not). Our own
-recordings are MCAP: `codec` says what a recording can hold of a frame, `mcap_messages` how it is spelled
-in Foxglove's schemas, `mcap_format` writes and reads the file, also one that a kill cut short.
+Read `recording` (the protocol) and `open` (choice of the reader) first. The readers of folders are `tum`,
+`icl_nuim`, `seven_scenes`, `redwood` (also Open3D's layout), `replica`, `euroc` and `plain`; `pcd` reads one
+organised point cloud. They share `folder` (the loop that reads one frame at a time and skips damaged ones),
+`images`, `poses` and `description` (recording.toml, which describes a plain folder of images). `rosbag` reads ROS
+bags, with `ros_messages` and `ros_transforms`. Our own recordings are MCAP files: `codec` encodes a frame,
+`mcap_messages` maps it to Foxglove schemas, `mcap_format` writes and reads the file, even a truncated one.
 
-Two readers are for self-localisation alone, logs without depth: `mrclam` (robots among landmarks) and `plaza`
-(a mower among radio beacons).
+`mrclam` (robots among landmarks) and `plaza` (a mower among radio beacons) read logs without depth, for
+localisation only.
 
-Two rules hold everywhere. Depth scale and marks for "no depth" come from the format or from the recording,
-never from a silent default. What is wrong with the recording as a whole is a `RecordingError`; what is
-wrong with one frame skips that frame, with its reason kept.
+Two rules hold for all readers. Depth scale and values without depth come from the format or the recording, never
+from a silent default. An error of the whole recording raises a `RecordingError`; an error of one frame skips
+that frame and records the reason.
 
 Sources: the TUM RGB-D benchmark (Sturm et al., IROS 2012), 7-Scenes (Shotton et al., CVPR 2013), Redwood
 (Choi et al., CVPR 2015), Replica as rendered for NICE-SLAM, PCD 0.7, MCAP and the Foxglove schemas.

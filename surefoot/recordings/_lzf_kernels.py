@@ -8,10 +8,10 @@ import numpy as np
 
 @numba.njit(cache=True)
 def lzf_decompress(packed: np.ndarray, size: int) -> np.ndarray:
-    """Unpack uint8 data of known size; an array of length 0 where the data is damaged.
+    """Decompress uint8 data of known size; returns an array of length 0 for damaged data.
 
-    A control byte below 32 is followed by that many literals plus one; any other copies from what was
-    written: 3 bits of length, 13 bits of distance, one more length byte if the 3 bits are full.
+    A control byte below 32 precedes that many literals plus one. Any other control byte copies earlier output:
+    3 bits of length, 13 bits of distance, and another length byte if the 3 bits are all set.
     """
     out = np.empty(size, dtype=np.uint8)
     read, written = 0, 0
@@ -37,7 +37,7 @@ def lzf_decompress(packed: np.ndarray, size: int) -> np.ndarray:
             count += 2
             if start < 0 or written + count > size:
                 return np.empty(0, dtype=np.uint8)
-            for i in range(count):  # one by one: source and target may overlap
+            for i in range(count):  # byte by byte, because source and target may overlap
                 out[written + i] = out[start + i]
         written += count
     if written != size:

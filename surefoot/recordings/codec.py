@@ -1,12 +1,11 @@
-"""What a recording can hold of a frame, to the bit.
+"""Encoding of frames for recordings.
 
-Depth and range become 16 bit integers, colour becomes JPEG, the stereo pair PNG (JPEG at quality 95
-moves 5 % of the disparities by more than 0.37 px and saves 40 % of the room; measured on Middlebury's
-motorcycle with 2 grey levels of noise). Stamps, poses, odometry and inertial means keep every bit.
+Depth and range become 16-bit integers, colour images JPEG, stereo pairs PNG (JPEG at quality 95 would change 5 % of
+the disparities by more than 0.37 px and save 40 % of the space; measured on the Middlebury motorcycle with noise of
+2 grey levels). Stamps, poses, odometry and inertial measurements are stored without loss.
 
-`decode(encode(frame))` is what everybody downstream sees, live or played back. But for JPEG it is a projection:
-done twice it gives the same bits as done once. (A picture that JPEG leaves as it is takes 2 to 13 rounds to find:
-a fifth of the time of a walk by one camera, and nobody packs a picture again.) Source: ours.
+The pipeline always receives `decode(encode(frame))`, both live and from a recording. Encoding a decoded frame
+again changes nothing but the JPEG images. Source: ours.
 """
 
 from __future__ import annotations
@@ -33,11 +32,9 @@ from perception.primitives.pose import Pose3
 
 from .recording import FrameError
 
-RANGE_UNITS_PER_METRE = 2**14 / 5.0  # 0.31 mm: 14 bits over the 5 m of an SR4000; reaches 20 m
-DEPTH_UNITS_PER_METRE = (
-    5000.0  # 0.2 mm: holds TUM's unit and whole millimetres exactly; reaches 13.1 m
-)
-NONE = 0  # the unit that says "no depth here"
+RANGE_UNITS_PER_METRE = 2**14 / 5.0  # 0.31 mm: 14 bits over the 5 m of an SR4000; up to 20 m
+DEPTH_UNITS_PER_METRE = 5000.0  # 0.2 mm: exact for TUM's unit and for millimetres; up to 13.1 m
+NONE = 0  # value of pixels without depth
 _AMPLITUDE_NONE = 65535
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 92]
 _JPEG += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
@@ -45,7 +42,7 @@ _JPEG += [cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444
 
 @dataclass(frozen=True, eq=False)
 class EncodedDepth:
-    """Depth or range in whole units, 0 for none."""
+    """Depth or range in integer units; 0 without depth."""
 
     units: UInt16[np.ndarray, "h w"]
     units_per_metre: float
@@ -55,7 +52,7 @@ class EncodedDepth:
 
 @dataclass(frozen=True, eq=False)
 class EncodedAmplitude:
-    """Amplitude in whole units, 65535 for none; units per one are a power of two."""
+    """Amplitude in integer units, 65535 without amplitude; the scale is a power of two."""
 
     units: UInt16[np.ndarray, "h w"]
     units_per_one: float
@@ -63,7 +60,7 @@ class EncodedAmplitude:
 
 @dataclass(frozen=True, eq=False)
 class EncodedPicture:
-    """A compressed picture of a camera; `form` is "jpeg" or "png"."""
+    """A compressed image of a camera; `form` is "jpeg" or "png"."""
 
     data: bytes
     form: str
@@ -73,7 +70,7 @@ class EncodedPicture:
 
 @dataclass(frozen=True, eq=False)
 class EncodedStereo:
-    """The rectified pair, losslessly."""
+    """The rectified pair, compressed without loss."""
 
     left: EncodedPicture
     right: EncodedPicture
@@ -82,7 +79,7 @@ class EncodedStereo:
 
 @dataclass(frozen=True, eq=False)
 class EncodedFrame:
-    """A frame as it lies in a recording; the parts are named as in `Frame`."""
+    """An encoded frame; the parts are named as in `Frame`."""
 
     stamp_s: float
     tof: EncodedDepth | None = None
@@ -97,14 +94,14 @@ class EncodedFrame:
 
 
 def encode(frame: Frame) -> EncodedFrame:
-    """The frame as a recording holds it.
+    """Encode a frame.
 
-    Depth beyond the 16 bits becomes none, amplitude below zero becomes zero.
+    Depth that exceeds 16 bits is dropped, negative amplitude becomes zero.
 
     Raises:
-        InputError: for a stamp, pose, odometry or inertial value that is not a finite number.
+        InputError: A stamp, pose, odometry or inertial value is not finite.
     """
-    _refuse_what_is_not_a_number(frame)
+    _refuse_nonfinite(frame)
     tof, depth, stereo, colour = frame.tof, frame.depth, frame.stereo, frame.colour
     return EncodedFrame(
         frame.stamp_s,
@@ -121,10 +118,10 @@ def encode(frame: Frame) -> EncodedFrame:
 
 
 def decode(encoded: EncodedFrame) -> Frame:
-    """The frame that a recording gives back.
+    """Decode a frame.
 
     Raises:
-        FrameError: for a picture that cannot be decoded.
+        FrameError: An image cannot be decoded.
     """
     tof, depth, stereo, colour = encoded.tof, encoded.depth, encoded.stereo, encoded.colour
     return Frame(
@@ -156,7 +153,7 @@ def decode(encoded: EncodedFrame) -> Frame:
 def metres(
     units: UInt16[np.ndarray, "h w"], units_per_metre: float, none: tuple[int, ...] = (NONE,)
 ) -> Float32[np.ndarray, "h w"]:
-    """Depth, m, NaN where there is none: the one formula for every recording read."""
+    """Depth from integer units, m; NaN without depth. All readers use this formula."""
     depth = (units / np.float64(units_per_metre)).astype(np.float32)
     for mark in none:
         depth[units == mark] = np.nan
@@ -173,7 +170,7 @@ def _encode_depth(
 
 
 def _encode_amplitude(amplitude: Float32[np.ndarray, "h w"]) -> EncodedAmplitude:
-    """With the largest power of two that fits, so that encoding again loses nothing more."""
+    """Encode with the largest power of two that fits, so that encoding again changes nothing."""
     known = np.isfinite(amplitude)
     values = np.where(known, np.maximum(amplitude, 0), 0).astype(np.float64)
     greatest = float(values.max(initial=0.0))
@@ -229,12 +226,12 @@ def _unpack(picture: EncodedPicture, colour_wanted: bool) -> UInt8[np.ndarray, "
     image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), flag)
     if image is None:
         raise FrameError(
-            f"recorded {picture.form} picture of {len(picture.data)} bytes cannot be decoded"
+            f"recorded {picture.form} image of {len(picture.data)} bytes cannot be decoded"
         )
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if colour_wanted else image
 
 
-def _refuse_what_is_not_a_number(frame: Frame) -> None:
+def _refuse_nonfinite(frame: Frame) -> None:
     values: dict[str, tuple[float, ...]] = {"stamp_s": (frame.stamp_s,)}
     if frame.odometry is not None:
         motion = frame.odometry.motion

@@ -1,7 +1,7 @@
-"""`recording.toml`: what a folder of depth images does not say of itself.
+"""recording.toml: description of a folder of depth images.
 
-For a folder of no known layout it says everything; beside a known layout (TUM, 7-Scenes, ...) it fills in
-what is missing there, such as the intrinsics. Every key is known here; a misspelt one is refused.
+It describes a folder of unknown layout completely; in a folder of a known layout (TUM, 7-Scenes, ...) it adds what
+is missing there, such as the intrinsics. Unknown keys are refused.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from .recording import RecordingInfo
 
 FILE_NAME = "recording.toml"
 EXAMPLE = """\
-rate_hz = 30.0              # or: stamps = "stamps.txt" (one time in s a line), stamps = "name" (file names)
+rate_hz = 30.0              # or: stamps = "stamps.txt" (one time in s per line), stamps = "name" (file names)
 [camera]
 width = 640
 height = 480
@@ -31,17 +31,17 @@ fx = 525.0
 fy = 525.0
 cx = 319.5
 cy = 239.5
-distortion = [0, 0, 0, 0, 0]  # k1, k2, p1, p2, k3, and k4, k5, k6 of a rational lens; may be left out
+distortion = [0, 0, 0, 0, 0]  # k1, k2, p1, p2, k3, and k4, k5, k6 of a rational lens; optional
 [depth]
-folder = "depth"            # may be left out, as may pattern = "*.png"
+folder = "depth"            # optional, as is pattern = "*.png"
 scale_per_metre = 1000      # 1000: millimetres, 5000: TUM
-none = [0, 65535]           # values that mean "no depth here"
-[colour]                    # may be left out
+none = [0, 65535]           # values of pixels without depth
+[colour]                    # optional
 folder = "color"
-[poses]                     # may be left out
+[poses]                     # optional
 file = "groundtruth.txt"    # timestamp tx ty tz qx qy qz qw
 convention = "camera-to-world"
-[world]                     # may be left out
+[world]                     # optional
 up = [0, 0, 1]
 floor_height = 0.0
 """
@@ -62,15 +62,15 @@ _CONVENTIONS = ("camera-to-world", "world-to-camera")
 
 @dataclass(frozen=True)
 class Description:
-    """A `recording.toml`, checked. What the file leaves out is None.
+    """Checked content of a recording.toml; absent values are None.
 
     Args:
-        path: The file itself.
-        rate_hz, stamps: How time is known; `stamps` is a file's name or "name".
-        colour_camera: Intrinsics of the colour images where they differ.
-        world_to_camera: Whether the poses are written the other way round.
-        up: Unit vector up in the world of the poses.
-        keys: What the file speaks of, at its top level.
+        path: The file.
+        rate_hz, stamps: Frame rate, or source of the stamps: a file, or "name" for the file names.
+        colour_camera: Intrinsics of the colour images, if they differ.
+        world_to_camera: Whether the poses are T_camera_world.
+        up: Vertical unit vector in the world of the poses.
+        keys: Keys at the top level of the file.
     """
 
     path: Path
@@ -93,10 +93,10 @@ class Description:
 
 
 def read_description(path: Path) -> Description:
-    """Read and check a `recording.toml`.
+    """Read and check a recording.toml.
 
     Raises:
-        RecordingError: naming the key, its value and what was expected.
+        RecordingError: A key or value is invalid; the message names it and the expected value.
     """
     table = _load(path)
     _refuse_unknown(path, table)
@@ -135,18 +135,18 @@ def read_description(path: Path) -> Description:
 
 
 def complete(info: RecordingInfo, description: Description | None) -> RecordingInfo:
-    """What a known layout says of itself, with what the description adds.
+    """Information about a known layout, completed by the description.
 
     Raises:
-        RecordingError: for a description that speaks of what the layout settles.
+        RecordingError: The description has a key that the layout defines.
     """
     if description is None:
         return info
     beyond = [key for key in description.keys if key not in _BESIDE_A_LAYOUT]
     if beyond:
         raise RecordingError(
-            f"{description.path}: {beyond[0]} is settled by the layout ({info.kind}) of this folder; "
-            f"beside it only {', '.join(_BESIDE_A_LAYOUT)} may be given, or a table [depth] to "
+            f"{description.path}: {beyond[0]} is defined by the layout ({info.kind}) of this folder; "
+            f"in addition only {', '.join(_BESIDE_A_LAYOUT)} may be given, or a table [depth] to "
             "describe the whole folder"
         )
     return replace(
@@ -168,7 +168,7 @@ def _load(path: Path) -> dict[str, Any]:
             f"{path}: cannot be read: {error.strerror}; a recording.toml was expected"
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{path}: is no valid TOML: {error}") from error
+        raise RecordingError(f"{path}: is not valid TOML: {error}") from error
 
 
 def _refuse_unknown(path: Path, table: Mapping[str, Any], prefix: str = "") -> None:
@@ -186,7 +186,7 @@ def _refuse_unknown(path: Path, table: Mapping[str, Any], prefix: str = "") -> N
 
 
 class _Reader:
-    """Takes values out of tables; complaints name the file and the key."""
+    """Reads values from tables; errors name the file and the key."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -244,7 +244,7 @@ class _Reader:
         return camera_of(self._path, **values)
 
     def unit(self, table: Mapping[str, Any] | None) -> DepthUnit | None:
-        """Scale and no-depth marks; None without the table [depth]."""
+        """Depth scale and no-depth values; None without the table [depth]."""
         if table is None:
             return None
         scale = self.number(table, "depth.scale_per_metre")
@@ -254,7 +254,7 @@ class _Reader:
             )
         if "none" not in table:
             raise RecordingError(
-                f"{self._path}: depth.none is missing; the values that mean no depth, such as [0]"
+                f"{self._path}: depth.none is missing; the values of pixels without depth, such as [0]"
             )
         marks = self.numbers(table, "depth.none", None)
         try:
@@ -263,11 +263,11 @@ class _Reader:
             raise RecordingError(f"{self._path}: [depth] {error}") from error
 
     def up(self, table: Mapping[str, Any]) -> tuple[float, float, float] | None:
-        """The unit vector up; None if absent."""
+        """Vertical unit vector; None if absent."""
         if "up" not in table:
             return None
         x, y, z = self.numbers(table, "world.up", 3)
         length = math.hypot(x, y, z)
         if not 0.0 < length < math.inf:
-            raise RecordingError(f"{self._path}: world.up = {[x, y, z]} is no direction")
+            raise RecordingError(f"{self._path}: world.up = {[x, y, z]} is not a direction")
         return x / length, y / length, z / length

@@ -1,12 +1,11 @@
 """EuRoC folders: raw grey pairs `cam0/data/T.png` and `cam1/data/T.png`, calibrations, IMU, poses.
 
-T is the stamp in nanoseconds. The images may also lie in `cam0/` itself, as thinned sets have them, and
-calibrations, IMU and poses beside the camera folders or one folder up: `cam0/sensor.yaml` or `cam0.yaml`;
-`imu0/data.csv`, `imu0.csv` or `imu0.csv.gz`; `state_groundtruth_estimate0/data.csv` or
-`NAME_groundtruth.csv` for the folder NAME.
+T is the stamp in nanoseconds. The images may also be in `cam0/` itself. Calibrations, IMU data and poses may be
+beside the camera folders or one folder up: `cam0/sensor.yaml` or `cam0.yaml`; `imu0/data.csv`, `imu0.csv` or
+`imu0.csv.gz`; `state_groundtruth_estimate0/data.csv` or `NAME_groundtruth.csv` for the folder NAME.
 
-Pairs are rectified here, and every pose is that of the rectified left camera. The inertial sensor is told
-in that camera's axes as a body has them: x where it looks, y to the left, z up in the image.
+The reader rectifies the pairs; every pose is that of the rectified left camera. Inertial measurements are rotated
+to the body axes of that camera: x along the optical axis, y left, z up in the image.
 
 Source: Burri et al., IJRR 2016 (file formats).
 """
@@ -30,11 +29,11 @@ from .description import Description, complete
 from .folder import pictures
 from .images import read_colour
 from .poses import ASSOCIATION_S, pose_of_row
-from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
 from .stereo_calibration import RawCamera, read_euroc_camera, read_extrinsics
 
-REST_S = 0.05  # ours: the first frame has none before it, it takes the samples of so long round it
-LONGEST_S = 1.0  # ours: over a longer gap, as thinned sets have, a mean says nothing of now
+FIRST_S = 0.05  # ours: the first frame uses the samples within this time around it
+MAX_MEAN_S = 1.0  # ours: longest interval before a frame whose samples are averaged
 _NS = 1e-9
 
 
@@ -44,10 +43,10 @@ def is_euroc(path: Path) -> bool:
 
 
 def open_euroc(path: Path, description: Description | None = None) -> EurocRecording:
-    """Open one sequence (its `mav0` folder, where there is one).
+    """Open one sequence (its `mav0` folder, if there is one).
 
     Raises:
-        RecordingError: for a calibration, an IMU file or poses that cannot be read.
+        RecordingError: A calibration, the IMU file or the poses cannot be read.
     """
     raw = [read_euroc_camera(_expected(path, _calibrations(name))) for name in _CAMERAS]
     left, right = raw
@@ -59,10 +58,10 @@ def open_euroc(path: Path, description: Description | None = None) -> EurocRecor
         raise RecordingError(f"{path}: {error}") from error
     files = _pairs(path)
     remarks = []
-    poses = _table(_beside(path, _POSES(path)), 8)
+    poses = _table(_beside(path, _pose_files(path)), 8)
     samples = _table(_beside(path, _INERTIAL), 7)
     if samples is None:
-        remarks.append("no imu0 file: frames come without an inertial sensor")
+        remarks.append("no imu0 file: frames have no inertial measurements")
     info = RecordingInfo(
         name=path.resolve().name,
         kind="euroc",
@@ -72,11 +71,11 @@ def open_euroc(path: Path, description: Description | None = None) -> EurocRecor
     )
     if description is not None and description.camera is not None:
         raise RecordingError(
-            f"{description.path}: [camera] is settled by cam0.yaml and cam1.yaml; leave it out"
+            f"{description.path}: [camera] is defined by cam0.yaml and cam1.yaml; leave it out"
         )
-    lonely = len(_pictures(path, "cam0")) - len(files)
-    if lonely:
-        remarks.append(f"{lonely} left images have no right one of the same stamp")
+    unmatched = len(_pictures(path, "cam0")) - len(files)
+    if unmatched:
+        remarks.append(f"{unmatched} left images have no right image with the same stamp")
     imu_yaml = _beside(path, ("imu0/sensor.yaml", "imu0.yaml"))
     T_body_imu = Pose3() if imu_yaml is None else read_extrinsics(imu_yaml)
     return EurocRecording(path, complete(info, description), files, left, rig, remarks).with_tables(
@@ -85,18 +84,18 @@ def open_euroc(path: Path, description: Description | None = None) -> EurocRecor
 
 
 class EurocRecording:
-    """Rectified pairs with the inertial sensor and poses, where given.
+    """Rectified stereo pairs, optionally with inertial measurements and poses.
 
     Args:
-        path: For messages.
-        info: What is known beforehand.
-        files: Stamp, s, left and right image of every pair, in the order of time.
+        path: Folder, for messages.
+        info: Information about the recording.
+        files: Stamp, ns, left and right image of every pair, in order of time.
         left: The raw left camera.
-        rig: How pairs are rectified.
-        remarks: What the user should know.
+        rig: Rectification of the pairs.
+        remarks: Remarks for the user.
 
     Raises:
-        RecordingError: when there is no pair at all.
+        RecordingError: There is no pair.
     """
 
     def __init__(
@@ -110,7 +109,7 @@ class EurocRecording:
     ) -> None:
         if not files:
             raise RecordingError(
-                f"{path}: no image of cam0 has a partner in cam1; equal stamps were expected"
+                f"{path}: no image of cam0 matches one of cam1; equal stamps were expected"
             )
         self.info, self.remarks, self.rig = info, remarks, rig
         self.T_body_rectified = left.T_body_camera @ rig.T_left_rectified
@@ -118,7 +117,7 @@ class EurocRecording:
         self._poses: np.ndarray | None = None
         self._samples: np.ndarray | None = None
         self._turn_imu = np.eye(3)
-        self._journal = Journal()
+        self._skips = SkipLog()
 
     def with_tables(
         self,
@@ -126,7 +125,7 @@ class EurocRecording:
         samples: Float[np.ndarray, "m j"] | None,
         T_body_imu: Pose3,
     ) -> EurocRecording:
-        """Add poses of the body (ns, m, q = w x y z) and IMU samples (ns, rad/s, m/s^2)."""
+        """Add poses of the body (ns, m, quaternion w x y z) and IMU samples (ns, rad/s, m/s^2)."""
         self._poses, self._samples = poses, samples
         T_camera_imu = self.T_body_rectified.inverse() @ T_body_imu
         self._turn_imu = CAMERA_IN_BODY_AXES @ T_camera_imu.rotation
@@ -135,15 +134,15 @@ class EurocRecording:
     @property
     def skipped(self) -> list[SkippedFrame]:
         """Frames skipped so far by the latest `frames()`."""
-        return self._journal.skipped
+        return self._skips.skipped
 
     def frames(self) -> Iterator[Frame]:
         """The readable pairs, rectified, one in memory at a time.
 
         Raises:
-            RecordingError: when none can be read.
+            RecordingError: No pair can be read.
         """
-        journal = self._journal = Journal()
+        skips = self._skips = SkipLog()
         before: int | None = None
         first = self._files[0][0]
         for stamp, left, right in self._files:
@@ -151,18 +150,18 @@ class EurocRecording:
                 pair = [_grey(file, self._raw) for file in (left, right)]
                 pose = self._pose(stamp)
             except FrameError as error:
-                journal.skip(left.name, str(error))
+                skips.skip(left.name, str(error))
                 continue
-            journal.note(_NS * (stamp - first))
+            skips.note(_NS * (stamp - first))
             view = self.rig.apply(pair[0], pair[1])
             imu = self._inertial(before, stamp)
             before = stamp
             yield Frame(_NS * (stamp - first), stereo=view, imu=imu, T_world_camera=pose)
-        if journal.given == 0:
-            raise RecordingError(f"{self._path}: no frame can be used{journal.why()}")
+        if skips.returned == 0:
+            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
 
     def _pose(self, stamp: int) -> Pose3 | None:
-        """The rectified left camera in the world, if the body's pose is given within 20 ms."""
+        """Pose of the rectified left camera in the world; None without a body pose within 20 ms."""
         if self._poses is None:
             return None
         row = self._poses[int(np.argmin(np.abs(self._poses[:, 0] - stamp)))]
@@ -172,14 +171,14 @@ class EurocRecording:
         return pose_of_row((x, y, z, qx, qy, qz, qw)) @ self.T_body_rectified
 
     def _inertial(self, before: int | None, stamp: int) -> Imu | None:
-        """Mean over the time since the frame before."""
+        """Mean over the time since the previous frame."""
         if self._samples is None:
             return None
         times = self._samples[:, 0]
         if before is None:
-            wanted = np.abs(times - stamp) * _NS <= REST_S
+            wanted = np.abs(times - stamp) * _NS <= FIRST_S
         else:
-            wanted = (times > max(before, stamp - LONGEST_S / _NS)) & (times <= stamp)
+            wanted = (times > max(before, stamp - MAX_MEAN_S / _NS)) & (times <= stamp)
         if not wanted.any():
             return None
         mean = self._samples[wanted, 1:7].mean(axis=0)
@@ -194,12 +193,12 @@ def _calibrations(camera: str) -> tuple[str, ...]:
     return (f"{camera}/sensor.yaml", f"{camera}.yaml")
 
 
-def _POSES(path: Path) -> tuple[str, ...]:
+def _pose_files(path: Path) -> tuple[str, ...]:
     return ("state_groundtruth_estimate0/data.csv", f"{path.resolve().name}_groundtruth.csv")
 
 
 def _beside(path: Path, names: tuple[str, ...]) -> Path | None:
-    """The first of these files that lies in the folder or one folder up."""
+    """The first of these files in the folder or one folder up."""
     places = [place / name for place in (path, path.resolve().parent) for name in names]
     return next((place for place in places if place.is_file()), None)
 
@@ -216,7 +215,7 @@ def _pictures(path: Path, camera: str) -> list[Path]:
 
 
 def _pairs(path: Path) -> list[tuple[int, Path, Path]]:
-    """Stamp in ns and both images, where both have it; a name that is no stamp is left out."""
+    """Stamp, ns, and both images of every stamp that both cameras have; other names are ignored."""
     left, right = (
         {int(p.stem): p for p in _pictures(path, name) if p.stem.isdigit()} for name in _CAMERAS
     )
@@ -228,18 +227,18 @@ def _grey(path: Path, camera: Camera) -> np.ndarray:
 
 
 def _table(path: Path | None, columns: int) -> Float[np.ndarray, "n k"] | None:
-    """Numbers of a comma-separated file, at least so many columns, the first a stamp in ns."""
+    """Numbers of a comma-separated file with at least `columns` columns; the first is a stamp, ns."""
     if path is None:
         return None
     try:
         table = np.loadtxt(path, delimiter=",", ndmin=2)
     except (OSError, ValueError) as error:
         raise RecordingError(
-            f"{path}: cannot be read ({error}); {columns} numbers a line, separated by commas, were "
-            "expected"
+            f"{path}: cannot be read ({error}); {columns} numbers per line, separated by commas, "
+            "were expected"
         ) from error
     if table.shape[1] < columns:
         raise RecordingError(
-            f"{path}: {table.shape[1]} numbers a line; at least {columns} were expected"
+            f"{path}: {table.shape[1]} numbers per line; at least {columns} were expected"
         )
     return np.asarray(table[np.isfinite(table[:, :columns]).all(axis=1)])

@@ -1,4 +1,4 @@
-"""A folder of images as a recording: one frame read at a time, the damaged ones skipped and counted."""
+"""A folder of images as a recording: reads one frame at a time and skips damaged ones."""
 
 from __future__ import annotations
 
@@ -7,27 +7,30 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
 from .images import DepthUnit, read_colour, read_depth
-from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
-KINECT_HZ = 30.0  # of Kinect, Xtion and their rendered like, for layouts that write no stamps
+KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
+PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside suggests a wrong depth scale
 
 
 @dataclass(frozen=True)
 class FrameFiles:
-    """Where one frame lies on the disk.
+    """Files of one frame.
 
     Args:
-        name: For messages.
-        stamp_s: In the recording's own clock, s.
+        name: Name in messages.
+        stamp_s: Stamp in the clock of the recording, s.
         depth, colour: Image files.
-        pose: Reads the pose of the depth camera in the world; None where none is given.
+        pose: Function that reads T_world_camera of the depth camera; None without a pose.
     """
 
     name: str
@@ -38,19 +41,19 @@ class FrameFiles:
 
 
 class FolderRecording:
-    """Depth images, perhaps with colour and poses.
+    """Depth images, optionally with colour images and poses.
 
     Args:
-        path: For messages.
-        info: `frames` is filled in here.
-        files: One entry a frame, in the order of time.
-        camera: Of the depth images.
-        unit: How to read them.
-        colour_camera: Where the colour images have intrinsics of their own.
-        remarks: What the user should know.
+        path: Folder, for messages.
+        info: Information about the recording.
+        files: One entry per frame, in order of time.
+        camera: Camera of the depth images.
+        unit: Depth scale, and values without depth.
+        colour_camera: Camera of the colour images, if it differs.
+        remarks: Remarks for the user.
 
     Raises:
-        RecordingError: when there is no frame at all.
+        RecordingError: There is no frame.
     """
 
     def __init__(
@@ -72,31 +75,45 @@ class FolderRecording:
         self._camera = camera
         self._unit = unit
         self._colour_camera = colour_camera or camera
-        self._journal = Journal()
+        self._skips = SkipLog()
 
     @property
     def skipped(self) -> list[SkippedFrame]:
         """Frames skipped so far by the latest `frames()`."""
-        return self._journal.skipped
+        return self._skips.skipped
 
     def frames(self) -> Iterator[Frame]:
         """The readable frames, one in memory at a time.
 
         Raises:
-            RecordingError: when none can be read.
+            RecordingError: No frame can be read.
         """
-        journal = self._journal = Journal()
+        skips = self._skips = SkipLog()
         for files in self._files:
             try:
-                journal.check_stamp(files.stamp_s)
+                skips.check_stamp(files.stamp_s)
                 frame = self._read(files)
             except FrameError as error:
-                journal.skip(files.name, str(error))
+                skips.skip(files.name, str(error))
                 continue
-            journal.note(frame.stamp_s)
+            if skips.returned == 0:
+                self._check_scale(frame)
+            skips.note(frame.stamp_s)
             yield frame
-        if journal.given == 0:
-            raise RecordingError(f"{self._path}: no frame can be used{journal.why()}")
+        if skips.returned == 0:
+            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+
+    def _check_scale(self, frame: Frame) -> None:
+        """Remark on an implausible depth of the first frame."""
+        assert frame.depth is not None
+        median_m = float(np.nanmedian(frame.depth.depth))
+        low, high = PLAUSIBLE_M
+        remark = (
+            f"median depth of the first frame is {median_m:.3g} m at {self._unit.per_metre:g} units per metre; "
+            "check the depth scale"
+        )
+        if not low <= median_m <= high and remark not in self.remarks:
+            self.remarks.append(remark)
 
     def _read(self, files: FrameFiles) -> Frame:
         pose = None if files.pose is None else files.pose()
@@ -108,7 +125,7 @@ class FolderRecording:
 
 
 def pictures(folder: Path, pattern: str = "*") -> list[Path]:
-    """Image files of a folder in the order of their numbers (9 before 10); empty if there is none."""
+    """Image files of a folder in order of their numbers (9 before 10); empty without images."""
     if not folder.is_dir():
         return []
     found = [p for p in folder.glob(pattern) if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file()]
@@ -116,24 +133,31 @@ def pictures(folder: Path, pattern: str = "*") -> list[Path]:
 
 
 def number_in(path: Path) -> int | None:
-    """The last whole number in a file's name; None if it has none."""
+    """The last integer in a file name; None without one."""
     found = re.findall(r"\d+", path.stem)
     return int(found[-1]) if found else None
 
 
 def is_stamp(path: Path) -> bool:
-    """Whether a file's name is a time in s with a fraction, as in 1341841278.8427.png."""
+    """Whether a file name is a time in s with a fraction, such as 1341841278.8427.png."""
     return re.fullmatch(r"\d+\.\d+", path.stem) is not None
 
 
-def pair(depths: Sequence[Path], colours: Sequence[Path], where: Path) -> list[Path | None]:
-    """The colour image of each depth image, by the number in their names, else by their order.
+def pair(
+    depths: Sequence[Path], colours: Sequence[Path], where: Path, remarks: list[str]
+) -> list[Path | None]:
+    """The colour image of each depth image, by the numbers in their names, else by their order.
+
+    Args:
+        depths, colours: Image files in order.
+        where: Folder, for messages.
+        remarks: Gets the number of depth images without a colour image.
 
     Returns:
-        All None where there are no colour images.
+        None for each depth image without a colour image.
 
     Raises:
-        RecordingError: when there are some, but not one for each.
+        RecordingError: The names have no unique numbers in common and the counts differ.
     """
     if not colours:
         return [None] * len(depths)
@@ -141,17 +165,19 @@ def pair(depths: Sequence[Path], colours: Sequence[Path], where: Path) -> list[P
     wanted = [number_in(path) for path in depths]
     unique = len(by_number) == len(colours) and len(set(wanted)) == len(wanted)
     if unique and None not in by_number and None not in wanted:
-        lonely = [path.name for path in depths if number_in(path) not in by_number]
-        if not lonely and len(colours) == len(depths):
-            return [by_number[number] for number in wanted]
-        extra = f"{lonely[0]} has no partner" if lonely else "some colour images have no partner"
-    elif len(colours) == len(depths):
+        unmatched = [path.name for path in depths if number_in(path) not in by_number]
+        if len(unmatched) < len(depths):
+            if unmatched:
+                first = f" (first {unmatched[0]})"
+                remarks.append(
+                    f"{len(unmatched)} of {len(depths)} depth images have no colour image{first}"
+                )
+            return [by_number.get(number) for number in wanted]
+    if len(colours) == len(depths):
         return list(colours)
-    else:
-        extra = "they cannot be paired by order"
     raise RecordingError(
-        f"{where}: {len(depths)} depth images but {len(colours)} colour images ({extra}); complete "
-        "the pairs, or move the colour folder away to go without"
+        f"{where}: {len(depths)} depth images but {len(colours)} colour images, and their names do not match "
+        "by number; complete the pairs, or move the colour folder away to use depth only"
     )
 
 
@@ -165,10 +191,10 @@ def camera_of(
     cy: float,
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0),
 ) -> Camera:
-    """A camera, px, its complaints led by the file they are about.
+    """A camera from intrinsics in px; errors name the file.
 
     Raises:
-        RecordingError: for intrinsics that cannot be.
+        RecordingError: The intrinsics are invalid.
     """
     try:
         return Camera(width, height, float(fx), float(fy), float(cx), float(cy), distortion)

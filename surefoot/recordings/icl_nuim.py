@@ -1,9 +1,9 @@
 """ICL-NUIM folders (the TUM-compatible PNGs): rendered rooms with exact trajectories.
 
-`depth/K.png` and `rgb/K.png` are joined by `associations.txt`; `*.gt.freiburg` or `groundtruth.txt` has the poses, one
-line a frame. The set is rendered with y up, left-handed, which its calibration writes as a negative fy.
-Here the y axes of camera and world are turned over, which makes both right-handed: the same picture, fy
-positive, and the world's up is -y.
+`associations.txt` pairs `depth/K.png` and `rgb/K.png`; `*.gt.freiburg` or `groundtruth.txt` has the poses, one line
+per frame. The data set is rendered in left-handed axes with y up, which its calibration expresses by a negative fy.
+This reader flips the y axes of camera and world, which makes both right-handed: the images stay the same, fy is
+positive, and -y is up in the world.
 
 Source: Handa et al., ICRA 2014; www.doc.ic.ac.uk/~ahanda/VaFRIC/iclnuim.html.
 """
@@ -27,14 +27,14 @@ from .recording import RecordingInfo
 
 UNIT = DepthUnit(5000.0, (0,))
 CAMERA = Camera(640, 480, 481.2, 480.0, 319.5, 239.5)
-"""By the set's page, with the sign of fy turned over."""
+"""From the data set's page, with positive fy."""
 
 _LIST = "associations.txt"
-_OVER = np.diag([1.0, -1.0, 1.0])
+_FLIP_Y = np.diag([1.0, -1.0, 1.0])
 
 
 def is_icl_nuim(path: Path) -> bool:
-    """Whether the folder has the set's list of pairs, which begins with a whole number and not a time."""
+    """Whether the folder has the list of pairs, which begins with an integer and not with a time."""
     if not (path / _LIST).is_file() or not (path / "depth").is_dir():
         return False
     try:
@@ -45,10 +45,10 @@ def is_icl_nuim(path: Path) -> bool:
 
 
 def open_icl_nuim(path: Path, description: Description | None = None) -> FolderRecording:
-    """Open a folder of the set.
+    """Open a folder of the data set.
 
     Raises:
-        RecordingError: for a list that cannot be parsed, or a trajectory shorter than the list.
+        RecordingError: The list or the trajectory cannot be parsed.
     """
     remarks: list[str] = []
     truth = _trajectory(path)
@@ -68,7 +68,7 @@ def open_icl_nuim(path: Path, description: Description | None = None) -> FolderR
                 number / KINECT_HZ,
                 path / words[1],
                 path / words[3],
-                None if row is None else partial(_turned_over, row),
+                None if row is None else partial(_flipped, row),
             )
         )
     without = sum(frame.pose is None for frame in files)
@@ -88,7 +88,7 @@ def open_icl_nuim(path: Path, description: Description | None = None) -> FolderR
 
 
 def _trajectory(path: Path) -> Path | None:
-    """The set's own file, beside or in the folder."""
+    """The trajectory file, in the folder or next to it."""
     found = [
         *sorted(path.glob("*.gt.freiburg")),
         *sorted(path.parent.glob(f"{path.name}*.gt.freiburg")),
@@ -98,11 +98,11 @@ def _trajectory(path: Path) -> Path | None:
 
 
 def _rows(truth: Path) -> dict[int, tuple[float, ...]]:
-    """By the number of the frame, which is the set's stamp."""
+    """Poses by the number of the frame, which is the stamp in this data set."""
     stamps, rows = read_tum(truth)
     return {round(float(stamp)): row for stamp, row in zip(stamps, rows, strict=True)}
 
 
-def _turned_over(row: tuple[float, ...]) -> Pose3:
+def _flipped(row: tuple[float, ...]) -> Pose3:
     pose = pose_of_row(row)
-    return Pose3.from_rotation(_OVER @ pose.rotation @ _OVER, _OVER @ pose.position)
+    return Pose3.from_rotation(_FLIP_Y @ pose.rotation @ _FLIP_Y, _FLIP_Y @ pose.position)

@@ -1,4 +1,4 @@
-"""Image files, read with every check: is it there, whole, of the right type and size, and not all empty."""
+"""Reading of image files, with checks: present, complete, of the right type and size, not empty."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
 
 @dataclass(frozen=True)
 class DepthUnit:
-    """How a depth image is to be read.
+    """Scale of a depth image.
 
     Args:
-        per_metre: Units in a metre.
-        none: Values that say "no depth here".
+        per_metre: Units per metre.
+        none: Values of pixels without depth.
     """
 
     per_metre: float
@@ -39,21 +39,21 @@ class DepthUnit:
             )
         outside = [mark for mark in self.none if not 0 <= mark <= 65535]
         if outside:
-            raise ConfigError(f"no-depth mark {outside[0]} must lie between 0 and 65535")
+            raise ConfigError(f"no-depth value {outside[0]} must lie between 0 and 65535")
 
 
 def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarray, "h w"]:
-    """Depth, m, NaN where there is none.
+    """Read a depth image, m; NaN without depth.
 
     Raises:
-        FrameError: for a file that is missing, cut short, of another type or size, or without any depth.
+        FrameError: The file is missing, truncated, of another type or size, or has no valid pixel.
     """
     image = _read("depth", path, cv2.IMREAD_UNCHANGED)
     if image.ndim != 2 or image.dtype != np.uint16:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise FrameError(
             f"depth image has {channels} channel{'s' * (channels > 1)} of {image.dtype}; one channel "
-            "of uint16 was expected (a picture for looking at holds no depth)"
+            "of uint16 was expected (an 8-bit picture has no depth)"
         )
     _check_size("depth", image, camera)
     depth = metres(image, unit.per_metre, unit.none)
@@ -64,10 +64,10 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
 
 
 def read_colour(path: Path, camera: Camera) -> UInt8[np.ndarray, "h w 3"]:
-    """Colour, red first; grey pictures are spread over the three channels.
+    """Read a colour image as RGB; a grey image is repeated in the three channels.
 
     Raises:
-        FrameError: for a file that is missing, cut short, no picture, or of another size.
+        FrameError: The file is missing, truncated, not an image, or of another size.
     """
     image = _read("colour", path, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
     _check_size("colour", image, camera)
@@ -75,7 +75,7 @@ def read_colour(path: Path, camera: Camera) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Width and height of a picture, px; FrameError if it cannot be read."""
+    """Width and height of an image, px; FrameError if it cannot be read."""
     height, width = _read("depth", path, cv2.IMREAD_UNCHANGED).shape[:2]
     return width, height
 
@@ -91,14 +91,14 @@ def _read(what: str, path: Path, flags: int) -> np.ndarray:
         raise FrameError(f"{what} image is an empty file")
     cut_png = data.startswith(_PNG_START) and _PNG_END not in data[-1024:]
     cut_jpeg = data.startswith(_JPEG_START) and _JPEG_END not in data[-1024:]
-    if cut_png or cut_jpeg:  # found before OpenCV, whose decoders write to standard error
-        raise FrameError(f"{what} image is cut short")
+    if cut_png or cut_jpeg:  # checked here, because the decoders of OpenCV write to standard error
+        raise FrameError(f"{what} image is truncated")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         image = None
     if image is None:
-        raise FrameError(f"{what} image is not readable as a picture")
+        raise FrameError(f"{what} image cannot be decoded")
     return np.asarray(image)
 
 

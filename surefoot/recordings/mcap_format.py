@@ -1,8 +1,8 @@
-"""Our own recordings: one MCAP file, readable up to the last frame written, whatever happens to the writer.
+"""Writer and reader of our own recordings: one MCAP file per recording.
 
-Every frame closes its chunk and is handed to the operating system at once, so a killed process loses at
-most the frame it was writing; the cost is 0.05 ms and 1 kB a frame. The reader walks the file from the front and
-needs no index: it takes every whole frame of a file that was cut short, and passes over a damaged chunk.
+Every frame closes its chunk and is passed to the operating system at once, so a killed process loses at most the
+frame that it was writing; this costs 0.05 ms and 1 kB per frame. The reader needs no index: it reads the file
+from its start, returns every complete frame of a truncated file, and skips damaged chunks.
 
 Sources: MCAP specification 0 (mcap.dev); the grouping into frames is ours.
 """
@@ -28,7 +28,7 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from perception.primitives.errors import InputError, OutputError, RecordingError
+from perception.primitives.errors import OutputError, RecordingError
 from perception.primitives.frame import Frame
 
 from .codec import EncodedFrame, decode
@@ -44,23 +44,23 @@ from .mcap_messages import (
     info_to_json,
     nanoseconds,
 )
-from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
 
 _MAGIC = b"\x89MCAP0\r\n"
 _METADATA = "recording"
 _DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, DecodeError, KeyError)
-"""What the packages raise over bytes that are not what they should be."""
+"""Exceptions that the packages raise for damaged bytes."""
 
 
 class RecordingWriter:
-    """Writes frames to an MCAP file as they come.
+    """Writes frames to an MCAP file.
 
     Args:
-        path: File to write; one that exists is replaced.
-        info: Written at the start.
+        path: File to write; an existing one is replaced.
+        info: Information about the recording, written first.
 
     Raises:
-        OutputError: whenever the file cannot be written.
+        OutputError: The file cannot be written; every method may raise it.
     """
 
     def __init__(self, path: Path, info: RecordingInfo) -> None:
@@ -72,7 +72,7 @@ class RecordingWriter:
             self._file = path.open("wb")
         except OSError as error:
             raise self._cannot_write(error) from error
-        self._writer = cast(Any, Writer(self._file))  # the package is typed by halves
+        self._writer = cast(Any, Writer(self._file))  # the package is only partly typed
         try:
             self._writer.start(profile="", library="surefoot")
             values = {name: json.dumps(value) for name, value in self._described.items()}
@@ -82,11 +82,11 @@ class RecordingWriter:
             raise self._cannot_write(error) from error
 
     def write(self, encoded: EncodedFrame) -> None:
-        """Append one frame and hand it to the operating system."""
+        """Append one frame and pass it to the operating system."""
         self._sequence += 1
         log_time = nanoseconds(encoded.stamp_s)
         try:
-            if self._sequence == 1:  # viewers start their time line at the first message
+            if self._sequence == 1:  # viewers begin their time axis at the first message
                 self._add(RECORDING_TOPIC, self._described, log_time, 0)
             for topic, message in frame_messages(encoded):
                 self._add(topic, message, log_time, self._sequence)
@@ -94,22 +94,8 @@ class RecordingWriter:
         except OSError as error:
             raise self._cannot_write(error) from error
 
-    def write_extra(self, topic: str, message: Message, stamp_s: float) -> None:
-        """Append a protobuf message of a topic that is not the recording's own, for viewers.
-
-        It reaches the file with the next frame. Reading the recording passes over it.
-        """
-        if topic in PROTOBUF_TOPICS or topic in JSON_TOPICS:
-            raise InputError(
-                f"topic {topic} belongs to the recording; choose another, such as /estimate/pose"
-            )
-        try:
-            self._add(topic, message, nanoseconds(stamp_s), 0)
-        except OSError as error:
-            raise self._cannot_write(error) from error
-
     def close(self) -> None:
-        """Write the index and close the file; closing twice is harmless."""
+        """Write the index and close the file; a second call does nothing."""
         if self._file.closed:
             return
         try:
@@ -156,78 +142,73 @@ class RecordingWriter:
     def _cannot_write(self, error: OSError) -> OutputError:
         return OutputError(
             f"cannot write recording {self._path}: {error.strerror or error}; "
-            "choose another folder or make room"
+            "choose another folder or free some space"
         )
 
 
 class McapRecording:
-    """A recording made by `RecordingWriter`, also one that ended early.
+    """A recording of `RecordingWriter`, complete or truncated.
 
     Raises:
-        RecordingError: for a file that is not MCAP, or is not ours.
+        RecordingError: The file is not MCAP, or not a recording of surefoot.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._journal = Journal()
+        self._skips = SkipLog()
         self.remarks: list[str] = []
         described, topics = self._read_head()
         if described is None:
             listed = ", ".join(sorted(topics)[:6]) or "nothing"
             raise RecordingError(
-                f"{path}: not one of our recordings; it holds {listed}. Only MCAP files that "
-                "`surefoot simulate --record` wrote can be played back"
+                f"{path}: not a recording of surefoot; it contains {listed}. Only ROS 2 bags and files of "
+                "`surefoot simulate --record` can be read"
             )
         newest = described.get("format")
         if isinstance(newest, int) and newest > FORMAT:
             raise RecordingError(
                 f"{path}: format {newest} is newer than the {FORMAT} this version reads; update surefoot"
             )
-        self._ended_early, count = self._read_tail()
+        ended_early, count = self._read_tail()
         try:
             self.info = info_from_json(described, count)
         except (KeyError, TypeError, IndexError, AttributeError) as error:
             raise RecordingError(
                 f"{path}: its head is damaged ({error!r}); restore the file or record it again"
             ) from error
-        if self._ended_early:
-            self.remarks.append("recording ended early: every whole frame is played back")
-
-    @property
-    def ended_early(self) -> bool:
-        """Whether the writer was stopped before it could close the file."""
-        return self._ended_early
+        if ended_early:
+            self.remarks.append("recording ended early: every complete frame is played back")
 
     @property
     def skipped(self) -> list[SkippedFrame]:
         """Frames skipped so far by the latest `frames()`."""
-        return self._journal.skipped
+        return self._skips.skipped
 
     def frames(self) -> Iterator[Frame]:
-        """Every whole frame, in the order written.
+        """Every complete frame, in the order written.
 
         Raises:
-            RecordingError: when there is none.
+            RecordingError: There is none.
         """
-        journal = self._journal = Journal()
-        for encoded in self._whole_groups(journal):
+        skips = self._skips = SkipLog()
+        for encoded in self._complete_frames(skips):
             try:
                 frame = decode(encoded)
             except FrameError as error:
-                journal.skip(f"frame at {encoded.stamp_s} s", str(error))
+                skips.skip(f"frame at {encoded.stamp_s} s", str(error))
                 continue
-            journal.note(frame.stamp_s)
+            skips.note(frame.stamp_s)
             yield frame
-        if journal.given == 0:
+        if skips.returned == 0:
             raise RecordingError(
-                f"{self._path}: no whole frame in {self._path.stat().st_size} bytes"
-                f"{journal.why()}; record it again"
+                f"{self._path}: no complete frame in {self._path.stat().st_size} bytes"
+                f"{skips.why()}; record again"
             )
 
-    def _whole_groups(self, journal: Journal) -> Iterator[EncodedFrame]:
+    def _complete_frames(self, skips: SkipLog) -> Iterator[EncodedFrame]:
         group: dict[str, bytes] = {}
         sequence = 0
-        for topic, message in self._messages(journal):
+        for topic, message in self._messages(skips):
             if topic not in PROTOBUF_TOPICS and topic not in JSON_TOPICS:
                 continue
             if message.sequence != sequence:
@@ -237,25 +218,25 @@ class McapRecording:
                 continue
             try:
                 closing = json.loads(message.data)
-                journal.check_stamp(closing["stamp_s"])
+                skips.check_stamp(closing["stamp_s"])
                 encoded = frame_from_messages(closing, group)
             except (FrameError, *_DAMAGE) as error:
                 reason = str(error) if isinstance(error, FrameError) else f"damaged ({error!r})"
-                journal.skip(f"frame {sequence}", reason)
+                skips.skip(f"frame {sequence}", reason)
                 continue
             yield encoded
 
-    def _messages(self, journal: Journal) -> Iterator[tuple[str, McapMessage]]:
+    def _messages(self, skips: SkipLog) -> Iterator[tuple[str, McapMessage]]:
         topics: dict[int, str] = {}
         with self._path.open("rb") as file:
-            for record in _records(file, journal):
+            for record in _records(file, skips):
                 if isinstance(record, Channel):
                     topics[record.id] = record.topic
                 elif isinstance(record, McapMessage):
                     yield topics.get(record.channel_id, ""), record
 
     def _read_head(self) -> tuple[dict[str, Any] | None, set[str]]:
-        """What the writer said at the start, and the topics seen in looking for it."""
+        """Metadata of the writer, and the topics found before it."""
         try:
             with self._path.open("rb") as file:
                 start = file.read(len(_MAGIC))
@@ -264,14 +245,14 @@ class McapRecording:
                 f"{self._path}: {error.strerror}; a readable file was expected"
             ) from error
         if not start:
-            raise RecordingError(f"{self._path}: the file is empty; record it again")
+            raise RecordingError(f"{self._path}: the file is empty; record again")
         if start != _MAGIC:
             raise RecordingError(
-                f"{self._path}: starts with {start!r}, not with MCAP's magic bytes; this is no MCAP file"
+                f"{self._path}: starts with {start!r}, not with the magic bytes of MCAP; this is not an MCAP file"
             )
         topics: set[str] = set()
         with self._path.open("rb") as file:
-            for record in _records(file, Journal()):
+            for record in _records(file, SkipLog()):
                 if isinstance(record, Metadata) and record.name == _METADATA:
                     try:
                         return {k: json.loads(v) for k, v in record.metadata.items()}, topics
@@ -284,7 +265,7 @@ class McapRecording:
         return None, topics
 
     def _read_tail(self) -> tuple[bool, int | None]:
-        """Whether the file ended early, and how many frames its index counts."""
+        """Whether the file ended early, and the number of frames in its index."""
         try:
             with self._path.open("rb") as file:
                 summary = make_reader(file).get_summary()
@@ -300,8 +281,8 @@ class McapRecording:
         )
 
 
-def _records(file: BufferedReader, journal: Journal) -> Iterator[McapRecord]:
-    """Records up to the footer or up to where the file breaks off, those inside whole chunks too."""
+def _records(file: BufferedReader, skips: SkipLog) -> Iterator[McapRecord]:
+    """All records up to the footer or the truncation, including those inside complete chunks."""
     reader = StreamReader(file, emit_chunks=True).records
     number = 0
     while True:
@@ -318,7 +299,7 @@ def _records(file: BufferedReader, journal: Journal) -> Iterator[McapRecord]:
         try:
             inside = breakup_chunk(record, validate_crc=True)
         except _DAMAGE as error:
-            if file.peek(1):  # otherwise it is the one that was being written
-                journal.skip(f"chunk {number}", f"damaged ({error})")
+            if file.peek(1):  # otherwise the chunk was being written when the file ended
+                skips.skip(f"chunk {number}", f"damaged ({error})")
             continue
         yield from inside

@@ -1,7 +1,7 @@
-"""How a frame is spelled in MCAP: Foxglove's protobuf schemas for what they know, JSON for the rest.
+"""Messages of a frame in MCAP: Foxglove's protobuf schemas where they exist, JSON for the rest.
 
-One frame is a group of messages with one log time and one sequence number, closed by a `/frame` message
-that names the parts of the group and holds what Foxglove has no place for (exact stamp, units, baseline).
+A frame is a group of messages with the same log time and sequence number. It ends with a `/frame` message, which
+names the topics of the group and contains what Foxglove's schemas lack (exact stamp, units, baseline).
 
 Topics: `/tof/range`, `/tof/amplitude`, `/depth/image` (RawImage 16UC1), `/colour/image`, `/stereo/left`,
 `/stereo/right` (CompressedImage), each camera's `calibration`, `/tf` (cameras on the body; the given pose
@@ -34,7 +34,7 @@ from .recording import FrameError, RecordingInfo
 
 FRAME_TOPIC = "/frame"
 RECORDING_TOPIC = "/recording"
-FORMAT = 1  # grows when an older reader could no longer read what is written
+FORMAT = 1  # increases when older readers cannot read the new files
 PROTOBUF_TOPICS: dict[str, type[Message]] = {
     "/tof/range": RawImage,
     "/tof/amplitude": RawImage,
@@ -54,19 +54,19 @@ JSON_TOPICS: dict[str, dict[str, object]] = {
     "/odometry": {
         "title": "surefoot.StepOdometry",
         "type": "object",
-        "description": "Body now in the body frame of the frame before: m, rad; share of a footstep.",
+        "description": "Body pose in the body frame of the previous frame: m, rad; number of footsteps.",
         "properties": {"x": _NUMBER, "y": _NUMBER, "yaw": _NUMBER, "steps": _NUMBER},
     },
     "/imu": {
         "title": "surefoot.Imu",
         "type": "object",
-        "description": "Means since the frame before, body axes: rad/s, m/s^2.",
+        "description": "Means since the previous frame, body axes: rad/s, m/s^2.",
         "properties": {"angular_velocity": _XYZ, "specific_force": _XYZ},
     },
     FRAME_TOPIC: {
         "title": "surefoot.Frame",
         "type": "object",
-        "description": "Closes the group of one frame and names its topics.",
+        "description": "Ends the group of one frame and names its topics; units are counts per metre (or per one).",
         "properties": {
             "stamp_s": _NUMBER,
             "footstep_due": {"type": "boolean"},
@@ -78,7 +78,7 @@ JSON_TOPICS: dict[str, dict[str, object]] = {
     RECORDING_TOPIC: {
         "title": "surefoot.Recording",
         "type": "object",
-        "description": "What is known before the first frame.",
+        "description": "Information about the recording.",
         "properties": {"name": {"type": "string"}, "landmarks": {"type": "array"}},
     },
 }
@@ -86,12 +86,12 @@ _WORLD, _BODY = "world", "body"
 
 
 def nanoseconds(stamp_s: float) -> int:
-    """The log time of a stamp; times before zero, which MCAP cannot tell, are logged at zero."""
+    """Log time of a stamp; negative times, which MCAP cannot store, become zero."""
     return max(0, round(stamp_s * 1e9))
 
 
 def timestamp(stamp_s: float) -> Timestamp:
-    """The stamp as Foxglove's messages want it."""
+    """A stamp as a protobuf message."""
     seconds, rest = divmod(nanoseconds(stamp_s), 10**9)
     return Timestamp(seconds=seconds, nanos=rest)
 
@@ -140,14 +140,14 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
 
 
 def frame_from_messages(closing: Mapping[str, Any], data: Mapping[str, bytes]) -> EncodedFrame:
-    """The frame of a whole group, given the payload of each topic.
+    """The frame of a complete group, from the payload of each topic.
 
     Raises:
-        FrameError: when a part that `/frame` names is missing or cannot be parsed.
+        FrameError: A topic that `/frame` names is missing or cannot be parsed.
     """
     missing = [topic for topic in closing["topics"] if topic not in data]
     if missing:
-        raise FrameError(f"lost its {', '.join(missing)}")
+        raise FrameError(f"without its {', '.join(missing)}")
     parts: dict[str, Any] = {}
     for topic in closing["topics"]:
         if topic in PROTOBUF_TOPICS:
@@ -173,7 +173,7 @@ def frame_from_messages(closing: Mapping[str, Any], data: Mapping[str, bytes]) -
 
 
 def info_to_json(info: RecordingInfo) -> dict[str, Any]:
-    """What the `/recording` message holds."""
+    """Content of the `/recording` message."""
     return {
         "format": FORMAT,
         "name": info.name,
@@ -188,7 +188,7 @@ def info_to_json(info: RecordingInfo) -> dict[str, Any]:
 
 
 def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingInfo:
-    """The same back."""
+    """The inverse of `info_to_json`."""
     up = values["gravity_up_world"]
     return RecordingInfo(
         name=values["name"],
@@ -288,8 +288,8 @@ def _camera(calibration: CameraCalibration) -> Camera:
 def _units(image: RawImage) -> np.ndarray:
     if image.encoding != "16UC1" or len(image.data) != 2 * image.width * image.height:
         raise FrameError(
-            f"image of {image.width}x{image.height} px, {image.encoding}, holds {len(image.data)} "
-            "bytes; 16UC1 with 2 bytes a pixel was expected"
+            f"image of {image.width}x{image.height} px, {image.encoding}, has {len(image.data)} "
+            "bytes; 16UC1 with 2 bytes per pixel was expected"
         )
     units = np.frombuffer(image.data, "<u2").reshape(image.height, image.width)
     return units.astype(np.uint16, copy=False)

@@ -1,7 +1,7 @@
-"""UTIAS multi-robot recordings (MRCLAM): odometry, landmarks and other robots by barcode, Vicon truth.
+"""UTIAS multi-robot recordings (MRCLAM): odometry, landmarks and robots with barcodes, Vicon ground truth.
 
-What the files call range is the depth along the optical axis. Odometry holds the velocities commanded; the
-robot follows them some 0.2 s later. Sightings carry the barcode, not the subject.
+The range in the files is the depth along the optical axis. Odometry contains the commanded velocities, which the
+robot follows about 0.2 s later. Measurements name the barcode, not the subject.
 
 Source: Leung, Halpern, Barfoot, Liu, "The UTIAS multi-robot cooperative localization and mapping dataset",
 International Journal of Robotics Research 30 (2011).
@@ -18,17 +18,17 @@ from jaxtyping import Float, Int
 from perception.primitives.errors import RecordingError
 
 ROBOTS = range(1, 6)
-"""Subjects 1 to 5 are robots, those after them landmarks."""
+"""Subjects 1 to 5 are robots, the others landmarks."""
 
 
 @dataclass(frozen=True)
 class RobotLog:
-    """What one robot told.
+    """Measurements of one robot.
 
     Args:
-        odometry: (n, 3) stamp, s, forward velocity, m/s, turn rate, rad/s; each holds until the next.
-        stamps_s: (m,) of its sightings, rising.
-        subjects: (m,) what was sighted, 0 where the barcode belongs to nothing.
+        odometry: (n, 3) stamp, s, forward velocity, m/s, turn rate, rad/s; each is valid until the next.
+        stamps_s: (m,) stamps of the measurements, increasing.
+        subjects: (m,) measured subject, 0 for an unknown barcode.
         seen: (m, 2) depth along the optical axis, m, and bearing, rad, left positive.
     """
 
@@ -39,49 +39,49 @@ class RobotLog:
 
 
 def read_landmarks(folder: Path) -> dict[int, tuple[float, float]]:
-    """Where each landmark is, by subject, m, world frame."""
+    """Position of each landmark by subject, m, world frame."""
     rows = _table(folder / "Landmark_Groundtruth.dat", 5)
     return {int(row[0]): (float(row[1]), float(row[2])) for row in rows}
 
 
 def read_truth(folder: Path, robot: int) -> Float[np.ndarray, "n 4"]:
-    """Stamp, s, x, y, m, and heading, rad and unwrapped, of a robot by motion capture."""
+    """True (stamp, s, x, y, m, heading, rad, unwrapped) of a robot, from motion capture."""
     truth = _table(folder / f"Robot{robot}_Groundtruth.dat", 4)
     truth[:, 3] = np.unwrap(truth[:, 3])
     return truth
 
 
 def read_robot(folder: Path, robot: int) -> RobotLog:
-    """Odometry and sightings of a robot.
+    """Odometry and measurements of a robot.
 
     Raises:
-        RecordingError: A file is missing, or a row of it is not finite or not in order of time.
+        RecordingError: A file is missing, or a row is not finite or not in order of time.
     """
     codes = _table(folder / "Barcodes.dat", 2).astype(np.int64)
     subject = {int(code): int(number) for number, code in codes}
     seen = _table(folder / f"Robot{robot}_Measurement.dat", 4)
     subjects = np.array([subject.get(int(code), 0) for code in seen[:, 1]], np.int64)
     odometry = _table(folder / f"Robot{robot}_Odometry.dat", 3)
-    for name, stamps in (("odometry", odometry[:, 0]), ("sightings", seen[:, 0])):
+    for name, stamps in (("odometry", odometry[:, 0]), ("measurements", seen[:, 0])):
         back = np.flatnonzero(np.diff(stamps) < 0.0)
         if len(back):
             raise RecordingError(
-                f"{folder}: {name} of robot {robot} run back in time at row {back[0] + 1}; sort them"
+                f"{folder}: {name} of robot {robot} go back in time at row {back[0] + 1}; sort them"
             )
     return RobotLog(odometry, seen[:, 0].copy(), subjects, seen[:, 2:4].copy())
 
 
 def _table(path: Path, columns: int) -> Float[np.ndarray, "n c"]:
-    """Numbers of a file, packed or not."""
+    """Numbers of a file, gzipped or not."""
     packed = path.with_name(path.name + ".gz")
     if not path.exists() and not packed.exists():
         raise RecordingError(f"{path}: no such file, nor {packed.name}; is this an MRCLAM folder?")
     try:
         table = np.loadtxt(path if path.exists() else packed, ndmin=2)
     except (ValueError, OSError, EOFError) as error:
-        raise RecordingError(f"{path}: {error}; expected {columns} numbers a line") from error
+        raise RecordingError(f"{path}: {error}; expected {columns} numbers per line") from error
     if table.shape[1] != columns or not np.all(np.isfinite(table)):
         raise RecordingError(
-            f"{path}: {columns} finite numbers a line were expected, found {table.shape[1]} columns"
+            f"{path}: {columns} finite numbers per line were expected, found {table.shape[1]} columns"
         )
     return table

@@ -1,4 +1,4 @@
-"""Which reader a path needs; the one door to recordings."""
+"""Choice of the reader for a path."""
 
 from __future__ import annotations
 
@@ -30,16 +30,15 @@ KINDS = (
 
 
 def open_recording(path: Path, description: Path | None = None) -> Recording:
-    """Open whatever lies at `path`.
+    """Open a recording of any known format.
 
     Args:
         path: A file or folder.
-        description: A `recording.toml` kept elsewhere; by default the one in the folder, if any. With a
-            table [depth] it says everything (a plain folder); without, it fills in what a known layout
-            leaves out.
+        description: A recording.toml in another place; by default the one in the folder, if any. With a table
+            [depth] it describes a plain folder completely; otherwise it completes a known layout.
 
     Raises:
-        RecordingError: when there is nothing, nothing known, or it cannot be read as a whole.
+        RecordingError: There is no such path, its format is unknown, or it cannot be read as a whole.
     """
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder{_nearest(path)}; expected {KINDS}")
@@ -61,7 +60,7 @@ def _open_file(path: Path, description: Path | None) -> Recording:
         return McapRecording(path)
     if path.suffix == ".pcd":
         return PcdRecording(path)
-    hint = "give the folder it lies in" if path.parent != path else "give a folder"
+    hint = "give its folder" if path.parent != path else "give a folder"
     raise RecordingError(
         f"{path}: a file of kind {path.suffix or path.name!r} is not read; {hint}; expected {KINDS}"
     )
@@ -87,7 +86,7 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
     if is_tum(path):
         return open_tum(path, description)
     if description is not None:
-        return open_plain(path, description)  # it will say which table is missing
+        return open_plain(path, description)  # its error names the missing table
     raise _nothing_known(path)
 
 
@@ -99,7 +98,7 @@ def _description(path: Path, given: Path | None) -> Description | None:
 
 
 def _nothing_known(path: Path) -> RecordingError:
-    """The most helpful thing to say of a folder that holds no recording we know."""
+    """The error for a folder without a known recording."""
     if (path / "config.toml").is_file() and (path / "metrics.json").is_file():
         return RecordingError(
             f"{path}: this run was not recorded (no {MCAP_NAME}); run `surefoot simulate --record`"
@@ -110,15 +109,15 @@ def _nothing_known(path: Path) -> RecordingError:
     inside = [child.name for child in sorted(path.iterdir()) if holds_recording(child)]
     if inside:
         return RecordingError(
-            f"{path}: holds no frames itself, but {', '.join(inside[:6])} in it can be read; give one "
-            "of them"
+            f"{path}: contains no frames itself, but these folders in it can be read: "
+            f"{', '.join(inside[:6])}; give one of them"
         )
     names = ", ".join(child.name for child in sorted(path.iterdir())[:6]) or "nothing"
-    return RecordingError(f"{path}: no frames found (it holds {names}); expected {KINDS}")
+    return RecordingError(f"{path}: no frames found (it contains {names}); expected {KINDS}")
 
 
 def holds_recording(path: Path) -> bool:
-    """Whether this very file or folder looks like a recording; nothing is read but names."""
+    """Whether the names in a file or folder look like a recording; no content is read."""
     if path.is_file():
         return path.suffix in (".mcap", ".pcd", ".bag", ".db3")
     known = (is_rosbag, is_euroc, is_icl_nuim, is_seven_scenes, is_replica, is_redwood, is_tum)

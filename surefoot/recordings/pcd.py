@@ -1,10 +1,10 @@
 """One organised point cloud (PCD 0.7) as a recording of one frame.
 
-A cloud that keeps the rows and columns of its camera is a depth image: z is the depth, and the pinhole
-follows from the points, since u = fx x/z + cx holds for every one of them. A cloud that no pinhole explains
-to half a pixel is refused.
+A cloud with the rows and columns of its camera is a depth image: z is the depth, and the intrinsics follow from
+the points, because u = fx x/z + cx for all of them. A cloud that no pinhole camera fits within half a pixel is
+refused.
 
-Source: pointclouds.org, the PCD file format; the fit of the pinhole is ours.
+Source: pointclouds.org, the PCD file format; the fit of the intrinsics is ours.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from .folder import camera_of
 from .recording import RecordingInfo, SkippedFrame
 
 _TYPES = {"F": "f", "U": "u", "I": "i"}
-_PINHOLE_PX = 0.5  # ours: worse than this is another lens, or a cloud that was moved
-_FEWEST = 100  # points to fit a pinhole to
+_PINHOLE_PX = 0.5  # ours: a larger residual means another lens or a transformed cloud
+_MIN_POINTS = 100  # ours: for the fit of the intrinsics
 
 
 class PcdRecording:
     """An organised PCD file.
 
     Raises:
-        RecordingError: for a file that is no PCD, cut short, not organised, or not seen by a pinhole.
+        RecordingError: The file is not PCD, truncated, not organised, or not the image of a pinhole camera.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,11 +47,11 @@ class PcdRecording:
 
     @property
     def skipped(self) -> list[SkippedFrame]:
-        """Nothing: the one frame is good, or the file refused."""
+        """Always empty: a file without a usable frame is refused."""
         return []
 
     def frames(self) -> Iterator[Frame]:
-        """The one frame, at time 0."""
+        """The frame, at time 0."""
         colour = None if self._rgb is None else ColourView(self._rgb, self._camera)
         yield Frame(0.0, depth=DepthView(self._depth, self._camera), colour=colour)
 
@@ -67,8 +67,8 @@ def _read(
     width, height = (_count(path, header, key) for key in ("WIDTH", "HEIGHT"))
     if height < 2 or width < 2:
         raise RecordingError(
-            f"{path}: {width}x{height} is not organised (rows and columns of a camera); a cloud "
-            "without them is no depth image"
+            f"{path}: {width}x{height} is not organised; a depth image needs the rows and columns "
+            "of a camera"
         )
     points = _points(path, header, body, width * height)
     missing = [axis for axis in "xyz" if axis not in (points.dtype.names or ())]
@@ -77,9 +77,9 @@ def _read(
     xyz = np.stack([points[axis].astype(np.float64) for axis in "xyz"], axis=-1)
     xyz = xyz.reshape(height, width, 3)
     seen = np.isfinite(xyz).all(axis=-1) & (xyz[..., 2] > 0.0)
-    if seen.sum() < _FEWEST:
+    if seen.sum() < _MIN_POINTS:
         raise RecordingError(
-            f"{path}: {int(seen.sum())} points ahead of the camera; at least {_FEWEST} were expected"
+            f"{path}: {int(seen.sum())} points in front of the camera; at least {_MIN_POINTS} were expected"
         )
     camera = _pinhole(path, xyz, seen)
     depth = np.where(seen, xyz[..., 2], np.nan).astype(np.float32)
@@ -94,7 +94,7 @@ def _header(path: Path, content: bytes) -> tuple[dict[str, list[str]], bytes]:
     while "DATA" not in header:
         end = content.find(b"\n", position)
         if end < 0 or end - position > 4096:
-            raise RecordingError(f"{path}: is no PCD file: its header has no line DATA")
+            raise RecordingError(f"{path}: is not a PCD file: its header has no line DATA")
         words = content[position:end].decode("latin-1").split()
         position = end + 1
         if words and not words[0].startswith("#"):
@@ -108,12 +108,12 @@ def _header(path: Path, content: bytes) -> tuple[dict[str, list[str]], bytes]:
 def _count(path: Path, header: dict[str, list[str]], key: str) -> int:
     word = header[key][0]
     if not word.isdigit():
-        raise RecordingError(f"{path}: {key} {word} in its header is no count")
+        raise RecordingError(f"{path}: {key} {word} in its header is not a number")
     return int(word)
 
 
 def _points(path: Path, header: dict[str, list[str]], body: bytes, count: int) -> np.ndarray:
-    """One record a point."""
+    """The points as a structured array."""
     names, sizes, kinds = header["FIELDS"], header["SIZE"], header["TYPE"]
     repeats = header.get("COUNT", ["1"] * len(names))
     try:
@@ -133,7 +133,7 @@ def _points(path: Path, header: dict[str, list[str]], body: bytes, count: int) -
         return _ascii(path, record, body, count)
     if data == "binary":
         if len(body) < count * record.itemsize:
-            raise _cut_short(path, len(body), count * record.itemsize)
+            raise _truncated(path, len(body), count * record.itemsize)
         return np.frombuffer(body, record, count)
     if data == "binary_compressed":
         return _compressed(path, record, body, count)
@@ -143,7 +143,7 @@ def _points(path: Path, header: dict[str, list[str]], body: bytes, count: int) -
 def _ascii(path: Path, record: np.dtype, body: bytes, count: int) -> np.ndarray:
     lines = [tuple(line.split()) for line in body.decode("latin-1").splitlines() if line.strip()]
     if len(lines) < count:
-        raise RecordingError(f"{path}: is cut short: {len(lines)} of {count} points")
+        raise RecordingError(f"{path}: is truncated: {len(lines)} of {count} points")
     try:
         return np.array(lines[:count], dtype=record)
     except ValueError as error:
@@ -151,19 +151,19 @@ def _ascii(path: Path, record: np.dtype, body: bytes, count: int) -> np.ndarray:
 
 
 def _compressed(path: Path, record: np.dtype, body: bytes, count: int) -> np.ndarray:
-    """Field after field, packed as one block by LZF."""
+    """Points of binary_compressed: field after field, compressed as one block by LZF."""
     if len(body) < 8:
-        raise _cut_short(path, len(body), 8)
+        raise _truncated(path, len(body), 8)
     packed_size, size = (int(v) for v in np.frombuffer(body, "<u4", 2))
     if len(body) - 8 < packed_size:
-        raise _cut_short(path, len(body) - 8, packed_size)
+        raise _truncated(path, len(body) - 8, packed_size)
     if size != count * record.itemsize:
         raise RecordingError(
             f"{path}: unpacks to {size} bytes; {count} points of {record.itemsize} were expected"
         )
     unpacked = lzf_decompress(np.frombuffer(body, np.uint8, packed_size, 8), size)
     if unpacked.size != size:
-        raise RecordingError(f"{path}: its packed points are damaged")
+        raise RecordingError(f"{path}: its compressed points are damaged")
     points = np.empty(count, record)
     offset = 0
     for name in record.names or ():
@@ -174,8 +174,8 @@ def _compressed(path: Path, record: np.dtype, body: bytes, count: int) -> np.nda
     return points
 
 
-def _cut_short(path: Path, found: int, expected: int) -> RecordingError:
-    return RecordingError(f"{path}: is cut short: {found} of {expected} bytes of points")
+def _truncated(path: Path, found: int, expected: int) -> RecordingError:
+    return RecordingError(f"{path}: is truncated: {found} of {expected} bytes of points")
 
 
 def _pinhole(path: Path, xyz: np.ndarray, seen: np.ndarray) -> Camera:
@@ -189,8 +189,8 @@ def _pinhole(path: Path, xyz: np.ndarray, seen: np.ndarray) -> Camera:
         fault = np.inf if rank < 2 else float(np.abs(design @ solution - pixel).max())
         if fault > _PINHOLE_PX:
             raise RecordingError(
-                f"{path}: no pinhole camera explains the points: worst {fault:.1f} px, "
-                f"{_PINHOLE_PX} px allowed; x right, y down, z ahead and untransformed was expected"
+                f"{path}: no pinhole camera fits the points: largest residual {fault:.1f} px, "
+                f"{_PINHOLE_PX} px allowed; untransformed points (x right, y down, z forward) were expected"
             )
         found.append(solution)
     (fx, cx), (fy, cy) = found

@@ -1,4 +1,4 @@
-"""A plain folder of depth images, with a `recording.toml` that says how to read them."""
+"""A plain folder of depth images, described by a recording.toml."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
     """Open a folder by its description.
 
     Raises:
-        RecordingError: for a description that lacks a part, or images, stamps and poses that do not match.
+        RecordingError: The description is incomplete, or images, stamps and poses do not match.
     """
     camera, unit = description.camera, description.unit
     for part, name in ((camera, "camera"), (unit, "depth")):
@@ -36,9 +36,9 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
     assert camera is not None
     assert unit is not None
     depths = _depths(path, description)
-    colours = _colours(path, description, depths)
-    stamps = _stamps(path, description, depths)
     remarks: list[str] = []
+    colours = _colours(path, description, depths, remarks)
+    stamps = _stamps(path, description, depths)
     poses = _poses(path, description, stamps, remarks)
     files = [
         FrameFiles(depth.name, float(stamp), depth, colour, pose)
@@ -59,10 +59,10 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
 
 
 def needs_description(path: Path, found: list[Path]) -> RecordingError:
-    """What to say of a folder of pictures that nothing describes."""
+    """The error for a folder of images without a description."""
     return RecordingError(
-        f"{path}: {len(found)} images (first {found[0].name}) but no recording.toml that says their "
-        "intrinsics, depth scale and no-depth marks; write one like this there, or give it with "
+        f"{path}: {len(found)} images (first {found[0].name}) but no recording.toml with their "
+        "intrinsics, depth scale and no-depth values; write one like this there, or give it with "
         f"--description:\n{EXAMPLE}"
     )
 
@@ -80,7 +80,9 @@ def _depths(path: Path, description: Description) -> list[Path]:
     )
 
 
-def _colours(path: Path, description: Description, depths: list[Path]) -> list[Path | None]:
+def _colours(
+    path: Path, description: Description, depths: list[Path], remarks: list[str]
+) -> list[Path | None]:
     named = description.colour_folder
     same_place = description.colour_pattern != "*"
     folders = (named,) if named is not None else (*_COLOUR_FOLDERS, *(["."] * same_place))
@@ -90,7 +92,7 @@ def _colours(path: Path, description: Description, depths: list[Path]) -> list[P
             depth_s, colour_s = (np.array([float(p.stem) for p in f]) for f in (depths, found))
             return [found[i] if i >= 0 else None for i in associate(depth_s, colour_s)]
         if found:
-            return pair(depths, found, path)
+            return pair(depths, found, path, remarks)
     if named is not None:
         raise RecordingError(
             f"{path / named}: no image matches {description.colour_pattern!r}; check [colour] in "
@@ -105,14 +107,14 @@ def _stamps(path: Path, description: Description, depths: list[Path]) -> Float[n
             return np.array([float(depth.stem) for depth in depths])
         except ValueError as error:
             raise RecordingError(
-                f'{description.path}: stamps = "name", but {str(error).split(": ")[-1]} is no time in s'
+                f'{description.path}: stamps = "name", but {str(error).split(": ")[-1]} is not a time in s'
             ) from error
     if description.stamps is not None:
         source = path / description.stamps
         lines = read_lines(source)
         if len(lines) != len(depths):
             raise RecordingError(
-                f"{source}: {len(lines)} stamps for {len(depths)} depth images; one each was expected"
+                f"{source}: {len(lines)} stamps for {len(depths)} depth images; one per image was expected"
             )
         return np.array([numbers(source, n, words[:1], 1, "a time in s")[0] for n, words in lines])
     if description.rate_hz is None:
@@ -127,31 +129,31 @@ def _stamps(path: Path, description: Description, depths: list[Path]) -> Float[n
 def _poses(
     path: Path, description: Description, stamps: Float[np.ndarray, "n"], remarks: list[str]
 ) -> list[Callable[[], Pose3] | None]:
-    """By time where there are stamps, else line k for frame k."""
+    """Poses by time if there are stamps, else line k for frame k."""
     if description.poses_file is None:
         return [None] * len(stamps)
     source = path / description.poses_file
     pose_stamps, rows = read_tum(source)
     if description.stamps is not None:
-        partners = associate(stamps, pose_stamps)
-        lonely = int((partners < 0).sum())
-        if lonely == len(stamps):
+        matches = associate(stamps, pose_stamps)
+        unmatched = int((matches < 0).sum())
+        if unmatched == len(stamps):
             raise RecordingError(
                 f"{source}: no pose within {ASSOCIATION_S} s of any frame: poses span "
                 f"{pose_stamps.min():.3f} to {pose_stamps.max():.3f} s, frames {stamps.min():.3f} to "
                 f"{stamps.max():.3f} s; check that both use one clock"
             )
-        if lonely:
-            remarks.append(f"{lonely} of {len(stamps)} depth images have no pose within 0.02 s")
+        if unmatched:
+            remarks.append(f"{unmatched} of {len(stamps)} depth images have no pose within 0.02 s")
     elif len(rows) == len(stamps):
-        partners = np.arange(len(rows))
+        matches = np.arange(len(rows))
     else:
         raise RecordingError(
-            f"{source}: {len(rows)} poses for {len(stamps)} depth images; one each was expected, or "
-            "stamps to join them by time"
+            f"{source}: {len(rows)} poses for {len(stamps)} depth images; one per image was expected, or "
+            "stamps to associate them by time"
         )
     read = _inverted if description.world_to_camera else pose_of_row
-    return [partial(read, rows[i]) if i >= 0 else None for i in partners]
+    return [partial(read, rows[i]) if i >= 0 else None for i in matches]
 
 
 def _inverted(row: tuple[float, ...]) -> Pose3:

@@ -1,4 +1,4 @@
-"""The Plaza recordings: a mower's dead reckoning and its ranges to radio beacons, with RTK truth.
+"""The Plaza recordings: dead reckoning of a mower and ranges to radio beacons, with RTK ground truth.
 
 Source: Djugash, Singh, "Navigating with ranging radios" (Carnegie Mellon University).
 """
@@ -16,14 +16,14 @@ from perception.primitives.errors import RecordingError
 
 @dataclass(frozen=True)
 class RangeLog:
-    """What the mower told.
+    """Measurements of the mower.
 
     Args:
-        odometry: (n, 3) stamp, s, way driven, m, and turn, rad, since the row before.
-        stamps_s: (m,) of the ranges, rising.
+        odometry: (n, 3) stamp, s, distance, m, and turn, rad, since the previous row.
+        stamps_s: (m,) stamps of the ranges, increasing.
         beacons: (m,) index into `places`.
-        ranges_m: (m,) from the antenna to the beacon, as told: every beacon reads long.
-        places: (b, 2) of the beacons, m, world frame.
+        ranges_m: (m,) measured ranges from the antenna to the beacon; they have a positive bias.
+        places: (b, 2) positions of the beacons, m, world frame.
         truth: (k, 4) stamp, s, x, y, m, heading, rad.
     """
 
@@ -36,10 +36,10 @@ class RangeLog:
 
 
 def read_plaza(path: Path) -> RangeLog:
-    """Read a Plaza file of MATLAB.
+    """Read a Plaza file (MATLAB).
 
     Raises:
-        RecordingError: It is not there, or lacks a table.
+        RecordingError: The file does not exist or lacks a table.
     """
     from scipy.io import loadmat  # slow to load
     from scipy.io.matlab import MatReadError

@@ -1,4 +1,4 @@
-"""Poses as recordings write them: TUM lines, 4x4 matrices, Redwood's log; and joining them by time."""
+"""Poses of recordings: TUM lines, 4x4 matrices, Redwood logs; and association by time."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from perception.primitives.pose import Pose3
 
 from .recording import FrameError
 
-_NORM_TOLERANCE = 0.01  # ours: four printed digits leave 1e-4, a quaternion of another kind more
+_NORM_TOLERANCE = 0.01  # ours: four printed digits leave 1e-4
 _ROTATION_TOLERANCE = 0.01  # ours: KinectFusion's printed matrices are orthogonal to 1e-3
 ASSOCIATION_S = 0.02  # TUM's associate.py
 
 
 def read_lines(path: Path) -> list[tuple[int, list[str]]]:
-    """Numbered lines of a text file, split into words; comments (#) and empty lines left out.
+    """Numbered lines of a text file, split into words; without comments (#) and empty lines.
 
     Raises:
-        RecordingError: for a file that cannot be read, is no text, or holds no line.
+        RecordingError: The file cannot be read, is not text, or has no lines.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -38,7 +38,7 @@ def read_lines(path: Path) -> list[tuple[int, list[str]]]:
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
-        raise RecordingError(f"{path}: holds no line of data; remove it or fill it")
+        raise RecordingError(f"{path}: has no lines of data; remove or complete it")
     return lines
 
 
@@ -46,7 +46,7 @@ def numbers(path: Path, line: int, words: list[str], expected: int, meaning: str
     """The numbers of one line.
 
     Raises:
-        RecordingError: for a wrong count or a word that is no number.
+        RecordingError: Their count is wrong, or a word is not a number.
     """
     try:
         values = [float(word) for word in words]
@@ -64,10 +64,10 @@ def numbers(path: Path, line: int, words: list[str], expected: int, meaning: str
 def read_tum(
     path: Path,
 ) -> tuple[Float[np.ndarray, "n"], list[tuple[float, ...]]]:
-    """Stamps, s, and rows (tx, ty, tz, qx, qy, qz, qw) as printed, not yet checked to be poses.
+    """Stamps, s, and rows (tx, ty, tz, qx, qy, qz, qw) as printed; the poses are not checked.
 
     Raises:
-        RecordingError: for lines that are not eight numbers.
+        RecordingError: A line does not have eight numbers.
     """
     stamps, rows = [], []
     for line, words in read_lines(path):
@@ -81,12 +81,12 @@ def read_log(path: Path) -> list[Float[np.ndarray, "4 4"]]:
     """Matrices of a Redwood trajectory: a line of ids, then four rows.
 
     Raises:
-        RecordingError: for a file whose lines do not come in fives.
+        RecordingError: The number of lines is not a multiple of five.
     """
     lines = read_lines(path)
     if len(lines) % 5:
         raise RecordingError(
-            f"{path}: {len(lines)} lines are no whole poses of 5 (ids, then 4 rows); it is cut short"
+            f"{path}: {len(lines)} lines are not a multiple of 5 (ids, then 4 rows per pose); the file is truncated"
         )
     return [
         np.array([numbers(path, *lines[i + row], 4, "a row of a 4x4 pose") for row in range(1, 5)])
@@ -95,62 +95,62 @@ def read_log(path: Path) -> list[Float[np.ndarray, "4 4"]]:
 
 
 def pose_of_row(row: tuple[float, ...]) -> Pose3:
-    """A pose of (tx, ty, tz, qx, qy, qz, qw).
+    """A pose from (tx, ty, tz, qx, qy, qz, qw).
 
     Raises:
-        FrameError: if it is not finite or the quaternion not of unit length.
+        FrameError: A value is not finite, or the quaternion does not have unit length.
     """
     if not all(math.isfinite(value) for value in row):
-        raise FrameError("pose holds a value that is not finite")
+        raise FrameError("pose has a value that is not finite")
     norm = math.hypot(*row[3:])
     if abs(norm - 1.0) > _NORM_TOLERANCE:
-        raise FrameError(f"pose is no rotation: its quaternion has length {norm:.2f}, not 1")
+        raise FrameError(f"pose is invalid: its quaternion has length {norm:.2f}, not 1")
     x, y, z, qx, qy, qz, qw = row
     return Pose3((x, y, z), (qx, qy, qz, qw))
 
 
 def pose_of_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
-    """A pose of a homogeneous matrix.
+    """A pose from a homogeneous matrix.
 
     Raises:
-        FrameError: if it is not finite or its rotation part no rotation.
+        FrameError: A value is not finite, or the matrix is not a rigid transform.
     """
     if not np.isfinite(matrix).all():
-        raise FrameError("pose holds a value that is not finite")
+        raise FrameError("pose has a value that is not finite")
     rotation = matrix[:3, :3]
     fault = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if fault > _ROTATION_TOLERANCE:
-        raise FrameError(f"pose is no rotation: R R^T differs from 1 by {fault:.2f}")
+        raise FrameError(f"pose is invalid: R R^T differs from 1 by {fault:.2f}")
     if np.linalg.det(rotation) < 0.0:
-        raise FrameError("pose is no rotation: it mirrors (determinant -1)")
+        raise FrameError("pose is invalid: its determinant is -1 (a reflection)")
     if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
-        raise FrameError("pose is no rigid motion: its last row is not 0 0 0 1")
+        raise FrameError("pose is invalid: its last row is not 0 0 0 1")
     return Pose3.from_matrix(matrix)
 
 
 def associate(
     stamps: Float[np.ndarray, "n"],
     others: Float[np.ndarray, "m"],
-    most_s: float = ASSOCIATION_S,
+    max_s: float = ASSOCIATION_S,
 ) -> Int[np.ndarray, "n"]:
-    """For each stamp the index of its partner among the others, -1 for none.
+    """Match stamps: for each stamp the index of its match among the others, -1 without one.
 
-    Closest pairs first, each stamp used once, none further apart than `most_s`, s.
+    The closest pairs are matched first, each stamp once, none further apart than `max_s`, s.
 
     Source: TUM RGB-D benchmark, associate.py.
     """
     order = np.argsort(others, kind="stable")
-    first = np.searchsorted(others[order], stamps - most_s, side="left")
-    last = np.searchsorted(others[order], stamps + most_s, side="right")
+    first = np.searchsorted(others[order], stamps - max_s, side="left")
+    last = np.searchsorted(others[order], stamps + max_s, side="right")
     pairs = [
         (abs(float(stamps[i] - others[j])), i, int(j))
         for i in range(len(stamps))
         for j in order[first[i] : last[i]]
     ]
-    partner = np.full(len(stamps), -1, dtype=np.int64)
+    match = np.full(len(stamps), -1, dtype=np.int64)
     taken: set[int] = set()
     for _, i, j in sorted(pairs):
-        if partner[i] < 0 and j not in taken:
-            partner[i] = j
+        if match[i] < 0 and j not in taken:
+            match[i] = j
             taken.add(j)
-    return partner
+    return match

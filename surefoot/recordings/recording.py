@@ -1,4 +1,4 @@
-"""What every recording answers: what it is, and its frames one after the other."""
+"""The protocol of recordings: information about the whole, and its frames one after the other."""
 
 from __future__ import annotations
 
@@ -17,21 +17,20 @@ from perception.primitives.pose import Pose2
 
 @dataclass(frozen=True, eq=False)
 class RecordingInfo:
-    """What is known of a recording before its first frame.
+    """Information about a recording, known before its first frame.
 
     Args:
-        name: For titles and tables.
-        kind: Which reader gave it: "mcap", "rosbag", "tum", "icl_nuim", "seven_scenes", "redwood", "replica",
-            "euroc", "plain", "pcd"; a live run says "simulation".
-        poses_given: Whether frames come with `T_world_camera`.
-        frames: How many frames it holds, readable or not; None if that is not known beforehand.
-        landmarks: Known beforehand, world frame.
-        start: Where the robot knew it stood at the first frame, world frame.
-        start_covariance: (3, 3) of (x, y, yaw) of `start`, m and rad.
-        scene: Name or description of the place; "" if nobody said.
-        gravity_up_world: Unit vector that points up, in the world of the given poses; None if neither
-            the format nor the recording says.
-        floor_height_world_m: Height of the floor along `gravity_up_world`, m; None if nobody says.
+        name: Name in titles and tables.
+        kind: Format: "mcap", "rosbag", "tum", "icl_nuim", "seven_scenes", "redwood", "replica", "euroc",
+            "plain" or "pcd"; "simulation" for a live run.
+        poses_given: Whether frames have `T_world_camera`.
+        frames: Number of frames, readable or not; None if unknown.
+        landmarks: Known landmarks, world frame.
+        start: Pose of the robot at the first frame, world frame.
+        start_covariance: Covariance (3, 3) of (x, y, yaw) of `start`, m and rad.
+        scene: Name or description of the place; may be empty.
+        gravity_up_world: Vertical unit vector in the world of the given poses; None if unknown.
+        floor_height_world_m: Height of the floor along `gravity_up_world`, m; None if unknown.
     """
 
     name: str
@@ -47,7 +46,7 @@ class RecordingInfo:
 
 
 class SkippedFrame(NamedTuple):
-    """A frame that could not be used, and why; reasons are worded so that equal ones can be counted."""
+    """A frame that cannot be used, and the reason; equal reasons have equal text, so they can be counted."""
 
     name: str
     reason: str
@@ -59,11 +58,11 @@ class FrameError(SurefootError):
 
 @runtime_checkable
 class Recording(Protocol):
-    """Frames that can be played back, as often as one likes."""
+    """Frames that can be played back any number of times."""
 
     @property
     def info(self) -> RecordingInfo:
-        """What is known beforehand."""
+        """Information about the recording."""
         ...
 
     @property
@@ -73,45 +72,45 @@ class Recording(Protocol):
 
     @property
     def remarks(self) -> list[str]:
-        """What the user should know: assumptions made, parts without a partner, an early end."""
+        """Remarks for the user: assumptions, images without a match, an early end."""
         ...
 
     def frames(self) -> Iterator[Frame]:
-        """The readable frames in the order of time, one in memory at a time.
+        """The readable frames in order of time, one in memory at a time.
 
         Raises:
-            RecordingError: when not a single frame can be read.
+            RecordingError: No frame can be read.
         """
         ...
 
 
-class Journal:
-    """Bookkeeping of one pass, shared by all readers: frames given and skipped, order of time."""
+class SkipLog:
+    """Counts the frames returned and skipped in one pass, and checks their stamps."""
 
     def __init__(self) -> None:
         self.skipped: list[SkippedFrame] = []
-        self.given = 0
+        self.returned = 0
         self._stamp_s: float | None = None
 
     def skip(self, name: str, reason: str) -> None:
-        """Count a frame that cannot be used."""
+        """Record a frame that cannot be used."""
         self.skipped.append(SkippedFrame(name, reason))
 
     def check_stamp(self, stamp_s: float) -> None:
-        """Refuse a stamp that is not a number or does not follow the one before."""
+        """Raise a FrameError for a stamp that is not finite or not later than the one before."""
         if not np.isfinite(stamp_s):
-            raise FrameError("its stamp is not a number")
+            raise FrameError("the stamp is not a number")
         if self._stamp_s is not None and stamp_s <= self._stamp_s:
-            fault = "repeats" if stamp_s == self._stamp_s else "lies before"
-            raise FrameError(f"its stamp {fault} the one of the frame before")
+            fault = "equals" if stamp_s == self._stamp_s else "is earlier than"
+            raise FrameError(f"the stamp {fault} that of the frame before")
 
     def note(self, stamp_s: float) -> None:
-        """A frame of this stamp is handed out."""
+        """Record a frame that is returned."""
         self._stamp_s = stamp_s
-        self.given += 1
+        self.returned += 1
 
     def why(self) -> str:
-        """What the first skipped frame suffered from, to end a message; "" if none was skipped."""
+        """Reason of the first skipped frame, as the end of a message; empty without skipped frames."""
         if not self.skipped:
             return ""
         first = self.skipped[0]

@@ -1,10 +1,10 @@
-"""Redwood and Open3D folders: `color/`, `depth/`, intrinsics as Open3D's JSON, perhaps `trajectory.log`.
+"""Redwood and Open3D folders: `color/`, `depth/`, intrinsics as Open3D's JSON, optional `trajectory.log`.
 
-Depth is in millimetres unless the JSON has a `depth_scale`, 0 is none. The JSON's matrix is column-major. The
-log holds camera-to-world matrices. Frames come 30 times a second.
+Depth is in millimetres unless the JSON has a `depth_scale`; 0 means no depth. The matrix in the JSON is
+column-major, the log has camera-to-world matrices, and the frame rate is 30 Hz.
 
-Which way is up depends on the set. Rendered rooms after ICL-NUIM have y up; they are known by cameras that
-never roll about it, which no hand does. Of others a `recording.toml` may say it.
+The vertical axis depends on the data set. Rendered rooms (after ICL-NUIM) have y up; they are recognised by cameras
+that never roll about it. For others a recording.toml may give it.
 
 Source: Choi et al., CVPR 2015; open3d.org, RGBD data sets and PinholeCameraIntrinsic.
 """
@@ -40,22 +40,23 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
     """Open a folder of this layout.
 
     Raises:
-        RecordingError: for intrinsics or a trajectory that cannot be parsed, or images that do not match.
+        RecordingError: Intrinsics or trajectory cannot be parsed, or images do not match.
     """
     source = _intrinsics_file(path)
     if source is None:
-        raise RecordingError(f"{path}: no JSON file with an intrinsic_matrix beside depth/")
+        raise RecordingError(f"{path}: no JSON file with an intrinsic_matrix next to depth/")
     camera, unit = _intrinsics(source)
     if description is not None and description.camera is not None:
         camera = description.camera
     depths = pictures(path / "depth")
     colours = next((found for name in _COLOUR_FOLDERS if (found := pictures(path / name))), [])
-    partners = pair(depths, colours, path)
+    remarks: list[str] = []
+    matches = pair(depths, colours, path, remarks)
     matrices = read_log(path / "trajectory.log") if (path / "trajectory.log").is_file() else []
     if matrices and len(matrices) != len(depths):
         raise RecordingError(
             f"{path}: {len(depths)} depth images but {len(matrices)} poses in trajectory.log; "
-            "one pose a frame was expected"
+            "one pose per frame was expected"
         )
     files = [
         FrameFiles(
@@ -65,7 +66,7 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
             colour,
             partial(pose_of_matrix, matrices[i]) if matrices else None,
         )
-        for i, (depth, colour) in enumerate(zip(depths, partners, strict=True))
+        for i, (depth, colour) in enumerate(zip(depths, matches, strict=True))
     ]
     info = RecordingInfo(
         name=path.resolve().name,
@@ -74,7 +75,7 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
         frames=len(files),
         gravity_up_world=(0.0, 1.0, 0.0) if _rendered_upright(matrices) else None,
     )
-    return FolderRecording(path, complete(info, description), files, camera, unit)
+    return FolderRecording(path, complete(info, description), files, camera, unit, remarks=remarks)
 
 
 def _intrinsics_file(path: Path) -> Path | None:
@@ -95,7 +96,7 @@ def _intrinsics(source: Path) -> tuple[Camera, DepthUnit]:
         scale = float(values.get("depth_scale", 1000.0))
     except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(
-            f"{source}: cannot be read as Open3D's intrinsics ({error}); width, height and a list "
+            f"{source}: cannot be read as intrinsics of Open3D ({error}); width, height and a list "
             "intrinsic_matrix of 9 numbers were expected"
         ) from error
     if len(k) != 9:
@@ -108,7 +109,7 @@ def _intrinsics(source: Path) -> tuple[Camera, DepthUnit]:
 
 
 def _rendered_upright(matrices: list[np.ndarray]) -> bool:
-    """Whether no camera rolls about world y, and each has y above it."""
+    """Whether no camera rolls, with world y up."""
     if not matrices:
         return False
     rotations = np.array([matrix[:3, :3] for matrix in matrices])

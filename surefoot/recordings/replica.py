@@ -1,7 +1,7 @@
 """Replica rooms as rendered for NICE-SLAM: `frameNNNNNN.jpg`, `depthNNNNNN.png`, `traj.txt`, `cam_params.json`.
 
-The JSON has intrinsics and depth scale (6553.5 units a metre), 0 is none. Line k of `traj.txt` is the
-camera-to-world matrix of frame k, row by row. World z is up. Rendered at 30 frames a second.
+The JSON has intrinsics and depth scale (6553.5 units per metre); 0 means no depth. Line k of `traj.txt` is the
+camera-to-world matrix of frame k, row by row. World z is up; the frame rate is 30 Hz.
 
 Source: Straub et al. 2019; Zhu et al., CVPR 2022 (the renderings).
 """
@@ -32,7 +32,7 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
     """Open a room.
 
     Raises:
-        RecordingError: for parameters or poses that cannot be parsed, or a frame without a pose.
+        RecordingError: Parameters or poses cannot be parsed, or a frame has no pose.
     """
     source = _parameters_file(path)
     if source is None:
@@ -49,14 +49,15 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
         ) from error
     images = path / "results" if (path / "results").is_dir() else path
     depths = pictures(images, "depth*.png")
-    partners = pair(depths, pictures(images, "frame*"), path)
+    remarks: list[str] = []
+    matches = pair(depths, pictures(images, "frame*"), path, remarks)
     meaning = "a camera-to-world matrix, row by row"
     rows = [
         np.array(numbers(path / "traj.txt", line, words, 16, meaning)).reshape(4, 4)
         for line, words in read_lines(path / "traj.txt")
     ]
     files = []
-    for depth, colour in zip(depths, partners, strict=True):
+    for depth, colour in zip(depths, matches, strict=True):
         number = number_in(depth)
         if number is None or number >= len(rows):
             raise RecordingError(
@@ -74,7 +75,7 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
     camera = camera_of(source, width, height, fx, fy, cx, cy)
     if description is not None and description.camera is not None:
         camera = description.camera
-    return FolderRecording(path, complete(info, description), files, camera, unit)
+    return FolderRecording(path, complete(info, description), files, camera, unit, remarks=remarks)
 
 
 def _parameters_file(path: Path) -> Path | None:

@@ -1,4 +1,4 @@
-"""What single ROS messages say: camera, depth image, colour image.
+"""Conversion of ROS messages: camera, depth image, colour image.
 
 Sources: sensor_msgs (Image, CompressedImage, CameraInfo); REP 104 (lenses); image_geometry (which numbers
 belong to which image); REP 118; compressed_depth_image_transport (a header of 12 bytes before the PNG, and
@@ -29,18 +29,18 @@ _COLOURS = {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4, "mono8": 1, "8UC1": 1,
 _RVL = "compressedDepth rvl"
 _TRANSPORTS = ("compressed", "compressedDepth")
 _POLYNOMIALS = ("plumb_bob", "rational_polynomial", "")
-"""Lenses that are OpenCV's coefficients; how many there are tells which, as in image_geometry."""
+"""Lens models with the coefficients of OpenCV; their number decides, as in image_geometry."""
 
 
 def is_depth_encoding(encoding: str) -> bool:
-    """Whether images of that encoding are depth (REP 118)."""
+    """Whether an encoding is that of depth images (REP 118)."""
     return encoding in _DEPTHS
 
 
 def is_rectified(topic: str) -> bool:
-    """Whether ROS calls the images of a topic rectified: /a/image_rect, /a/image_rect_raw, /a/image_rect/compressed.
+    """Whether the name of a topic marks rectified images, such as /a/image_rect, /a/image_rect_raw/compressed.
 
-    A word of the last part begins with `rect`; image_direct and image_unrectified are other words.
+    A word of the last part must begin with `rect`; image_direct and image_unrectified do not match.
     """
     parts = topic.split("/")
     name = parts[-2] if parts[-1] in _TRANSPORTS and len(parts) > 1 else parts[-1]
@@ -48,15 +48,14 @@ def is_rectified(topic: str) -> bool:
 
 
 def camera_of_info(message: Any, rectified: bool) -> Camera:
-    """The camera of images with that CameraInfo.
+    """The camera of a CameraInfo message.
 
     Args:
         message: CameraInfo of ROS 1 or ROS 2.
-        rectified: Whether the images are rectified (`is_rectified`): P without a lens (K where P is zero), else
-            K and D.
+        rectified: Whether the images are rectified: then P without distortion (K if P is zero), else K and D.
 
     Raises:
-        ConfigError: for intrinsics that cannot be, or a lens that is not known here.
+        ConfigError: The intrinsics are invalid, or the lens model is unknown.
     """
     P = _numbers(message, "p").reshape(3, 4)
     K = P if rectified and P[0, 0] != 0.0 else _numbers(message, "k").reshape(3, 3)
@@ -72,10 +71,10 @@ def camera_of_info(message: Any, rectified: bool) -> Camera:
 
 
 def depth_image(message: Any, camera: Camera, compressed: bool) -> Float32[np.ndarray, "h w"]:
-    """Depth, m, NaN where there is none.
+    """Depth, m; NaN without depth.
 
     Raises:
-        FrameError: for another encoding or size, too few bytes, or an image without any depth.
+        FrameError: The image has another encoding or size, too few bytes, or no valid pixel.
     """
     depth = _compressed_depth(message) if compressed else _raw_depth(message)
     _check_size("depth", depth, camera)
@@ -85,16 +84,16 @@ def depth_image(message: Any, camera: Camera, compressed: bool) -> Float32[np.nd
 
 
 def colour_image(message: Any, camera: Camera, compressed: bool) -> UInt8[np.ndarray, "h w 3"]:
-    """Colour, red first.
+    """Colour as RGB.
 
     Raises:
-        FrameError: for another encoding or size, or too few bytes.
+        FrameError: The image has another encoding or size, or too few bytes.
     """
     if compressed:
         data = np.frombuffer(bytes(message.data), np.uint8)
         rgb = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if len(data) else None
         if rgb is None:
-            raise FrameError("colour image is not readable as a picture")
+            raise FrameError("colour image cannot be decoded")
     else:
         channels = _COLOURS.get(message.encoding)
         if channels is None:
@@ -110,13 +109,13 @@ def colour_image(message: Any, camera: Camera, compressed: bool) -> UInt8[np.nda
 
 
 def _numbers(message: Any, field: str) -> Float64[np.ndarray, "n"]:
-    """A list of CameraInfo; ROS 1 writes its name large."""
+    """A list of CameraInfo; ROS 1 uses upper-case names."""
     name = field if hasattr(message, field) else field.upper()
     return np.asarray(getattr(message, name), dtype=np.float64).ravel()
 
 
 def _lens(message: Any) -> tuple[float, ...]:
-    """The coefficients of a raw image; five zeros where all are zero, whatever the model."""
+    """Distortion of a raw image; five zeros if all coefficients are zero, for any model."""
     model, D = str(message.distortion_model), _numbers(message, "d")
     if not D.any():
         return (0.0,) * 5
@@ -125,8 +124,8 @@ def _lens(message: Any) -> tuple[float, ...]:
     if model in _POLYNOMIALS and len(D) >= 8 and not D[8:].any():
         return tuple(D[:8].tolist())
     raise ConfigError(
-        f"camera: distortion_model={model!r} with coefficients ({', '.join(f'{v:g}' for v in D)}) is no lens "
-        "known here; expected plumb_bob with up to 5 or rational_polynomial with 8; rectify the images with "
+        f"camera: distortion_model={model!r} with coefficients ({', '.join(f'{v:g}' for v in D)}) is not a "
+        "supported lens; expected plumb_bob with up to 5 or rational_polynomial with 8; rectify the images with "
         "ROS's image_proc (depth with interpolation 0) and record its image_rect instead of them"
     )
 
@@ -141,7 +140,7 @@ def _raw_depth(message: Any) -> np.ndarray:
 
 
 def _rows(what: str, message: Any, kind: np.dtype[Any], channels: int) -> np.ndarray:
-    """The pixels (h, w, channels) of an Image, row padding taken off."""
+    """Pixels (h, w, channels) of an Image without row padding."""
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.frombuffer(bytes(message.data), np.uint8)
     needed = width * channels * kind.itemsize
@@ -163,11 +162,11 @@ def _compressed_depth(message: Any) -> np.ndarray:
     if start >= 0:
         image = cv2.imdecode(np.frombuffer(data[start:], np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None or image.ndim != 2 or image.dtype != np.uint16:
-        raise FrameError("compressed depth image holds no PNG of one channel of uint16")
+        raise FrameError("compressed depth image has no PNG with one channel of uint16")
     if "32FC1" not in message.format:
         return _metres(image)
     if start < 12:
-        raise FrameError("compressed depth image lacks the header of 12 bytes that says its scale")
+        raise FrameError("compressed depth image lacks the header of 12 bytes with its scale")
     _, a, b = struct.unpack("<iff", data[start - 12 : start])
     with np.errstate(divide="ignore"):
         metres = a / (image.astype(np.float32) - np.float32(b))
@@ -175,7 +174,7 @@ def _compressed_depth(message: Any) -> np.ndarray:
 
 
 def _metres(image: np.ndarray) -> np.ndarray:
-    """Millimetres and 0 for none, or metres with anything not positive and finite for none."""
+    """Depth from millimetres (0 without depth) or from metres (not positive or not finite without depth)."""
     if image.dtype.kind == "u":
         return np.where(image > 0, image * np.float32(1e-3), np.nan).astype(np.float32)
     with np.errstate(invalid="ignore"):

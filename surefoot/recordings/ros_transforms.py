@@ -1,6 +1,6 @@
-"""The tree of transforms that a bag tells piece by piece, and any way through it.
+"""The tree of transforms of a bag, and the transform between any two of its frames.
 
-Between two stamps a transform is interpolated; beyond the ends it is not known.
+A transform is interpolated between two stamps and unknown outside its time range.
 
 Source: Foote, "tf: The transform library" (TePRA 2013).
 """
@@ -16,18 +16,20 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from perception.primitives.pose import Pose3
 
-_SLACK_S = 0.1  # a pose this little before the first or after the last told one is that one
+_SLACK_S = (
+    0.1  # ours: so shortly before the first or after the last stamp, the nearest pose is used
+)
 
 
 class Transforms:
-    """Edges from parent to child, fixed or over time."""
+    """Edges from parent to child, static or over time."""
 
     def __init__(self) -> None:
-        self._fixed: dict[str, tuple[str, Pose3]] = {}
+        self._static: dict[str, tuple[str, Pose3]] = {}
         self._moving: dict[str, tuple[str, list[float], list[Pose3]]] = {}
 
     def add(self, parent: str, child: str, stamp_s: float | None, transform: Any) -> None:
-        """One told transform: pose of the child in its parent; without a stamp it holds always."""
+        """Add the pose of a child in its parent; a transform without a stamp is static."""
         q, t = transform.rotation, transform.translation
         quaternion = np.array([q.x, q.y, q.z, q.w], dtype=np.float64)
         length = float(np.linalg.norm(quaternion))
@@ -37,7 +39,7 @@ class Transforms:
         pose = Pose3((float(t.x), float(t.y), float(t.z)), (x, y, z, w))
         parent, child = parent.lstrip("/"), child.lstrip("/")
         if stamp_s is None:
-            self._fixed[child] = (parent, pose)
+            self._static[child] = (parent, pose)
             return
         _, stamps, poses = self._moving.setdefault(child, (parent, [], []))
         if not stamps or stamp_s > stamps[-1]:
@@ -45,14 +47,14 @@ class Transforms:
             poses.append(pose)
 
     def first_leading_to(self, candidates: Sequence[str], child: str) -> str | None:
-        """The first candidate among the ancestors of a frame that something moving hangs between."""
+        """The first candidate that is an ancestor of the frame above a moving edge; None without one."""
         chain = self._chain(child)
         moving = [name for name in chain if name in self._moving]
         ancestors = chain[chain.index(moving[0]) + 1 :] if moving else []
         return next((name for name in candidates if name in ancestors), None)
 
     def between(self, frame: str, other: str, stamp_s: float) -> Pose3 | None:
-        """Pose of `other` in `frame` at that time; None where nothing leads from one to the other."""
+        """Pose of `other` in `frame` at a time; None if they are not connected then."""
         mine, theirs = self._chain(frame.lstrip("/")), self._chain(other.lstrip("/"))
         common = next((name for name in mine if name in theirs), None)
         if common is None:
@@ -70,11 +72,11 @@ class Transforms:
         return chain
 
     def _parent(self, frame: str) -> str | None:
-        edge = self._moving.get(frame) or self._fixed.get(frame)
+        edge = self._moving.get(frame) or self._static.get(frame)
         return None if edge is None else edge[0]
 
     def _up(self, chain: Sequence[str], top: str, stamp_s: float) -> Pose3 | None:
-        """Pose of the head of a chain in one of its members."""
+        """Pose of the first frame of a chain in its member `top`."""
         pose = Pose3()
         for name in chain[: chain.index(top)]:
             edge = self._at(name, stamp_s)
@@ -85,7 +87,7 @@ class Transforms:
 
     def _at(self, child: str, stamp_s: float) -> Pose3 | None:
         if child not in self._moving:
-            return self._fixed[child][1]
+            return self._static[child][1]
         _, stamps, poses = self._moving[child]
         after = bisect.bisect_left(stamps, stamp_s)
         if after == 0 or after == len(stamps):

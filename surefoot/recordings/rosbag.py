@@ -1,11 +1,10 @@
 """ROS bags: ROS 1 `.bag`, ROS 2 folders (sqlite3 or MCAP) and single ROS 2 `.mcap` files.
 
-Read are one depth stream (raw or `compressedDepth`), its `camera_info`, the colour stream of the same
-camera, raw or compressed, and the transforms: where `tf` leads from a fixed frame to the depth camera, the
-frames come with poses; where it leads from the depth to the colour camera, the colours are laid onto the
-depth image. Images that ROS calls rectified (`is_rectified`) have no lens left; raw colours of the very camera
-of a rectified depth image are straightened to match it. Messages are streamed; a depth image waits only until
-a later colour image has come by.
+The reader uses one depth stream (raw or `compressedDepth`) with its `camera_info`, the colour stream of the same
+camera (raw or compressed), and the transforms. If `tf` connects a fixed frame with the depth camera, the frames
+have poses; if it connects depth and colour camera, the colours are registered to the depth image. Images that ROS
+names rectified (`is_rectified`) have no lens distortion; raw colour images of the camera of a rectified depth image
+are undistorted to match it. Messages are streamed; a depth image waits only for the next colour image.
 
 Sources: rosbags (reading and decoding of messages); REP 103 (axes), REP 105 (names of fixed frames), REP
 118 (depth images: 16UC1 in millimetres, 32FC1 in metres); image_transport_plugins (`compressedDepth`).
@@ -31,28 +30,28 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 
 from .description import Description, complete
 from .poses import ASSOCIATION_S
-from .recording import FrameError, Journal, RecordingInfo, SkippedFrame
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
 from .ros_messages import camera_of_info, colour_image, depth_image, is_depth_encoding, is_rectified
 from .ros_transforms import Transforms
 
 FIXED = ("world", "map", "odom", "vicon", "mocap")
-"""Frames that do not move, the most global first (REP 105, and what motion capture calls itself)."""
+"""Fixed frames, the most global first (REP 105, and frames of motion capture)."""
 
 _IMAGE, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _INFO = "sensor_msgs/msg/CameraInfo"
 _TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-_PROFILE_BYTES = 64  # magic, then the header, whose first text is the profile
-_LATEST_S = 0.5  # how long a depth image waits for its partner in colour
+_PROFILE_BYTES = 64  # magic bytes, then the header, which begins with the profile
+_MAX_WAIT_S = 0.5  # ours: time that a depth image waits for its colour image
 
 
 @dataclass(frozen=True)
 class Topics:
-    """Which topics make up the recording.
+    """Topics of the recording.
 
     Args:
         depth, depth_info: Depth image and its camera.
-        colour, colour_info: The same of colour; None where there is none.
-        compressed_depth, compressed_colour: Whether these are compressed.
+        colour, colour_info: Colour image and its camera; None without colour.
+        compressed_depth, compressed_colour: Whether they are compressed.
     """
 
     depth: str
@@ -64,20 +63,20 @@ class Topics:
 
 
 class RosbagRecording:
-    """A bag, streamed."""
+    """A ROS bag, read as a stream."""
 
     def __init__(self, path: Path, description: Description | None = None) -> None:
-        """Look for the topics, read cameras and transforms that do not change.
+        """Find the topics; read cameras and transforms.
 
         Args:
             path: Bag file or folder.
-            description: May give name, scene and the world's up.
+            description: Optional name, scene and vertical axis of the world.
 
         Raises:
-            RecordingError: It is no bag, is damaged as a whole, or holds no depth with a camera.
+            RecordingError: The path is not a bag, is damaged as a whole, or has no depth images with a camera.
         """
         self._path = path
-        self._journal = Journal()
+        self._skips = SkipLog()
         with self._reader() as reader:
             self._topics = find_topics(path, reader)
             self._camera = self._first_camera(reader, self._topics.depth_info, self._topics.depth)
@@ -109,56 +108,56 @@ class RosbagRecording:
     @property
     def skipped(self) -> list[SkippedFrame]:
         """Frames skipped so far by the latest `frames()`."""
-        return self._journal.skipped
+        return self._skips.skipped
 
     def frames(self) -> Iterator[Frame]:
         """The readable frames in the order of the bag, one in memory at a time.
 
         Raises:
-            RecordingError: when not one can be read, or the bag ends in the middle of the first.
+            RecordingError: No frame can be read.
         """
-        journal = self._journal = Journal()
+        skips = self._skips = SkipLog()
         waiting: list[tuple[float, Any]] = []
         colours: list[tuple[float, Any]] = []
         with self._reader() as reader:
             wanted = (self._topics.depth, self._topics.colour)
             chosen = [c for c in reader.connections if c.topic in wanted]
-            for connection, message in self._messages(reader, chosen, journal):
+            for connection, message in self._messages(reader, chosen, skips):
                 stamp = _seconds(message.header.stamp)
                 if connection.topic == self._topics.depth:
                     waiting.append((stamp, message))
                 else:
                     colours.append((stamp, message))
                 while waiting and _settled(waiting[0][0], stamp, colours, self._topics.colour):
-                    yield from self._made(journal, *waiting.pop(0), colours)
+                    yield from self._frame(skips, *waiting.pop(0), colours)
             for stamp, message in waiting:
-                yield from self._made(journal, stamp, message, colours)
-        if journal.given == 0:
-            raise RecordingError(f"{self._path}: no frame can be used{journal.why()}")
+                yield from self._frame(skips, stamp, message, colours)
+        if skips.returned == 0:
+            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
 
-    def _made(
-        self, journal: Journal, stamp: float, message: Any, colours: list[tuple[float, Any]]
+    def _frame(
+        self, skips: SkipLog, stamp: float, message: Any, colours: list[tuple[float, Any]]
     ) -> Iterator[Frame]:
-        """The frame of one depth image, if it can be used; older colour images are let go."""
+        """The frame of one depth image, if it can be used; drops older colour images."""
         while colours and colours[0][0] < stamp - ASSOCIATION_S:
             colours.pop(0)
         try:
-            journal.check_stamp(stamp)
+            skips.check_stamp(stamp)
             depth = depth_image(message, self._camera, self._topics.compressed_depth)
             colour = self._colour(stamp, depth, colours)
         except FrameError as error:
-            journal.skip(f"{self._topics.depth} at {stamp:.6f}", str(error))
+            skips.skip(f"{self._topics.depth} at {stamp:.6f}", str(error))
             return
         pose = None
         if self._fixed is not None:
             pose = self._transforms.between(self._fixed, self._depth_frame, stamp)
-        journal.note(stamp)
+        skips.note(stamp)
         yield Frame(stamp, depth=DepthView(depth, self._camera), colour=colour, T_world_camera=pose)
 
     def _colour(
         self, stamp: float, depth: np.ndarray, colours: Sequence[tuple[float, Any]]
     ) -> ColourView | None:
-        """The nearest colour image, laid onto the depth image where it comes from another place."""
+        """The nearest colour image, registered to the depth image if another camera took it."""
         if self._colour_camera is None:
             return None
         near = min(colours, key=lambda one: abs(one[0] - stamp), default=None)
@@ -167,22 +166,22 @@ class RosbagRecording:
         rgb = colour_image(near[1], self._colour_camera, self._topics.compressed_colour)
         frame = near[1].header.frame_id
         if frame == self._depth_frame:
-            if self._bent is None:
+            if self._undistortion is None:
                 return ColourView(rgb, self._colour_camera)
-            u, v = self._bent
-            straight = cv2.remap(rgb, u, v, cv2.INTER_LINEAR)
-            return ColourView(np.asarray(straight, np.uint8), self._camera)
+            u, v = self._undistortion
+            undistorted = cv2.remap(rgb, u, v, cv2.INTER_LINEAR)
+            return ColourView(np.asarray(undistorted, np.uint8), self._camera)
         T_colour_depth = self._transforms.between(frame, self._depth_frame, stamp)
         if T_colour_depth is None:
             return None
-        laid = colours_of_depth(depth, self._camera, rgb, self._colour_camera, T_colour_depth)
-        return ColourView(laid, self._camera)
+        registered = colours_of_depth(depth, self._camera, rgb, self._colour_camera, T_colour_depth)
+        return ColourView(registered, self._camera)
 
     @cached_property
-    def _bent(self) -> Float32[np.ndarray, "2 h w"] | None:
-        """Where (u, v) a raw colour image shows each pixel of the rectified depth image of the same camera, px.
+    def _undistortion(self) -> Float32[np.ndarray, "2 h w"] | None:
+        """Pixel (u, v) of the raw colour image for each pixel of the rectified depth image of the same camera.
 
-        None where the two belong together pixel by pixel as they are, or are of two sizes.
+        None if the images match without undistortion, or differ in size.
         """
         one, other = self._camera, self._colour_camera
         if other is None or one.is_distorted or not other.is_distorted:
@@ -193,9 +192,9 @@ class RosbagRecording:
         return np.ascontiguousarray(np.moveaxis(pixels, -1, 0))
 
     def _messages(
-        self, reader: Any, connections: list[Any], journal: Journal
+        self, reader: Any, connections: list[Any], skips: SkipLog
     ) -> Iterator[tuple[Any, Any]]:
-        """Decoded messages of some topics; undecodable ones are skipped, a damaged end ends it."""
+        """Decoded messages of some topics; skips damaged ones, and ends at a damaged end of the bag."""
         if not connections:
             return
         stream = reader.messages(connections=connections)
@@ -204,19 +203,19 @@ class RosbagRecording:
                 connection, _, raw = next(stream)
             except StopIteration:
                 return
-            except Exception as error:  # whatever the package meets in a damaged file
-                journal.skip("the rest of the bag", f"cannot be read: {_words(error)}")
+            except Exception as error:  # the package raises many types for a damaged file
+                skips.skip("the rest of the bag", f"cannot be read: {_words(error)}")
                 return
             try:
                 yield connection, reader.deserialize(raw, connection.msgtype)
             except (ValueError, KeyError, IndexError, AssertionError, MemoryError) as error:
-                journal.skip(f"a message of {connection.topic}", f"is damaged: {_words(error)}")
+                skips.skip(f"a message of {connection.topic}", f"is damaged: {_words(error)}")
 
     def _first(self, reader: Any, topic: str) -> Any:
         chosen = [c for c in reader.connections if c.topic == topic]
-        for _, message in self._messages(reader, chosen, Journal()):
+        for _, message in self._messages(reader, chosen, SkipLog()):
             return message
-        raise RecordingError(f"{self._path}: topic {topic} holds no message that can be read")
+        raise RecordingError(f"{self._path}: topic {topic} has no readable message")
 
     def _first_camera(self, reader: Any, topic: str, images: str) -> Camera:
         message = self._first(reader, topic)
@@ -233,7 +232,7 @@ class RosbagRecording:
     def _read_transforms(self, reader: Any) -> Transforms:
         found = Transforms()
         chosen = [c for c in reader.connections if c.msgtype in _TF]
-        for connection, message in self._messages(reader, chosen, Journal()):
+        for connection, message in self._messages(reader, chosen, SkipLog()):
             static = connection.topic.endswith("tf_static")
             for one in message.transforms:
                 found.add(
@@ -246,7 +245,7 @@ class RosbagRecording:
 
     @contextlib.contextmanager
     def _reader(self) -> Iterator[Any]:
-        """The bag, open; an old bag without message definitions is read by those of ROS 2 Humble."""
+        """The open bag; a bag without message definitions is read with those of ROS 2 Humble."""
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
 
@@ -263,7 +262,7 @@ class RosbagRecording:
 
 
 def is_rosbag(path: Path) -> bool:
-    """Whether this is a bag: by its name, by its metadata, or, of an MCAP file, by its profile."""
+    """Whether a path is a bag, by its name, its metadata, or the profile of an MCAP file."""
     if path.is_dir():
         return (path / "metadata.yaml").is_file()
     if path.suffix in (".bag", ".db3"):
@@ -275,12 +274,12 @@ def is_rosbag(path: Path) -> bool:
 
 
 def find_topics(path: Path, reader: Any) -> Topics:
-    """The depth stream of most messages that has a camera, and the colour that goes best with it.
+    """The largest depth stream with a camera, and the colour stream that matches it best.
 
-    Of one camera's depth images the rectified ones are taken, if there are at least half as many of them.
+    Rectified depth images of a camera are preferred if there are at least half as many as raw ones.
 
     Raises:
-        RecordingError: There is no depth, or none with a camera; the message lists what there is.
+        RecordingError: There are no depth images, or none with a camera; the message lists the topics.
     """
     infos = {c.topic for c in reader.connections if c.msgtype == _INFO and c.msgcount}
     depths, colours = [], []
@@ -294,14 +293,14 @@ def find_topics(path: Path, reader: Any) -> Topics:
             depths.append(entry)
         elif kind == "colour":
             colours.append(entry)
-    straight = [d for d in depths if d[0] and is_rectified(d[2])]
+    rectified = [d for d in depths if d[0] and is_rectified(d[2])]
     usable = sorted(
-        (d for d in depths if d[0] and not any(_replaces(s, d) for s in straight)),
+        (d for d in depths if d[0] and not any(_replaces(r, d) for r in rectified)),
         key=lambda d: (-d[1], d[4] == _COMPRESSED, d[2]),
     )
     if not usable:
         listed = ", ".join(sorted(f"{c.topic} ({c.msgtype})" for c in reader.connections)) or "none"
-        lacks = "no camera_info beside its depth images" if depths else "no depth image"
+        lacks = "no camera_info for its depth images" if depths else "no depth image"
         raise RecordingError(f"{path}: {lacks}; its topics are: {listed}")
     _, _, depth, depth_info, depth_type = usable[0]
     ranked = sorted(
@@ -320,13 +319,13 @@ def find_topics(path: Path, reader: Any) -> Topics:
 
 
 def _replaces(rectified: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
-    """Whether a stream of rectified images stands for a raw one: of the same camera, at least half as many."""
+    """Whether a rectified stream replaces a raw one of the same camera: it has at least half as many images."""
     same = rectified[3] == other[3] and not is_rectified(other[2])
     return same and 2 * rectified[1] >= other[1]
 
 
 def _kind(reader: Any, connection: Any) -> str | None:
-    """What a stream of images holds, by its first message."""
+    """Kind of an image stream by its first readable message: "depth", "colour" or None."""
     for _, _, raw in reader.messages(connections=[connection]):
         try:
             message = reader.deserialize(raw, connection.msgtype)
@@ -341,7 +340,7 @@ def _kind(reader: Any, connection: Any) -> str | None:
 
 
 def _info_of(topic: str, infos: set[str]) -> str | None:
-    """The `camera_info` in the nearest namespace: /a/depth/image_raw goes with /a/depth/camera_info."""
+    """The `camera_info` in the nearest namespace, such as /a/depth/camera_info for /a/depth/image_raw."""
     space = topic
     while "/" in space:
         space = space.rsplit("/", 1)[0]
@@ -351,7 +350,7 @@ def _info_of(topic: str, infos: set[str]) -> str | None:
 
 
 def _shared(a: str, b: str) -> int:
-    """How many leading parts two names share."""
+    """Number of leading parts that two topic names share."""
     return next(
         (n for n, (x, y) in enumerate(zip(a.split("/"), b.split("/"), strict=False)) if x != y), 99
     )
@@ -360,8 +359,8 @@ def _shared(a: str, b: str) -> int:
 def _settled(
     stamp: float, now: float, colours: Sequence[tuple[float, Any]], topic: str | None
 ) -> bool:
-    """Whether no better colour image can come for a depth image any more."""
-    if topic is None or now > stamp + _LATEST_S:
+    """Whether no later message can bring a nearer colour image for a depth image."""
+    if topic is None or now > stamp + _MAX_WAIT_S:
         return True
     return any(other >= stamp for other, _ in colours)
 

@@ -1,9 +1,9 @@
-"""7-Scenes folders: `frame-NNNNNN.depth.png`, `.color.*` and `.pose.txt` side by side.
+"""7-Scenes folders: `frame-NNNNNN.depth.png`, `.color.*` and `.pose.txt` in one folder.
 
-Depth is in millimetres with 0 and 65535 for none. Poses are camera-to-world matrices. Intrinsics come from
-`camera-intrinsics.txt` in the folder or its parent (as tsdf-fusion writes it), else they are the 585 585
-320 240 of the set's own page; `gravity-direction.txt`, in the same places, points down in the world.
-A Kinect writes 30 frames a second, and the number in the name counts them.
+Depth is in millimetres; 0 and 65535 mean no depth. Poses are camera-to-world matrices. Intrinsics come from
+`camera-intrinsics.txt` in the folder or its parent (as tsdf-fusion writes it), else they are 585 585 320 240 of the
+data set's page; `gravity-direction.txt`, in the same places, points down in the world. The number in the file name
+counts frames at 30 Hz.
 
 Source: Shotton et al., CVPR 2013; microsoft.com/research/project/rgb-d-dataset-7-scenes.
 """
@@ -38,7 +38,7 @@ def open_seven_scenes(path: Path, description: Description | None = None) -> Fol
     """Open one sequence.
 
     Raises:
-        RecordingError: for intrinsics or gravity that cannot be parsed or cannot be.
+        RecordingError: Intrinsics or gravity cannot be parsed or are invalid.
     """
     remarks: list[str] = []
     depths = pictures(path, _DEPTH)
@@ -77,7 +77,7 @@ def _pose(path: Path) -> Pose3:
     try:
         matrix = read_matrix(path, (4, 4))
     except RecordingError as error:
-        raise FrameError("pose file does not hold a 4x4 matrix") from error
+        raise FrameError("pose file has no 4x4 matrix") from error
     return pose_of_matrix(matrix)
 
 
@@ -89,7 +89,7 @@ def _camera(
     width, height = _first_size(path, depths)
     source = _beside(path, "camera-intrinsics.txt")
     if source is None:
-        remarks.append("no camera-intrinsics.txt: 585 585 320 240 of the set's page are used")
+        remarks.append("no camera-intrinsics.txt: 585 585 320 240 of the data set's page are used")
         return camera_of(path, width, height, 585.0, 585.0, 320.0, 240.0)
     k = read_matrix(source, (3, 3))
     return camera_of(
@@ -98,7 +98,7 @@ def _camera(
 
 
 def _first_size(path: Path, depths: list[Path]) -> tuple[int, int]:
-    """Size of the first image that can be read: this layout does not write it down."""
+    """Size of the first readable image, because the layout does not record it."""
     reason = "no depth image found"
     for depth in depths:
         try:
@@ -128,10 +128,10 @@ def _beside(path: Path, name: str) -> Path | None:
 
 
 def read_matrix(path: Path, shape: tuple[int, int]) -> np.ndarray:
-    """A matrix of numbers, one row a line.
+    """Read a matrix of numbers, one row per line.
 
     Raises:
-        RecordingError: for another shape or a word that is no number.
+        RecordingError: The shape is wrong, or a word is not a number.
     """
     rows, columns = shape
     lines = read_lines(path)

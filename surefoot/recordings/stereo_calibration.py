@@ -1,7 +1,6 @@
-"""Calibration files of stereo rigs: EuRoC's (raw cameras on a body), ROS's (a rectified pair).
+"""Calibration files of stereo rigs: EuRoC (raw cameras on a body) and ROS (a rectified pair).
 
-Both are YAML of the plainest kind: a key, and a list of numbers behind it or behind `data:` below it. That
-is all that is read here, with or without OpenCV's `%YAML:1.0` line.
+Both are simple YAML: a key, and a list of numbers after it or after `data:` below it. Nothing else is read.
 
 Source: Burri et al., IJRR 2016; ROS camera_info (P of the right camera holds -f times the baseline).
 """
@@ -22,16 +21,16 @@ from perception.primitives.pose import Pose3
 from .folder import camera_of
 
 _DISTORTIONS = ("radial-tangential", "radtan", "plumb_bob")
-_ORTHOGONAL = 1e-3  # ours: printed with ten digits, a rotation is one to 1e-9
+_ORTHOGONAL = 1e-3  # ours: with ten printed digits, rotations are orthogonal to 1e-9
 
 
 @dataclass(frozen=True)
 class RawCamera:
-    """A camera with its lens, and where it sits.
+    """A camera with distortion, and its mounting.
 
     Args:
         camera: Raw intrinsics with distortion.
-        T_body_camera: On the body of the rig (EuRoC: T_BS, the body is the IMU).
+        T_body_camera: Pose on the body of the rig (EuRoC: T_BS, the body is the IMU).
     """
 
     camera: Camera
@@ -39,17 +38,17 @@ class RawCamera:
 
 
 def read_euroc_camera(path: Path) -> RawCamera:
-    """A `cam0.yaml` or `sensor.yaml` of a EuRoC camera.
+    """Read `cam0.yaml` or `sensor.yaml` of a EuRoC camera.
 
     Raises:
-        RecordingError: A key is missing or not what it should be; another camera model or distortion.
+        RecordingError: A key is missing or invalid, or the camera model or distortion is not supported.
     """
     text = _read(path)
     for key, known in (("camera_model", ("pinhole",)), ("distortion_model", _DISTORTIONS)):
         value = _word(text, key)
         if value is not None and value not in known:
             raise RecordingError(
-                f"{path}: {key} is {value!r}; only {' or '.join(known)} can be rectified here"
+                f"{path}: {key} is {value!r}; only {' or '.join(known)} can be rectified"
             )
     width, height = (int(v) for v in _numbers(path, text, "resolution", (2,)))
     fx, fy, cx, cy = _numbers(path, text, "intrinsics", (4,))
@@ -60,22 +59,22 @@ def read_euroc_camera(path: Path) -> RawCamera:
 
 
 def read_extrinsics(path: Path) -> Pose3:
-    """The sensor on the body: T_BS of any EuRoC sensor file.
+    """Read the pose of a sensor on the body: T_BS of any EuRoC sensor file.
 
     Raises:
-        RecordingError: T_BS is missing or no rigid motion.
+        RecordingError: T_BS is missing or not a rigid transform.
     """
     T = _numbers(path, _read(path), "T_BS", (16,)).reshape(4, 4)
     if not np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=_ORTHOGONAL):
-        raise RecordingError(f"{path}: T_BS does not hold a rotation; a rigid motion was expected")
+        raise RecordingError(f"{path}: T_BS has no valid rotation; a rigid transform was expected")
     return Pose3.from_matrix(T)
 
 
 def read_rectified_pair(left: Path, right: Path) -> tuple[Camera, float]:
-    """Camera and baseline, m, of a pair that is rectified already (rtabmap's `*_left.yaml`).
+    """Camera and baseline, m, of a rectified pair (`*_left.yaml` of rtabmap).
 
     Raises:
-        RecordingError: A key is missing, the two do not belong together, or the baseline is not positive.
+        RecordingError: A key is missing, the two do not match, or the baseline is not positive.
     """
     text = _read(left)
     P, Q = (
@@ -85,14 +84,14 @@ def read_rectified_pair(left: Path, right: Path) -> tuple[Camera, float]:
     width, height = (_whole(left, text, key) for key in ("image_width", "image_height"))
     if not np.allclose(P[:, :3], Q[:, :3], rtol=1e-6):
         raise RecordingError(
-            f"{right}: its projection_matrix has not the intrinsics of {left.name}; a rectified pair "
-            "has the same in both"
+            f"{right}: its projection_matrix has other intrinsics than {left.name}; those of a "
+            "rectified pair are equal"
         )
     baseline = float(-Q[0, 3] / Q[0, 0])
     if not baseline > 0.0:
         raise RecordingError(
             f"{right}: projection_matrix gives a baseline of {baseline} m; -f times a positive "
-            "baseline was expected in its fourth number, are left and right exchanged?"
+            "baseline was expected in its fourth number; left and right may be exchanged"
         )
     return camera_of(left, width, height, P[0, 0], P[1, 1], P[0, 2], P[1, 2]), baseline
 
@@ -108,7 +107,7 @@ def _read(path: Path) -> str:
 
 
 def _numbers(path: Path, text: str, key: str, counts: tuple[int, ...]) -> Float[np.ndarray, "n"]:
-    """The list behind a key, or behind the `data:` indented below it."""
+    """The list after a key, or after the `data:` indented below it."""
     found = re.search(
         rf"^{key}:\s*(?:\n(?:[ \t]+\w+:.*\n)*?[ \t]+data:\s*)?\[([^\]]*)\]", text, re.M
     )
@@ -119,7 +118,7 @@ def _numbers(path: Path, text: str, key: str, counts: tuple[int, ...]) -> Float[
     try:
         values = np.array([float(word) for word in words])
     except ValueError as error:
-        raise RecordingError(f"{path}: {key} holds a word that is no number ({error})") from error
+        raise RecordingError(f"{path}: {key} has a word that is not a number ({error})") from error
     if len(values) not in counts or not np.isfinite(values).all():
         raise RecordingError(
             f"{path}: {key} has {len(values)} numbers; {expected} finite ones were expected"

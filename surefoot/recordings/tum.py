@@ -1,11 +1,11 @@
-"""TUM RGB-D benchmark folders, whole or thinned out.
+"""TUM RGB-D benchmark folders, complete or thinned.
 
-Whole: `depth.txt` and `rgb.txt` list stamps and files (without the lists the file names are the stamps),
-`groundtruth.txt` has the poses; all are joined by time.
-Thinned: `depth/` and `rgb/` alone, line K of `groundtruth.txt` for image K. Depth has 5000 units a metre
-and 0 for none by definition of the benchmark. The intrinsics are not in the folder but on the benchmark's
-page, one set for each of its three cameras, told from the folder's name (freiburg1, fr1, ...); for another
-name a `recording.toml` has to say them. World z is up.
+Complete: `depth.txt` and `rgb.txt` list stamps and files (without these lists the file names are the stamps),
+`groundtruth.txt` has the poses; all are associated by time.
+Thinned: only `depth/` and `rgb/`; line K of `groundtruth.txt` belongs to image K, or, with as many lines as images,
+the lines are in the order of the images. Depth has 5000 units per metre, and 0 without depth. The intrinsics are
+those of the benchmark's page for its three cameras; the folder name selects the camera (freiburg1, fr1, ...), or a
+recording.toml gives the intrinsics. World z is up.
 
 Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
 """
@@ -33,7 +33,7 @@ CAMERAS = {
     "2": Camera(640, 480, 520.9, 521.0, 325.1, 249.7, (0.2312, -0.7849, -0.0033, -0.0001, 0.9172)),
     "3": Camera(640, 480, 535.4, 539.2, 320.1, 247.6),
 }
-"""Colour cameras by the benchmark's page; depth is registered to them."""
+"""Colour cameras of the benchmark's page; depth is registered to them."""
 
 
 def is_tum(path: Path) -> bool:
@@ -46,12 +46,12 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
     """Open a folder of the benchmark.
 
     Raises:
-        RecordingError: for lists that cannot be parsed, a camera nobody knows, images that do not match.
+        RecordingError: A list cannot be parsed, the camera is unknown, or images do not match.
     """
     remarks: list[str] = []
     camera = _camera(path, description, remarks)
     timed = (path / "depth.txt").is_file() or all(is_stamp(p) for p in pictures(path / "depth"))
-    files = _timed(path, remarks) if timed else _counted(path)
+    files = _timed(path, remarks) if timed else _counted(path, remarks)
     info = RecordingInfo(
         name=path.resolve().name,
         kind="tum",
@@ -69,12 +69,12 @@ def _camera(path: Path, description: Description | None, remarks: list[str]) -> 
         found = re.search(r"(?<![a-z])(?:freiburg|fr)([123])(?!\d)", folder.name.lower())
         if found:
             remarks.append(
-                f"intrinsics of camera freiburg{found[1]} by the benchmark's page, told from the "
+                f"intrinsics of camera freiburg{found[1]} of the benchmark's page, chosen by the "
                 f"folder name {folder.name}"
             )
             return CAMERAS[found[1]]
     raise RecordingError(
-        f"{path}: the name does not say which TUM camera this is (freiburg1, freiburg2, freiburg3); "
+        f"{path}: the folder name has no TUM camera (freiburg1, freiburg2, freiburg3); "
         f"rename the folder or put a recording.toml beside the images with a table\n"
         f"{_camera_table()}"
     )
@@ -85,19 +85,19 @@ def _camera_table() -> str:
 
 
 def _timed(path: Path, remarks: list[str]) -> list[FrameFiles]:
-    """Everything joined by time, told by the lists or, without them, by the file names."""
+    """Frames associated by time: stamps of the lists or, without them, of the file names."""
     stamps, depths = _with_stamps(path, "depth")
     colour_of = np.full(len(stamps), -1)
     colour_stamps, colours = _with_stamps(path, "rgb")
     if colours:
         colour_of = associate(stamps, colour_stamps)
-        _remark_lonely(colour_of, "colour image", remarks)
+        _remark_unmatched(colour_of, "colour image", remarks)
     pose_of = np.full(len(stamps), -1)
     rows: list[tuple[float, ...]] = []
     if (path / "groundtruth.txt").is_file():
         pose_stamps, rows = read_tum(path / "groundtruth.txt")
         pose_of = associate(stamps, pose_stamps)
-        _remark_lonely(pose_of, "pose", remarks)
+        _remark_unmatched(pose_of, "pose", remarks)
     return [
         FrameFiles(
             depth.name,
@@ -130,21 +130,21 @@ def _list(path: Path) -> tuple[np.ndarray, list[Path]]:
     return np.array(stamps), files
 
 
-def _remark_lonely(partners: np.ndarray, what: str, remarks: list[str]) -> None:
-    lonely = int((partners < 0).sum())
-    if lonely:
+def _remark_unmatched(matches: np.ndarray, what: str, remarks: list[str]) -> None:
+    unmatched = int((matches < 0).sum())
+    if unmatched:
         remarks.append(
-            f"{lonely} of {len(partners)} depth images have no {what} within {ASSOCIATION_S} s"
+            f"{unmatched} of {len(matches)} depth images have no {what} within {ASSOCIATION_S} s"
         )
 
 
-def _counted(path: Path) -> list[FrameFiles]:
-    """The thinned layout: line K of the poses is frame K."""
+def _counted(path: Path, remarks: list[str]) -> list[FrameFiles]:
+    """Frames of the thinned layout: line K of the poses is image K."""
     depths = pictures(path / "depth")
-    colours = pair(depths, pictures(path / "rgb"), path)
+    colours = pair(depths, pictures(path / "rgb"), path, remarks)
     stamps, rows = read_tum(path / "groundtruth.txt")
     lines = [number_in(depth) for depth in depths]
-    if None in lines or len(set(lines)) < len(lines):
+    if len(rows) == len(depths) or None in lines or len(set(lines)) < len(lines):
         lines = list(range(len(depths)))
     beyond = [
         depth.name for depth, line in zip(depths, lines, strict=True) if (line or 0) >= len(rows)
@@ -152,7 +152,7 @@ def _counted(path: Path) -> list[FrameFiles]:
     if beyond:
         raise RecordingError(
             f"{path}: {len(depths)} depth images but {len(rows)} poses in groundtruth.txt (none for "
-            f"{beyond[0]}); one line a frame was expected, or lists depth.txt and rgb.txt with stamps"
+            f"{beyond[0]}); one line per frame was expected, or lists depth.txt and rgb.txt with stamps"
         )
     return [
         FrameFiles(

@@ -1,4 +1,4 @@
-"""Odometry and landmark sightings of a run as tables, for the smoother."""
+"""Tables of step odometry, gyroscope and landmark measurements of a run; input of the smoother."""
 
 from __future__ import annotations
 
@@ -8,26 +8,20 @@ from perception.primitives.frame import Frame
 from perception.primitives.landmark import Sighting
 
 ODOMETRY = "odometry.csv"
-
-
 ODOMETRY_HEADER = (
     "stamp_s", "ahead_m", "left_m", "turn_rad", "steps", "gyro_x_radps", "gyro_y_radps", "gyro_z_radps",
 )  # fmt: skip
-
-
 SIGHTINGS = "sightings.csv"
-
-
 SIGHTINGS_HEADER = ("stamp_s", "identity", "range_m", "bearing_rad", "P_rr", "P_rb", "P_bb")
 
 
 def odometry_row(frame: Frame) -> tuple[float | None, ...]:
-    """A frame's row of `odometry.csv`; cells stay empty where the body told nothing."""
-    told: tuple[float | None, ...] = (None,) * 4
+    """The row of `odometry.csv` of one frame; cells without a measurement stay empty."""
+    step: tuple[float | None, ...] = (None,) * 4
     if frame.odometry is not None:
-        told = (*frame.odometry.motion.vector.tolist(), frame.odometry.steps)
+        step = (*frame.odometry.motion.vector.tolist(), frame.odometry.steps)
     gyro = (None,) * 3 if frame.imu is None else frame.imu.angular_velocity.tolist()
-    return (frame.stamp_s, *told, *gyro)
+    return (frame.stamp_s, *step, *gyro)
 
 
 def sighting_rows(
@@ -35,8 +29,8 @@ def sighting_rows(
 ) -> list[tuple[float | int | None, ...]]:
     """The rows of `sightings.csv` of one frame."""
     rows = []
-    for one in sightings:
-        P = one.covariance
+    for sighting in sightings:
+        P = sighting.covariance
         upper = (float(P[0, 0]), float(P[0, 1]), float(P[1, 1]))
-        rows.append((stamp_s, one.identity, *one.measured.tolist(), *upper))
+        rows.append((stamp_s, sighting.identity, *sighting.measured.tolist(), *upper))
     return rows

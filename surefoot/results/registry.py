@@ -1,4 +1,4 @@
-"""One file per experiment or benchmark, loaded when it is asked for by name."""
+"""Experiments and benchmarks by name: each is one module, imported on demand."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from perception.primitives.errors import InputError
 
 
 def load(kind: str, package: str, files: Mapping[str, str], name: str) -> Any:
-    """The value `KIND` of the file that belongs to a name.
+    """Import the module of a name and return its value `KIND` (EXPERIMENT or BENCHMARK).
 
     Args:
         kind: "experiment" or "benchmark".
-        package: Where the files are.
-        files: Name to file.
-        name: Which one.
+        package: Package of the modules.
+        files: Name of each experiment or benchmark, and its module.
+        name: The one to load.
 
     Raises:
-        InputError: No such name; the message has the nearest one.
+        InputError: The name is unknown; the message suggests the nearest one.
     """
     if name not in files:
         near = difflib.get_close_matches(name, files, 1)

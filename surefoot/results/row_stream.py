@@ -1,7 +1,7 @@
-"""Tables that are written while the run goes on, so that a run of any length needs the same memory.
+"""Tables that are written row by row during a run, so that memory does not grow with its length.
 
-A stream writes beside its place and moves there when it is closed. It can be put into a checkpoint: taken out
-again, it goes on at the row where the checkpoint was made, whatever was written after it.
+A stream writes to a temporary file and renames it when it is closed. It can be pickled into a checkpoint; the
+restored stream truncates the file to the row of the checkpoint and continues there.
 """
 
 from __future__ import annotations
@@ -11,33 +11,33 @@ import io
 import json
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from .run_folder import RunFolder, cell, plain_json, refuse
+from .formats import cell, plain_json, refuse
+from .run_folder import PART, RunFolder
 
 
 class RowStream:
-    """A CSV table, row by row; None and NaN become empty cells, numbers keep every bit."""
+    """A CSV table, written row by row; floats without loss, None and NaN as empty cells."""
 
     def __init__(self, folder: RunFolder, name: str, header: Sequence[str]) -> None:
-        """Begin the table.
+        """Open the temporary file and write the header.
 
         Args:
-            folder: Of the run.
-            name: Of the file.
+            folder: Run folder.
+            name: File name.
             header: Names of the columns.
         """
         self._place = folder.path(name)
         self._columns = len(header)
-        self._part = self._place.with_name(f".part-{name}")
+        self._part = self._place.with_name(f"{PART}{name}")
         self._file: Any = None
         self.rows = 0
         self._open("wb")
         self._put(",".join(header) + "\n")
 
     def append(self, row: Sequence[object]) -> None:
-        """One more row.
+        """Write one row.
 
         Raises:
             OutputError: The disk is full.
@@ -50,7 +50,7 @@ class RowStream:
         self.rows += 1
 
     def close(self, keep_empty: bool = True) -> None:
-        """Put the table in its place; one without rows only if it is to be kept."""
+        """Rename the table to its final name; a table without rows is deleted unless keep_empty."""
         self._file.close()
         if self.rows or keep_empty:
             os.replace(self._part, self._place)
@@ -82,24 +82,24 @@ class RowStream:
 
 
 class JsonStream(RowStream):
-    """Objects for a list in a JSON file, one a line until the file is made."""
+    """A list in a JSON file, written as one object per line until it is closed."""
 
     def __init__(self, folder: RunFolder, name: str) -> None:
-        """Begin the list."""
+        """Open the temporary file."""
         super().__init__(folder, name, ())
 
     def append(self, row: Any) -> None:
-        """One more object."""
+        """Write one object."""
         self._put(json.dumps(plain_json(row), allow_nan=False) + "\n")
         self.rows += 1
 
     def close_into(self, key: str, rest: dict[str, Any]) -> None:
-        """Make the file: the list under a key, beside other values."""
+        """Write the final file: the list under `key`, followed by the other values."""
         self._file.close()
         whole = self._part.with_name(f"{self._part.name}-whole")
         try:
             with self._part.open("rb") as lines, whole.open("wb") as file:
-                lines.readline()  # of the columns, which are none
+                lines.readline()  # the empty header
                 file.write(b'{"' + key.encode() + b'": [\n')
                 for number, line in enumerate(lines):
                     file.write((b",\n" if number else b"") + line.rstrip(b"\n"))
@@ -112,8 +112,3 @@ class JsonStream(RowStream):
             self._part.unlink()
         except OSError as error:
             refuse(error, self._place)
-
-
-def remains(root: Path) -> list[Path]:
-    """Unfinished tables of a run that was killed."""
-    return sorted(root.glob(".part-*.csv")) + sorted(root.glob(".part-*.json*"))

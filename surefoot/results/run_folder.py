@@ -1,36 +1,36 @@
-"""A run folder: everything one run leaves behind, in files that other tools open.
+"""A run folder: all files that one run writes, in formats that other tools open (docs/outputs.md lists them).
 
-Every file is written under a temporary name beside its place and then renamed, so that whoever looks,
-even after a kill, finds either a complete file or none. A folder that was not made here is never written
-into; a run that is repeated into its own folder first loses what the earlier one said, so that results
-of two runs never lie side by side.
+Each file is written under a temporary name in the same folder and then renamed, so a reader always finds
+either a complete file or none, even if the run was killed. A folder that surefoot did not create is never
+written to. A run that is repeated into its own folder first deletes the results of the earlier run.
 """
 
 from __future__ import annotations
 
 import contextlib
 import csv
-import errno
 import io
 import json
-import math
 import os
 import re
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.gaussian import Gaussian
 
+from .formats import cell, parse_json_lines, plain_json, refuse, tum_line
 from .tables import Table, Trajectory, read_table, read_tum
 
 MARK = ".surefoot-run"
+PART = ".part-"  # prefix of the names of unfinished files
 RECORDING = "recording.mcap"
+BATCH_TABLE = "summary.csv"  # of a folder of runs, one row per recording
 COVARIANCE_HEADER = (
     "stamp_s", "x_m", "y_m", "yaw_rad", "P_xx", "P_xy", "P_xyaw", "P_yy", "P_yyaw", "P_yawyaw",
 )  # fmt: skip
@@ -39,14 +39,18 @@ SPACE_HEADER = (
     "stamp_s",
     *(f"{kind}_{i}{j}" for kind in ("start", "aligned") for i in range(6) for j in range(i, 6)),
 )
-_PART = ".part-"  # begins the name of everything unfinished
-_OURS = (  # what a repeated run takes away before it starts
-    "summary.json", "metrics.json", "report.html", "config.toml", "trajectory.txt",
-    "trajectory_covariance.csv", "space_covariance.csv", ERRORS, "map.yaml", "map.pgm", "cloud.ply", "obstacles.json", "floor.csv",
-    "timing.csv", "commands.csv", "innovations.csv", "terrain.npz", "odometry.csv", "sightings.csv",
-    "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply", "graph.g2o", "layers.npz",
-    "figures", "views", "truth",
+SIMULATION, PLAYBACK, MAP, PANORAMA, MONOCULAR, BATCH = (
+    "simulation", "recording", "map", "panorama", "monocular", "batch",
 )  # fmt: skip
+_OUTPUTS = (  # files and folders that a repeated run deletes before it starts
+    "summary.json", "metrics.json", "report.html", "config.toml", "trajectory.txt",
+    "trajectory_covariance.csv", "space_covariance.csv", ERRORS, "map.yaml", "map.pgm", "cloud.ply",
+    "obstacles.json", "floor.csv", "timing.csv", "commands.csv", "innovations.csv", "terrain.npz",
+    "odometry.csv", "sightings.csv", "smoothed.txt", "smoothed_covariance.csv", "views.json", "mesh.ply",
+    "graph.g2o", "layers.npz", "panorama.json", "panorama.npz", "panorama.ply", "panorama_obstacles.png",
+    "monocular.json", "figures", "views", "truth",
+)  # fmt: skip
+_OUTPUT_PATTERNS = (f"{PART}*", "stages-*.png", ".map-*.*", ".cloud-*.ply", ".checkpoint*.pickle")
 
 
 @dataclass(frozen=True)
@@ -57,18 +61,17 @@ class RunFolder:
 
     @staticmethod
     def create(path: Path | None = None, name: str = "run", reads: Path | None = None) -> RunFolder:
-        """Make the folder of a new run, or clear that of an earlier one.
+        """Make the folder of a new run, or clear that of an earlier run.
 
-        A recording that lies in the folder of an earlier run is kept as recording.previous.mcap.
+        A recording in the folder of an earlier run is kept as recording.previous.mcap.
 
         Args:
-            path: Where; None takes the first free runs/<name>-<n> below the working folder.
-            name: Of the run, for that.
-            reads: The recording that the run will read, so that it is not overwritten.
+            path: Folder to create; None takes the first free runs/<name>-<n> in the working directory.
+            name: Name of the run, used if path is None.
+            reads: The recording that the run reads; the folder must not contain it.
 
         Raises:
-            OutputError: The path is taken by something else, holds what the run reads, or cannot be
-                written.
+            OutputError: The path holds other files or the recording that is read, or cannot be written.
         """
         if path is None:
             return RunFolder(_next_free(Path("runs"), name))
@@ -95,45 +98,82 @@ class RunFolder:
 
     @staticmethod
     def open(path: Path) -> RunFolder:
-        """The folder of a run that ended, to look at it.
+        """The folder of an earlier run, complete or interrupted, or of a batch of runs.
 
         Raises:
-            InputError: There is none, or its run never came to an end.
+            InputError: There is no such folder, or it holds no results.
         """
         if not path.is_dir():
             what = "is a file, not the folder of a run" if path.exists() else "does not exist"
             raise InputError(f"run folder {path} {what}; `surefoot simulate` makes one")
-        if not (path / "trajectory.txt").is_file() and not (path / "summary.json").is_file():
-            cause = (
-                "its run was interrupted; run it again"
-                if (path / MARK).is_file()
-                else "expected summary.json and trajectory.txt in it; is this the right folder?"
-            )
-            raise InputError(f"run folder {path} holds no results: {cause}")
-        return RunFolder(path)
+        run = RunFolder(path)
+        results = ("summary.json", "trajectory.txt", "panorama.json", "monocular.json", BATCH_TABLE)
+        if any(run.has(name) for name in results) or run.unfinished():
+            return run
+        cause = (
+            "it was interrupted before its first frame; run it again"
+            if run.has(MARK)
+            else "expected summary.json and trajectory.txt in it; is this the right folder?"
+        )
+        raise InputError(f"run folder {path} holds no results: {cause}")
+
+    @property
+    def kind(self) -> str:
+        """One of "simulation", "recording", "map", "panorama", "monocular" and "batch".
+
+        Runs of older versions do not record their kind; their files show it.
+        """
+        named = str((self.read_json("summary.json") or {}).get("kind", ""))
+        if named in (SIMULATION, MAP, PANORAMA, MONOCULAR):
+            return named
+        if self.has("panorama.json"):
+            return PANORAMA
+        if self.has("monocular.json"):
+            return MONOCULAR
+        if self.has("layers.npz"):
+            return MAP
+        if self.has(BATCH_TABLE) and not named:
+            return BATCH
+        return PLAYBACK if named or self.read_csv("commands.csv") is None else SIMULATION
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the run was stopped before its end, by Ctrl-C or a kill."""
+        if self.has("summary.json"):
+            return bool((self.read_json("summary.json") or {}).get("interrupted", False))
+        return bool(self.unfinished())
+
+    def unfinished(self) -> list[Path]:
+        """Tables under their temporary names, which a killed run leaves."""
+        return sorted(
+            part
+            for ending in ("csv", "json")
+            for part in self.root.glob(f"{PART}*.{ending}")
+            if part.is_file()
+        )
 
     def path(self, name: str) -> Path:
-        """Where the file of that name (with / between folders) is or will be."""
+        """Path of a file of this run; "/" separates folders."""
         place = self.root / name
         if Path(name).is_absolute() or ".." in Path(name).parts:
             raise OutputError(f"file name {name!r} leads out of the run folder; give a plain name")
         return place
 
     def has(self, name: str) -> bool:
-        """Whether the run has a file of that name."""
+        """Whether the run has a complete file of this name."""
         return self.path(name).is_file()
 
     @contextlib.contextmanager
     def staged(self) -> Iterator[Path]:
-        """An empty folder to write files into, under their own names; each moves to its place at the end.
+        """A temporary folder whose files move into the run folder when the context ends.
 
-        If anything goes wrong inside, nothing of it remains. For writers that open files by themselves
-        (clouds, maps, figures).
+        After an exception nothing of it remains. Use it for writers that open files by themselves (clouds,
+        maps, figures).
 
         Raises:
-            OutputError: Disk full, folder read-only.
+            OutputError: The disk is full or the folder is read-only.
         """
-        stage = self.root / f"{_PART}{os.getpid()}-{os.urandom(4).hex()}"
+        stage = self.root / f"{PART}{os.getpid()}-{os.urandom(4).hex()}"
         try:
             stage.mkdir()
             yield stage
@@ -147,10 +187,10 @@ class RunFolder:
             shutil.rmtree(stage, ignore_errors=True)
 
     def write_bytes(self, name: str, data: bytes) -> Path:
-        """Write one file, whole or not at all.
+        """Write one file atomically.
 
         Raises:
-            OutputError: Disk full, folder read-only.
+            OutputError: The disk is full or the folder is read-only.
         """
         place = self.path(name)
         with self.staged() as stage:
@@ -160,17 +200,17 @@ class RunFolder:
         return place
 
     def write_text(self, name: str, text: str) -> Path:
-        """Write one text file, UTF-8, whole or not at all."""
+        """Write one UTF-8 text file atomically."""
         return self.write_bytes(name, text.encode())
 
     def write_json(self, name: str, value: Any) -> Path:
-        """Write JSON as the standard has it: what is not a finite number becomes null."""
+        """Write standard JSON; NaN and infinity become null."""
         return self.write_text(
             name, json.dumps(plain_json(value), indent=1, allow_nan=False) + "\n"
         )
 
     def write_csv(self, name: str, header: Sequence[str], rows: Sequence[Sequence[object]]) -> Path:
-        """Write a table; numbers so that reading gives the same bits, None and NaN as empty cells."""
+        """Write a table; floats are written without loss, None and NaN as empty cells."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(header)
@@ -186,27 +226,16 @@ class RunFolder:
         """Write upright poses as TUM text: stamp tx ty tz qx qy qz qw.
 
         Args:
-            name: Of the file.
-            poses: (stamp in s, x, y, z in m, yaw in rad) each.
+            name: File name.
+            poses: (stamp in s, x, y, z in m, yaw in rad) of each pose.
         """
         return self.write_text(
-            name, "# stamp tx ty tz qx qy qz qw\n" + "".join(_tum_line(*pose) for pose in poses)
+            name, "# stamp tx ty tz qx qy qz qw\n" + "".join(tum_line(*pose) for pose in poses)
         )
 
-    def write_estimates(self, poses: Sequence[tuple[float, Gaussian]]) -> None:
-        """Write where the body believed to be: trajectory.txt and trajectory_covariance.csv, if anywhere.
-
-        Args:
-            poses: (stamp in s, Gaussian over x, y in m and yaw in rad) each.
-        """
-        if poses:
-            rows = [estimate_row(stamp, pose) for stamp, pose in poses]
-            self.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
-            self.write_way()
-
-    def write_way(self) -> None:
-        """Write trajectory.txt from trajectory_covariance.csv, line by line, for tools that read TUM text."""
-        part = self.root / f"{_PART}trajectory.txt"
+    def write_planar_trajectory(self) -> None:
+        """Convert trajectory_covariance.csv to trajectory.txt (TUM text), line by line."""
+        part = self.root / f"{PART}trajectory.txt"
         try:
             with (
                 self.path("trajectory_covariance.csv").open(encoding="utf-8", newline="") as table,
@@ -215,13 +244,13 @@ class RunFolder:
                 text.write("# stamp tx ty tz qx qy qz qw\n")
                 for row in csv.DictReader(table):
                     stamp, x, y, yaw = (float(row[name]) for name in COVARIANCE_HEADER[:4])
-                    text.write(_tum_line(stamp, x, y, 0.0, yaw))
+                    text.write(tum_line(stamp, x, y, 0.0, yaw))
             os.replace(part, self.path("trajectory.txt"))
         except OSError as error:
             refuse(error, self.root)
 
     def adopt_truth(self, recording: Path) -> bool:
-        """Copy the truth that lies beside a recording (or inside its folder), if there is any.
+        """Copy the ground truth of a recording: the folder truth/ inside it or beside it.
 
         Args:
             recording: File or folder of the recording.
@@ -237,11 +266,16 @@ class RunFolder:
         return True
 
     def read_json(self, name: str) -> Any | None:
-        """What a JSON file of the run says; None if the run has none of that name.
+        """Content of a JSON file of the run; None if there is no such file.
+
+        An unfinished list of a killed run (obstacles.json) is read as far as it goes.
 
         Raises:
-            RecordingError: It is not JSON.
+            RecordingError: The file is not JSON.
         """
+        part = self.root / f"{PART}{name}"
+        if not self.has(name) and part.is_file():
+            return {"tracks": parse_json_lines(part), "footprints": []}
         if not self.has(name):
             return None
         try:
@@ -252,27 +286,38 @@ class RunFolder:
             ) from error
 
     def read_csv(self, name: str) -> Table | None:
-        """A table of the run; None if the run has none of that name, or an empty one."""
-        table = read_table(self.path(name)) if self.has(name) else None
+        """A table of the run; None if it is absent or has no rows.
+
+        The unfinished table of a killed run is read as far as it has complete rows.
+        """
+        part = self.root / f"{PART}{name}"
+        table = None
+        if self.has(name):
+            table = read_table(self.path(name))
+        elif part.is_file():
+            table = read_table(part, unfinished=True)
         return table if table is not None and len(table) else None
 
     def read_trajectory(self, name: str) -> Trajectory | None:
-        """A TUM file of the run; None if the run has none of that name."""
-        return read_tum(self.path(name)) if self.has(name) else None
+        """A TUM file of the run; None if there is no such file.
 
-
-def _tum_line(stamp_s: float, x: float, y: float, z: float, yaw: float) -> str:
-    numbers = (stamp_s, x, y, z, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-    return " ".join(repr(float(number)) for number in numbers) + "\n"
+        Of a killed run, trajectory.txt is taken from the unfinished trajectory_covariance.csv.
+        """
+        if self.has(name):
+            return read_tum(self.path(name))
+        if name != "trajectory.txt" or self.has("trajectory_covariance.csv"):
+            return None
+        table = self.read_csv("trajectory_covariance.csv")
+        return None if table is None else Trajectory.planar(table.matrix(*COVARIANCE_HEADER[:4]))
 
 
 def estimate_row(stamp_s: float, pose: Gaussian) -> tuple[float, ...]:
-    """A row under `COVARIANCE_HEADER`: stamp, mean, upper triangle of the covariance."""
+    """One row of `COVARIANCE_HEADER`: stamp, mean, upper triangle of the covariance."""
     return (stamp_s, *pose.mean.tolist(), *pose.covariance[np.triu_indices(3)].tolist())
 
 
 def _next_free(parent: Path, name: str) -> Path:
-    """Make parent/<name>-<n> for the first n that is free, also while others do the same."""
+    """Create parent/<name>-<n> for the first free n; safe while other processes do the same."""
     plain = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip("-.") or "run"
     try:
         parent.mkdir(parents=True, exist_ok=True)
@@ -291,25 +336,14 @@ def _next_free(parent: Path, name: str) -> Path:
 
 
 def _clear(path: Path) -> None:
-    """Take away what an earlier run wrote, its verdict first; what others put there stays."""
-    for name in _OURS:
-        place = path / name
+    """Delete the outputs of an earlier run, summary first; files of the user stay."""
+    found = [path / name for name in _OUTPUTS]
+    found += [part for pattern in _OUTPUT_PATTERNS for part in sorted(path.glob(pattern))]
+    for place in found:
         if place.is_dir() and not place.is_symlink():
             shutil.rmtree(place)
         else:
             place.unlink(missing_ok=True)
-    for part in sorted(path.glob(f"{_PART}*")):
-        if part.is_dir():
-            shutil.rmtree(part, ignore_errors=True)
-        else:
-            part.unlink(missing_ok=True)
-    for pattern in (
-        ".map-*.*",
-        ".cloud-*.ply",
-        ".checkpoint*.pickle",
-    ):  # what the writers of mapping left when killed
-        for part in sorted(path.glob(pattern)):
-            part.unlink(missing_ok=True)
     if (path / RECORDING).is_file():
         os.replace(path / RECORDING, path / "recording.previous.mcap")
 
@@ -317,44 +351,3 @@ def _clear(path: Path) -> None:
 def _within(inner: Path, outer: Path) -> bool:
     inner, outer = inner.resolve(), outer.resolve()
     return inner == outer or outer in inner.parents
-
-
-def refuse(error: OSError, path: Path) -> NoReturn:
-    """Say in one line why nothing can be written."""
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        reason = "the disk is full; free some space or choose another --out"
-    elif error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
-        reason = "the folder is read-only for you; choose another --out or change its permissions"
-    elif error.errno == errno.ENOTDIR:
-        reason = "a part of its path is a file; choose another --out"
-    else:
-        reason = f"{error.strerror or error}; choose another --out"
-    raise OutputError(f"cannot write into {error.filename or path}: {reason}") from error
-
-
-def cell(value: object) -> str:
-    """A value as a CSV cell; reading a number gives the same bits."""
-    if value is None:
-        return ""
-    if isinstance(value, (bool, np.bool_)):
-        return str(int(value))
-    if isinstance(value, (float, np.floating)):
-        return "" if math.isnan(value) else repr(float(value))
-    return str(value)
-
-
-def plain_json(value: Any) -> Any:
-    """Standard JSON values from ours and NumPy's."""
-    if isinstance(value, dict):
-        return {str(key): plain_json(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain_json(item) for item in value]
-    if isinstance(value, np.ndarray):
-        return plain_json(value.tolist())
-    if isinstance(value, np.generic):
-        return plain_json(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Path):
-        return str(value)
-    return value

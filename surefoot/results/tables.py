@@ -1,4 +1,4 @@
-"""Reading what runs and other tools write: tables (CSV) and trajectories (TUM text)."""
+"""Readers of tables (CSV) and trajectories (TUM text)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from perception.primitives.errors import InputError, RecordingError
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of text by name; `source` is named in messages."""
+    """Columns of text by name; error messages name `source`."""
 
     source: str
     columns: dict[str, list[str]]
@@ -41,7 +41,7 @@ class Table:
                 values.append(float(word) if word else np.nan)
             except ValueError:
                 raise RecordingError(
-                    f"{self.source}, row {row + 2}, column {name}: {word!r} is not a number; mend the file"
+                    f"{self.source}, row {row + 2}, column {name}: {word!r} is not a number; correct the file"
                 ) from None
         return np.array(values)
 
@@ -55,7 +55,7 @@ class Trajectory:
     """Poses over time.
 
     Args:
-        stamps: (n,), s, rising.
+        stamps: (n,), s, increasing.
         positions: (n, 3), m.
         quats_xyzw: (n, 4), unit length.
     """
@@ -69,19 +69,34 @@ class Trajectory:
 
     @property
     def yaws(self) -> Float[np.ndarray, "n"]:
-        """Heading of the x axis on the floor, rad."""
+        """Heading of the x axis in the horizontal plane, rad."""
         x, y, z, w = self.quats_xyzw.T
         return np.arctan2(2 * (x * y + w * z), 1 - 2 * (y * y + z * z))
 
+    @staticmethod
+    def planar(rows: Float[np.ndarray, "n 4"]) -> Trajectory:
+        """Upright poses on the floor from rows of (stamp, x, y, yaw)."""
+        zero = np.zeros(len(rows))
+        half = rows[:, 3] / 2
+        quats = np.column_stack([zero, zero, np.sin(half), np.cos(half)])
+        return Trajectory(rows[:, 0], np.column_stack([rows[:, 1:3], zero]), quats)
 
-def read_table(path: Path) -> Table:
+
+def read_table(path: Path, unfinished: bool = False) -> Table:
     """Read a CSV file with a header line.
 
+    Args:
+        path: The file.
+        unfinished: The file is the table of a killed run; an incomplete last line is dropped.
+
     Raises:
-        InputError: It cannot be opened.
-        RecordingError: It has no header, or a row is short or long.
+        InputError: The file cannot be opened.
+        RecordingError: It has no header, or a row has too few or too many cells.
     """
-    rows = list(csv.reader(_lines(path)))
+    lines = _lines(path)
+    if unfinished and lines and not path.read_bytes().endswith(b"\n"):
+        lines.pop()
+    rows = list(csv.reader(lines))
     if not rows:
         raise RecordingError(f"{path} is empty; expected a header line")
     header, *body = rows
@@ -96,10 +111,10 @@ def read_table(path: Path) -> Table:
 def read_tum(path: Path) -> Trajectory:
     """Read a trajectory in TUM text (stamp tx ty tz qx qy qz qw), also gzipped.
 
-    Poses come back in order of time; of two with the same stamp the first stays.
+    Poses are returned in order of time; of two with the same stamp the first is kept.
 
     Raises:
-        InputError: It cannot be opened.
+        InputError: The file cannot be opened.
         RecordingError: A line is not eight finite numbers, a quaternion is zero, or there are no poses.
     """
     rows = []

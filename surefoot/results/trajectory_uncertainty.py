@@ -1,8 +1,8 @@
-"""What a map says of the sureness of its way: written by `surefoot map`, read by `surefoot evaluate`.
+"""Covariances of a camera trajectory in space: tables that `surefoot evaluate` reads.
 
-trajectory_covariance.csv has x, y and heading, as every run has. space_covariance.csv has all six degrees of
-freedom twice, upper triangles row by row of (x, y, z, rotation vector) in the map's axes, m and rad: start_ij of
-the motion since the first image, aligned_ij of what is left after the best motion of the whole way.
+trajectory_covariance.csv has x, y and heading, as for every run. space_covariance.csv has two 6x6 covariances per
+pose, as upper triangles row by row, over (x, y, z, rotation vector) in map axes, m and rad: start_ij is that of
+the pose relative to the first image, aligned_ij that of the error left after rigid alignment of the trajectory.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from perception.odometry.pose_uncertainty import Claims
+from perception.odometry.pose_uncertainty import PoseUncertainty
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose3
 
@@ -21,19 +21,19 @@ from .tables import Table
 
 SPACE = "space_covariance.csv"
 EXACT = 1e-4
-"""Deviation of the start, m and rad: where the world begins is known."""
+"""Standard deviation of the first pose, m and rad; it defines the map frame."""
 
 
 def write_claims(
-    folder: RunFolder, stamps: Sequence[float], poses: Sequence[Pose3], claims: Claims
+    folder: RunFolder, stamps: Sequence[float], poses: Sequence[Pose3], claims: PoseUncertainty
 ) -> None:
     """Write both tables.
 
     Args:
-        folder: Of the map.
-        stamps: Of the images, s.
-        poses: T_map_camera of each.
-        claims: Of each; images with NaN are left out.
+        folder: Run folder.
+        stamps: Stamps of the images, s.
+        poses: T_map_camera of each image.
+        claims: Covariances of each image; images with NaN are left out.
     """
     rows, planar = [], []
     upper = np.triu_indices(6)
@@ -42,20 +42,20 @@ def write_claims(
     ):
         if np.isfinite(start).all():
             rows.append((stamp, *start[upper].tolist(), *aligned[upper].tolist()))
-            planar.append(estimate_row(stamp, flattened(pose, start)))
+            planar.append(estimate_row(stamp, planar_gaussian(pose, start)))
     folder.write_csv(SPACE, SPACE_HEADER, rows)
     folder.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, planar)
 
 
-def flattened(pose: Pose3, covariance: Float[np.ndarray, "6 6"]) -> Gaussian:
-    """(x, y, heading of the optical axis) of a camera, with what remains of its covariance.
+def planar_gaussian(pose: Pose3, covariance: Float[np.ndarray, "6 6"]) -> Gaussian:
+    """Project a camera pose to the plane: (x, y, heading of the optical axis) with covariance.
 
     Args:
-        pose: T_map_camera, map upright.
-        covariance: Of (x, y, z, rotation vector), map axes.
+        pose: T_map_camera, in an upright map frame.
+        covariance: Covariance of (x, y, z, rotation vector), map axes.
     """
     x, y, z = (float(v) for v in pose.rotation[:, 2])
-    level = max(x * x + y * y, 1e-6)  # straight down, the heading is anything
+    level = max(x * x + y * y, 1e-6)  # a camera that looks straight down has no heading
     jacobian = np.zeros((3, 6))
     jacobian[0, 0] = jacobian[1, 1] = 1.0
     jacobian[2, 3:] = -x * z / level, -y * z / level, 1.0
@@ -63,10 +63,10 @@ def flattened(pose: Pose3, covariance: Float[np.ndarray, "6 6"]) -> Gaussian:
     return Gaussian(mean, jacobian @ covariance @ jacobian.T + EXACT**2 * np.eye(3))
 
 
-def aligned_claims(
+def read_aligned_covariances(
     table: Table,
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n 6 6"]]:
-    """Stamps, and covariances after alignment, of space_covariance.csv."""
+    """Stamps and aligned covariances of space_covariance.csv."""
     numbers = table.matrix(*SPACE_HEADER)
     rows, columns = np.triu_indices(6)
     covariances = np.zeros((len(numbers), 6, 6))

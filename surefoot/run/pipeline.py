@@ -23,7 +23,7 @@ from mapping.objects.footprints import Footprint
 from perception.depth import points, stereo, structured_light, time_of_flight
 from perception.depth.health import DepthHealth
 from perception.depth.reach import ReachConfig
-from perception.depth.rectification import straightened
+from perception.depth.rectification import rectified
 from perception.estimate import Estimate
 from perception.floor import choose, classify
 from perception.floor.segmented_view import (
@@ -31,8 +31,8 @@ from perception.floor.segmented_view import (
     RISING,
     SegmentedView,
     colours_of,
-    cut_off,
-    near_movers,
+    near_moving_obstacles,
+    truncated,
     visibility,
 )
 from perception.localisation import landmarks
@@ -166,7 +166,7 @@ class Pipeline:
             yield "depth", structured_light.depth(frame.depth, self.config.structured_light)
         if frame.stereo is not None:
             with watch.stage("stereo"):
-                pair = stereo.depth(straightened(frame.stereo), self.config.stereo)
+                pair = stereo.depth(rectified(frame.stereo), self.config.stereo)
             yield "stereo", pair
 
     def _understand(self, sensor: str, depth: Depth) -> SegmentedView | None:
@@ -232,7 +232,7 @@ class Pipeline:
         for view, mask in zip(views, rising, strict=True):
             reach: ReachConfig = getattr(self.config.reach, view.sensor)
             others = [other for other in views if other is not view]
-            cut.append(cut_off(view, reach, others)[mask])
+            cut.append(truncated(view, reach, others)[mask])
         return clustering.cluster(
             obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
         )
@@ -287,7 +287,7 @@ class Pipeline:
         used = np.isin(view.classes, (*OBSTACLES, classify.FLOOR))
         upright, classes = view.upright[used], view.classes[used]
         is_obstacle = np.isin(classes, OBSTACLES)
-        is_moving = is_obstacle & near_movers(upright[:, :2], self.tracker.obstacles)
+        is_moving = is_obstacle & near_moving_obstacles(upright[:, :2], self.tracker.obstacles)
         camera = view.T_map_camera.position
         drop = np.abs(upright[:, 2] - view.floor.offset_m) / view.points.xyz[used, 2]
         self.grid.update(
@@ -319,7 +319,9 @@ def _whereabouts(config: Config, info: RecordingInfo) -> PoseSource:
         return GivenPoses(info.gravity_up_world, config.prior)
     if info.start is None:
         alone = replace(config.odometer, loops=False)  # closing them takes the whole recording
-        return OdometryPoses(np.random.default_rng(config.seed), config.prior, alone)
+        return OdometryPoses(
+            np.random.default_rng(config.seed), alone, config.floor, config.structured_light
+        )
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None

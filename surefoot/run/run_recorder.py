@@ -212,7 +212,7 @@ class RunRecorder:
         self._commands.close(keep_empty=False)
         self._poses.close(keep_empty=False)
         if self._poses.rows:
-            self._folder.write_way()
+            self._folder.write_planar_trajectory()
         self._tracks.close_into("tracks", {"footprints": _footprints(pipeline)})
         times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
         for row in zip(self._times, *(self._stages[n] for n in sorted(self._stages)), strict=True):

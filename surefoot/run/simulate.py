@@ -55,7 +55,12 @@ def true_start(scene: Scene, config: Config) -> Pose2:
 
     rng = np.random.default_rng([config.seed, 34])
     radius = math.hypot(*config.robot.dynamic.body.trunk_m[:2]) / 2
-    parts = [part for thing in scene.things for part in thing.parts if part.bottom_m < ROBOT_TOP_M]
+    parts = [
+        part
+        for thing in scene.static_objects
+        for part in thing.parts
+        if part.bottom_m < ROBOT_TOP_M
+    ]
     x0, y0, x1, y1 = scene.extent
     for _ in range(DRAWS):
         x, y, yaw = rng.multivariate_normal(scene.start.vector, START_COVARIANCE)

@@ -1,4 +1,4 @@
-"""What takes depth away: a time-of-flight camera that falls silent, and paint without texture."""
+"""Loss of depth: a failing time-of-flight camera, and surfaces without texture."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim.scenes import catalogue
 from sim.world import World
 
 
-def test_from_the_moment_it_fails_the_camera_is_silent_and_nothing_else_is():
+def test_a_failed_camera_delivers_nothing_and_the_other_sensors_continue():
     config = RobotConfig(stereo=False, colour=False, tof_fails_at_s=2.0)
     with (
         World(catalogue.load("empty_room", 0), "tiny") as world,
@@ -29,18 +29,18 @@ def test_a_time_before_the_start_is_refused():
         RobotConfig(tof_fails_at_s=-1.0)
 
 
-def test_plain_paint_is_one_colour():
+def test_plain_material_is_one_colour():
     image = paint("plain/oak", (0.5, 0.3), 0.005, np.random.default_rng(0))
     assert (image == np.array(PALETTE["oak"], np.uint8)).all()
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_box_stands_on_the_straight_way_and_there_is_room_beside_it(seed):
+def test_a_box_blocks_the_straight_path_and_leaves_room_beside_it(seed):
     room = catalogue.load("plain_room", seed)
     first = room.obstacles[0].parts[0]
     (goal,) = room.goals
     assert room.start.x < first.centre[0] < goal[0]
-    reach = np.hypot(0.14, 0.14)  # of the box, however it is turned
+    reach = np.hypot(0.14, 0.14)  # of the box at any yaw
     assert abs(first.centre[1] - room.start.y) < reach + 0.15
     assert first.centre[1] + reach + 0.3 < room.extent[3]
     assert first.centre[1] - reach - 0.3 > room.extent[1]

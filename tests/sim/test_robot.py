@@ -1,4 +1,4 @@
-"""The robot as it is driven: its clock, its noise, its silence about the truth, its repeatability."""
+"""The robot as a whole: timing, noise, independence of the ground truth, reproducibility."""
 
 import hashlib
 import itertools
@@ -14,10 +14,10 @@ import pytest
 
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
-from sim.body.dynamic.walker import DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
 from sim.body.head import HeadConfig
 from sim.body.inertial import ImuConfig
-from sim.body.kinematic import SlipConfig, TrembleConfig
+from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import catalogue
 from sim.sensors.cameras import ImageConfig
@@ -28,7 +28,7 @@ BLIND = RobotConfig(tof=False, stereo=False, colour=False)
 EXACT = replace(
     BLIND,
     slip=SlipConfig(0.0, 0.0, 0.0, 0.0, 0.0),
-    tremble=TrembleConfig(0.0, 0.0, 0.0, 0.0),
+    sway=SwayConfig(0.0, 0.0, 0.0, 0.0),
     head=HeadConfig(encoder_deg=0.0, offset_deg=0.0),
     imu=ImuConfig(0.0, 0.0, 0.0, 0.0),
 )
@@ -45,7 +45,7 @@ def room():
 
 
 def drive(world, config, seed, commands):
-    """Frames and truths of a walk, one command a step."""
+    """Frames and true poses of a walk, one command per step."""
     robot = SimulatedRobot(world, config, seed)
     truth = Truth(robot)
     frames, poses = [], [truth.robot_pose()]
@@ -61,7 +61,7 @@ def drive(world, config, seed, commands):
     return frames, poses
 
 
-def test_frames_come_twice_a_step_at_exact_instants(room):
+def test_frames_come_twice_per_step_at_exact_times(room):
     with World(room, "tiny") as world:
         frames, _ = drive(world, BLIND, 0, [WalkCommand(0.04)] * 50)
     stamps = [f.stamp_s for f in frames]
@@ -70,7 +70,7 @@ def test_frames_come_twice_a_step_at_exact_instants(room):
     assert [f.footstep_due for f in frames] == [False, True] * 50
 
 
-def test_without_noise_it_moves_as_commanded_and_says_so(room):
+def test_without_noise_motion_and_odometry_equal_the_command(room):
     commands = [WalkCommand(0.04, 0.0, 0.05)] * 6 + [WalkCommand()] * 3
     with World(room, "tiny") as world:
         frames, poses = drive(world, EXACT, 0, commands)
@@ -81,14 +81,14 @@ def test_without_noise_it_moves_as_commanded_and_says_so(room):
     assert wrap_angle(poses[-1].yaw - room.start.yaw) == pytest.approx(0.30, abs=1e-9)
 
 
-def test_a_standing_robot_stays_and_reports_no_steps(room):
+def test_a_standing_robot_does_not_move_and_reports_no_steps(room):
     with World(room, "tiny") as world:
         frames, poses = drive(world, BLIND, 0, [WalkCommand()] * 5)
     assert all(f.odometry.steps == 0.0 and f.odometry.motion == Pose2() for f in frames)
     assert all(p == room.start for p in poses)
 
 
-def test_slip_has_the_measured_mean_and_deviation(room):
+def test_slip_has_the_configured_mean_and_standard_deviation(room):
     errors, biases = [], []
     with World(room, "tiny") as world:
         for seed in range(8):
@@ -109,10 +109,10 @@ def test_slip_has_the_measured_mean_and_deviation(room):
     assert 1e3 * y.std() == pytest.approx(0.6, rel=0.2)
     assert math.degrees(yaw.std()) == pytest.approx(0.6, rel=0.15)
     assert max(abs(b) for b in biases) < 0.2 + 4 * 0.6 / math.sqrt(49)
-    assert np.std(biases) > 0.05  # one value a run, different between runs
+    assert np.std(biases) > 0.05  # constant within a run, different between runs
 
 
-def test_the_gyro_tells_the_true_turn_up_to_bias_and_noise(room):
+def test_the_gyro_measures_the_true_rotation_up_to_bias_and_noise(room):
     with World(room, "tiny") as world:
         frames, poses = drive(world, BLIND, 3, [WalkCommand(0.04, 0.0, 0.1)] * 80)
     stamps = np.array([0.0, *(f.stamp_s for f in frames)])
@@ -125,8 +125,8 @@ def test_the_gyro_tells_the_true_turn_up_to_bias_and_noise(room):
     assert abs(np.mean(residual)) < 0.02
 
 
-def test_the_body_follows_its_feet_half_a_step_later(room):
-    """What planners may count on: from decision to decision, half of the last step and half of the new one."""
+def test_the_body_lags_its_feet_by_half_a_step(room):
+    """Between decisions the body makes half of the last step and half of the new one."""
     rng = np.random.default_rng(4)
     off, quick = [], []
     with World(room, "tiny") as world:
@@ -152,7 +152,7 @@ def test_the_body_follows_its_feet_half_a_step_later(room):
     assert np.median(quick) > 2.0 * np.median(off)
 
 
-def test_exact_inertial_means_are_turn_and_change_of_speed(room):
+def test_a_noiseless_accelerometer_measures_the_change_of_velocity(room):
     with World(room, "tiny") as world:
         robot = SimulatedRobot(world, EXACT, 0)
         for _ in range(3):
@@ -172,7 +172,7 @@ def test_exact_inertial_means_are_turn_and_change_of_speed(room):
                 robot.walk(WalkCommand(0.05))
 
 
-def test_encoders_know_the_camera_up_to_play_and_tremble(room):
+def test_measured_camera_pose_is_accurate_up_to_sway(room):
     config = replace(BLIND, tof=True, tof_camera=replace(BLIND.tof_camera, sub_rays=1))
     tilts, heights = [], []
     with World(room, "tiny") as world:
@@ -193,7 +193,7 @@ def test_encoders_know_the_camera_up_to_play_and_tremble(room):
     assert np.linalg.norm(heights, axis=1).max() < 0.02
 
 
-def test_the_head_turns_no_faster_than_it_can_and_no_further_than_it_goes(room):
+def test_the_head_respects_its_speed_and_range(room):
     with World(room, "tiny") as world:
         robot = SimulatedRobot(world, replace(EXACT, head=HeadConfig(speed_radps=1.0)), 0)
         robot.look(GazeCommand(3.0, 2.0))
@@ -205,7 +205,7 @@ def test_the_head_turns_no_faster_than_it_can_and_no_further_than_it_goes(room):
         assert robot._head._tilt == pytest.approx(math.radians(60))
 
 
-def test_switched_off_cameras_give_nothing(room):
+def test_disabled_cameras_deliver_nothing(room):
     with World(room, "tiny") as world:
         frame = SimulatedRobot(world, BLIND, 0).read()
     assert (frame.tof, frame.stereo, frame.colour, frame.T_world_camera) == (None,) * 4
@@ -261,7 +261,7 @@ def test_the_same_seed_gives_the_same_bits_in_another_process(expected_digest):
     assert there.stdout.strip() == expected_digest
 
 
-def test_sensors_never_pass_through_the_truth(expected_digest, monkeypatch):
+def test_sensors_do_not_use_the_truth(expected_digest, monkeypatch):
     for name in ("robot_pose", "camera_pose", "floor", "obstacles", "clearance_m", "occupied"):
         monkeypatch.setattr(Truth, name, lambda self, *args: Pose2(9.0, 9.0, 9.0))
     assert run_digest() == expected_digest
@@ -271,15 +271,20 @@ def test_sensors_never_pass_through_the_truth(expected_digest, monkeypatch):
     ("dynamic", "factor"),
     [
         (DynamicConfig(), 1.0),
-        (DynamicConfig(anatomy="tall"), 0.600 / 0.455),  # seed 004's height over the DARwIn-OP's
+        (
+            DynamicConfig(anatomy="tall"),
+            0.600 / 0.455,
+        ),  # height of seed 004's body over the DARwIn-OP's
         (DynamicConfig(scale=2.0), 2.0),
     ],
 )
-def test_both_bodies_have_the_measures_of_their_anatomy(room, dynamic, factor):
+def test_both_bodies_have_the_dimensions_of_their_anatomy(room, dynamic, factor):
     found = []
     for body in ("kinematic", "dynamic"):
         still = replace(EXACT, tof=True, stereo=True, body=body, dynamic=dynamic)
-        still = replace(still, dynamic=replace(dynamic, play_deg=0.0, offset_deg=0.0, bump_m=0.0))
+        still = replace(
+            still, dynamic=replace(dynamic, backlash_deg=0.0, offset_deg=0.0, bump_m=0.0)
+        )
         with World(room, "tiny") as world, SimulatedRobot(world, still, 0) as robot:
             truth = Truth(robot)
             heights = [truth.camera_pose(name).translation[2] for name in ("tof", "stereo")]

@@ -1,4 +1,4 @@
-"""Shapes: surfaces closed and outward, distances exact."""
+"""Shapes: closed outward surfaces and exact distances."""
 
 import math
 
@@ -22,7 +22,7 @@ boxes = st.builds(
 
 
 @given(boxes)
-def test_the_surface_of_a_box_faces_outward_and_has_its_area(box):
+def test_patches_of_a_box_face_outward_and_have_its_area(box):
     area = 0.0
     for patch in patches(box):
         for triangle in patch.triangles:
@@ -32,10 +32,10 @@ def test_the_surface_of_a_box_faces_outward_and_has_its_area(box):
             assert normal @ ((a + b + c) / 3 - np.array(box.centre)) > 0
             assert normal @ patch.normal > 0
     x, y, z = box.size
-    assert area == pytest.approx(2 * (x * z + y * z) + x * y)  # it stands: no underside
+    assert area == pytest.approx(2 * (x * z + y * z) + x * y)  # without the lower face on the floor
 
 
-def test_a_cylinder_is_closed_where_it_floats():
+def test_a_floating_cylinder_is_closed():
     cylinder = Cylinder((0.3, -0.2, 1.0), 0.2, 0.5)
     volume = 0.0
     for patch in patches(cylinder):
@@ -47,7 +47,7 @@ def test_a_cylinder_is_closed_where_it_floats():
 
 
 @given(boxes, st.tuples(st.floats(-2, 2), st.floats(-2, 2)))
-def test_distance_to_a_box_is_that_to_its_outline(box, point):
+def test_distance_to_a_box_agrees_with_its_outline(box, point):
     corners, p = outline(box), np.array(point)
     nearest = min(
         float(np.linalg.norm(a + t * (b - a) - p))
@@ -58,7 +58,7 @@ def test_distance_to_a_box_is_that_to_its_outline(box, point):
 
 
 @given(boxes, boxes)
-def test_the_gap_between_boxes_is_that_of_points_on_them(a, b):
+def test_convex_gap_agrees_with_points_on_the_boxes(a, b):
     gap = convex_gap(outline(a), outline(b))
     assert gap == pytest.approx(convex_gap(outline(b), outline(a)), abs=1e-9)
     corners = outline(b)

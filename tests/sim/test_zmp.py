@@ -1,4 +1,4 @@
-"""The zero moment point of a walk: inside the foot that stands, and between the feet while both do."""
+"""The zero moment point: inside the stance foot, and between the feet in double support."""
 
 import math
 
@@ -22,7 +22,7 @@ commands = st.builds(
 
 
 def zero_moment_points(step, capture):
-    """p = xi - xi' / w in the middle of every tick, from weight and speed alone; and xi at the end."""
+    """p = xi - xi' / w in the middle of every tick, from the mass centre and its velocity; and xi at the end."""
     after = step.com + step.com_velocity / OMEGA
     before = np.vstack([capture, after[:-1]])
     growth = math.exp(OMEGA * CONFIG.tick_s)
@@ -30,7 +30,7 @@ def zero_moment_points(step, capture):
 
 
 def inside(point, foot, side, margin):
-    """Whether a point lies in the sole of a foot (x, y, yaw)."""
+    """Whether a point lies inside the sole of a foot (x, y, yaw)."""
     c, s = math.cos(foot[2]), math.sin(foot[2])
     x, y = point - foot[:2]
     ahead, left = c * x + s * y, c * y - s * x - side * OUTWARD_M
@@ -39,7 +39,7 @@ def inside(point, foot, side, margin):
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(commands, min_size=4, max_size=8))
-def test_it_stays_inside_the_standing_foot(asked):
+def test_zmp_stays_inside_the_stance_foot(asked):
     gait, capture = Gait(CONFIG), np.zeros(2)
     for command in asked:
         step = gait.step(command)
@@ -54,7 +54,7 @@ def test_it_stays_inside_the_standing_foot(asked):
 
 @settings(max_examples=25, deadline=None)
 @given(commands)
-def test_in_a_steady_walk_it_goes_straight_from_foot_to_foot(command):
+def test_zmp_moves_straight_from_foot_to_foot_in_a_steady_walk(command):
     gait, capture = Gait(CONFIG), np.zeros(2)
     for number in range(8):
         step = gait.step(command)

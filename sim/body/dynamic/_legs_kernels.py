@@ -1,7 +1,7 @@
-"""Compiled inner loops of the legs: kinematics there and back, weight, attitude, servo play.
+"""Compiled leg kinematics, centre of mass, attitude update and gear backlash.
 
-A leg is described by `size`: (hip half width with its side's sign, thigh, shank). Angles run from hip
-yaw, hip roll, hip pitch, knee, ankle pitch to ankle roll. A foot is the frame of its ankle.
+A leg is described by `size`: (hip half width with the sign of its side, thigh, shank). Angles run from hip yaw, hip
+roll, hip pitch, knee, ankle pitch to ankle roll. A foot is the frame of its ankle.
 """
 
 import math
@@ -11,23 +11,24 @@ from numba import njit
 
 from ..gait import GRAVITY_MPS2
 
-BLOW = 1.0
-"""Multiples of gravity: so much at most of what the accelerometer feels beside the vertical; soles land harder."""
+MOST_SHOCK = (
+    1.0  # ours: limit of the accelerometer's deviation from the vertical, multiples of gravity
+)
 
 
 @njit(cache=True)
-def solve_leg(
+def leg_inverse(
     pelvis: np.ndarray, bend: np.ndarray, foot: np.ndarray, size: np.ndarray, angles: np.ndarray
 ) -> None:
-    """Angles (6,) that put the ankle at foot (x, y, z, yaw) with a level sole under a pelvis (same).
+    """Angles (6,) that put the ankle at foot (x, y, z, yaw) with a level sole, under a pelvis (same).
 
-    Bend (3, 3) turns the pelvis's axes into upright ones of its heading.
+    Bend (3, 3) rotates pelvis axes to level axes of its heading.
     """
     c, s = math.cos(pelvis[3]), math.sin(pelvis[3])
-    # hip seen from the ankle, in world axes, then in the foot's
-    ahead, aside = bend[0, 1] * size[0], bend[1, 1] * size[0]
-    dx = pelvis[0] + c * ahead - s * aside - foot[0]
-    dy = pelvis[1] + s * ahead + c * aside - foot[1]
+    # hip relative to the ankle, in world axes, then in foot axes
+    ahead, left = bend[0, 1] * size[0], bend[1, 1] * size[0]
+    dx = pelvis[0] + c * ahead - s * left - foot[0]
+    dy = pelvis[1] + s * ahead + c * left - foot[1]
     rz = pelvis[2] + bend[2, 1] * size[0] - foot[2]
     cf, sf = math.cos(foot[3]), math.sin(foot[3])
     rx, ry = cf * dx + sf * dy, cf * dy - sf * dx
@@ -36,11 +37,11 @@ def solve_leg(
     cosine = (reach * reach - a * a - b * b) / (2.0 * a * b)
     knee = math.acos(min(max(cosine, -1.0), 1.0))
     above = math.asin(min(max(a / reach * math.sin(knee), -1.0), 1.0))
-    if reach * reach < a * a - b * b:  # a long thigh folded past the right angle
+    if reach * reach < a * a - b * b:  # a thigh longer than the shank, folded beyond a right angle
         above = math.pi - above
     roll = math.atan2(ry, rz)
     pitch = -math.atan2(rx, math.sqrt(ry * ry + rz * rz)) - above
-    # the thigh in upright axes of the pelvis's heading: Rz(foot - pelvis) Rx(-roll) Ry(-pitch - knee)
+    # thigh in level axes of the pelvis's heading: Rz(foot - pelvis) Rx(-roll) Ry(-pitch - knee)
     turn = foot[3] - pelvis[3]
     ct, st = math.cos(turn), math.sin(turn)
     cr, sr = math.cos(-roll), math.sin(-roll)
@@ -48,7 +49,7 @@ def solve_leg(
     side = (-st * cr, ct * cr, sr)
     front = (ct * cp - st * sr * sp, st * cp + ct * sr * sp, -cr * sp)
     up = (ct * sp + st * sr * cp, st * sp - ct * sr * cp, cr * cp)
-    # what is left for the hip, in the pelvis
+    # remaining rotation of the hip, pelvis axes
     r01 = bend[0, 0] * side[0] + bend[1, 0] * side[1] + bend[2, 0] * side[2]
     r11 = bend[0, 1] * side[0] + bend[1, 1] * side[1] + bend[2, 1] * side[2]
     r21 = bend[0, 2] * side[0] + bend[1, 2] * side[1] + bend[2, 2] * side[2]
@@ -65,7 +66,7 @@ def solve_leg(
 
 @njit(cache=True)
 def _place(rotation: np.ndarray, joints: np.ndarray) -> None:
-    """Thigh rotation of a leg: Rz(yaw) Rx(roll) Ry(pitch)."""
+    """Rotation of the thigh: Rz(yaw) Rx(roll) Ry(pitch)."""
     cy, sy = math.cos(joints[0]), math.sin(joints[0])
     cr, sr = math.cos(joints[1]), math.sin(joints[1])
     cp, sp = math.cos(joints[2]), math.sin(joints[2])
@@ -81,10 +82,10 @@ def _place(rotation: np.ndarray, joints: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def find_leg(
+def leg_forward(
     angles: np.ndarray, size: np.ndarray, rotation: np.ndarray, points: np.ndarray
 ) -> None:
-    """Hip, knee and ankle (points, (3, 3)) and the foot's rotation, pelvis frame."""
+    """Hip, knee and ankle (points, (3, 3)) and the rotation of the foot, pelvis frame."""
     _place(rotation, angles)
     for k in range(3):
         points[0, k] = 0.0
@@ -106,7 +107,7 @@ def find_leg(
 
 
 @njit(cache=True)
-def weigh(
+def centre_of_mass(
     angles: np.ndarray,
     size: np.ndarray,
     masses: np.ndarray,
@@ -116,8 +117,8 @@ def weigh(
 ) -> None:
     """Centre of mass (com, (3,)) in the pelvis frame.
 
-    Args: angles (12,) left then right; size (3,) of the left leg; masses (6,) of a leg's links; sole (3,)
-    the left foot's own in the foot; upper (4,) mass and centre of all that is not leg.
+    Args: angles (12,) left then right; size (3,) of the left leg; masses (6,) of a leg's links; sole (3,) centre of
+    the left foot in its own frame; upper (4,) mass and centre of all links but the legs.
     """
     rotation, points, leg = np.empty((3, 3)), np.empty((3, 3)), size.copy()
     total = upper[0]
@@ -126,7 +127,7 @@ def weigh(
     for side in range(2):
         sign = 1.0 - 2.0 * side
         leg[0] = sign * size[0]
-        find_leg(angles[6 * side : 6 * side + 6], leg, rotation, points)
+        leg_forward(angles[6 * side : 6 * side + 6], leg, rotation, points)
         for k in range(3):
             com[k] += (masses[0] + masses[1]) * points[0, k]
             com[k] += masses[2] * (points[0, k] + points[1, k]) / 2.0
@@ -141,7 +142,7 @@ def weigh(
 
 
 @njit(cache=True)
-def carry(
+def pelvis_trajectory(
     com: np.ndarray,
     left: np.ndarray,
     right: np.ndarray,
@@ -154,28 +155,28 @@ def carry(
     upper: np.ndarray,
     pelvis: np.ndarray,
 ) -> None:
-    """Pelvis (n, 4) above ticks of a step such that the weight is at com (n, 2), feet (n, 4).
+    """Pelvis (n, 4) such that the centre of mass follows com (n, 2) over feet (n, 4).
 
-    The weight in the pelvis is that of the tick before; two rounds a tick bring it home. Angles (12,) hold
-    the solution before the first tick and that of the last one after.
+    Two fixed-point iterations per tick start from the solution of the tick before. Angles (12,) hold the solution
+    before the first tick, and afterwards that of the last one.
     """
     offset, leg, level = np.empty(3), size.copy(), np.eye(3)
     for k in range(len(com)):
         for _ in range(2):
-            weigh(angles, size, masses, sole, upper, offset)
+            centre_of_mass(angles, size, masses, sole, upper, offset)
             c, s = math.cos(yaw[k]), math.sin(yaw[k])
             pelvis[k, 0] = com[k, 0] - c * offset[0] + s * offset[1]
             pelvis[k, 1] = com[k, 1] - s * offset[0] - c * offset[1]
             pelvis[k, 2] = hip
             pelvis[k, 3] = yaw[k]
             leg[0] = size[0]
-            solve_leg(pelvis[k], level, left[k], leg, angles[:6])
+            leg_inverse(pelvis[k], level, left[k], leg, angles[:6])
             leg[0] = -size[0]
-            solve_leg(pelvis[k], level, right[k], leg, angles[6:])
+            leg_inverse(pelvis[k], level, right[k], leg, angles[6:])
 
 
 @njit(cache=True)
-def attend(
+def update_vertical(
     up: np.ndarray,
     bias: np.ndarray,
     rate: np.ndarray,
@@ -184,16 +185,16 @@ def attend(
     share: float,
     learn: float,
 ) -> None:
-    """Turn the vertical in the trunk (up, (3,)) on by the gyro, and a little towards the accelerometer.
+    """Rotate the vertical in trunk axes (up, (3,)) by the gyro and correct it towards the accelerometer, in place.
 
-    What the accelerometer keeps asking for is learnt as the gyro's bias, (3,). Force (3,) is at rest. It
-    is taken in multiples of gravity, not of its own length: gears that chatter shake it by half a gravity
-    ahead and up at once, and the mean of such directions would lean by degrees.
+    The persistent part of the correction is learnt as the gyro's bias, (3,). Force (3,) is without planned
+    acceleration. It is divided by gravity, not normalised: gear chatter shakes it by half a gravity, and the mean of
+    such directions would tilt by degrees.
     """
     ex = force[0] / GRAVITY_MPS2 - up[0]
     ey = force[1] / GRAVITY_MPS2 - up[1]
     ez = force[2] / GRAVITY_MPS2 - up[2]
-    most = 1.0 / max(1.0, math.sqrt(ex * ex + ey * ey + ez * ez) / BLOW)
+    most = 1.0 / max(1.0, math.sqrt(ex * ex + ey * ey + ez * ez) / MOST_SHOCK)
     fx, fy, fz = up[0] + most * ex, up[1] + most * ey, up[2] + most * ez
     wx, wy, wz = rate[0] - bias[0], rate[1] - bias[1], rate[2] - bias[2]
     bias[0] -= learn * (fy * up[2] - fz * up[1])
@@ -207,11 +208,13 @@ def attend(
 
 
 @njit(cache=True)
-def engage(wanted: np.ndarray, found: np.ndarray, play: np.ndarray, setpoint: np.ndarray) -> None:
-    """Through gears with play (n,), the motor moves a joint only once its flank is reached."""
+def apply_backlash(
+    wanted: np.ndarray, found: np.ndarray, half_backlash: np.ndarray, setpoint: np.ndarray
+) -> None:
+    """Motor setpoints through gears with half backlash (n,): a motor moves its joint only at a flank."""
     for k in range(len(wanted)):
         error = wanted[k] - found[k]
-        half = play[k]
+        half = half_backlash[k]
         if error > half:
             setpoint[k] = wanted[k] - half
         elif error < -half:

@@ -1,11 +1,10 @@
-"""The body as one table of lengths and masses, and the links that follow from it.
+"""Anatomy: one table of lengths and masses, and the links derived from it.
 
-Everything else about the body is derived from here: its URDF, the legs that inverse kinematics solves,
-the height of its centre of mass, and the measures of a walk that fit it. The base is the pelvis, its
-origin midway between the hips; yaw, roll and pitch axes of a hip meet in one point, so do pitch and roll
-of an ankle.
+URDF, inverse kinematics, height of the centre of mass and dimensions of the gait follow from this table. The base is
+the pelvis, its origin midway between the hips; yaw, roll and pitch axes of a hip meet in one point, and so do pitch
+and roll of an ankle.
 
-Sources: measures of a DARwIn-OP (seeds 000, 001, 003); seed 004, Table 3 (0.30 x 0.60 x 0.20 m, 23 joints).
+Sources: dimensions of a DARwIn-OP (seeds 000, 001, 003); seed 004, Table 3 (0.30 x 0.60 x 0.20 m, 23 joints).
 """
 
 from __future__ import annotations
@@ -29,13 +28,13 @@ class Anatomy:
     """Lengths in m, masses in kg, of one side where there are two.
 
     Args:
-        hip_m: Height of the pelvis while walking: knees a little bent.
-        shoulder_m: Of the left arm, in the pelvis.
-        trunk_m: Depth, width and height of all that is above the legs, arms included: what touches things.
+        hip_m: Height of the pelvis while walking, with bent knees.
+        shoulder_m: Left shoulder in the pelvis frame.
+        trunk_m: Depth, width and height of everything above the legs, arms included, for contact.
         trunk_bottom_m: Its lower end above the floor while walking.
         torso_mass_height_m: Centre of mass of the torso above the pelvis.
-        servo_nm: Greatest torque of a joint.
-        full: 23 joints: a waist that turns, and arms that turn at the elbow; else 20.
+        servo_nm: Torque limit of a joint.
+        full: 23 joints, with waist yaw and elbow yaw; else 20.
     """
 
     hip_m: float = 0.2055
@@ -70,7 +69,7 @@ class Anatomy:
     full: bool = False
 
     def scaled(self, factor: float) -> Anatomy:
-        """The same body, every length times a factor, every mass times its cube, torques its fourth power.
+        """The same body with lengths times a factor, masses times its cube, torques times its fourth power.
 
         Raises:
             ConfigError: for a factor outside 0.5 to 3.
@@ -112,15 +111,15 @@ class Link:
     """One rigid part and the joint that carries it.
 
     Args:
-        name: Of the part; its joint has the same name.
-        parent: The part it hangs on; empty for the base.
-        axis: Of the joint, in both frames at angle zero.
-        origin: Of the joint in the parent's frame, m.
+        name: Name of link and joint.
+        parent: Parent link; empty for the base.
+        axis: Joint axis, in both frames at angle zero.
+        origin: Joint in the parent's frame, m.
         mass: kg.
-        middle: Centre of the part's box, which is its centre of mass, in its own frame, m.
-        size: Of that box, m.
-        solid: Whether it can touch anything.
-        weight: Its centre of mass where that is not the box's middle.
+        middle: Centre of the link's box, by default its centre of mass, own frame, m.
+        size: Size of that box, m.
+        solid: Whether it collides.
+        weight: Centre of mass where it is not the box's centre.
     """
 
     name: str
@@ -135,7 +134,7 @@ class Link:
 
     @property
     def centre_of_mass(self) -> Float[np.ndarray, "3"]:
-        """In its own frame, m."""
+        """Centre of mass, own frame, m."""
         return np.array(self.middle if self.weight is None else self.weight)
 
 
@@ -144,7 +143,7 @@ NOWHERE = (0.0, 0.0, 0.0)
 
 
 def links(body: Anatomy) -> list[Link]:
-    """All parts, parents before children; the base first."""
+    """All links, parents before children, the base first."""
     width, height = body.torso_m[1], body.torso_m[2]
     middle = (0.0, 0.0, 0.02 / 0.12 * height + height / 2)
     weight = (0.0, 0.0, body.torso_mass_height_m)
@@ -220,7 +219,7 @@ def _chain(parent: str, side: str, names: object, parts: object) -> list[Link]:
 
 
 def gait_for(body: Anatomy, gait: GaitConfig) -> GaitConfig:
-    """The walk of the DARwIn-OP, its lengths grown or shrunk with the legs; its rhythm stays."""
+    """Gait with lengths scaled by the leg length; its timing stays."""
     factor = (body.thigh_m + body.shank_m) / (DARWIN.thigh_m + DARWIN.shank_m)
     if factor == 1.0:
         return gait
@@ -229,7 +228,7 @@ def gait_for(body: Anatomy, gait: GaitConfig) -> GaitConfig:
 
 
 def head_for(body: Anatomy, head: HeadConfig) -> HeadConfig:
-    """The head where this body carries it."""
+    """Head geometry of this body."""
     if body == DARWIN:
         return head
     return replace(head, hip_m=body.hip_m, neck_m=body.neck_m, tilt_m=body.tilt_m)

@@ -1,8 +1,8 @@
-"""Legs: from where the feet shall be to joint angles, in closed form, and back.
+"""Leg kinematics: joint angles from foot poses in closed form, and back.
 
-Hip axes meet in a point, ankle axes too, so the knee follows from the distance of the two, the ankle from
-the direction of the hip, and the hip from what is left. Soles stay level, and the pelvis unless it is bent;
-what tilts them besides is added later by the balance.
+The hip axes meet in a point, and so do the ankle axes. The knee follows from the distance between the two points, the
+ankle from the direction of the hip, and the hip from the remaining rotation. Soles stay level, and the pelvis too
+unless it is bent; the balance control adds its corrections afterwards.
 
 Source: Kajita et al., Introduction to Humanoid Robotics, section 2.5.2 (analytical inverse kinematics).
 """
@@ -17,22 +17,22 @@ from jaxtyping import Float
 from perception.primitives.pose import Pose2, Pose3
 
 from ..gait import Step
-from ._legs_kernels import carry, find_leg, solve_leg, weigh
+from ._legs_kernels import centre_of_mass, leg_forward, leg_inverse, pelvis_trajectory
 from .anatomy import LEG_JOINTS, Anatomy, links
 
 UPRIGHT = np.zeros(2)
 _LEGS = tuple(f"{side}_{joint}" for side in ("left", "right") for joint in LEG_JOINTS)
 
 
-def tilted(tilt: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation from what is tilted by that roll and pitch (rad) to upright axes of the same heading."""
+def tilt_rotation(tilt: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation from axes with that roll and pitch (rad) to level axes of the same heading."""
     roll, pitch = tilt.tolist()
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
     return np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
 
 
 class Legs:
-    """The legs of one body; angles are (12,), left then right, from the hip's yaw to the ankle's roll."""
+    """The legs of one body; angles are (12,), left then right, from hip yaw to ankle roll."""
 
     joints = _LEGS
 
@@ -51,62 +51,64 @@ class Legs:
         right: Float[np.ndarray, "4"],
         bend: Float[np.ndarray, "2"] = UPRIGHT,
     ) -> Float[np.ndarray, "12"]:
-        """Angles for level soles.
+        """Joint angles for level soles.
 
         Args:
-            pelvis, left, right: (x, y, z, yaw), m and rad; a foot is its ankle. Out of reach the leg is
+            pelvis, left, right: (x, y, z, yaw), m and rad; a foot is its ankle. If it is out of reach, the leg is
                 stretched towards it.
             bend: Roll and pitch of the pelvis, rad.
         """
         angles = np.empty(12)
-        turned = tilted(bend)
-        solve_leg(pelvis, turned, left, self.size, angles[:6])
-        solve_leg(pelvis, turned, right, self._other, angles[6:])
+        turned = tilt_rotation(bend)
+        leg_inverse(pelvis, turned, left, self.size, angles[:6])
+        leg_inverse(pelvis, turned, right, self._other, angles[6:])
         return angles
 
     def feet(self, angles: Float[np.ndarray, "12"]) -> tuple[Pose3, Pose3]:
-        """Left and right ankle with its foot's rotation, pelvis frame."""
+        """Left and right ankle with the rotation of the foot, pelvis frame."""
         found = []
         for own, size in ((angles[:6], self.size), (angles[6:], self._other)):
             rotation, points = np.empty((3, 3)), np.empty((3, 3))
-            find_leg(own, size, rotation, points)
+            leg_forward(own, size, rotation, points)
             found.append(Pose3.from_rotation(rotation, points[2].copy()))
         return found[0], found[1]
 
     def footprints(
         self, angles: Float[np.ndarray, "12"], bend: Float[np.ndarray, "2"] = UPRIGHT
     ) -> tuple[Pose2, Pose2]:
-        """Left and right foot, as seen from above, from a pelvis of that roll and pitch (rad)."""
+        """Left and right foot projected on the floor, from a pelvis with that roll and pitch (rad)."""
         prints = []
-        turned = tilted(bend)
+        turned = tilt_rotation(bend)
         for foot in self.feet(angles):
             x, y, _ = (turned @ foot.translation).tolist()
             ahead = turned @ foot.rotation[:, 0]
             prints.append(Pose2(x, y, float(np.arctan2(ahead[1], ahead[0]))))
         return prints[0], prints[1]
 
-    def aside(self, bend: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-        """How far the whole body's weight goes along and across when only the pelvis bends so, m.
+    def com_shift(self, bend: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+        """Shift of the whole body's centre of mass along and across when only the pelvis bends, m.
 
         Args:
             bend: Roll and pitch, rad.
         """
         above = self._upper[1:]
         share = self._upper[0] / (self._upper[0] + 2.0 * self._masses.sum())
-        return np.asarray(share * (tilted(bend) @ above - above)[:2])
+        return np.asarray(share * (tilt_rotation(bend) @ above - above)[:2])
 
     def centre_of_mass(self, angles: Float[np.ndarray, "12"]) -> Float[np.ndarray, "3"]:
-        """Of the whole body, head and arms at rest, pelvis frame, m."""
+        """Centre of mass of the whole body with head and arms at zero, pelvis frame, m."""
         com = np.empty(3)
-        weigh(angles, self.size, self._masses, self._sole, self._upper, com)
+        centre_of_mass(angles, self.size, self._masses, self._sole, self._upper, com)
         return com
 
-    def carry(self, step: Step, angles: Float[np.ndarray, "12"]) -> Float[np.ndarray, "n 4"]:
-        """The pelvis (x, y, z, yaw) over a step, such that the weight goes where the pendulum has it.
+    def pelvis_trajectory(
+        self, step: Step, angles: Float[np.ndarray, "12"]
+    ) -> Float[np.ndarray, "n 4"]:
+        """Pelvis (x, y, z, yaw) over a step such that the centre of mass follows the pendulum.
 
         Args:
-            step: Feet and weight, tick by tick.
-            angles: The solution of the tick before the step, to begin with.
+            step: Trajectories of feet and centre of mass.
+            angles: Joint angles at the tick before the step, the initial guess.
         """
         pelvis = np.empty((step.ticks, 4))
         left, right = self.ankles(step)
@@ -115,7 +117,7 @@ class Legs:
         return pelvis
 
     def stand(self, com: Float[np.ndarray, "2"], apart_m: float) -> Float[np.ndarray, "12"]:
-        """Angles of a body that stands square, its weight over a place between its feet, m."""
+        """Joint angles of standing with parallel feet and the centre of mass over a point between them, m."""
         angles, pelvis = np.zeros(12), np.empty((8, 4))
         left, right = (
             np.tile([0.0, side * apart_m / 2, self.body.ankle_m, 0.0], (8, 1)) for side in (1, -1)
@@ -141,11 +143,11 @@ class Legs:
         pelvis: np.ndarray,
     ) -> None:
         args = (self.size, self._masses, self._sole, self._upper)
-        carry(com, left, right, yaw, self.body.hip_m, angles, *args, pelvis)
+        pelvis_trajectory(com, left, right, yaw, self.body.hip_m, angles, *args, pelvis)
 
 
 def _upper(body: Anatomy) -> Float[np.ndarray, "4"]:
-    """Mass and centre of mass of all that is not leg, every joint at zero, pelvis frame."""
+    """Mass and centre of mass of all links but the legs, joints at zero, pelvis frame."""
     places: dict[str, np.ndarray] = {"": np.zeros(3)}
     mass, moment = 0.0, np.zeros(3)
     for link in links(body):

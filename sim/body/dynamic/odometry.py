@@ -1,10 +1,9 @@
-"""Dead reckoning from foot to foot: what the joints' encoders and the change of the standing foot say.
+"""Foot-to-foot odometry from the joint encoders.
 
-While a foot stands it is taken not to move, and the encoders tell where body and other foot are from it;
-when the weight has changed over, the other foot becomes the one that stands. What soles slip and gears
-play the encoders do not see, and that is the whole error of it.
-
-The body frame lies midway between the feet and heads with the pelvis: cameras and gyro head with it.
+The stance foot is assumed not to move, and the encoders give body and other foot relative to it; after the weight has
+shifted, the other foot becomes the stance foot. Slip of the soles and backlash of the gears are not measured: they are
+the error of this odometry. The body frame lies midway between the feet with the heading of the pelvis, which cameras
+and gyro share.
 
 Source: seed 003, section 2.2 (foot-to-foot odometry).
 """
@@ -16,35 +15,35 @@ from perception.primitives.pose import Pose2
 Footprints = tuple[Pose2, Pose2]
 
 
-class FootToFoot:
-    """The body in the frame where it began, by footprints alone: (left, right) below an upright pelvis."""
+class FootToFootOdometry:
+    """Body pose in its start frame from footprints (left, right) below a level pelvis."""
 
-    def __init__(self, prints: Footprints) -> None:
+    def __init__(self, feet: Footprints) -> None:
         self.standing = 1  # +1 left, -1 right
-        self._foot = self.pelvis(prints) @ self.sole(prints)
+        self._foot = self.pelvis(feet) @ self.sole(feet)
 
-    def read(self, prints: Footprints, standing: int) -> None:
-        """The foot that bears the weight now: +1 left, -1 right."""
-        before = self.sole(prints)
+    def set_stance(self, feet: Footprints, standing: int) -> None:
+        """Set the stance foot: +1 left, -1 right."""
+        before = self.sole(feet)
         self.standing = standing
-        self._foot = self._foot @ before.inverse() @ self.sole(prints)
+        self._foot = self._foot @ before.inverse() @ self.sole(feet)
 
-    def body(self, prints: Footprints) -> Pose2:
-        """The body frame, from the foot that stands."""
-        pelvis = self._foot @ self.sole(prints).inverse()
-        return pelvis @ self.pelvis(prints).inverse()
+    def body(self, feet: Footprints) -> Pose2:
+        """Body frame, from the stance foot."""
+        pelvis = self._foot @ self.sole(feet).inverse()
+        return pelvis @ self.pelvis(feet).inverse()
 
-    def pelvis(self, prints: Footprints) -> Pose2:
-        """The pelvis in the body frame."""
-        left, right = prints
+    def pelvis(self, feet: Footprints) -> Pose2:
+        """Pelvis in the body frame."""
+        left, right = feet
         return Pose2(-(left.x + right.x) / 2, -(left.y + right.y) / 2)
 
-    def sole(self, prints: Footprints) -> Pose2:
-        """The foot that stands, as seen from the pelvis."""
-        left, right = prints
+    def sole(self, feet: Footprints) -> Pose2:
+        """Stance foot in the frame of the pelvis."""
+        left, right = feet
         return left if self.standing > 0 else right
 
 
-def body_over(left: Pose2, right: Pose2, heading_rad: float) -> Pose2:
-    """The body frame over two feet and under a pelvis of that heading."""
+def body_between_feet(left: Pose2, right: Pose2, heading_rad: float) -> Pose2:
+    """Body frame midway between two feet, with the heading of the pelvis."""
     return Pose2((left.x + right.x) / 2, (left.y + right.y) / 2, heading_rad)

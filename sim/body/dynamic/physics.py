@@ -1,12 +1,12 @@
-"""The robot in PyBullet: servos with play, soles that feel, an inertial sensor, a floor with bumps.
+"""PyBullet model of the robot: servos, sole force sensors, an inertial sensor, and a floor with bumps.
 
-Gravity, not the floor, leans on a slope: the physics is the same, and the floor stays z = 0. Servos are
-PyBullet's position constraints, their gain acting once a tick. One client for each body; close it.
+A slope tilts gravity instead of the floor: the physics is the same and the floor stays z = 0. Servos are PyBullet's
+position constraints, whose gain acts once per tick. Each body has its own client; close it.
 
-Friction by velocities alone lets a trembling body creep: one that stood on the edges of its soles turned
-by 40 degrees in 20 seconds. Contacts are therefore anchored where they came to rest (0.2 degrees).
+Friction by velocities alone lets a shaking body creep: a body on the edges of its soles turned by 40 degrees in 20
+seconds. Contacts are therefore anchored where they came to rest (0.2 degrees).
 
-Source: gains found by walking trials; period of control 5 ms: seed 001.
+Source: gains from walking trials; control period 5 ms: seed 001.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from scipy.spatial import ConvexHull, QhullError
 from perception.primitives.pose import Pose2, Pose3
 
 from ... import bullet
-from ...rendering.pictures import quiet
+from ...rendering.pictures import silenced_output
 from ...shapes import Box, Cylinder, Shape, Solid
 from ..gait import GRAVITY_MPS2
 from .anatomy import Anatomy, links
-from .urdf import robot_urdf, still_urdf
+from .urdf import robot_urdf, static_urdf
 
-POSITION_GAIN = 0.3  # per tick: with 5 sub-steps a tick it would fall
-FRICTION = 1.0
-THINNEST_M = 0.01  # ours: of the box in place of a solid without a volume
-SPIN_M = 0.01  # ours: rubber soles touch by patches of about a centimetre, not by points
-HOLD = 0.05  # ours: share of a creep that a sole at rest takes back per tick; 0.2 falls more often
+POSITION_GAIN = 0.3  # walking trials, per tick: with 5 sub-steps per tick the robot falls
+FRICTION = 1.0  # walking trials: rubber on wood
+THINNEST_M = 0.01  # ours: side of the box that replaces a solid without volume
+SPIN_M = 0.01  # ours: rubber soles touch by patches of about a centimetre
+ANCHOR = 0.05  # ours: share of a creep that a resting contact undoes per tick; 0.2 falls more often
 
 
 class Physics:
@@ -49,17 +49,17 @@ class Physics:
         tick_s: float,
         up: tuple[float, float, float] = (0.0, 0.0, 1.0),
     ) -> None:
-        """Put the robot down.
+        """Place the robot.
 
         Args:
-            body: Its measures.
-            start: Where, world frame.
+            body: Its dimensions.
+            start: Its pose, world frame.
             stance: Joint angles by name; the others are zero.
             hip_m: Height of the pelvis in that posture.
-            tick_s: Of the control, and of the physics.
-            up: Against gravity, unit vector in the world.
+            tick_s: Period of control and physics.
+            up: Unit vector against gravity, world frame.
         """
-        with quiet():
+        with silenced_output():
             pybullet = bullet.library()
             self._bullet: Any = pybullet
             self.client = pybullet.connect(pybullet.DIRECT)
@@ -71,7 +71,7 @@ class Physics:
             numSubSteps=0,
             numSolverIterations=50,
             deterministicOverlappingPairs=1,
-            frictionERP=HOLD,
+            frictionERP=ANCHOR,
             physicsClientId=c,
         )
         self._tick_s = tick_s
@@ -79,7 +79,7 @@ class Physics:
         floor = b.createMultiBody(0, plane, physicsClientId=c)
         b.changeDynamics(floor, -1, lateralFriction=FRICTION, physicsClientId=c)
         self._ground = {int(floor)}
-        self._movers: list[int] = []
+        self._moving: list[int] = []
         place = [start.x, start.y, hip_m]
         turn = [0.0, 0.0, math.sin(start.yaw / 2), math.cos(start.yaw / 2)]
         self.robot = self._load(robot_urdf(body), place, turn, fixed=False)
@@ -103,22 +103,16 @@ class Physics:
         for name, k in self.index.items():
             b.resetJointState(self.robot, k, stance.get(name, 0.0), physicsClientId=c)
         self._torque = body.servo_nm
-        self._steered: dict[tuple[str, ...], list[int]] = {}
-        self.hold(stance, list(self.index))
+        self._commanded: dict[tuple[str, ...], list[int]] = {}
+        names = tuple(self.index)
+        angles = np.array([stance.get(name, 0.0) for name in names])
+        self.command_joints(names, angles, np.zeros(len(names)))
         self._velocity = np.zeros(3)
 
-    def hold(self, stance: dict[str, float], names: list[str]) -> None:
-        """Keep joints where they are told to be, once and for all; the others of the names at zero."""
-        zeros = np.zeros(len(names))
-        self.steer(tuple(names), np.array([stance.get(name, 0.0) for name in names]), zeros)
-
-    def steer(
-        self,
-        names: tuple[str, ...],
-        angles: Float[np.ndarray, "n"],
-        rates: Float[np.ndarray, "n"],
+    def command_joints(
+        self, names: tuple[str, ...], angles: Float[np.ndarray, "n"], rates: Float[np.ndarray, "n"]
     ) -> None:
-        """Where servos shall bring their joints, and how fast, rad and rad/s."""
+        """Set joint angles and rates of the servos, rad and rad/s."""
         found = self._numbers(names)
         b, count = self._bullet, len(found)
         b.setJointMotorControlArray(
@@ -134,19 +128,19 @@ class Physics:
         )
 
     def angles(self, names: tuple[str, ...]) -> Float[np.ndarray, "n"]:
-        """Of joints, as they are, rad."""
+        """Current joint angles, rad."""
         states = self._bullet.getJointStates(
             self.robot, self._numbers(names), physicsClientId=self.client
         )
         return np.array([state[0] for state in states])
 
-    def go_on(self) -> None:
-        """One tick."""
+    def step(self) -> None:
+        """Simulate one tick."""
         self._velocity = np.array(self._motion()[0])
         self._bullet.stepSimulation(physicsClientId=self.client)
 
     def pelvis(self) -> Pose3:
-        """The base's own frame in the world: PyBullet tells of its centre of mass."""
+        """Frame of the base in the world; PyBullet reports its centre of mass."""
         place, turn = self._bullet.getBasePositionAndOrientation(
             self.robot, physicsClientId=self.client
         )
@@ -154,8 +148,8 @@ class Physics:
         rotation = Pose3((0.0, 0.0, 0.0), (x, y, z, w)).rotation
         return Pose3.from_rotation(rotation, np.array(place) - rotation @ self._weight)
 
-    def felt(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-        """What an ideal inertial sensor at the base's centre of mass says of the last tick, trunk axes.
+    def imu_reading(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+        """Ideal inertial sensor at the base's centre of mass over the last tick, trunk axes.
 
         Returns:
             Angular velocity, rad/s, and specific force, m/s^2.
@@ -169,17 +163,17 @@ class Physics:
         return np.array(rate) @ R, force @ R
 
     def link(self, name: str) -> Pose3:
-        """The frame of a part in the world, exact after a tick."""
+        """Frame of a link in the world, exact after a tick."""
         state = self._bullet.getLinkState(
             self.robot, self.index[name], computeForwardKinematics=1, physicsClientId=self.client
         )
         (x, y, z), (qx, qy, qz, qw) = state[4], state[5]
         return Pose3((x, y, z), (qx, qy, qz, qw))
 
-    def load_on(self, name: str) -> float:
-        """What the sensors below a sole feel, N: what floor and bumps press against it.
+    def sole_force(self, name: str) -> float:
+        """Force of floor and bumps on a sole, N.
 
-        A toe that runs into furniture is pressed, too, but has not landed; one that runs into a bump has.
+        Contact with furniture does not count: a toe that hits an object has not landed.
         """
         touched = self._bullet.getContactPoints(
             bodyA=self.robot, linkIndexA=self.index[name], physicsClientId=self.client
@@ -187,7 +181,7 @@ class Physics:
         return float(sum(point[9] for point in touched if point[2] in self._ground))
 
     def push(self, force: Float[np.ndarray, "3"]) -> None:
-        """At the pelvis for the coming tick, world axes, N."""
+        """Apply a force at the pelvis during the coming tick, world axes, N."""
         at, _ = self._bullet.getBasePositionAndOrientation(self.robot, physicsClientId=self.client)
         self._bullet.applyExternalForce(
             self.robot,
@@ -198,53 +192,50 @@ class Physics:
             physicsClientId=self.client,
         )
 
-    def furnish(
-        self,
-        rough: Sequence[Box],
-        still: Sequence[Shape],
-        movers: Sequence[Sequence[Cylinder]],
+    def add_objects(
+        self, bumps: Sequence[Box], still: Sequence[Shape], moving: Sequence[Sequence[Cylinder]]
     ) -> None:
-        """Make things solid.
+        """Add solid objects.
 
         Args:
-            rough: Bumps of the floor, world frame.
-            still: What stands where it is, world frame: walls, furniture.
-            movers: Parts of each mover about its origin; they go where `place` puts them.
+            bumps: Bumps of the floor, world frame.
+            still: Shapes of static objects, world frame: walls, furniture.
+            moving: Parts of each moving object about its origin; `place` moves them.
         """
-        self._movers = [
-            self._load(still_urdf(parts), [0.0, 0.0, -9.0], [0.0, 0.0, 0.0, 1.0], fixed=True)
-            for parts in movers
+        self._moving = [
+            self._load(static_urdf(parts), [0.0, 0.0, -9.0], [0.0, 0.0, 0.0, 1.0], fixed=True)
+            for parts in moving
         ]
         rest = [0.0, 0.0, 0.0]
-        bodies = [self._load(still_urdf(rough), rest, [*rest, 1.0], fixed=True)] if rough else []
+        bodies = [self._load(static_urdf(bumps), rest, [*rest, 1.0], fixed=True)] if bumps else []
         self._ground |= set(bodies)
         plain = [shape for shape in still if not isinstance(shape, Solid)]
-        bodies += [self._load(still_urdf(plain), rest, [*rest, 1.0], fixed=True)] if plain else []
+        bodies += [self._load(static_urdf(plain), rest, [*rest, 1.0], fixed=True)] if plain else []
         bodies += [self._hull(shape) for shape in still if isinstance(shape, Solid)]
-        for body in bodies + self._movers:
+        for body in bodies + self._moving:
             self._bullet.changeDynamics(
                 body, -1, lateralFriction=FRICTION, physicsClientId=self.client
             )
 
     def place(self, where: Sequence[tuple[float, float]]) -> None:
-        """Put the movers at these (x, y), m: nothing holds them up."""
-        for body, (x, y) in zip(self._movers, where, strict=True):
+        """Move the moving objects to these (x, y), m; they need no support."""
+        for body, (x, y) in zip(self._moving, where, strict=True):
             self._bullet.resetBasePositionAndOrientation(
                 body, [x, y, 0.0], [0.0, 0.0, 0.0, 1.0], physicsClientId=self.client
             )
 
     def close(self) -> None:
-        """Give the client back; a second time does nothing."""
+        """Close the client; a second call does nothing."""
         if self.client >= 0:
             self._bullet.disconnect(physicsClientId=self.client)
             self.client = -1
 
     def _hull(self, solid: Solid) -> int:
-        """A solid of any form, taken as convex."""
+        """Add the convex hull of a solid."""
         b, c = self._bullet, self.client
         try:
             points = solid.vertices[ConvexHull(solid.vertices).vertices]
-        except QhullError:  # without a volume: the box around it
+        except QhullError:  # no volume: use the bounding box
             half = np.maximum(np.ptp(solid.vertices, axis=0), THINNEST_M) / 2
             box = b.createCollisionShape(b.GEOM_BOX, halfExtents=half.tolist(), physicsClientId=c)
             return int(b.createMultiBody(0, box, basePosition=solid.centre, physicsClientId=c))
@@ -256,13 +247,13 @@ class Physics:
         return found[0], found[1]
 
     def _numbers(self, names: tuple[str, ...]) -> list[int]:
-        if names not in self._steered:
-            self._steered[names] = [self.index[name] for name in names]
-        return self._steered[names]
+        if names not in self._commanded:
+            self._commanded[names] = [self.index[name] for name in names]
+        return self._commanded[names]
 
     def _load(self, text: str, place: list[float], turn: list[float], fixed: bool) -> int:
         b = self._bullet
-        with tempfile.TemporaryDirectory(prefix="surefoot-") as folder, quiet():
+        with tempfile.TemporaryDirectory(prefix="surefoot-") as folder, silenced_output():
             path = Path(folder) / "body.urdf"
             path.write_text(text)
             return int(

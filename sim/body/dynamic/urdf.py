@@ -1,4 +1,4 @@
-"""The body and the floor as URDF text, written from the table of `anatomy`; nothing is drawn by hand."""
+"""URDF text of the robot and of static objects, generated from the table of `anatomy`."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Float
 
+from ...scene import Extent
 from ...shapes import Box, Cylinder
 from .anatomy import Anatomy, Link, links
 
-REACH_RAD = 2.6  # of every joint: the gait, not the servo, keeps them apart
+REACH_RAD = 2.6  # ours: limit of every joint; the gait keeps links apart
+BUMP_SPACING_M = 0.12  # ours
 
 
 def robot_urdf(body: Anatomy) -> str:
-    """The whole robot; its joints are called after the parts they carry."""
+    """The robot; each joint has the name of its child link."""
     lines = ['<?xml version="1.0"?>', '<robot name="walker">']
     for link in links(body):
         lines += _link(link)
@@ -24,8 +26,8 @@ def robot_urdf(body: Anatomy) -> str:
     return "\n".join([*lines, "</robot>"])
 
 
-def still_urdf(solids: Iterable[Box | Cylinder]) -> str:
-    """Things that do not move of themselves, as one rigid part; there must be at least one."""
+def static_urdf(solids: Iterable[Box | Cylinder]) -> str:
+    """Static shapes as one rigid link; there must be at least one."""
     lines = [
         '<?xml version="1.0"?>',
         '<robot name="still">',
@@ -46,7 +48,7 @@ def still_urdf(solids: Iterable[Box | Cylinder]) -> str:
 
 
 def box_inertia(mass: float, size: Sequence[float]) -> tuple[float, float, float]:
-    """Of an even box about its middle, kg m^2."""
+    """Principal inertia of a homogeneous box about its centre, kg m^2."""
     x, y, z = (value**2 for value in size)
     return mass * (y + z) / 12, mass * (x + z) / 12, mass * (x + y) / 12
 
@@ -84,29 +86,23 @@ def _text(values: Sequence[float] | Float[np.ndarray, "n"]) -> str:
     return " ".join(f"{float(value):.9g}" for value in values)
 
 
-def bumps(
-    extent: tuple[float, float, float, float],
-    height_m: float,
-    rng: np.random.Generator,
-    spacing_m: float = 0.12,
-) -> list[Box]:
-    """Thin plates over a floor: one a square of the spacing, somewhere in it, as high as 0 to the most.
+def floor_bumps(extent: Extent, height_m: float, rng: np.random.Generator) -> list[Box]:
+    """Thin plates on a floor, one at a random place in each square, of random height.
 
     Args:
         extent: (x_min, y_min, x_max, y_max), m.
-        height_m: The highest a bump may be.
-        rng: Where they lie.
-        spacing_m: Plates are half to all as wide as that.
+        height_m: Greatest height.
+        rng: Source of places, widths and heights; plates are half to fully as wide as a square.
     """
     x0, y0, x1, y1 = extent
-    columns, rows = (max(1, math.ceil(length / spacing_m)) for length in (x1 - x0, y1 - y0))
+    columns, rows = (max(1, math.ceil(length / BUMP_SPACING_M)) for length in (x1 - x0, y1 - y0))
     count = columns * rows
-    side = spacing_m * rng.uniform(0.5, 1.0, count)
-    free = (spacing_m - side) * rng.uniform(-0.5, 0.5, (2, count))
+    side = BUMP_SPACING_M * rng.uniform(0.5, 1.0, count)
+    free = (BUMP_SPACING_M - side) * rng.uniform(-0.5, 0.5, (2, count))
     j, i = np.divmod(np.arange(count), columns)
-    x, y = x0 + (i + 0.5) * spacing_m + free[0], y0 + (j + 0.5) * spacing_m + free[1]
+    x, y = x0 + (i + 0.5) * BUMP_SPACING_M + free[0], y0 + (j + 0.5) * BUMP_SPACING_M + free[1]
     top = rng.uniform(0.0, height_m, count)
-    # plates reach below the floor: a corner that comes down on an edge is pushed up, not through
+    # plates reach below the floor, so that contact on an edge pushes the sole up
     return [
         Box((float(a), float(b), float(h) - 0.02), (float(s), float(s), 0.04))
         for a, b, s, h in zip(x, y, side, top, strict=True)

@@ -1,9 +1,9 @@
-"""How good is it: one file per kind of truth, formulas only.
+"""Formulas of the evaluation, one module per kind of ground truth; each function documents its figures.
 
-`trajectory` (position, heading, ATE, RPE), `consistency` (does the covariance keep its promise),
-`innovations` (is each surprise as large as expected, and new), `floor` (planes), `maps` (grids), `obstacles`
-(tracks) with `ospa`, `contacts` (clearance, goal, path), `timing` (milliseconds per stage).
-`surefoot.evaluation.evaluate` joins them for one run.
+`trajectory` (position, heading, ATE, RPE), `gauge_alignment` (errors and covariances after alignment),
+`consistency` (NEES and NIS), `innovations` (size and whiteness), `floor` (planes), `maps` (grids), `surfaces`
+(meshes), `obstacles` (tracks) with `ospa`, `contacts` (clearance, goals, path) and `contact_classes`, `timing`
+(milliseconds per stage). `surefoot.evaluation.evaluate` applies them to one run.
 
 Sources: Umeyama 1991 (alignment), Sturm et al. 2012 (ATE, RPE), Bar-Shalom et al. 2001, section 5.4 (NEES).
 """

@@ -1,13 +1,13 @@
-"""Whose fault was a contact: what the robot could know of the thing it touched, and for how long.
+"""Classes of contacts by what the robot could know of the object it touched.
 
-Every contact counts; beside the count stands its class. The first that fits, in this order:
+A contact belongs to the first class that applies, in this order:
 
-- `standing`: the robot stood, the mover came;
-- `unseen`: the mover had not been seen for two seconds;
-- `late`: it had been followed for less than six;
-- `reversal`: it had turned round within the last four;
-- `other`: it had turned round four to six seconds before;
-- `avoidable`: followed, in view and steady; so is every contact with what never moves.
+- `standing`: the robot stood still;
+- `unseen`: the moving object had not been detected for two seconds;
+- `late`: it had been tracked for less than six seconds;
+- `reversal`: it had reversed within the last four seconds;
+- `other`: it had reversed four to six seconds before;
+- `avoidable`: all other contacts, including every contact with a static object.
 
 Source: navigation study (classes and their times).
 """
@@ -20,13 +20,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ...results.tables import Table
-from .contacts import contact_intervals
+from .contacts import contact_intervals, nearest_objects
 from .obstacles import moving, track_errors
 
 CLASSES = ("standing", "unseen", "late", "reversal", "other", "avoidable")
-STOOD_S, STOOD_M = 1.3, 0.01  # ours: two steps on the spot; slip and sway stay below a centimetre
+STANDING_S, STANDING_M = 1.3, 0.01  # ours: two steps in place; slip and sway stay below 1 cm
 UNSEEN_S, LATE_S, REVERSAL_S, STEADY_S = 2.0, 6.0, 4.0, 6.0  # navigation study
-LOST_S = 2.0  # ours: a mover that no track was on for so long begins to be followed anew
+LOST_S = 2.0  # ours: after a longer gap without a track, tracking begins anew
 
 
 def contact_classes(
@@ -35,16 +35,16 @@ def contact_classes(
     obstacles: Table,
     tracks: list[dict[str, Any]],
 ) -> list[tuple[float, str, str]]:
-    """When, with what and of which class each contact was, in order.
+    """Time, object and class of each contact, in order.
 
     Args:
-        clearance: Columns stamp_s, clearance_m, thing.
-        trajectory: True (stamp, x, y, yaw) of the robot.
-        obstacles: True ones, columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps, radius_m.
-        tracks: As obstacles.json lists them.
+        clearance: Columns stamp_s, clearance_m, object.
+        trajectory: True poses (stamp, x, y, yaw) of the robot.
+        obstacles: True obstacles, columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps, radius_m.
+        tracks: Entries of obstacles.json.
     """
     stamps, gaps = clearance.numbers("stamp_s"), clearance.numbers("clearance_m")
-    contacts = contact_intervals(stamps, gaps, clearance.words("thing"))
+    contacts = contact_intervals(stamps, gaps, nearest_objects(clearance))
     if not contacts:
         return []
     errors = track_errors(tracks, obstacles)
@@ -56,27 +56,27 @@ def contact_classes(
         )
     ]
     found = []
-    for begin, _, thing in contacts:
+    for begin, _, touched in contacts:
         mover = _mover(begin, trajectory, obstacles)
         kind = "avoidable"
         if mover is not None:
             kind = _kind(begin, mover, trajectory, obstacles, matched)
-        found.append((begin, thing, kind))
+        found.append((begin, touched, kind))
     return found
 
 
 def class_counts(classes: list[tuple[float, str, str]]) -> dict[str, float]:
-    """How many of each class: contacts_<class>."""
+    """Number of contacts of each class: contacts_<class>."""
     kinds = [kind for _, _, kind in classes]
     return {f"contacts_{kind}": float(kinds.count(kind)) for kind in CLASSES}
 
 
 def _mover(stamp: float, trajectory: Float[np.ndarray, "n 4"], obstacles: Table) -> str | None:
-    """The mover that can have touched the robot then; None if all are too far away."""
+    """The moving obstacle that touched the robot; None if all are too far away."""
     x, y = trajectory[np.argmin(np.abs(trajectory[:, 0] - stamp)), 1:3]
     states = obstacles.matrix("stamp_s", "x_m", "y_m", "radius_m")
     movers = moving(obstacles)
-    nearest, found = 0.15, None  # half the robot's diagonal, swinging foot included
+    nearest, found = 0.15, None  # half the diagonal of the robot with its swing foot, m
     for row, identity in enumerate(obstacles.words("identity")):
         at, ox, oy, radius = states[row]
         if identity in movers and abs(at - stamp) < 1e-6:
@@ -93,8 +93,8 @@ def _kind(
     obstacles: Table,
     matched: list[tuple[float, str, float]],
 ) -> str:
-    lately = trajectory[(trajectory[:, 0] <= stamp) & (trajectory[:, 0] >= stamp - STOOD_S)]
-    if len(lately) and np.ptp(lately[:, 1:3], axis=0).max() < STOOD_M:
+    lately = trajectory[(trajectory[:, 0] <= stamp) & (trajectory[:, 0] >= stamp - STANDING_S)]
+    if len(lately) and np.ptp(lately[:, 1:3], axis=0).max() < STANDING_M:
         return "standing"
     mine = [(at, seen) for at, identity, seen in matched if identity == mover and at <= stamp]
     if not mine or stamp - max(seen for _, seen in mine) > UNSEEN_S:
@@ -113,7 +113,7 @@ def _kind(
 
 
 def _reversed_at(stamp: float, mover: str, obstacles: Table) -> float:
-    """When the mover last turned round, -inf if never yet."""
+    """Time of the last reversal of a moving obstacle; -inf if it has not reversed."""
     rows = [k for k, identity in enumerate(obstacles.words("identity")) if identity == mover]
     states = obstacles.matrix("stamp_s", "vx_mps", "vy_mps")[rows]
     states = states[states[:, 0] <= stamp]

@@ -1,4 +1,4 @@
-"""Did it arrive, and did it touch anything on the way: clearance, contacts and their classes, path, goal."""
+"""Clearance, contacts and their classes, path length, and goals reached."""
 
 from __future__ import annotations
 
@@ -12,29 +12,34 @@ from planning.commands import WalkCommand
 
 from ...results.tables import Table
 
-ARRIVED_M = 0.3  # navigation study: a via point counts as reached when passed within 0.3 m
+REACHED_M = 0.3  # navigation study: a via point counts as reached within 0.3 m
 
 
 def contact_intervals(
-    stamps: Float[np.ndarray, "n"], clearances: Float[np.ndarray, "n"], things: Sequence[str]
+    stamps: Float[np.ndarray, "n"], clearances: Float[np.ndarray, "n"], objects: Sequence[str]
 ) -> list[tuple[float, float, str]]:
-    """Times (from, to, thing) without a gap between robot and thing; a change of thing begins another."""
+    """Contacts as (begin, end, object), s; contact with another object begins a new one."""
     intervals: list[tuple[float, float, str]] = []
     touching = ""
-    for stamp, clearance, thing in zip(stamps, clearances, things, strict=True):
-        now = thing if clearance <= 0.0 else ""
+    for stamp, clearance, nearest in zip(stamps, clearances, objects, strict=True):
+        now = nearest if clearance <= 0.0 else ""
         if now and now == touching:
-            intervals[-1] = (intervals[-1][0], float(stamp), thing)
+            intervals[-1] = (intervals[-1][0], float(stamp), nearest)
         elif now:
-            intervals.append((float(stamp), float(stamp), thing))
+            intervals.append((float(stamp), float(stamp), nearest))
         touching = now
     return intervals
 
 
+def nearest_objects(clearance: Table) -> list[str]:
+    """Name of the nearest object in each row of clearance.csv; older runs name the column "thing"."""
+    return clearance.words("object" if "object" in clearance.columns else "thing")
+
+
 def contact_metrics(clearance: Table) -> dict[str, float]:
-    """min_clearance_m (negative: depth of the contact), contacts, contact_seconds."""
+    """min_clearance_m (negative: penetration), median_clearance_m, contacts, contact_seconds."""
     stamps, gaps = clearance.numbers("stamp_s"), clearance.numbers("clearance_m")
-    intervals = contact_intervals(stamps, gaps, clearance.words("thing"))
+    intervals = contact_intervals(stamps, gaps, nearest_objects(clearance))
     return {
         "min_clearance_m": float(np.nanmin(gaps)),
         "median_clearance_m": float(np.nanmedian(gaps)),
@@ -46,7 +51,7 @@ def contact_metrics(clearance: Table) -> dict[str, float]:
 def walk_metrics(
     stamps: Float[np.ndarray, "n"], positions: Float[np.ndarray, "n d"]
 ) -> dict[str, float]:
-    """duration_s, path_m (length of the way on the floor) and straight_m (from first to last)."""
+    """duration_s, path_m (length of the horizontal path) and straight_m (distance from first to last)."""
     steps = np.diff(positions[:, :2], axis=0)
     return {
         "duration_s": float(stamps[-1] - stamps[0]),
@@ -58,11 +63,11 @@ def walk_metrics(
 def goal_metrics(
     positions: Float[np.ndarray, "n d"], goals: Sequence[Sequence[float]]
 ) -> dict[str, float]:
-    """How near the true way came to each goal, in their order; the next counts only after the last.
+    """Goals reached by the true trajectory in their order; a goal counts only after the one before it.
 
     Returns:
-        goals, goals_passed (came within ARRIVED_M), goal_nearest_m (to the first goal not passed, or to
-        the last one), goal_final_m (from where it stopped to the last goal).
+        goals, goals_passed (within REACHED_M), goal_nearest_m (smallest distance to the first goal not
+        reached, or to the last one), goal_final_m (distance of the final position from the last goal).
     """
     if not goals:
         return {}
@@ -70,7 +75,7 @@ def goal_metrics(
     for goal in goals:
         apart = np.linalg.norm(positions[begin:, :2] - np.asarray(goal[:2], float), axis=1)
         nearest = float(np.min(apart))
-        within = np.flatnonzero(apart <= ARRIVED_M)
+        within = np.flatnonzero(apart <= REACHED_M)
         if len(within) == 0:
             break
         passed, begin = passed + 1, begin + int(within[0])
@@ -85,28 +90,28 @@ def goal_metrics(
 
 BODY_RADIUS_M = 0.15  # S_r, seed 001
 UNSEEN_S, LATE_S = 2.0, 6.0  # navigation study: classes of contacts
-LONG_AGO_S = 6.0  # the same: a reversal as long ago as this explains nothing
+REVERSAL_S = 6.0  # navigation study: an earlier reversal does not explain a contact
 CLASSES = ("avoidable", "unseen", "late", "reversal", "other")
-"""Of contacts; each has exactly one. Beside it a contact may be one of a standing robot."""
+"""Classes of contacts; each contact has exactly one."""
 
 
 @dataclass(frozen=True)
 class Contact:
-    """One contact, from its beginning to its end.
+    """One contact of the robot with an object.
 
     Args:
-        stamp_s: Beginning.
-        thing: What was touched.
-        moves: Whether it moves.
-        unseen_s: Time since it was seen last, s; infinite: never seen.
-        followed_s: Time since it was first seen, without being lost in between, s.
-        turned_s: Time since it last reversed, s; infinite for what stands.
-        standing: Whether the robot stood.
+        stamp_s: Its beginning.
+        object_name: Name of the object.
+        moves: Whether the object moves.
+        unseen_s: Time since its last detection, s; infinite if it was never detected.
+        followed_s: Time since its track began, s.
+        turned_s: Time since it last reversed, s; infinite for a static object.
+        standing: Whether the robot stands.
         kind: One of `CLASSES`.
     """
 
     stamp_s: float
-    thing: str
+    object_name: str
     moves: bool
     unseen_s: float
     followed_s: float
@@ -116,44 +121,44 @@ class Contact:
 
 
 def class_of(contact: Contact) -> str:
-    """Why it may have come to a contact.
+    """The class of a contact.
 
-    Avoidable: followed for 6 s, seen within 2 s, and no reversal within 6 s; what stands and was ever
-    seen is avoidable in any case. Else, in this order, unseen, late, or soon after a reversal.
+    Avoidable: tracked for 6 s, detected within 2 s, and no reversal within 6 s; contact with a static object
+    that was ever detected is always avoidable. Otherwise, in this order: unseen, late, reversal.
 
     Source: navigation study.
     """
     seen = contact.unseen_s <= UNSEEN_S
     if not contact.moves:
         return "avoidable" if np.isfinite(contact.unseen_s) else "unseen"
-    if seen and contact.followed_s >= LATE_S and contact.turned_s >= LONG_AGO_S:
+    if seen and contact.followed_s >= LATE_S and contact.turned_s >= REVERSAL_S:
         return "avoidable"
     if not seen:
         return "unseen"
     if contact.followed_s < LATE_S:
         return "late"
-    return "reversal" if contact.turned_s < LONG_AGO_S else "other"
+    return "reversal" if contact.turned_s < REVERSAL_S else "other"
 
 
 class Touch:
-    """Which things are being touched, and whether the robot stands."""
+    """Objects that the robot touches at present, and whether it stands."""
 
     def __init__(self) -> None:
         self._touched: set[int] = set()
         self.standing = True
 
     def step(self, command: WalkCommand) -> None:
-        """The footstep that is made now."""
+        """Take the present footstep."""
         self.standing = command.forward_m == 0.0 and command.lateral_m == 0.0
 
     def begun(self, gaps_m: Mapping[int, float], apart_m: float) -> list[int]:
-        """Things whose contact begins at this instant.
+        """Objects whose contact begins at this instant.
 
         Args:
-            gaps_m: By thing.
-            apart_m: Gap at which a contact is over, so that one touch does not count twice.
+            gaps_m: Clearance of each object.
+            apart_m: Clearance that ends a contact (hysteresis).
         """
-        new = [thing for thing, gap in gaps_m.items() if gap <= 0.0 and thing not in self._touched]
+        new = [key for key, gap in gaps_m.items() if gap <= 0.0 and key not in self._touched]
         self._touched |= set(new)
-        self._touched -= {thing for thing, gap in gaps_m.items() if gap > apart_m}
+        self._touched -= {key for key, gap in gaps_m.items() if gap > apart_m}
         return new

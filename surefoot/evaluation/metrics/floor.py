@@ -18,13 +18,13 @@ UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")
 
 @dataclass(frozen=True)
 class FloorErrors:
-    """One camera's floors against the truth, one row per frame of both.
+    """Errors of the floor planes of one camera, one row per frame.
 
     Args:
         stamps: s.
-        angles_deg: Between the normals; NaN where no floor was seen.
-        heights_mm: Estimated minus true height of the camera over the floor; NaN likewise.
-        whitened: Error of normal and height in units of its own covariance; NaN likewise.
+        angles_deg: Angle between the normals; NaN where no floor was seen.
+        heights_mm: Estimated minus true height of the camera above the floor; NaN likewise.
+        whitened: Error of normal and height, whitened by its covariance; NaN likewise.
         seen: Whether a floor was seen.
     """
 
@@ -36,7 +36,7 @@ class FloorErrors:
 
 
 def floor_errors(estimate: Table, truth: Table) -> dict[str, FloorErrors]:
-    """Errors of every camera whose floor is known, by its name in order of appearance."""
+    """Errors of every camera with a true floor, by its name in order of appearance."""
     true_planes = dict(zip(_keys(truth), _planes(truth), strict=True))
     planes, states = _planes(estimate), estimate.words("state")
     rows: dict[str, list[tuple[float, ...]]] = {}
@@ -61,9 +61,8 @@ def floor_metrics(estimate: Table, truth: Table | None) -> dict[str, float | boo
     """Figures per camera.
 
     Returns:
-        floor_<camera>_seen_share; and where the truth is known _angle_deg_median and _max,
-        _height_mm_median and _max (absolute), _height_mm_bias (median, signed), and the consistency
-        figures of the NEES.
+        floor_<camera>_seen_share; and with ground truth _angle_deg_median and _max, _height_mm_median and
+        _max (absolute), _height_mm_bias (median, signed), and the consistency figures of the NEES.
     """
     figures: dict[str, float | bool] = {}
     cameras, states = np.array(estimate.words("camera")), np.array(estimate.words("state"))
@@ -87,7 +86,7 @@ def floor_metrics(estimate: Table, truth: Table | None) -> dict[str, float | boo
 
 
 def _keys(table: Table) -> list[tuple[str, str]]:
-    """Stamps are compared as text: both were written by the same hand to the last bit."""
+    """Stamp and camera of each row; stamps match as text, because both tables write floats without loss."""
     stamps = (repr(float(stamp)) for stamp in table.numbers("stamp_s"))
     return list(zip(stamps, table.words("camera"), strict=True))
 

@@ -1,8 +1,7 @@
-"""Innovations: whether the surprises of a filter are as large as it expects, and new each time.
+"""Innovations of a filter: consistency of their size, and whiteness.
 
-An innovation of a right filter is white: what surprised at one sighting says nothing about the next.
-Successive sightings of the same landmark or track are compared; a correlation that stays means that
-something lasting was not modelled.
+The innovations of a consistent filter are white. The autocorrelation is computed over successive measurements of
+the same landmark or track; a lasting correlation means that the model lacks a constant or slow error.
 
 Source: Bar-Shalom, Li, Kirubarajan 2001, section 5.4.2 (tests of normalised innovations and whiteness).
 """
@@ -24,12 +23,12 @@ WHITENED = ("whitened_0", "whitened_1")
 
 @dataclass(frozen=True)
 class Innovations:
-    """Of one source, in order of time.
+    """Innovations of one source, in order of time.
 
     Args:
         source: "landmark" or "track".
-        series: For each landmark or track its whitened innovations, (n, 2) each.
-        whitened: All together.
+        series: Whitened innovations of each landmark or track, (n, 2) each.
+        whitened: All of them.
     """
 
     source: str
@@ -49,7 +48,7 @@ def innovations(table: Table) -> list[Innovations]:
         series = tuple(
             rows[np.array([name == identity for name in named])]
             for identity in dict.fromkeys(named)
-            if identity  # sightings without a name have no successor
+            if identity  # measurements without an identity have no successor
         )
         found.append(Innovations(source, series, rows))
     return found
@@ -58,11 +57,11 @@ def innovations(table: Table) -> list[Innovations]:
 def autocorrelation(
     series: tuple[Float[np.ndarray, "_ 2"], ...], lags: int = LAGS
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """Correlation of a surprise with the one some sightings later, over all series together.
+    """Autocorrelation of the innovations over all series.
 
     Returns:
-        For lags 1 to `lags`, as far as there are pairs: the correlation, and the bound that 95 % of those of
-        white innovations keep below in size.
+        For lags 1 to `lags`, as far as there are 20 pairs: the correlation, and the bound that the magnitude
+        for white innovations stays below with probability 95 %.
     """
     power = sum(float(np.sum(one**2)) for one in series)
     numbers = sum(one.size for one in series)
@@ -81,8 +80,8 @@ def innovation_metrics(table: Table) -> dict[str, float | bool]:
     """Figures of each source.
 
     Returns:
-        Those of `consistency_metrics` with "nis"; <source>_whiteness_max (the largest correlation over its
-        bound) and <source>_lag1 (correlation of neighbouring surprises), where there are enough.
+        Figures of `consistency_metrics` with "nis"; with enough pairs also <source>_whiteness_max (largest
+        magnitude of the correlation divided by its bound) and <source>_lag1 (correlation at lag 1).
     """
     figures: dict[str, float | bool] = {}
     for one in innovations(table):

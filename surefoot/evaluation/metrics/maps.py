@@ -1,8 +1,8 @@
-"""A saved occupancy grid against the true one, over the cells that the robot has seen.
+"""Occupancy grid of a run against the true grid, over the observed cells.
 
-Two figures, because a cell on the rim of an obstacle can be called either way: the strict one asks for
-the state of the true map at the very centre of the cell; the other accepts a cell whose state is found
-anywhere in the three by three neighbourhood, and so forgives an error of one cell and no more.
+There are two figures, because the state of a cell at the edge of an obstacle is ambiguous: the strict one
+compares with the true state at the centre of the cell; the lenient one accepts a state that occurs anywhere in
+the 3x3 neighbourhood, and so tolerates an error of one cell.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ UNKNOWN, FREE, OCCUPIED = -1, 0, 1
 
 @dataclass(frozen=True)
 class GridMap:
-    """A map of three states; cell [0, 0] has its lower left corner at the origin, rows go along +y.
+    """A map of three states; the lower left corner of cell [0, 0] is the origin, row indices grow along +y.
 
     Args:
         state: UNKNOWN, FREE or OCCUPIED.
         origin: (x, y) of the lower left corner, m.
-        cell_m: Side of a cell.
+        cell_m: Side length of a cell.
     """
 
     state: Int[np.ndarray, "rows columns"]
@@ -41,14 +41,14 @@ class GridMap:
         return left, left + columns * self.cell_m, bottom, bottom + rows * self.cell_m
 
     def centres(self) -> Float[np.ndarray, "rows columns 2"]:
-        """Of every cell, m."""
+        """Centres of all cells, m."""
         rows, columns = self.state.shape
         x, y = np.meshgrid(np.arange(columns) + 0.5, np.arange(rows) + 0.5)
         return np.stack([x, y], axis=-1) * self.cell_m + self.origin
 
     def at(self, points: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n"]:
         """State of the cell under each point; UNKNOWN outside."""
-        # A centre that falls on the edge of two cells must fall the same way in every row.
+        # The offset makes a point on the edge between two cells fall into the same one in every row.
         cells = np.floor((points - self.origin) / self.cell_m + 1e-6).astype(np.int64)
         column, row = cells[..., 0], cells[..., 1]
         rows, columns = self.state.shape
@@ -58,10 +58,10 @@ class GridMap:
 
 
 def read_map(path: Path) -> GridMap:
-    """A saved map (Nav2 / map_server pair) by its .yaml file.
+    """Read a saved map (Nav2 / map_server pair) by its .yaml file.
 
     Raises:
-        InputError: A file is missing, truncated or not of this format.
+        InputError: A file is missing, truncated or of another format.
     """
     saved = nav2.load(path)
     state = np.where(saved.probability > 0.5, OCCUPIED, FREE)
@@ -72,10 +72,9 @@ def map_metrics(mine: GridMap, truth: GridMap) -> dict[str, float]:
     """Figures over the cells known in both maps; empty if there are none.
 
     Returns:
-        grid_cells (how many were judged), grid_correct_share (strict), grid_correct_share_one_cell
-        (right within the neighbours), grid_occupied_correct_share and grid_free_correct_share (of the
-        cells that say so, strict), grid_occupied_found_share (of the true obstacles' cells that were
-        judged, how many we call occupied, or have such a neighbour).
+        grid_cells (cells known in both), grid_correct_share (strict), grid_correct_share_one_cell (lenient),
+        grid_occupied_correct_share and grid_free_correct_share (precision of each state, strict),
+        grid_occupied_found_share (recall of truly occupied cells, lenient).
     """
     centres = mine.centres()
     true = truth.at(centres)
@@ -83,33 +82,33 @@ def map_metrics(mine: GridMap, truth: GridMap) -> dict[str, float]:
     if not judged.any():
         return {}
     right = judged & (mine.state == true)
-    near = judged & (right | _neighbour_says(mine, truth))
-    ours, theirs = judged & (mine.state == OCCUPIED), judged & (true == OCCUPIED)
+    near = judged & (right | _agrees_nearby(mine, truth))
+    occupied, truly = judged & (mine.state == OCCUPIED), judged & (true == OCCUPIED)
     figures = {
         "grid_cells": float(np.count_nonzero(judged)),
         "grid_correct_share": float(right.sum() / judged.sum()),
         "grid_correct_share_one_cell": float(near.sum() / judged.sum()),
     }
     free = judged & (mine.state == FREE)
-    if ours.any():
-        figures["grid_occupied_correct_share"] = float((right & ours).sum() / ours.sum())
+    if occupied.any():
+        figures["grid_occupied_correct_share"] = float((right & occupied).sum() / occupied.sum())
     if free.any():
         figures["grid_free_correct_share"] = float((right & free).sum() / free.sum())
-    if theirs.any():
-        grown = cv2.dilate(ours.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        figures["grid_occupied_found_share"] = float((theirs & grown).sum() / theirs.sum())
+    if truly.any():
+        grown = cv2.dilate(occupied.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        figures["grid_occupied_found_share"] = float((truly & grown).sum() / truly.sum())
     return figures
 
 
 def wrong_cells(mine: GridMap, truth: GridMap) -> Int[np.ndarray, "rows columns"]:
-    """0 right or not judged, 1 wrong by one cell at most, 2 wrong."""
+    """0: correct or unknown; 1: wrong, but correct within one cell; 2: wrong."""
     true = truth.at(mine.centres())
     wrong = (mine.state != UNKNOWN) & (true != UNKNOWN) & (mine.state != true)
-    return np.where(wrong, np.where(_neighbour_says(mine, truth), 1, 2), 0)
+    return np.where(wrong, np.where(_agrees_nearby(mine, truth), 1, 2), 0)
 
 
-def _neighbour_says(mine: GridMap, truth: GridMap) -> np.ndarray:
-    """Whether the truth has our cell's state within one of our cells around it."""
+def _agrees_nearby(mine: GridMap, truth: GridMap) -> np.ndarray:
+    """Whether the true state agrees with ours anywhere in the 3x3 neighbourhood of a cell."""
     centres = mine.centres()
     agrees = np.zeros(mine.state.shape, dtype=bool)
     for dx in (-1, 0, 1):

@@ -1,8 +1,8 @@
-"""Tracks against the true obstacles: who is who at every instant, and how wrong.
+"""Tracks against true obstacles: association at every instant, and errors.
 
-A track is of the thing that it was last seen on. At each instant tracks and true obstacles of one another are
-paired so that the sum of their distances is smallest. Tracks of things that the truth does not list are not
-judged, however near a listed one passes by; one that has lost its thing is, wherever it has gone.
+A track belongs to the true obstacle that its last detection was nearest to. At each instant, tracks are assigned
+to their obstacles so that the sum of distances is smallest. A track of an object that the truth does not list is
+not judged, even near a listed obstacle; a track that has lost its obstacle is judged wherever it is.
 """
 
 from __future__ import annotations
@@ -22,27 +22,26 @@ from .consistency import consistency_metrics, whitened
 from .ospa import ospa
 from .trajectory import rms
 
-GATE_M = 0.2  # ours: two radii of a mover; what is seen further apart is another thing
-FAR_M = 1e3  # so that a pair that may not be never breaks one that may
-NOBODY = ""
-BELIEVED = 0.5  # probability of moving above which a track counts as a mover
-MOVES_MPS = 0.005  # ours: below this over the whole run a thing stands
+GATE_M = 0.2  # ours: two radii of a moving obstacle; a detection further away is another object
+FORBIDDEN_M = 1e3  # cost of a forbidden pair, larger than any sum of allowed ones
+UNLISTED = ""
+MOVING = 0.5  # probability of moving above which a track counts as moving
+STATIC_MPS = 0.005  # ours: an obstacle that is never faster is static
 
 TRUE_STATE = ("x_m", "y_m", "vx_mps", "vy_mps")
 
 
 @dataclass(frozen=True)
 class TrackErrors:
-    """Matched pairs of all instants, one row each.
+    """Assigned pairs of track and true obstacle at all instants, one row each.
 
     Args:
         stamps: s.
-        identities: Of the true obstacle.
+        identities: Identity of the true obstacle.
         tracks: Number of the track.
         errors: Estimated minus true (x, y, vx, vy), m and m/s.
-        whitened: These in units of their own covariance.
-        present: For each true obstacle, at how many instants it could have been matched: from the first
-            instant of the run on.
+        whitened: The errors, whitened by their covariance.
+        present: Number of instants at which each true obstacle exists.
     """
 
     stamps: Float[np.ndarray, "n"]
@@ -53,7 +52,7 @@ class TrackErrors:
     present: dict[str, int]
 
     def whitened_of(self, wanted: Collection[str]) -> Float[np.ndarray, "m 4"]:
-        """Those of these true obstacles, thing by thing: what follows in time follows in order."""
+        """Whitened errors of some true obstacles, obstacle by obstacle, each in order of time."""
         names = np.array(self.identities, dtype=object)
         return np.concatenate(
             [np.zeros((0, 4)), *(self.whitened[names == name] for name in wanted)]
@@ -61,11 +60,11 @@ class TrackErrors:
 
 
 def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
-    """Pair the tracks of a run with the true obstacles.
+    """Assign the tracks of a run to the true obstacles.
 
     Args:
-        tracks: Entries with stamp, track, mean (4), covariance (4 x 4), and whether it was seen in this frame
-            (if not told: it was), as obstacles.json lists them.
+        tracks: Entries of obstacles.json: stamp, track, mean (4), covariance (4x4) and seen, the stamp of
+            the last detection (default: this frame).
         truth: Columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps.
     """
     by_stamp: dict[float, list[dict[str, Any]]] = defaultdict(list)
@@ -88,9 +87,9 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
         apart = np.linalg.norm(means[:, None, :2] - true_states[None, rows, :2], axis=-1)
         for entry, gaps in zip(entries, apart, strict=True):
             nearest = int(np.argmin(gaps))
-            if entry.get("seen", True):
+            if float(entry.get("seen", stamp)) >= stamp:
                 owners[int(entry["track"])] = (
-                    identities[rows[nearest]] if gaps[nearest] < GATE_M else NOBODY
+                    identities[rows[nearest]] if gaps[nearest] < GATE_M else UNLISTED
                 )
         own = np.array(
             [[owners.get(int(e["track"])) == identities[r] for r in rows] for e in entries]
@@ -112,35 +111,35 @@ def track_errors(tracks: list[dict[str, Any]], truth: Table) -> TrackErrors:
 
 
 def moving(truth: Table) -> tuple[str, ...]:
-    """Identities of the true obstacles that move at some time, in order of appearance."""
+    """Identities of the true obstacles that ever move, in order of appearance."""
     velocities = truth.matrix("vx_mps", "vy_mps")
-    fast = np.linalg.norm(velocities, axis=1) > MOVES_MPS
+    fast = np.linalg.norm(velocities, axis=1) > STATIC_MPS
     words = truth.words("identity")
     return tuple(dict.fromkeys(word for word, is_fast in zip(words, fast, strict=True) if is_fast))
 
 
 def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, float | bool]:
-    """Figures of the obstacles that move (mover_...) and of those that stand (standing_...).
+    """Figures of moving and static obstacles.
 
     Returns:
-        For each kind that exists: <kind>_count; _followed_share (of all instants, those with a track on
-        it; a thing behind a wall counts as missed); and, where any was followed,
-        <kind>_position_rmse_m, _velocity_rmse_mps, _track_changes (times the track on a thing changed its
-        number), and the consistency figures of the NEES. ospa_m where something moves.
+        For each kind that exists, with the prefix moving_obstacle or static_obstacle: _count; _tracked_share
+        (instants with an assigned track; an occluded obstacle counts as missed); and, if any was tracked,
+        _position_rmse_m, _velocity_rmse_mps, _track_changes (how often the track of an obstacle changed its
+        number), and the consistency figures of the NEES. ospa_m if any obstacle moves.
     """
     errors = track_errors(tracks, truth)
     movers = moving(truth)
     figures: dict[str, float | bool] = {}
     for kind, wanted in (
-        ("mover", movers),
-        ("standing", tuple(i for i in errors.present if i not in movers)),
+        ("moving_obstacle", movers),
+        ("static_obstacle", tuple(i for i in errors.present if i not in movers)),
     ):
         if not wanted:
             continue
         chosen = np.array([identity in wanted for identity in errors.identities], dtype=bool)
         instants = sum(errors.present[identity] for identity in wanted)
         figures[f"{kind}_count"] = float(len(wanted))
-        figures[f"{kind}_followed_share"] = float(chosen.sum() / instants)
+        figures[f"{kind}_tracked_share"] = float(chosen.sum() / instants)
         if not chosen.any():
             continue
         e = errors.errors[chosen]
@@ -158,24 +157,25 @@ def obstacle_metrics(tracks: list[dict[str, Any]], truth: Table) -> dict[str, fl
 def ospa_over_time(
     tracks: list[dict[str, Any]], truth: Table
 ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-    """Instants, s, and the OSPA distance between what is believed to move and what does, m.
+    """Instants, s, and the OSPA distance between the tracks classified as moving and the moving obstacles, m.
 
-    A mover out of sight counts as missed, standing furniture believed to move as invented.
+    An occluded moving obstacle counts as missed, a static object classified as moving as a false track.
     """
     movers = set(moving(truth))
-    believed: dict[float, list[list[float]]] = defaultdict(list)
+    estimated: dict[float, list[list[float]]] = defaultdict(list)
     for entry in tracks:
-        if entry.get("moving", 1.0) > BELIEVED:
-            believed[float(entry["stamp"])].append(entry["mean"][:2])
-    places, words = truth.matrix("x_m", "y_m"), truth.words("identity")
+        if entry.get("moving", 1.0) > MOVING:
+            estimated[float(entry["stamp"])].append(entry["mean"][:2])
+    positions, words = truth.matrix("x_m", "y_m"), truth.words("identity")
     true: dict[float, list[np.ndarray]] = {}
-    for stamp, word, place in zip(truth.numbers("stamp_s"), words, places, strict=True):
-        at = true.setdefault(float(stamp), [])
+    for stamp, word, position in zip(truth.numbers("stamp_s"), words, positions, strict=True):
+        present = true.setdefault(float(stamp), [])
         if word in movers:
-            at.append(place)
+            present.append(position)
     stamps = sorted(true)
     values = [
-        ospa(np.array(believed[s]).reshape(-1, 2), np.array(true[s]).reshape(-1, 2)) for s in stamps
+        ospa(np.array(estimated[s]).reshape(-1, 2), np.array(true[s]).reshape(-1, 2))
+        for s in stamps
     ]
     return np.array(stamps), np.array(values)
 
@@ -183,7 +183,7 @@ def ospa_over_time(
 def _pairs(
     apart: Float[np.ndarray, "n m"], allowed: Bool[np.ndarray, "n m"]
 ) -> list[tuple[int, int]]:
-    rows, columns = linear_sum_assignment(np.where(allowed, apart, FAR_M))
+    rows, columns = linear_sum_assignment(np.where(allowed, apart, FORBIDDEN_M))
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if allowed[i, j]]
 
 

@@ -1,7 +1,7 @@
-"""OSPA: one distance between what is tracked and what is there, misses and phantoms included.
+"""OSPA: one distance between tracks and true objects that includes missed objects and false tracks.
 
-Tracks and true objects are paired so that the sum of their cut distances is least; each one left over costs
-the whole cut-off. Zero only if everything is found, in place, and nothing else is claimed.
+Tracks and objects are assigned so that the sum of their distances, cut off at a maximum, is smallest; each
+unassigned one costs the cut-off.
 
 Source: Schuhmacher, Vo, Vo, "A consistent metric for performance evaluation of multi-object filters",
 IEEE Transactions on Signal Processing 56 (2008), eq. (3).
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
-CUTOFF_M = 0.5  # ours: three body radii; further apart it is another thing
+CUTOFF_M = 0.5  # ours: three body radii; further apart it is another object
 ORDER = 1.0  # ours: mean error per object, easiest to read
 
 
@@ -26,8 +26,8 @@ def ospa(
     """Optimal sub-pattern assignment distance, in [0, cutoff_m], m.
 
     Args:
-        estimated, true: Places, m; either may be empty.
-        cutoff_m: What a missed or an invented object costs, positive.
+        estimated, true: Positions, m; either may be empty.
+        cutoff_m: Cost of a missed object or a false track, positive.
         order: p >= 1; larger weighs outliers more.
 
     Returns:

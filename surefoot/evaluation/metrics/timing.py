@@ -1,4 +1,4 @@
-"""Milliseconds per stage of the cycle."""
+"""Computing time per stage of the cycle."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ...results.tables import Table
 
 
 def stages(timing: Table) -> dict[str, Float[np.ndarray, "n"]]:
-    """Milliseconds of each stage over the frames; a stage that rested took 0."""
+    """Milliseconds of each stage over the frames; 0 where a stage did not run."""
     names = [name for name in timing.columns if name not in ("stamp_s", "total")]
     return {name: np.nan_to_num(timing.numbers(name)) for name in names}
 
@@ -17,7 +17,7 @@ def stages(timing: Table) -> dict[str, Float[np.ndarray, "n"]]:
 def timing_metrics(timing: Table) -> dict[str, dict[str, float]]:
     """Median, 95th percentile and maximum of each stage and of their sum ("total"), ms.
 
-    The first frame is left out where there are others: it loads what the rest finds loaded.
+    The first frame of several is left out, because it includes loading and compilation.
     """
     columns = stages(timing)
     if not columns:

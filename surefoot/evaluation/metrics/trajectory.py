@@ -1,6 +1,6 @@
-"""Errors of a trajectory: as it stands, after the best alignment, and from step to step.
+"""Errors of a trajectory: without alignment, after alignment, and relative (RPE).
 
-Formulas as the evo package has them, so that figures can be compared with published ones.
+The formulas are those of the evo package, so that figures can be compared with published ones.
 
 Source: Umeyama 1991 (alignment); Sturm et al. 2012 (ATE, RPE).
 """
@@ -15,6 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from ...results.tables import Trajectory
 
+MAX_DIFFERENCE_S = 0.01  # as evo: stamps further apart do not match
+
 
 @dataclass(frozen=True)
 class Alignment:
@@ -25,18 +27,20 @@ class Alignment:
     scale: float
 
     def apply(self, points: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "n d"]:
-        """Points of the estimate, m, where the reference has them."""
+        """Points of the estimate in the frame of the reference, m."""
         return np.asarray(self.scale * points @ self.rotation.T + self.translation)
 
 
 def associate(
-    stamps: Float[np.ndarray, "n"], others: Float[np.ndarray, "m"], max_difference_s: float = 0.01
+    stamps: Float[np.ndarray, "n"],
+    others: Float[np.ndarray, "m"],
+    max_difference_s: float = MAX_DIFFERENCE_S,
 ) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
-    """Pairs of indices whose stamps lie close: each stamp of the shorter series with its nearest.
+    """Match stamps: each stamp of the shorter series with the nearest stamp of the other.
 
     Args:
-        stamps, others: Rising, s.
-        max_difference_s: Pairs further apart are dropped.
+        stamps, others: Increasing, s.
+        max_difference_s: Largest difference of a pair.
 
     Returns:
         Indices into `stamps` and into `others`, in order of time.
@@ -61,11 +65,11 @@ def align(
     reference: Float[np.ndarray, "n d"],
     with_scale: bool = False,
 ) -> Alignment | None:
-    """The rigid motion (with a scale, if wanted) that brings two point rows together in least squares.
+    """Least-squares rigid (or similarity) transform from the estimate to the reference.
 
     Returns:
-        None where it is not determined: fewer than d points, or all on a line in space (on a point in
-        the plane).
+        None if the points do not determine it: fewer than d points, or collinear points in space (coincident
+        points in the plane).
 
     Source: Umeyama 1991, eq. (34)-(43).
     """
@@ -88,34 +92,34 @@ def align(
 
 
 def alignment_of(
-    estimate: Trajectory, reference: Trajectory, max_difference_s: float = 0.01
+    estimate: Trajectory, reference: Trajectory, max_difference_s: float = MAX_DIFFERENCE_S
 ) -> Alignment | None:
-    """The motion that lays one way over the other where their stamps match; None if it is not determined."""
+    """Rigid transform between two trajectories at matching stamps; None if it is not determined."""
     mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
     return align(estimate.positions[mine], reference.positions[theirs])
 
 
 def rms(values: Float[np.ndarray, "*n"]) -> float:
-    """Root of the mean square."""
+    """Root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def distances(
     estimate: Float[np.ndarray, "n d"], reference: Float[np.ndarray, "n d"]
 ) -> Float[np.ndarray, "n"]:
-    """Distance of each pair, m; its rms is the ATE."""
+    """Distance of each pair of points, m; their RMS is the ATE."""
     return np.asarray(np.linalg.norm(estimate - reference, axis=1))
 
 
 def wrapped(angles_rad: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-    """The same angles in [-pi, pi)."""
+    """Angles wrapped to [-pi, pi)."""
     return np.asarray((angles_rad + np.pi) % (2 * np.pi) - np.pi)
 
 
 def pairs_apart(
     stamps: Float[np.ndarray, "n"], seconds: float
 ) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
-    """Every index with the first one at least so many seconds later."""
+    """Each index with the first index at least `seconds` later."""
     later = np.searchsorted(stamps, stamps + seconds - 1e-9)
     first = np.flatnonzero(later < len(stamps))
     return first, later[first]
@@ -126,14 +130,14 @@ def relative_errors(
     reference: Trajectory,
     pairs: tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]],
 ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """How wrong the motion between pairs of instants is: RPE.
+    """Relative pose error (RPE) of pairs of instants.
 
     Args:
-        estimate, reference: Pose by pose at the same instants.
+        estimate, reference: Poses at the same instants.
         pairs: Indices of the first and of the second instant.
 
     Returns:
-        Length in m and angle in rad of (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) for each pair.
+        Translation in m and rotation angle in rad of (Q_i^-1 Q_j)^-1 (P_i^-1 P_j) of each pair.
 
     Source: Sturm et al. 2012, eq. (1).
     """
@@ -155,23 +159,24 @@ def _motions(
 
 
 def pick(trajectory: Trajectory, chosen: Int[np.ndarray, "k"]) -> Trajectory:
-    """Some of the poses."""
+    """The poses at some indices."""
     return Trajectory(
         trajectory.stamps[chosen], trajectory.positions[chosen], trajectory.quats_xyzw[chosen]
     )
 
 
 def trajectory_metrics(
-    estimate: Trajectory, reference: Trajectory, max_difference_s: float = 0.01
+    estimate: Trajectory, reference: Trajectory, max_difference_s: float = MAX_DIFFERENCE_S
 ) -> dict[str, float]:
-    """Figures of one trajectory against the truth; empty if no stamps match.
+    """Figures of a trajectory against the truth; empty if no stamps match.
 
     Returns:
-        position_rmse_m and heading_rmse_deg on the floor, as the poses stand; ate_m in space as they
-        stand; ate_aligned_m (rotation and translation; with _mean, _median, _std, _min, _max before the
-        unit, ate_aligned_sse_m2, and of the rotation ate_aligned_deg), ate_scaled_m and scale (with scale
-        too), ate_floor_aligned_m (on the floor); rpe_1s_m and rpe_1s_deg over one second; matched_poses.
-        What the geometry does not determine is absent.
+        Without alignment: position_rmse_m, position_max_m, heading_rmse_deg and heading_max_deg in the
+        horizontal plane, ate_m in space. After rigid alignment: ate_aligned_m (also with _mean, _median, _std,
+        _min, _max before the unit, and ate_aligned_sse_m2), ate_aligned_deg (rotation). After alignment with
+        scale: ate_scaled_m, scale. After planar alignment: ate_floor_aligned_m. Relative errors over one
+        second: rpe_1s_m, rpe_1s_deg. Number of pairs: matched_poses. A figure whose alignment is not
+        determined is absent.
     """
     mine, theirs = associate(estimate.stamps, reference.stamps, max_difference_s)
     if len(mine) == 0:
@@ -214,7 +219,7 @@ def trajectory_metrics(
 
 
 def _spread_of(lengths: Float[np.ndarray, "n"]) -> dict[str, float]:
-    """What evo prints beside the root of the mean square."""
+    """The other statistics that evo prints."""
     return {
         "ate_aligned_mean_m": float(np.mean(lengths)),
         "ate_aligned_median_m": float(np.median(lengths)),

@@ -51,7 +51,7 @@ def structured(look: Look, seen: Seen, rng: np.random.Generator) -> Depth:
     rays = camera.rays
     with np.errstate(divide="ignore", invalid="ignore"):
         z = (height - look.floor.offset_m) / (rays @ look.floor.normal)
-    shared = RefineConfig().depth
+    shared = RefineConfig().shared("depth")
     scale, right, down = rng.normal(size=3) * [shared.scale, shared.bend, shared.bend]
     sigma = 0.0012 + 0.0019 * (z - 0.4) ** 2
     z = z * (1.0 + scale + right * rays[..., 0] + down * rays[..., 1])

@@ -171,21 +171,21 @@ def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], numb
         for thing in scene.obstacles:
             for part in thing.parts:
                 axes.fill(*outline(part).T, color=style.FAINT)
-        for mover in scene.movers:
+        for mover in scene.moving_objects:
             line = np.array([mover.start, mover.end])
             axes.plot(*line.T, color=style.WRONG, linewidth=4.0, alpha=0.35)
         for planner, colour, (metrics, way) in zip(planners, style.SERIES, found, strict=False):
             words = "arrived" if metrics.get("goals_missed") == 0 else "did not arrive"
             contacts = int(metrics.get("contacts", 0))
             axes.plot(*way.T, color=colour, label=f"{planner}: {words}, contacts {contacts}")
-        axes.plot(*scene.goals[0], "*", color=style.WANTED, markersize=11)
+        axes.plot(*scene.goals[0], "*", color=style.TARGET, markersize=11)
         axes.plot(scene.start.x, scene.start.y, "o", color=style.INK)
         axes.set_xlim(x0, x1)
         axes.set_ylim(y0, y1)
         axes.set_aspect("equal")
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
-        style.key(axes, columns=2)
+        style.legend(axes, columns=2)
         PICTURES.mkdir(parents=True, exist_ok=True)
         (PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png").write_bytes(
             style.png(figure, dpi=110)

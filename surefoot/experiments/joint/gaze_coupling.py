@@ -30,6 +30,7 @@ from planning.planners.search_planner import SearchPlanner
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
 from sim.scenes import catalogue
+from sim.sensors.geometric_sensor import COLOUR_DEG
 from sim.world import World
 
 from ...config.presets import on_body
@@ -97,7 +98,7 @@ class LocalisedPerception(GeometricPerception):
 
     def _look_for_tags(self, true: Pose2) -> list[Sighting]:
         """The tags that the colour camera shows, not hidden and not too aslant."""
-        half = math.radians(self._sensor.config.colour_deg) / 2
+        half = math.radians(COLOUR_DEG) / 2
         pan, _ = self._head(true)
         found = []
         for mark in self.landmarks:
@@ -146,7 +147,9 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
             contacts += len(now - touching)
             touching = now
             if cycle.decision is not None and cycle.decision.why != "survey":
-                found.append(_measures(perception, cycle.world, true, len(scene.movers), config))
+                found.append(
+                    _measures(perception, cycle.world, true, len(scene.moving_objects), config)
+                )
         sigma, mover, stale = np.array(found or [(math.nan,) * 3]).T
         return Looked(
             float(sigma.mean()),
@@ -174,7 +177,7 @@ def _measures(
         tracks = [o for o in world.tracks if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
         sigmas = [evaluations.deviation(o.state.covariance[:2, :2]) for o in tracks]
         near.append(min(sigmas, default=lost))
-    region = config.gaze.attention.map
+    region = config.gaze.map
     _, confidence = sample_region(perception.grid, perception.confidence, world.pose, region)
     return (
         evaluations.deviation(world.pose.covariance[:2, :2]),

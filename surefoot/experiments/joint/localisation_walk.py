@@ -22,13 +22,13 @@ from perception.depth import points, time_of_flight
 from perception.floor import choose, classify
 from perception.floor.levelling import level
 from perception.floor.prior import kinematic_prior
-from perception.floor.segmented_view import RISING, SegmentedView, cut_off
+from perception.floor.segmented_view import RISING, SegmentedView, truncated
 from perception.localisation.landmarks import (
     LandmarkConfig,
-    carried_to_body,
-    held_at_height,
+    constrained_to_height,
     range_and_bearing,
     tag_centre,
+    to_body_frame,
 )
 from perception.obstacles.clustering import cluster
 from perception.obstacles.track import Detection
@@ -44,7 +44,7 @@ from sim.scenes.free_space import clearance_map
 from sim.sensors.cameras import ImageConfig
 from sim.sensors.tof_camera import TofConfig
 from sim.shapes import Box
-from sim.truth import STILL, ObstacleTruth, Truth
+from sim.truth import FIRST_STATIC_ID, ObstacleTruth, Truth
 from sim.world import World
 
 from ...config.schema import Config
@@ -103,7 +103,7 @@ class TagSensor:
         self._noise, self._config, self._rng = noise, config, rng
         yaws = {
             thing.name: part.yaw_rad
-            for thing in scene.things
+            for thing in scene.static_objects
             for part in thing.parts
             if isinstance(part, Box)
         }
@@ -142,8 +142,8 @@ class TagSensor:
             centre = tag_centre(pixels, mark.side_m, image.camera, self._config)
             if centre is None:
                 continue
-            in_body = carried_to_body(centre, T_body_camera, self._config)
-            at_height = held_at_height(in_body, mark.position[2], self._config)
+            in_body = to_body_frame(centre, T_body_camera, self._config)
+            at_height = constrained_to_height(in_body, mark.position[2])
             if at_height is not None:
                 found.append(range_and_bearing(at_height, mark.identity))
         return found
@@ -186,7 +186,7 @@ def walk(seed: int, config: Config) -> Iterator[Moment]:
         for _ in range(MOST_FRAMES):
             frame = body.read()
             pose = truth.robot_pose()
-            movers = [one for one in truth.obstacles() if one[0] < STILL]
+            movers = [one for one in truth.obstacles() if one[0] < FIRST_STATIC_ID]
             if body.fallen:  # what its cameras see now means nothing
                 blind = replace(frame, tof=None, colour=None, stereo=None)
                 yield Moment(blind, [], (), [], pose, movers, fell=True)
@@ -238,7 +238,7 @@ def understood(
         cloud.sigma[rising],
         T_body_camera.position[:2],
         config.clusters,
-        cut_off(view, reach)[rising],
+        truncated(view, reach)[rising],
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)
@@ -251,11 +251,13 @@ class _Guide:
     """Leads by the truth: which step and which gaze next."""
 
     def __init__(self, scene: Scene) -> None:
-        space = clearance_map(scene.extent, [p for thing in scene.things for p in thing.parts])
+        space = clearance_map(
+            scene.extent, [p for thing in scene.static_objects for p in thing.parts]
+        )
         home = (scene.start.x, scene.start.y)
         legs, at, length = [], home, 0.0
         for stop in itertools.islice(itertools.cycle((*scene.goals, home)), 40):
-            leg = None if stop == at else space.walk(at, stop, CLEARANCE_M)
+            leg = None if stop == at else space.path(at, stop, CLEARANCE_M)
             if leg is not None:
                 legs.append(leg)
                 at, length = stop, length + math.dist(leg[0], leg[-1])

@@ -227,7 +227,7 @@ _EXACT = TofConfig(
 
 def _caster(scene: Scene) -> RayCaster:
     caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
+    caster.place([mover.start for mover in scene.moving_objects])
     return caster
 
 
@@ -256,7 +256,9 @@ def wrapped_and_flying() -> Outcome:
     caster = _caster(scene)
     turning = TofCamera(replace(config, integration_s=INTEGRATION_S), np.random.default_rng(64))
     motion = Motion(np.zeros(3), np.array([0.0, 0.0, TURNING_RADPS]))
-    smeared = turning.measure_moving((caster, motion.moved(pose, s)) for s in turning.instants)[0]
+    smeared = turning.measure_moving(
+        (caster, motion.pose_after(pose, s)) for s in turning.instants
+    )[0]
     artefact = (np.abs(smeared - measured) > 0.1) & ~flying
     _draw(measured, true, flying, smeared, config.wrap_m)
     return Outcome(
@@ -288,10 +290,10 @@ def _draw(
         shots, here = np.arange(measured.shape[1]), flying[row]
         right.plot(true[row], color=style.TRUTH, label="true range")
         right.plot(true[row] % wrap_m, ":", color=style.TRUTH, label=f"modulo {wrap_m:.2f} m")
-        right.plot(measured[row], ".", markersize=3, color=style.BELIEF, label="measured")
+        right.plot(measured[row], ".", markersize=3, color=style.ESTIMATE, label="measured")
         right.plot(shots[here], measured[row][here], "o", color=style.WRONG, label="flying")
         right.set(xlabel="column of the marked row, px", ylabel="m")
-        style.key(right, 4)
+        style.legend(right, 4)
         lower.imshow(smeared, cmap="viridis", vmin=0.0, vmax=3.0)
         lower.axhline(row, color=style.INK, linewidth=0.8)
         turned = f"{TURNING_RADPS:g} rad/s over {1e3 * INTEGRATION_S:g} ms"

@@ -73,7 +73,8 @@ class Walked:
 
 def walk(trial: Trial, seed: int) -> Walked:
     """One walk of random commands."""
-    from sim.body.dynamic.walker import DynamicBody, DynamicConfig
+    from sim.body.dynamic.config import DynamicConfig
+    from sim.body.dynamic.walker import DynamicBody
     from sim.body.gait import GaitConfig
     from sim.body.head import Head, HeadConfig
     from sim.body.inertial import ImuConfig
@@ -179,7 +180,7 @@ def _commands(body, gait, trial: Trial, rng: np.random.Generator):  # type: igno
     steps = 0
     for number in range(STEPS):
         body.walk(_random_command(gait, rng))
-        body.take_up()
+        body.start_due_step()
         push_at = -1
         if trial.pushed and number % PUSH_EVERY == PUSH_EVERY // 2:
             push_at = int(rng.integers(body.ticks_left))

@@ -23,8 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from perception.planar.association import follow_unknown
-from perception.planar.planar import Followed, PlanarConfig, follow
+from perception.planar.association import filter_unknown
+from perception.planar.config import PlanarConfig
+from perception.planar.planar import FilteredJourney, filter_journey
 from perception.planar.planar_fit import fit
 from perception.primitives.gaussian import Gaussian
 
@@ -72,7 +73,7 @@ class Fitted:
         low, high = 1.0, LARGEST_MARGIN
         for _ in range(6):
             tried = dataclasses.replace(found, margin=(low * high) ** 0.5)
-            poses = follow(journey, tried.cautious)
+            poses = filter_journey(journey, tried.cautious)
             consistent = judge(course, instants, poses.means, poses.covariances).anees <= 1.0
             low, high = (low, tried.margin) if consistent else (tried.margin, high)
         return dataclasses.replace(found, margin=high)
@@ -96,11 +97,11 @@ def run(seeds: int, say: Say) -> Outcome:
         course, use = courses[robot], fitted[other]
         instants = course.instants()
         journey = course.journey(instants, use.delay_s)
-        fitted_only = follow(journey, use.config)
+        fitted_only = filter_journey(journey, use.config)
         as_fitted = judge(course, instants, fitted_only.means, fitted_only.covariances)
-        known = follow(journey, use.cautious)
+        known = filter_journey(journey, use.cautious)
         verdict = judge(course, instants, known.means, known.covariances)
-        unknown = judge(course, instants, *follow_unknown(journey, use.cautious))
+        unknown = judge(course, instants, *filter_unknown(journey, use.cautious))
         figures.update(_figures(f"r{robot}", verdict, unknown, course.dead_reckoning()))
         say(f"robot {robot} smoothed")
         figures.update(smoothed(f"r{robot}", course, use, verdict))
@@ -138,7 +139,7 @@ def smoothed(name: str, course: Course, use: Fitted, known: Verdict) -> dict[str
     """Error of the smoothed journey, and against the filter's."""
     instants = course.seconds()
     journey = course.journey(instants, use.delay_s)
-    means, _ = smooth_journey(journey, follow(journey, use.cautious), use.cautious)
+    means, _ = smooth_journey(journey, filter_journey(journey, use.cautious), use.cautious)
     error = course.rmse_between(instants, means)
     return {f"{name}_smoother_m": error, f"{name}_smoother_over_filter": error / known.rmse_m}
 
@@ -147,7 +148,7 @@ def companions(
     folder: Path,
     course: Course,
     instants: np.ndarray,
-    own: Followed,
+    own: FilteredJourney,
     config: PlanarConfig,
 ) -> tuple[np.ndarray, int]:
     """Errors (n, 2) of the other robots' tracks, whenever one is seen and sure, and sightings rejected."""

@@ -83,12 +83,12 @@ def office(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
         say(f"office: seed {seed}, odometry and maps by true poses")
         true = []
         for frame, pose in blind(room.frames(np.random.default_rng(seed), EVERY)):
-            odometer.take(frame)
+            odometer.track(frame)
             true.append(pose)
             for one in maps.values():
                 fuse(one, frame, pose)
         say(f"office: seed {seed}, map by our poses")
-        way, _ = odometer.way()
+        way, _ = odometer.trajectory()
         own = maps["our poses"] = surface_map()
         laid = onto(way, true)
         turn = Pose3.from_rotation(laid.rotation, laid.translation)
@@ -139,11 +139,11 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
     say("cabinet: odometry")
     images, true = [], []
     for frame, pose in blind(open_recording(path).frames()):
-        odometer.take(frame)
+        odometer.track(frame)
         assert frame.depth is not None
         images.append(structured_light.depth(frame.depth))
         true.append(pose)
-    way, _ = odometer.way()
+    way, _ = odometer.trajectory()
     say("cabinet: surface")
     surface = Tsdf()
     for depth, pose in zip(images, way, strict=True):

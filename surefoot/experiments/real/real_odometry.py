@@ -98,23 +98,17 @@ def blind(frames: Iterable[Frame]) -> Iterator[tuple[Frame, Pose3]]:
 
 def ours(frames: Iterable[Frame], seed: int = 0, method: str = "hybrid") -> tuple[Way, Way]:
     """The way step by step, and the way with loops closed."""
-    config = OdometerConfig()
-    chosen = AlignConfig(method=method)
-    config = replace(
-        config,
-        odometry=replace(config.odometry, align=chosen),
-        back_end=replace(config.back_end, align=chosen),
-    )
+    config = OdometerConfig(align=AlignConfig(method=method))
     odometer = Odometer(np.random.default_rng(seed), config)
     steps, true = [], []
     for frame, pose in blind(frames):
-        steps.append(odometer.take(frame))
+        steps.append(odometer.track(frame))
         true.append(pose)
     bad = (LOST, RESTARTED, DOUBTFUL)
     told = frozenset(n for n, step in enumerate(steps) if step.state in bad)
     lost = odometer.odometry.losses
-    joined, solution = odometer.way()
-    claims = odometer.claims(solution)
+    joined, solution = odometer.trajectory()
+    claims = odometer.uncertainty(solution)
     walked = Way([step.T_start_camera for step in steps], true, lost, told)
     return walked, Way(joined, true, lost, told, None if claims is None else claims.aligned)
 

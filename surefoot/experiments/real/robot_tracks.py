@@ -16,7 +16,7 @@ from jaxtyping import Float
 from perception.filtering.consistency import chi_square_quantile
 from perception.filtering.models import wrap_angles
 from perception.filtering.square_root import SquareRootFilter
-from perception.planar.planar import PlanarConfig
+from perception.planar.config import PlanarConfig
 from perception.primitives.gaussian import Gaussian
 
 GATE = chi_square_quantile(0.9999, 2)  # true sightings are rarer than phantoms are dangerous

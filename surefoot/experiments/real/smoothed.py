@@ -13,8 +13,9 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from perception.planar._planar_kernels import BOW, DRIFT, PACE, SWERVE, TURN
-from perception.planar.planar import Followed, Journey, PlanarConfig
+from perception.planar._planar_kernels import DRIFT, LENS_EVEN, LENS_ODD, ODOMETRY_SCALE, TURN_SCALE
+from perception.planar.config import PlanarConfig
+from perception.planar.planar import FilteredJourney, Journey
 from perception.primitives.pose import Pose2
 from perception.smoothing.factors import (
     Effect,
@@ -32,7 +33,7 @@ MOST_SHARING = 20.0  # sightings counted as one at most
 
 
 def smooth_journey(
-    journey: Journey, filtered: Followed, config: PlanarConfig
+    journey: Journey, filtered: FilteredJourney, config: PlanarConfig
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
     """Smooth a journey.
 
@@ -79,7 +80,10 @@ def _motion(
 ) -> Motion:
     """From instant i - 1 to instant i; the start has number 0."""
     length, told = abs(path), abs(turn)
-    path, turn = path * float(state[PACE]), turn * float(state[TURN]) + dt * float(state[DRIFT])
+    path, turn = (
+        path * float(state[ODOMETRY_SCALE]),
+        turn * float(state[TURN_SCALE]) + dt * float(state[DRIFT]),
+    )
     variance = [
         config.along**2 * length,
         config.across**2 * length,
@@ -103,7 +107,7 @@ def _sighting(
     since, since_any = times
     depth, bearing = journey.seen[row].tolist()
     side = 2.0 * bearing
-    bearing -= side * side * float(state[BOW] + side * state[SWERVE])
+    bearing -= side * side * float(state[LENS_EVEN] + side * state[LENS_ODD])
     ahead = max((depth - config.offset) / config.scale, 0.05)
     new = math.hypot(config.depth_near, config.depth_far * depth**2)
 

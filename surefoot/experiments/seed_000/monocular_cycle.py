@@ -51,8 +51,8 @@ class Moment:
 
     def __init__(self, robot: SimulatedRobot, picture: Picture) -> None:
         world = robot.world
-        self.movers = world.movers()
-        self.radii = [mover.radius_m for mover in world.scene.movers]
+        self.movers = world.moving_states()
+        self.radii = [mover.radius_m for mover in world.scene.moving_objects]
         self.floor = true_floor(world.rays, picture)
 
     def place(self, horizon_s: float) -> list[tuple[np.ndarray, float, np.ndarray]]:

@@ -53,7 +53,7 @@ def try_out(trial: Trial) -> Walk:
     """Walk it."""
     config = on_body(course_config(trial.scene, trial.seed), trial.body)
     if trial.field is not None:
-        config = replace(config, via_field=trial.field)
+        config = replace(config, univector=trial.field)
     return walk(config, trial.perfect, STEPPERS[trial.stepper]())
 
 

@@ -25,7 +25,7 @@ from perception.primitives.robot_model import DARWIN_OP
 from planning import footsteps
 from planning.univector import motion
 from planning.univector.fields import FieldConfig
-from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
+from sim.sensors.geometric_sensor import GeometricSensor
 
 from ...evaluation.metrics.contacts import BODY_RADIUS_M
 
@@ -61,7 +61,7 @@ class Crossing:
 def cross(seed: int, field: FieldConfig) -> Crossing:
     """One encounter; the same mover and the same errors of each look for every field."""
     draw, looks = (np.random.default_rng(s) for s in np.random.SeedSequence([seed, 50]).spawn(2))
-    gait, sensor = DARWIN_OP.gait, GeometricSensor(GeometricSensorConfig(), looks)
+    gait, sensor = DARWIN_OP.gait, GeometricSensor(looks)
     place, velocity, radius = _mover(draw, gait.cruise_mps)
     tracker, robot, goal = ObstacleTracker(), Pose2(0.0, 0.0, 0.0), np.array([WAY_M, 0.0])
     speed, stamp, turning, clearance = gait.cruise_mps, 0.0, 0.0, math.inf

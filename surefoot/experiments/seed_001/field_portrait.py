@@ -19,7 +19,7 @@ from jaxtyping import Float
 from planning.univector import fields
 from planning.univector.fields import PUBLISHED, FieldConfig
 
-from ...report.plots.style import BELIEF, FAINT, WANTED, WRONG, png, sheet, styled
+from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, png, sheet, styled
 from ..support.experiment import Experiment, Outcome, Say, Target
 
 FOLDER = Path("runs") / "001-E1"
@@ -163,16 +163,16 @@ def picture(
                 panel.add_patch(Circle(tuple(centre), radius, color=FAINT, zorder=2))
                 panel.add_patch(Circle(tuple(centre), 0.10, color=WRONG, zorder=3))
             for track in tracks[name]:
-                panel.plot(*track.T, color=BELIEF, linewidth=1.0, zorder=4)
+                panel.plot(*track.T, color=ESTIMATE, linewidth=1.0, zorder=4)
             tip = 0.35 * np.array([math.cos(world.heading), math.sin(world.heading)])
             panel.annotate(
                 "",
                 xy=tuple(world.goal + tip),
                 xytext=tuple(world.goal),
-                arrowprops={"arrowstyle": "-|>", "color": WANTED, "linewidth": 2.0},
+                arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 2.0},
                 zorder=6,
             )
-            panel.plot(*world.goal, "o", color=WANTED, markersize=5, zorder=6)
+            panel.plot(*world.goal, "o", color=TARGET, markersize=5, zorder=6)
             panel.set(
                 title=name, aspect="equal", xlabel="x, m",
                 xlim=(-SIDE_M / 2, SIDE_M / 2), ylim=(-SIDE_M / 2, SIDE_M / 2),

@@ -23,7 +23,7 @@ from planning.commands import GazeCommand
 from planning.gaze import evaluations
 from planning.gaze.selection import GazeMapConfig, gaze_map, highest_plateau
 
-from ...report.plots.style import BELIEF, FAINT, WANTED, WRONG, png, sheet, styled
+from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, png, sheet, styled
 from ..support.experiment import Experiment, Outcome, Say, Target
 
 FOLDER = Path("runs") / "001-E2"
@@ -160,7 +160,7 @@ def picture(
         view = math.degrees(chosen.pan_rad)
         half = config.across_deg / 2
         above.add_patch(
-            Wedge((0, 0), 2.0, view - half + 90, view + half + 90, color=WANTED, alpha=0.15)
+            Wedge((0, 0), 2.0, view - half + 90, view + half + 90, color=TARGET, alpha=0.15)
         )
         above.plot(-situation.stale[:, 1], situation.stale[:, 0], ".", color=FAINT, markersize=3)
         for obstacle, velocity in zip(situation.obstacles, situation.velocities, strict=True):
@@ -168,7 +168,12 @@ def picture(
             at = (-obstacle.mean[1], obstacle.mean[0])
             above.add_patch(
                 Ellipse(
-                    at, 2 * long, 2 * short, angle=math.degrees(turn) + 90, color=BELIEF, alpha=0.4
+                    at,
+                    2 * long,
+                    2 * short,
+                    angle=math.degrees(turn) + 90,
+                    color=ESTIMATE,
+                    alpha=0.4,
                 )
             )
             above.plot(*at, "o", color=WRONG, markersize=4)
@@ -178,7 +183,7 @@ def picture(
                 xytext=at,
                 arrowprops={"arrowstyle": "-|>", "color": WRONG},
             )
-        above.plot(-situation.way[1], situation.way[0], "*", color=WANTED, markersize=11)
+        above.plot(-situation.way[1], situation.way[0], "*", color=TARGET, markersize=11)
         above.plot(0, 0, "^", color="black", markersize=8)
         above.set(
             title="from above, chosen view in green",

@@ -66,7 +66,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
 
 def _told(contact: Contact) -> str:
     return (
-        f"{contact.stamp_s:6.1f} s {contact.thing}: {contact.kind}, unseen for {contact.unseen_s:.1f} s, "
+        f"{contact.stamp_s:6.1f} s {contact.object_name}: {contact.kind}, unseen for {contact.unseen_s:.1f} s, "
         f"followed for {contact.followed_s:.0f} s, turned {contact.turned_s:.1f} s ago"
         + (", robot standing" if contact.standing else "")
     )

@@ -29,7 +29,7 @@ def coverage(run: RunFolder, config: Config) -> dict[str, float]:
     from sim.scenes.free_space import clearance_map
 
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
-    parts = [part for thing in scene.things for part in thing.parts]
+    parts = [part for thing in scene.static_objects for part in thing.parts]
     space = clearance_map(scene.extent, parts)
     assert scene.start is not None
     reachable = space.reachable((scene.start.x, scene.start.y), BODY_M).ravel()

@@ -49,13 +49,13 @@ def draw_sequence(folder: RunFolder, config: Config) -> dict[str, float]:
         axes = figure.add_subplot()
         for thing in scene.obstacles:
             axes.fill(*outline(thing.parts[0]).T, color=style.FAINT)
-        axes.plot(*walked.positions[:, :2].T, color=style.BELIEF)
+        axes.plot(*walked.positions[:, :2].T, color=style.ESTIMATE)
         for k in np.linspace(0, len(walked.stamps) - 1, INSTANTS).astype(int):
             c, s = np.cos(walked.yaws[k]), np.sin(walked.yaws[k])
             corners = BODY_M @ np.array([[c, s], [-s, c]]) + walked.positions[k, :2]
             axes.fill(*corners.T, fill=False, color=style.TRUTH)
             axes.annotate(f"{walked.stamps[k] - walked.stamps[0]:.0f} s", corners[0], fontsize=7)
-        axes.plot(*scene.goals[0], "*", color=style.WANTED)
+        axes.plot(*scene.goals[0], "*", color=style.TARGET)
         axes.set(aspect="equal", xlabel="x, m", ylabel="y, m", title=scene.name)
         style.save(figure, PICTURES / f"{scene.name}-{config.seed}.png")
     return {"pictures": 1.0}

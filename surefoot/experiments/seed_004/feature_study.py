@@ -35,7 +35,7 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 
 METHODS = {
     "mdghm": SiftConfig(),
-    "squares": SiftConfig(straight=False),  # direction by the sums of squares, its quadrant kept
+    "squares": SiftConfig(first_order=False),  # direction by the sums of squares, its quadrant kept
     "printed": SiftConfig(literal=True),  # (4) and (9) as they are printed
     "descriptor": SiftConfig(moments_in_descriptor=True),
     "sift": SiftConfig(method="difference"),
@@ -74,7 +74,7 @@ def simulated(seed: int) -> Iterator[Case]:
     """A room's range and amplitude, by a camera that rolls, and by one that stands elsewhere."""
     scene = catalogue.load("home", seed)
     caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
+    caster.place([mover.start for mover in scene.moving_objects])
     rng = np.random.default_rng([seed, 40])
     tof = TofCamera(TofConfig(), rng)
     camera = tof.camera

@@ -59,7 +59,7 @@ def head(pan_rad: float, tilt_rad: float) -> Pose3:
 def nine_views(scene: Scene, rng: np.random.Generator) -> tuple[list[View], list[Pose3]]:
     """Views from where the robot starts, by encoders that are off, and their true poses on the body."""
     caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
+    caster.place([mover.start for mover in scene.moving_objects])
     camera = TofCamera(TofConfig(), rng)
     views, true = [], []
     for number, (pan, tilt) in enumerate(head_directions()):

@@ -160,7 +160,7 @@ def _judge(
         contact = Contact(
             stamp_s,
             "wall" if index < 0 else scene_name(scene, index),
-            0 <= index < len(scene.movers),
+            0 <= index < len(scene.moving_objects),
             np.inf if record is None else stamp_s - record.seen_s,
             0.0 if record is None else stamp_s - record.since_s,
             turned,
@@ -171,5 +171,7 @@ def _judge(
 
 def scene_name(scene: Scene, index: int) -> str:
     """Of the obstacle of that place in the list of the truth."""
-    movers = len(scene.movers)
-    return scene.movers[index].name if index < movers else scene.obstacles[index - movers].name
+    movers = len(scene.moving_objects)
+    return (
+        scene.moving_objects[index].name if index < movers else scene.obstacles[index - movers].name
+    )

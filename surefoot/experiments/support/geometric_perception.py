@@ -20,7 +20,7 @@ from mapping.grid.confidence import ConfidenceLayer
 from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.grid.world_map import WorldMap
 from perception.estimate import Estimate
-from perception.floor.segmented_view import near_movers
+from perception.floor.segmented_view import near_moving_obstacles
 from perception.obstacles.track import Detection
 from perception.obstacles.tracker import ObstacleTracker, Visible
 from perception.primitives.frame import Frame
@@ -30,7 +30,7 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, wrap_angle
 from planning.world_model import WorldModel
 from sim.robot import SimulatedRobot
-from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
+from sim.sensors.geometric_sensor import TOF_ACROSS_DEG, GeometricSensor
 from sim.truth import Truth
 
 from ...config.schema import Config
@@ -86,7 +86,7 @@ class GeometricPerception:
             np.random.default_rng(s) for s in np.random.SeedSequence([seed, 40]).spawn(2)
         )
         self._rng = error
-        self._sensor = GeometricSensor(GeometricSensorConfig(), look)
+        self._sensor = GeometricSensor(look)
         self._deviations = np.array([POSE_SIGMA_M, POSE_SIGMA_M, POSE_SIGMA_RAD])
         self._error = np.array([0.01, 0.01, math.radians(1.0)]) * error.standard_normal(3)
         self._stamp_s = 0.0
@@ -126,7 +126,7 @@ class GeometricPerception:
 
     def _move_on(self, stamp_s: float) -> None:
         """Movers where they are now, and whether they turned."""
-        for k, (x, y, vx, vy) in enumerate(self._robot.world.movers()):
+        for k, (x, y, vx, vy) in enumerate(self._robot.world.moving_states()):
             self.discs[k, :2] = x, y
             before = self._velocities.get(k, (vx, vy))
             if before[0] * vx + before[1] * vy < 0.0:
@@ -189,7 +189,7 @@ class GeometricPerception:
     def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
         """As `view.visibility`: places that the time-of-flight camera sees beyond."""
         here, nearest, farthest = pose.mean, *self._sensor.floor_reach(tilt)
-        half = math.radians(self._sensor.config.tof_across_deg) / 2
+        half = math.radians(TOF_ACROSS_DEG) / 2
 
         def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
             apart = xy - here[:2]
@@ -212,7 +212,7 @@ class GeometricPerception:
         self.confidence.decay(elapsed)
         pan, tilt = self._head(true)
         nearest, farthest = self._sensor.floor_reach(tilt)
-        half = math.radians(self._sensor.config.tof_across_deg) / 2
+        half = math.radians(TOF_ACROSS_DEG) / 2
         fan = pan + np.linspace(-half, half, RAYS)
         origin = np.column_stack([np.full(RAYS, true.x), np.full(RAYS, true.y), true.yaw + fan])
         free, _ = self._sensor.rays(self.discs, self._walls, origin)
@@ -226,7 +226,7 @@ class GeometricPerception:
         points = pose.mean[:2] + distances[:, None] * np.column_stack(
             [np.cos(directions), np.sin(directions)]
         )
-        is_moving = is_obstacle & near_movers(points, self.tracker.obstacles)
+        is_moving = is_obstacle & near_moving_obstacles(points, self.tracker.obstacles)
         self.grid.update(points, is_obstacle, stamp_s, pose.mean[:2], is_moving=is_moving)
         self.grid.age(elapsed)
         self.confidence.see(self._looked_at(pose, pan, half, nearest, farthest))
@@ -253,7 +253,7 @@ class GeometricPerception:
         half = self.grid.cell_m / 2  # what covers a part of a cell covers it
         covered = (centres[:, 0] < x0 + half) | (centres[:, 0] > x1 - half)
         covered |= (centres[:, 1] < y0 + half) | (centres[:, 1] > y1 - half)
-        for x, y, radius in self.discs[len(self._robot.world.scene.movers) :]:
+        for x, y, radius in self.discs[len(self._robot.world.scene.moving_objects) :]:
             away = (centres[:, 0] - x) ** 2 + (centres[:, 1] - y) ** 2
             covered |= away < (radius + half) ** 2
         many = np.repeat(np.arange(len(centres)), np.where(covered, HIT_POINTS, 1))

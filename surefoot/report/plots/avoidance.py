@@ -1,4 +1,4 @@
-"""The four panes of seed 004: camera picture, range picture, panorama, and what was found in three dimensions.
+"""The four panes of seed 004: camera image, range image, panorama, and obstacles in three dimensions.
 
 Source: seed 004, Fig. 6.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from planning.planners.avoidance_planner import Look
 
 FARTHEST_M = 3.0
-EVERY = 7  # points shown in space
+STRIDE = 7  # only every seventh point is shown in 3-D
 
 
 def four_panes(
@@ -35,14 +35,14 @@ def four_panes(
     around: Surroundings,
     choice: Choice | None,
 ) -> Figure:
-    """One look about.
+    """Panes of one panoramic scan.
 
     Args:
-        picture: Of the colour camera; None where there is none.
-        views: What the panorama is made of; the first level one is shown.
-        panorama: Of these views.
-        around: What it lists.
-        choice: What was decided; None if the way is free.
+        picture: Image of the colour camera, if there is one.
+        views: Views of the panorama; the one that looks straight ahead is shown.
+        panorama: The panorama of these views.
+        around: Its obstacles and gaps.
+        choice: The decision; None if the path is free.
     """
     from matplotlib.figure import Figure
 
@@ -54,11 +54,11 @@ def four_panes(
         if picture is not None:
             webcam.imshow(picture)
         webcam.set_title("Camera")
-        level = min(views, key=_off_ahead)
-        tof.imshow(level.depth.z, cmap="viridis", vmin=0.0, vmax=FARTHEST_M)
+        level = min(views, key=_off_axis)
+        tof.imshow(level.depth.z, cmap="viridis_r", vmin=0.0, vmax=FARTHEST_M)
         tof.set_title("Time of flight, m")
         if panorama.drawing is not None:
-            pem.imshow(panorama.drawing.range_m, cmap="viridis", vmin=0.0, vmax=FARTHEST_M)
+            pem.imshow(panorama.drawing.range_m, cmap="viridis_r", vmin=0.0, vmax=FARTHEST_M)
         pem.set_title("Panoramic environment map")
         for axes in (webcam, tof, pem):
             axes.grid(False)
@@ -74,9 +74,9 @@ def four_panes(
             )
         if choice is not None:
             at = choice.pivot
-            space.plot([0.0, at.x_m], [0.0, at.y_m], [0.0, 0.0], "o-", color=style.WANTED)
+            space.plot([0.0, at.x_m], [0.0, at.y_m], [0.0, 0.0], "o-", color=style.TARGET)
             figure.suptitle(choice.why, fontsize=8.0, wrap=True)
-        space.set(xlim=(0, 2.5), ylim=(-1.5, 1.5), zlim=(0, 1.0), title="What stands around")
+        space.set(xlim=(0, 2.5), ylim=(-1.5, 1.5), zlim=(0, 1.0), title="Obstacles")
         space.set_xlabel("x, m")
         space.set_ylabel("y, m")
         space.view_init(elev=40.0, azim=-160.0)
@@ -84,29 +84,29 @@ def four_panes(
 
 
 def png_of(look: Look) -> bytes:
-    """The four panes of a look about of a walk, one of `AvoidancePlanner.looks`, as a PNG file."""
-    held = io.BytesIO()
+    """The four panes of one panoramic scan of a walk (`AvoidancePlanner.looks`) as PNG."""
+    data = io.BytesIO()
     figure = four_panes(look.picture, look.views, look.panorama, look.around, look.choice)
     with style.styled():
-        figure.savefig(held, dpi=110, format="png")
-    return held.getvalue()
+        figure.savefig(data, dpi=110, format="png")
+    return data.getvalue()
 
 
-def _off_ahead(view: View) -> float:
-    """How far from straight ahead a view looks, as the length of a chord."""
+def _off_axis(view: View) -> float:
+    """Angular distance of a view from straight ahead, as a chord length."""
     if view.prior is None:
         return 2.0
     return float(np.linalg.norm(view.prior.rotation[:, 2] - np.array([1.0, 0.0, 0.0])))
 
 
 def _points(views: Sequence[View], panorama: Panorama) -> Float[np.ndarray, "n 3"]:
-    """All views' points within reach, base frame."""
+    """Nearby points of all views, base frame, m."""
     found = [np.zeros((0, 3))]
     for view, placed in zip(views, panorama.placed, strict=True):
         if placed is None:
             continue
         z = view.depth.z.astype(np.float64)[..., None]
-        cloud = placed.T_base_camera.apply((view.depth.camera.rays * z).reshape(-1, 3)[::EVERY])
+        cloud = placed.T_base_camera.apply((view.depth.camera.rays * z).reshape(-1, 3)[::STRIDE])
         near = np.all(np.isfinite(cloud), axis=1) & (cloud[:, 0] < 2.5)
         found.append(cloud[near & (np.abs(cloud[:, 1]) < 1.5) & (cloud[:, 2] < 1.0)])
     return np.concatenate(found)

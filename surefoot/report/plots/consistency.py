@@ -1,8 +1,4 @@
-"""Pictures of trust: can a covariance of this run be believed?
-
-Errors in units of their own covariance, the shares of errors inside each confidence region, and whether
-one surprise foretells the next. Plan views and curves over time are in `plots_plan` and `plots`.
-"""
+"""Plots of consistency: NEES over time, calibration of confidence regions, whiteness of innovations."""
 
 from __future__ import annotations
 
@@ -13,34 +9,34 @@ from jaxtyping import Bool, Float
 
 from perception.filtering import consistency
 
-from ...evaluation.evaluate import pose_errors
+from ...evaluation.evaluate import pose_errors, true_trajectory
 from ...evaluation.metrics.consistency import band, effective_samples, squared
 from ...evaluation.metrics.floor import floor_errors
 from ...evaluation.metrics.innovations import autocorrelation, innovations
 from ...evaluation.metrics.obstacles import moving, track_errors
 from ...results.run_folder import RunFolder
-from .style import BELIEF, FAINT, SERIES, TRUTH, WANTED, WRONG, Drawn, key, sheet
+from .style import ESTIMATE, FAINT, SERIES, TARGET, TRUTH, WRONG, Drawn, legend, sheet
 
-LEAST = 20  # samples below which a curve says nothing
+MIN_SAMPLES = 20  # ours: fewer samples give no curve
 
 
 def nees_over_time(run: RunFolder) -> Drawn | None:
     """NEES of the pose with its band; None without truth or covariance."""
-    true = run.read_trajectory("truth/trajectory.txt")
-    claims = None if true is None else pose_errors(run, true)
-    if claims is None:
+    true = true_trajectory(run)
+    errors = None if true is None else pose_errors(run, true)
+    if errors is None:
         return None
-    stamps, values = claims[0], squared(claims[1])
+    stamps, values = errors[0], squared(errors[1])
     low, high = band(3)
     figure, axes = sheet(1, 1, 2.5)
-    axes.axhspan(low, high, color=WANTED, alpha=0.12, lw=0, label="95 % band")
-    axes.axhline(3.0, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)), label="expected mean")
+    axes.axhspan(low, high, color=TARGET, alpha=0.12, lw=0, label="95 % band")
+    axes.axhline(3.0, color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)), label="expected mean")
     bottom = low / 5
     finite = np.where(np.isfinite(values), np.maximum(values, 1.05 * bottom), np.nan)
     inside = (values >= low) & (values <= high)
     seconds = stamps - stamps[0]
-    axes.plot(seconds, finite, color=BELIEF, linewidth=0.8, alpha=0.5)
-    axes.scatter(seconds[inside], finite[inside], s=7, color=BELIEF, label="inside", zorder=3)
+    axes.plot(seconds, finite, color=ESTIMATE, linewidth=0.8, alpha=0.5)
+    axes.scatter(seconds[inside], finite[inside], s=7, color=ESTIMATE, label="inside", zorder=3)
     axes.scatter(
         seconds[~inside], finite[~inside], s=12, color=WRONG, marker="x", linewidths=0.9,
         label="outside", zorder=3,
@@ -48,16 +44,16 @@ def nees_over_time(run: RunFolder) -> Drawn | None:
     axes.set_yscale("log")
     axes.set_ylim(bottom, max(high * 2, float(np.nanmax(np.append(finite, high))) * 1.3))
     axes.set(xlabel="time, s", ylabel="NEES of x, y, yaw")
-    key(axes)
+    legend(axes)
     sentence = (
-        "The squared error of the pose in units of its own covariance; of an honest estimate 95 % of the points "
-        "lie in the band, and the mean is 3. Above is over-confident, below is timid."
+        "Normalised estimation error squared (NEES) of the pose. If the covariance is consistent, 95 % of the points "
+        "lie in the band and the mean is 3; above the band it is over-confident, below under-confident."
     )
     return Drawn(figure, sentence)
 
 
 def calibration(run: RunFolder) -> Drawn | None:
-    """Shares of errors inside each confidence region, one curve per estimate; None without any."""
+    """Share of errors inside each confidence region, one curve per estimate; None without any."""
     curves = _normalised(run)
     if not curves:
         return None
@@ -66,25 +62,28 @@ def calibration(run: RunFolder) -> Drawn | None:
     figure, axes = sheet(1, 2, 3.4)
     inner, text = axes
     effective = min(curve.samples for curve in curves)
-    claimed = np.linspace(0.0, 1.0, 101)
-    spread = 1.96 * np.sqrt(claimed * (1.0 - claimed) / effective)
-    inner.fill_between(claimed, claimed - spread, claimed + spread, color=WANTED, alpha=0.12, lw=0)
-    inner.plot([0, 1], [0, 1], color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)))
+    nominal = np.linspace(0.0, 1.0, 101)
+    spread = 1.96 * np.sqrt(nominal * (1.0 - nominal) / effective)
+    inner.fill_between(nominal, nominal - spread, nominal + spread, color=TARGET, alpha=0.12, lw=0)
+    inner.plot(
+        [0, 1], [0, 1], color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)), label="consistent"
+    )
     for colour, curve in zip(SERIES, curves, strict=False):
         level, found = consistency.calibration(curve.squares, curve.degrees, 50)
         inner.plot(level, found, color=colour, label=curve.name)
-    inner.set(xlabel="claimed", ylabel="found", xlim=(0, 1), ylim=(0, 1))
+    inner.set(xlabel="confidence level", ylabel="share of errors inside", xlim=(0, 1), ylim=(0, 1))
     inner.set_aspect("equal")
+    inner.legend(loc="lower right", handlelength=1.4)
     means = [curve.mean / curve.degrees for curve in curves]
     rows = np.arange(len(curves))[::-1]
     for row, mean, colour, curve in zip(rows, means, SERIES, curves, strict=False):
         low, high = (bound / curve.degrees for bound in band(curve.degrees, curve.samples))
         text.plot([low, high], [row, row], color=FAINT, lw=6, solid_capstyle="butt")
         text.plot(mean, row, "o", color=colour)
-    text.axvline(1.0, color=WANTED, linewidth=1.0, linestyle=(0, (5, 3)))
+    text.axvline(1.0, color=TARGET, linewidth=1.0, linestyle=(0, (5, 3)))
     text.set_yticks(rows, [curve.name for curve in curves])
     text.set_xscale("log")
-    text.set(xlabel="mean normalised error squared per dimension", ylim=(-0.6, len(curves) - 0.4))
+    text.set(xlabel="mean NEES (or NIS) per dimension", ylim=(-0.6, len(curves) - 0.4))
     ticks = np.array([0.01, 0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 1000.0])
     low, high = min(*means, 0.5) * 0.8, max(*means, 2.0) * 1.25
     text.set_xlim(low, high)
@@ -92,15 +91,15 @@ def calibration(run: RunFolder) -> Drawn | None:
     text.xaxis.set_major_formatter("{x:g}")
     text.xaxis.set_minor_locator(NullLocator())
     sentence = (
-        "Left: of a region that claims to hold a share of the errors, the share it held; an honest estimate "
-        "follows the diagonal, below it is over-confident, above timid (band: chance, for the curve with the "
-        "fewest independent samples). Right: the mean, with the grey band in which chance leaves it 95 % of the time."
+        "Left: share of the errors inside the confidence region of each level. A consistent estimate follows the "
+        "diagonal, an over-confident one lies below it, an under-confident one above (band: 95 % interval for the "
+        "curve with the fewest independent samples). Right: mean NEES per dimension, with its 95 % interval in grey."
     )
     return Drawn(figure, sentence)
 
 
 def whiteness(run: RunFolder) -> Drawn | None:
-    """Correlation of surprises with later ones; None where there are too few."""
+    """Autocorrelation of the innovations; None with too few of them."""
     table = run.read_csv("innovations.csv")
     found = (
         [] if table is None else [(one, *autocorrelation(one.series)) for one in innovations(table)]
@@ -116,18 +115,18 @@ def whiteness(run: RunFolder) -> Drawn | None:
         axes.plot(lags, bounds, "_", color=TRUTH, markersize=9)
         axes.plot(lags, -bounds, "_", color=TRUTH, markersize=9)
     axes.axhline(0.0, color=TRUTH, linewidth=0.7)
-    axes.set(xlabel="sightings later", ylabel="correlation")
-    key(axes)
+    axes.set(xlabel="lag, measurements", ylabel="autocorrelation")
+    legend(axes)
     sentence = (
-        "How much a sighting's surprise foretells that of the same landmark or track some sightings later. Of a "
-        "filter that has modelled everything lasting, 95 % of the bars stay between the dashes."
+        "Autocorrelation of the innovations of each landmark or track. The innovations of a consistent filter are "
+        "white: 95 % of the bars stay between the dashes."
     )
     return Drawn(figure, sentence)
 
 
 @dataclass(frozen=True)
 class _Curve:
-    """One estimate's errors, in units of their own covariance, infinite where there was none."""
+    """Whitened errors of one estimate; infinite where it has no covariance."""
 
     name: str
     whitened: Float[np.ndarray, "n k"]
@@ -154,12 +153,12 @@ class _Curve:
 
 
 def _normalised(run: RunFolder) -> list[_Curve]:
-    """Every estimate that can be judged."""
+    """Whitened errors of every estimate with ground truth, and all innovations."""
     found: list[_Curve] = []
-    true = run.read_trajectory("truth/trajectory.txt")
-    claims = None if true is None else pose_errors(run, true)
-    if claims is not None:
-        found.append(_Curve("pose", claims[1]))
+    true = true_trajectory(run)
+    pose = None if true is None else pose_errors(run, true)
+    if pose is not None:
+        found.append(_Curve("pose", pose[1]))
     floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
     if floor is not None and true_floor is not None:
         for camera, errors in floor_errors(floor, true_floor).items():
@@ -167,8 +166,8 @@ def _normalised(run: RunFolder) -> list[_Curve]:
     obstacles, truth = run.read_json("obstacles.json"), run.read_csv("truth/obstacles.csv")
     if obstacles and truth is not None:
         tracks = track_errors(obstacles["tracks"], truth)
-        found.append(_Curve("movers", tracks.whitened_of(moving(truth))))
+        found.append(_Curve("moving obstacles", tracks.whitened_of(moving(truth))))
     table = run.read_csv("innovations.csv")
     for one in [] if table is None else innovations(table):
-        found.append(_Curve(f"sightings of {one.source}s", one.whitened))
-    return [curve for curve in found if np.count_nonzero(curve.usable) >= LEAST]
+        found.append(_Curve(f"{one.source} innovations", one.whitened))
+    return [curve for curve in found if np.count_nonzero(curve.usable) >= MIN_SAMPLES]

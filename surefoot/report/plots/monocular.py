@@ -1,4 +1,4 @@
-"""The eight stages of the monocular cycle as one picture."""
+"""The eight stages of the monocular cycle (seed 000) as one image."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from perception.monocular.result import MonocularResult
 def panes(
     result: MonocularResult, chosen_px: tuple[int, int] | None = None
 ) -> tuple[tuple[str, UInt8[np.ndarray, "h w 3"]], ...]:
-    """Title and image of the eight stages of a cycle: A, B the pair, C ground, D edges, E flow, F least flow,
-    G prediction, H result, with the pixel (u, v) that is walked to, if there is one.
+    """Title and image of the eight stages of a cycle.
+
+    Args:
+        result: The cycle.
+        chosen_px: Pixel (u, v) that the robot walks to, if any; marked in the result.
     """
     current = result.current.rgb
     previous = current if result.previous is None else result.previous.rgb
     faint = (0.5 * current + 110).astype(np.uint8)
-    flows, least, predicted = faint.copy(), faint.copy(), current.copy()
+    flows, smallest, predicted = faint.copy(), faint.copy(), current.copy()
     chosen = {o.flow for o in result.obstacles if o.flow >= 0}
     for k in range(len(result.flows)):
         begin, end = (
@@ -28,11 +31,11 @@ def panes(
         colour = (200, 0, 0) if result.flows.obstacle[k] >= 0 else (120, 120, 120)
         cv2.arrowedLine(flows, begin, end, colour, 2, tipLength=0.3)
         if k in chosen:
-            cv2.arrowedLine(least, begin, end, (200, 0, 0), 3, tipLength=0.3)
+            cv2.arrowedLine(smallest, begin, end, (200, 0, 0), 3, tipLength=0.3)
     predicted[result.predicted > 0] = (230, 40, 40)
     for obstacle in result.obstacles:
         colour = (230, 40, 40) if obstacle.moving else (30, 60, 220)
-        for image in (least, predicted):
+        for image in (smallest, predicted):
             cv2.polylines(image, [obstacle.edge.astype(np.int32)], False, colour, 2)
     grey = [
         cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
@@ -50,7 +53,7 @@ def panes(
         ("C ground", grey[0]),
         ("D edges", grey[1]),
         ("E optical flow", flows),
-        ("F least flow", least),
+        ("F smallest flow", smallest),
         ("G prediction", predicted),
         ("H result", grey[2]),
     )
@@ -59,7 +62,7 @@ def panes(
 def stages(
     result: MonocularResult, side_px: int = 360, chosen_px: tuple[int, int] | None = None
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The panes of a cycle as one picture, four beside each other."""
+    """The eight panes of a cycle as one image, in two rows."""
     shown = []
     for title, image in panes(result, chosen_px):
         pane = cv2.resize(image, (side_px, side_px * image.shape[0] // image.shape[1]))

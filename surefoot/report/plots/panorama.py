@@ -1,4 +1,4 @@
-"""Pictures of a panorama: range with the key angles of the head, and all angles; what was found in it.
+"""Pictures of a panorama: range with the angles of the head, and with obstacles and gaps.
 
 Source: seed 004, Figs. 2 and 6.
 """
@@ -20,7 +20,7 @@ from mapping.panorama.stitching import Panorama
 from mapping.panorama.views import View
 
 from . import style
-from .style import BELIEF, INK, WRONG
+from .style import ESTIMATE, INK, WRONG
 
 FARTHEST_M = 4.0
 EVERY_DEG = 10
@@ -29,13 +29,13 @@ EVERY_DEG = 10
 def write_pictures(
     folder: Path, name: str, panorama: Panorama, views: Sequence[View]
 ) -> list[Path]:
-    """Two PNG files: `NAME_angles.png` with key and all angles, `NAME_obstacles.png` with what was found.
+    """Write two PNG files: `NAME_angles.png` (key and all angles) and `NAME_obstacles.png` (obstacles and gaps).
 
     Args:
-        folder: Made if it is not there.
-        name: Begins the names of the files.
-        panorama: Nothing is written of one without a drawing.
-        views: Those it was made of.
+        folder: Created if absent.
+        name: Prefix of the file names.
+        panorama: Without a rendered image nothing is written.
+        views: Views that the panorama was made from.
     """
     drawing = panorama.drawing
     if drawing is None:
@@ -49,7 +49,7 @@ def write_pictures(
 
 
 def _range(axes: Any, drawing: Drawing) -> Any:
-    """The range image, columns and rows as they are."""
+    """Draw the range image in pixel coordinates; near is bright."""
     axes.grid(False)
     image = axes.imshow(drawing.range_m, cmap="viridis_r", vmin=0.4, vmax=FARTHEST_M)
     axes.set_xlabel("column, px")
@@ -58,7 +58,7 @@ def _range(axes: Any, drawing: Drawing) -> Any:
 
 
 def angles(drawing: Drawing, views: Sequence[View]) -> Any:
-    """Key angles as they were found, full lines; all angles by the law between them, dotted."""
+    """Measured key angles (solid) and the angles interpolated between them (dotted)."""
     across, down = laws(drawing, views)
     figure, axes = style.sheet(height_in=4.0)
     image = _range(axes, drawing)
@@ -66,28 +66,26 @@ def angles(drawing: Drawing, views: Sequence[View]) -> Any:
     columns, rows = np.arange(sphere.width, dtype=float), np.arange(sphere.height, dtype=float)
     for law, places, along in ((across, columns, "x"), (down, rows, "y")):
         line = axes.axvline if along == "x" else axes.axhline
-        told = np.degrees(law.angle(places))
-        low, high = sorted((float(told[0]), float(told[-1])))
+        degrees_at = np.degrees(law.angle(places))
+        low, high = sorted((float(degrees_at[0]), float(degrees_at[-1])))
         for degrees in range(math.ceil(low / EVERY_DEG) * EVERY_DEG, int(high) + 1, EVERY_DEG):
-            place = float(np.interp(degrees, *_growing(told, places)))
+            place = float(np.interp(degrees, *_increasing(degrees_at, places)))
             line(place, color="white", linewidth=0.5, linestyle=":")
             _label(axes, along, place, f"{degrees}", INK, inside=True)
         for key, pixel in zip(np.degrees(law.keys_rad), law.pixels, strict=True):
             line(float(pixel), color=WRONG, linewidth=1.2)
             _label(axes, along, float(pixel), f"{round(key)}", WRONG, inside=False)
     figure.colorbar(image, ax=axes, label="range, m", shrink=0.8)
-    axes.set_title(
-        "key angles of the head (full) and all angles between them (dotted), deg", pad=14.0
-    )
+    axes.set_title("key angles of the head (solid) and interpolated angles (dotted), deg", pad=14.0)
     return figure
 
 
-def _growing(angles: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _increasing(angles: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (angles, places) if angles[0] < angles[-1] else (angles[::-1], places[::-1])
 
 
 def _label(axes: Any, along: str, place: float, text: str, colour: str, inside: bool) -> None:
-    """An angle beside its line: key angles outside the picture, others inside it."""
+    """Write an angle at its line: key angles outside the image, others inside it."""
     settings: dict[str, Any] = {"color": colour, "fontsize": 6.5, "clip_on": False}
     if inside:
         settings["bbox"] = {"facecolor": "white", "alpha": 0.6, "pad": 0.6, "linewidth": 0.0}
@@ -101,7 +99,7 @@ def _label(axes: Any, along: str, place: float, text: str, colour: str, inside: 
 
 
 def obstacles(drawing: Drawing, found: Surroundings) -> Any:
-    """Each obstacle between its edges, with distance, width and height; below them the gaps."""
+    """Each obstacle between its edges, with distance, width and height; gaps below."""
     figure, axes = style.sheet(height_in=4.0)
     image = _range(axes, drawing)
     sphere = drawing.sphere
@@ -127,7 +125,7 @@ def obstacles(drawing: Drawing, found: Surroundings) -> Any:
         middle = 0.5 * (column(ends[0].right_edge_m) + column(ends[1].left_edge_m))
         axes.text(
             middle, 0.04, f"gap {gap.width_m:.2f} m", transform=axes.get_xaxis_transform(),
-            ha="center", fontsize=6.5, color=BELIEF, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
+            ha="center", fontsize=6.5, color=ESTIMATE, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
         )  # fmt: skip
     figure.colorbar(image, ax=axes, label="range, m", shrink=0.8)
     axes.set_title("obstacles: forward distance, width x height; gaps between neighbours")

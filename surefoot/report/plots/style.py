@@ -1,10 +1,10 @@
-"""One look for all pictures: colours that everybody can tell apart, few lines, units on every axis.
+"""Common style of all plots: a colour-blind safe palette, few lines, units on every axis.
 
-The palette is Okabe and Ito's; a colour keeps its meaning throughout: blue is what we believe, dark grey
-is the truth, vermilion is wrong or in the way, green is where we want to be.
+The palette is that of Okabe and Ito. A colour has the same meaning in every plot: blue is the estimate, dark
+grey the truth, vermilion an error or obstacle, green a target.
 
-Nothing here touches the state of Matplotlib: settings hold inside `styled` only, and no figure is
-registered with pyplot.
+The global state of Matplotlib stays untouched: settings apply inside `styled` only, and no figure is registered
+with pyplot.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import io
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BELIEF, TRUTH, WRONG, WANTED = "#0072B2", "#3A3F45", "#D55E00", "#009E73"
+ESTIMATE, TRUTH, WRONG, TARGET = "#0072B2", "#3A3F45", "#D55E00", "#009E73"
 LANDMARK, FAINT, INK = "#AA4499", "#C9CFD6", "#22272D"
 SERIES = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#8C6D31", "#7F7F7F")
 WIDTH_IN = 8.4
@@ -58,15 +59,32 @@ _SETTINGS: dict[Any, Any] = {
 
 
 class Drawn(NamedTuple):
-    """A figure, and one sentence on what it shows."""
+    """A figure, and a sentence on what it shows."""
 
     figure: Figure
     sentence: str
 
 
+@dataclass(frozen=True)
+class Picture:
+    """One plot of the report.
+
+    Args:
+        identity: Name of the file, and of the element in the page.
+        title: Heading.
+        sentence: What it shows.
+        svg: The plot.
+    """
+
+    identity: str
+    title: str
+    sentence: str
+    svg: bytes
+
+
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """Draw and save inside, in this project's style."""
+    """Context in which figures are drawn and saved in this style."""
     import matplotlib as mpl
 
     with mpl.rc_context(_SETTINGS):
@@ -76,7 +94,7 @@ def styled() -> Iterator[None]:
 def sheet(
     rows: int = 1, columns: int = 1, height_in: float = 2.6, **options: Any
 ) -> tuple[Figure, Any]:
-    """A figure of the common width, and its axes."""
+    """A figure of the common width, with its axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
@@ -84,7 +102,7 @@ def sheet(
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as SVG, text as outlines, without a date."""
+    """The figure as SVG, with text as outlines and without a date."""
     data = io.BytesIO()
     figure.savefig(data, format="svg", metadata={"Date": None})
     return data.getvalue()
@@ -98,14 +116,14 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """As PNG; the folder is made."""
+    """Save the figure as PNG; creates the folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with styled():
         figure.savefig(path, dpi=110)
 
 
-def key(axes: Axes, columns: int = 5) -> None:
-    """The legend, above the axes, where it hides nothing; none where nothing has a name."""
+def legend(axes: Axes, columns: int = 5) -> None:
+    """A legend above the axes, where it hides nothing; none without labels."""
     if not axes.get_legend_handles_labels()[0]:
         return
     axes.legend(
@@ -115,5 +133,5 @@ def key(axes: Axes, columns: int = 5) -> None:
 
 
 def bound(axes: Axes, value: float, words: str) -> None:
-    """A target that the curve should stay below."""
-    axes.axhline(value, color=WANTED, linewidth=1.1, linestyle=(0, (5, 3)), label=words)
+    """A horizontal line at the bound that a curve should stay below."""
+    axes.axhline(value, color=TARGET, linewidth=1.1, linestyle=(0, (5, 3)), label=words)

@@ -1,4 +1,4 @@
-"""Pictures of a run from above: the way with its uncertainty over the grid, and the grid's mistakes."""
+"""Top views of a run: trajectory with its uncertainty over the grid, and errors of the grid."""
 
 from __future__ import annotations
 
@@ -10,27 +10,26 @@ from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
 
-from ...evaluation.evaluate import pose_claims
+from ...evaluation.evaluate import planar_estimates, true_trajectory
 from ...evaluation.metrics.maps import FREE, OCCUPIED, UNKNOWN, GridMap, read_map, wrong_cells
-from ...evaluation.metrics.obstacles import moving
+from ...evaluation.metrics.obstacles import MOVING, moving
 from ...results.run_folder import RunFolder
-from ...results.tables import read_tum
-from .style import BELIEF, INK, LANDMARK, SERIES, TRUTH, WANTED, WIDTH_IN, WRONG, Drawn, sheet
+from .style import ESTIMATE, INK, LANDMARK, SERIES, TARGET, TRUTH, WIDTH_IN, WRONG, Drawn, sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _UNSEEN, _FREE, _OCCUPIED = (0.90, 0.915, 0.93), (1.0, 1.0, 1.0), (0.36, 0.40, 0.45)
-_MOVER_SEEN = 0.5  # tracks that moved with at least this probability are drawn as moving
-_LOST_M = 0.4  # a track less sure than this hides the map and tells nothing
-_TRACKS = 12  # at most, those followed longest
-_ELLIPSES = 26  # at most, along one line
-_READABLE_M = 0.05  # ellipses smaller than this are drawn enlarged, and the legend says so
+_LOST_M = 0.4  # ours: a larger ellipse of a track would hide the map
+_MAX_TRACKS = 12  # ours: the longest tracks
+_MIN_TRACK = 5  # ours: entries of a track that is drawn
+_MAX_ELLIPSES = 26  # ours: along one trajectory
+_READABLE_M = 0.05  # ours: smaller ellipses are drawn enlarged, and the legend says so
 
 
-def plan(run: RunFolder) -> Drawn | None:
-    """The way over the grid; None if there is neither."""
+def trajectory(run: RunFolder) -> Drawn | None:
+    """Trajectory over the grid; None if there is neither."""
     grid = read_map(run.path("map.yaml")) if run.has("map.yaml") else None
     table = run.read_csv("trajectory_covariance.csv")
     if grid is None and table is None:
@@ -45,26 +44,26 @@ def plan(run: RunFolder) -> Drawn | None:
     _tracks(axes, run)
     _truth(axes, run)
     if table is not None:
-        _way(axes, *pose_claims(table))
-    elif run.has("trajectory.txt"):
-        given = read_tum(run.path("trajectory.txt")).positions
-        axes.plot(given[:, 0], given[:, 1], color=BELIEF, lw=1.8, zorder=6, label="the way given")
+        _estimate(axes, *planar_estimates(table))
+    elif (given := run.read_trajectory("trajectory.txt")) is not None:
+        x, y = given.positions[:, 0], given.positions[:, 1]
+        axes.plot(x, y, color=ESTIMATE, lw=1.8, zorder=6, label="poses of the recording")
     _marks(axes, run)
     axes.set_xlim(box[0], box[1])
     axes.set_ylim(box[2], box[3])
     _legend(axes)
-    sentence = "The way that came with the recording"
+    sentence = "Poses of the recording"
     if table is not None:
-        sentence = "The way it believed it went, with the 95 % ellipses of its position"
-    if run.has("truth/trajectory.txt"):
-        sentence += " and, dashed, the true way"
+        sentence = "Estimated trajectory with the 95 % ellipses of its position"
+    if true_trajectory(run) is not None:
+        sentence += " and, dashed, the true trajectory"
     if grid is not None:
-        sentence += ", over the grid it built: white was seen free, dark occupied, grey never"
+        sentence += ", over the occupancy grid: white is free, dark occupied, grey unknown"
     return Drawn(figure, f"{sentence}.")
 
 
 def grid_check(run: RunFolder) -> Drawn | None:
-    """Right and wrong cells; None without a true map."""
+    """Correct and wrong cells of the grid; None without a true map."""
     if not run.has("map.yaml") or not run.has("truth/map.yaml"):
         return None
     grid, truth = read_map(run.path("map.yaml")), read_map(run.path("truth/map.yaml"))
@@ -85,7 +84,7 @@ def grid_check(run: RunFolder) -> Drawn | None:
     y = np.linspace(bottom + half, top - half, outline.shape[0])
     axes.contour(x, y, outline, levels=[0.5], colors=[TRUTH], linewidths=0.6)
     for colour, words in (
-        ((0.93, 0.965, 0.955), "right: free"), ((0.62, 0.75, 0.71), "right: occupied"),
+        ((0.93, 0.965, 0.955), "correct: free"), ((0.62, 0.75, 0.71), "correct: occupied"),
         ((0.94, 0.79, 0.25), "off by one cell"), ((0.835, 0.369, 0.0), "wrong"),
     ):  # fmt: skip
         axes.plot([], [], "s", color=colour, markeredgecolor="#8A929B", mew=0.4, label=words)
@@ -94,14 +93,14 @@ def grid_check(run: RunFolder) -> Drawn | None:
     axes.set_ylim(box[2], box[3])
     _legend(axes, 5)
     sentence = (
-        "Every seen cell held against the true map: pale ones are right, yellow ones are off by one "
-        "cell at most, vermilion ones are wrong."
+        "Every observed cell compared with the true map: pale cells are correct, yellow ones are wrong by one cell "
+        "at most, vermilion ones are wrong."
     )
     return Drawn(figure, sentence)
 
 
 def _sheet(box: tuple[float, float, float, float], share: float = 1.0) -> tuple[Figure, Any]:
-    """Axes with equal scales, as high as the scene asks for."""
+    """Axes with equal scales, in the proportions of the scene."""
     wide, high = box[1] - box[0], box[3] - box[2]
     height_in = float(np.clip(share * (WIDTH_IN - 0.6) * high / wide + 0.95, 3.2, 8.5))
     figure, axes = sheet(1, 1, height_in)
@@ -112,14 +111,13 @@ def _sheet(box: tuple[float, float, float, float], share: float = 1.0) -> tuple[
 
 
 def _frame(grid: GridMap | None, run: RunFolder) -> tuple[float, float, float, float]:
-    """(left, right, bottom, top) of what is worth showing, m."""
+    """(left, right, bottom, top) of observed cells, trajectories and goals, m."""
     points = []
     if grid is not None and (grid.state != UNKNOWN).any():
         points.append(grid.centres()[grid.state != UNKNOWN])
-    for name in ("trajectory.txt", "truth/trajectory.txt"):
-        way = run.read_trajectory(name) if run.has(name) else None
-        if way is not None:
-            points.append(way.positions[:, :2])
+    for path in (run.read_trajectory("trajectory.txt"), true_trajectory(run)):
+        if path is not None:
+            points.append(path.positions[:, :2])
     summary = run.read_json("summary.json") or {}
     for goal in summary.get("goal_positions") or []:
         points.append(np.array([goal[:2]], dtype=np.float64))
@@ -141,30 +139,30 @@ def _show(axes: Axes, picture: Float[np.ndarray, "rows columns 3"], grid: GridMa
     )
 
 
-def _way(
+def _estimate(
     axes: Axes,
     stamps: Float[np.ndarray, "n"],
     poses: Float[np.ndarray, "n 3"],
     covariances: Float[np.ndarray, "n 3 3"],
 ) -> None:
-    """The believed way, with ellipses and headings at regular intervals."""
-    axes.plot(poses[:, 0], poses[:, 1], color=BELIEF, lw=1.8, zorder=6, label="believed")
-    chosen = np.unique(np.linspace(0, len(poses) - 1, _ELLIPSES).astype(int))
+    """Estimated trajectory with ellipses at regular intervals, its start and its final heading."""
+    axes.plot(poses[:, 0], poses[:, 1], color=ESTIMATE, lw=1.8, zorder=6, label="estimate")
+    chosen = np.unique(np.linspace(0, len(poses) - 1, _MAX_ELLIPSES).astype(int))
     gaussians = [Gaussian(poses[i, :2], covariances[i, :2, :2]) for i in chosen]
     enlarged = _enlargement(gaussians)
     for gaussian in gaussians:
-        _ellipse(axes, gaussian, enlarged, BELIEF)
+        _ellipse(axes, gaussian, enlarged, ESTIMATE)
     words = "95 % ellipses" + (f", enlarged {enlarged:.0f} times" if enlarged > 1 else "")
-    axes.plot([], [], "o", mfc="none", mec=BELIEF, ms=7, mew=0.8, label=words)
-    axes.plot(*poses[0, :2], "o", color=BELIEF, ms=5, zorder=7)
+    axes.plot([], [], "o", mfc="none", mec=ESTIMATE, ms=7, mew=0.8, label=words)
+    axes.plot(*poses[0, :2], "o", color=ESTIMATE, ms=5, zorder=7)
     x, y, yaw = (float(v) for v in poses[-1])
     ahead = (x + 0.16 * math.cos(yaw), y + 0.16 * math.sin(yaw))
-    arrow = {"arrowstyle": "-|>", "color": BELIEF, "lw": 1.6}
+    arrow = {"arrowstyle": "-|>", "color": ESTIMATE, "lw": 1.6}
     axes.annotate("", ahead, (x, y), arrowprops=arrow, zorder=7)
 
 
 def _enlargement(gaussians: list[Gaussian]) -> float:
-    """A whole number that makes the median ellipse readable."""
+    """Integer factor that makes the median ellipse readable."""
     typical = float(np.median([gaussian.ellipse()[0] for gaussian in gaussians]))
     if not 0.0 < typical < _READABLE_M:
         return 1.0
@@ -186,10 +184,10 @@ def _ellipse(axes: Axes, gaussian: Gaussian, enlarged: float, colour: str) -> No
 
 
 def _truth(axes: Axes, run: RunFolder) -> None:
-    """True way, and true ways of what moves, thin and dashed."""
-    way = run.read_trajectory("truth/trajectory.txt") if run.has("truth/trajectory.txt") else None
-    if way is not None:
-        x, y = way.positions[:, 0], way.positions[:, 1]
+    """True trajectories of the robot and of moving obstacles, thin and dashed."""
+    path = true_trajectory(run)
+    if path is not None:
+        x, y = path.positions[:, 0], path.positions[:, 1]
         axes.plot(x, y, color=TRUTH, lw=1.0, ls=(0, (4, 2.5)), zorder=8, label="truth")
     table = run.read_csv("truth/obstacles.csv")
     if table is None:
@@ -201,7 +199,7 @@ def _truth(axes: Axes, run: RunFolder) -> None:
 
 
 def _tracks(axes: Axes, run: RunFolder) -> None:
-    """Tracks that moved, and outlines of what stands."""
+    """Tracks of moving obstacles, and footprints of static ones."""
     obstacles = run.read_json("obstacles.json")
     if not obstacles:
         return
@@ -218,13 +216,13 @@ def _tracks(axes: Axes, run: RunFolder) -> None:
             )
         )  # fmt: skip
     if obstacles.get("footprints"):
-        axes.plot([], [], "s", mfc="none", mec=SERIES[1], ms=7, label="footprint measured")
+        axes.plot([], [], "s", mfc="none", mec=SERIES[1], ms=7, label="footprint, measured")
     by_track: dict[int, list[dict[str, Any]]] = {}
     for entry in obstacles["tracks"]:
-        if float(entry["moving"]) >= _MOVER_SEEN:
+        if float(entry["moving"]) >= MOVING:
             by_track.setdefault(int(entry["track"]), []).append(entry)
-    longest = sorted(by_track.values(), key=lambda entries: -len(entries))[:_TRACKS]
-    for number, entries in enumerate(entries for entries in longest if len(entries) >= 5):
+    longest = sorted(by_track.values(), key=lambda entries: -len(entries))[:_MAX_TRACKS]
+    for number, entries in enumerate(entries for entries in longest if len(entries) >= _MIN_TRACK):
         means = np.array([entry["mean"][:2] for entry in entries], dtype=np.float64)
         label = None if number else "moving obstacle, tracked"
         axes.plot(*means.T, color=WRONG, lw=1.3, zorder=5, label=label)
@@ -242,7 +240,7 @@ def _marks(axes: Axes, run: RunFolder) -> None:
         axes.plot(*marks.T, "D", color=LANDMARK, ms=4.5, zorder=6, ls="", label="landmark")
     for number, goal in enumerate(summary.get("goal_positions") or []):
         axes.plot(
-            goal[0], goal[1], "*", color=WANTED, ms=14, mec="white", mew=0.8, zorder=9, ls="",
+            goal[0], goal[1], "*", color=TARGET, ms=14, mec="white", mew=0.8, zorder=9, ls="",
             label="goal" if number == 0 else None,
         )  # fmt: skip
         if len(summary["goal_positions"]) > 1:
@@ -252,11 +250,11 @@ def _marks(axes: Axes, run: RunFolder) -> None:
             )  # fmt: skip
 
 
-_LEGEND = ("believed", "95 %", "truth", "goal", "landmark", "moving", "footprint")
+_LEGEND = ("estimate", "95 %", "truth", "goal", "landmark", "moving", "footprint")
 
 
 def _legend(axes: Axes, columns: int = 4) -> None:
-    """Above the axes, the way first."""
+    """Above the axes, the estimate first."""
     handles, labels = axes.get_legend_handles_labels()
     if not handles:
         return

@@ -32,7 +32,7 @@ def look_round():
     def look(scene_name, seed, error_deg, walk_m=0.0):
         scene = catalogue.load(scene_name, seed)
         caster = rays.RayCaster(scene)
-        caster.place([mover.start for mover in scene.movers])
+        caster.place([mover.start for mover in scene.moving_objects])
         rng = np.random.default_rng([seed, 99])
         camera = TofCamera(TofConfig(), rng)
         views, true = [], []

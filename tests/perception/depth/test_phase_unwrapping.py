@@ -1,14 +1,12 @@
-"""What a wrap does to a room: the far wall in mid-air before the robot, and dark things that must stay."""
+"""Phase wrapping in a room: a far wall measured in mid-air, and dark objects that must be kept."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from perception.depth.phase_unwrapping import WrapConfig
 from perception.depth.time_of_flight import TofConfig, depth
 from perception.primitives.camera import Camera
-from perception.primitives.errors import ConfigError
 from perception.primitives.frame import RangeView
 from perception.primitives.pose import Pose3, head_rotation
 
@@ -18,7 +16,7 @@ WRAP_M = TofConfig().wrap_m
 
 
 def room(wall_m, tilt_rad=0.3, chair_albedo=None):
-    """True range and what the camera says: a floor, a bright wall ahead, perhaps a dark box at 1.4 m."""
+    """True range and the measured view: a floor, a bright wall ahead, optionally a dark box at 1.4 m."""
     T = Pose3.from_rotation(head_rotation(0.0, tilt_rad), np.array([0.0, 0.0, 0.4]))
     rays = SR4000.rays / LENGTH[..., None] @ T.rotation.T
     with np.errstate(divide="ignore"):
@@ -31,37 +29,32 @@ def room(wall_m, tilt_rad=0.3, chair_albedo=None):
     if chair_albedo is not None:
         chair = (np.abs(face * rays[..., 1]) < 0.2) & (face * rays[..., 2] < 0.05) & (face < true)
         true, light = np.where(chair, face, true), np.where(chair, chair_albedo, light)
-    told = (true % WRAP_M).astype(np.float32)
+    measured = (true % WRAP_M).astype(np.float32)
     amplitude = (light * (2.0 / true) ** 2).astype(np.float32)
-    return true, RangeView(told, amplitude, SR4000), chair
+    return true, RangeView(measured, amplitude, SR4000), chair
 
 
 @pytest.mark.parametrize("wall_m", [5.2, 5.6, 6.0, 6.5, 7.0, 7.5])
 @pytest.mark.parametrize("tilt_rad", [0.15, 0.3])
-def test_a_wall_beyond_the_wrap_is_no_thing_in_mid_air(wall_m, tilt_rad):
-    true, told, _ = room(wall_m, tilt_rad)
-    measured = depth(told).z * LENGTH
+def test_a_wall_beyond_the_ambiguity_interval_gives_no_false_surface(wall_m, tilt_rad):
+    true, view, _ = room(wall_m, tilt_rad)
+    measured = depth(view).z * LENGTH
     false = np.abs(measured - true) > 1.0
-    assert np.count_nonzero(np.abs(told.range_m - true) > 1.0) > 500  # so it would have been
+    assert np.count_nonzero(np.abs(view.range_m - true) > 1.0) > 500  # without unwrapping
     assert not false.any()
     near = (true < 2.0) & np.isfinite(true)
-    assert np.isfinite(measured[near]).mean() > 0.99  # the floor stays
+    assert np.isfinite(measured[near]).mean() > 0.99  # the floor is kept
 
 
 @pytest.mark.parametrize("albedo", [0.04, 0.08])
-def test_a_dark_thing_on_the_floor_stays_where_it_stands(albedo):
-    _, told, chair = room(6.5, chair_albedo=albedo)
+def test_a_dark_object_on_the_floor_keeps_its_depth(albedo):
+    _, view, chair = room(6.5, chair_albedo=albedo)
     assert chair.sum() > 500
-    assert np.isfinite(depth(told).z[chair]).mean() > 0.95
+    assert np.isfinite(depth(view).z[chair]).mean() > 0.95
 
 
-def test_without_amplitude_nothing_can_be_told_and_nothing_is_thrown_away():
-    _, told, _ = room(6.0)
-    blind = RangeView(told.range_m, None, SR4000)
-    known = told.range_m > 0.0
+def test_without_amplitude_no_range_is_rejected():
+    _, view, _ = room(6.0)
+    blind = RangeView(view.range_m, None, SR4000)
+    known = view.range_m > 0.0
     assert np.isfinite(depth(blind).z[known]).mean() > 0.98
-
-
-def test_darker_than_dark_is_refused_in_words():
-    with pytest.raises(ConfigError, match=r"darkest=0\.5"):
-        WrapConfig(darkest=0.5)

@@ -1,11 +1,11 @@
-"""Back-projection against the camera's own, and what a depth image may contain."""
+"""Back-projection against `Camera.rays`, with missing and invalid depth."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from perception.depth.points import from_depth, organised, unorganised
+from perception.depth.points import from_depth, organised
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Depth
@@ -22,7 +22,7 @@ def image(camera, seed=0):
 
 
 @pytest.mark.parametrize("camera", [PINHOLE, BENT])
-def test_points_are_where_the_camera_says(camera):
+def test_points_equal_back_projected_pixels(camera):
     depth = image(camera)
     points = from_depth(depth, 0.0, 10.0)
     v, u = np.divmod(points.pixels, camera.width)
@@ -54,7 +54,7 @@ def test_ray_slopes_broadcast_to_the_cameras_rays():
         np.testing.assert_allclose(np.broadcast_to(y, shape), camera.rays[..., 1], atol=1e-12)
 
 
-def test_only_believed_depth_becomes_points():
+def test_only_valid_depth_within_the_range_becomes_points():
     z = np.array([[0.5, np.nan, 2.0], [np.inf, 3.0, 0.0], [1.0, 1.0, -1.0]], dtype=np.float32)
     sigma = np.full((3, 3), 0.01, dtype=np.float32)
     sigma[2, 0], sigma[2, 1] = np.nan, 0.0
@@ -65,7 +65,7 @@ def test_only_believed_depth_becomes_points():
     assert empty.xyz.shape == (0, 3)
 
 
-def test_a_stride_takes_every_so_many_rows_and_columns():
+def test_a_stride_of_three_takes_every_third_row_and_column():
     depth = image(PINHOLE)
     v, u = np.divmod(from_depth(depth, 0.0, 10.0, stride=3).pixels, PINHOLE.width)
     assert set(v % 3) == {0}
@@ -73,15 +73,7 @@ def test_a_stride_takes_every_so_many_rows_and_columns():
     assert len(v) == np.isfinite(depth.z[::3, ::3]).sum()
 
 
-def test_a_cloud_without_an_image_keeps_the_numbers_of_its_points():
-    xyz = np.array([[0.0, 0.0, 1.0], [np.nan, 0.0, 1.0], [0.0, 0.0, -1.0], [0.1, 0.2, 2.0]])
-    points = unorganised(xyz)
-    np.testing.assert_array_equal(points.pixels, [0, 3])
-    np.testing.assert_allclose(points.sigma, 0.0012 + 0.0019 * (np.array([1.0, 2.0]) - 0.4) ** 2)
-    np.testing.assert_array_equal(unorganised(xyz, np.arange(4) + 0.5).sigma, [0.5, 3.5])
-
-
-def test_what_does_not_fit_is_refused_in_words():
+def test_invalid_input_is_refused_with_a_message():
     depth = image(PINHOLE)
     with pytest.raises(InputError, match="nearest_m=2"):
         from_depth(depth, 2.0, 1.0)

@@ -1,4 +1,4 @@
-"""Rectification of drawn rigs, of real chessboards, and what is no rig."""
+"""Rectification of synthetic rigs, of real chessboards, and invalid rigs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BESIDE = Pose3((0.11, 0.002, -0.001), (0.008, -0.006, 0.004, 1.0))
 
 
 def seen(raw, rig_maps, points):
-    """Where points of a raw camera's frame land in the rectified image: by inverting its maps."""
+    """Rectified pixels of points in the raw camera frame, by inverting the maps."""
     u, v = cv2.convertMaps(*rig_maps, cv2.CV_32FC1)
     target = raw.project(points)
     found = []
@@ -29,7 +29,7 @@ def seen(raw, rig_maps, points):
     return np.array(found, dtype=np.float64)
 
 
-def test_points_land_in_one_row_with_the_disparity_of_their_depth():
+def test_points_are_in_one_row_with_the_disparity_of_their_depth():
     rig = rectification(LEFT, RIGHT, BESIDE)
     rng = np.random.default_rng(0)
     points = np.column_stack(
@@ -48,7 +48,7 @@ def test_points_land_in_one_row_with_the_disparity_of_their_depth():
     assert abs(rig.baseline_m - np.linalg.norm(BESIDE.position)) < 1e-9
 
 
-def test_real_chessboards_have_their_corners_in_one_row(recordings):
+def test_corners_of_real_chessboards_are_in_one_row(recordings):
     folder = recordings / "opencv_samples"
     pairs = []
     for number in range(1, 15):
@@ -84,7 +84,7 @@ def corners_of(image):
 
 
 def calibrated(corners):
-    """Both cameras and the right one in the left one, by OpenCV, from the boards themselves."""
+    """Both cameras and the pose of the right one in the left one, calibrated from the boards by OpenCV."""
     board = np.zeros((54, 3), np.float32)
     board[:, :2] = 0.025 * np.mgrid[0:9, 0:6].T.reshape(-1, 2)
     boards = [board] * len(corners)
@@ -107,7 +107,7 @@ def calibrated(corners):
     return (*cameras, Pose3.from_rotation(R, T.ravel()).inverse())
 
 
-def test_a_camera_on_the_body_stays_there():
+def test_the_pose_on_the_body_includes_the_rectifying_rotation():
     rig = rectification(LEFT, RIGHT, BESIDE)
     on_body = Pose3((0.03, 0.02, 0.4), (-0.5, 0.5, -0.5, 0.5))
     grey = np.zeros((240, 320), np.uint8)
@@ -117,12 +117,12 @@ def test_a_camera_on_the_body_stays_there():
     np.testing.assert_allclose(view.T_body_camera.rotation, expected, atol=1e-9)
 
 
-def test_what_is_no_rig_is_refused_in_words():
-    with pytest.raises(InputError, match="both must have one size"):
+def test_an_invalid_rig_is_refused_with_a_message():
+    with pytest.raises(InputError, match="both must have the same size"):
         rectification(LEFT, replace(RIGHT, width=300), BESIDE)
     with pytest.raises(InputError, match="must be to its right"):
         rectification(LEFT, RIGHT, BESIDE.inverse())
-    with pytest.raises(InputError, match="turned by 90 deg"):
+    with pytest.raises(InputError, match="axes are 90 deg apart"):
         rectification(LEFT, RIGHT, Pose3((0.1, 0.0, 0.0), (0.0, 0.0, 0.5**0.5, 0.5**0.5)))
     rig = rectification(LEFT, RIGHT, BESIDE)
     with pytest.raises(InputError, match=r"the right image is \(240, 300\)"):

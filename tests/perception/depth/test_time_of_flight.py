@@ -1,4 +1,4 @@
-"""Time of flight: ranges to depth, the published noise, flying pixels, and a floor from it all."""
+"""Time of flight: range to depth, published noise, flying pixels, stray light, floor."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from perception.depth.points import from_depth
-from perception.depth.time_of_flight import TofConfig, depth, deviation, without_stray_light
+from perception.depth.time_of_flight import TofConfig, depth, range_sigma, without_stray_light
 from perception.floor.choose import find
 from perception.floor.prior import kinematic_prior
 from perception.primitives.camera import Camera
@@ -38,29 +38,29 @@ def test_a_wall_straight_ahead_has_the_same_depth_everywhere():
     np.testing.assert_allclose(seen.z, 1.7, rtol=1e-6)
 
 
-def test_a_bent_lens_makes_no_difference():
+def test_lens_distortion_does_not_change_depth():
     camera = Camera(176, 144, 217.8, 228.4, 87.5, 71.5, (-0.2, 0.05, 0.001, 0.0, 0.0))
     length = np.linalg.norm(camera.rays, axis=-1)
     seen = depth(RangeView((1.7 * length).astype(np.float32), None, camera))
     np.testing.assert_allclose(seen.z, 1.7, rtol=1e-6)
 
 
-def test_the_noise_is_the_published_one():
+def test_noise_matches_the_published_values():
     pure = TofConfig(fixed_m=0.0)
     ranges = np.array([[0.65, 1.3, 2.6]], dtype=np.float32)
-    np.testing.assert_allclose(deviation(ranges, None, pure), [[0.001, 0.004, 0.016]], rtol=1e-5)
+    np.testing.assert_allclose(range_sigma(ranges, None, pure), [[0.001, 0.004, 0.016]], rtol=1e-5)
     white = ((2.0 / ranges) ** 2).astype(np.float32)
-    assert deviation(ranges, white, pure)[0, 1] == pytest.approx(0.004, rel=1e-5)
-    dim = deviation(ranges, 0.25 * white, pure)
-    assert np.all(dim > 2.0 * deviation(ranges, white, pure))
+    assert range_sigma(ranges, white, pure)[0, 1] == pytest.approx(0.004, rel=1e-5)
+    dim = range_sigma(ranges, 0.25 * white, pure)
+    assert np.all(dim > 2.0 * range_sigma(ranges, white, pure))
 
 
-def test_sigma_never_falls_below_what_does_not_average_out():
+def test_sigma_is_at_least_the_fixed_error():
     near = np.full((1, 1), 0.3, dtype=np.float32)
-    assert deviation(near, None, TofConfig())[0, 0] >= TofConfig().fixed_m
+    assert range_sigma(near, None, TofConfig())[0, 0] >= TofConfig().fixed_m
 
 
-def test_weak_returns_and_bad_ranges_are_no_depth():
+def test_weak_returns_and_invalid_ranges_give_no_depth():
     z = np.full((144, 176), 1.0)
     z[0, :4] = (np.nan, 0.0, -1.0, np.inf)
     amplitude = np.ones((144, 176), dtype=np.float32)
@@ -72,7 +72,7 @@ def test_weak_returns_and_bad_ranges_are_no_depth():
     assert np.array_equal(np.isfinite(seen.z), np.isfinite(seen.sigma))
 
 
-def test_pixels_that_fly_between_a_box_and_the_wall_are_thrown_away_and_no_others():
+def test_only_flying_pixels_between_a_box_and_the_wall_are_rejected():
     rng = np.random.default_rng(0)
     z = np.full((144, 176), 2.2)
     z[50:110, 60:100] = 1.0
@@ -93,7 +93,7 @@ def test_a_grazing_floor_is_not_taken_for_flying_pixels():
     assert np.mean(np.isfinite(seen.z[near])) > 0.995
 
 
-def test_a_wiggling_that_was_calibrated_is_taken_out():
+def test_a_calibrated_wiggling_error_is_removed():
     true = np.linspace(0.5, 4.5, 176)[None, :].repeat(144, axis=0).astype(np.float64)
     measured = true + 0.004 * np.sin(4.0 * 2.0 * np.pi * true / 4.997)
     ranges = RangeView(measured.astype(np.float32), None, SR4000)
@@ -103,7 +103,7 @@ def test_a_wiggling_that_was_calibrated_is_taken_out():
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_floor_is_good_to_half_a_degree_and_five_millimetres(seed):
+def test_the_floor_is_accurate_to_half_a_degree_and_five_millimetres(seed):
     rng = np.random.default_rng(seed)
     tilt = rng.uniform(0.35, 0.75)
     z, T = floor_z(0.38, tilt)
@@ -120,17 +120,15 @@ def test_the_floor_is_good_to_half_a_degree_and_five_millimetres(seed):
     assert abs(found.plane.offset_m - 0.38) < 0.005
 
 
-def test_what_does_not_fit_is_refused_in_words():
+def test_invalid_input_is_refused_with_a_message():
     with pytest.raises(InputError, match=r"range image is \(3, 3\)"):
         depth(RangeView(np.ones((3, 3), dtype=np.float32), None, SR4000))
     with pytest.raises(ConfigError, match=r"sigma_m=0\.0"):
         TofConfig(sigma_m=0.0)
-    with pytest.raises(ConfigError, match=r"graze_deg=60\.0"):
-        TofConfig(graze_deg=60.0)
 
 
-def test_light_scattered_from_a_near_thing_that_fills_half_the_view_is_taken_off():
-    # a carton 0.35 m ahead, fifty times as bright as the wall beside it 1.8 m off
+def test_stray_light_of_a_near_object_that_fills_half_the_view_is_removed():
+    # a carton 0.35 m ahead, fifty times as bright as the wall beside it at 1.8 m
     config = TofConfig(stray_share=0.02)
     true = np.full((144, 176), 1.8)
     true[:, 40:130] = 0.35

@@ -1,4 +1,4 @@
-"""Gaussian-Hermite moments: orthonormal, equal to the sum they stand for, and turning with the image."""
+"""Gaussian-Hermite moments: orthonormality, filters against sums, rotation with the image."""
 
 from __future__ import annotations
 
@@ -38,26 +38,26 @@ def test_the_functions_are_orthonormal_on_the_real_line():
 
 
 @pytest.mark.parametrize("sigma_px", [1.6, 2.0, 3.2])
-def test_sampled_on_a_mask_they_still_are_to_a_thousandth(sigma_px):
+def test_sampled_functions_are_orthonormal_to_a_thousandth(sigma_px):
     side = mask_side(sigma_px)
     half = (side - 1) / 2
     rows = np.array([mask(p, sigma_px, side) for p in (0, 1, 3, 5)]) * np.sqrt(half)
     np.testing.assert_allclose(rows @ rows.T, np.eye(4), atol=1e-3)
 
 
-def test_a_mask_of_one_pixel_sigma_is_not_orthonormal():
+def test_a_mask_with_sigma_of_one_pixel_is_not_orthonormal():
     side = mask_side(1.0)
     rows = np.array([mask(p, 1.0, side) for p in (0, 1, 3, 5)]) * np.sqrt((side - 1) / 2)
     assert np.abs(rows @ rows.T - np.eye(4)).max() > 0.1
 
 
-def test_the_mask_of_the_seed_has_seventeen_pixels():
+def test_the_mask_of_seed_004_has_seventeen_pixels():
     assert mask_side(1.6) == 17
     np.testing.assert_allclose(mask_coordinates(17)[[0, 8, 16]], [-1.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize(("p", "q"), [(0, 0), (1, 0), (0, 1), (3, 0), (0, 5), (2, 1)])
-def test_a_moment_is_the_double_sum_it_stands_for(p, q):
+def test_a_moment_agrees_with_its_double_sum(p, q):
     image = np.random.default_rng(0).uniform(0, 1, (40, 37)).astype(np.float32)
     side, sigma = 17, 1.6 / 8
     row, column = 20, 15
@@ -96,13 +96,13 @@ def test_odd_orders_agree_in_sign_across_an_edge(angle):
 
 @settings(deadline=None)
 @given(st.floats(-np.pi, np.pi))
-def test_by_order_one_the_direction_has_no_bias(angle):
-    _, direction = gradient(edge(angle), straight=True)
+def test_the_direction_by_order_one_has_no_bias(angle):
+    _, direction = gradient(edge(angle), first_order=True)
     turn = (direction[20, 20] - angle + np.pi) % (2 * np.pi) - np.pi
     assert abs(np.degrees(turn)) < 0.2
 
 
-def test_as_printed_most_directions_are_lost_and_the_mask_begins_a_pixel_late():
+def test_as_printed_directions_lack_the_quadrant_and_the_mask_is_displaced():
     """The specification finds a median error of 90 deg over all directions."""
     off = []
     for angle in np.linspace(-3.1, 3.1, 41):
@@ -114,12 +114,12 @@ def test_as_printed_most_directions_are_lost_and_the_mask_begins_a_pixel_late():
     assert np.degrees(np.median(off)) == pytest.approx(90.0, abs=15.0)
 
 
-def test_noise_turns_moments_less_than_differences():
+def test_noise_rotates_moments_less_than_differences():
     rng = np.random.default_rng(2)
     by_moments, by_differences = [], []
     for angle in np.linspace(-3, 3, 40):
         image = (edge(angle) + 0.3 * rng.standard_normal((41, 41))).astype(np.float32)
-        _, direction = gradient(image, straight=True)
+        _, direction = gradient(image, first_order=True)
         dx, dy = image[20, 21] - image[20, 19], image[21, 20] - image[19, 20]
         for kept, found in ((by_moments, direction[20, 20]), (by_differences, np.arctan2(dy, dx))):
             kept.append(abs((found - angle + np.pi) % (2 * np.pi) - np.pi))

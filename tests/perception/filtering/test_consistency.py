@@ -1,4 +1,4 @@
-"""Consistency measures: right for a right covariance, and telling for a wrong one."""
+"""Consistency measures of correct and of wrong covariances."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from perception.primitives.errors import InputError
 
 
 def samples(scale: float = 1.0, n: int = 4000) -> tuple[np.ndarray, np.ndarray]:
-    """Errors drawn from a covariance, and that covariance times scale squared claimed."""
+    """Errors drawn from a covariance, and that covariance times scale squared."""
     rng = np.random.default_rng(2)
     roots = rng.normal(size=(n, 3, 3)) + 2 * np.eye(3)
     errors = (roots @ rng.normal(size=(n, 3, 1)))[..., 0]
@@ -30,34 +30,34 @@ def test_quantiles_and_bands_are_those_of_scipy():
     assert math.isclose(high, scipy.stats.chi2.ppf(0.975, 150) / 50, rel_tol=1e-9)
 
 
-def test_a_right_covariance_lies_in_its_band():
+def test_the_nees_of_a_correct_covariance_lies_in_its_band():
     errors, covariances = samples()
     low, high = consistency.band(3, len(errors), 0.999)
     assert low < consistency.nees(errors, covariances).mean() < high
 
 
 @pytest.mark.parametrize("scale", [0.8, 1.25])
-def test_a_covariance_off_by_a_quarter_does_not(scale):
+def test_the_nees_of_a_wrong_covariance_lies_outside_its_band(scale):
     errors, covariances = samples(scale)
     low, high = consistency.band(3, len(errors), 0.999)
     mean = consistency.nees(errors, covariances).mean()
     assert (mean > high) if scale < 1 else (mean < low)
 
 
-def test_an_error_of_a_whole_turn_is_none():
+def test_an_angle_error_of_a_whole_turn_is_zero():
     error = np.array([[0.1, 0.0, 2 * math.pi]])
     assert math.isclose(consistency.nees(error, np.eye(3)[None], angles=[2])[0], 0.01)
     assert error[0, 2] == 2 * math.pi  # the caller's array is left alone
 
 
-def test_the_calibration_curve_is_the_diagonal_and_sags_for_the_overconfident():
+def test_the_calibration_curve_is_the_diagonal_and_below_it_if_overconfident():
     claimed, found = consistency.calibration(consistency.nees(*samples()), 3)
     np.testing.assert_allclose(found, claimed, atol=0.03)  # 4 deviations of a share of 4000
     _, sagging = consistency.calibration(consistency.nees(*samples(0.7)), 3)
     assert np.all(sagging < claimed - 0.01)
 
 
-def test_white_innovations_stay_within_the_bound_and_a_drift_does_not():
+def test_white_innovations_stay_within_the_bound_and_a_drift_exceeds_it():
     rng = np.random.default_rng(4)
     white = rng.normal(size=(2000, 2))
     bound = consistency.whiteness_bound(2000, 2)
@@ -66,7 +66,7 @@ def test_white_innovations_stay_within_the_bound_and_a_drift_does_not():
     assert consistency.whiteness(smooth, 1)[0] > 10 * bound
 
 
-def test_bad_questions_are_refused():
+def test_invalid_arguments_are_refused_with_a_message():
     with pytest.raises(InputError, match=r"probability=1\.5"):
         consistency.chi_square_quantile(1.5, 2)
     with pytest.raises(InputError, match="5 innovations are too few"):

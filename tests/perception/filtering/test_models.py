@@ -1,4 +1,4 @@
-"""Motion and measurement models agree with the poses they stand for; roots never fail."""
+"""Motion and measurement models agree with poses; matrix roots exist for every symmetric matrix."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_a_step_is_the_composition_of_poses(seed):
 
 
 @given(seeds)
-def test_a_place_is_seen_where_the_inverse_pose_puts_it(seed):
+def test_range_and_bearing_are_those_by_the_inverse_pose(seed):
     rng = np.random.default_rng(seed)
     pose = Pose2(*rng.normal(size=3))
     places = rng.uniform(-3, 3, (4, 2))
@@ -42,7 +42,7 @@ def test_a_place_is_seen_where_the_inverse_pose_puts_it(seed):
     np.testing.assert_allclose(error, 0.0, atol=1e-9)
 
 
-def test_a_head_askew_and_a_small_lens_shift_what_is_seen():
+def test_pan_offset_and_range_bias_shift_the_measurement():
     state = np.zeros(models.WALKER_SIZE)
     state[models.PAN], state[models.RANGE] = 0.01, -0.5
     seen = models.sighted(state, np.array([[2.0, 0.0], [0.0, 1.0]]), np.array([0.02, 0.04]))
@@ -50,7 +50,7 @@ def test_a_head_askew_and_a_small_lens_shift_what_is_seen():
 
 
 @given(st.floats(-math.pi, math.pi), st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=8))
-def test_the_mean_direction_turns_with_the_directions(turn, directions):
+def test_the_circular_mean_rotates_with_its_directions(turn, directions):
     angles = np.array(directions)
     weights = np.full(len(angles), 1.0 / len(angles))
     mean = models.circular_mean(angles, weights)
@@ -58,13 +58,13 @@ def test_the_mean_direction_turns_with_the_directions(turn, directions):
     assert abs(wrap_angle(float(turned - mean) - turn)) < 1e-9
 
 
-def test_the_mean_of_two_directions_across_the_seam_lies_on_the_seam():
+def test_the_circular_mean_of_two_directions_across_pi_is_pi():
     mean = models.circular_mean(np.array([math.pi - 0.1, -math.pi + 0.1]), np.array([0.5, 0.5]))
     assert math.isclose(abs(float(mean)), math.pi)
 
 
 @given(seeds)
-def test_adding_a_difference_leads_from_one_state_to_the_other(seed):
+def test_a_state_plus_a_difference_is_the_other_state(seed):
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-3, 3, (2, models.WALKER_SIZE))
     there = models.walker_sum(b, models.walker_difference(a, b))
@@ -72,7 +72,7 @@ def test_adding_a_difference_leads_from_one_state_to_the_other(seed):
 
 
 @given(arrays(np.float64, (4, 4), elements=st.floats(-1e3, 1e3)))
-def test_any_symmetric_matrix_has_a_root_and_a_positive_neighbour(matrix):
+def test_every_symmetric_matrix_has_a_root_and_a_positive_definite_neighbour(matrix):
     matrix = matrix + matrix.T
     root = models.square_root(matrix)
     assert np.all(np.isfinite(root))
@@ -82,13 +82,13 @@ def test_any_symmetric_matrix_has_a_root_and_a_positive_neighbour(matrix):
 
 
 @given(arrays(np.float64, (5, 3), elements=st.floats(-10.0, 10.0)))
-def test_the_root_of_a_covariance_squares_to_it_even_when_it_is_flat(rows):
+def test_the_root_of_a_singular_covariance_squares_to_it(rows):
     covariance = rows @ np.diag([1.0, 0.5, 0.0]) @ rows.T  # rank two of five
     root = models.square_root(covariance)
     np.testing.assert_allclose(root.T @ root, covariance, atol=1e-6 * (1 + np.trace(covariance)))
 
 
 @pytest.mark.parametrize("turn", [-7.0, -math.pi, 0.0, 3.0, math.pi, 50.0])
-def test_wrapping_many_angles_is_wrapping_each(turn):
+def test_wrapping_an_array_wraps_each_angle(turn):
     angles = np.array([0.1, -0.2, 3.1]) + turn
     np.testing.assert_allclose(models.wrap_angles(angles), [wrap_angle(float(a)) for a in angles])

@@ -1,4 +1,4 @@
-"""The square-root filter: filterpy's numbers, and a covariance that nothing can spoil."""
+"""The square-root filter: agreement with filterpy, and a covariance that stays positive definite."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def round_mean(entry):
 
 
 def round_difference(entry):
-    """Difference of rows, one entry taken the short way round."""
+    """Difference of rows, one entry wrapped."""
 
     def of(a, b):
         found = a - b
@@ -52,7 +52,7 @@ def covariance(rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def is_covariance(P: np.ndarray) -> bool:
-    """Symmetric, and positive definite when every entry is measured in its own deviation."""
+    """Symmetric, and positive definite after scaling each entry by its standard deviation."""
     sigma = np.sqrt(np.diag(P))
     if not (np.all(np.isfinite(P)) and np.array_equal(P, P.T) and np.all(sigma > 0.0)):
         return False
@@ -67,8 +67,8 @@ def closest(robot: SquareRootFilter, peer: UnscentedKalmanFilter) -> float:
 
 @settings(max_examples=40, deadline=None)
 @given(seeds, st.integers(1, 6), st.integers(1, 4), st.sampled_from([None, 0.1, 0.5, 1.0]))
-def test_random_systems_give_the_numbers_of_filterpy(seed, n, m, alpha):
-    """Bent motion and measurement; small alphas have a negative weight of the centre."""
+def test_random_systems_agree_with_filterpy(seed, n, m, alpha):
+    """Nonlinear motion and measurement; small alphas have a negative weight of the centre."""
     rng = np.random.default_rng(seed)
     A, B = rng.normal(size=(n, n)) / n, rng.normal(size=(m, n))
     P, Q, R, x = covariance(rng, n), covariance(rng, n), covariance(rng, m), rng.normal(size=n)
@@ -98,7 +98,7 @@ def test_random_systems_give_the_numbers_of_filterpy(seed, n, m, alpha):
 
 @settings(max_examples=30, deadline=None)
 @given(seeds)
-def test_angles_wrap_as_filterpy_does_it_with_circular_means(seed):
+def test_angles_agree_with_filterpy_with_circular_means(seed):
     rng = np.random.default_rng(seed)
     x = np.append(rng.normal(size=2), rng.uniform(-math.pi, math.pi))
     P = covariance(rng, 3) * 0.05
@@ -141,7 +141,7 @@ def test_angles_wrap_as_filterpy_does_it_with_circular_means(seed):
 
 @pytest.mark.parametrize("polar", [False, True])
 @pytest.mark.parametrize("count", [1, 16, 100])
-def test_all_movers_at_once_give_what_filterpy_gives_one_by_one(polar, count):
+def test_all_movers_at_once_agree_with_filterpy_one_by_one(polar, count):
     rng = np.random.default_rng(count)
     dt, R, view = 0.2, np.diag([0.01, 0.002]), np.array([-1.0, -1.0, 0.2])
     F, Q = np.eye(4) + dt * np.eye(4, k=2), covariance(rng, 4) * 0.01
@@ -172,7 +172,7 @@ def test_all_movers_at_once_give_what_filterpy_gives_one_by_one(polar, count):
     assert np.abs(roots @ roots.transpose(0, 2, 1) - [peer.P for peer in peers]).max() < 1e-9
 
 
-def test_a_mover_that_nobody_saw_is_only_predicted_and_the_others_do_not_care():
+def test_a_mover_without_a_detection_is_only_predicted():
     means, roots = np.ones((3, 4)), np.tile(np.eye(4), (3, 1, 1))
     seen = np.array([[1.0, 1.0], [np.nan, 1.0], [1.0, 1.0]])
     after, wide, status = step_movers(
@@ -194,8 +194,8 @@ def test_a_mover_that_nobody_saw_is_only_predicted_and_the_others_do_not_care():
     st.lists(st.tuples(powers, powers, powers), min_size=1, max_size=8),
     st.booleans(),
 )
-def test_whatever_the_noise_the_covariance_stays_one(seed, n, m, steps, exact):
-    """From 1e-12 to 1e12, changing from step to step; with `exact`, some of it zero."""
+def test_the_covariance_stays_positive_definite_for_any_noise(seed, n, m, steps, exact):
+    """Noise from 1e-12 to 1e12 in random order; with `exact`, some of it zero."""
     rng = np.random.default_rng(seed)
     B = rng.normal(size=(m, n))
     B[-1] = B[0] * (1.0 + 1e-13)  # nearly the same measurement twice
@@ -211,7 +211,7 @@ def test_whatever_the_noise_the_covariance_stays_one(seed, n, m, steps, exact):
         assert np.all(np.isfinite(robot.mean))
 
 
-def test_the_same_exact_measurement_a_thousand_times_leaves_it_alive():
+def test_an_exact_measurement_repeated_a_thousand_times_leaves_it_positive_definite():
     robot = SquareRootFilter(Gaussian(np.zeros(3), np.eye(3)))
     for _ in range(1000):
         used, _ = robot.update(lambda p: p[:, :1], np.array([1.0]), np.zeros((1, 1)))
@@ -224,7 +224,7 @@ def test_the_same_exact_measurement_a_thousand_times_leaves_it_alive():
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e308])
-def test_a_measurement_that_is_no_number_is_refused_and_changes_nothing(bad):
+def test_a_measurement_that_is_not_finite_changes_nothing(bad):
     robot = SquareRootFilter(Gaussian(np.ones(2), np.eye(2)))
     before = robot.belief
     used, innovation = robot.update(lambda p: p * 1e10, np.array([0.0, bad]), 1e-20 * np.eye(2))
@@ -237,7 +237,7 @@ def test_a_measurement_that_is_no_number_is_refused_and_changes_nothing(bad):
 @pytest.mark.parametrize(
     "noise", [np.diag([1.0, -1.0]), np.full((2, 2), np.nan), np.array([[1.0, 2.0], [2.0, 1.0]])]
 )
-def test_noise_that_is_no_covariance_is_refused_and_changes_nothing(noise):
+def test_noise_that_is_not_a_covariance_changes_nothing(noise):
     robot = SquareRootFilter(Gaussian(np.ones(2), np.eye(2)))
     assert not robot.predict(lambda p: p, noise)
     assert robot.update(lambda p: p, np.zeros(2), noise) == (False, None)
@@ -245,14 +245,14 @@ def test_noise_that_is_no_covariance_is_refused_and_changes_nothing(noise):
     np.testing.assert_array_equal(robot.mean, np.ones(2))
 
 
-def test_a_model_that_breaks_is_refused():
+def test_a_model_that_returns_nan_is_refused():
     robot = SquareRootFilter(Gaussian(np.ones(2), np.eye(2)))
     assert not robot.predict(lambda p: p * np.nan, np.eye(2))
     assert robot.update(lambda p: p * np.inf, np.zeros(2), np.eye(2)) == (False, None)
     np.testing.assert_array_equal(robot.mean, np.ones(2))
 
 
-def test_what_is_outside_the_gate_is_told_and_not_learnt():
+def test_a_measurement_outside_the_gate_is_reported_and_not_used():
     robot = SquareRootFilter(Gaussian(np.zeros(1), np.eye(1)))
     used, innovation = robot.update(lambda p: p, np.array([5.0]), 3.0 * np.eye(1), gate=6.0)
     assert not used
@@ -262,15 +262,15 @@ def test_what_is_outside_the_gate_is_told_and_not_learnt():
 
 
 @pytest.mark.parametrize("alpha", [0.0, math.nan])
-def test_points_in_no_place_are_refused(alpha):
-    with pytest.raises(ConfigError, match="put them nowhere"):
+def test_invalid_sigma_point_parameters_are_refused(alpha):
+    with pytest.raises(ConfigError, match="are invalid"):
         SigmaPoints.scaled(3, alpha)
     with pytest.raises(ConfigError, match="must be finite"):
         SquareRootFilter(Gaussian(np.array([np.nan]), np.eye(1)))
 
 
 @given(seeds, st.integers(1, 6), st.integers(0, 8))
-def test_a_wide_matrix_and_its_triangle_have_the_same_square(seed, rows, more):
+def test_a_wide_matrix_and_its_lower_root_have_the_same_square(seed, rows, more):
     wide = np.random.default_rng(seed).normal(size=(rows, rows + more))
     square = wide @ wide.T
     kernels.lower(wide, rows, rows + more)
@@ -280,7 +280,7 @@ def test_a_wide_matrix_and_its_triangle_have_the_same_square(seed, rows, more):
 
 
 @given(seeds, st.integers(1, 5), st.floats(0.0, 0.999))
-def test_what_is_taken_away_is_gone_and_too_much_is_refused(seed, size, share):
+def test_a_downdate_subtracts_and_refuses_too_much(seed, size, share):
     rng = np.random.default_rng(seed)
     root = np.linalg.cholesky(covariance(rng, size))
     direction = rng.normal(size=size)

@@ -1,4 +1,4 @@
-"""Rooms known on paper: floor, boxes, table, wall, seen by a pinhole camera with known noise."""
+"""Synthetic rooms: floor, boxes, table, wall, seen by a pinhole camera with known noise."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Box = tuple[float, float, float, float, float, float]  # x, y, z ranges in the b
 
 @dataclass(frozen=True)
 class Room:
-    """What the camera sees and what is true."""
+    """What the camera measures and the ground truth."""
 
     depth: Depth
     points: Points
@@ -54,7 +54,7 @@ def see(
     size: tuple[int, int] = (160, 120),
     reach_m: float = 5.0,
 ) -> Room:
-    """A view of a room; noise in parts of 1.2 mm + 1.9 mm (z - 0.4)^2, scale errors as `refine` has them."""
+    """A view of a room; noise in parts of 1.2 mm + 1.9 mm (z - 0.4)^2, scale errors as in `refine`."""
     rng = np.random.default_rng(seed)
     camera = Camera.from_view(*size, np.radians(60.0), np.radians(47.0))
     c, s = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
@@ -89,7 +89,7 @@ def look() -> Callable[..., Room]:
 
 @dataclass(frozen=True)
 class Known:
-    """One frame of a real recording, and the floor that is known of it."""
+    """One frame of a real recording and its known floor."""
 
     points: Points
     floor: Plane

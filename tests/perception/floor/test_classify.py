@@ -1,4 +1,4 @@
-"""Floor, obstacle, hole, overhang: against rooms whose every point is known."""
+"""Classes of points in rooms where every point is known."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ LEVEL = Plane(np.array([0.0, -1.0, 0.0]), 0.4)  # a camera looking ahead, 0.4 m 
 
 
 def at_height(height, z=1.0, sigma=0.001):
-    """Points so high over the floor of `LEVEL`."""
+    """Points at given heights above the floor of `LEVEL`."""
     height = np.atleast_1d(np.asarray(height, dtype=float))
     xyz = np.column_stack([np.zeros_like(height), 0.4 - height, np.full_like(height, z)])
     return Points(xyz, np.full(len(height), sigma), np.arange(len(height)))
 
 
-def test_the_borders_are_those_of_the_seed():
+def test_the_thresholds_are_those_of_seed_003():
     tau = 0.01 + 3.0 * 0.001 * 0.4 / 1.0
     heights = [0.0, tau - 1e-6, tau + 1e-6, 0.559, 0.561, -tau + 1e-6, -tau - 1e-6]
     expected = [FLOOR, FLOOR, OBSTACLE, OBSTACLE, OVERHANG, FLOOR, HOLE]
     np.testing.assert_array_equal(classify(at_height(heights), LEVEL), expected)
 
 
-def test_the_band_grows_with_depth_noise_and_with_what_the_plane_does_not_know():
+def test_the_band_grows_with_depth_noise_and_the_covariance_of_the_plane():
     near, far = at_height(0.0, 1.0, 0.002), at_height(0.0, 3.0, 0.02)
     assert band(near, LEVEL)[0] == pytest.approx(0.01 + 3 * 0.002 * 0.4 / 1.0)
     assert band(far, LEVEL)[0] == pytest.approx(0.01 + 3 * 0.02 * 0.4 / 3.0)
@@ -39,7 +39,7 @@ def test_the_band_grows_with_depth_noise_and_with_what_the_plane_does_not_know()
     assert band(far, tilted)[0] == pytest.approx(expected, rel=1e-6)
 
 
-def test_the_compiled_classes_are_what_numpy_says(look):
+def test_the_compiled_classes_equal_those_of_numpy(look):
     room = look(0, boxes=((0.8, 1.1, -0.2, 0.2, 0.0, 0.2),))
     M = 0.01 * np.random.default_rng(0).normal(size=(3, 3))
     plane = Plane(room.floor.normal, room.floor.offset_m, M @ M.T)
@@ -49,7 +49,7 @@ def test_the_compiled_classes_are_what_numpy_says(look):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_floor_and_boxes_are_told_apart_on_the_floor_that_was_found(look, seed):
+def test_floor_and_boxes_are_separated_by_the_floor_that_is_found(look, seed):
     boxes = ((0.9, 1.2, -0.6, -0.2, 0.0, 0.12), (1.5, 1.8, 0.1, 0.6, 0.0, 0.40))
     room = look(seed, boxes=boxes, reach_m=3.0)
     found = find(room.points, handheld_prior(None), np.random.default_rng(seed))
@@ -63,15 +63,15 @@ def test_floor_and_boxes_are_told_apart_on_the_floor_that_was_found(look, seed):
     assert np.mean(labels[tall] == OBSTACLE) > 0.99
 
 
-def test_impossible_borders_are_refused_in_words():
+def test_invalid_thresholds_are_refused_with_a_message():
     with pytest.raises(ConfigError, match=r"base_m=-0\.01"):
         ClassConfig(base_m=-0.01)
-    with pytest.raises(ConfigError, match="must reach above"):
-        ClassConfig(robot_height_m=0.0, headroom_m=0.0)
+    with pytest.raises(ConfigError, match="must exceed base_m"):
+        ClassConfig(robot_height_m=0.0, base_m=0.2)
 
 
 def front(distance, height, rng, count=4000):
-    """Points of an upright front so far ahead and so high, seen from 0.4 m, with the noise of stereo."""
+    """Points of an upright front, seen from 0.4 m, with the noise of stereo."""
     y = 0.4 - rng.uniform(0.0, height, count)
     x = rng.uniform(-0.2, 0.2, count)
     z = np.full(count, distance)
@@ -81,7 +81,7 @@ def front(distance, height, rng, count=4000):
 
 
 def ground(nearest, farthest, rng, count=20000):
-    """Points of the floor of `LEVEL` between two distances, seen alike."""
+    """Points of the floor of `LEVEL` between two distances, with the same noise."""
     z = rng.uniform(nearest, farthest, count)
     sigma = 0.004 * z**2
     factor = 1.0 + sigma * rng.normal(size=count) / z
@@ -90,7 +90,7 @@ def ground(nearest, farthest, rng, count=20000):
 
 
 @pytest.mark.parametrize("distance", [0.8, 1.5, 2.5])
-def test_the_foot_of_a_thing_is_no_floor_and_the_floor_before_it_is(distance):
+def test_the_foot_of_an_obstacle_is_obstacle_and_the_floor_before_it_is_floor(distance):
     rng = np.random.default_rng(0)
     (thing, thing_sigma), (floor, floor_sigma) = (
         front(distance, 0.3, rng),
@@ -110,7 +110,7 @@ def test_the_foot_of_a_thing_is_no_floor_and_the_floor_before_it_is(distance):
     np.testing.assert_array_equal(labels[plain != FLOOR], plain[plain != FLOOR])
 
 
-def test_under_a_table_the_floor_stays_floor():
+def test_floor_under_a_table_is_floor():
     rng = np.random.default_rng(1)
     floor, sigma = ground(0.5, 2.5, rng)
     x, z = rng.uniform(-0.4, 0.4, 4000), rng.uniform(0.9, 1.6, 4000)

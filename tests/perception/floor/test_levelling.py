@@ -1,4 +1,4 @@
-"""Levelling: the floor seen becomes the floor walked on."""
+"""Levelling: the camera pose is corrected by the measured floor."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from perception.floor.levelling import UP, level, rotation_between, shadow
+from perception.floor.levelling import UP, camera_above_floor, level, rotation_between
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3, head_rotation
 
@@ -21,7 +21,7 @@ def seen_from(T_body_camera: Pose3) -> Plane:
 
 
 @given(angles, st.floats(0.0, 1.2), st.floats(-0.03, 0.03), st.floats(-0.03, 0.03))
-def test_a_wrong_tilt_is_mended_by_the_floor_that_is_seen(pan, tilt, pitch_error, roll_error):
+def test_a_wrong_tilt_is_corrected_by_the_measured_floor(pan, tilt, pitch_error, roll_error):
     true = Pose3.from_rotation(head_rotation(pan, tilt), np.array([0.03, 0.01, 0.40]))
     c, s = math.cos(pitch_error), math.sin(pitch_error)
     pitch = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
@@ -35,9 +35,9 @@ def test_a_wrong_tilt_is_mended_by_the_floor_that_is_seen(pan, tilt, pitch_error
 
 
 @given(angles, st.floats(0.05, 1.5))
-def test_a_camera_in_the_hand_stands_over_its_own_shadow(pan, tilt):
+def test_a_handheld_camera_is_straight_above_its_body_frame(pan, tilt):
     true = Pose3.from_rotation(head_rotation(pan, tilt), np.array([0.0, 0.0, 1.3]))
-    own = shadow(seen_from(true))
+    own = camera_above_floor(seen_from(true))
     axis = own.rotation @ np.array([0.0, 0.0, 1.0])
     np.testing.assert_allclose(own.translation, (0.0, 0.0, 1.3), atol=1e-9)
     assert axis[0] > 0  # it looks along its own x axis

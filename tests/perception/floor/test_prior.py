@@ -1,4 +1,4 @@
-"""Where the floor should be: by joints, by gravity, by habit."""
+"""The prior of the floor by joint angles, by gravity, and for a handheld camera."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_points_of_the_bodys_floor_lie_on_the_kinematic_plane(pan, tilt, height)
     np.testing.assert_allclose(np.sqrt(np.diag(prior.covariance)), [0.02, 0.02, 0.01])
 
 
-def test_gravity_narrows_what_a_hand_may_do():
+def test_gravity_narrows_the_prior_of_a_handheld_camera():
     known = handheld_prior(np.array([0.0, -3.0, -3.0]))
     np.testing.assert_allclose(known.normal, [0.0, -math.sqrt(0.5), -math.sqrt(0.5)])
     unknown = handheld_prior(None)
@@ -33,7 +33,7 @@ def test_gravity_narrows_what_a_hand_may_do():
     assert known.covariance[0, 0] < 0.1 * unknown.covariance[0, 0]
 
 
-def test_the_gate_is_as_wide_as_the_prior_is_unsure_but_never_a_wall():
+def test_the_gate_follows_the_covariance_of_the_prior_and_excludes_walls():
     T = Pose3.from_rotation(head_rotation(0.0, 0.4), np.array([0.0, 0.0, 0.4]))
     narrow = gate(kinematic_prior(T, 0.02, 0.01), 4.0, 1.0, 0.03)
     assert (narrow.tilt_rad, narrow.lowest_m, narrow.highest_m) == pytest.approx((0.08, 0.36, 0.44))
@@ -41,7 +41,7 @@ def test_the_gate_is_as_wide_as_the_prior_is_unsure_but_never_a_wall():
     assert (wide.tilt_rad, wide.lowest_m) == pytest.approx((1.0, 0.03))
 
 
-def test_impossible_priors_are_refused_in_words():
+def test_invalid_priors_are_refused_with_a_message():
     T = Pose3.from_rotation(head_rotation(0.0, 0.4), np.array([0.0, 0.0, 0.4]))
     below = Pose3.from_rotation(head_rotation(0.0, 0.4), np.array([0.0, 0.0, -0.1]))
     with pytest.raises(InputError, match=r"tilt_sigma_rad=0\.0"):

@@ -1,4 +1,4 @@
-"""The fit in inverse depth: exact on paper, covariance as Monte Carlo has it, priors taken in."""
+"""The fit in inverse depth: exact without noise, covariance by Monte Carlo, fusion with a prior."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from perception.depth.points import Points
 from perception.floor import _fit_kernels as kernels
 from perception.floor.refine import RefineConfig, fuse, refine
-from perception.floor.sample import Sample, ScoreConfig, score
+from perception.floor.sample import PENALTY, SHARP, Sample, ScoreConfig, score
 from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
 
-EXACT = RefineConfig(scale_share=0.0, rough_m=0.0)
+EXACT = RefineConfig(unknown_share=0.0, rough_m=0.0)
 WIDE = dataclasses.replace(EXACT, wide_sigmas=60.0, narrow_sigmas=50.0, foot_m=0.0)
 
 
@@ -30,7 +30,7 @@ def patch(rng, normal, height, count=3000):
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(0.2, 1.6))
-def test_points_of_a_plane_give_it_back(roll, pitch, height):
+def test_noise_free_points_give_their_plane(roll, pitch, height):
     normal = np.array([roll, -1.0, pitch - 0.2])
     normal /= np.linalg.norm(normal)
     xyz = patch(np.random.default_rng(0), normal, height)
@@ -42,7 +42,7 @@ def test_points_of_a_plane_give_it_back(roll, pitch, height):
     assert abs(plane.offset_m - height) < 1e-9
 
 
-def test_the_covariance_is_that_of_many_repetitions():
+def test_the_covariance_equals_that_of_many_repetitions():
     normal = np.array([0.05, -0.9, -0.4])
     normal /= np.linalg.norm(normal)
     truth = Plane(normal, 0.4)
@@ -60,7 +60,7 @@ def test_the_covariance_is_that_of_many_repetitions():
     assert np.all((ratio > 0.85) & (ratio < 1.2))  # the noise factor only ever widens
 
 
-def test_noise_that_neighbours_share_widens_the_covariance():
+def test_noise_correlated_between_neighbours_widens_the_covariance():
     rng = np.random.default_rng(2)
     normal = np.array([0.0, -0.9, -0.436])
     normal /= np.linalg.norm(normal)
@@ -76,11 +76,11 @@ def test_noise_that_neighbours_share_widens_the_covariance():
     assert widths[1] > 20.0 * widths[0]  # about 60 points share each patch
 
 
-def test_an_error_of_depth_scale_is_inside_what_is_claimed():
+def test_an_error_of_depth_scale_is_within_the_covariance():
     normal = np.array([0.0, -0.9, -0.436])
     normal /= np.linalg.norm(normal)
     xyz = patch(np.random.default_rng(3), normal, 0.8)
-    config = dataclasses.replace(EXACT, scale_share=0.01)
+    config = dataclasses.replace(EXACT, unknown_share=0.01)
     points = Points(1.01 * xyz, np.full(len(xyz), 0.002), np.arange(len(xyz)))
     plane = refine(points, Plane(normal, 0.8), ScoreConfig(), config).plane
     error = plane.offset_m - 0.8
@@ -88,7 +88,7 @@ def test_an_error_of_depth_scale_is_inside_what_is_claimed():
     assert np.sqrt(plane.covariance[2, 2]) > 0.9 * error  # one deviation of scale is one of height
 
 
-def test_points_on_a_line_are_no_plane():
+def test_collinear_points_give_no_plane():
     t = np.linspace(1.0, 2.0, 500)
     xyz = np.column_stack([0.1 * t, np.full(500, 0.4), t])
     line = Points(xyz[:, [0, 1, 2]], np.full(500, 0.005), np.arange(500))
@@ -120,20 +120,18 @@ def test_fusing_is_the_product_of_two_gaussians(seed):
     assert distance == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_compiled_score_is_what_numpy_says():
+def test_the_compiled_score_equals_that_of_numpy():
     rng = np.random.default_rng(4)
     sample = Sample(*rng.normal(size=(3, 700)), np.abs(rng.normal(0.02, 0.01, 700)))
     plane = Plane(np.array([0.6, -0.8, 0.0]), 0.5)
     config = ScoreConfig()
     d = np.column_stack([sample.x, sample.y, sample.z]) @ plane.normal + plane.offset_m
     t = d / (config.base_m + sample.slack * plane.offset_m)
-    expected = np.maximum(1.0 - (config.sharp * t) ** 2, 0.0).sum() - config.penalty * np.sum(
-        t < -2.0
-    )
+    expected = np.maximum(1.0 - (SHARP * t) ** 2, 0.0).sum() - PENALTY * np.sum(t < -2.0)
     assert score(sample, plane, config) == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_compiled_sums_are_what_numpy_says():
+def test_the_compiled_sums_equal_those_of_numpy():
     rng = np.random.default_rng(5)
     n, rho = np.array([0.1, -0.95, -0.3]), 0.5
     n /= np.linalg.norm(n)
@@ -152,21 +150,19 @@ def test_the_compiled_sums_are_what_numpy_says():
 
 
 @pytest.mark.parametrize(
-    ("values", "said"),
+    ("values", "message"),
     [
-        ({"passes": 1}, "passes=1"),
         ({"narrow_sigmas": 6.0}, "narrow_sigmas=6.0"),
         ({"rough_m": -1.0}, "rough_m=-1.0"),
-        ({"least_points": 2}, "least_points=2"),
     ],
 )
-def test_impossible_settings_are_refused_in_words(values, said):
-    with pytest.raises(ConfigError, match=said):
+def test_invalid_settings_are_refused_with_a_message(values, message):
+    with pytest.raises(ConfigError, match=message):
         RefineConfig(**values)
 
 
-def test_a_stereo_floor_is_fitted_where_its_noise_is_even():
-    """Twin: plain least squares of d = a u + b v + c on the same pixels; in space it is far worse."""
+def test_a_stereo_floor_is_fitted_as_in_disparity_space():
+    """Reference: least squares of d = a u + b v + c on the same pixels; a fit in space is far worse."""
     f, baseline, u0, v0, height = 554.3, 0.04, 319.5, 239.5, 0.45
     normal = np.array([0.03, -0.88, -0.47])
     normal /= np.linalg.norm(normal)

@@ -1,4 +1,4 @@
-"""What is seen whole: a post before a wall, laid across every border that a sensor has."""
+"""Truncation: a post before a wall, at every border of the view."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from perception.depth.points import from_depth
 from perception.depth.reach import ReachConfig
 from perception.floor.classify import OBSTACLE
-from perception.floor.segmented_view import SegmentedView, cut_off
+from perception.floor.segmented_view import SegmentedView, truncated
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
@@ -38,17 +38,17 @@ def post(camera, bearing_m, z_m, half_m=0.1, baseline_m=0.0, blank=False):
 def is_whole(view, others=()):
     front = view.points.xyz[:, 2] < 1.5
     assert front.any()
-    return not cut_off(view, REACH, others)[front].any()
+    return not truncated(view, REACH, others)[front].any()
 
 
-def test_in_the_middle_it_is_whole_and_at_either_side_of_the_image_it_is_not():
+def test_a_post_is_truncated_at_either_side_of_the_image_but_not_in_the_middle():
     assert is_whole(post(WIDE, 0.0, 0.6))
     assert not is_whole(post(WIDE, 0.6, 0.6))
     assert not is_whole(post(WIDE, -0.6, 0.6))
 
 
-def test_a_pair_does_not_see_the_left_border_and_what_ends_there_is_cut():
-    """Nearer than 0.5 m the band without a partner is wider than any margin of the image."""
+def test_a_stereo_pair_truncates_at_the_left_border_of_its_right_image():
+    """Nearer than 0.5 m the band without a match is wider than the image border."""
     middle = -0.36
     assert is_whole(post(WIDE, middle, 0.5))
     assert not is_whole(post(WIDE, middle, 0.5, baseline_m=0.06))
@@ -56,19 +56,19 @@ def test_a_pair_does_not_see_the_left_border_and_what_ends_there_is_cut():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_wider_view_shows_what_lies_beyond_the_border_unless_it_is_blind_there(side):
+def test_a_wider_view_with_depth_beyond_the_border_removes_the_truncation(side):
     near = post(NARROW, side * 0.18, 0.5)
     assert not is_whole(near)
     assert is_whole(near, [post(WIDE, side * 0.18, 0.5)])
     assert not is_whole(near, [post(WIDE, side * 0.18, 0.5, blank=True)])
 
 
-def test_what_comes_nearer_than_the_sensor_measures_may_have_lost_its_front():
+def test_points_at_the_nearest_depth_are_truncated():
     assert is_whole(post(WIDE, 0.0, 0.25, half_m=0.05))
     assert not is_whole(post(WIDE, 0.0, 0.16, half_m=0.05))
 
 
-def test_what_is_half_hidden_by_something_nearer_is_not_whole():
+def test_a_partly_occluded_object_is_truncated():
     view = post(WIDE, 0.0, 0.9)
     front = post(WIDE, 0.15, 0.4)
     z = np.fmin(view.depth.z, front.depth.z)
@@ -79,5 +79,5 @@ def test_what_is_half_hidden_by_something_nearer_is_not_whole():
     )
     behind = np.abs(cloud.xyz[:, 2] - 0.9) < 0.01
     assert behind.any()
-    assert cut_off(both, REACH)[behind].any()
-    assert not cut_off(both, REACH)[np.abs(cloud.xyz[:, 2] - 0.4) < 0.01].any()
+    assert truncated(both, REACH)[behind].any()
+    assert not truncated(both, REACH)[np.abs(cloud.xyz[:, 2] - 0.4) < 0.01].any()

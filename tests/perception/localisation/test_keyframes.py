@@ -1,11 +1,11 @@
-"""Former viewpoints beside a filter that does not know of them: the same as one large filter."""
+"""Keyframe poses beside a filter: equal to one large Kalman filter over both."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.testing import assert_allclose
 
-from perception.localisation.keyframes import Viewpoints
+from perception.localisation.keyframes import KeyframePoses
 from perception.primitives.gaussian import Gaussian
 
 N = 5  # entries of the state; the third is the yaw
@@ -18,7 +18,7 @@ def covariance(rng: np.random.Generator, n: int, scale: float = 1e-3) -> np.ndar
 
 
 class Whole:
-    """The brute-force twin: one Kalman filter over the state and all viewpoints."""
+    """Reference: one Kalman filter over the state and all keyframes."""
 
     def __init__(self, x: Gaussian) -> None:
         self.mean, self.P = x.mean.copy(), x.covariance.copy()
@@ -49,11 +49,11 @@ class Whole:
         return Gaussian(self.mean[:N].copy(), self.P[:N, :N].copy())
 
 
-def walked(seed: int) -> tuple[Viewpoints, Whole, Gaussian, np.random.Generator]:
-    """Move, learn of x alone, clone, again; both told the same."""
+def walked(seed: int) -> tuple[KeyframePoses, Whole, Gaussian, np.random.Generator]:
+    """Predict, update x alone, clone, six times; the same for both."""
     rng = np.random.default_rng(seed)
     x = Gaussian(rng.standard_normal(N) * 0.1, covariance(rng, N))
-    views, whole = Viewpoints(N), Whole(x)
+    views, whole = KeyframePoses(N), Whole(x)
     for _ in range(6):
         F = np.eye(N) + 0.2 * rng.standard_normal((N, N))
         step, Q = 0.05 * rng.standard_normal(N), covariance(rng, N, 3e-4)
@@ -62,21 +62,21 @@ def walked(seed: int) -> tuple[Viewpoints, Whole, Gaussian, np.random.Generator]
         H = np.zeros((2, len(whole.mean)))
         H[:, :N] = 500.0 * rng.standard_normal((2, N))
         whole.learn(H, 0.3 * rng.standard_normal(2))
-        views.moved(x, F, moved, whole.x)
+        views.predict(x, F, moved, whole.x)
         x = whole.x
         noise = covariance(rng, 3, 2e-4)
-        views.add(x, B, noise)
+        views.clone(x, B, noise)
         whole.clone(noise)
     return views, whole, x, rng
 
 
-def test_what_a_filter_learns_alone_reaches_the_viewpoints_as_in_one_filter() -> None:
+def test_updates_of_the_filter_correct_the_keyframes_as_in_one_filter() -> None:
     views, whole, x, _ = walked(0)
     assert_allclose(views.mean, whole.mean[N:], atol=1e-9)
     assert_allclose(views.covariance(x, list(range(6))), whole.P[N:, N:], rtol=1e-5, atol=1e-11)
 
 
-def test_a_measurement_between_viewpoints_reaches_the_state_as_in_one_filter() -> None:
+def test_a_measurement_of_keyframes_corrects_the_state_as_in_one_filter() -> None:
     views, whole, x, rng = walked(1)
     chosen = [5, 1, 3]
     H = 300.0 * rng.standard_normal((4, 9))
@@ -84,7 +84,7 @@ def test_a_measurement_between_viewpoints_reaches_the_state_as_in_one_filter() -
     wide = np.zeros((4, len(whole.mean)))
     for k, index in enumerate(chosen):
         wide[:, N + 3 * index : N + 3 * index + 3] = H[:, 3 * k : 3 * k + 3]
-    after = views.learn(x, chosen, H, innovation)
+    after = views.update(x, chosen, H, innovation)
     whole.learn(wide, innovation)
     assert_allclose(after.mean, whole.mean[:N], atol=1e-8)
     assert_allclose(after.covariance, whole.P[:N, :N], rtol=1e-5, atol=1e-10)
@@ -92,7 +92,7 @@ def test_a_measurement_between_viewpoints_reaches_the_state_as_in_one_filter() -
     assert_allclose(views.covariance(after, list(range(6))), whole.P[N:, N:], rtol=1e-4, atol=1e-10)
 
 
-def test_a_forgotten_viewpoint_changes_no_other() -> None:
+def test_dropping_a_keyframe_leaves_the_others_unchanged() -> None:
     views, whole, x, _ = walked(2)
     views.drop(2)
     kept = [k for k in range(len(whole.mean)) if not N + 6 <= k < N + 9]
@@ -102,25 +102,25 @@ def test_a_forgotten_viewpoint_changes_no_other() -> None:
     assert_allclose(views.covariance(x, list(range(5))), left, rtol=1e-5, atol=1e-11)
 
 
-def test_the_joint_covariance_stays_positive_over_a_long_walk() -> None:
+def test_the_joint_covariance_stays_positive_over_a_long_run() -> None:
     views, _, x, rng = walked(3)
     for _ in range(200):
         F = np.eye(N) + 0.01 * rng.standard_normal((N, N))
         moved = Gaussian(F @ x.mean, F @ x.covariance @ F.T + covariance(rng, N, 1e-4))
-        views.moved(x, F, moved, moved)
-        x = views.learn(moved, [0, 5], 1e3 * rng.standard_normal((3, 6)), np.zeros(3))
+        views.predict(x, F, moved, moved)
+        x = views.update(moved, [0, 5], 1e3 * rng.standard_normal((3, 6)), np.zeros(3))
         assert np.linalg.eigvalsh(x.covariance).min() > 0.0
         assert np.linalg.eigvalsh(views.covariance(x, list(range(6)))).min() > 0.0
 
 
-def test_a_walker_carried_elsewhere_does_not_take_the_map_along() -> None:
+def test_a_reset_of_the_filter_does_not_move_the_keyframes() -> None:
     views, _, x, _ = walked(4)
     before, certain = views.mean.copy(), views.covariance(x, list(range(6)))
     there = x.mean.copy()
     there[0] += 0.5
-    views.learnt(x, Gaussian(there, x.covariance))
+    views.correct(x, Gaussian(there, x.covariance))
     assert_allclose(views.mean, before)
     assert_allclose(views.covariance(x, list(range(6))), certain, rtol=1e-9)
     widened = Gaussian(there, 100.0 * x.covariance)
-    views.learnt(Gaussian(there, x.covariance), widened)
+    views.correct(Gaussian(there, x.covariance), widened)
     assert_allclose(views.covariance(widened, list(range(6))), certain, rtol=1e-9)

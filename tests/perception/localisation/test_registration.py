@@ -1,4 +1,4 @@
-"""Registration in rooms made of lines: what can be told is told, and no more."""
+"""Scan registration in rooms made of line segments."""
 
 from __future__ import annotations
 
@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 from perception.filtering import models
-from perception.localisation.filter import LocaliserConfig, PoseFilter, process_noise
-from perception.localisation.registration import Registration, RegistrationConfig, motion
+from perception.localisation.filter import PoseFilter
+from perception.localisation.localiser_noise import (
+    LocaliserConfig,
+    linearised_motion,
+    process_noise,
+)
+from perception.localisation.registration import (
+    REJECTED_SCANS,
+    Registration,
+    RegistrationConfig,
+)
 from perception.localisation.scan import Scan
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Imu, StepOdometry
@@ -31,7 +40,7 @@ def seen(
     pan: float,
     rng: np.random.Generator,
 ) -> Scan:
-    """Fronts of walls within reach and the view of a sensor turned by pan, exactly as rays meet them."""
+    """Scan of the walls within range and field of view of a sensor turned by pan, by exact ray casting."""
     bearings = pan + np.linspace(-HALF_VIEW, HALF_VIEW, 80)
     rays = np.column_stack([np.cos(bearings), np.sin(bearings)])
     to_walls = apparent.inverse()
@@ -53,7 +62,7 @@ def seen(
 
 
 class Body:
-    """Walks in circles: truth, and what legs, gyro and a trembling eye say."""
+    """Walks in circles: ground truth, odometry, gyro and the pose of a swaying sensor."""
 
     def __init__(self, seed: int, start: Pose2, turn_rad: float) -> None:
         self.rng = np.random.default_rng(seed)
@@ -61,7 +70,7 @@ class Body:
         self.turn_rad = turn_rad
         self.drift = self.rng.uniform(-0.2, 0.2) * DEG
         self.bias = 0.005 * self.rng.standard_normal()
-        self.askew = 0.3 * DEG * self.rng.standard_normal()
+        self.pan_offset = 0.3 * DEG * self.rng.standard_normal()
 
     def step(self, still: bool) -> tuple[StepOdometry, Imu]:
         """Half a footstep; standing at first."""
@@ -81,9 +90,9 @@ class Body:
         )
 
     def apparent(self) -> Pose2:
-        """Where its scan seems to be taken from."""
-        ahead, aside, turn = self.rng.standard_normal(3) * [0.0033, 0.0048, 0.4 * DEG]
-        return self.true @ Pose2(float(ahead), float(aside), float(turn) + self.askew)
+        """The pose that its scan seems to be taken from."""
+        ahead, lateral, turn = self.rng.standard_normal(3) * [0.0033, 0.0048, 0.4 * DEG]
+        return self.true @ Pose2(float(ahead), float(lateral), float(turn) + self.pan_offset)
 
 
 def walk(
@@ -99,11 +108,11 @@ def walk(
         odometry, imu = body.step(still=k < 8)
         before = filter.state
         filter.predict(odometry, imu, 0.325)
-        map.moved(localiser, before, odometry, 0.325, filter.state)
+        map.predict(localiser, before, odometry, 0.325, filter.state)
         if on:
             pan = (0.0, 0.7, 0.0, -0.7)[k % 4]
             state, _ = map.register(filter.state, seen(ROOM, body.apparent(), pan, body.rng), pan)
-            filter.believe(state)
+            filter.set_state(state)
         error = filter.pose.mean - body.true.vector
         error[2] = wrap_angle(float(error[2]))
         errors.append(error)
@@ -111,7 +120,7 @@ def walk(
     return np.array(errors), np.array(covariances), map
 
 
-def test_a_room_without_any_marker_keeps_the_walker_from_getting_lost() -> None:
+def test_registration_bounds_the_drift_without_landmarks() -> None:
     errors = np.concatenate([walk(seed)[0][80:] for seed in range(3)])
     lost = np.concatenate([walk(seed, on=False)[0][80:] for seed in range(3)])
     position, heading = (
@@ -123,8 +132,8 @@ def test_a_room_without_any_marker_keeps_the_walker_from_getting_lost() -> None:
     assert position < 0.5 * np.sqrt(np.mean(lost[:, :2] ** 2) * 2)
 
 
-def test_it_claims_neither_too_much_nor_far_too_little() -> None:
-    """Maps made of one's own poses tempt to count twice; over eight walks the mean NEES must not show it."""
+def test_the_pose_is_consistent_with_its_covariance() -> None:
+    """A map of one's own poses may count information twice; the mean NEES over eight walks must not show it."""
     means = []
     for seed in range(8):
         errors, covariances, _ = walk(seed, 100)
@@ -134,7 +143,7 @@ def test_it_claims_neither_too_much_nor_far_too_little() -> None:
     assert 0.9 < float(np.mean(means)) < 4.9  # 3 if consistent; 95 % of eight samples: 1.6 to 4.9
 
 
-def test_a_single_wall_tells_distance_and_heading_but_not_the_way_along() -> None:
+def test_a_single_wall_leaves_the_position_along_it_unobservable() -> None:
     rng = np.random.default_rng(0)
     filter = PoseFilter(Gaussian(np.array([0.0, 0.0, math.pi / 2]), START), [])
     map = Registration()
@@ -142,7 +151,7 @@ def test_a_single_wall_tells_distance_and_heading_but_not_the_way_along() -> Non
     state = filter.state
     wide = state.covariance.copy()
     wide[:3, :3] += np.diag([0.05, 0.05, 3 * DEG]) ** 2
-    map.viewpoints.part(state)
+    map.keyframes.decorrelate(state)
     after, report = map.register(
         Gaussian(state.mean, wide), seen(WALL, Pose2(0.0, 0.0, math.pi / 2), 0.0, rng)
     )
@@ -153,7 +162,7 @@ def test_a_single_wall_tells_distance_and_heading_but_not_the_way_along() -> Non
     assert turn < 1.0 * DEG
 
 
-def test_half_the_places_on_something_new_do_not_draw_it_aside() -> None:
+def test_a_new_object_in_half_of_the_scan_does_not_bias_the_pose() -> None:
     rng = np.random.default_rng(1)
     here = Pose2(1.0, 0.9, 0.1)
     filter = PoseFilter(Gaussian(here.vector, START), [])
@@ -166,8 +175,8 @@ def test_half_the_places_on_something_new_do_not_draw_it_aside() -> None:
     assert np.linalg.norm(after.mean[:2] - here.vector[:2]) < 0.006
 
 
-def test_a_scan_of_another_place_is_not_believed() -> None:
-    """A foot beside, the walker sure of itself: gated, counted, nothing learnt, nothing remembered."""
+def test_a_scan_of_another_place_is_rejected() -> None:
+    """Displaced by a foot with a certain pose: gated, nothing updated, no keyframe added."""
     rng = np.random.default_rng(2)
     here = Pose2(1.0, 0.9, 0.1)
     filter = PoseFilter(Gaussian(here.vector, START), [])
@@ -179,7 +188,7 @@ def test_a_scan_of_another_place_is_not_believed() -> None:
     assert np.array_equal(after.mean, filter.state.mean)
 
 
-def test_carried_a_little_it_doubts_itself_and_finds_its_place() -> None:
+def test_after_a_small_displacement_it_recovers_the_pose() -> None:
     rng = np.random.default_rng(3)
     here = Pose2(1.0, 0.9, 0.1)
     filter = PoseFilter(Gaussian(here.vector, START), [])
@@ -190,44 +199,44 @@ def test_carried_a_little_it_doubts_itself_and_finds_its_place() -> None:
     for k in range(50):
         before = filter.state
         filter.predict(StepOdometry(Pose2(), 0.0), None, 0.3)
-        map.moved(filter.config, before, StepOdometry(Pose2(), 0.0), 0.3, filter.state)
+        map.predict(filter.config, before, StepOdometry(Pose2(), 0.0), 0.3, filter.state)
         pan = (0.0, 0.7, -0.7)[k % 3]
         state, _ = map.register(filter.state, seen(ROOM, there, pan, rng), pan)
-        filter.believe(state)
+        filter.set_state(state)
     error = filter.pose.mean - there.vector
     assert np.linalg.norm(error[:2]) < 0.02
     assert abs(error[2]) < 1.0 * DEG
 
 
-def test_a_map_against_the_landmarks_is_given_up() -> None:
+def test_a_map_that_contradicts_the_landmarks_is_dropped() -> None:
     rng = np.random.default_rng(4)
     here = Pose2(1.0, 0.9, 0.1)
     filter = PoseFilter(Gaussian(here.vector, START), [])
     map = Registration()
     map.register(filter.state, seen(ROOM, here @ Pose2(0.05, 0.04, 3 * DEG), 0.0, rng))
-    for _ in range(map.config.doubt_after + 1):
+    for _ in range(REJECTED_SCANS + 1):
         state, report = map.register(filter.state, seen(ROOM, here, 0.0, rng), anchored=True)
         assert np.allclose(state.covariance, filter.state.covariance, rtol=0.5)
-    assert report.outcome in ("new", "used")  # a map begun anew
+    assert report.outcome in ("new", "used")  # a new map
 
 
-def test_the_same_walk_gives_the_same_bits() -> None:
+def test_estimates_are_reproducible_bit_for_bit() -> None:
     assert np.array_equal(walk(5, 40)[0], walk(5, 40)[0])
 
 
-def test_memory_is_bounded() -> None:
-    _, _, map = walk(6, 120, config=RegistrationConfig(most_keyframes=3, new_share=1.0))
-    assert len(map.viewpoints) == 3
+def test_the_number_of_keyframes_is_bounded() -> None:
+    _, _, map = walk(6, 120, config=RegistrationConfig(most_keyframes=3))
+    assert len(map.keyframes) == 3
 
 
-def test_motion_is_that_of_the_models_to_first_order() -> None:
-    """The Jacobian against differences of the model itself."""
+def test_linearised_motion_agrees_with_the_motion_model() -> None:
+    """The Jacobian against finite differences of the motion model."""
     rng = np.random.default_rng(7)
     x = rng.standard_normal(models.WALKER_SIZE) * 0.01
     x[models.YAW] = 0.7
     odometry = StepOdometry(Pose2(0.03, 0.01, 0.1), 0.6)
     P = np.eye(models.WALKER_SIZE) * 1e-4
-    F, predicted = motion(LocaliserConfig(), Gaussian(x, P), odometry, 0.3)
+    F, predicted = linearised_motion(LocaliserConfig(), Gaussian(x, P), odometry, 0.3)
     for k in range(models.WALKER_SIZE):
         up, down = x.copy(), x.copy()
         up[k] += 1e-5
@@ -241,8 +250,6 @@ def test_motion_is_that_of_the_models_to_first_order() -> None:
     assert np.allclose(predicted.covariance, F @ P @ F.T + Q, atol=1e-12)
 
 
-def test_impossible_figures_are_refused() -> None:
-    with pytest.raises(ConfigError, match="gate_m"):
-        RegistrationConfig(gate_m=-1.0)
-    with pytest.raises(ConfigError, match="gate_probability"):
-        RegistrationConfig(gate_probability=1.0)
+def test_a_map_without_keyframes_is_refused() -> None:
+    with pytest.raises(ConfigError, match="most_keyframes=0"):
+        RegistrationConfig(most_keyframes=0)

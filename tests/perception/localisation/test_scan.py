@@ -1,4 +1,4 @@
-"""Fronts of what stands: where surfaces are, where they face, and what is no surface."""
+"""Scans: position and normal of surfaces, and points that belong to none."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perception.localisation.scan import ScanConfig, joined, scan
-from perception.primitives.errors import ConfigError
+from perception.localisation.scan import SHARED_SIGMA_M, joined, scan
 from perception.primitives.pose import Pose2
 
 EYE = np.zeros(2)
@@ -19,7 +18,7 @@ EYE = np.zeros(2)
 def wall(
     distance_m: float, turn_rad: float = 0.0, noise_m: float = 0.0, seed: int = 0
 ) -> np.ndarray:
-    """Points of an upright plane, 1.6 m wide, seen from the origin: half a degree apart, 20 high."""
+    """Points of a vertical plane, 1.6 m wide, seen from the origin: a quarter of a degree apart, 20 high."""
     rng = np.random.default_rng(seed)
     bearings = np.repeat(np.radians(np.arange(-20.0, 20.0, 0.25)), 20)
     normal = np.array([-math.cos(turn_rad), -math.sin(turn_rad)])
@@ -32,36 +31,36 @@ def wall(
 
 @given(st.floats(0.6, 2.5), st.floats(-0.7, 0.7))
 @settings(max_examples=30, deadline=None)
-def test_a_wall_is_found_where_it_is_and_faces_the_sensor(distance: float, turn: float) -> None:
+def test_a_wall_has_the_right_position_and_normal(distance: float, turn: float) -> None:
     points = wall(distance, turn)
     found = scan(points, np.full(len(points), 0.005), EYE)
     normal = np.array([-math.cos(turn), -math.sin(turn)])
     assert len(found) >= 15
-    off = (found.places - np.array([distance, 0.0])) @ normal
+    off = (found.points - np.array([distance, 0.0])) @ normal
     assert np.abs(off).max() < 1e-3
     assert (found.normals @ normal).min() > math.cos(math.radians(2.0))
 
 
-def test_many_points_are_surer_than_one() -> None:
+def test_the_standard_deviation_of_many_points_agrees_with_the_errors() -> None:
     errors, claimed = [], []
     for seed in range(20):
         points = wall(2.0, 0.0, 0.005, seed)
-        found = scan(points, np.full(len(points), 0.005), EYE, ScanConfig(shared_sigma_m=1e-6))
-        errors += list(found.places[:, 0] - 2.0)
-        claimed += list(found.sigmas)
+        found = scan(points, np.full(len(points), 0.005), EYE)
+        errors += list(found.points[:, 0] - 2.0)
+        claimed += list(np.sqrt(found.sigmas**2 - SHARED_SIGMA_M**2))
     spread = float(np.std(errors))
     assert spread < 0.0015
     assert spread == pytest.approx(float(np.mean(claimed)), rel=0.25)
 
 
-def test_the_top_of_a_table_is_no_front() -> None:
-    """A level surface fills no thin layer in any direction, however many points it has."""
+def test_the_top_of_a_table_is_not_in_the_scan() -> None:
+    """The points of a horizontal surface fill no thin range interval at any bearing."""
     x, y = np.meshgrid(np.linspace(0.6, 1.6, 120), np.linspace(-0.4, 0.4, 120))
     points = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.3)])
     assert len(scan(points, np.full(len(points), 0.005), EYE)) == 0
 
 
-def test_what_lies_too_low_or_too_high_is_left_out() -> None:
+def test_points_too_low_or_too_high_are_ignored() -> None:
     points = wall(1.5)
     for height in (0.0, 2.0):
         moved = points.copy()
@@ -69,30 +68,23 @@ def test_what_lies_too_low_or_too_high_is_left_out() -> None:
         assert len(scan(moved, np.full(len(points), 0.005), EYE)) == 0
 
 
-def test_what_is_not_finite_is_left_out() -> None:
+def test_points_that_are_not_finite_are_ignored() -> None:
     points, sigma = wall(1.5), np.full(len(wall(1.5)), 0.005)
     clean = scan(points, sigma, EYE)
     bad = np.vstack([points, [[np.nan, 0.0, 0.2], [np.inf, 1.0, 0.2], [1.0, 0.0, 0.2]]])
     found = scan(bad, np.concatenate([sigma, [0.005, 0.005, 0.0]]), EYE)
-    assert np.array_equal(found.places, clean.places)
+    assert np.array_equal(found.points, clean.points)
 
 
-def test_nothing_is_an_empty_scan() -> None:
+def test_no_points_give_an_empty_scan() -> None:
     assert len(scan(np.zeros((0, 3)), np.zeros(0), EYE)) == 0
     assert len(joined([])) == 0
 
 
-def test_a_scan_moves_with_its_pose() -> None:
+def test_a_scan_is_transformed_by_a_pose() -> None:
     points = wall(1.5)
     one = scan(points, np.full(len(points), 0.005), EYE)
     both = joined([one, one]).at(Pose2(1.0, 2.0, math.pi / 2))
     assert len(both) == 2 * len(one)
-    assert np.allclose(both.places[: len(one), 1], 2.0 + one.places[:, 0])
+    assert np.allclose(both.points[: len(one), 1], 2.0 + one.points[:, 0])
     assert np.allclose(both.normals[: len(one), 1], one.normals[:, 0])
-
-
-def test_impossible_figures_are_refused() -> None:
-    with pytest.raises(ConfigError, match="layer_m"):
-        ScanConfig(layer_m=0.0)
-    with pytest.raises(ConfigError, match="lowest_m"):
-        ScanConfig(lowest_m=1.0)

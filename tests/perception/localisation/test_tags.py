@@ -1,4 +1,4 @@
-"""Tags drawn at a known pose are found where they are, as surely as the covariance says."""
+"""Tags drawn at known poses: detected position and its covariance."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def draw(
 
 
 def tag_in_body(distance: float, bearing: float, height: float, slant: float) -> Pose3:
-    """An upright tag that faces the robot, turned away by the slant."""
+    """A vertical tag that faces the robot, turned by the slant."""
     facing = bearing + math.pi + slant
     out = np.array([math.cos(facing), math.sin(facing), 0.0])
     up = np.array([0.0, 0.0, 1.0])
@@ -74,7 +74,7 @@ def square() -> np.ndarray:
 @pytest.mark.parametrize(
     ("distance", "slant_deg", "limit_px"), [(0.8, 0, 0.04), (1.5, 30, 0.06), (2.5, 20, 0.15)]
 )
-def test_corners_are_found_to_a_fraction_of_a_pixel(distance, slant_deg, limit_px):
+def test_corners_are_located_to_a_fraction_of_a_pixel(distance, slant_deg, limit_px):
     rng = np.random.default_rng(1)
     errors = []
     for _ in range(6):
@@ -86,8 +86,8 @@ def test_corners_are_found_to_a_fraction_of_a_pixel(distance, slant_deg, limit_p
     assert np.sqrt(np.mean(np.square(errors))) < limit_px
 
 
-def test_edges_undo_what_blur_does_to_corners():
-    """A corner finder draws blurred corners inward; lines through the edges do not."""
+def test_blur_does_not_shrink_the_tag():
+    """A corner detector moves blurred corners inward; lines through the edges do not."""
     rng = np.random.default_rng(2)
     T_camera_tag = head().inverse() @ tag_in_body(1.2, 0.0, 0.45, 0.0)
     true = CAMERA.project(T_camera_tag.apply(square()))
@@ -98,15 +98,15 @@ def test_edges_undo_what_blur_does_to_corners():
     assert np.abs(np.sum((corners - true) * inward, axis=1)).max() < 0.1
 
 
-def test_a_square_without_clear_edges_has_no_corners():
+def test_a_square_without_visible_edges_has_no_corners():
     flat = np.full((60, 60), 128, np.uint8)
     corners = np.array([[10.0, 10.0], [40.0, 10.0], [40.0, 40.0], [10.0, 40.0]])
-    assert tag_edges.refine(flat, corners) is None
+    assert tag_edges.refine_corners(flat, corners) is None
 
 
 @pytest.mark.parametrize("side", range(4))
-def test_a_tag_that_something_light_covers_a_little_is_not_taken_for_one_farther_off(side):
-    """The edge of what stands before it is straight, and passes for the tag's own."""
+def test_a_partly_occluded_tag_is_ignored(side):
+    """The straight edge of a bright occluder is mistaken for the tag's own."""
     rng = np.random.default_rng(side)
     T_camera_tag = head().inverse() @ tag_in_body(1.2, 0.0, 0.45, 0.0)
     rgb = draw(CAMERA, [(3, T_camera_tag)], rng)
@@ -126,11 +126,11 @@ def test_a_tag_that_something_light_covers_a_little_is_not_taken_for_one_farther
     rgb[before] = 215
     detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50))
     _, identities, _ = detector.detectMarkers(np.ascontiguousarray(rgb[..., 0]))
-    assert np.ravel(identities).tolist() == [3]  # it can still be read
+    assert np.ravel(identities).tolist() == [3]  # the tag is still decoded
     assert find_corners(rgb) == []
 
 
-def test_several_tags_come_in_order_and_strangers_are_ignored():
+def test_several_tags_come_in_order_and_unknown_ones_are_ignored():
     rng = np.random.default_rng(3)
     tags = [(9, 0.25), (4, 0.0), (30, -0.25)]
     seen = [(i, head().inverse() @ tag_in_body(1.2, b, 0.45, 0.0)) for i, b in tags]
@@ -140,14 +140,14 @@ def test_several_tags_come_in_order_and_strangers_are_ignored():
     np.testing.assert_allclose(found[1].measured, [1.2, 0.25], atol=0.02)
 
 
-def test_the_same_tag_twice_tells_nothing():
+def test_a_tag_seen_twice_is_ignored():
     rng = np.random.default_rng(4)
     seen = [(4, head().inverse() @ tag_in_body(1.2, b, 0.45, 0.0)) for b in (-0.2, 0.2)]
     known = [Landmark(4, (1.0, 2.0, 0.45), SIDE_M)]
     assert detect(ColourView(draw(CAMERA, seen, rng), CAMERA, head()), known) == []
 
 
-def test_a_tag_at_another_height_than_its_own_is_not_it():
+def test_a_tag_at_the_wrong_height_is_ignored():
     rng = np.random.default_rng(5)
     image = draw(CAMERA, [(4, head().inverse() @ tag_in_body(1.2, 0.1, 0.45, 0.0))], rng)
     right = detect(ColourView(image, CAMERA, head()), [Landmark(4, (0.0, 0.0, 0.45), SIDE_M)])
@@ -156,12 +156,12 @@ def test_a_tag_at_another_height_than_its_own_is_not_it():
     assert wrong == []
 
 
-def test_an_empty_picture_has_no_sightings():
+def test_an_empty_image_has_no_sightings():
     rgb = np.full((240, 320, 3), 90, np.uint8)
     assert detect(ColourView(rgb, CAMERA, head()), [Landmark(4, (0.0, 0.0, 0.4), SIDE_M)]) == []
 
 
-def test_a_head_turned_aside_sees_the_same_bearing():
+def test_the_bearing_does_not_depend_on_the_pan_of_the_head():
     rng = np.random.default_rng(6)
     aside = head(pan=0.8, tilt=0.2)
     image = draw(CAMERA, [(4, aside.inverse() @ tag_in_body(1.3, 0.9, 0.40, 0.0))], rng)
@@ -169,7 +169,7 @@ def test_a_head_turned_aside_sees_the_same_bearing():
     np.testing.assert_allclose(seen.measured, [1.3, 0.9], atol=0.01)
 
 
-def test_a_square_bent_out_of_shape_is_refused():
+def test_a_distorted_square_is_refused():
     T_camera_tag = head().inverse() @ tag_in_body(1.0, 0.0, 0.45, 0.0)
     corners = CAMERA.project(T_camera_tag.apply(square()))
     assert tag_centre(corners, SIDE_M, CAMERA, LandmarkConfig()) is not None
@@ -178,8 +178,8 @@ def test_a_square_bent_out_of_shape_is_refused():
 
 
 @pytest.mark.parametrize("distance", [0.7, 1.2, 1.8])
-def test_the_centre_is_as_sure_as_corner_noise_makes_it(distance):
-    """Corners with just the noise assumed; lens distortion included."""
+def test_the_centre_is_consistent_with_its_covariance(distance):
+    """Corners with exactly the modelled noise, and a distorted lens."""
     rng = np.random.default_rng(7)
     camera = Camera(320, 240, 277.0, 277.0, 159.5, 119.5, (-0.2, 0.05, 0.001, -0.001, 0.0))
     config = LandmarkConfig(corner_sigma_px=0.1, smallest_side_px=8.0)
@@ -196,8 +196,8 @@ def test_the_centre_is_as_sure_as_corner_noise_makes_it(distance):
     assert low < consistency.nees(np.array(errors), np.array(covariances)).mean() < high
 
 
-def test_sightings_with_an_erring_head_are_as_sure_as_they_say():
-    """From picture to range and bearing; the range may be surer than said, never less sure."""
+def test_sightings_with_head_errors_are_consistent_with_their_covariance():
+    """From image to range and bearing; the range may be more certain than its covariance, never less."""
     rng = np.random.default_rng(8)
     config = LandmarkConfig(smallest_side_px=12.0)
     errors, covariances = [], []
@@ -228,11 +228,11 @@ def test_sightings_with_an_erring_head_are_as_sure_as_they_say():
     assert consistency.nees(error, P).mean() < consistency.band(2, n, 0.999)[1]
 
 
-def test_a_camera_nowhere_on_the_body_is_told():
+def test_a_view_without_the_camera_pose_is_refused():
     with pytest.raises(InputError, match="no T_body_camera"):
         detect(ColourView(np.zeros((240, 320, 3), np.uint8), CAMERA), [])
 
 
-def test_a_noise_that_cannot_be_is_refused():
+def test_an_impossible_noise_is_refused():
     with pytest.raises(ConfigError, match=r"corner_sigma_px=0\.0"):
         LandmarkConfig(corner_sigma_px=0.0)

@@ -1,4 +1,4 @@
-"""Two engines of one filter: filterpy's and the compiled one give the same walker."""
+"""filterpy and the compiled square-root filter give the same estimates."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from perception.filtering import models
-from perception.localisation.filter import LocaliserConfig, PoseFilter
-from perception.localisation.ukf_backends import ENGINES, engine, sighted_all, walk_all
+from perception.localisation.filter import PoseFilter
+from perception.localisation.localiser_noise import LocaliserConfig
+from perception.localisation.ukf_backends import BACKENDS, measure_all, predict_all, ukf_backend
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.gaussian import Gaussian
@@ -27,11 +28,11 @@ UP = np.array([0.0, 0.0, 9.81])
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_a_walk_is_the_same_for_both_engines(seed):
-    """Turns all round, sightings, gyro, gaps in all of them, a kidnapping: the same to the last digits."""
+def test_both_backends_give_the_same_estimates(seed):
+    """Turns, sightings, gyro, gaps in all of them and a kidnapping: the same to the last digits."""
     rng = np.random.default_rng(seed)
     start = Gaussian(np.append(rng.normal(size=2) * 0.1, rng.uniform(-3, 3)), np.eye(3) * 1e-3)
-    robots = [PoseFilter(start, MARKS, LocaliserConfig(engine=name)) for name in ENGINES]
+    robots = [PoseFilter(start, MARKS, LocaliserConfig(backend=name)) for name in BACKENDS]
     true = Pose2(*start.mean.tolist())
     for k in range(40):
         step = Pose2(0.03, 0.0, rng.uniform(-0.2, 0.2))
@@ -59,12 +60,12 @@ def test_a_walk_is_the_same_for_both_engines(seed):
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(-0.3, 0.3), st.floats(0.0, 1.0))
-def test_all_points_at_once_move_and_see_as_one_by_one(seed, turn, steps):
+def test_vectorised_models_agree_with_the_scalar_models(seed, turn, steps):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(5, models.WALKER_SIZE))
     motion, places, sigmas = Pose2(0.05, 0.01, turn), rng.normal(size=(3, 2)), rng.uniform(size=3)
     for point, moved, seen in zip(
-        points, walk_all(points, motion, steps), sighted_all(points, places, sigmas), strict=True
+        points, predict_all(points, motion, steps), measure_all(points, places, sigmas), strict=True
     ):
         assert (
             np.abs(models.walker_difference(moved, models.walk(point, 0.0, motion, steps))).max()
@@ -74,24 +75,24 @@ def test_all_points_at_once_move_and_see_as_one_by_one(seed, turn, steps):
         assert np.abs(models.sighting_difference(seen, expected)).max() < 1e-12
 
 
-@pytest.mark.parametrize("name", ENGINES)
-def test_what_it_believes_is_what_it_was_told(name):
+@pytest.mark.parametrize("name", BACKENDS)
+def test_the_initial_state_is_returned_unchanged(name):
     mean = np.arange(float(models.WALKER_SIZE)) / 10.0
     P = np.diag(mean + 0.1) * 1e-3
-    believed = engine(name, Gaussian(mean, P)).belief
+    believed = ukf_backend(name, Gaussian(mean, P)).state
     np.testing.assert_allclose(believed.mean, mean)
     np.testing.assert_allclose(believed.covariance, P, rtol=1e-12)
 
 
-def test_an_unknown_engine_is_refused():
-    with pytest.raises(ConfigError, match="engine='fast' is unknown; choose one of"):
-        LocaliserConfig(engine="fast")
+def test_an_unknown_backend_is_refused():
+    with pytest.raises(ConfigError, match="backend='fast' is unknown; choose one of"):
+        LocaliserConfig(backend="fast")
     with pytest.raises(ConfigError, match="unknown"):
-        engine("fast", Gaussian(np.zeros(models.WALKER_SIZE), np.eye(models.WALKER_SIZE)))
+        ukf_backend("fast", Gaussian(np.zeros(models.WALKER_SIZE), np.eye(models.WALKER_SIZE)))
 
 
-def test_the_compiled_engine_lives_through_what_is_nearly_singular():
-    """A thousand sightings without noise of a robot that stands: what is left is tiny, positive, and finite."""
+def test_the_compiled_backend_survives_a_nearly_singular_covariance():
+    """A thousand noise-free sightings while standing: the covariance stays tiny, positive and finite."""
     robot = PoseFilter(Gaussian(np.zeros(3), np.eye(3) * 1e-4), MARKS)
     exact = [
         Sighting(

@@ -1,4 +1,4 @@
-"""Round things of which a part is seen: circles drawn, with known middles."""
+"""Circle fits to parts of simulated circles with known centres."""
 
 import math
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from perception.obstacles.circle_fit import FrontConfig, fit
-from perception.obstacles.clustering import ClusterConfig, cluster
-from perception.primitives.errors import ConfigError
+from perception.obstacles import clustering
+from perception.obstacles.circle_fit import fit
+from perception.obstacles.clustering import cluster
 
 SENSOR = np.array([0.03, 0.01])
 PITCH = math.radians(0.25)
@@ -16,7 +16,7 @@ NOISE_M = 0.006
 
 
 def seen(distance_of, first_deg, last_deg, rng, rows=20):
-    """Points at the distances of a front along the rays of a sector, each with its own error along its ray."""
+    """Points at the distances of a front along the rays of a sector, each with an independent error along its ray."""
     bearing = np.arange(math.radians(first_deg), math.radians(last_deg), PITCH)
     distance = distance_of(bearing)
     bearing, distance = bearing[np.isfinite(distance)], distance[np.isfinite(distance)]
@@ -41,7 +41,7 @@ def wall(ahead, tilt_deg):
 
 
 def corner(at, turned_deg, outside):
-    """Two walls at a right angle, the nearer one along each ray if one looks at its outside."""
+    """Two walls at a right angle; the nearer one along each ray if seen from outside."""
     x, y = np.array(at) - SENSOR
     faces = []
     for normal in (math.radians(turned_deg), math.radians(turned_deg + 90.0)):
@@ -53,7 +53,7 @@ def corner(at, turned_deg, outside):
 
 @pytest.mark.parametrize("radius", [0.08, 0.12, 0.18, 0.25])
 @pytest.mark.parametrize("away", [0.35, 0.5, 0.8])
-def test_a_part_of_a_round_thing_tells_its_middle_as_surely_as_it_claims(radius, away):
+def test_the_centre_of_a_partly_visible_circle_is_consistent_with_its_covariance(radius, away):
     squares, errors = [], []
     for number in range(60):
         rng = np.random.default_rng([number, round(1e3 * radius), round(1e2 * away)])
@@ -70,7 +70,7 @@ def test_a_part_of_a_round_thing_tells_its_middle_as_surely_as_it_claims(radius,
         errors.append((float(np.linalg.norm(e)), abs(found.radius_m - radius)))
     assert len(squares) > 20
     assert np.mean(squares) < stats.chi2.ppf(0.999, 2 * len(squares)) / len(squares)
-    assert np.mean(squares) > 0.2  # nor so vague that it says nothing: 2 is exact
+    assert np.mean(squares) > 0.2  # nor far too cautious; 2 is exact
     assert np.quantile(errors, 0.9, axis=0) == pytest.approx((0.0, 0.0), abs=0.03)
 
 
@@ -93,7 +93,7 @@ def test_a_corner_is_not_round(turned_deg, outside):
         assert fit(points, SENSOR) is None
 
 
-def test_too_little_of_a_round_thing_tells_nothing():
+def test_too_small_a_part_gives_no_circle():
     rng = np.random.default_rng(0)
     ahead = circle(SENSOR + np.array([0.5, 0.0]), 0.18)
     assert fit(seen(ahead, -20.0, 20.0, rng), SENSOR) is not None
@@ -102,7 +102,7 @@ def test_too_little_of_a_round_thing_tells_nothing():
     assert fit(np.zeros((0, 2)), SENSOR) is None
 
 
-def test_flying_pixels_do_not_move_it():
+def test_flying_pixels_do_not_move_the_circle():
     rng = np.random.default_rng(0)
     points = seen(circle(SENSOR + np.array([0.5, 0.0]), 0.18), -20.0, 20.0, rng)
     clean = fit(points, SENSOR)
@@ -121,31 +121,23 @@ def upright(plan, height=0.4):
 
 
 @pytest.mark.parametrize("away", [0.35, 0.5, 0.7])
-def test_who_stands_too_close_to_be_wholly_in_view_is_placed_all_the_same(away):
+def test_a_round_object_too_close_to_be_whole_is_still_placed(away, monkeypatch):
     rng = np.random.default_rng(3)
     at = SENSOR + away * np.array([math.cos(0.3), math.sin(0.3)])
     points, sigma = upright(seen(circle(at, 0.18), -15.0, 22.0, rng))
     edge = np.arctan2(*(points[:, :2] - SENSOR).T[::-1]) > math.radians(21.0)
     (found,) = cluster(points, sigma, SENSOR, None, edge)
     assert found.placed
-    assert found.round
+    assert found.circular
     assert not found.whole
     assert np.linalg.norm(found.centre - at) < 0.03
     assert found.radius_m == pytest.approx(0.18, abs=0.03)
-    (far,) = cluster(points, sigma, SENSOR, ClusterConfig(front_m=0.1), edge)
+    monkeypatch.setattr(clustering, "CIRCLE_MOST_M", 0.1)
+    (far,) = cluster(points, sigma, SENSOR, None, edge)
     assert not far.placed
 
 
-def test_a_wall_that_the_view_cuts_off_is_not_placed():
+def test_a_truncated_wall_is_not_placed():
     points, sigma = upright(seen(wall(0.4, 10.0), -22.0, 22.0, np.random.default_rng(4)))
     edge = np.abs(np.arctan2(*(points[:, :2] - SENSOR).T[::-1])) > math.radians(21.0)
     assert not any(one.placed for one in cluster(points, sigma, SENSOR, None, edge))
-
-
-def test_a_front_that_cannot_be_is_refused_in_words():
-    with pytest.raises(ConfigError, match="rough_m=0"):
-        FrontConfig(rough_m=0.0)
-    with pytest.raises(ConfigError, match="sectors=3"):
-        FrontConfig(sectors=3)
-    with pytest.raises(ConfigError, match="radius_m="):
-        FrontConfig(radius_m=(0.3, 0.1))

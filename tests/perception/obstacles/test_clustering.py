@@ -1,4 +1,4 @@
-"""Things on the floor: cylinders, boxes, walls and people, seen from one side."""
+"""Clusters of cylinders, boxes, walls and people, seen from one side."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from perception.depth.points import from_depth
 from perception.depth.structured_light import depth as structured_light
 from perception.floor.choose import find
 from perception.floor.classify import FLOOR, classify
-from perception.floor.levelling import shadow
+from perception.floor.levelling import camera_above_floor
 from perception.floor.prior import handheld_prior
 from perception.obstacles.clustering import ClusterConfig, cluster
 from perception.primitives.camera import Camera
@@ -25,13 +25,13 @@ PITCH = math.radians(0.25)  # between pixels: SR-4000, and every second pixel of
 
 
 def rays():
-    """Directions of the columns of an image, on the floor plan."""
+    """Directions of the image columns, on the ground plane."""
     angles = np.arange(-0.5, 0.5, PITCH)
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
 def raised(plan, height, distance):
-    """Every plan point as a column of points as dense as pixels there."""
+    """Every ground point as a vertical column of points at pixel density."""
     step = PITCH * np.maximum(distance, 0.1)
     columns = [np.arange(0.02, height, s) for s in step]
     xy = np.repeat(plan, [len(c) for c in columns], axis=0)
@@ -39,7 +39,7 @@ def raised(plan, height, distance):
 
 
 def see_cylinder(centre, radius, height, rng, noise=0.006):
-    """Visible side of a cylinder and the deviation of its points."""
+    """Visible side of a cylinder and the standard deviation of its points."""
     d = rays()
     offset = SENSOR - centre
     b = d @ offset
@@ -70,11 +70,11 @@ def noisy(d, t, height, rng, noise):
 
 
 def lifted(points, height):
-    """The same, so much higher."""
+    """The same points, raised."""
     return points + np.array([0.0, 0.0, height])
 
 
-def test_what_is_cut_off_is_not_whole():
+def test_a_truncated_cluster_is_not_whole():
     points, sigma = see_cylinder(np.array([1.5, 0.0]), 0.10, 0.4, np.random.default_rng(0))
     left = points[:, 1] > 0.07
     (found,) = cluster(points, sigma, SENSOR, None, left)
@@ -85,7 +85,7 @@ def test_what_is_cut_off_is_not_whole():
 
 @pytest.mark.parametrize("distance", [0.5, 1.0, 1.5, 2.2])
 @pytest.mark.parametrize("bearing", [-0.3, 0.0, 0.25])
-def test_the_middle_of_a_half_seen_cylinder_is_behind_what_is_seen(distance, bearing):
+def test_the_centre_of_a_cylinder_lies_behind_its_visible_side(distance, bearing):
     rng = np.random.default_rng(0)
     centre = SENSOR + distance * np.array([math.cos(bearing), math.sin(bearing)])
     points, sigma = see_cylinder(centre, 0.10, 0.4, rng)
@@ -93,23 +93,25 @@ def test_the_middle_of_a_half_seen_cylinder_is_behind_what_is_seen(distance, bea
     assert np.linalg.norm(found.centre - centre) < 0.012
     assert abs(found.radius_m - 0.10) < 0.02
     assert abs(found.height_m - 0.4) < 0.03
-    assert found.points > 0.98 * len(points)  # a few at the rim are alone in their cell
+    assert found.points > 0.98 * len(points)  # a few at the edge are alone in their cell
 
 
-def test_the_covariance_of_a_middle_covers_its_error():
+def test_the_covariance_of_the_centre_covers_its_error():
     rng = np.random.default_rng(1)
     squares = []
     for _ in range(150):
         distance, bearing = rng.uniform(0.5, 2.5), rng.uniform(-0.35, 0.35)
         centre = SENSOR + distance * np.array([math.cos(bearing), math.sin(bearing)])
         points, sigma = see_cylinder(centre, rng.uniform(0.06, 0.15), 0.4, rng)
-        common = 0.008 * rng.normal(size=2)  # what all points share
+        common = 0.008 * rng.normal(size=2)  # error common to all points
         points[:, :2] += common
         (found,) = cluster(points, sigma, SENSOR)
         e = found.centre - centre
         squares.append(e @ np.linalg.solve(found.covariance, e))
-    assert np.mean(squares) < stats.chi2.ppf(0.999, 2 * len(squares)) / len(squares)  # not too sure
-    assert np.mean(squares) > 0.4  # nor so vague that it says nothing: 2 is exact
+    assert np.mean(squares) < stats.chi2.ppf(0.999, 2 * len(squares)) / len(
+        squares
+    )  # not overconfident
+    assert np.mean(squares) > 0.4  # nor far too cautious; 2 is exact
 
 
 def test_a_box_is_covered_by_its_disc_and_measured_by_its_rectangle():
@@ -124,7 +126,7 @@ def test_a_box_is_covered_by_its_disc_and_measured_by_its_rectangle():
     assert np.all(np.linalg.norm(front - found.centre, axis=1) < found.radius_m + 0.03)
 
 
-def test_things_apart_are_apart_and_the_nearest_comes_first():
+def test_separate_objects_are_separate_clusters_and_the_nearest_comes_first():
     rng = np.random.default_rng(3)
     seen = [
         see_cylinder(SENSOR + np.array(c), 0.10, 0.4, rng)
@@ -135,7 +137,7 @@ def test_things_apart_are_apart_and_the_nearest_comes_first():
     assert [round(float(np.hypot(*(c.centre - SENSOR))), 1) for c in found] == [1.2, 1.6, 2.1]
 
 
-def test_a_wall_is_one_long_thing():
+def test_a_wall_is_one_long_cluster():
     rng = np.random.default_rng(4)
     points, sigma = see_box((2.0, 2.1), (-2.0, 2.0), 0.5, rng)
     (found,) = cluster(points, sigma, SENSOR)
@@ -143,7 +145,7 @@ def test_a_wall_is_one_long_thing():
     assert found.radius_m > 0.9
 
 
-def test_people_who_touch_are_parted_by_their_heads():
+def test_people_who_touch_are_split_by_their_heads():
     rng = np.random.default_rng(5)
     parts = []
     for y in (-0.22, 0.22):
@@ -156,7 +158,7 @@ def test_people_who_touch_are_parted_by_their_heads():
     assert sorted(round(float(c.centre[1]), 1) for c in found) == [-0.2, 0.2]
 
 
-def test_stray_points_bridges_of_them_and_shelves_are_no_things():
+def test_stray_points_and_shelves_give_no_clusters():
     rng = np.random.default_rng(6)
     points, sigma = see_cylinder(np.array([1.5, 0.0]), 0.10, 0.4, rng)
     stray = np.column_stack(
@@ -169,7 +171,7 @@ def test_stray_points_bridges_of_them_and_shelves_are_no_things():
     assert np.linalg.norm(found[0].centre - [1.5, 0.0]) < 0.03
 
 
-def test_a_hole_is_no_thing():
+def test_a_hole_gives_no_cluster():
     rng = np.random.default_rng(7)
     points, sigma = see_box((1.0, 1.3), (0.2, 0.6), 0.3, rng)
     assert cluster(lifted(points, -0.4), sigma, SENSOR) == []
@@ -184,7 +186,7 @@ def test_the_order_of_the_points_does_not_matter():
     assert one.points == other.points
 
 
-def test_five_people_are_five_people(recordings):
+def test_five_people_give_five_clusters(recordings):
     import open3d as o3d
 
     cloud = o3d.io.read_point_cloud(str(recordings / "pcl_kinect" / "five_people.pcd"))
@@ -193,7 +195,7 @@ def test_five_people_are_five_people(recordings):
     points = from_depth(structured_light(DepthView(z, camera)), 0.3, 4.0, 2)
     floor = find(points, handheld_prior(None), np.random.default_rng(0)).plane
     rising = classify(points, floor) != FLOOR
-    upright = shadow(floor).apply(points.xyz[rising])
+    upright = camera_above_floor(floor).apply(points.xyz[rising])
     upright[:, 2] = floor.distance(points.xyz[rising])
     low = upright[:, 2] < 2.2
     found = cluster(upright[low], points.sigma[rising][low], np.zeros(2))
@@ -203,19 +205,19 @@ def test_five_people_are_five_people(recordings):
     assert len(found) <= 9  # and pieces of a desk and of a wall
 
 
-def test_nothing_is_nothing():
+def test_no_or_too_few_points_give_no_clusters():
     assert cluster(np.zeros((0, 3)), np.zeros(0), SENSOR) == []
     assert cluster(np.ones((3, 3)), np.full(3, 0.01), SENSOR) == []
 
 
-def test_what_cannot_be_used_is_refused_in_words():
+def test_invalid_input_is_refused_with_a_message():
     with pytest.raises(InputError, match="must be finite"):
         cluster(np.full((3, 3), np.nan), np.ones(3), SENSOR)
     with pytest.raises(ConfigError, match=r"cell_m=0\.0"):
         ClusterConfig(cell_m=0.0)
 
 
-def test_the_rectangle_is_opencvs_own():
+def test_the_rectangle_equals_that_of_opencv():
     rng = np.random.default_rng(9)
     points, sigma = see_box((1.0, 1.2), (-0.2, 0.2), 0.2, rng)
     (found,) = cluster(points, sigma, SENSOR)

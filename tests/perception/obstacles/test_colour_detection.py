@@ -1,4 +1,4 @@
-"""Coloured obstacles: found in rendered pictures, and where their covariance says."""
+"""Coloured obstacles in rendered images: detection and consistency."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from perception.obstacles.colour_detection import ColouredConfig, detect, nearest_colour, patches
+from perception.obstacles.colour_detection import (
+    CAMERA_HEIGHT_SIGMA_M,
+    HEAD_PITCH_SIGMA_RAD,
+    HEAD_YAW_SIGMA_RAD,
+    ColouredConfig,
+    detect,
+    nearest_colour,
+    patches,
+)
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import ColourView
@@ -36,11 +44,19 @@ def scene(places: np.ndarray) -> Scene:
         for k, (x, y) in enumerate(places)
     )
     return Scene(
-        room.name, 0, room.extent, room.floor, room.things + painted, (), (), room.start, room.goals
+        room.name,
+        0,
+        room.extent,
+        room.floor,
+        room.static_objects + painted,
+        (),
+        (),
+        room.start,
+        room.goals,
     )
 
 
-def test_coloured_robots_are_found_where_their_covariance_says():
+def test_coloured_robots_are_found_consistently_with_their_covariance():
     rng = np.random.default_rng(4)
     middle = np.array([2.5, 2.0])
     bearings = np.arange(11) * 2 * math.pi / 11 + rng.uniform(-0.1, 0.1, 11)
@@ -55,10 +71,10 @@ def test_coloured_robots_are_found_where_their_covariance_says():
             true = Pose3.from_rotation(head_rotation(pan, tilt), eye)
             told = Pose3.from_rotation(
                 head_rotation(
-                    pan + rng.normal() * CONFIG.head_yaw_sigma_rad,
-                    tilt + rng.normal() * CONFIG.head_pitch_sigma_rad,
+                    pan + rng.normal() * HEAD_YAW_SIGMA_RAD,
+                    tilt + rng.normal() * HEAD_PITCH_SIGMA_RAD,
                 ),
-                eye + np.array([0.0, 0.0, rng.normal() * CONFIG.camera_height_sigma_m]),
+                eye + np.array([0.0, 0.0, rng.normal() * CAMERA_HEIGHT_SIGMA_M]),
             )
             T_world_camera = Pose3((*middle.tolist(), 0.0)) @ true
             rgb = colour_picture(world, IMAGES, T_world_camera, rng)
@@ -91,7 +107,7 @@ def test_coloured_robots_are_found_where_their_covariance_says():
     assert 1.0 < np.mean(normalised) < 3.2
 
 
-def test_shade_changes_no_colour_and_grey_is_none():
+def test_shadows_keep_the_colour_and_grey_has_none():
     for k, colour in enumerate(ROBOTS):
         rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)], float)
         shades = np.array([rgb * share for share in (0.35, 0.6, 1.0)]).astype(np.uint8)
@@ -100,14 +116,14 @@ def test_shade_changes_no_colour_and_grey_is_none():
     assert np.all(nearest_colour(greys, CONFIG) == -1)
 
 
-def test_what_the_border_cuts_off_is_passed_over():
+def test_patches_at_the_border_are_ignored():
     rgb = np.zeros((100, 120, 3), np.uint8)
     rgb[10:40, 0:20] = rgb[60:100, 50:70] = rgb[20:50, 60:80] = (232, 128, 40)
     (whole,) = patches(rgb, CONFIG)
     assert (whole.left, whole.right, whole.foot) == (59.5, 79.5, 49.5)
 
 
-def test_nothing_is_found_without_colours_or_a_place_on_the_body():
+def test_without_colours_or_a_camera_pose_there_are_no_detections():
     rgb = np.zeros((100, 120, 3), np.uint8)
     rgb[60:90, 50:70] = (232, 128, 40)
     camera = Camera.from_view(120, 100, 1.0, 0.8)
@@ -117,7 +133,7 @@ def test_nothing_is_found_without_colours_or_a_place_on_the_body():
     assert len(detect(ColourView(rgb, camera, place), CONFIG)) == 1
 
 
-def test_a_foot_above_the_horizon_stands_nowhere():
+def test_a_foot_above_the_horizon_gives_no_detection():
     rgb = np.zeros((100, 120, 3), np.uint8)
     rgb[5:30, 50:70] = (232, 128, 40)
     camera = Camera.from_view(120, 100, 1.0, 0.8)
@@ -125,8 +141,8 @@ def test_a_foot_above_the_horizon_stands_nowhere():
     assert detect(ColourView(rgb, camera, level), CONFIG) == []
 
 
-def test_the_disc_of_an_ideal_cylinder_is_found_to_a_pixel():
-    """Its outline drawn by geometry: sides by the tangents, foot by the nearest floor point."""
+def test_the_disc_of_an_ideal_cylinder_is_accurate_to_a_pixel():
+    """Its outline by geometry: sides by the tangents, foot by the nearest floor point."""
     camera = Camera.from_view(1280, 960, math.radians(60.0), math.radians(47.0))
     place = Pose3.from_rotation(head_rotation(0.0, 0.45), np.array([0.0, 0.0, 0.5]))
     rays = camera.rays @ place.rotation.T
@@ -148,6 +164,6 @@ def test_the_disc_of_an_ideal_cylinder_is_found_to_a_pixel():
 
 
 @pytest.mark.parametrize("colour", ["orange", "#12345", "#gggggg"])
-def test_a_colour_that_is_none_is_refused(colour):
+def test_an_invalid_colour_is_refused_with_a_message(colour):
     with pytest.raises(ConfigError, match="write it as"):
         ColouredConfig(colours=(colour,))

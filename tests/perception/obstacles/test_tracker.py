@@ -1,4 +1,4 @@
-"""Tracks over simulated rooms: right, honest about position and motion, and not misled by half views."""
+"""Tracks in simulated rooms: accuracy, consistency of position and motion, robustness to partial views."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from hypothesis.extra.numpy import arrays
 
 from perception.filtering.consistency import band
 from perception.filtering.models import spread
-from perception.obstacles.track import Detection, Track, TrackConfig, relative_position
+from perception.obstacles._track_kernels import telegraph
+from perception.obstacles.track import VIEW_MEMORY_S, Detection, Track, TrackConfig
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig, match
-from perception.obstacles.turning import turning
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -27,7 +27,6 @@ DEG = math.pi / 180
 RADIUS_M = 0.1
 NOISE_M = 0.015
 POSE_SIGMA = np.array([0.01, 0.01, 0.4 * DEG])
-MEMORY_S = TrackConfig().view_memory_s
 WANDER_M = TrackConfig().shape_per_m * RADIUS_M**2
 SURE = Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]) ** 2)
 
@@ -38,27 +37,27 @@ def seen_at(x: float, y: float, radius_m: float = RADIUS_M, sigma_m: float = NOI
 
 @dataclass
 class Sample:
-    """One obstacle of one frame, beside its truth."""
+    """One track of one frame, with its ground truth."""
 
     t: float
     mover: bool
     since_turn_s: float
-    told: Obstacle
+    obstacle: Obstacle
     error: np.ndarray
 
     @property
     def age_s(self) -> float:
-        return self.told.seen_s - self.told.since_s
+        return self.obstacle.seen_s - self.obstacle.since_s
 
     @property
     def nees_place(self) -> float:
-        return Gaussian(self.error[:2], self.told.state.covariance[:2, :2]).mahalanobis_squared(
+        return Gaussian(self.error[:2], self.obstacle.state.covariance[:2, :2]).mahalanobis_squared(
             np.zeros(2)
         )
 
 
 def room(seed: int, seconds: float = 35.0, movers: int = 3, standing: int = 3) -> list[Sample]:
-    """A walk past things in a room; the robot's pose errs slowly, and so do half-seen shapes."""
+    """A walk past obstacles in a room; robot pose and partly visible shapes have slowly changing errors."""
     rng = np.random.default_rng(seed)
     n = movers + standing
     while True:
@@ -83,7 +82,7 @@ def room(seed: int, seconds: float = 35.0, movers: int = 3, standing: int = 3) -
             if t > turn_at[i]:
                 velocity[i] *= -1
                 turned[i], turn_at[i] = t, t + rng.uniform(15, 25)
-        keep = math.exp(-dt / MEMORY_S)
+        keep = math.exp(-dt / VIEW_MEMORY_S)
         fresh = math.sqrt(1 - keep**2)
         pose_error = keep * pose_error + fresh * rng.normal(size=3) * POSE_SIGMA
         wander = keep * wander + fresh * rng.normal(size=(n, 2)) * WANDER_M
@@ -92,10 +91,10 @@ def room(seed: int, seconds: float = 35.0, movers: int = 3, standing: int = 3) -
         there = true.inverse().apply(places + wander) + rng.normal(size=(n, 2)) * NOISE_M
         detections = [seen_at(*p) for p in there if rng.random() < 0.95]
         tracker.update(t, detections, believed)
-        for told in tracker.obstacles:
-            i = int(np.argmin(np.linalg.norm(places - told.position, axis=1)))
-            error = np.concatenate([places[i], velocity[i]]) - told.state.mean
-            samples.append(Sample(t, i < movers, t - turned[i], told, error))
+        for obstacle in tracker.obstacles:
+            i = int(np.argmin(np.linalg.norm(places - obstacle.position, axis=1)))
+            error = np.concatenate([places[i], velocity[i]]) - obstacle.state.mean
+            samples.append(Sample(t, i < movers, t - turned[i], obstacle, error))
     return samples
 
 
@@ -104,48 +103,48 @@ def rooms() -> list[list[Sample]]:
     return [room(seed) for seed in range(6)]
 
 
-def test_places_err_as_much_as_their_covariances_say(rooms):
-    """Each thing of a room counts once; its frames are correlated."""
+def test_position_errors_match_their_covariances(rooms):
+    """Each obstacle of a room counts as one sample; its frames are correlated."""
     low, high = band(2, 6 * len(rooms))
     settled = [s.nees_place for r in rooms for s in r if s.age_s > 2 and s.since_turn_s > 3]
     assert low < np.mean(settled) < high
 
 
-def test_velocities_of_movers_are_known_to_two_centimetres_a_second(rooms):
+def test_velocities_of_movers_are_accurate_to_two_centimetres_per_second(rooms):
     moving = [s for r in rooms for s in r if s.mover and s.age_s > 4 and s.since_turn_s > 3]
     assert len(moving) > 600
     rmse = math.sqrt(np.mean([s.error[2:] @ s.error[2:] for s in moving]))
     assert rmse < 0.02
     normalised = [
-        Gaussian(s.error[2:], s.told.state.covariance[2:, 2:]).mahalanobis_squared(np.zeros(2))
+        Gaussian(s.error[2:], s.obstacle.state.covariance[2:, 2:]).mahalanobis_squared(np.zeros(2))
         for s in moving
     ]
     assert 0.4 < np.mean(normalised) < 2.6
 
 
-def test_a_thing_that_stands_is_told_to_stand(rooms):
+def test_static_obstacles_are_reported_as_static(rooms):
     standing = [s for r in rooms for s in r if not s.mover and s.age_s > 4]
-    assert np.mean([s.told.moving > 0.5 for s in standing]) < 0.02
-    assert math.sqrt(np.mean([s.told.velocity @ s.told.velocity for s in standing])) < 0.005
+    assert np.mean([s.obstacle.moving > 0.5 for s in standing]) < 0.02
+    assert math.sqrt(np.mean([s.obstacle.velocity @ s.obstacle.velocity for s in standing])) < 0.005
 
 
-def test_a_thing_that_moves_is_told_to_move_also_while_it_turns(rooms):
+def test_movers_are_reported_as_moving_also_while_they_turn(rooms):
     moving = [s for r in rooms for s in r if s.mover and s.age_s > 6]
-    assert np.mean([s.told.moving > 0.5 for s in moving]) > 0.9
+    assert np.mean([s.obstacle.moving > 0.5 for s in moving]) > 0.9
     turning = [s for s in moving if 0 <= s.since_turn_s < 3]
-    assert np.mean([s.told.moving > 0.5 for s in turning]) > 0.85
+    assert np.mean([s.obstacle.moving > 0.5 for s in turning]) > 0.85
 
 
-def test_the_probability_of_moving_is_not_boastful(rooms):
-    """Of things said to move with 90 % hardly any stand; of those said to stand, hardly any move."""
-    told = [s for r in rooms for s in r if s.age_s > 1]
-    sure = [s.mover for s in told if s.told.moving > 0.9]
+def test_the_probability_of_moving_is_not_overconfident(rooms):
+    """Obstacles reported moving with 90 % hardly ever stand, and those with 10 % hardly ever move."""
+    obstacle = [s for r in rooms for s in r if s.age_s > 1]
+    sure = [s.mover for s in obstacle if s.obstacle.moving > 0.9]
     assert np.mean(sure) > 0.95
-    still = [s.mover for s in told if s.told.moving < 0.1]
+    still = [s.mover for s in obstacle if s.obstacle.moving < 0.1]
     assert np.mean(still) < 0.05
 
 
-def test_a_reversal_is_followed_within_three_seconds(rooms):
+def test_a_reversal_is_tracked_within_three_seconds(rooms):
     after = [s for r in rooms for s in r if s.mover and s.age_s > 6]
     late = [s for s in after if 2.0 <= s.since_turn_s < 3.5]
     assert len(late) > 20
@@ -153,23 +152,23 @@ def test_a_reversal_is_followed_within_three_seconds(rooms):
     assert np.mean([float(np.linalg.norm(s.error[:2])) < 0.1 for s in after]) > 0.97
 
 
-def test_tracks_are_not_lost_and_born_again(rooms):
-    numbers = [len({s.told.track for s in samples}) for samples in rooms]
-    assert np.mean(numbers) <= 6.5  # six things; one may walk through another
+def test_tracks_keep_their_numbers(rooms):
+    numbers = [len({s.obstacle.track for s in samples}) for samples in rooms]
+    assert np.mean(numbers) <= 6.5  # six obstacles; one may walk through another
 
 
-def test_a_place_seen_a_hundred_times_is_no_surer_than_the_place_of_the_robot():
+def test_a_position_seen_a_hundred_times_is_no_more_certain_than_the_pose_of_the_robot():
     sigma = 0.05
     robot = Gaussian(np.array([0.0, 0.0, 0.3]), np.diag([sigma, sigma, 0.02]) ** 2)
     tracker = ObstacleTracker()
     for k in range(100):
         tracker.update(0.3 * k, [seen_at(1.0, 0.2, sigma_m=0.005)], robot)
-    (told,) = tracker.obstacles
-    assert np.linalg.eigvalsh(told.state.covariance[:2, :2])[0] > (0.6 * sigma) ** 2
+    (obstacle,) = tracker.obstacles
+    assert np.linalg.eigvalsh(obstacle.state.covariance[:2, :2])[0] > (0.6 * sigma) ** 2
 
 
-def test_half_seen_furniture_is_not_taken_for_a_mover():
-    """Its middle is drawn toward us and comes round as we pass, or grows into the picture."""
+def test_partly_visible_furniture_is_not_reported_as_moving():
+    """Its visible centre is shifted towards the robot and changes as the robot passes, or as more is seen."""
     false = tracks = 0
     for seed in range(3):
         rng = np.random.default_rng(seed)
@@ -198,7 +197,7 @@ def test_half_seen_furniture_is_not_taken_for_a_mover():
     assert false <= 2
 
 
-def test_what_should_be_in_view_and_is_not_dies_and_what_is_hidden_lives():
+def test_a_missed_track_ends_if_visible_and_lives_if_occluded():
     def all_of_them(places: np.ndarray) -> np.ndarray:
         return np.ones(len(places), dtype=bool)
 
@@ -215,7 +214,7 @@ def test_what_should_be_in_view_and_is_not_dies_and_what_is_hidden_lives():
         assert len(tracker.obstacles) == alive
 
 
-def test_what_is_half_seen_where_a_track_is_keeps_it_and_what_is_half_seen_elsewhere_does_not():
+def test_a_truncated_detection_keeps_the_track_that_it_overlaps_and_no_other():
     def all_of_them(places: np.ndarray) -> np.ndarray:
         return np.ones(len(places), dtype=bool)
 
@@ -227,15 +226,15 @@ def test_what_is_half_seen_where_a_track_is_keeps_it_and_what_is_half_seen_elsew
         whole = seen_at(*where.apply(thing[None])[0])
         part = seen_at(*where.apply(half[None])[0], radius_m=0.08)
         tracker.update(0.0, [whole], robot, all_of_them)
-        for k in range(1, 6):  # whole once, then cut off, then whole: as a turning head shows it
+        for k in range(1, 6):  # complete, then truncated, then complete: a turning head
             tracker.update(0.3 * k, [], robot, all_of_them, [part])
         tracker.update(1.8, [whole], robot, all_of_them)
         assert len(tracker.obstacles) == alive
         assert not alive or np.linalg.norm(tracker.obstacles[0].position - thing) < 0.02
 
 
-def test_a_mover_that_is_only_ever_seen_in_part_is_still_followed():
-    """Close by, the border of the view cuts it for longer than a lost track lives."""
+def test_a_mover_that_stays_truncated_is_still_tracked():
+    """Close by, it is truncated for longer than a lost track lives."""
     rng = np.random.default_rng(5)
     speed, tracker = np.array([-0.02, 0.03]), ObstacleTracker()
     nees = []
@@ -245,41 +244,41 @@ def test_a_mover_that_is_only_ever_seen_in_part_is_still_followed():
         if k < 15:
             noise = NOISE_M * rng.standard_normal(2)
             tracker.update(t, [seen_at(*(true + noise))], SURE)
-        else:  # its lower left is hidden: what is seen is small, and off by a third of its width
+        else:  # its lower left is hidden: the visible part is small and off centre
             part = seen_at(*(true + np.array([0.04, 0.05])), radius_m=0.06)
-            tracker.update(t, [], SURE, partly=[part])
+            tracker.update(t, [], SURE, truncated=[part])
         if k > 40:
-            (told,) = tracker.obstacles
-            assert told.seen_s == t
-            assert np.linalg.norm(told.position - true) < 0.1
-            here = Gaussian(told.position - true, told.state.covariance[:2, :2])
+            (obstacle,) = tracker.obstacles
+            assert obstacle.seen_s == t
+            assert np.linalg.norm(obstacle.position - true) < 0.1
+            here = Gaussian(obstacle.position - true, obstacle.state.covariance[:2, :2])
             nees.append(here.mahalanobis_squared(np.zeros(2)))
     assert np.mean(nees) < 4.0
 
 
-def test_a_part_of_a_mover_counts_although_cut_off_furniture_lies_over_its_track_too():
+def test_a_truncated_mover_updates_its_track_although_furniture_overlaps_it():
     tracker = ObstacleTracker()
     for k in range(6):
         tracker.update(0.3 * k, [seen_at(1.0, 0.0)], SURE)
     table, part = seen_at(1.1, 0.2, radius_m=0.3), seen_at(1.04, 0.0, radius_m=0.06)
-    tracker.update(1.8, [], SURE, partly=[table, part])
-    (told,) = tracker.obstacles
-    assert told.seen_s == 1.8
+    tracker.update(1.8, [], SURE, truncated=[table, part])
+    (obstacle,) = tracker.obstacles
+    assert obstacle.seen_s == 1.8
 
 
-def test_furniture_seen_in_part_keeps_a_track_but_does_not_teach_it():
+def test_truncated_furniture_keeps_a_track_but_does_not_update_it():
     tracker = ObstacleTracker()
     for k in range(6):
         tracker.update(0.3 * k, [seen_at(1.0, 0.0)], SURE)
     (before,) = tracker.obstacles
     for k in range(6, 12):
-        tracker.update(0.3 * k, [], SURE, partly=[seen_at(1.15, 0.2, radius_m=0.3)])
+        tracker.update(0.3 * k, [], SURE, truncated=[seen_at(1.15, 0.2, radius_m=0.3)])
     (after,) = tracker.obstacles
     assert after.seen_s == before.seen_s
     assert np.linalg.norm(after.position - before.position) < 0.01
 
 
-def test_a_single_glimpse_is_not_believed():
+def test_a_single_detection_is_not_reported():
     tracker = ObstacleTracker()
     tracker.update(0.0, [seen_at(1.0, 0.0)], SURE)
     assert tracker.obstacles == []
@@ -288,7 +287,7 @@ def test_a_single_glimpse_is_not_believed():
     assert [o.track for o in tracker.obstacles] == [1]
 
 
-def test_the_moments_of_a_turning_speed_are_those_of_simulated_ones():
+def test_telegraph_moments_equal_those_of_simulated_signals():
     rng = np.random.default_rng(5)
     dt, every_s, n = 0.02, 3.0, 20000
     sign, place, flips = np.ones(n), np.zeros(n), np.zeros(n)
@@ -297,15 +296,16 @@ def test_the_moments_of_a_turning_speed_are_those_of_simulated_ones():
         flip = rng.random(n) < dt / every_s
         sign, flips = np.where(flip, -sign, sign), flips + flip
         place += 0.5 * dt * sign
-    told = turning(4.0, every_s)
-    assert told.straight == pytest.approx(np.mean(flips == 0), abs=0.02)
+    found = telegraph(4.0, every_s)
+    assert found.straight == pytest.approx(np.mean(flips == 0), abs=0.02)
     place, sign = place[flips > 0], sign[flips > 0]
-    assert told.move_s == pytest.approx(place.mean(), abs=0.05)
-    assert told.keep == pytest.approx(sign.mean(), abs=0.03)
-    np.testing.assert_allclose(told.noise, np.cov(place, sign), rtol=0.05)
+    assert found.move_s == pytest.approx(place.mean(), abs=0.05)
+    assert found.keep == pytest.approx(sign.mean(), abs=0.03)
+    noise = [[found.noise_place, found.noise_both], [found.noise_both, found.noise_speed]]
+    np.testing.assert_allclose(noise, np.cov(place, sign), rtol=0.05)
 
 
-def test_out_of_sight_a_mover_may_have_turned_and_its_covariance_says_so():
+def test_the_covariance_of_an_unseen_mover_covers_turns():
     """Movers that turn at random every 20 s, seen for 8 s and lost for 4 to 16 s."""
     rng = np.random.default_rng(2)
     place_nees = []
@@ -325,16 +325,18 @@ def test_out_of_sight_a_mover_may_have_turned_and_its_covariance_says_so():
                 velocity = -velocity
             found = [seen_at(*(place + rng.normal(size=2) * NOISE_M))] if seen else []
             tracker.update(t, found, SURE)
-        (told,) = tracker.obstacles
+        (obstacle,) = tracker.obstacles
         place_nees.append(
-            Gaussian(told.state.mean[:2], told.state.covariance[:2, :2]).mahalanobis_squared(place)
+            Gaussian(
+                obstacle.state.mean[:2], obstacle.state.covariance[:2, :2]
+            ).mahalanobis_squared(place)
         )
-    # heavier tails than a Gaussian: either gone straight on, or all the way back
+    # heavier tails than a Gaussian: gone straight, or all the way back
     assert 0.8 < np.mean(place_nees) < 3.0
     assert np.mean(np.array(place_nees) < 5.99) > 0.88
 
 
-def test_what_stands_is_still_where_it_was_seen_last():
+def test_an_unseen_static_obstacle_keeps_its_position():
     rng = np.random.default_rng(3)
     tracker = ObstacleTracker(TrackerConfig(oldest_s=30.0))
     for k in range(40):
@@ -350,7 +352,7 @@ def test_what_stands_is_still_where_it_was_seen_last():
     assert np.linalg.eigvalsh(after.state.covariance[:2, :2])[-1] < 0.06**2
 
 
-def test_nothing_is_remembered_for_ever():
+def test_a_track_ends_after_its_longest_time_unseen():
     tracker = ObstacleTracker(TrackerConfig(oldest_s=5.0))
     for k in range(5):
         tracker.update(0.3 * k, [seen_at(1.0, 0.0)], SURE)
@@ -360,7 +362,7 @@ def test_nothing_is_remembered_for_ever():
     assert tracker.obstacles == []
 
 
-def test_what_is_large_or_not_a_number_is_no_obstacle_to_follow():
+def test_large_or_non_finite_detections_are_not_tracked():
     tracker = ObstacleTracker()
     bad = [
         seen_at(1.0, 0.0, radius_m=0.5),
@@ -372,7 +374,7 @@ def test_what_is_large_or_not_a_number_is_no_obstacle_to_follow():
     assert tracker.obstacles == []
 
 
-def test_two_that_pass_each_other_keep_their_numbers():
+def test_two_movers_that_pass_each_other_keep_their_numbers():
     tracker = ObstacleTracker()
     rng = np.random.default_rng(0)
     for k in range(80):
@@ -390,7 +392,7 @@ def test_two_that_pass_each_other_keep_their_numbers():
 @given(
     arrays(np.float64, st.tuples(st.integers(1, 4), st.integers(1, 4)), elements=st.floats(0, 20))
 )
-def test_matching_is_as_full_and_as_cheap_as_trying_everything(cost):
+def test_matching_equals_an_exhaustive_search(cost):
     gate = 10.0
     found = match(cost, gate)
     n, m = cost.shape
@@ -405,8 +407,8 @@ def test_matching_is_as_full_and_as_cheap_as_trying_everything(cost):
     assert math.isclose(sum(cost[r, c] for r, c in found), best[1], abs_tol=1e-9)
 
 
-def test_a_track_begins_as_uncertain_as_it_is():
-    """Sampled poses and sampled detections against the covariance at birth."""
+def test_the_initial_covariance_of_a_track_is_that_of_samples():
+    """Sampled poses and detections against the initial covariance."""
     rng = np.random.default_rng(1)
     robot = Gaussian(np.array([1.0, -0.5, 0.7]), np.diag([0.03, 0.02, 0.03]) ** 2)
     seen = Detection(np.array([1.5, 0.4]), np.diag([0.02, 0.01]) ** 2, 0.1)
@@ -416,27 +418,35 @@ def test_a_track_begins_as_uncertain_as_it_is():
     world = poses[:, :2] + np.stack(
         [c * places[:, 0] - s * places[:, 1], s * places[:, 0] + c * places[:, 1]], axis=-1
     )
-    told = Track(seen, robot, TrackConfig(shape_per_m=0.0)).state
-    P = told.covariance[:2, :2]
+    obstacle = Track(seen, robot, TrackConfig(shape_per_m=0.0)).state
+    P = obstacle.covariance[:2, :2]
     size = np.sqrt(np.outer(np.diag(P), np.diag(P)))
-    np.testing.assert_allclose(told.mean[:2], world.mean(axis=0), atol=3e-3)
+    np.testing.assert_allclose(obstacle.mean[:2], world.mean(axis=0), atol=3e-3)
     np.testing.assert_allclose(np.cov(world.T) / size, P / size, atol=0.05)
 
 
+def relative_position(state: np.ndarray, robot: np.ndarray) -> np.ndarray:
+    """Position of the obstacle in the body frame; the true viewpoint is the robot's pose plus the error."""
+    x, y = state[0] - robot[0] - state[4], state[1] - robot[1] - state[5]
+    yaw = robot[2] + state[6]
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([c * x + s * y, c * y - s * x])
+
+
 def peer(track: Track, dt: float, keep: float) -> UnscentedKalmanFilter:
-    """The library's filter, in the state of a track."""
+    """filterpy's filter, in the state of a track."""
 
     def flow(x: np.ndarray, _: float) -> np.ndarray:
         return np.concatenate([x[:2] + dt * x[2:4], x[2:4], keep * x[4:]])
 
     points = MerweScaledSigmaPoints(7, spread(7), 2.0, 0.0)
     twin = UnscentedKalmanFilter(7, 2, dt, relative_position, flow, points)
-    twin.x, twin.P, twin.Q = track.whole.mean, track.whole.covariance, np.zeros((7, 7))
+    twin.x, twin.P, twin.Q = track._moving.x.copy(), track._moving.P.copy(), np.zeros((7, 7))
     return twin
 
 
 def followed() -> Track:
-    """A track of four sightings from a place that is not well known."""
+    """A track of four detections from an uncertain pose."""
     robot = Gaussian(np.array([0.2, -0.1, 0.4]), np.diag([0.02, 0.03, 0.05]) ** 2)
     track = Track(seen_at(1.0, 0.5), robot, TrackConfig())
     for k in range(4):
@@ -445,29 +455,29 @@ def followed() -> Track:
     return track
 
 
-def test_moving_on_by_matrices_is_moving_on_by_sigma_points():
-    track, dt, keep = followed(), 0.3, math.exp(-0.3 / MEMORY_S)
+def test_prediction_by_matrices_equals_prediction_by_sigma_points():
+    track, dt, keep = followed(), 0.3, math.exp(-0.3 / VIEW_MEMORY_S)
     twin = peer(track, dt, keep)
     twin.predict()
     track.config = TrackConfig(acceleration_mps2=1e-12)
-    track.radius_m = 0.0  # nothing wanders
+    track.radius_m = 0.0  # no shift of the centre
     track.predict(dt, Gaussian(np.zeros(3), np.zeros((3, 3))))
-    np.testing.assert_allclose(track.whole.mean, twin.x, atol=1e-9)
-    np.testing.assert_allclose(track.whole.covariance, twin.P, atol=1e-9)
+    np.testing.assert_allclose(track._moving.x, twin.x, atol=1e-9)
+    np.testing.assert_allclose(track._moving.P, twin.P, atol=1e-9)
     assert math.isclose(spread(7) ** 2 * 7, 3.0)
 
 
-def test_learning_is_that_of_the_library():
+def test_the_update_equals_that_of_filterpy():
     track, robot = followed(), np.array([0.25, -0.08, 0.45])
     track.predict(0.3, Gaussian(robot, np.diag([0.02, 0.03, 0.05]) ** 2))
     twin = peer(track, 0.3, 1.0)
     twin.sigmas_f = twin.points_fn.sigma_points(twin.x, twin.P)
     seen = Detection(np.array([1.0, 0.47]), np.array([[4e-4, 1e-4], [1e-4, 2e-4]]), RADIUS_M)
-    surprise = track.update(seen)
+    innovation = track.update(seen)
     twin.update(seen.position, R=seen.covariance, robot=robot)
-    np.testing.assert_allclose(track.whole.mean, twin.x, atol=1e-9)
-    np.testing.assert_allclose(track.whole.covariance, twin.P, atol=1e-9)
-    assert math.isclose(surprise.nis, float(twin.y @ twin.SI @ twin.y), rel_tol=1e-9)
+    np.testing.assert_allclose(track._moving.x, twin.x, atol=1e-9)
+    np.testing.assert_allclose(track._moving.P, twin.P, atol=1e-9)
+    assert math.isclose(innovation.nis, float(twin.y @ twin.SI @ twin.y), rel_tol=1e-9)
 
 
 @settings(max_examples=25, deadline=None)
@@ -482,28 +492,28 @@ def test_learning_is_that_of_the_library():
     ),
     st.floats(0.0, 10.0),
 )
-def test_no_history_breaks_a_covariance(history, dt):
+def test_every_history_leaves_the_covariance_positive_definite(history, dt):
     tracker = ObstacleTracker(TrackerConfig(hits_to_show=1))
-    for k, things in enumerate(history):
+    for k, objects in enumerate(history):
         detections = [
-            Detection(np.array([x, y]), np.eye(2) * v**2, r, 0.1) for x, y, r, v in things
+            Detection(np.array([x, y]), np.eye(2) * v**2, r, 0.1) for x, y, r, v in objects
         ]
         tracker.update(k * dt, detections, SURE)
-        for told in tracker.obstacles:
-            assert np.all(np.isfinite(told.state.mean))
-            np.linalg.cholesky(told.state.covariance)
-            assert 0.0 <= told.moving <= 1.0
+        for obstacle in tracker.obstacles:
+            assert np.all(np.isfinite(obstacle.state.mean))
+            np.linalg.cholesky(obstacle.state.covariance)
+            assert 0.0 <= obstacle.moving <= 1.0
 
 
 def test_the_same_detections_give_the_same_bits():
     first, second = room(3, seconds=8.0), room(3, seconds=8.0)
     for a, b in zip(first, second, strict=True):
-        np.testing.assert_array_equal(a.told.state.mean, b.told.state.mean)
-        np.testing.assert_array_equal(a.told.state.covariance, b.told.state.covariance)
+        np.testing.assert_array_equal(a.obstacle.state.mean, b.obstacle.state.mean)
+        np.testing.assert_array_equal(a.obstacle.state.covariance, b.obstacle.state.covariance)
 
 
 @pytest.mark.parametrize(
-    ("kind", "change", "said"),
+    ("kind", "change", "message"),
     [
         (TrackerConfig, {"new_per_m2": 0.0}, r"new_per_m2=0\.0 must be"),
         (TrackerConfig, {"hits_to_show": 0}, "hits_to_show=0 must be at least 1"),
@@ -512,26 +522,26 @@ def test_the_same_detections_give_the_same_bits():
         (TrackConfig, {"shape_per_m": -0.1}, r"shape_per_m=-0\.1 must not be negative"),
     ],
 )
-def test_settings_that_cannot_be_are_refused(kind, change, said):
-    with pytest.raises(ConfigError, match=said):
+def test_invalid_settings_are_refused_with_a_message(kind, change, message):
+    with pytest.raises(ConfigError, match=message):
         kind(**change)
 
 
-def test_a_lost_mover_is_not_found_again_in_furniture_of_another_size():
-    """It walks behind something; where it might be by now stands a wider thing, seen for the first time."""
+def test_a_lost_mover_is_not_associated_with_furniture_of_another_size():
+    """It is occluded; a wider obstacle near its predicted position is detected for the first time."""
     tracker = ObstacleTracker()
     for k in range(20):
         tracker.update(0.3 * k, [seen_at(1.0 + 0.012 * k, 0.0)], SURE)
     (mover,) = tracker.obstacles
     assert mover.moving > 0.5
-    for k in range(40, 44):  # six seconds later, a hand beyond where it should be
+    for k in range(40, 44):  # six seconds later, 0.15 m beyond the prediction
         tracker.update(0.3 * k, [seen_at(1.0 + 0.012 * 40 + 0.15, 0.0, radius_m=0.15)], SURE)
     numbers = {o.track: o.radius_m for o in tracker.obstacles}
     assert len(numbers) == 2
     assert numbers[mover.track] == pytest.approx(RADIUS_M, abs=0.01)
 
 
-def test_two_cameras_of_one_instant_tell_one_after_the_other():
+def test_two_cameras_of_one_instant_update_one_after_the_other():
     tracker = ObstacleTracker()
     robot = Gaussian(np.zeros(3), np.eye(3) * 1e-6)
 

@@ -1,4 +1,4 @@
-"""Two images of a made-up corner, laid over each other: against the motion they were made with."""
+"""Alignment of two synthetic images of a corner, against the motion they were rendered with."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from perception.depth import structured_light
 from perception.odometry.alignment import AlignConfig, align
-from perception.odometry.hypotheses import large_steps
-from perception.odometry.pyramid import Pyramid, build, keep, shrunk
+from perception.odometry.hypotheses import rotation_starts
+from perception.odometry.pyramid import Pyramid, build, compress, downsampled
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import Depth, DepthView
@@ -25,7 +25,7 @@ WALLS = np.array(  # n.p = d for points in space, world axes as the first camera
 def seen(
     pose: Pose3, rng: np.random.Generator | None = None, camera: Camera = CAMERA
 ) -> tuple[Depth, np.ndarray]:
-    """Depth and picture of four walls with a pattern, from a pose inside them."""
+    """Depth and colour image of four patterned walls, from a pose between them."""
     directions = camera.rays @ pose.rotation.T
     ahead = directions @ WALLS[:, :3].T
     with np.errstate(divide="ignore"):
@@ -57,7 +57,7 @@ def error(found: Pose3, true: Pose3) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("method", ["hybrid", "depth"])
-def test_a_small_motion_is_found_to_a_two_millimetres(method: str) -> None:
+def test_a_small_motion_is_estimated_to_two_millimetres(method: str) -> None:
     true = moved((0.03, -0.02, 0.05), (1.0, -2.0, 0.5))
     found = align(image(Pose3()), image(true), config=AlignConfig(method=method))
     assert found is not None
@@ -68,7 +68,7 @@ def test_a_small_motion_is_found_to_a_two_millimetres(method: str) -> None:
     assert found.contradicting < 0.01
 
 
-def test_errors_with_noise_are_as_large_as_the_covariance_says() -> None:
+def test_errors_by_depth_noise_agree_with_the_covariance() -> None:
     rng = np.random.default_rng(5)
     distances = []
     for _ in range(20):
@@ -78,11 +78,11 @@ def test_errors_with_noise_are_as_large_as_the_covariance_says() -> None:
         off = found.motion.rotation @ true.rotation.T
         e = np.append(found.motion.position - true.position, Rotation.from_matrix(off).as_rotvec())
         distances.append(e @ np.linalg.solve(found.covariance, e))
-    # chi-square with 6 degrees of freedom: 6 on average; being too sure is what must not happen
+    # chi-square with 6 degrees of freedom: 6 on average; overconfidence must not happen
     assert 0.3 < np.mean(distances) < 12.0
 
 
-def test_depth_bent_over_parts_of_the_image_errs_as_the_covariance_says() -> None:
+def test_errors_by_depth_distortion_of_image_regions_agree_with_the_covariance() -> None:
     rng = np.random.default_rng(6)
     v, u = np.mgrid[0 : 1 : CAMERA.height * 1j, 0 : 1 : CAMERA.width * 1j]
     without, bent = [], []
@@ -97,28 +97,28 @@ def test_depth_bent_over_parts_of_the_image_errs_as_the_covariance_says() -> Non
             depth, rgb = seen(pose, rng)
             z = (depth.z * (1.0 + bend)).astype(np.float32)
             pair.append(build(structured_light.depth(DepthView(z, CAMERA)), rgb))
-        for config, told in ((AlignConfig(bend=0.0), without), (AlignConfig(), bent)):
+        for config, squares in ((AlignConfig(bend=0.0), without), (AlignConfig(), bent)):
             found = align(pair[0], pair[1], [true], config)
             assert found is not None
             turn = Rotation.from_matrix(found.motion.rotation @ true.rotation.T).as_rotvec()
             e = np.append(found.motion.position - true.position, turn)
-            told.append(e @ np.linalg.solve(found.covariance, e))
-    # 6 on average if honest; twelve pairs and waves instead of patches leave a factor of three
+            squares.append(e @ np.linalg.solve(found.covariance, e))
+    # 6 on average if consistent; twelve pairs and waves instead of patches leave a factor of three
     assert np.mean(bent) < 18.0
     assert np.mean(without) > 2.0 * np.mean(bent)
 
 
-def test_a_large_turn_needs_the_other_starts_and_is_found_with_them() -> None:
+def test_a_large_rotation_is_found_from_rotated_starts() -> None:
     true = moved((0.05, 0.0, 0.1), (0.0, 24.0, 0.0))
     first, second = image(Pose3()), image(true)
-    found = align(first, second, [Pose3(), *large_steps(first, Pose3())])
+    found = align(first, second, [Pose3(), *rotation_starts(first, Pose3())])
     assert found is not None
     metres, degrees = error(found.motion, true)
     assert metres < 3e-3
     assert degrees < 0.1
 
 
-def test_a_shared_change_of_exposure_changes_next_to_nothing() -> None:
+def test_a_change_of_exposure_hardly_changes_the_motion() -> None:
     true = moved((0.03, 0.0, 0.02), (0.0, 1.0, 0.0))
     depth, rgb = seen(true)
     darker = build(depth, np.maximum(rgb.astype(int) - 12, 0).astype(np.uint8))
@@ -127,7 +127,7 @@ def test_a_shared_change_of_exposure_changes_next_to_nothing() -> None:
     assert error(found.motion, true)[0] < 3e-3
 
 
-def test_a_single_wall_without_a_picture_leaves_the_slide_along_it_unsure() -> None:
+def test_a_single_wall_without_colour_leaves_the_motion_along_it_uncertain() -> None:
     wall = np.full((240, 320), 1.5, np.float32)
     depth = structured_light.depth(DepthView(wall, CAMERA))
     found = align(build(depth), build(depth))
@@ -136,15 +136,15 @@ def test_a_single_wall_without_a_picture_leaves_the_slide_along_it_unsure() -> N
         assert along > 1e4 * across
 
 
-def test_images_without_anything_in_common_are_refused() -> None:
+def test_images_without_overlap_are_not_aligned() -> None:
     nothing = np.full((240, 320), np.nan, np.float32)
     empty = build(structured_light.depth(DepthView(nothing, CAMERA)))
     assert align(image(Pose3()), empty) is None
     assert align(empty, image(Pose3())) is None
 
 
-def test_shrunk_images_see_the_same_points() -> None:
-    half = shrunk(CAMERA, 2)
+def test_downsampled_intrinsics_project_to_the_same_points() -> None:
+    half = downsampled(CAMERA, 2)
     point = np.array([[0.3, -0.2, 1.7]])
     u, v = CAMERA.project(point)[0]
     small_u, small_v = half.project(point)[0]
@@ -152,7 +152,7 @@ def test_shrunk_images_see_the_same_points() -> None:
     assert small_v == pytest.approx((v - 0.5) / 2)
 
 
-def test_planes_of_an_exact_wall_are_exact() -> None:
+def test_planes_fitted_to_a_noise_free_wall_are_exact() -> None:
     depth, _ = seen(Pose3())
     packed = build(depth).levels[0].packed
     v, u = 120, 60
@@ -164,7 +164,7 @@ def test_planes_of_an_exact_wall_are_exact() -> None:
     assert packed[v, u, 3] == pytest.approx(nearest[3] / np.linalg.norm(nearest[:3]), abs=1e-3)
 
 
-def test_overlap_is_judged_off_the_floor() -> None:
+def test_overlap_counts_only_pixels_off_the_floor() -> None:
     depth, rgb = seen(Pose3())
     floor = Plane(np.array([0.0, -1.0, 0.0]), 0.9)
     counts = build(depth, rgb, floor).levels[0].counts
@@ -173,16 +173,16 @@ def test_overlap_is_judged_off_the_floor() -> None:
     assert counts[:100].all()
 
 
-def test_what_is_put_away_comes_back_the_same_to_a_tenth_of_a_millimetre() -> None:
+def test_a_compressed_image_is_restored_to_a_tenth_of_a_millimetre() -> None:
     first = image(Pose3(), np.random.default_rng(1))
-    again = keep(first).pyramid()
+    again = compress(first).pyramid()
     a, b = first.levels[0], again.levels[0]
     assert np.array_equal(np.isfinite(a.z), np.isfinite(b.z))
     assert np.nanmax(np.abs(a.z - b.z)) < 1.1e-4
     assert np.max(np.abs(a.grey - b.grey)) <= 1.0
 
 
-def test_a_distorted_lens_is_straightened_first() -> None:
+def test_lens_distortion_is_removed_before_alignment() -> None:
     bent = Camera(320, 240, 262.0, 262.0, 159.5, 119.5, (-0.15, 0.04, 0.0, 0.0, 0.0))
     true = moved((0.03, -0.01, 0.04), (0.5, -1.0, 0.0))
     views = [build(*seen(pose, None, bent)) for pose in (Pose3(), true)]
@@ -191,7 +191,7 @@ def test_a_distorted_lens_is_straightened_first() -> None:
     assert error(found.motion, true)[0] < 3e-3
 
 
-def test_what_does_not_fit_is_told() -> None:
+def test_wrong_image_sizes_and_methods_are_refused() -> None:
     depth, rgb = seen(Pose3())
     with pytest.raises(InputError, match="register"):
         build(depth, rgb[:100])

@@ -1,4 +1,4 @@
-"""Image after image: the way, its losses and its loops."""
+"""RGB-D odometry image by image: trajectory, losses and loop closures."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from perception.depth import structured_light
+from perception.odometry.alignment import AlignConfig
 from perception.odometry.back_end import BackEnd
-from perception.odometry.baselines import NAMES, aligner
+from perception.odometry.baselines import ALIGNERS, aligner
 from perception.odometry.odometry import (
     FIRST,
     LOST,
@@ -20,7 +21,7 @@ from perception.odometry.odometry import (
     Odometry,
     OdometryConfig,
 )
-from perception.odometry.place_recognition import motion_between, remember
+from perception.odometry.place_recognition import describe, motion_between
 from perception.odometry.pyramid import Pyramid, build
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
@@ -32,7 +33,7 @@ SPOTS = np.random.default_rng(3).random((64, 64, 64)) * 180.0 + 40.0
 
 
 def room(pose: Pose3, rng: np.random.Generator, grey: bool = True) -> Pyramid:
-    """A room of 4 x 2.4 x 5 m with a pillar, its walls speckled, and depth noise."""
+    """A room of 4 x 2.4 x 5 m with a pillar, textured walls, and depth noise."""
     directions = CAMERA.rays @ pose.rotation.T
     z = np.full(directions.shape[:2], np.inf)
     boxes = (
@@ -65,27 +66,27 @@ def off(found: Pose3, true: Pose3) -> float:
     return float(np.linalg.norm(found.position - true.position))
 
 
-def test_a_walk_through_a_room_is_followed() -> None:
+def test_a_trajectory_through_a_room_is_tracked() -> None:
     rng = np.random.default_rng(0)
-    way = [at(0.02 * n, -1.0 + 0.03 * n, 1.5 * n) for n in range(20)]
+    poses = [at(0.02 * n, -1.0 + 0.03 * n, 1.5 * n) for n in range(20)]
     odometry = Odometry()
-    steps = [odometry.track(room(pose, rng)) for pose in way]
+    steps = [odometry.track(room(pose, rng)) for pose in poses]
     assert [step.state for step in steps] == [FIRST] + [TRACKED] * 19
-    for step, pose in zip(steps, way, strict=True):
-        assert off(step.T_start_camera, way[0].inverse() @ pose) < 0.01
+    for step, pose in zip(steps, poses, strict=True):
+        assert off(step.T_start_camera, poses[0].inverse() @ pose) < 0.01
 
 
 def test_the_same_images_give_the_same_bits() -> None:
-    ways = []
+    runs = []
     for _ in range(2):
         rng, odometry = np.random.default_rng(4), Odometry()
         for n in range(4):
             step = odometry.track(room(at(0.03 * n, -1.0, 2.0 * n), rng))
-        ways.append(step.T_start_camera)
-    assert ways[0] == ways[1]
+        runs.append(step.T_start_camera)
+    assert runs[0] == runs[1]
 
 
-def test_a_covered_lens_is_a_loss_that_is_said_and_the_camera_is_found_again() -> None:
+def test_a_covered_lens_is_reported_as_lost_and_the_camera_is_relocalised() -> None:
     rng, odometry = np.random.default_rng(1), Odometry()
     for n in range(3):
         odometry.track(room(at(0.03 * n, -1.0, n), rng))
@@ -100,7 +101,7 @@ def test_a_covered_lens_is_a_loss_that_is_said_and_the_camera_is_found_again() -
     assert off(back.T_start_camera, at(0.0, -1.0, 0.0).inverse() @ at(0.08, -1.0, 3.0)) < 0.03
 
 
-def test_another_room_is_not_taken_for_this_one() -> None:
+def test_an_image_of_another_place_is_lost() -> None:
     rng, odometry = np.random.default_rng(2), Odometry()
     odometry.track(room(at(0.0, -1.0, 0.0), rng))
     step = odometry.track(room(at(-1.5, 2.0, 160.0), rng))
@@ -108,7 +109,7 @@ def test_another_room_is_not_taken_for_this_one() -> None:
     assert np.sqrt(step.covariance[0, 0]) >= 0.5
 
 
-def test_who_is_lost_for_long_begins_anew_and_says_so() -> None:
+def test_after_several_losses_tracking_restarts_and_reports_it() -> None:
     rng, odometry = np.random.default_rng(2), Odometry(OdometryConfig(give_up=3))
     odometry.track(room(at(0.0, -1.0, 0.0), rng))
     states = [odometry.track(room(at(-1.5, 2.0, 160.0 + n), rng)).state for n in range(5)]
@@ -116,7 +117,7 @@ def test_who_is_lost_for_long_begins_anew_and_says_so() -> None:
     assert states[3:] == [TRACKED, TRACKED]
 
 
-def test_memory_does_not_grow_with_the_number_of_images() -> None:
+def test_the_number_of_references_is_bounded() -> None:
     rng = np.random.default_rng(6)
     odometry = Odometry(OdometryConfig(keep_m=0.001, remembered=6))
     for n in range(16):
@@ -126,12 +127,12 @@ def test_memory_does_not_grow_with_the_number_of_images() -> None:
     assert len(ready) == 1
 
 
-def test_a_way_there_and_back_is_closed_and_ends_where_it_began() -> None:
+def test_a_trajectory_there_and_back_is_closed_at_its_start() -> None:
     rng = np.random.default_rng(7)
     there = [at(0.08 * n, -1.0, 3.0 * n) for n in range(7)]
-    way = [*there, *there[-2::-1]]
+    poses = [*there, *there[-2::-1]]
     odometry, back_end = Odometry(), BackEnd(np.random.default_rng(0))
-    for n, pose in enumerate(way):
+    for n, pose in enumerate(poses):
         image = room(pose, rng)
         step = odometry.track(image)
         back_end.take(step, image, odometry.references[-1].number == n)
@@ -141,47 +142,47 @@ def test_a_way_there_and_back_is_closed_and_ends_where_it_began() -> None:
     gap = found[0].inverse() @ found[-1]
     assert off(gap, Pose3()) < 0.02
     assert np.degrees(Rotation.from_matrix(gap.rotation).magnitude()) < 0.4
-    for pose, truth in zip(found, way, strict=True):
-        assert off(found[0].inverse() @ pose, way[0].inverse() @ truth) < 0.03
+    for pose, truth in zip(found, poses, strict=True):
+        assert off(found[0].inverse() @ pose, poses[0].inverse() @ truth) < 0.03
 
 
 @pytest.mark.parametrize("grey", [True, False])
-def test_a_place_is_known_again_by_its_features(grey: bool) -> None:
+def test_a_place_is_recognised_by_its_features(grey: bool) -> None:
     rng = np.random.default_rng(8)
     one, other = at(0.0, 0.0, 0.0), at(0.15, 0.1, 9.0)
-    first, second = (remember(n, room(pose, rng, grey)) for n, pose in enumerate((one, other)))
+    first, second = (describe(n, room(pose, rng, grey)) for n, pose in enumerate((one, other)))
     found = motion_between(first, second, np.random.default_rng(0))
     if not grey and found is None:
-        return  # bare walls have few features in depth; a wrong motion would be the fault
+        return  # bare walls have few features in depth; only a wrong motion would be an error
     assert found is not None
     assert off(found, one.inverse() @ other) < 0.06
 
 
-def test_different_places_are_not_mixed_up() -> None:
+def test_different_places_are_not_matched() -> None:
     rng = np.random.default_rng(9)
     first, second = (
-        remember(n, room(pose, rng)) for n, pose in enumerate((at(0, 0, 0), at(0, 0, 180)))
+        describe(n, room(pose, rng)) for n, pose in enumerate((at(0, 0, 0), at(0, 0, 180)))
     )
     assert motion_between(first, second, np.random.default_rng(0)) is None
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_peers_answer_like_ours(name: str) -> None:
+@pytest.mark.parametrize("name", ALIGNERS)
+def test_baselines_agree_with_our_alignment(name: str) -> None:
     pytest.importorskip("small_gicp")
     rng = np.random.default_rng(10)
     one, other = at(0.0, -1.0, 0.0), at(0.02, -0.98, 1.0)
-    found = aligner(name)(room(one, rng), room(other, rng), [Pose3()], OdometryConfig().align)
+    found = aligner(name)(room(one, rng), room(other, rng), [Pose3()], AlignConfig())
     assert found is not None
     assert off(found.motion, one.inverse() @ other) < 0.02
     assert found.fitting > 0.8
 
 
-def test_an_unknown_peer_is_refused() -> None:
-    with pytest.raises(ConfigError, match="engine"):
+def test_an_unknown_aligner_is_refused() -> None:
+    with pytest.raises(ConfigError, match="aligner"):
         aligner("orb")
 
 
-def test_a_real_kitchen_is_followed(recordings: Path) -> None:
+def test_a_real_living_room_is_tracked_to_five_millimetres(recordings: Path) -> None:
     from surefoot.recordings.open import open_recording
 
     odometry, found, true = Odometry(), [], []

@@ -1,4 +1,4 @@
-"""Recordings without poses: the cycle follows them by itself."""
+"""Recordings without poses: RGB-D odometry as the pose source of the pipeline."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ from surefoot.recordings.open import open_recording
 from surefoot.run.pipeline import Pipeline
 
 
-def test_the_map_frame_is_upright_and_the_way_agrees_with_the_true_one(recordings: Path) -> None:
+def test_the_map_frame_is_upright_and_the_trajectory_agrees_with_ground_truth(
+    recordings: Path,
+) -> None:
     recording = open_recording(recordings / "redwood_livingroom")
     info = replace(recording.info, poses_given=False)
     pipeline = Pipeline(Config(), info)
@@ -48,12 +50,10 @@ def test_the_map_frame_is_upright_and_the_way_agrees_with_the_true_one(recording
 
 
 @pytest.mark.parametrize("name", ["sevenscenes_redkitchen/pan", "tum_fr3_cabinet"])
-def test_poses_on_the_way_are_as_sure_as_they_claim_from_the_start(
-    recordings: Path, name: str
-) -> None:
-    """Twice the three degrees of freedom: deviations are at most 1.4 times the claimed ones."""
-    tracked = OdometryPoses(np.random.default_rng(0), Config().prior)
-    start: Pose3 | None = None  # of the truth's world in the map
+def test_live_poses_are_consistent_with_their_covariance(recordings: Path, name: str) -> None:
+    """The mean NEES is at most twice the three degrees of freedom."""
+    tracked = OdometryPoses(np.random.default_rng(0))
+    start: Pose3 | None = None  # T_map_world of ground truth
     squares = []
     for frame in open_recording(recordings / name).frames():
         true = frame.T_world_camera
@@ -74,9 +74,9 @@ def test_poses_on_the_way_are_as_sure_as_they_claim_from_the_start(
     assert 0.3 < np.mean(squares) < 6.0
 
 
-def test_single_pictures_stand_alone(recordings: Path) -> None:
+def test_unrelated_single_images_are_placed_above_their_own_floor(recordings: Path) -> None:
     recording = open_recording(recordings / "realsense_low_boxes")
-    tracked = OdometryPoses(np.random.default_rng(0), Config().prior, OdometerConfig(loops=False))
+    tracked = OdometryPoses(np.random.default_rng(0), OdometerConfig(loops=False))
     for frame in islice(recording.frames(), 3):
         tracked.update(frame, [])
     assert tracked.odometer.states == [FIRST, LOST, LOST]
@@ -88,9 +88,9 @@ def test_single_pictures_stand_alone(recordings: Path) -> None:
     assert tracked.place(None, None) is None
 
 
-def test_frames_without_depth_are_left_to_the_floor(recordings: Path) -> None:
-    tracked = OdometryPoses(np.random.default_rng(0), Config().prior)
+def test_frames_without_depth_give_no_pose(recordings: Path) -> None:
+    tracked = OdometryPoses(np.random.default_rng(0))
     assert tracked.update(Frame(0.0), []) is None
     assert tracked.pose is None
     with pytest.raises(InputError, match="no depth"):
-        Odometer(np.random.default_rng(0)).take(Frame(0.0))
+        Odometer(np.random.default_rng(0)).track(Frame(0.0))

@@ -1,4 +1,4 @@
-"""Drives over a simulated floor with truth beside them, for the tests of planar localisation."""
+"""Simulated drives with ground truth, for the tests of planar localisation."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from perception.filtering.consistency import nees
-from perception.planar.planar import Journey, PlanarConfig
+from perception.planar.config import PlanarConfig
+from perception.planar.planar import Journey
 from perception.primitives.gaussian import Gaussian
 
 PLACES = np.array(
@@ -31,18 +32,18 @@ CONFIG = PlanarConfig(
     place=0.01,
     gate=16.0,
 )
-"""What the simulated robot is told of its own noise; it is true of `drive` but for its faults."""
+"""The noise of `drive` without its faults."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A journey and its truth, (n, 3)."""
+    """A run and its ground truth, (n, 3)."""
 
     journey: Journey
     true: np.ndarray
 
     def anees(self, means: np.ndarray, covariances: np.ndarray) -> float:
-        """Per degree of freedom, over the whole drive."""
+        """Average NEES per degree of freedom."""
         return float(np.mean(nees(means - self.true, covariances, angles=(2,)))) / 3.0
 
     def errors_m(self, means: np.ndarray) -> np.ndarray:
@@ -58,16 +59,16 @@ def drive(
     late_s: float = 0.0,
     kidnapped_m: float = 0.0,
 ) -> Drive:
-    """Drive in bends at 0.3 m/s, looking at what is ahead twice a second.
+    """Drive along curves at 0.3 m/s, with sightings ahead twice a second.
 
     Args:
         seed: Of all noise.
-        seconds: How long.
-        outliers: Share of sightings that mean nothing.
-        blackout_s: From when to when nothing is seen.
-        jump_m: By so much odometry leaps once, in the middle.
-        late_s: Sightings show where the robot was so long ago.
-        kidnapped_m: By so much the robot is carried sideways, in the middle, and turned by a radian.
+        seconds: Duration.
+        outliers: Share of random sightings.
+        blackout_s: Interval without sightings.
+        jump_m: A jump of the odometry in the middle of the run.
+        late_s: Delay of the sightings.
+        kidnapped_m: A lateral displacement in the middle of the run, with a turn of one radian.
     """
     rng = np.random.default_rng(seed)
     dt, p = 0.1, CONFIG

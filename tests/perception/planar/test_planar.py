@@ -1,4 +1,4 @@
-"""Planar localisation on simulated drives: right, honest about it, and hard to kill."""
+"""Planar localisation on simulated drives: accuracy, consistency, robustness."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from hypothesis import strategies as st
 
 from perception.filtering.consistency import band
 from perception.planar import _planar_kernels as kernels
+from perception.planar.config import PlanarConfig
 from perception.planar.planar import (
     Journey,
-    PlanarConfig,
     PlanarFilter,
     PlanarPrior,
-    follow,
-    weights,
+    filter_journey,
+    sigma_weights,
 )
-from perception.planar.planar_fit import FITTED, fit, search
+from perception.planar.planar_fit import FITTED, compass_search, fit
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.gaussian import Gaussian
 
@@ -40,9 +40,9 @@ def walks():
     return module
 
 
-def test_its_errors_are_as_large_as_it_says_and_a_few_centimetres(walks):
+def test_errors_are_centimetres_and_consistent_with_the_covariance(walks):
     drives = [walks.drive(seed) for seed in SEEDS]
-    found = [follow(d.journey, walks.CONFIG) for d in drives]
+    found = [filter_journey(d.journey, walks.CONFIG) for d in drives]
     low, high = band(3, len(drives), 0.999)
     anees = np.mean([d.anees(f.means, f.covariances) for d, f in zip(drives, found, strict=True)])
     assert low / 3 < anees < high / 3
@@ -50,8 +50,8 @@ def test_its_errors_are_as_large_as_it_says_and_a_few_centimetres(walks):
     assert np.sqrt(np.mean(errors**2)) < 0.05
 
 
-def test_innovations_are_white_noise_of_unit_size(walks):
-    found = [follow(walks.drive(seed).journey, walks.CONFIG) for seed in SEEDS]
+def test_whitened_innovations_are_white_with_unit_variance(walks):
+    found = [filter_journey(walks.drive(seed).journey, walks.CONFIG) for seed in SEEDS]
     rows = np.concatenate([f.whitened[f.status == 1] for f in found])
     assert np.mean(rows**2) == pytest.approx(1.0, abs=0.1)
     lagged = np.mean(rows[1:] * rows[:-1]) / np.mean(rows**2)
@@ -59,7 +59,7 @@ def test_innovations_are_white_noise_of_unit_size(walks):
 
 
 def recovers(found, drives, after_s=30.0):
-    """Mean ANEES over seeds, and the root mean square error, m, from some seconds after the fault in the middle."""
+    """Mean ANEES over seeds, and the root mean square error, m, some seconds after the fault in the middle."""
     later = round((90.0 + after_s) / 0.1)
     errors = [d.errors_m(f.means)[later:] for d, f in zip(drives, found, strict=True)]
     return (
@@ -77,12 +77,12 @@ def recovers(found, drives, after_s=30.0):
         {"late_s": 0.05},
         {"outliers": 0.3, "blackout_s": (50.0, 60.0), "late_s": 0.05},
     ],
-    ids=["three in ten sightings mean nothing", "blind for 10 s", "odometry leaps 0.5 m",
-         "the camera's clock is 50 ms late", "three of these at once"],
+    ids=["30 % outliers", "no sightings for 10 s", "odometry jumps by 0.5 m",
+         "the camera's clock is 50 ms late", "three faults at once"],
 )  # fmt: skip
-def test_it_recovers_and_stays_honest_when(walks, fault):
+def test_it_stays_accurate_and_consistent_with(walks, fault):
     drives = [walks.drive(seed, **fault) for seed in SEEDS]
-    found = [follow(d.journey, walks.CONFIG) for d in drives]
+    found = [filter_journey(d.journey, walks.CONFIG) for d in drives]
     anees, error_m = recovers(found, drives)
     assert anees < 3.0
     assert error_m < 0.1
@@ -91,32 +91,31 @@ def test_it_recovers_and_stays_honest_when(walks, fault):
         np.linalg.cholesky(f.covariances)
 
 
-def test_without_doubt_it_would_never_find_itself_again_when_carried_away(walks):
-    """What follows is no easy one: a filter that never doubts itself stays lost."""
+def test_without_recovery_it_stays_lost_after_a_kidnapping(walks):
     drives = [walks.drive(seed, kidnapped_m=2.0) for seed in SEEDS]
-    stubborn = dataclasses.replace(walks.CONFIG, doubt_after=10**9)
-    found = [follow(d.journey, stubborn) for d in drives]
+    without = dataclasses.replace(walks.CONFIG, recover_after=10**9)
+    found = [filter_journey(d.journey, without) for d in drives]
     assert recovers(found, drives)[1] > 1.0
 
 
-def test_carried_two_metres_away_and_turned_it_finds_itself_again(walks):
+def test_it_recovers_from_a_kidnapping_by_two_metres(walks):
     drives = [walks.drive(seed, kidnapped_m=2.0) for seed in SEEDS]
-    found = [follow(d.journey, walks.CONFIG) for d in drives]
+    found = [filter_journey(d.journey, walks.CONFIG) for d in drives]
     assert recovers(found, drives)[1] < 0.1
     assert all(np.sum(f.status == 0) < 80 for f in found)
 
 
-def test_outliers_are_counted_and_true_sightings_are_not(walks):
-    clean = follow(walks.drive(1).journey, walks.CONFIG)
+def test_outliers_are_rejected_and_correct_sightings_are_not(walks):
+    clean = filter_journey(walks.drive(1).journey, walks.CONFIG)
     assert np.mean(clean.status == 1) > 0.99
-    spoilt = follow(walks.drive(1, outliers=0.3).journey, walks.CONFIG)
+    spoilt = filter_journey(walks.drive(1, outliers=0.3).journey, walks.CONFIG)
     assert 0.2 < np.mean(spoilt.status == 0) < 0.36
 
 
-def test_instant_by_instant_gives_what_the_whole_journey_gives(walks):
+def test_the_filter_by_instants_agrees_with_that_of_a_whole_run(walks):
     d = walks.drive(3, seconds=20.0, outliers=0.1)
     j = d.journey
-    whole = follow(j, walks.CONFIG)
+    whole = filter_journey(j, walks.CONFIG)
     robot = PlanarFilter(j.start, {k: tuple(p) for k, p in enumerate(j.places)}, walks.CONFIG)
     for i, (dt, path, turn) in enumerate(j.steps):
         assert robot.predict(dt, path, turn)
@@ -131,8 +130,8 @@ def test_instant_by_instant_gives_what_the_whole_journey_gives(walks):
     st.lists(st.tuples(st.floats(), st.floats(), st.floats()), max_size=5),
     st.lists(st.tuples(st.integers(0, 3), st.floats(), st.floats()), max_size=5),
 )
-def test_any_numbers_at_all_leave_a_covariance(steps, sightings):
-    """Infinite, huge, not a number, back in time: refused, or taken without harm."""
+def test_any_input_leaves_a_finite_state_and_a_positive_covariance(steps, sightings):
+    """Infinite, huge, NaN, time running backwards: refused, or processed without damage."""
     robot = PlanarFilter(
         Gaussian(np.zeros(3), np.diag([0.01, 0.01, 0.01])), {0: (1.0, 0.0), 1: (0.0, 2.0)}
     )
@@ -146,9 +145,11 @@ def test_any_numbers_at_all_leave_a_covariance(steps, sightings):
     assert np.linalg.eigvalsh(P / np.outer(sigma, sigma)).min() > -1e-14
 
 
-def test_many_sightings_of_one_landmark_do_not_make_it_surer_than_the_map(walks):
-    """Standing still, a thousand looks at one tag: its displacement stays in the answer."""
-    far = PlanarPrior(pace_sigma=0.0, turn_sigma=0.0, drift_sigma=0.0, lens_sigma=0.0)
+def test_many_sightings_of_one_landmark_do_not_average_out_its_map_error(walks):
+    """A thousand sightings of one tag while standing: its displacement stays in the covariance."""
+    far = PlanarPrior(
+        odometry_scale_sigma=0.0, turn_scale_sigma=0.0, drift_sigma=0.0, lens_sigma=0.0
+    )
     sure = dataclasses.replace(
         walks.CONFIG, place=0.05, place_memory=1e9, depth_shared=1e-9, bearing_shared=1e-9
     )
@@ -160,35 +161,31 @@ def test_many_sightings_of_one_landmark_do_not_make_it_surer_than_the_map(walks)
     assert math.sqrt(robot.pose.covariance[0, 0]) == pytest.approx(0.05, rel=0.1)
 
 
-def test_the_likelihood_finds_the_parameters_without_the_truth(walks):
-    """Started with bearings three times too vague and depths 10 cm off."""
+def test_maximum_likelihood_finds_the_parameters_without_ground_truth(walks):
+    """From a bearing noise three times too large and depths 10 cm off."""
     j = walks.drive(5, seconds=60.0).journey
     wrong = dataclasses.replace(walks.CONFIG, bearing_sigma=0.02, offset=0.15)
     found, _ = fit(lambda delay: j, wrong, delay_s=0.0, sweeps=3)
-    assert follow(j, found).log_likelihood > follow(j, wrong).log_likelihood + 50.0
+    assert filter_journey(j, found).log_likelihood > filter_journey(j, wrong).log_likelihood + 50.0
     assert abs(found.offset - walks.CONFIG.offset) < 0.06  # of 0.10: depths share an error too
-    assert (
-        found.bearing_sigma < 0.6 * wrong.bearing_sigma
-    )  # three sweeps of a search come half the way
+    assert found.bearing_sigma < 0.6 * wrong.bearing_sigma  # three sweeps get half-way
 
 
-def test_the_search_finds_the_lowest_point_of_a_bowl_and_refuses_no_step():
-    found = search(
+def test_compass_search_finds_a_minimum_and_refuses_zero_steps():
+    found = compass_search(
         lambda p: float((p[0] - 1.0) ** 2 + 10.0 * (p[1] + 2.0) ** 2), np.zeros(2), [0.5, 0.5], 60
     )
     np.testing.assert_allclose(found, [1.0, -2.0], atol=0.05)
     with pytest.raises(ConfigError, match="none of them zero"):
-        search(lambda p: 0.0, np.zeros(2), [0.5, 0.0], 1)
+        compass_search(lambda p: 0.0, np.zeros(2), [0.5, 0.0], 1)
 
 
-def test_kernels_and_config_name_their_parameters_alike():
-    names = [field.name for field in dataclasses.fields(PlanarConfig)]
-    assert [getattr(kernels, name.upper()) for name in names] == list(range(len(names)))
-    assert set(FITTED) <= set(names)
-    assert min(weights(kernels.SIZE + 8)[2]) >= 0.0
+def test_fitted_parameters_exist_and_sigma_weights_are_positive():
+    assert set(FITTED) <= {field.name for field in dataclasses.fields(PlanarConfig)}
+    assert min(sigma_weights(kernels.SIZE + 8).covariance) >= 0.0
 
 
-def test_what_cannot_be_is_refused_with_a_reason(walks):
+def test_invalid_parameters_are_refused(walks):
     with pytest.raises(ConfigError, match="place=-1"):
         PlanarConfig(place=-1.0)
     with pytest.raises(ConfigError, match="share"):

@@ -1,4 +1,4 @@
-"""Landmarks that do not tell who they are: several answers until one has proved itself."""
+"""Landmarks without identity: several hypotheses until one is confirmed."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from perception.planar.association import BankConfig, HypothesisBank, follow_unknown
-from perception.planar.planar import follow
+from perception.planar.association import BankConfig, HypothesisBank, filter_unknown
+from perception.planar.planar import filter_journey
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 
@@ -31,32 +31,32 @@ def rms(values) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def test_without_names_it_is_nearly_as_good_as_with_them(walks):
+def test_without_identities_it_is_nearly_as_accurate_as_with_them(walks):
     drives = [walks.drive(seed, seconds=60.0) for seed in range(4)]
-    named = [rms(d.errors_m(follow(d.journey, walks.CONFIG).means)) for d in drives]
-    unnamed = [follow_unknown(d.journey, walks.CONFIG) for d in drives]
+    named = [rms(d.errors_m(filter_journey(d.journey, walks.CONFIG).means)) for d in drives]
+    unnamed = [filter_unknown(d.journey, walks.CONFIG) for d in drives]
     errors = [rms(d.errors_m(means)) for d, (means, _) in zip(drives, unnamed, strict=True)]
     assert np.mean(errors) < 1.2 * np.mean(named)
     assert np.mean([d.anees(*found) for d, found in zip(drives, unnamed, strict=True)]) < 2.0
 
 
-def test_it_does_not_look_at_the_marks(walks):
+def test_it_does_not_use_the_identities(walks):
     j = walks.drive(1, seconds=20.0).journey
     scrambled = dataclasses.replace(j, marks=np.roll(j.marks, 7))
     np.testing.assert_array_equal(
-        follow_unknown(j, walks.CONFIG)[0], follow_unknown(scrambled, walks.CONFIG)[0]
+        filter_unknown(j, walks.CONFIG)[0], filter_unknown(scrambled, walks.CONFIG)[0]
     )
 
 
-def test_one_in_ten_sightings_of_nothing_is_taken_for_nothing(walks):
+def test_one_in_ten_outliers_is_treated_as_clutter(walks):
     d = walks.drive(2, seconds=60.0, outliers=0.1)
-    means, covariances = follow_unknown(d.journey, walks.CONFIG)
+    means, covariances = filter_unknown(d.journey, walks.CONFIG)
     assert rms(d.errors_m(means)) < 0.1
     assert d.anees(means, covariances) < 3.0
 
 
 def twins(config, bank=None) -> HypothesisBank:
-    """A robot that knows its heading but not whether it stands at y = 0.5 or at -0.5; two landmarks alike."""
+    """A robot with a known heading, at y = 0.5 or y = -0.5, in front of two alike landmarks."""
     start = Gaussian(np.zeros(3), np.diag([0.01, 0.4, 0.01]) ** 2)
     return HypothesisBank(
         start, np.array([[3.0, 0.5], [3.0, -0.5], [-3.0, 9.0]]), config, None, bank
@@ -69,14 +69,14 @@ def seen_from(config, x: float, y: float, places) -> np.ndarray:
     )
 
 
-def test_it_keeps_both_answers_until_a_second_sighting_decides(walks):
+def test_it_keeps_both_hypotheses_until_a_second_sighting_decides(walks):
     c = walks.CONFIG
     robots = twins(c)
-    robots.update(seen_from(c, 0.0, -0.5, [(3.0, -0.5)]))  # straight ahead: which of the two?
+    robots.update(seen_from(c, 0.0, -0.5, [(3.0, -0.5)]))  # straight ahead: one of the two
     assert robots.count >= 2
     assert robots.share < 0.8
     undecided = math.sqrt(robots.pose.covariance[1, 1])
-    assert undecided > 0.3  # the mixture says so
+    assert undecided > 0.3  # the spread of the mixture
     robots.predict(1.0, 0.0, 0.0)
     robots.update(seen_from(c, 0.0, -0.5, [(3.0, 0.5)]))
     assert robots.share > 0.95
@@ -84,7 +84,7 @@ def test_it_keeps_both_answers_until_a_second_sighting_decides(walks):
     assert math.sqrt(robots.pose.covariance[1, 1]) < 0.2 * undecided
 
 
-def test_a_bank_of_one_must_guess_and_is_sure_of_it(walks):
+def test_a_bank_of_one_hypothesis_is_overconfident(walks):
     c = walks.CONFIG
     robots = twins(c, BankConfig(capacity=1))
     robots.update(seen_from(c, 0.0, -0.5, [(3.0, -0.5)]))
@@ -93,7 +93,7 @@ def test_a_bank_of_one_must_guess_and_is_sure_of_it(walks):
 
 
 def test_two_sightings_of_one_instant_are_two_landmarks(walks):
-    """Taken one by one both would be the nearer landmark; together they can only be the pair."""
+    """Separately both would be the nearer landmark; together they can only be the pair."""
     c = walks.CONFIG
     robots = twins(c)
     robots.update(seen_from(c, 0.0, 0.1, [(3.0, 0.5), (3.0, -0.5)]))
@@ -101,7 +101,7 @@ def test_two_sightings_of_one_instant_are_two_landmarks(walks):
     assert robots.pose.mean[1] == pytest.approx(0.1, abs=0.05)
 
 
-def test_what_is_not_finite_is_left_out(walks):
+def test_sightings_that_are_not_finite_are_ignored(walks):
     robots = twins(walks.CONFIG)
     before = robots.pose
     robots.update(np.array([[np.nan, 0.0], [2.0, np.inf]]))
@@ -111,7 +111,7 @@ def test_what_is_not_finite_is_left_out(walks):
 
 
 @pytest.mark.parametrize("count", [0, 63])
-def test_too_many_places_or_none_are_refused(walks, count):
+def test_too_many_landmarks_or_none_are_refused(walks, count):
     with pytest.raises(ConfigError, match="landmarks; 1 to 62"):
         HypothesisBank(Gaussian(np.zeros(3), np.eye(3)), np.zeros((count, 2)))
     with pytest.raises(ConfigError, match="capacity=0"):

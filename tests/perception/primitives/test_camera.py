@@ -1,4 +1,4 @@
-"""The camera projects as OpenCV does, and back again."""
+"""Projection and back-projection, compared with OpenCV."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_projection_agrees_with_opencv(camera):
 
 @pytest.mark.parametrize("camera", [STRAIGHT, BENT, MILD, TOF, KINECT])
 @given(seed=st.integers(0, 2**32 - 1))
-def test_a_point_projected_and_projected_back_is_the_point(camera, seed):
+def test_back_projection_inverts_projection(camera, seed):
     points = points_before(camera, seed, 20)
     again = camera.back_project(camera.project(points), points[:, 2])
     np.testing.assert_allclose(again, points, atol=1e-9)
@@ -79,7 +79,7 @@ def test_undistorting_agrees_with_opencv_near_the_corner_of_the_image(undistort)
 
 
 @pytest.mark.parametrize("camera", [TOF, KINECT])
-def test_the_rays_of_a_rational_lens_meet_opencv_in_every_pixel(camera):
+def test_the_rays_of_a_rational_lens_agree_with_opencv_in_every_pixel(camera):
     seen, _ = cv2.projectPoints(
         camera.rays.reshape(-1, 3),
         np.zeros(3),
@@ -110,7 +110,7 @@ def test_the_image_ends_half_a_pixel_beyond_its_outer_pixel_centres():
 
 
 @given(st.floats(0.3, 2.2), st.floats(0.3, 2.2))
-def test_opening_angles_reach_from_edge_to_edge(across, down):
+def test_the_field_of_view_reaches_from_edge_to_edge(across, down):
     camera = Camera.from_view(320, 240, across, down)
     left, right = camera.back_project(np.array([[-0.5, 119.5], [319.5, 119.5]]), np.ones(2))
     assert math.isclose(math.atan(right[0]) - math.atan(left[0]), across, abs_tol=1e-9)
@@ -119,7 +119,7 @@ def test_opening_angles_reach_from_edge_to_edge(across, down):
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"width": 0}, "at least 1x1"),
         ({"fx": -5.0}, "fx=-5.0 px must be positive"),
@@ -130,7 +130,7 @@ def test_opening_angles_reach_from_edge_to_edge(across, down):
         ({"distortion": (0.1, 0.0, 0.0, 0.0, math.nan)}, "nan.* must be 5 finite .* or 8"),
     ],
 )
-def test_intrinsics_that_cannot_be_are_refused_by_name(change, said):
+def test_invalid_intrinsics_are_refused_by_name(change, message):
     good = {"width": 320, "height": 240, "fx": 277.0, "fy": 277.0, "cx": 159.5, "cy": 119.5}
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError, match=message):
         Camera(**(good | change))

@@ -1,4 +1,4 @@
-"""Words that carry arrays refuse the wrong shape and type during tests, and cannot be changed."""
+"""Values with arrays refuse wrong shapes and types during tests, and are immutable."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ def test_a_sighting_of_the_wrong_shape_is_refused():
         Landmark(1, (0.0, 0.0, 0.5), 0.16),
     ],
 )
-def test_a_value_cannot_be_changed(value):
+def test_values_are_immutable(value):
     name = dataclasses.fields(value)[0].name
     with pytest.raises(dataclasses.FrozenInstanceError):
         setattr(value, name, 0)
 
 
-def test_a_body_without_sensors_still_has_an_instant():
+def test_a_frame_without_sensors_has_a_time():
     frame = Frame(3.5)
     rest = [getattr(frame, f.name) for f in dataclasses.fields(frame) if f.name != "stamp_s"]
     assert frame.stamp_s == 3.5
     assert not any(rest)
 
 
-def test_one_root_catches_every_error_and_bad_input_is_told_from_bad_output():
+def test_one_root_catches_every_error_and_input_errors_differ_from_output_errors():
     for kind in (InputError, ConfigError, RecordingError, OutputError):
         assert issubclass(kind, SurefootError)
     assert issubclass(ConfigError, InputError)

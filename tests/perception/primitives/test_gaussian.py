@@ -1,4 +1,4 @@
-"""A Gaussian measures distance, projects and draws its ellipse as the books say."""
+"""Distance, projection and ellipse of a Gaussian."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_marginal_is_the_linear_map_that_picks_entries(seed):
     np.testing.assert_allclose(picked.covariance, mapped.covariance)
 
 
-def test_the_ellipse_of_a_turned_covariance_points_along_its_long_axis():
+def test_the_ellipse_of_a_rotated_covariance_points_along_its_long_axis():
     c, s = math.cos(0.4), math.sin(0.4)
     R = np.array([[c, -s], [s, c]])
     belief = Gaussian(np.zeros(2), R @ np.diag([9.0, 1.0]) @ R.T)
@@ -54,7 +54,7 @@ def test_the_ellipse_of_a_turned_covariance_points_along_its_long_axis():
     assert math.isclose(math.remainder(direction - 0.4, math.pi), 0.0, abs_tol=1e-12)
 
 
-def test_the_ellipse_holds_its_share_of_samples():
+def test_the_ellipse_contains_its_share_of_samples():
     rng = np.random.default_rng(0)
     belief = some(rng, 2)
     long, short, direction = belief.ellipse(0.9)

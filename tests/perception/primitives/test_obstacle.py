@@ -1,4 +1,4 @@
-"""An obstacle told ahead goes on as it went, and grows uncertain."""
+"""Prediction of an obstacle at constant velocity with growing covariance."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def some(seed: int) -> Obstacle:
 
 
 @given(st.integers(0, 2**32 - 1), seconds)
-def test_it_goes_straight_on_and_keeps_its_velocity(seed, t):
+def test_prediction_keeps_the_velocity(seed, t):
     now = some(seed)
     then = now.after(t)
     np.testing.assert_allclose(then.position, now.position + t * now.velocity, atol=1e-12)
@@ -28,21 +28,21 @@ def test_it_goes_straight_on_and_keeps_its_velocity(seed, t):
 
 
 @given(st.integers(0, 2**32 - 1), seconds, seconds)
-def test_without_acceleration_two_spans_are_one(seed, a, b):
+def test_without_acceleration_two_predictions_equal_one(seed, a, b):
     now = some(seed)
     twice, once = now.after(a).after(b), now.after(a + b)
     np.testing.assert_allclose(twice.state.mean, once.state.mean, atol=1e-9)
     np.testing.assert_allclose(twice.state.covariance, once.state.covariance, atol=1e-9)
 
 
-def test_everything_else_stays_with_it():
+def test_prediction_keeps_the_other_fields():
     now = some(1)
     then = now.after(2.0, 0.1)
     for name in ("radius_m", "height_m", "track", "moving", "seen_s", "since_s"):
         assert getattr(then, name) == getattr(now, name)
 
 
-def test_its_covariance_is_that_of_obstacles_let_go():
+def test_the_predicted_covariance_equals_that_of_samples():
     rng = np.random.default_rng(5)
     now, t, sigma = some(2), 1.5, 0.2
     starts = rng.multivariate_normal(now.state.mean, now.state.covariance, size=40000)

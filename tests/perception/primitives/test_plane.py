@@ -1,4 +1,4 @@
-"""A plane keeps its distances when it is moved, and its covariance means what it says."""
+"""Transformed planes keep their distances; the covariance equals that of samples."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def some_motion(rng: np.random.Generator) -> Pose3:
 
 
 @given(seeds)
-def test_tangents_and_normal_make_a_right_handed_frame(seed):
+def test_tangents_and_normal_form_a_right_handed_frame(seed):
     plane = some_plane(np.random.default_rng(seed))
     frame = np.vstack([plane.tangents, plane.normal])
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
@@ -48,7 +48,7 @@ def test_a_moved_plane_is_as_far_from_a_moved_point(seed):
 
 
 @given(seeds)
-def test_moving_there_and_back_gives_the_plane_and_its_covariance(seed):
+def test_a_transform_and_its_inverse_restore_the_plane_and_its_covariance(seed):
     rng = np.random.default_rng(seed)
     plane, motion = some_plane(rng), some_motion(rng)
     again = plane.moved(motion).moved(motion.inverse())
@@ -58,7 +58,7 @@ def test_moving_there_and_back_gives_the_plane_and_its_covariance(seed):
 
 
 @given(seeds)
-def test_the_error_that_leads_to_a_plane_leads_there(seed):
+def test_the_error_between_two_planes_leads_from_one_to_the_other(seed):
     rng = np.random.default_rng(seed)
     plane = some_plane(rng)
     error = rng.normal(size=3) * 0.001
@@ -68,7 +68,7 @@ def test_the_error_that_leads_to_a_plane_leads_there(seed):
     assert math.isclose(plane.angle_to(other), math.hypot(*error[:2]), rel_tol=1e-5, abs_tol=1e-9)
 
 
-def test_the_covariance_of_a_moved_plane_is_that_of_moved_samples():
+def test_the_covariance_of_a_moved_plane_equals_that_of_moved_samples():
     rng = np.random.default_rng(3)
     for _ in range(2):
         plane, motion = some_plane(rng, spread=0.3), some_motion(rng)

@@ -1,4 +1,4 @@
-"""Poses are groups, act on points, and keep the bits of their quaternion."""
+"""Group axioms of poses, action on points, bits of the quaternion."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle):
 
 
 @given(poses2, poses2, poses2)
-def test_composing_on_the_floor_is_associative(a, b, c):
+def test_composition_on_the_floor_is_associative(a, b, c):
     same2((a @ b) @ c, a @ (b @ c))
 
 
 @given(poses2)
-def test_on_the_floor_the_inverse_undoes_from_both_sides(a):
+def test_on_the_floor_the_inverse_is_two_sided(a):
     same2(a @ a.inverse(), Pose2())
     same2(a.inverse() @ a, Pose2())
     same2(a @ Pose2(), a)
@@ -61,24 +61,24 @@ def test_composed_floor_poses_map_a_point_one_after_the_other(a, b, x, y):
 
 
 @given(poses2, poses2)
-def test_a_floor_pose_lifted_into_space_composes_as_it_does_on_the_floor(a, b):
+def test_lifted_floor_poses_compose_as_on_the_floor(a, b):
     same3((a @ b).lifted(), a.lifted() @ b.lifted())
     same2((a.lifted() @ b.lifted()).flattened(), a @ b)
 
 
 @given(rigid(), rigid(), rigid())
-def test_composing_in_space_is_associative(a, b, c):
+def test_composition_in_space_is_associative(a, b, c):
     same3((a @ b) @ c, a @ (b @ c))
 
 
 @given(rigid())
-def test_in_space_the_inverse_undoes_from_both_sides(a):
+def test_in_space_the_inverse_is_two_sided(a):
     same3(a @ a.inverse(), Pose3())
     same3(a.inverse() @ a, Pose3())
 
 
 @given(rigid(), rigid())
-def test_composing_in_space_is_multiplying_matrices(a, b):
+def test_composition_in_space_equals_matrix_multiplication(a, b):
     np.testing.assert_allclose((a @ b).matrix, a.matrix @ b.matrix, atol=1e-9)
 
 
@@ -106,14 +106,14 @@ def test_a_matrix_gives_back_its_pose_up_to_the_sign_of_the_quaternion(a):
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("turn_rad", [math.pi, math.pi - 1e-9, -math.pi + 1e-9])
-def test_half_a_turn_about_any_axis_survives_the_way_through_a_matrix(axis, turn_rad):
+def test_half_a_turn_about_any_axis_survives_conversion_to_a_matrix(axis, turn_rad):
     rotation = Rotation.from_rotvec(turn_rad * np.eye(3)[axis]).as_matrix()
     again = Pose3.from_rotation(rotation, np.zeros(3))
     np.testing.assert_allclose(again.rotation, rotation, atol=1e-12)
 
 
 @given(rigid())
-def test_a_quaternion_is_kept_to_the_bit_and_not_normalised_behind_ones_back(a):
+def test_a_quaternion_keeps_its_bits_and_is_not_normalised(a):
     scaled = tuple(3.0 * q for q in a.quat_xyzw)
     pose = Pose3(a.translation, scaled)
     assert pose.quat_xyzw == scaled
@@ -123,7 +123,7 @@ def test_a_quaternion_is_kept_to_the_bit_and_not_normalised_behind_ones_back(a):
     assert Pose3(tuple(read[:3]), tuple(read[3:])) == pose
 
 
-def test_a_level_head_looks_along_the_body_and_its_right_is_the_bodys_right():
+def test_a_level_head_looks_along_the_body():
     R = head_rotation(0.0, 0.0)
     np.testing.assert_allclose(R @ [0, 0, 1], [1, 0, 0], atol=1e-15)
     np.testing.assert_allclose(R @ [1, 0, 0], [0, -1, 0], atol=1e-15)

@@ -1,4 +1,4 @@
-"""The smoother that goes along: the filter of textbooks at its front, the batch at its end, better than ours between."""
+"""The fixed-lag smoother: its front equals the Kalman filter, without forgetting it equals the batch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ import pytest
 
 from perception.filtering import models
 from perception.filtering.consistency import band, nees
-from perception.localisation.filter import LocaliserConfig, PoseFilter
+from perception.localisation.filter import PoseFilter
+from perception.localisation.localiser_noise import (
+    GYRO_BIAS_SIGMA_RADPS,
+    NO_ODOMETRY_SIGMA_M,
+    RANGE_WALK,
+    LocaliserConfig,
+)
 from perception.primitives.errors import InputError
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.gaussian import Gaussian
@@ -33,16 +39,16 @@ LAG_S = 5.0
 
 
 def walk(seed: int, frames: int = 36) -> tuple[Gaussian, list[Instant], list[Pose2]]:
-    """A walker whose errors are those that the filter believes in: where it starts, its instants, truth.
+    """A walk with the errors that the filter models: start, measurements, ground truth.
 
-    A sinuous way of two frames a step; slip, turn, gyro, pan and ranges err systematically and by chance.
+    A winding path with two frames a step; slip, turn, gyro, pan and ranges have systematic and random errors.
     """
     rng = np.random.default_rng(seed)
     c = CONFIG
     slip = c.slip_m + c.slip_sigma_m * rng.standard_normal()
     drift = c.drift_sigma_rad * rng.standard_normal()
-    bias = c.gyro_bias_sigma_radps * rng.standard_normal()
-    askew = c.pan_offset_sigma_rad * rng.standard_normal()
+    bias = GYRO_BIAS_SIGMA_RADPS * rng.standard_normal()
+    pan_offset = c.pan_offset_sigma_rad * rng.standard_normal()
     common = c.range_offset_sigma * rng.standard_normal()
     true, stamp = Pose2(), 0.0
     start = Gaussian(rng.multivariate_normal(true.vector, STARTING), STARTING)
@@ -56,15 +62,15 @@ def walk(seed: int, frames: int = 36) -> tuple[Gaussian, list[Instant], list[Pos
         true, stamp = true @ Pose2(x, y, turn), stamp + dt
         rate = turn / dt + bias + c.gyro_sigma_radps * rng.standard_normal()
         imu = Imu(np.array([0.0, 0.0, rate]), np.array([0.0, 0.0, 9.81]))
-        sightings = look(true, askew, common, rng) if k % 4 == 0 else []
-        common += c.range_walk * math.sqrt(dt) * rng.standard_normal()
+        sightings = look(true, pan_offset, common, rng) if k % 4 == 0 else []
+        common += RANGE_WALK * math.sqrt(dt) * rng.standard_normal()
         instants.append(Instant(stamp, StepOdometry(told, 0.5), imu, sightings))
         truth.append(true)
     return start, instants, truth
 
 
-def look(true: Pose2, askew: float, common: float, rng: np.random.Generator) -> list[Sighting]:
-    pan = askew + CONFIG.shared_bearing_sigma_rad * rng.standard_normal()
+def look(true: Pose2, pan_offset: float, common: float, rng: np.random.Generator) -> list[Sighting]:
+    pan = pan_offset + CONFIG.shared_bearing_sigma_rad * rng.standard_normal()
     seen = []
     for mark in MARKS:
         r, b = models.range_bearing(true.vector, np.array([mark.position[:2]]))
@@ -115,7 +121,7 @@ def walks() -> dict[str, np.ndarray]:
     return {name: np.array(values) for name, values in kept.items()}
 
 
-def test_looking_ahead_is_better_than_filtering_over_50_walks(walks):
+def test_later_measurements_reduce_the_error_over_50_walks(walks):
     rmse = {
         name: np.sqrt(np.mean(walks[name][..., :2] ** 2)) for name in ("filter", "lag", "batch")
     }
@@ -127,19 +133,19 @@ def test_looking_ahead_is_better_than_filtering_over_50_walks(walks):
 
 @pytest.mark.parametrize("name", ["lag", "batch"])
 @pytest.mark.parametrize("frame", [8, 20, 32])
-def test_marginals_are_honest_over_50_walks(walks, name, frame):
+def test_marginals_are_consistent_over_50_walks(walks, name, frame):
     values = nees(walks[name][:, frame], walks[f"{name} P"][:, frame])
     low, high = band(3, 50, 0.99)  # six of them: 94 % that all are inside
     assert low < np.mean(values) < high
 
 
-def test_marginals_claim_no_less_than_the_filter_knows(walks):
+def test_marginal_covariances_do_not_exceed_the_filter_s(walks):
     for axis in range(3):
         sure = np.mean(walks["batch P"][:, 5:-5, axis, axis])
         assert sure < np.mean(walks["filter P"][:, 5:-5, axis, axis])
 
 
-def test_the_front_of_the_window_is_the_kalman_filter():
+def test_the_newest_pose_agrees_with_the_kalman_filter():
     rng = np.random.default_rng(1)
     firm = 1e-4
     start = Gaussian(np.zeros(3), np.diag([0.1, firm, firm]) ** 2)
@@ -166,7 +172,7 @@ def test_the_front_of_the_window_is_the_kalman_filter():
         assert len(smoother.window) <= 6
 
 
-def test_without_forgetting_the_last_update_is_the_batch():
+def test_with_an_infinite_lag_the_last_update_agrees_with_the_batch():
     start, instants, _ = walk(7)
     frames = walk_factors(instants, PLACES, CONFIG)
     smoother = FixedLagSmoother(start, walk_systematics(CONFIG), SmootherConfig(lag_s=math.inf))
@@ -188,7 +194,7 @@ def test_without_forgetting_the_last_update_is_the_batch():
     assert abs(pan.mean[2] - other.mean[2]) < 0.05 * math.sqrt(other.covariance[2, 2])
 
 
-def test_a_tag_taken_for_another_moves_the_walk_little():
+def test_a_misread_tag_hardly_changes_the_trajectory():
     start, instants, truth = walk(11)
     spoilt = [
         Instant(
@@ -214,17 +220,17 @@ def test_a_tag_taken_for_another_moves_the_walk_little():
     assert found["spoilt"] < found["clean"] + 0.01
 
 
-def test_a_walk_without_sensors_grows_unsure_and_does_not_fail():
+def test_without_sensors_the_uncertainty_grows():
     instants = [Instant(0.0)]
     instants += [Instant(0.3 * k, None, None) for k in range(1, 20)]
     instants += [Instant(6.0, StepOdometry(Pose2(math.nan, 0.0, 0.0), 0.5), None)]
     frames = walk_factors(instants, PLACES, CONFIG)
     poses = smooth([f for _, factors in frames for f in factors], Gaussian(np.zeros(3), STARTING))
     deviation = math.sqrt(poses[-1].covariance[0, 0])
-    assert deviation >= CONFIG.blind_sigma_m * math.sqrt(6.0)
+    assert deviation >= NO_ODOMETRY_SIGMA_M * math.sqrt(6.0)
 
 
-def test_legs_and_gyro_together_turn_as_the_surer_one_says():
+def test_the_turn_by_legs_and_gyro_is_weighted_by_variance():
     told = StepOdometry(Pose2(0.02, 0.0, 0.05), 0.5)
     imu = Imu(np.array([0.0, 0.0, 0.1]), np.zeros(3))
     motion = step(CONFIG, 1, told, imu, 0.3).motion
@@ -234,7 +240,7 @@ def test_legs_and_gyro_together_turn_as_the_surer_one_says():
     assert wrap_angle(motion.yaw - expected) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_what_has_left_the_window_is_out_of_reach():
+def test_poses_that_left_the_window_are_refused():
     start = Gaussian(np.zeros(3), STARTING)
     smoother = FixedLagSmoother(start, (), SmootherConfig(lag_s=1.0))
     smoother.update(0.0, [])
@@ -244,7 +250,7 @@ def test_what_has_left_the_window_is_out_of_reach():
     assert min(smoother.window) > 0
     with pytest.raises(InputError, match="pose 0 is not in the window"):
         smoother.pose(0)
-    with pytest.raises(InputError, match="connected with no pose"):
+    with pytest.raises(InputError, match="not connected"):
         smoother.update(3.0, [Motion(0, 9, Pose2(), noise)])
     with pytest.raises(InputError, match="lies before"):
         smoother.update(1.0, [])

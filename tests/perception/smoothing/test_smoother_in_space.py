@@ -1,4 +1,4 @@
-"""The smoother in space: covariances in our axes, floors that keep a trajectory level, honest marginals."""
+"""Smoothing in space: axes of covariances, floors, and consistent marginals."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from perception.smoothing.factors import Factor, FloorSeen, LoopClosure, Motion, Placement, PoseSeen
 from perception.smoothing.fixed_lag import FixedLagSmoother
-from perception.smoothing.smoother import SmootherConfig, smooth_in_space
+from perception.smoothing.smoother import SmootherConfig, solve
 
 STEP = np.array([0.01, 0.01, 0.01, 0.005, 0.005, 0.005])
 CLOSED = np.full(6, 0.01)
@@ -71,21 +71,21 @@ def trajectory(
     return factors, truth
 
 
-def test_what_is_said_of_a_pose_comes_back_in_the_same_axes():
+def test_the_covariance_of_a_pose_keeps_its_axes():
     rng = np.random.default_rng(0)
     root = 0.03 * rng.standard_normal((6, 6))
     place = Placement(BEGIN, root @ root.T + 1e-4 * np.eye(6))
-    pose, _ = smooth_in_space([Motion(0, 1, told(1), np.diag(STEP**2))], place)
+    pose = solve([Motion(0, 1, told(1), np.diag(STEP**2))], place).poses[0]
     np.testing.assert_allclose(pose.covariance, place.covariance, rtol=1e-6, atol=1e-10)
     np.testing.assert_allclose(difference(pose.pose, BEGIN), np.zeros(6), atol=1e-9)
 
 
-def test_a_motion_adds_what_chance_adds():
+def test_a_motion_adds_the_covariance_of_monte_carlo():
     rng = np.random.default_rng(1)
     root = 0.01 * rng.standard_normal((6, 6))
     noise = root @ root.T + 1e-5 * np.eye(6)
     small = Placement(BEGIN, np.diag([0.02, 0.01, 0.01, 0.02, 0.01, 0.03]) ** 2)
-    _, pose = smooth_in_space([Motion(0, 1, told(1), noise)], small)
+    pose = solve([Motion(0, 1, told(1), noise)], small).poses[1]
     ideal = BEGIN @ told(1)
     cloud = []
     for _ in range(1500):
@@ -96,11 +96,11 @@ def test_a_motion_adds_what_chance_adds():
     np.testing.assert_allclose(np.cov(whitened), np.eye(6), atol=0.2)  # 1500 draws: deviation .037
 
 
-def test_marginals_in_space_are_honest_over_50_rounds():
+def test_marginals_in_space_are_consistent_over_50_runs():
     squares: dict[int, list[float]] = {6: [], 11: [], 18: []}
     for seed in range(50):
         factors, truth = trajectory(np.random.default_rng(seed))
-        poses = smooth_in_space(factors, START)
+        poses = solve(factors, START).poses
         for k, values in squares.items():
             error = difference(truth[k], poses[k].pose)
             values.append(float(error @ np.linalg.solve(poses[k].covariance, error)))
@@ -109,12 +109,12 @@ def test_marginals_in_space_are_honest_over_50_rounds():
         assert low < np.mean(values) < high
 
 
-def test_floors_hold_height_and_level():
+def test_floors_bound_the_drift_of_height_and_tilt():
     errors: dict[bool, list[np.ndarray]] = {True: [], False: []}
     for seed in range(10):
         for floors, kept in errors.items():
             factors, truth = trajectory(np.random.default_rng(seed), floors)
-            poses = smooth_in_space(factors, START)
+            poses = solve(factors, START).poses.values()
             kept += [difference(t, p.pose) for t, p in zip(truth, poses, strict=True)]
     with_floor, without = (
         np.sqrt(np.mean(np.square(errors[key]), axis=0)) for key in (True, False)
@@ -123,18 +123,18 @@ def test_floors_hold_height_and_level():
     assert np.all(with_floor[3:5] < 0.7 * without[3:5])
 
 
-def test_a_floor_alone_is_read_exactly():
+def test_a_floor_determines_height_and_tilt():
     tilt = Pose3.from_rotation(turned(np.array([0.1, -0.05, 0.0])), np.array([0.0, 0.0, 1.3]))
     floor = Plane(np.array([0.0, 0.0, 1.0]), 0.0).moved(tilt.inverse())
     seen = Plane(floor.normal, floor.offset_m, np.eye(3) * 1e-10)
     vague = Placement(Pose3((0.0, 0.0, 1.2)), np.eye(6) * 0.2**2)
     still = Motion(0, 1, Pose3(), np.eye(6) * 1e-8)
-    pose = smooth_in_space([still, FloorSeen(0, seen)], vague)[0].pose
+    pose = solve([still, FloorSeen(0, seen)], vague).poses[0].pose
     assert pose.translation[2] == pytest.approx(1.3, abs=1e-3)
     np.testing.assert_allclose(pose.rotation[2], tilt.rotation[2], atol=1e-3)
 
 
-def test_floors_and_closures_also_go_along_with_the_run():
+def test_the_fixed_lag_smoother_takes_floors_and_loop_closures():
     factors, truth = trajectory(np.random.default_rng(5))
     smoother = FixedLagSmoother(START, (), SmootherConfig(lag_s=1.0))
     smoother.update(0.0, [])
@@ -151,7 +151,7 @@ def _last(factor: Factor) -> int:
     return factor.after if isinstance(factor, (Motion, LoopClosure)) else factor.pose
 
 
-def test_the_floor_and_space_are_not_mixed():
+def test_factors_on_the_floor_and_in_space_are_not_mixed():
     seen = PoseSeen(1, Placement(Pose3(), np.eye(6)))
     with pytest.raises(InputError, match="mixed"):
-        smooth_in_space([Motion(1, 2, Pose2(), np.eye(3)), seen], START)
+        solve([Motion(1, 2, Pose2(), np.eye(3)), seen], START)

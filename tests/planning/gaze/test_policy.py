@@ -1,4 +1,4 @@
-"""The policy: three ways of looking behind one face, the way ahead never left for long, the head's limits."""
+"""The three gaze policies behind one interface, and the limits of the head."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, HeadLimits, RobotModel
 from planning.gaze.attention import GazeContext
-from planning.gaze.policy import GazeConfig, GazePolicy
+from planning.gaze.policy import FIRST_IMAGE_S, GazeConfig, GazePolicy
 from planning.gaze.selection import in_view
 from planning.gaze.sweep import Sweep
 
@@ -24,7 +24,7 @@ STEP_S = 0.65
 VIA = np.array([2.0, 0.0])
 CONFIG = GazeConfig()
 POSE = Gaussian(np.zeros(3), np.eye(3) * 1e-6)
-FLOOR = replace(CONFIG.attention.map, across_deg=44.0)
+FLOOR = replace(CONFIG.map, across_deg=44.0)
 
 
 def mover(x, y, seen_s):
@@ -33,7 +33,7 @@ def mover(x, y, seen_s):
 
 
 class Standing:
-    """A robot that stands in the middle of its map and looks about; the map grows stale behind its back."""
+    """A standing robot whose map becomes stale where it does not look."""
 
     def __init__(self, config=CONFIG, robot=DARWIN_OP):
         self.policy = GazePolicy(config, robot)
@@ -57,7 +57,7 @@ class Standing:
         return self
 
 
-def test_the_way_ahead_is_never_left_for_longer_than_three_seconds():
+def test_the_path_is_looked_at_every_three_seconds():
     standing = Standing().surveyed()
     way, seen = np.array([[1.0, 0.0, -0.38]]), standing.now
     for _ in range(50):
@@ -67,7 +67,7 @@ def test_the_way_ahead_is_never_left_for_longer_than_three_seconds():
         assert standing.now - seen <= 3.0
 
 
-def test_nothing_within_reach_of_the_neck_stays_stale():
+def test_the_ground_within_the_range_of_the_neck_stays_fresh():
     standing, stale = Standing().surveyed(), []
     for _ in range(40):
         standing.look()
@@ -82,15 +82,15 @@ def test_nothing_within_reach_of_the_neck_stays_stale():
     assert np.mean(stale[10:]) < 0.2 * left
 
 
-def test_a_lost_mover_is_looked_for_within_three_looks():
+def test_an_obstacle_out_of_sight_is_looked_for_within_three_gazes():
     standing = Standing().surveyed()
     lost, place = mover(0.5, 0.9, standing.now - 1.5), np.array([[0.5, 0.9, -0.38]])
     gazes = [standing.look([lost]) for _ in range(3)]
     assert any(in_view(place, gaze, FLOOR)[0] for gaze in gazes)
 
 
-def test_the_sweep_is_the_sweep_and_a_fixed_head_never_turns():
-    sweep, policy = Sweep(CONFIG.sweep), GazePolicy(replace(CONFIG, mode="sweep"))
+def test_the_sweep_policy_is_the_sweep_and_the_fixed_policy_never_turns():
+    sweep, policy = Sweep(), GazePolicy(replace(CONFIG, mode="sweep"))
     for k in range(20):
         others = [mover(0.6, -0.8, 0.0)]
         assert policy.next(k * STEP_S, Pose2(), VIA, others) == sweep.next(
@@ -103,14 +103,14 @@ def test_the_sweep_is_the_sweep_and_a_fixed_head_never_turns():
     assert gazes.pop().pan_rad == 0.0
 
 
-def test_without_knowledge_the_sweep_decides():
-    policy, sweep = GazePolicy(CONFIG), Sweep(CONFIG.sweep)
+def test_without_a_context_the_sweep_decides():
+    policy, sweep = GazePolicy(CONFIG), Sweep()
     for k in range(15):
         assert policy.next(k * STEP_S, Pose2(), VIA, []) == sweep.next(k * STEP_S, Pose2(), VIA, [])
         assert policy.attention is None
 
 
-def test_it_stands_and_looks_round_first_and_again_when_asked():
+def test_the_survey_comes_first_and_again_on_request():
     standing = Standing()
     pans = []
     while standing.policy.surveying:
@@ -121,9 +121,9 @@ def test_it_stands_and_looks_round_first_and_again_when_asked():
     assert standing.policy.surveying
 
 
-def test_a_slow_head_is_asked_only_for_what_it_reaches_in_time():
+def test_a_slow_head_gets_directions_that_it_reaches_in_time():
     standing = Standing(robot=RobotModel(head=HeadLimits(speed_radps=0.5))).surveyed()
-    reach, before = 0.5 * CONFIG.turning_s, None
+    reach, before = 0.5 * FIRST_IMAGE_S, None
     for _ in range(20):
         present = standing.policy._present
         gaze = standing.look([mover(0.1, 1.0, -9.0)])

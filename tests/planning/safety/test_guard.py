@@ -1,4 +1,4 @@
-"""The guard among movers and walls, judged by a walk played on after each of its steps."""
+"""The guard among moving obstacles and walls, in walks simulated step by step."""
 
 from __future__ import annotations
 
@@ -34,11 +34,10 @@ def at(pose):
 def play(
     start, target, mover_at, cells=NOTHING, steps=60, cruise=0.07, noticed_s=0.0, config=CONFIG
 ):
-    """Walk to the target past a mover whose place and velocity are known; least gap and end.
+    """Walk to the target past an obstacle with known position and velocity; least gaps and final pose.
 
-    The body follows its feet half a step later. With the guard's memory, as a robot walks: without it, dead
-    ahead of a mover, left and right are equally good at every step anew. What the mover does is noticed so
-    much later; until then it seems to go straight on.
+    The body follows its feet half a step later. The guard keeps its memory: without it left and right are equally
+    good at every step. A change of the obstacle's motion is noticed after `noticed_s`.
     """
     guard, last = Guard(config, DARWIN_OP), limited_step(GAIT, 0.0, 0.0, 0.0)
     pose, gap, wall = start, math.inf, math.inf
@@ -70,8 +69,8 @@ def play(
         (limited_step(GAIT, 0.1, 0.0, 0.0), 5.0, True),
     ],
 )
-def test_who_was_just_walking_comes_half_a_step_nearer_before_it_stands(first, later_s, stays):
-    """A mover goes by 35 cm ahead: room enough for who stands, not for who still moves on."""
+def test_the_half_step_after_the_last_command_is_taken_into_account(first, later_s, stays):
+    """An obstacle passes 35 cm ahead: enough for a standing robot, not for one that still moves on."""
     guard, stand = Guard(CONFIG, DARWIN_OP), limited_step(GAIT, 0.0, 0.0, 0.0)
     guard.choose(first, at(Pose2()), [], NOTHING, np.array([2.0, 0.0]), 0.0)
     by = mover(0.35, 0.3, 0.0, -0.06, later_s)
@@ -87,8 +86,8 @@ def test_who_was_just_walking_comes_half_a_step_nearer_before_it_stands(first, l
         ((-0.21, 0.43), (0.030, -0.053), (-0.43, 0.29)),
     ],
 )
-def test_who_comes_a_little_faster_than_it_backs_away_is_let_by(place, velocity, target):
-    """Backing away keeps clear of it for longer than plans are judged, and ends in a contact."""
+def test_a_slightly_faster_obstacle_is_let_pass(place, velocity, target):
+    """Backing away keeps clear for longer than the horizon and ends in a contact."""
     gap, _, pose = play(
         Pose2(0.0, 0.0, 2.6),
         np.array(target),
@@ -100,8 +99,8 @@ def test_who_comes_a_little_faster_than_it_backs_away_is_let_by(place, velocity,
 
 
 @pytest.mark.parametrize("bearing", np.radians([-120, -90, 90, 120]))
-def test_who_made_room_turns_to_its_target_as_its_plan_was_judged(bearing):
-    """One that wants to stand is driven off by somebody who comes from ahead, and goes on to a target aside."""
+def test_after_evading_the_robot_turns_to_its_target(bearing):
+    """A standing robot evades an obstacle from ahead and then goes on to a target beside it."""
     target = 1.2 * np.array([math.cos(bearing), math.sin(bearing)])
     stand = limited_step(GAIT, 0.0, 0.0, 0.0)
     guard, last, pose = Guard(CONFIG, DARWIN_OP), stand, Pose2()
@@ -117,7 +116,7 @@ def test_who_made_room_turns_to_its_target_as_its_plan_was_judged(bearing):
     assert math.hypot(target[0] - pose.x, target[1] - pose.y) < 1.0
 
 
-def test_with_nothing_near_the_desired_step_is_kept():
+def test_without_obstacles_nearby_the_desired_step_is_kept():
     wish = footstep(0.3, 0.07, Pose2(), GAIT)
     far = mover(4.0, 4.0, 0.05, 0.0)
     assert choose(wish, at(Pose2()), [far], NOTHING, np.array([2.0, 0.5]), CONFIG) is wish
@@ -125,7 +124,7 @@ def test_with_nothing_near_the_desired_step_is_kept():
 
 @pytest.mark.parametrize("speed", [0.03, 0.06])
 @pytest.mark.parametrize("offset", [-0.1, 0.0, 0.15])
-def test_a_head_on_mover_is_passed(speed, offset):
+def test_a_head_on_obstacle_is_passed(speed, offset):
     gap, _, end = play(
         Pose2(), np.array([2.0, 0.0]), lambda t: (2.0 - speed * t, offset, -speed, 0.0)
     )
@@ -135,7 +134,7 @@ def test_a_head_on_mover_is_passed(speed, offset):
 
 @pytest.mark.parametrize("speed", [0.03, 0.06])
 @pytest.mark.parametrize("start", [-0.8, -0.5, -0.3, 0.0])
-def test_a_crossing_mover_is_passed(speed, start):
+def test_a_crossing_obstacle_is_passed(speed, start):
     gap, _, end = play(
         Pose2(), np.array([2.0, 0.0]), lambda t: (0.9, start + speed * t, 0.0, speed)
     )
@@ -144,7 +143,7 @@ def test_a_crossing_mover_is_passed(speed, start):
 
 
 @pytest.mark.parametrize("bearing", np.radians([0, 60, 120, 180, 240, 300]))
-def test_a_standing_robot_steps_aside_for_a_mover(bearing):
+def test_a_standing_robot_evades_an_obstacle(bearing):
     direction = np.array([math.cos(bearing), math.sin(bearing)])
 
     def place(t):
@@ -154,7 +153,7 @@ def test_a_standing_robot_steps_aside_for_a_mover(bearing):
     assert gap > 0.0
 
 
-def test_it_steps_aside_in_a_corridor_without_touching_its_walls():
+def test_evasion_in_a_corridor_keeps_clear_of_its_walls():
     along = np.arange(-1.0, 3.0, 0.05)
     cells = np.concatenate(
         [np.stack([along, np.full_like(along, y)], axis=-1) for y in (-0.55, 0.55)]
@@ -166,15 +165,14 @@ def test_it_steps_aside_in_a_corridor_without_touching_its_walls():
     assert wall >= 0.12
 
 
-def test_a_wall_ahead_is_not_walked_into():
+def test_a_wall_ahead_is_avoided():
     ys = np.arange(-1.0, 1.0, 0.05)
     cells = np.stack([np.full_like(ys, 0.5), ys], axis=-1)
     _, wall, _ = play(Pose2(), np.array([2.0, 0.0]), lambda t: (9.0, 9.0, 0.0, 0.0), cells)
     assert wall >= 0.12
 
 
-def test_the_mover_that_may_turn_back_keeps_the_robot_from_its_heels():
-    """Right behind a mover that goes away one must not follow closely."""
+def test_the_robot_does_not_follow_an_obstacle_that_may_reverse_closely():
     wish = footstep(0.0, 0.10, Pose2(), GAIT)
     away = mover(0.52, 0.0, 0.06, 0.0)
     target = np.array([1.0, 0.0])
@@ -186,19 +184,19 @@ def test_the_mover_that_may_turn_back_keeps_the_robot_from_its_heels():
 
 @pytest.mark.parametrize("start", [-0.2, 0.0])
 @pytest.mark.parametrize("turns_s", range(1, 14))
-def test_who_turns_back_before_the_robot_that_follows_it_closely_is_not_touched(start, turns_s):
-    def to_and_fro(now):
+def test_an_obstacle_that_reverses_before_the_following_robot_is_avoided(start, turns_s):
+    def back_and_forth(now):
         gone = min(now, 2.0 * turns_s - now)
         return start + 0.06 * gone, -0.55, math.copysign(0.06, turns_s - now), 0.0
 
     ahead = Pose2(0.0, 0.0, -math.pi / 2)
-    target, heedful = np.array([0.3, -1.6]), replace(CONFIG, at_heels=0.04)
-    gap, _, _ = play(ahead, target, to_and_fro, steps=45, noticed_s=0.65, config=heedful)
+    target, careful = np.array([0.3, -1.6]), replace(CONFIG, following_cost=0.04)
+    gap, _, _ = play(ahead, target, back_and_forth, steps=45, noticed_s=0.65, config=careful)
     assert gap > 0.0
 
 
-def test_a_mover_lost_from_sight_may_be_anywhere_on_its_line():
-    """Predicted far ahead, but last seen near the way ten seconds ago."""
+def test_an_obstacle_out_of_sight_may_be_anywhere_on_its_line():
+    """It is predicted far away, but was last seen near the path ten seconds ago."""
     wish = footstep(0.0, 0.07, Pose2(), GAIT)
     lost = mover(0.4, 0.7, 0.0, 0.06, seen_s=0.0)
     target = np.array([1.0, 0.0])
@@ -206,8 +204,8 @@ def test_a_mover_lost_from_sight_may_be_anywhere_on_its_line():
     assert choose(wish, at(Pose2()), [lost], NOTHING, target, CONFIG, stamp_s=10.0) is not wish
 
 
-def test_the_margin_grows_with_doubt():
-    """The same mover, the same step: kept when it is surely elsewhere, not when it is only thought so."""
+def test_the_margin_grows_with_the_covariance():
+    """The same step passes a certain obstacle and not an uncertain one."""
     wish = footstep(0.0, 0.07, Pose2(), GAIT)
     target = np.array([0.6, 0.0])
     steady = replace(CONFIG, acceleration_mps2=0.0)
@@ -231,6 +229,6 @@ def test_the_same_scene_gives_the_same_step():
     assert len(steps) == 1
 
 
-def test_a_negative_price_at_the_heels_is_refused():
-    with pytest.raises(ConfigError, match="at_heels"):
-        replace(CONFIG, at_heels=-0.1)
+def test_a_negative_following_cost_is_refused():
+    with pytest.raises(ConfigError, match="following_cost"):
+        replace(CONFIG, following_cost=-0.1)

@@ -1,4 +1,4 @@
-"""The guard's kernels: short cuts change no result, and deviations are those of the covariances."""
+"""The kernels of the guard: pruning and sharing change no result, distances follow the covariances."""
 
 from __future__ import annotations
 
@@ -13,27 +13,30 @@ from perception.primitives.obstacle import Obstacle
 from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import WalkCommand
 from planning.safety import _guard_kernels
-from planning.safety.guard import GuardConfig, Habits, _fixed_plans, _Scene, _wishes, choose
+from planning.safety.guard import GuardConfig, _desired_plans, _fixed_plans, _Scene, choose
+from planning.safety.guard_settings import CONTACT_COST_M, PASS_M
+from planning.safety.prediction import MotionPatterns
 
 CONFIG = GuardConfig()
-DISLOYAL = replace(CONFIG, keep_m=0.0, keep_share=0.0)
+WITHOUT_MEMORY = replace(CONFIG, keep_m=0.0, keep_share=0.0)
 GAIT = DARWIN_OP.gait
 
 
 def judged_plans(desired, robot, obstacles, occupied, target):
     """(first step, harm) of every plan, all rolled out to the end, the best first."""
-    plans = np.concatenate([_wishes(desired, GAIT), _fixed_plans(CONFIG.steps, GAIT)])
-    habits = Habits(CONFIG.prediction)
-    scene = _Scene(robot, obstacles, occupied, target, DISLOYAL, DARWIN_OP, 0.0, habits)
+    plans = np.concatenate([_desired_plans(desired, GAIT), _fixed_plans(CONFIG.steps, GAIT)])
+    scene = _Scene(
+        robot, obstacles, occupied, target, WITHOUT_MEMORY, DARWIN_OP, 0.0, MotionPatterns()
+    )
     harm, cost = scene.judge(plans)
     order = np.argsort(cost, kind="stable")
-    if harm[0] <= CONFIG.pass_m:
+    if harm[0] <= PASS_M:
         order = np.concatenate([[0], order[order != 0]])
     return [(desired if i == 0 else scene.step(plans[i]), float(harm[i])) for i in order]
 
 
 def crowd(seed):
-    """Five that may move, too doubtful to be learnt from, and a wall, round a robot."""
+    """Five obstacles that may move, too uncertain to be learnt from, and a wall round a robot."""
     rng = np.random.default_rng(seed)
     robot = Gaussian(np.array([0.0, 0.0, rng.uniform(-3, 3)]), np.eye(3) * 1e-4)
     movers = []
@@ -47,10 +50,10 @@ def crowd(seed):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_what_is_left_out_early_is_never_the_best(seed):
+def test_a_pruned_plan_is_never_the_best(seed):
     robot, movers, wall, target = crowd(seed)
     desired = WalkCommand(0.0455, 0.0, 0.0)
-    chosen = choose(desired, robot, movers, wall, target, DISLOYAL, stamp_s=0.0)
+    chosen = choose(desired, robot, movers, wall, target, WITHOUT_MEMORY, stamp_s=0.0)
     assert chosen == judged_plans(desired, robot, movers, wall, target)[0][0]
 
 
@@ -58,7 +61,7 @@ def test_what_is_left_out_early_is_never_the_best(seed):
 def test_a_plan_with_contact_is_not_the_best_where_a_clear_one_exists(seed):
     plans = judged_plans(WalkCommand(0.0455, 0.0, 0.0), *crowd(seed))
     harms = [harm for _, harm in plans]
-    assert harms[0] < CONFIG.contact_m or min(harms) > 0.0
+    assert harms[0] < CONTACT_COST_M or min(harms) > 0.0
 
 
 def test_the_first_step_of_every_plan_respects_the_limits():
@@ -69,7 +72,7 @@ def test_the_first_step_of_every_plan_respects_the_limits():
         assert abs(command.turn_rad) <= math.radians(14) + 1e-12
 
 
-def test_plans_that_begin_alike_are_judged_as_if_each_came_alone():
+def test_plans_with_a_shared_first_part_have_the_same_cost_as_alone():
     rng = np.random.default_rng(3)
     many, samples = 6, 2 * CONFIG.steps
     begins = np.repeat(rng.uniform(-0.05, 0.05, (12, 3)), 4, axis=0)
@@ -77,7 +80,7 @@ def test_plans_that_begin_alike_are_judged_as_if_each_came_alone():
     plans = np.hstack(
         [begins, times, rng.uniform(-0.05, 0.05, (48, 3)), rng.integers(0, 2, (48, 1))]
     )
-    movers = (
+    discs = _guard_kernels.Discs(
         rng.uniform(-0.6, 0.6, (many, samples, 2)),
         rng.uniform(-0.1, 0.1, (many, samples, 2)),
         np.full((many, samples), 0.3),
@@ -88,8 +91,9 @@ def test_plans_that_begin_alike_are_judged_as_if_each_came_alone():
     cells = np.column_stack([np.linspace(-0.5, 0.5, 20), np.full(20, 0.4)])
     cells = cells[np.argsort(np.hypot(*cells.T))]
     needed = np.tile([0.185, 0.15], (20, 1))
-    prices = np.array([0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3, 1.0, 0.15])
-    fixed = (np.array([0.1, 0.65, 0.1, 0.05]), *movers, cells, needed, prices, False)
+    costs = _guard_kernels.Costs(0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3, 1.0, 0.15)
+    gait = _guard_kernels.Gait(0.1, 0.65, 0.1, 0.05)
+    fixed = (gait, discs, _guard_kernels.Cells(cells, needed), costs, False)
 
     def judged(some):
         results = np.empty((len(some), 4))
@@ -102,12 +106,12 @@ def test_plans_that_begin_alike_are_judged_as_if_each_came_alone():
     np.testing.assert_array_equal(judged(plans.copy()), alone)
 
 
-def test_relative_places_spread_as_both_covariances_and_what_accelerates_say():
+def test_relative_covariances_are_those_of_the_linear_motion_model():
     rng = np.random.default_rng(1)
     a, b = rng.normal(size=(4, 4)), rng.normal(size=(3, 3))
     mover, robot, times = a @ a.T, b @ b.T, np.linspace(0.1, 6.0, 24)
     found = np.empty((24, 3))
-    _guard_kernels.relative_places(mover, robot, times, 3.0, 0.2, found)
+    _guard_kernels.relative_covariances(mover, robot, times, 3.0, 0.2, found)
     for k, t in enumerate(np.minimum(times, 3.0)):
         step = np.hstack([np.eye(2), t * np.eye(2)])
         P = step @ mover @ step.T + robot[:2, :2] + (0.1 * t * t) ** 2 * np.eye(2)
@@ -115,8 +119,8 @@ def test_relative_places_spread_as_both_covariances_and_what_accelerates_say():
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.7, -1.2])
-def test_doubt_along_its_line_keeps_the_robot_from_its_end_and_not_from_its_side(turned):
-    """A thing that comes at the robot from ahead, or passes it, in doubt along its line alone."""
+def test_the_distance_grows_only_in_the_direction_of_the_uncertainty(turned):
+    """An obstacle ahead or beside, uncertain along or across its line."""
     c, s = np.cos(turned), np.sin(turned)
     ahead, left = np.array([c, s]), np.array([-s, c])
 

@@ -1,4 +1,4 @@
-"""The objective against geometry worked out another way, and against the fate of the printed formulas."""
+"""The objective against independent geometry, and the errors of the printed formulas."""
 
 import math
 from dataclasses import replace
@@ -67,7 +67,7 @@ def test_rows_above_the_horizon_have_no_floor():
     assert np.isfinite(rows.ahead[~above]).all()
 
 
-def test_a_leaning_camera_is_turned_upright_first():
+def test_the_picture_of_a_rolled_camera_is_rotated_upright():
     straight = disc_floor((1.0, 0.3), 0.2)
     T = eye(roll=0.1)
     v, u = np.mgrid[0:160, 0:160].astype(float)
@@ -81,7 +81,7 @@ def test_a_leaning_camera_is_turned_upright_first():
     assert np.mean(turned[middle] != straight[middle]) < 0.01
 
 
-def test_what_a_wide_lean_brings_in_is_not_walked_on():
+def test_wedges_of_a_large_roll_are_blocked():
     """Twenty degrees turn in a corner of the picture that nobody saw."""
     turned = upright(all_floor(), CAMERA, eye(roll=math.radians(20.0)))
     assert (turned[-1, [0, -1]] == 0).any()
@@ -89,7 +89,7 @@ def test_what_a_wide_lean_brings_in_is_not_walked_on():
 
 
 @pytest.mark.parametrize("roll_deg", [-3.0, -1.0, 1.0, 3.0])
-def test_on_bare_floor_a_lean_bars_no_way(roll_deg):
+def test_on_bare_floor_a_roll_blocks_nothing(roll_deg):
     straight = search.exact(objective(all_floor(), goal=(1.5, 0.2)))
     leaning = objective(all_floor(), goal=(1.5, 0.2), T=eye(roll=math.radians(roll_deg)))
     found = search.exact(leaning)
@@ -161,7 +161,7 @@ def test_a_place_behind_an_obstacle_is_forbidden():
 
 @settings(deadline=None)
 @given(st.floats(0.03, 0.09), st.floats(0.45, 1.2), st.floats(-0.06, 0.06))
-def test_who_stands_between_the_edges_of_the_corridor_blocks_it(radius, ahead, left):
+def test_an_obstacle_between_the_edges_of_the_corridor_blocks_it(radius, ahead, left):
     """A robot of 74 mm fits between them; the nearest free pixel to a goal behind it goes round."""
     o = objective(disc_floor((ahead, left), radius), goal=(1.8, 0.0))
     behind = CAMERA.project(eye().inverse().apply(np.array([1.8, 0.0, 0.0])))
@@ -173,7 +173,7 @@ def test_who_stands_between_the_edges_of_the_corridor_blocks_it(radius, ahead, l
     assert np.linalg.norm(passed * direction - [ahead, left]) > radius + DARWIN_OP.width_m / 2
 
 
-def test_a_place_farther_round_than_four_steps_turn_is_forbidden():
+def test_a_place_beyond_the_turn_of_four_steps_is_forbidden():
     narrow = replace(CONFIG, window_steps=1)
     aside = CAMERA.project(eye().inverse().apply(np.array([1.0, 0.4, 0.0])))[None]  # 21.8 deg
     assert objective(all_floor()).value(aside)[0] < CONFIG.penalty
@@ -181,14 +181,14 @@ def test_a_place_farther_round_than_four_steps_turn_is_forbidden():
 
 
 @pytest.mark.parametrize("side", [0, 1])
-def test_a_side_that_has_lost_an_obstacle_is_closed(side):
+def test_the_side_of_an_obstacle_beside_the_feet_is_closed(side):
     sides = (side == 0, side == 1)
     pixels = np.array([[60.0, 100.0], [100.0, 100.0]])
     value = objective(all_floor(), sides=sides).value(pixels)
     assert (value >= CONFIG.penalty).tolist() == [side == 0, side == 1]
 
 
-def test_the_robots_own_heading_counts_and_print_forgets_it():
+def test_the_heading_counts_and_the_printed_form_ignores_it():
     goal, behind = (-3.0, 0.0), Pose2(yaw=math.pi)
     pixel = np.array([[80.0, 100.0]])
     assert objective(all_floor(), goal, behind).value(pixel)[0] < CONFIG.penalty
@@ -209,7 +209,7 @@ def test_with_the_printed_penalties_a_pixel_behind_an_obstacle_wins():
     assert mended.value(far)[0] > mended.value(near)[0]
 
 
-def test_the_pictures_size_must_be_the_cameras():
+def test_a_picture_of_another_size_is_refused():
     with pytest.raises(InputError, match="80x160 px, the camera 160x160"):
         objective(np.zeros((160, 80), np.uint8))
 
@@ -221,7 +221,7 @@ def test_a_distorted_lens_is_refused():
 
 
 def test_a_camera_on_its_side_is_refused():
-    with pytest.raises(InputError, match="leans by 60 deg"):
+    with pytest.raises(InputError, match="rolls by 60 deg"):
         upright(all_floor(), CAMERA, eye(roll=math.radians(60.0)))
 
 

@@ -1,4 +1,4 @@
-"""Swarm and exact search against a look at every pixel."""
+"""Swarm and exact search against the evaluation of every pixel."""
 
 import functools
 import math
@@ -197,7 +197,7 @@ def bounds(*args):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize(("pan", "sides"), [(0.0, (False, False)), (25.0, (False, True))])
-def test_the_exact_search_finds_what_a_look_at_every_pixel_finds(seed, pan, sides):
+def test_the_exact_search_equals_the_evaluation_of_every_pixel(seed, pan, sides):
     o = objective(seed, pan_deg=pan, sides=sides)
     low, high = bounds(seed, None, pan, sides)
     for found in (search.exact(o), search.brute_force(o)):
@@ -210,7 +210,7 @@ def test_the_exact_search_finds_what_a_look_at_every_pixel_finds(seed, pan, side
 
 @pytest.mark.parametrize("seed", [0, 5, 11, 17])
 @pytest.mark.parametrize(("pan", "sides"), [(0.0, (False, False)), (-25.0, (True, False))])
-def test_every_pixel_is_forbidden_or_free_as_rays_at_the_floor_say(seed, pan, sides):
+def test_forbidden_pixels_agree_with_ray_casting(seed, pan, sides):
     o = objective(seed, pan_deg=pan, sides=sides)
     looks = [Looker(seed, None, pan, sides, slack) for slack in (1e-6, -1e-6)]
     pixels = np.stack([looks[0].u.ravel(), looks[0].v.ravel()], axis=1).astype(float)
@@ -223,7 +223,7 @@ def test_every_pixel_is_forbidden_or_free_as_rays_at_the_floor_say(seed, pan, si
     np.testing.assert_allclose(value[free], looks[0].cost()[free], atol=1e-9)
 
 
-def test_the_look_at_every_pixel_leaves_hardly_any_doubt():
+def test_ray_casting_decides_almost_every_pixel():
     told = [bounds(seed, None, 0.0, (False, False)) for seed in SEEDS]
     assert sum(low == high for low, high in told) >= 28
     assert sum(math.isfinite(low) for low, _ in told) >= 20
@@ -269,7 +269,7 @@ def test_the_printed_inertia_misses_most_of_the_time():
     assert np.mean(gaps("literal") > 0.05) > 0.6
 
 
-def test_the_printed_inertia_throws_the_swarm_to_the_rim():
+def test_the_printed_inertia_drives_the_swarm_to_the_border():
     """Mean dynamics x'' of w = 2, c1 + c2 = 4 have spectral radius 1.41, of constriction 0.85."""
     radius = {}
     for mode, (inertia, own, others, _) in search.MODES.items():
@@ -280,7 +280,7 @@ def test_the_printed_inertia_throws_the_swarm_to_the_rim():
     assert radius["constriction"] < 0.9
 
 
-def test_chance_is_an_argument():
+def test_the_same_generator_gives_the_same_result():
     o = objective(1)
     first, again = (search.fly(o, SwarmConfig("spread"), np.random.default_rng(4)) for _ in "ab")
     assert first == again

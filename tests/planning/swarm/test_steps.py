@@ -1,4 +1,4 @@
-"""From the best pixel to a footstep, and what is remembered beside the feet."""
+"""The best pixel as a footstep, and the memories of the ground."""
 
 import math
 
@@ -12,7 +12,7 @@ from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import GaitLimits
 from planning.swarm import command
 from planning.swarm.corners import Corners
-from planning.swarm.ground_memory import GroundMemory, GroundMemoryConfig
+from planning.swarm.ground_memory import MEMORY_S, GroundMemory
 from planning.swarm.settings import SwarmWalkerConfig
 
 GAIT = GaitLimits()
@@ -50,7 +50,7 @@ def test_straight_ahead_is_a_full_step():
     assert command.printed(np.array([2.0, 0.0]), Pose2(), GAIT).forward_m == pytest.approx(0.04)
 
 
-def test_the_printed_angle_is_right_for_who_faces_along_y_and_forgets_any_other_heading():
+def test_the_printed_angle_is_correct_only_for_a_heading_along_y():
     place = np.array([0.2, 2.0])
     along_y = command.printed(place, Pose2(yaw=math.pi / 2), GAIT)
     assert along_y.turn_rad == pytest.approx(-math.atan2(0.2, 2.0))
@@ -60,7 +60,7 @@ def test_the_printed_angle_is_right_for_who_faces_along_y_and_forgets_any_other_
     assert command.printed(place, Pose2(yaw=0.3), GAIT).turn_rad == along_y.turn_rad
 
 
-def test_blocked_the_robot_turns_on_the_spot_towards_the_goal():
+def test_a_blocked_robot_turns_on_the_spot_towards_the_goal():
     for side in (1.0, -1.0):
         walk = command.turning(np.array([1.0, side]), Pose2(), GAIT)
         assert (walk.forward_m, walk.lateral_m) == (0.0, 0.0)
@@ -78,13 +78,13 @@ def test_an_obstacle_in_a_corner_closes_its_side_until_it_is_passed():
     assert corners.blocked == (False, False)
 
 
-def test_with_both_sides_closed_the_picture_stays_open():
+def test_with_both_counters_running_both_halves_are_open():
     corners = Corners()
     corners.update((True, True), 0.16, 0.04)
     assert corners.blocked == (False, False)
 
 
-def test_as_printed_one_counter_begins_anew_for_the_side_seen_last_and_both_may_be_closed():
+def test_the_printed_counter_restarts_for_the_last_side_and_may_close_both():
     corners = Corners(printed=True)
     corners.update((True, False), 0.16, 0.04)
     corners.update((False, True), 0.16, 0.04)
@@ -93,14 +93,14 @@ def test_as_printed_one_counter_begins_anew_for_the_side_seen_last_and_both_may_
     assert corners.blocked == (True, True)
 
 
-def test_where_no_floor_is_seen_nothing_is_counted():
+def test_without_visible_floor_the_counters_stay_at_zero():
     corners = Corners()
     corners.update((True, False), math.nan, 0.04)
     assert corners.blocked == (False, False)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_as_printed_a_blocked_robot_always_turns_the_same_way(side):
+def test_the_printed_form_always_turns_the_same_way(side):
     goal = np.array([0.5, side])
     turns = [command.turning(goal, Pose2(), GAIT, literal).turn_rad for literal in (False, True)]
     assert turns[0] == pytest.approx(side * math.radians(14.0))
@@ -108,20 +108,20 @@ def test_as_printed_a_blocked_robot_always_turns_the_same_way(side):
 
 
 @pytest.mark.parametrize("version", ["published", "printed"])
-def test_the_seeds_own_walker_swarms_by_flow_without_guard_or_glances(version):
+def test_the_published_versions_use_a_swarm_and_flow_without_guard_or_glances(version):
     walked = SwarmWalkerConfig(version=version).as_walked
-    assert (walked.prediction, walked.guarded, walked.glance.enabled) == ("flow", False, False)
+    assert (walked.prediction, walked.guarded, walked.glances) == ("flow", False, False)
     assert walked.search.mode != "exact"
     assert walked.objective.literal == (version == "printed") == (walked.objective.penalty == 1.0)
 
 
 @pytest.mark.parametrize("wrong", [{"version": "new"}, {"tilt_deg": 85.0}, {"tilt_deg": math.nan}])
-def test_a_walker_that_cannot_be_is_refused(wrong):
+def test_impossible_settings_are_refused(wrong):
     with pytest.raises(ConfigError, match=next(iter(wrong))):
         SwarmWalkerConfig(**wrong)
 
 
-def test_a_step_of_no_length_is_refused():
+def test_a_step_without_length_is_refused():
     with pytest.raises(InputError, match="step_m=0"):
         Corners().update((True, False), 0.16, 0.0)
 
@@ -138,50 +138,45 @@ HERE = np.zeros(2)
 
 
 def test_a_contact_is_remembered_until_floor_is_seen_there():
-    standing = GroundMemory(GroundMemoryConfig())
-    standing.update(0.0, HERE, np.array([[0.5, 0.1], [np.nan, np.nan], [5.0, 0.0]]), nothing)
-    np.testing.assert_allclose(standing.places, [[0.5, 0.1]])
-    standing.update(1.0, HERE, np.empty((0, 2)), nothing)
-    assert len(standing.places) == 1
-    standing.update(2.0, HERE, np.empty((0, 2)), everything)
-    assert len(standing.places) == 0
+    memory = GroundMemory()
+    memory.update(0.0, HERE, np.array([[0.5, 0.1], [np.nan, np.nan], [5.0, 0.0]]), nothing)
+    np.testing.assert_allclose(memory.places, [[0.5, 0.1]])
+    memory.update(1.0, HERE, np.empty((0, 2)), nothing)
+    assert len(memory.places) == 1
+    memory.update(2.0, HERE, np.empty((0, 2)), everything)
+    assert len(memory.places) == 0
 
 
-def test_a_contact_is_forgotten_in_time():
-    standing = GroundMemory(GroundMemoryConfig(memory_s=5.0))
-    standing.update(0.0, HERE, np.array([[0.5, 0.1]]), nothing)
-    standing.update(6.0, HERE, np.empty((0, 2)), nothing)
-    assert len(standing.places) == 0
+def test_a_contact_point_is_forgotten_after_some_time():
+    memory = GroundMemory()
+    memory.update(0.0, HERE, np.array([[0.5, 0.1]]), nothing)
+    memory.update(MEMORY_S + 1.0, HERE, np.empty((0, 2)), nothing)
+    assert len(memory.places) == 0
 
 
-def test_what_moves_is_not_standing():
-    standing = GroundMemory(GroundMemoryConfig())
-    standing.update(0.0, HERE, np.array([[0.5, 0.0], [0.8, 0.4]]), nothing)
-    left = standing.apart_from(np.array([[0.55, 0.0]]), np.array([0.1]))
+def test_points_within_moving_obstacles_are_left_out():
+    memory = GroundMemory()
+    memory.update(0.0, HERE, np.array([[0.5, 0.0], [0.8, 0.4]]), nothing)
+    left = memory.apart_from(np.array([[0.55, 0.0]]), np.array([0.1]))
     np.testing.assert_allclose(left, [[0.8, 0.4]])
 
 
-def test_floor_once_seen_is_known_and_the_rest_is_not():
-    standing = GroundMemory(GroundMemoryConfig())
-    standing.update(0.0, HERE, np.empty((0, 2)), lambda places: places[:, 0] > 0.0)
-    unknown = standing.never_seen(0.0, HERE)
+def test_seen_floor_is_known_and_other_cells_are_not():
+    memory = GroundMemory()
+    memory.update(0.0, HERE, np.empty((0, 2)), lambda places: places[:, 0] > 0.0)
+    unknown = memory.never_seen(0.0, HERE)
     assert len(unknown) > 50
     assert (unknown[:, 0] < 0.05).all()
     away = np.hypot(*unknown.T)
     assert away.min() > 0.22
     assert away.max() < 0.5
-    assert len(standing.never_seen(1000.0, HERE)) > len(unknown)  # seen too long ago
+    assert len(memory.never_seen(1000.0, HERE)) > len(unknown)  # seen too long ago
 
 
-def test_the_memory_of_floor_walks_along():
-    """Slots are used again 3.2 m on; what they held before is not taken for the new place."""
-    standing = GroundMemory(GroundMemoryConfig())
-    standing.update(0.0, HERE, np.empty((0, 2)), everything)
-    assert len(standing.never_seen(0.0, HERE)) == 0
+def test_the_floor_memory_moves_with_the_robot():
+    """Slots are reused after 3.2 m; old contents are not taken for the new cells."""
+    memory = GroundMemory()
+    memory.update(0.0, HERE, np.empty((0, 2)), everything)
+    assert len(memory.never_seen(0.0, HERE)) == 0
     far = np.array([3.2, 0.0])
-    assert len(standing.never_seen(0.0, far)) > 100
-
-
-def test_an_impossible_memory_is_refused():
-    with pytest.raises(ConfigError, match="memory_s=0"):
-        GroundMemoryConfig(memory_s=0.0)
+    assert len(memory.never_seen(0.0, far)) > 100

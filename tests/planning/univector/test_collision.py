@@ -1,4 +1,4 @@
-"""The band of colliding speeds against walking every speed, and its doubt against drawn tracks."""
+"""The band of colliding speeds against simulated walks, and its widening against sampled tracks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def meets(place, velocity, speed, radius):
 
 @given(coordinates, coordinates, speeds, speeds, st.floats(-0.3, 0.3))
 @settings(max_examples=300, deadline=None)
-def test_a_speed_is_in_the_band_exactly_if_walking_it_enters_the_disc(px, py, vx, vy, speed):
+def test_a_speed_is_in_the_band_if_and_only_if_it_enters_the_disc(px, py, vx, vy, speed):
     place, velocity = np.array([px, py]), np.array([vx, vy])
     assume(np.hypot(px, py) > RADIUS + 1e-3)
     w = np.array([speed, 0.0]) - velocity
@@ -61,7 +61,7 @@ def test_the_roots_equal_brute_force_to_a_millimetre_a_second():
 
 @given(coordinates, coordinates, speeds, speeds)
 @settings(deadline=None)
-def test_at_a_root_the_disc_is_just_touched(px, py, vx, vy):
+def test_at_a_root_the_robot_touches_the_disc(px, py, vx, vy):
     place, velocity = np.array([px, py]), np.array([vx, vy])
     band = colliding_speeds(place, velocity, RADIUS)
     assume(band is not None and np.hypot(px, py) > RADIUS + 0.01)
@@ -74,7 +74,7 @@ def test_at_a_root_the_disc_is_just_touched(px, py, vx, vy):
         assert touched == pytest.approx(RADIUS, abs=1e-5)
 
 
-def test_inside_the_disc_every_speed_collides_and_far_aside_none_does():
+def test_inside_the_disc_every_speed_collides_and_far_beside_it_none():
     assert colliding_speeds(np.array([0.1, 0.1]), np.zeros(2), RADIUS) == Band(-math.inf, math.inf)
     assert colliding_speeds(np.array([1.0, 0.5]), np.zeros(2), RADIUS) is None
     straight = colliding_speeds(np.array([1.0, 0.0]), np.zeros(2), RADIUS)
@@ -83,7 +83,7 @@ def test_inside_the_disc_every_speed_collides_and_far_aside_none_does():
     assert straight.high == math.inf
 
 
-def test_without_doubt_the_wider_band_is_the_band_and_with_doubt_it_holds_it():
+def test_the_widened_band_contains_the_band_and_equals_it_without_covariance():
     rng = np.random.default_rng(2)
     widened = 0
     for _ in range(200):
@@ -101,7 +101,7 @@ def test_without_doubt_the_wider_band_is_the_band_and_with_doubt_it_holds_it():
     assert widened > 30
 
 
-def test_the_deviation_of_the_miss_is_that_of_drawn_obstacles():
+def test_the_deviation_of_the_miss_is_that_of_sampled_obstacles():
     rng = np.random.default_rng(3)
     place, velocity, speed = np.array([1.2, 0.5]), np.array([-0.05, -0.06]), 0.06
     A = rng.normal(0, 1, (4, 4)) * [[0.02], [0.02], [0.006], [0.006]]

@@ -1,4 +1,4 @@
-"""The whole decision: what each switch adds, and that doubt is counted."""
+"""Heading and speed: the effect of each switch, and of the covariances."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def mover(x, y, vx, vy, sigma=1e-6, moving=1.0):
 
 
 def walk(config, start, velocity):
-    """Walks to the goal past one mover: least gap, sum of turns, distance at which it first turned."""
+    """Walk to the goal past one obstacle: least gap, sum of turns, distance at the first turn."""
     pose, speed = np.zeros(3), SLOW.gait.cruise_mps
     gap, turning, first = math.inf, 0.0, math.nan
     for k in range(140):
@@ -64,14 +64,14 @@ def test_the_virtual_obstacle_turns_earlier_and_passes_wider(speed):
     assert earlier > first + 0.2
 
 
-def test_a_fast_mover_from_the_side_is_let_pass():
+def test_a_fast_obstacle_from_the_side_is_let_pass():
     velocity = np.array([0.0, -0.15])
     start = np.array([0.0615 * 15.0, 0.0]) - velocity * 15.0
     assert walk(PLAIN, start, velocity)[0] < 0.0
     assert walk(replace(PLAIN, velocity_change=True), start, velocity)[0] > 0.05
 
 
-def test_with_all_off_it_is_the_field_at_cruise():
+def test_without_additions_it_is_the_field_at_cruising_speed():
     said = advise(
         Gaussian(np.zeros(3), np.eye(3)),
         0.0615,
@@ -87,7 +87,7 @@ def test_with_all_off_it_is_the_field_at_cruise():
     assert said.psi.tolist() == [0.0]
 
 
-def test_the_evaluations_and_doubt_enlarge_the_obstacle_each_by_its_switch():
+def test_evaluations_and_covariance_enlarge_the_obstacle_each_by_its_switch():
     robot, vague = Gaussian(np.zeros(3), np.eye(3) * 0.02**2), mover(0.9, 0.3, -0.05, 0.0, 0.06)
 
     def size(**switches):
@@ -100,7 +100,7 @@ def test_the_evaluations_and_doubt_enlarge_the_obstacle_each_by_its_switch():
     assert wide > max(size(uncertainty=True), size(gaze_coupling=True))
 
 
-def test_doubt_slows_down_before_a_mover_that_the_mean_would_miss():
+def test_uncertainty_slows_down_before_an_obstacle_that_the_mean_misses():
     config = replace(PLAIN, velocity_change=True)
     velocity = np.array([0.0, -0.10])
     place = np.array([0.60, 0.35])  # passes before the robot at 0.33 m; S_oe is 0.30 m
@@ -129,14 +129,14 @@ def test_the_relative_covariance_is_that_of_drawn_robots_and_obstacles():
     np.testing.assert_allclose(relative_covariance(robot, other), np.cov(seen.T), atol=4e-5)
 
 
-def test_nothing_in_the_way_is_walked_straight_at_cruise():
+def test_without_obstacles_the_path_is_straight_at_cruising_speed():
     said = advise(Gaussian(np.zeros(3), SURE), 0.05, [], GOAL, None, FieldConfig(), SLOW)
     assert said.heading_rad == pytest.approx(0.0)
     assert said.speed_mps == SLOW.gait.cruise_mps
     assert said.changes == ()
 
 
-def test_a_cell_beside_the_tracks_is_a_disc_of_half_its_side_that_stands():
+def test_a_cell_is_a_static_disc_of_half_its_side():
     here = Gaussian(np.zeros(3), SURE)
     cell = np.array([[0.5, 0.05]])
     by_cell = advise(here, 0.05, [], GOAL, None, PLAIN, cells=cell, cell_m=0.2)

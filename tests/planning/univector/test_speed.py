@@ -1,4 +1,4 @@
-"""Changing the speed: no contact at the acceleration that is returned, and the printed law as printed."""
+"""The change of speed: no contact at the returned acceleration, and the printed law."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from perception.primitives.robot_model import DARWIN_OP
 from planning.univector._collision_kernels import travelled
 from planning.univector.collision import colliding_speeds, contact
-from planning.univector.fields import FieldConfig
+from planning.univector.fields import ACCELERATION_MPS2, HORIZON_S
 from planning.univector.speed import (
     change,
     contact_acceleration,
@@ -18,7 +18,6 @@ from planning.univector.speed import (
     least_distance,
 )
 
-CONFIG = FieldConfig()
 RADIUS, TOP = 0.28, DARWIN_OP.gait.max_speed_mps
 
 
@@ -50,22 +49,20 @@ def encounters(seed, count):
 def test_there_is_no_contact_at_the_acceleration_returned(seed):
     cases = set()
     for place, velocity, band, speed in encounters(seed, 25):
-        what = change(place, velocity, RADIUS, band, speed, CONFIG)
+        what = change(place, velocity, RADIUS, band, speed)
         cases.add(what.case)
-        assert abs(what.acceleration_mps2) <= CONFIG.acceleration_mps2 + 1e-12
+        assert abs(what.acceleration_mps2) <= ACCELERATION_MPS2 + 1e-12
         if what.case in ("accelerate", "decelerate", "escape"):
             assert walked(place, velocity, speed, what.acceleration_mps2) >= RADIUS - 0.003
     assert {"decelerate", "virtual"} <= cases
 
 
-def test_all_three_ways_out_are_found():
-    cases = {
-        change(p, v, RADIUS, band, speed, CONFIG).case for p, v, band, speed in encounters(9, 300)
-    }
+def test_all_cases_occur():
+    cases = {change(p, v, RADIUS, band, speed).case for p, v, band, speed in encounters(9, 300)}
     assert cases == {"accelerate", "decelerate", "escape", "virtual", "clear"}
 
 
-def test_the_printed_law_is_at_the_point_of_contact_at_the_time_of_contact():
+def test_the_printed_law_reaches_the_point_of_contact_at_the_time_of_contact():
     place, velocity, speed = np.array([0.8, 0.9]), np.array([0.0, -0.09]), 0.06
     band = colliding_speeds(place, velocity, RADIUS)
     assert band is not None
@@ -88,21 +85,21 @@ def test_the_escape_reaches_the_edge_of_the_band_when_the_obstacle_does():
     assert speed * t + 0.5 * a * t**2 == pytest.approx(edge)
 
 
-def test_a_mover_straight_ahead_leaves_no_speed_but_a_virtual_obstacle():
+def test_an_obstacle_straight_ahead_needs_a_virtual_obstacle():
     place, velocity = np.array([0.9, 0.0]), np.array([-0.1, 0.0])
     band = colliding_speeds(place, velocity, RADIUS)
-    assert change(place, velocity, RADIUS, band, 0.06, CONFIG).case == "virtual"
+    assert change(place, velocity, RADIUS, band, 0.06).case == "virtual"
 
 
-def test_a_speed_outside_the_band_is_left_alone():
+def test_a_speed_outside_the_band_is_kept():
     place, velocity = np.array([0.8, 0.9]), np.array([0.0, 0.09])
     band = colliding_speeds(place, velocity, RADIUS)
-    assert change(place, velocity, RADIUS, band, 0.06, CONFIG).case == "clear"
+    assert change(place, velocity, RADIUS, band, 0.06).case == "clear"
 
 
 @given(st.floats(0, 0.1), st.floats(-0.05, 0.05))
 @settings(max_examples=40, deadline=None)
-def test_the_way_travelled_is_the_integral_of_the_bounded_speed(speed, acceleration):
+def test_the_distance_travelled_is_the_integral_of_the_bounded_speed(speed, acceleration):
     times = np.linspace(0, 6, 25)
     bound = 0.1 if acceleration > 0 else 0.0
     fine = np.linspace(0, 6, 6001)
@@ -112,9 +109,9 @@ def test_the_way_travelled_is_the_integral_of_the_bounded_speed(speed, accelerat
     np.testing.assert_allclose(found, np.interp(times, fine, way), atol=1e-5)
 
 
-def test_the_least_distance_is_that_of_walking_it():
+def test_the_least_distance_is_that_of_a_simulated_walk():
     for place, velocity, _, speed in encounters(5, 10):
         for a in (-0.03, 0.0, 0.03):
             bound = TOP if a > 0.0 else 0.0
-            found = least_distance(place, velocity, speed, a, bound, CONFIG.horizon_s)
+            found = least_distance(place, velocity, speed, a, bound, HORIZON_S)
             assert found == pytest.approx(walked(place, velocity, speed, a), abs=0.004)

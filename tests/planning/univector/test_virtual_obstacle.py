@@ -1,4 +1,4 @@
-"""The virtual obstacle: the properties of eq. (11) that survive in print, and the foot's velocity."""
+"""The virtual obstacle: the printed properties of eq. (11), and the velocity of the foot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ convexities = st.floats(0.05, 0.95)
 
 
 @given(convexities)
-def test_the_curve_goes_from_the_obstacle_itself_through_xi_to_nothing(xi):
+def test_the_curve_goes_from_the_full_radius_through_xi_to_zero(xi):
     assert shrunken_radius(1.0, 0.0, xi) == 1.0
     assert shrunken_radius(1.0, 1.0, xi) == 0.0
     assert shrunken_radius(1.0, xi, xi) == pytest.approx(xi)
@@ -31,12 +31,12 @@ def test_the_curve_is_its_own_inverse_and_never_grows(share, xi):
 
 
 @given(shares, st.floats(0.5, 0.9), st.floats(0.01, 0.09))
-def test_a_larger_xi_bulges_and_one_half_is_a_triangle(share, xi, more):
+def test_a_larger_xi_is_more_convex_and_one_half_is_linear(share, xi, more):
     assert shrunken_radius(0.3, share, 0.5) == pytest.approx(0.3 * (1.0 - share))
     assert shrunken_radius(0.3, share, xi + more) >= shrunken_radius(0.3, share, xi) - 1e-12
 
 
-def test_it_stands_at_the_foot_of_the_perpendicular_and_moves_with_it():
+def test_it_lies_at_the_foot_of_the_perpendicular_and_moves_with_it():
     place, velocity, speed = np.array([0.9, 0.3]), np.array([-0.12, -0.05]), 0.06
     found = virtual_obstacle(place, velocity, speed, 0.3, 0.0, CONFIG)
     assert found is not None
@@ -51,7 +51,7 @@ def test_it_stands_at_the_foot_of_the_perpendicular_and_moves_with_it():
     np.testing.assert_allclose((foot - found.place) / dt, found.velocity, atol=1e-9)
 
 
-def test_there_is_none_behind_a_mover_nor_far_from_it_nor_of_a_thing_that_stands():
+def test_there_is_none_behind_far_from_or_for_a_static_obstacle():
     place = np.array([0.6, 0.2])
     assert virtual_obstacle(place, np.array([0.1, 0.0]), 0.06, 0.3, 0.0, CONFIG) is None
     assert virtual_obstacle(place, np.zeros(2), 0.06, 0.3, 0.0, CONFIG) is None

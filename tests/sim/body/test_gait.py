@@ -1,4 +1,4 @@
-"""The walk: pendulum in closed form, footsteps where they were commanded."""
+"""The gait: the pendulum in closed form, and footsteps at the commanded poses."""
 
 import math
 
@@ -21,7 +21,7 @@ def walk(commands: list[WalkCommand]) -> list:
     return [gait.step(command) for command in commands]
 
 
-def test_a_periodic_step_of_the_pendulum_ends_as_it_began():
+def test_a_periodic_pendulum_step_ends_in_its_initial_state():
     # seed 000: x0' = a (1 + cosh(T/T_c)) / (T_c sinh(T/T_c)) carries -a to +a with the same speed
     height, seconds, a = 0.25, 0.30, 0.02
     T_c = math.sqrt(height / GRAVITY_MPS2)
@@ -31,7 +31,7 @@ def test_a_periodic_step_of_the_pendulum_ends_as_it_began():
     assert after == pytest.approx(speed, abs=1e-12)
 
 
-def test_the_pendulum_agrees_with_step_by_step_integration():
+def test_pendulum_agrees_with_numerical_integration():
     x, v, dt = -0.02, 0.13, 1e-5
     for _ in range(30_000):
         a = GRAVITY_MPS2 / 0.25 * (x - 0.005)
@@ -41,12 +41,8 @@ def test_the_pendulum_agrees_with_step_by_step_integration():
     assert velocity == pytest.approx(v, abs=2e-4)
 
 
-@given(
-    st.tuples(*[st.floats(-0.2, 0.2)] * 6),
-    st.floats(0.05, 0.6),
-    st.floats(4.0, 8.0),
-)
-def test_the_capture_point_solves_its_equation(values, duration, omega):
+@given(st.tuples(*[st.floats(-0.2, 0.2)] * 6), st.floats(0.05, 0.6), st.floats(4.0, 8.0))
+def test_capture_point_solves_its_differential_equation(values, duration, omega):
     start, end, after = (np.array(values[k : k + 2]) for k in (0, 2, 4))
     phase = Phase(start, end, duration)
     remaining, h = duration / 2, 1e-5
@@ -58,7 +54,7 @@ def test_the_capture_point_solves_its_equation(values, duration, omega):
     np.testing.assert_allclose(capture_point_before(after, phase, 0.0, omega), after, atol=1e-15)
 
 
-def test_the_weight_obeys_the_pendulum_under_a_zmp_inside_the_feet():
+def test_mass_centre_follows_the_pendulum_with_a_zmp_inside_the_feet():
     steps = walk([WalkCommand(0.0455)] * 12)
     com = np.concatenate([s.com for s in steps[4:]])
     velocity = np.concatenate([s.com_velocity for s in steps[4:]])
@@ -69,7 +65,7 @@ def test_the_weight_obeys_the_pendulum_under_a_zmp_inside_the_feet():
     zmp = com[1:-1] - acceleration * CONFIG.com_height_m / GRAVITY_MPS2
     left = np.concatenate([s.left for s in steps[4:]])[1:-1]
     right = np.concatenate([s.right for s in steps[4:]])[1:-1]
-    # in single support the ZMP stays 4 mm inward of the standing ankle
+    # in single support the ZMP is 4 mm inward of the stance ankle
     single = np.concatenate([np.arange(TICKS) > 75 for _ in steps[4:]])[1:-1]
     single &= np.roll(single, -3) & np.roll(single, 3)
     away = np.minimum(
@@ -81,7 +77,7 @@ def test_the_weight_obeys_the_pendulum_under_a_zmp_inside_the_feet():
     assert np.all(zmp[:, 1] > np.minimum(left[:, 1], right[:, 1]) - 0.002)
 
 
-def test_the_weight_never_jumps_when_commands_change():
+def test_mass_centre_is_continuous_when_commands_change():
     rng = np.random.default_rng(0)
     commands = [
         WalkCommand(*(rng.uniform([-0.03, -0.02, -0.24], [0.07, 0.02, 0.24]))) for _ in range(60)
@@ -91,7 +87,7 @@ def test_the_weight_never_jumps_when_commands_change():
     com = np.concatenate([s.com for s in steps])
     assert np.abs(np.diff(velocity, axis=0)).max() < 0.03  # 6 m/s^2 over a tick
     middle = np.concatenate([s.body for s in steps])[:, :2]
-    assert np.linalg.norm(com - middle, axis=1).max() < 0.09  # never falls away from the feet
+    assert np.linalg.norm(com - middle, axis=1).max() < 0.09  # stays near the feet
 
 
 turns = st.floats(-math.radians(14), math.radians(14))
@@ -100,7 +96,7 @@ commands = st.builds(WalkCommand, st.floats(-0.03, 0.08), st.floats(-0.02, 0.02)
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(commands, min_size=1, max_size=8))
-def test_feet_come_to_stand_where_the_commands_lead(asked):
+def test_feet_land_at_the_commanded_poses(asked):
     steps = walk([*asked, WalkCommand(), WalkCommand()])
     frame = Pose2()
     for command in asked:
@@ -108,12 +104,12 @@ def test_feet_come_to_stand_where_the_commands_lead(asked):
         frame = limited
     x, y, yaw = steps[-1].body[-1]
     turned = max(abs(c.turn_rad) for c in asked)
-    if turned < 1e-6:  # turning on the spot may need a wider step than was asked
+    if turned < 1e-6:  # rotation in place may need a wider step than commanded
         np.testing.assert_allclose([x, y], [frame.x, frame.y], atol=1e-9)
     assert math.remainder(yaw - frame.yaw, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_feet_never_stand_closer_than_they_are_wide():
+def test_feet_keep_the_minimum_distance():
     rng = np.random.default_rng(1)
     gait = Gait(CONFIG)
     for _ in range(200):
@@ -123,14 +119,14 @@ def test_feet_never_stand_closer_than_they_are_wide():
         assert side * (stance.inverse() @ swing).y >= CONFIG.narrowest_m - 1e-3
 
 
-def test_without_a_command_it_stands_still():
+def test_gait_stands_without_a_command():
     for step in walk([WalkCommand()] * 3):
         assert not step.stepping
         assert np.all(step.body == 0.0)
         assert np.abs(step.com).max() < 1e-12
 
 
-def test_too_much_is_clipped():
+def test_commands_beyond_the_limits_are_clipped():
     walked = walk([WalkCommand(1.0, 0.0, 0.0)] * 6)
     stride = walked[-1].body[-1, 0] - walked[-2].body[-1, 0]
     assert stride == pytest.approx(CONFIG.forward_limit_m, abs=1e-9)
@@ -139,20 +135,20 @@ def test_too_much_is_clipped():
     assert turn == pytest.approx(math.radians(14.0), abs=1e-9)
 
 
-def test_a_body_that_walks_sways_as_measured():
+def test_lateral_motion_of_the_walk_agrees_with_measurements():
     steps = walk([WalkCommand(0.0455)] * 20)[4:]
     sway = np.concatenate([s.com[:, 1] - s.body[:, 1] for s in steps])
     assert 0.018 < sway.std() < 0.030  # 27 mm on the dynamic walker
     assert np.abs(sway).max() < 0.037
 
 
-def test_an_impossible_tick_is_refused():
+def test_an_invalid_tick_is_refused():
     with pytest.raises(ConfigError, match="tick_s=0"):
         GaitConfig(tick_s=0.0)
 
 
 @pytest.mark.parametrize("astray", [0.02, -0.05])
-def test_a_step_that_answers_a_push_lands_further_by_as_much_and_the_next_one_as_commanded(astray):
+def test_a_recovery_step_is_extended_and_the_next_one_is_as_commanded(astray):
     gait, other = Gait(CONFIG), Gait(CONFIG)
     for one in (gait, other):
         one.step(WalkCommand(0.03))
@@ -164,7 +160,7 @@ def test_a_step_that_answers_a_push_lands_further_by_as_much_and_the_next_one_as
     assert later.body[-1] - usual.body[-1] == pytest.approx([astray, 0.0, 0.0], abs=1e-12)
 
 
-def test_a_push_makes_no_step_longer_than_legs_are():
+def test_a_recovery_step_stays_within_its_limits():
     for astray, most in ((0.5, CONFIG.rescue_forward_m), (-0.5, -CONFIG.rescue_back_m)):
         gait = Gait(CONFIG)
         step = gait.step(WalkCommand(), astray)
@@ -172,7 +168,7 @@ def test_a_push_makes_no_step_longer_than_legs_are():
         assert (step.left if step.swing > 0 else step.right)[-1, 0] == pytest.approx(most)
 
 
-def test_a_foot_put_down_early_is_where_the_walk_goes_on_from():
+def test_the_gait_continues_from_an_early_landing():
     gait = Gait(CONFIG)
     gait.step(WalkCommand(0.04))
     step = gait.step(WalkCommand(0.04))
@@ -183,7 +179,7 @@ def test_a_foot_put_down_early_is_where_the_walk_goes_on_from():
     assert following.swing == -step.swing
     stands = following.left if step.swing > 0 else following.right
     assert stands == pytest.approx(np.tile(there, (following.ticks, 1)), abs=1e-12)
-    # ... and the zero moment point rests in it, xi' = w (xi - p), a little inside of its ankle
+    # the zero moment point stays in it, xi' = w (xi - p), slightly inward of its ankle
     omega = math.sqrt(GRAVITY_MPS2 / CONFIG.com_height_m)
     before, after = (following.com + following.com_velocity / omega)[-2:]
     growth = math.exp(omega * CONFIG.tick_s)

@@ -1,4 +1,4 @@
-"""Painted scenes: images stay as small as they must however large the room, and show what lies where."""
+"""Textured scenes: textures respect their limits for any room size and show objects at their places."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from sim.shapes import Box
 RED = FloorArea("plain/red", (1.0, 0.5, 2.0, 1.5))
 
 
-def room(extent, things=(), areas=()):
+def room(extent, static_objects=(), areas=()):
     building = walls(extent, ("plain/white",) * 4)
     floor = (FloorArea("plain/lime", extent), *areas)
-    return Scene("room", 0, extent, floor, (*building, *things), (), (), Pose2(0.5, 0.5), ())
+    return Scene(
+        "room", 0, extent, floor, (*building, *static_objects), (), (), Pose2(0.5, 0.5), ()
+    )
 
 
 def is_red(image, extent, x, y):
@@ -30,11 +32,11 @@ def is_red(image, extent, x, y):
 
 
 @pytest.mark.parametrize("budget", [1e4, 1e5, 1e9])
-def test_a_floor_keeps_to_its_budget_and_its_areas_to_their_places(monkeypatch, budget):
+def test_floor_texture_respects_its_limit_and_places_its_areas(monkeypatch, budget):
     monkeypatch.setattr(painting, "MOST_PX", budget)
     extent = (0.0, 0.0, 4.0, 2.0)
     image = paint_scene(room(extent, areas=[RED]))[0][0].texture
-    finest = 4.0 / painting.FLOOR_GRAIN_M * 2.0 / painting.FLOOR_GRAIN_M
+    finest = 4.0 / painting.FLOOR_RESOLUTION_M * 2.0 / painting.FLOOR_RESOLUTION_M
     assert image.shape[0] * image.shape[1] == pytest.approx(min(budget, finest), rel=0.05)
     for x, y, red in (
         (1.5, 1.0, True), (1.1, 0.6, True), (1.9, 1.4, True), (0.9, 1.0, False), (2.1, 1.0, False),
@@ -43,7 +45,7 @@ def test_a_floor_keeps_to_its_budget_and_its_areas_to_their_places(monkeypatch, 
         assert is_red(image, extent, x, y) == red
 
 
-def test_a_long_corridor_fits_the_textures_of_any_renderer():
+def test_the_texture_of_a_long_corridor_stays_within_the_side_limit():
     still, _ = paint_scene(room((0.0, 0.0, 40.0, 1.0)))
     assert all(max(painted.texture.shape[:2]) <= 8192 for painted in still)
 
@@ -55,7 +57,7 @@ def test_an_area_of_less_than_a_pixel_is_left_out(monkeypatch):
     assert not (image[..., 0].astype(int) > 2 * image[..., 1].astype(int)).any()
 
 
-def test_what_stands_outside_the_walls_is_not_painted():
+def test_objects_outside_the_walls_are_not_painted():
     extent = (0.0, 0.0, 2.0, 2.0)
     outside = StaticObject("crate", (Box((9.0, 1.0, 0.2), (0.4, 0.4, 0.4)),))
     inside = StaticObject("crate", (Box((1.0, 1.0, 0.2), (0.4, 0.4, 0.4)),))

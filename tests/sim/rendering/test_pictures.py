@@ -1,4 +1,4 @@
-"""Pictures: both renderers share one geometry with the rays, and show tags that can be read."""
+"""Rendering: both renderers agree with ray casting, and tags are detectable."""
 
 import math
 
@@ -35,7 +35,7 @@ CAMERAS = [
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=["60deg", "square"])
-def test_depth_of_the_picture_is_that_of_the_rays(world, camera):
+def test_rendered_depth_agrees_with_ray_casting(world, camera):
     T = pose(0.7, 1.3, 0.15, 0.35)
     depth = world.rendered_depth(camera, T)
     rays = camera.rays.reshape(-1, 3)
@@ -47,19 +47,19 @@ def test_depth_of_the_picture_is_that_of_the_rays(world, camera):
     assert near.mean() > 0.5
     assert np.median(error[near]) < 1e-3
     assert np.percentile(error[near], 95) < 1e-3
-    # half a pixel beside it, it would not fit
+    # an offset of half a pixel would exceed the tolerance
     shifted = np.abs(np.roll(depth, 1, axis=0) - along)[near]
     assert np.median(shifted) > 5 * np.median(error[near])
 
 
 @pytest.mark.parametrize("distance", [0.7, 1.5, 2.5])
-def test_tags_are_read_and_lie_where_they_hang(world, distance):
+def test_tags_are_detected_at_their_positions(world, distance):
     detector = cv2.aruco.ArucoDetector(
         cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), cv2.aruco.DetectorParameters()
     )
     camera = Camera.from_view(720, 720, math.radians(90), math.radians(90))
     x0, y0, x1, y1 = world.scene.extent
-    plates = {t.name: t.parts[0] for t in world.scene.things if t.name.startswith("tag")}
+    plates = {t.name: t.parts[0] for t in world.scene.static_objects if t.name.startswith("tag")}
     tried = found = 0
     for landmark in world.scene.landmarks[:8]:
         yaw = plates[f"tag {landmark.identity}"].yaw_rad
@@ -72,7 +72,7 @@ def test_tags_are_read_and_lie_where_they_hang(world, distance):
         reach = float(np.linalg.norm(ahead))
         met = world.rays.cast(T.position, (ahead / reach)[None].astype(np.float32)).distance_m[0]
         if abs(met - reach) > 0.01:
-            continue  # something stands between
+            continue  # occluded
         tried += 1
         grey = cv2.cvtColor(world.picture(camera, T), cv2.COLOR_RGB2GRAY)
         corners, ids, _ = detector.detectMarkers(grey)
@@ -98,17 +98,17 @@ def test_an_unknown_renderer_is_refused():
         World(catalogue.load("empty_room", 0), "opengl")
 
 
-def test_plain_paint_shows_nothing_that_could_be_matched():
+def test_plain_material_has_no_texture():
     image = paint("plain/grey", (1.0, 1.0), 0.004, np.random.default_rng(0))
     assert image.reshape(-1, 3).std(axis=0).max() == 0.0
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"plain"}))
-def test_no_material_repeats_itself(kind):
+def test_materials_are_aperiodic(kind):
     rng = np.random.default_rng(0)
     image = cv2.cvtColor(paint(f"{kind}/grey", (1.0, 1.0), 0.004, rng), cv2.COLOR_RGB2GRAY)
     patch = image[100:132, 60:92]
     assert patch.std() > 2.0
     match = cv2.matchTemplate(image, patch, cv2.TM_CCOEFF_NORMED)
     match[90:111, 50:71] = -1.0
-    assert match[100, :].max() < 0.9  # a stereo search along the row finds one place only
+    assert match[100, :].max() < 0.9  # the stereo match along the row is unique

@@ -1,4 +1,4 @@
-"""Difficulty: harder scenes hold more and have narrower ways, every one can be walked, and 0.5 is as usual."""
+"""Difficulty: harder scenes have more objects and narrower passages, all are passable, and 0.5 is the usual scene."""
 
 from __future__ import annotations
 
@@ -7,81 +7,86 @@ import pytest
 
 from perception.primitives.errors import InputError
 from sim.scenes import catalogue
-from sim.scenes.difficulty import count, graded, span
+from sim.scenes.difficulty import interpolated, interpolated_count, interpolated_span
 from sim.scenes.free_space import clearance_map
 
 SEEDS = range(3)
 GRADED = ("home", "flat", "corridor", "office", "hall", "course", "fast_course", "hard_course")
 SAME = ("empty_room", "boxes", "plain_room", "robots_room", "narrow_course", "avoidance_ss")
-PLANNED_M = 0.15  # radius of the disc that planning moves
+PLANNED_M = 0.15  # radius of the planning disc
 
 
 def space(scene):
-    inside = [p for t in scene.things for p in t.parts if not t.name.startswith("tag")]
+    inside = [p for t in scene.static_objects for p in t.parts if not t.name.startswith("tag")]
     return clearance_map(scene.extent, inside)
 
 
 def reaches(free, scene, radius_m):
-    """Whether a disc of that radius stands at the start and gets to every goal."""
+    """Whether a disc of that radius fits at the start and reaches every goal."""
     reach = free.reachable((scene.start.x, scene.start.y), radius_m)
     return all(reach[free.cell(goal)] for goal in scene.goals)
 
 
 def room(scene):
-    """How far the next thing is, on average over the ground that planning's disc can reach, m."""
+    """Mean clearance over the cells that the planning disc can reach, m."""
     free = space(scene)
     reach = free.reachable((scene.start.x, scene.start.y), PLANNED_M)
     return float(free.clearance[reach].mean())
 
 
 @pytest.mark.parametrize("difficulty", [-0.01, 1.01, float("nan")])
-def test_what_is_no_difficulty_is_refused(difficulty):
+def test_an_invalid_difficulty_is_refused(difficulty):
     with pytest.raises(InputError, match=r"difficulty=.* must lie in \[0, 1\]"):
         catalogue.load("home", 0, difficulty)
 
 
-def test_measures_meet_their_three_values_and_run_straight_between():
-    assert [graded(d, 0.9, 0.7, 0.1) for d in (0.0, 0.5, 1.0)] == [0.9, 0.7, 0.1]
-    assert graded(0.25, 1.0, 2.0, 6.0) == pytest.approx(1.5)
-    assert graded(0.75, 1.0, 2.0, 6.0) == pytest.approx(4.0)
-    assert count(0.9, 1, 3, 5) == 5
-    assert span(0.75, (0.0, 1.0), (2.0, 3.0), (4.0, 7.0)) == pytest.approx((3.0, 5.0))
+def test_parameters_are_interpolated_linearly_between_three_values():
+    assert [interpolated(d, 0.9, 0.7, 0.1) for d in (0.0, 0.5, 1.0)] == [0.9, 0.7, 0.1]
+    assert interpolated(0.25, 1.0, 2.0, 6.0) == pytest.approx(1.5)
+    assert interpolated(0.75, 1.0, 2.0, 6.0) == pytest.approx(4.0)
+    assert interpolated_count(0.9, 1, 3, 5) == 5
+    assert interpolated_span(0.75, (0.0, 1.0), (2.0, 3.0), (4.0, 7.0)) == pytest.approx((3.0, 5.0))
 
 
 @pytest.mark.parametrize("name", catalogue.names())
-def test_half_way_is_the_scene_as_usual(name):
+def test_difficulty_one_half_is_the_usual_scene(name):
     assert catalogue.load(name, 3, 0.5) == catalogue.load(name, 3)
 
 
 @pytest.mark.parametrize("name", SAME)
-def test_what_is_printed_or_for_measuring_stays_what_it_is(name):
+def test_scenes_of_papers_and_for_measurements_ignore_the_difficulty(name):
     assert catalogue.load(name, 2, 0.0) == catalogue.load(name, 2) == catalogue.load(name, 2, 1.0)
 
 
 @pytest.mark.parametrize("name", GRADED)
-def test_a_harder_scene_holds_more_and_faster_things_and_narrower_ways(name):
+def test_a_harder_scene_has_more_and_faster_objects_and_narrower_passages(name):
     easy, usual, hard = (
         [catalogue.load(name, seed, difficulty) for seed in SEEDS] for difficulty in (0.0, 0.5, 1.0)
     )
     for less, more in ((easy, usual), (usual, hard)):
-        assert things(less) <= things(more)
+        assert items(less) <= items(more)
         assert np.mean([room(s) for s in less]) > np.mean([room(s) for s in more])
-    assert things(easy) < things(hard)
-    speeds = [[m.speed_mps for scene in group for m in scene.movers] for group in (easy, hard)]
+    assert items(easy) < items(hard)
+    speeds = [
+        [m.speed_mps for scene in group for m in scene.moving_objects] for group in (easy, hard)
+    ]
     assert name == "office" or np.mean(speeds[0]) < np.mean(speeds[1])
 
 
-def things(group):
-    return sum(len(scene.obstacles) + len(scene.movers) for scene in group)
+def items(group):
+    return sum(len(scene.obstacles) + len(scene.moving_objects) for scene in group)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("difficulty", [0.0, 1.0])
 @pytest.mark.parametrize("name", GRADED)
-def test_start_and_goals_are_free_and_can_be_reached_at_any_difficulty(name, difficulty, seed):
+def test_start_and_goals_are_free_and_reachable_at_any_difficulty(name, difficulty, seed):
     scene = catalogue.load(name, seed, difficulty)
     free = space(scene)
     assert reaches(free, scene, PLANNED_M)
-    for mover in scene.movers:
-        line = [mover.state(float(s))[:2] for s in np.linspace(0.0, mover.reversal_s, 25)]
-        assert min(free.at(place) for place in line) > mover.radius_m
+    for moving_object in scene.moving_objects:
+        line = [
+            moving_object.state(float(s))[:2]
+            for s in np.linspace(0.0, moving_object.reversal_s, 25)
+        ]
+        assert min(free.at(place) for place in line) > moving_object.radius_m

@@ -1,4 +1,4 @@
-"""Models somebody brings: upright, seen and solid however thin, and refused with what to mend."""
+"""Models from files: upright, visible and solid; errors state the remedy."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def write_box(path, size):
 
 
 def binary_gltf(vertices, triangles):
-    """One mesh below a node, by the standard: a header, the description, the numbers."""
+    """A glTF file with one mesh below a node: header, description, data."""
     numbers = vertices.astype("<f4").tobytes(), triangles.astype("<u4").tobytes()
     bounds = {"min": vertices.min(axis=0).tolist(), "max": vertices.max(axis=0).tolist()}
     first, second = len(numbers[0]), len(numbers[1])
@@ -69,7 +69,7 @@ def write_obj(path, vertices, faces):
 
 
 def volume(solid):
-    """By the divergence theorem: right only of a closed surface whose triangles face outward."""
+    """Volume by the divergence theorem; correct only for a closed surface facing outward."""
     return float(np.linalg.det(solid.vertices[solid.triangles]).sum()) / 6
 
 
@@ -88,16 +88,16 @@ def size(solid):
         ("pillar.ply", "z", False),
     ],
 )
-def test_a_pillar_stands_where_its_file_has_y_up(tmp_path, name, up, stands):
+def test_a_model_with_y_up_is_rotated_upright(tmp_path, name, up, stands):
     (solid,) = read_model(write_box(tmp_path / name, PILLAR_M), up=up)
     x, y, z = PILLAR_M
     np.testing.assert_allclose(size(solid), (x, z, y) if stands else PILLAR_M, atol=1e-6)
     if stands:
         assert (solid.bottom_m, solid.top_m) == pytest.approx((0.0, 2.0), abs=1e-6)
-    assert volume(solid) == pytest.approx(x * y * z, rel=1e-5)  # turned, not mirrored
+    assert volume(solid) == pytest.approx(x * y * z, rel=1e-5)  # rotated, not mirrored
 
 
-def test_turning_up_keeps_what_is_ahead_of_it(tmp_path):
+def test_rotation_to_z_up_keeps_the_front(tmp_path):
     """glTF 2.0, 3.4: +Y up, +Z forward, so that +X is to the left; ours is z up."""
     path = write_obj(
         tmp_path / "a.obj", [(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)], [(1, 3, 2), (1, 2, 4)]
@@ -107,7 +107,7 @@ def test_turning_up_keeps_what_is_ahead_of_it(tmp_path):
     assert corners == {(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 2.0), (0.0, -3.0, 0.0)}
 
 
-def test_the_scene_file_says_which_axis_is_up(tmp_path):
+def test_the_scene_file_sets_the_up_axis(tmp_path):
     write_box(tmp_path / "pillar.obj", PILLAR_M)
     text = "extent = [0, 0, 5, 4]\nstart = [1, 1, 0]\ngoals = [[4, 1]]\n[[model]]\n"
     text += 'file = "pillar.obj"\nat = [2.5, 2.5]\n'
@@ -129,7 +129,7 @@ ONE_SIDE, BOTH_SIDES = [(1, 2, 3), (1, 3, 4)], [(1, 2, 3), (1, 3, 4), (3, 2, 1),
 @pytest.mark.parametrize("faces", [ONE_SIDE, BOTH_SIDES])
 @pytest.mark.parametrize(("corners", "area"), [(PANEL, 1.2), (FLAT, 0.6)])
 @pytest.mark.parametrize("scale", [1.0, 0.5])
-def test_a_sheet_is_a_board_of_a_centimetre(tmp_path, corners, area, faces, scale):
+def test_a_sheet_becomes_a_board_of_one_centimetre(tmp_path, corners, area, faces, scale):
     (solid,) = read_model(write_obj(tmp_path / "a.obj", corners, faces), scale=scale)
     assert volume(solid) == pytest.approx(scale**2 * area * SHEET_M, rel=1e-6)
     extents = np.where(np.ptp(corners, axis=0) == 0.0, SHEET_M, scale * np.ptp(corners, axis=0))
@@ -137,7 +137,7 @@ def test_a_sheet_is_a_board_of_a_centimetre(tmp_path, corners, area, faces, scal
 
 
 def test_a_sheet_keeps_its_outline_and_its_holes(tmp_path):
-    """An upright frame of 1 m around a window of 0.6 m, aslant in plan."""
+    """An upright frame of 1 m around a window of 0.6 m, rotated about the vertical."""
     ring = [(-0.5, 0.0), (0.5, 0.0), (0.5, 1.0), (-0.5, 1.0)]
     ring += [(0.6 * x, 0.2 + 0.6 * z) for x, z in ring]
     corners = [(0.6 * x, 0.8 * x, z) for x, z in ring]
@@ -146,8 +146,8 @@ def test_a_sheet_keeps_its_outline_and_its_holes(tmp_path):
     assert volume(solid) == pytest.approx((1.0 - 0.36) * SHEET_M, rel=1e-6)
 
 
-def test_a_fine_mesh_is_read_at_once(tmp_path):
-    """20 000 corners in one piece: nothing grows with their square, which would be gigabytes."""
+def test_a_fine_mesh_is_read_quickly(tmp_path):
+    """20 000 vertices: no quadratic memory, which would be gigabytes."""
     import open3d as o3d
 
     ball = o3d.geometry.TriangleMesh.create_sphere(0.5, 100)
@@ -161,7 +161,7 @@ def test_a_fine_mesh_is_read_at_once(tmp_path):
     assert volume(solid) == pytest.approx(4 / 3 * np.pi * 0.5**3, rel=1e-3)
 
 
-def test_an_upright_panel_is_seen_by_rays_and_is_no_way_through(tmp_path):
+def test_an_upright_panel_stops_rays_and_blocks_the_path(tmp_path):
     write_obj(tmp_path / "panel.obj", PANEL, ONE_SIDE)
     (tmp_path / "mine.toml").write_text(
         "extent = [0, 0, 5, 4]\nstart = [1, 1, 0]\ngoals = [[4, 1]]\ntags = 0\n"
@@ -178,11 +178,11 @@ def test_an_upright_panel_is_seen_by_rays_and_is_no_way_through(tmp_path):
 
 
 @pytest.mark.parametrize("corners", [PANEL, FLAT])
-def test_even_a_solid_without_a_volume_can_be_touched(corners):
+def test_a_solid_without_volume_is_solid(corners):
     solid = Solid(np.array(corners), np.array(ONE_SIDE) - 1)
     physics = Physics(DARWIN, Pose2(5.0, 5.0, 0.0), {}, DARWIN.hip_m, 0.005)
     try:
-        physics.furnish([], [solid], [])
+        physics.add_objects([], [solid], [])
         middle = np.array(solid.centre)
         normal = np.array([0.0, 1.0, 0.0]) if corners is PANEL else np.array([0.0, 0.0, 1.0])
         hit = physics._bullet.rayTest(
@@ -220,11 +220,11 @@ GOOD = '<box size="1 1 1"/>'
             "gone.stl' of <mesh>: no such file; looked",
         ),
         ("", '<mesh filename="is.dae"/>', "is.dae' of <mesh>: .dae is not read; expected .obj"),
-        ("", '<mesh filename="is.obj" scale="1 0 1"/>', "scale='1 0 1' of <mesh>: 0 leaves"),
+        ("", '<mesh filename="is.obj" scale="1 0 1"/>', "scale='1 0 1' of <mesh>: must not be 0"),
         ("", '<mesh filename="is.obj" scale="1 1"/>', "scale='1 1' of <mesh>: expected 3"),
     ],
 )
-def test_what_is_wrong_in_a_urdf_is_named(tmp_path, origin, shape, said):
+def test_errors_in_a_urdf_are_reported(tmp_path, origin, shape, said):
     (tmp_path / "is.dae").write_text("")
     write_box(tmp_path / "is.obj", (1.0, 1.0, 1.0))
     (tmp_path / "r.urdf").write_text(BOX.format(origin, shape))
@@ -246,16 +246,16 @@ def test_meshes_that_cannot_be_used_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"r.urdf: up = 'y'; a URDF is z up"):
         read_model(tmp_path / "r.urdf", up="y")
     line = write_obj(tmp_path / "a.obj", [(0, 0, 0), (1, 0, 0), (2, 1e-9, 0)], [(1, 2, 3)])
-    with pytest.raises(InputError, match=r"a.obj: holds no surface wider than 0.1 mm"):
+    with pytest.raises(InputError, match=r"a.obj: has no surface wider than 0.1 mm"):
         read_model(line)
     bad = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     bad += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
     (tmp_path / "b.ply").write_text(bad + "0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n")
-    with pytest.raises(InputError, match=r"b.ply: holds vertices that are not finite"):
+    with pytest.raises(InputError, match=r"b.ply: has vertices that are not finite"):
         read_model(tmp_path / "b.ply")
 
 
-def test_without_open3d_a_model_says_what_to_install(tmp_path, monkeypatch):
+def test_a_missing_open3d_is_reported_with_what_to_install(tmp_path, monkeypatch):
     path = write_box(tmp_path / "a.obj", (1.0, 1.0, 1.0))
     real = builtins.__import__
 

@@ -1,4 +1,4 @@
-"""A user's own scene: ten lines that load, models that stand where they were put, complaints that help."""
+"""Scenes from users: the example loads, models are placed correctly, errors state the remedy."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def load(tmp_path, text, seed=0):
 
 
 def heights_below(scene, places):
-    """What rays straight down hit, m above the floor."""
+    """Heights that vertical rays hit, m above the floor."""
     with World(scene, "tiny") as world:
         found = []
         for x, y in places:
@@ -34,14 +34,14 @@ def heights_below(scene, places):
     return np.array(found)
 
 
-def test_the_ten_lines_are_a_scene(tmp_path):
+def test_the_example_is_a_scene(tmp_path):
     scene = load(tmp_path, EXAMPLE)
     assert scene.name == "mine"
     assert scene.goals == ((4.4, 2.0),)
-    assert [thing.name for thing in scene.obstacles] == ["table"]
-    (mover,) = scene.movers
-    assert mover.end == pytest.approx((3.6, 3.0))
-    assert mover.state(10.0)[:2] == pytest.approx((3.6, 1.5))
+    assert [item.name for item in scene.obstacles] == ["table"]
+    (moving_object,) = scene.moving_objects
+    assert moving_object.end == pytest.approx((3.6, 3.0))
+    assert moving_object.state(10.0)[:2] == pytest.approx((3.6, 1.5))
     assert scene.landmarks
     np.testing.assert_allclose(
         heights_below(scene, [(2.5, 2.0), (1.5, 1.0)]), [0.5, 0.0], atol=1e-4
@@ -63,11 +63,11 @@ URDF = """<robot name="lamp">
 </robot>"""
 
 
-def test_a_urdf_stands_where_it_was_put_with_its_joints_at_zero(tmp_path):
+def test_a_urdf_is_placed_with_its_joints_at_zero(tmp_path):
     (tmp_path / "lamp.urdf").write_text(URDF)
     text = EXAMPLE + '[[model]]\nfile = "lamp.urdf"\nat = [1.5, 3.0]\nyaw = 90\n'
     scene = load(tmp_path, text)
-    lamp = next(thing for thing in scene.obstacles if thing.name.startswith("lamp"))
+    lamp = next(item for item in scene.obstacles if item.name.startswith("lamp"))
     assert len(lamp.parts) == 2
     # The arm lies along x of the model, so along y of the world: 30 cm to both sides, its top at 45 cm.
     places = [(1.5, 3.29), (1.5, 2.71), (1.5, 3.31), (1.54, 3.0), (1.60, 3.0), (1.66, 3.0)]
@@ -76,7 +76,7 @@ def test_a_urdf_stands_where_it_was_put_with_its_joints_at_zero(tmp_path):
     )
 
 
-def test_a_mesh_is_as_far_as_the_box_it_was_made_of(tmp_path):
+def test_a_box_mesh_has_the_distances_of_its_box(tmp_path):
     import open3d as o3d
 
     mesh = o3d.geometry.TriangleMesh.create_box(0.6, 0.4, 0.3).translate((-0.3, -0.2, 0.0))
@@ -90,7 +90,7 @@ def test_a_mesh_is_as_far_as_the_box_it_was_made_of(tmp_path):
     np.testing.assert_allclose(*ordered, atol=1e-6)
 
 
-def test_a_solid_is_drawn_all_over_and_seen_as_it_is_measured(tmp_path):
+def test_rendered_depth_of_a_solid_agrees_with_ray_casting(tmp_path):
     import open3d as o3d
 
     ball = o3d.geometry.TriangleMesh.create_sphere(0.25, 24).translate((0.0, 0.0, 0.25))
@@ -123,7 +123,7 @@ def test_a_solid_is_drawn_all_over_and_seen_as_it_is_measured(tmp_path):
         (("goals = [[4.4, 2.0]]", ""), "goals is missing"),
         (("speed = 0.05", "speed = 0"), "positive speed"),
         (('name = "table"', 'material = "cheese/oak"'), "expected kind/colour"),
-        (("[[box]]", "[[box"), "no valid TOML"),
+        (("[[box]]", "[[box"), "not valid TOML"),
         (("[0, 0, 5, 4] ", "[0, 0, 0.5, 0.5]"), "0.5 x 0.5 m; each side must be 1 to 50 m"),
         (("[0, 0, 5, 4] ", "[0, 0, 5, 1e6]"), "each side must be 1 to 50 m"),
         (
@@ -137,7 +137,10 @@ def test_a_solid_is_drawn_all_over_and_seen_as_it_is_measured(tmp_path):
         (("[[box]]", "tags = -5\n[[box]]"), "tags = -5; expected a whole number from 0 to 50"),
         (("[[box]]", "tags = 2.7\n[[box]]"), "tags = 2.7; expected a whole number"),
         (("[[box]]", "tags = 51\n[[box]]"), "tags = 51; expected a whole number"),
-        (("to = [3.6, 3.0]", "to = [3.6, 7.0]"), r"mover\]\] 1: the line .* inside the extent"),
+        (
+            ("to = [3.6, 3.0]", "to = [3.6, 7.0]"),
+            r"moving_object\]\] 1: the line .* inside the extent",
+        ),
         (
             ("to = [3.6, 3.0]", "to = [3.6, 3.95]"),
             "comes to 0.05 m inside the extent .* 0.1 m must",
@@ -148,8 +151,14 @@ def test_a_solid_is_drawn_all_over_and_seen_as_it_is_measured(tmp_path):
             r"comes to 0.10 m from the start .* 0.25 m away",
         ),
         (("speed = 0.05", "speed = 0.05\nheight = 0.05"), "height = 0.05; expected .* from 0.1 to"),
-        (("[[box]]", "[[area]]\nextent = [2, 1, 1, 2]\n[[box]]"), r"area\]\] 1: extent .* rising"),
-        (("[[box]]", "[[area]]\nextent = [2, 1, 2, 2]\n[[box]]"), r"area\]\] 1: extent .* rising"),
+        (
+            ("[[box]]", "[[area]]\nextent = [2, 1, 1, 2]\n[[box]]"),
+            r"area\]\] 1: extent .* each side",
+        ),
+        (
+            ("[[box]]", "[[area]]\nextent = [2, 1, 2, 2]\n[[box]]"),
+            r"area\]\] 1: extent .* each side",
+        ),
         (
             ("[[box]]", "[[area]]\nextent = [6, 5, 7, 6]\n[[box]]"),
             "must lie within that of the floor",
@@ -161,7 +170,7 @@ def test_a_solid_is_drawn_all_over_and_seen_as_it_is_measured(tmp_path):
         (("[0.6, 0.8, 0.5]", "[0.2, 4.4, 0.5]\nabove = 0.1"), "beyond the walls"),
     ],
 )
-def test_what_is_wrong_is_named_with_what_was_expected(tmp_path, change, said):
+def test_invalid_entries_are_reported_with_the_expected_value(tmp_path, change, said):
     with pytest.raises(InputError, match=said) as caught:
         load(tmp_path, EXAMPLE.replace(*change))
     assert "mine.toml" in str(caught.value)
@@ -179,22 +188,24 @@ above = {above}
 
 
 @pytest.mark.parametrize("thick", [0.01, 0.3])
-def test_a_goal_behind_a_wall_is_refused(tmp_path, thick):
-    with pytest.raises(InputError, match=r"goal 2 \(4, 2\) is walled off from the start \(1, 2\)"):
+def test_an_unreachable_goal_is_refused(tmp_path, thick):
+    with pytest.raises(
+        InputError, match=r"goal 2 \(4, 2\) is not reachable from the start \(1, 2\)"
+    ):
         load(tmp_path, WALL.format(middle=2.0, thick=thick, length=4.0, above=0.0))
 
 
 @pytest.mark.parametrize(
     ("gap", "above"), [(0.30, 0.0), (0.17, 0.0), (0.0, 0.6)]
 )  # the robot is 0.164 m wide and 0.455 m tall
-def test_a_goal_that_can_be_walked_to_is_not(tmp_path, gap, above):
+def test_a_reachable_goal_is_accepted(tmp_path, gap, above):
     length = 4.0 - gap
     scene = load(tmp_path, WALL.format(middle=length / 2, thick=0.1, length=length, above=above))
     assert scene.goals[1] == (4.0, 2.0)
 
 
-def test_a_gap_between_things_is_a_way_wherever_it_lies(tmp_path):
-    """Gaps of 0.17 m, at 40 places that the cells know nothing of."""
+def test_a_sufficient_gap_is_passable_at_any_position(tmp_path):
+    """Gaps of 0.17 m at 40 positions relative to the cells."""
     for shift in np.linspace(0.0, 0.1, 40):
         low, high = 1.9 + shift, 4.0 - 1.9 - shift - 0.17
         text = WALL.format(middle=low / 2, thick=0.1, length=low, above=0.0)
@@ -202,8 +213,8 @@ def test_a_gap_between_things_is_a_way_wherever_it_lies(tmp_path):
         load(tmp_path, text.replace("tags = 0\n", "").replace("start", "tags = 0\nstart"))
 
 
-def test_things_may_touch_walls_and_each_other(tmp_path):
-    """Against a wall, in a corner, on top of another and across the way of nothing."""
+def test_objects_may_touch_walls_and_each_other(tmp_path):
+    """Against a wall, in a corner, and on top of another object."""
     text = EXAMPLE + "[[box]]\nat = [0.25, 0.25]\nsize = [0.5, 0.5, 1.0]\n"
     text += "[[cylinder]]\nat = [0.25, 0.25]\nradius = 0.1\nheight = 0.2\nabove = 1.0\n"
     text += "[[area]]\nextent = [0, 0, 5, 4]\n"
@@ -211,7 +222,7 @@ def test_things_may_touch_walls_and_each_other(tmp_path):
 
 
 def arch(tmp_path):
-    """A gate of two posts and a beam in one piece, 2 m wide: one may stand in it, but for its hull."""
+    """A gate of two posts and a beam in one piece, 2 m wide; its convex hull has no opening."""
     import open3d as o3d
 
     make = o3d.geometry.TriangleMesh.create_box
@@ -219,25 +230,27 @@ def arch(tmp_path):
     mesh += make(0.2, 0.2, 0.8).translate((-0.1, -1.0, 0.0))
     mesh += make(0.2, 0.2, 0.8).translate((-0.1, 0.8, 0.0))
     vertices = np.asarray(mesh.vertices)
-    triangles = np.concatenate([np.asarray(mesh.triangles), [[0, 8, 16]]])  # hangs together
+    triangles = np.concatenate([np.asarray(mesh.triangles), [[0, 8, 16]]])  # one component
     joined = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(triangles)
     )
     o3d.io.write_triangle_mesh(str(tmp_path / "arch.ply"), joined)
 
 
-def test_what_lies_in_the_hollow_of_a_model_is_told_so(tmp_path):
+def test_an_error_inside_a_hollow_model_mentions_convexity(tmp_path):
     arch(tmp_path)
-    text = EXAMPLE.replace("[[mover]]", '[[model]]\nfile = "arch.ply"\nat = [1.2, 2.0]\n[[mover]]')
+    text = EXAMPLE.replace(
+        "[[moving_object]]", '[[model]]\nfile = "arch.ply"\nat = [1.2, 2.0]\n[[moving_object]]'
+    )
     assert load(tmp_path, text).obstacles[-1].name == "arch 1"
-    hollow = r"models are convex for contact: split a hollow one into pieces that are"
+    hollow = r"models are convex for contact: split a hollow one into convex pieces"
     with pytest.raises(InputError, match=rf"start .* is -0.10 m from 'arch 1'; .*{hollow}"):
         load(tmp_path, text.replace("start = [0.6, 2.0, 0]", "start = [1.2, 2.0, 0]"))
     with pytest.raises(InputError, match=rf"the line .* from 'arch 1'; .*{hollow}"):
         load(tmp_path, text.replace("from = [3.6, 1.0]\nto = [3.6", "from = [1.2, 1.5]\nto = [1.2"))
 
 
-def test_a_model_that_sinks_into_the_floor_is_told_how_high_to_go(tmp_path):
+def test_a_model_below_the_floor_is_reported_with_the_needed_height(tmp_path):
     import open3d as o3d
 
     mesh = o3d.geometry.TriangleMesh.create_box(0.4, 0.4, 0.4).translate((-0.2, -0.2, -0.2))
@@ -251,7 +264,7 @@ def test_a_model_that_sinks_into_the_floor_is_told_how_high_to_go(tmp_path):
     assert cube.bottom_m == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_model_that_cannot_be_read_is_told_with_its_entry(tmp_path):
+def test_an_unreadable_model_is_reported_with_its_entry(tmp_path):
     text = EXAMPLE + '[[model]]\nname = "lamp"\nfile = "gone.obj"\nat = [1.5, 3.3]\n'
     with pytest.raises(InputError, match=r"mine.toml: \[\[model\]\] 1 'lamp': .*gone.obj: no such"):
         load(tmp_path, text)
@@ -265,10 +278,10 @@ def test_a_seed_below_zero_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("thing.stl", "not a mesh", "no triangles"),
-        ("thing.docx", "", "is not read"),
-        ("thing.urdf", "<robot><link name='a'><visual/></link></robot>", "no <geometry>"),
-        ("thing.urdf", "<robot", "no XML"),
+        ("item.stl", "not a mesh", "no triangles"),
+        ("item.docx", "", "is not read"),
+        ("item.urdf", "<robot><link name='a'><visual/></link></robot>", "no <geometry>"),
+        ("item.urdf", "<robot", "not valid XML"),
     ],
 )
 def test_models_that_cannot_be_used_are_refused(tmp_path, name, content, said):
@@ -279,7 +292,7 @@ def test_models_that_cannot_be_used_are_refused(tmp_path, name, content, said):
         read_model(tmp_path / "absent.obj")
 
 
-def test_solids_turn_with_their_triangles():
+def test_rotated_solids_keep_their_triangles():
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     turned = corners @ Rotation.from_euler("z", 30, degrees=True).as_matrix().T
     solid = Solid(turned, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))

@@ -1,4 +1,4 @@
-"""Seed 000's worlds against what is printed of them."""
+"""The environments of seed 000 against the printed figures."""
 
 import math
 
@@ -11,7 +11,7 @@ from sim.scenes.seed_rooms import COURSE_M, GATES, GOAL_TIMES_S
 from sim.world import World
 
 SLANT = 0.06 / math.sqrt(2.0)
-PRINTED = {  # closed form, at 0.06 m/s: where d1, d2 and d3 are, and whether they walk out or back
+PRINTED = {  # closed form at 0.06 m/s: positions of d1, d2 and d3, and their direction
     0.0: ((0.6, 1.1, 1), (0.0, 0.7, 1), (-0.2, 3.3, 1)),
     10.0: ((0.0, 1.1, 1), (0.0, 1.3, 1), (-0.2 + 10 * SLANT, 3.3 + 10 * SLANT, 1)),
     20.0: ((-0.6, 1.1, 1), (0.0, 1.66, -1), (-0.2 + 16 * SLANT, 3.3 + 16 * SLANT, -1)),
@@ -21,28 +21,28 @@ PRINTED = {  # closed form, at 0.06 m/s: where d1, d2 and d3 are, and whether th
 
 
 @pytest.mark.parametrize("seed", [0, 7])
-def test_in_the_printed_room_the_robots_walk_as_printed(seed):
+def test_robots_of_the_printed_room_move_as_printed(seed):
     with World(catalogue.load("printed_room", seed), "tiny", seed) as world:
         for stamp_s, robots in PRINTED.items():
             world.advance_to(stamp_s)
             for state, (x, y, sense), heading in zip(
-                world.movers(), robots, (math.pi, math.pi / 2, math.pi / 4), strict=True
+                world.moving_states(), robots, (math.pi, math.pi / 2, math.pi / 4), strict=True
             ):
                 speed = 0.06 * sense
                 moving = (speed * math.cos(heading), speed * math.sin(heading))
                 assert state == pytest.approx((x, y, *moving), abs=1e-9)
 
 
-def test_the_usual_room_is_the_same_with_robots_anywhere_on_their_lines():
+def test_the_robots_room_is_the_same_with_random_phases():
     printed, usual = catalogue.load("printed_room", 3), catalogue.load("robots_room", 3)
-    assert printed.things == usual.things
+    assert printed.static_objects == usual.static_objects
     assert printed.goals == usual.goals == ((0, 4), (-1, -0.2), (1, 0.1), (-1, 4), (1, 0))
     assert GOAL_TIMES_S["robots_room"] == (0.0, 70.0, 130.0, 150.0, 200.0)
     with World(usual, "tiny", 3) as world:
-        assert world.movers()[0][:2] != pytest.approx((0.6, 1.1))
+        assert world.moving_states()[0][:2] != pytest.approx((0.6, 1.1))
 
 
-def test_the_narrow_course_is_as_long_as_printed_through_its_gates():
+def test_the_path_through_the_gates_has_the_printed_length():
     scene = catalogue.load("narrow_course", 0)
     sides = [1.3 - y if scene.start.y != pytest.approx(0.65) else y for _, y in GATES]
     way = [(scene.start.x, scene.start.y), *zip([x for x, _ in GATES], sides, strict=True)]
@@ -50,8 +50,8 @@ def test_the_narrow_course_is_as_long_as_printed_through_its_gates():
     assert np.hypot(*np.diff(np.array(way), axis=0).T).sum() == pytest.approx(COURSE_M)
 
 
-def test_a_users_mover_may_say_how_long_it_is_under_way(tmp_path):
+def test_a_user_can_set_the_phase_of_a_moving_object(tmp_path):
     path = tmp_path / "mine.toml"
-    path.write_text(EXAMPLE.replace("speed = 0.05", "speed = 0.05\nunder_way = 10.0"))
+    path.write_text(EXAMPLE.replace("speed = 0.05", "speed = 0.05\nphase = 10.0"))
     with World(read_scene(path, 4), "tiny", 4) as world:
-        assert world.movers()[0][:2] == pytest.approx((3.6, 1.5))
+        assert world.moving_states()[0][:2] == pytest.approx((3.6, 1.5))

@@ -1,4 +1,4 @@
-"""Lens, exposure and gain of the simulated cameras, against what optics and kinematics say."""
+"""Lens, exposure and gain of the simulated cameras against optics and kinematics."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.depth.rectification import rectification, straightened
+from perception.depth.rectification import rectification, rectified
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Frame, StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from perception.primitives.stopwatch import Stopwatch
 from planning.commands import WalkCommand
 from sim.body.head import HeadConfig
-from sim.body.kinematic import SlipConfig, TrembleConfig
+from sim.body.kinematic import SlipConfig, SwayConfig
 from sim.rendering.motion import Motion, motion_between
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import FloorArea, MovingObject, Scene, StaticObject
@@ -28,26 +28,26 @@ from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.run.pipeline import Pipeline
 
-LENS = (-0.28, 0.07, 0.001, -0.0008, 0.0)  # as calibrated cameras of this opening have
+LENS = (-0.28, 0.07, 0.001, -0.0008, 0.0)  # typical of calibrated cameras with this field of view
 PLAIN = ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035), noise_grey=0.0)
 BENT = replace(PLAIN, lens=LENS)
 AHEAD = Pose3.from_rotation(head_rotation(0.0, 0.0), np.array([0.0, 0.0, 0.4]))
 EXACT = RobotConfig(
     tof=False,
     slip=SlipConfig(0.0, 0.0, 0.0, 0.0, 0.0),
-    tremble=TrembleConfig(0.0, 0.0, 0.0, 0.0),
+    sway=SwayConfig(0.0, 0.0, 0.0, 0.0),
     head=HeadConfig(encoder_deg=0.0, offset_deg=0.0),
 )
 EXTENT = (-2.0, -4.0, 6.0, 4.0)
 
 
-def scene_with(*things, movers=()):
+def scene_with(*static_objects, moving_objects=()):
     floor = (FloorArea("plain/grey", EXTENT),)
-    return Scene("test", 0, EXTENT, floor, things, movers, (), Pose2(), ())
+    return Scene("test", 0, EXTENT, floor, static_objects, moving_objects, (), Pose2(), ())
 
 
 def tags():
-    """Tags that fill the view, 1.2 m ahead."""
+    """Tags across the field of view, 1.2 m ahead."""
     plates = []
     for k, (y, z) in enumerate((y, z) for y in (-0.5, 0.0, 0.5) for z in (0.05, 0.4, 0.75)):
         box = Box((1.2, y, z), (0.006, 0.28, 0.28), math.pi, "plaster/white", f"tag/{k}")
@@ -56,7 +56,7 @@ def tags():
 
 
 def corners(grey):
-    """Corners of every tag in a picture, by identity, px."""
+    """Corners of every tag in an image, by id, px."""
     detector = cv2.aruco.ArucoDetector(
         cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), _fine()
     )
@@ -72,7 +72,7 @@ def _fine():
     return parameters
 
 
-def test_a_lens_straightened_by_our_rectification_brings_the_ideal_corners_back():
+def test_rectification_undoes_the_lens():
     rng = np.random.default_rng(0)
     with World(tags()) as world:
         ideal = stereo_pair(world, PLAIN, 0.04, AHEAD, rng)
@@ -88,10 +88,10 @@ def test_a_lens_straightened_by_our_rectification_brings_the_ideal_corners_back(
             rays = rig.T_left_rectified.apply(straight.camera.back_project(got[name], ones))
             assert np.abs(PLAIN.camera.project(rays) - wanted[name]).max() < 0.3
         moved = [np.abs(unbent[n] - wanted[n]).max() for n in wanted.keys() & unbent.keys()]
-        assert max(moved) > 5.0  # the lens does bend
+        assert max(moved) > 5.0  # the lens distorts
 
 
-def test_pixels_of_a_bent_picture_lie_on_the_rays_that_the_camera_states():
+def test_pixels_of_a_distorted_image_lie_on_the_rays_of_its_camera():
     rng = np.random.default_rng(0)
     wide = replace(PLAIN, width=480, across_deg=80.0)
     with World(tags()) as world:
@@ -107,7 +107,7 @@ def test_pixels_of_a_bent_picture_lie_on_the_rays_that_the_camera_states():
         assert np.abs(places - wanted[name]).max() < 0.3
 
 
-def test_a_recording_states_the_lens_by_which_the_pair_is_straightened():
+def test_a_recording_keeps_the_lens_for_rectification():
     config = RobotConfig(
         tof=False, colour=False, stereo_camera=replace(BENT, width=320, height=240)
     )
@@ -117,14 +117,14 @@ def test_a_recording_states_the_lens_by_which_the_pair_is_straightened():
             frame = robot.read()
     assert frame.stereo.camera.distortion == LENS
     assert decode(encode(frame)).stereo.camera.distortion == LENS
-    stereo = straightened(decode(encode(frame)).stereo)
-    assert straightened(stereo) is stereo
+    stereo = rectified(decode(encode(frame)).stereo)
+    assert rectified(stereo) is stereo
     assert not stereo.camera.is_distorted
     assert stereo.baseline_m == pytest.approx(0.04)
     np.testing.assert_allclose(stereo.T_body_camera.matrix, frame.stereo.T_body_camera.matrix)
 
 
-def test_the_pipeline_measures_depth_with_a_straightened_pair():
+def test_the_pipeline_rectifies_a_distorted_pair():
     plain = replace(BENT, lens=PLAIN.lens, noise_grey=2.0)
     with World(tags()) as world:
         pairs = [
@@ -136,7 +136,7 @@ def test_the_pipeline_measures_depth_with_a_straightened_pair():
         frame = Frame(0.0, stereo=StereoView(*pair, 0.04, camera))
         ((sensor, depth),) = pipeline._depths(frame, Stopwatch())
         assert (sensor, depth.camera.is_distorted) == ("stereo", False)
-        u, v = 20, 20  # a corner, where the lens bends most: the upper left tag is there
+        u, v = 20, 20  # upper left tag, where the distortion is greatest
         patch = depth.z[v : v + 100, u : u + 100]
         assert np.nanmedian(patch) == pytest.approx(1.2 - 0.003, abs=0.02)
 
@@ -144,13 +144,13 @@ def test_the_pipeline_measures_depth_with_a_straightened_pair():
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"lens": (-1.5, 0.0, 0.0, 0.0, 0.0)}, "folds the picture over"),
+        ({"lens": (-1.5, 0.0, 0.0, 0.0, 0.0)}, "folds the image"),
         ({"gain": 0.0}, "gain=0.0 must be at least"),
         ({"exposure_s": -0.01}, "exposure_s=-0.01 must not be negative"),
         ({"exposure_parts": 0}, "exposure_parts=0 must be at least 1"),
     ],
 )
-def test_what_no_camera_has_is_refused(changed, said):
+def test_invalid_cameras_are_refused(changed, said):
     with pytest.raises(ConfigError, match=said):
         replace(PLAIN, **changed)
 
@@ -165,7 +165,7 @@ def edge():
 
 
 def smear_px(row):
-    """How wide the ramp between both sides is: of an even smear its whole width."""
+    """Width of the ramp between both sides: for uniform blur its full width."""
     low, high = float(row[-20:].mean()), float(row[:20].mean())
     share = (row.astype(float) - low) / (high - low)
     places = np.interp([-0.75, -0.25], -share, np.arange(len(row)))
@@ -173,7 +173,7 @@ def smear_px(row):
 
 
 @pytest.mark.parametrize("turning", [0.0, 0.6])
-def test_an_exposure_smears_an_edge_as_far_as_the_camera_moves(turning):
+def test_motion_blur_of_an_edge_agrees_with_the_camera_motion(turning):
     exposure_s, speed = 0.04, 0.25
     config = replace(PLAIN, exposure_s=exposure_s, exposure_parts=9)
     motion = Motion(np.array([0.0, speed, 0.0]), np.array([0.0, 0.0, turning]))
@@ -183,10 +183,12 @@ def test_an_exposure_smears_an_edge_as_far_as_the_camera_moves(turning):
     expected = focal * exposure_s * (speed / 2.0 + turning)
     assert smear_px(row) == pytest.approx(expected, rel=0.15)
     middle = np.interp(-0.5, -((row - row[-1]) / (float(row[0]) - row[-1])), np.arange(len(row)))
-    assert middle == pytest.approx(config.camera.cx, abs=0.7)  # the stamp is the middle
+    assert middle == pytest.approx(
+        config.camera.cx, abs=0.7
+    )  # the stamp is the middle of the exposure
 
 
-def test_an_exposure_of_a_camera_at_rest_is_the_instant():
+def test_an_exposure_at_rest_equals_an_instantaneous_image():
     with World(tags(), "tiny") as world:
         rng = np.random.default_rng(0)
         still, long = (
@@ -195,12 +197,12 @@ def test_an_exposure_of_a_camera_at_rest_is_the_instant():
     np.testing.assert_array_equal(still, long)
 
 
-def test_what_moves_past_smears_too():
+def test_moving_objects_are_blurred_too():
     body = Cylinder((0.0, 0.0, 0.5), 0.2, 1.0, "plain/navy")
-    mover = MovingObject("fast", (2.0, -1.0), math.pi / 2, 0.5, 4.0, (body,))
+    moving_object = MovingObject("fast", (2.0, -1.0), math.pi / 2, 0.5, 4.0, (body,))
     wall = StaticObject("wall", (Box((4.0, 0.0, 1.0), (0.2, 8.0, 4.0), 0.0, "plain/white"),))
-    with World(scene_with(wall, movers=(mover,)), "tiny") as world:
-        (x, y, _, vy) = world.movers()[0]
+    with World(scene_with(wall, moving_objects=(moving_object,)), "tiny") as world:
+        (x, y, _, vy) = world.moving_states()[0]
         aim = Pose3.from_rotation(head_rotation(math.atan2(y, x), 0.0), AHEAD.position)
         rng = np.random.default_rng(0)
         sharp, smeared = (
@@ -209,11 +211,11 @@ def test_what_moves_past_smears_too():
         )
     changed = (np.abs(sharp - smeared)[240] > 5).sum()
     swept = PLAIN.camera.fx * 0.1 * abs(vy) / math.hypot(x, y)
-    assert changed >= 1.2 * swept  # both rims of it
+    assert changed >= 1.2 * swept  # both edges
     assert changed <= 3.0 * swept
 
 
-def test_gain_brightens_clips_and_makes_the_noise_grow():
+def test_gain_scales_brightness_and_noise_and_saturates():
     dark = scene_with(
         StaticObject("wall", (Box((2.1, 0.0, 1.0), (0.2, 8.0, 8.0), 0.0, "plain/slate"),))
     )
@@ -234,12 +236,12 @@ def test_gain_brightens_clips_and_makes_the_noise_grow():
 def test_a_motion_leads_from_one_pose_to_the_other():
     before = Pose3.from_rotation(head_rotation(0.3, 0.2), np.array([1.0, 2.0, 0.4]))
     after = Pose3.from_rotation(head_rotation(0.4, 0.1), np.array([1.1, 1.9, 0.5]))
-    moved = motion_between(before, after, 0.02).moved(before, 0.02)
+    moved = motion_between(before, after, 0.02).pose_after(before, 0.02)
     np.testing.assert_allclose(moved.matrix, after.matrix, atol=1e-12)
 
 
 def walked(exposure_s, command, steps=3):
-    """Frames of a robot without noise whose cameras take so long."""
+    """Frames of a noiseless robot with that exposure time."""
     small = replace(PLAIN, width=160, height=120, exposure_s=exposure_s)
     config = replace(EXACT, colour=True, colour_camera=small, stereo=True, stereo_camera=small)
     with World(tags(), "tiny") as world, SimulatedRobot(world, config) as robot:
@@ -251,7 +253,7 @@ def walked(exposure_s, command, steps=3):
     return frames
 
 
-def test_a_walking_robot_sees_smeared_at_the_same_instants_and_a_standing_one_does_not():
+def test_images_of_a_walking_robot_are_blurred_and_those_of_a_standing_one_are_not():
     for command, smeared in ((WalkCommand(0.04), True), (WalkCommand(), False)):
         sharp, long = (walked(s, command) for s in (0.0, 0.04))
         assert [f.stamp_s for f in sharp] == [f.stamp_s for f in long]

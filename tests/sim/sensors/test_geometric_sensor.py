@@ -1,4 +1,4 @@
-"""The geometric sensor: what it shows and how wrong, against geometry and its own claims."""
+"""The geometric sensor: detections and errors against geometry and the claimed covariance."""
 
 from __future__ import annotations
 
@@ -7,37 +7,36 @@ import math
 import numpy as np
 import pytest
 
-from perception.primitives.errors import ConfigError
-from sim.sensors.geometric_sensor import GeometricSensor, GeometricSensorConfig
+from sim.sensors.geometric_sensor import GeometricSensor
 
 TILT = math.radians(28.0)
 WALLS = np.array([-3.0, -3.0, 3.0, 3.0])
 
 
 def sensor(seed=0):
-    return GeometricSensor(GeometricSensorConfig(), np.random.default_rng(seed))
+    return GeometricSensor(np.random.default_rng(seed))
 
 
 def indices(discs, pan=0.0, colour=True):
     return {one.index for one in sensor().look(np.array(discs, float), pan, TILT, colour)}
 
 
-def test_what_is_ahead_is_seen_and_what_is_behind_is_not():
+def test_discs_ahead_are_detected_and_those_behind_are_not():
     assert indices([[1.0, 0.0, 0.1], [-1.0, 0.0, 0.1]]) == {0}
     assert indices([[1.0, 0.0, 0.1], [0.0, 1.0, 0.1]], pan=math.pi / 2) == {1}
 
 
-def test_what_stands_behind_another_is_hidden():
+def test_occluded_discs_are_not_detected():
     assert indices([[0.8, 0.0, 0.1], [1.6, 0.05, 0.1], [1.6, 0.9, 0.1]]) == {0, 2}
 
 
-def test_the_colour_camera_sees_aside_where_the_other_does_not():
-    aside = [[1.0, 0.7, 0.1]]  # 35 degrees off
-    assert indices(aside) == {0}
-    assert indices(aside, colour=False) == set()
+def test_the_colour_camera_has_the_wider_field_of_view():
+    lateral = [[1.0, 0.7, 0.1]]  # 35 degrees off
+    assert indices(lateral) == {0}
+    assert indices(lateral, colour=False) == set()
 
 
-def test_only_whole_things_count_at_the_edge_of_the_view():
+def test_discs_cut_by_the_edge_of_the_view_are_not_detected():
     edge = math.radians(22.0)
     inside, cut = edge - 0.11, edge - 0.05  # a disc of 10 cm at 1 m is 0.1 rad wide to each side
     for bearing, seen in ((inside, {0}), (cut, set())):
@@ -45,13 +44,13 @@ def test_only_whole_things_count_at_the_edge_of_the_view():
         assert indices(disc, colour=False) == seen
 
 
-def test_beyond_reach_nothing_is_seen():
+def test_discs_out_of_range_are_not_detected():
     assert indices([[2.8, 0.0, 0.1]]) == set()
 
 
 @pytest.mark.parametrize("place", [(0.7, 0.1), (1.5, -0.9)])
-def test_errors_are_as_large_as_claimed(place):
-    """Over many runs the squared error in units of the claim is that of two dimensions, or less."""
+def test_errors_agree_with_the_claimed_covariance(place):
+    """Over many runs the normalised squared error is that of two dimensions, or less."""
     squares = []
     for seed in range(300):
         for one in sensor(seed).look(np.array([[*place, 0.1]]), 0.0, TILT, True):
@@ -67,8 +66,3 @@ def test_rays_end_at_the_nearest_disc_or_wall():
     distance, what = sensor().rays(discs, WALLS, rays)
     np.testing.assert_allclose(distance, [0.9, 1.5, 3.0])
     assert what.tolist() == [0, 2, -1]
-
-
-def test_a_view_without_width_is_refused():
-    with pytest.raises(ConfigError, match="colour_deg"):
-        GeometricSensorConfig(colour_deg=0.0)

@@ -1,4 +1,4 @@
-"""The time-of-flight camera against planes whose range is known on paper."""
+"""The time-of-flight camera against planes of known range."""
 
 from dataclasses import replace
 
@@ -7,11 +7,11 @@ import pytest
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.rendering.motion import STILL, Motion
+from sim.rendering.motion import STATIONARY, Motion
 from sim.rendering.rays import RayCaster
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.scenes import catalogue
-from sim.sensors.tof_camera import TofCamera, TofConfig
+from sim.sensors.tof_camera import AMBIENT, REFERENCE_M, TofCamera, TofConfig
 from sim.shapes import Box
 
 EXACT = TofConfig(
@@ -26,14 +26,14 @@ EXACT = TofConfig(
 
 
 def wall_at(distance: float, albedo: float = 0.8, step: bool = False) -> RayCaster:
-    """A wall ahead of the origin, wide enough for the whole view, nothing else in sight."""
+    """A wall ahead of the origin that fills the field of view."""
     boxes = [Box((distance + 0.5, 0.0, 0.0), (1.0, 20.0, 20.0))]
     if step:
         boxes.append(Box((distance - 0.75, -5.003, 0.0), (0.5, 10.0, 20.0)))
-    things = tuple(StaticObject("wall", (box,), albedo) for box in boxes)
+    static_objects = tuple(StaticObject("wall", (box,), albedo) for box in boxes)
     extent = (-90.0, -90.0, -80.0, -80.0)
     scene = Scene(
-        "test", 0, extent, (FloorArea("planks/oak", extent),), things, (), (), Pose2(), ()
+        "test", 0, extent, (FloorArea("planks/oak", extent),), static_objects, (), (), Pose2(), ()
     )
     caster = RayCaster(scene)
     caster.place([])
@@ -47,7 +47,7 @@ def true_range(camera, distance):
     return distance * np.linalg.norm(camera.rays, axis=-1)
 
 
-def test_its_pixels_are_those_of_an_sr4000():
+def test_intrinsics_are_those_of_an_sr4000():
     camera = TofConfig().camera
     assert (camera.width, camera.height) == (176, 144)
     assert camera.fx == pytest.approx(217.8, abs=0.05)
@@ -63,7 +63,7 @@ def test_without_noise_the_range_of_a_wall_is_exact():
     np.testing.assert_allclose(amplitude, 0.8 * cosine * (2.0 / expected) ** 2, rtol=1e-4)
 
 
-def test_the_floor_is_where_the_camera_height_says():
+def test_ranges_of_the_floor_agree_with_the_camera_height():
     scene = Scene(
         "test",
         0,
@@ -94,12 +94,12 @@ def test_beyond_five_metres_ranges_wrap_around():
     np.testing.assert_allclose(measured, expected, atol=1e-4)
 
 
-def test_pixels_on_an_edge_fly_between_both_sides():
+def test_edges_give_flying_pixels():
     camera = TofCamera(replace(EXACT, sub_rays=3), np.random.default_rng(0))
     measured, _ = camera.measure(wall_at(2.5, step=True), AHEAD)
     middle = measured[
         72, 60:116
-    ]  # the near side at 1.5 m, the far one at 2.5 m, up to 1 % more aslant
+    ]  # the near side at 1.5 m, the far one at 2.5 m, up to 1 % more at oblique rays
     between = (middle > 1.55) & (middle < 2.45)
     assert 1 <= between.sum() <= 2
 
@@ -118,7 +118,7 @@ def test_temporal_noise_follows_its_model(distance):
     shots = np.stack([camera.measure(caster, AHEAD)[0] for _ in range(16)])
     amplitude = camera.measure(caster, AHEAD)[1]
     model = TofConfig()
-    shot_noise = model.noise_m * np.sqrt((amplitude + model.ambient) / 1.1) / amplitude
+    shot_noise = model.noise_m * np.sqrt((amplitude + AMBIENT) / 1.1) / amplitude
     expected = np.hypot(shot_noise, model.floor_noise_m)
     ratio = shots.var(axis=0, ddof=1) / expected**2
     assert ratio.mean() == pytest.approx(1.0, abs=0.05)
@@ -126,10 +126,10 @@ def test_temporal_noise_follows_its_model(distance):
         assert float(np.median(expected)) == pytest.approx(0.004, abs=0.001)
 
 
-def test_noise_in_a_home_is_that_of_the_study():
+def test_noise_in_a_home_agrees_with_published_tests():
     scene = catalogue.load("home", 0)
     caster = RayCaster(scene)
-    caster.place([mover.start for mover in scene.movers])
+    caster.place([moving_object.start for moving_object in scene.moving_objects])
     real = TofCamera(TofConfig(), np.random.default_rng(0))
     exact = TofCamera(replace(EXACT, dark=0.0), np.random.default_rng(0))
     spread, ranges = [], []
@@ -149,7 +149,7 @@ def test_noise_in_a_home_is_that_of_the_study():
     }.items():
         inside = (distance >= low) & (distance < high) & np.isfinite(sigma)
         rms = float(np.sqrt(np.mean(sigma[inside] ** 2)))
-        assert rms == pytest.approx(expected, rel=0.45)  # other furniture, other albedo
+        assert rms == pytest.approx(expected, rel=0.45)  # furniture and albedo differ
 
 
 def test_the_fixed_pattern_and_stray_light_stay_within_centimetres():
@@ -161,7 +161,7 @@ def test_the_fixed_pattern_and_stray_light_stay_within_centimetres():
     assert 0.002 < float(error.std()) < 0.010
 
 
-def test_ranges_are_whole_units_of_14_bits():
+def test_ranges_are_quantised_to_14_bits():
     camera = TofCamera(TofConfig(), np.random.default_rng(0))
     measured, _ = camera.measure(wall_at(1.0), AHEAD)
     units = measured[np.isfinite(measured)].astype(np.float64) / (5.0 / 2**14)
@@ -169,18 +169,18 @@ def test_ranges_are_whole_units_of_14_bits():
 
 
 def through(caster, camera, motion, pose=AHEAD):
-    return camera.measure_moving((caster, motion.moved(pose, s)) for s in camera.instants)
+    return camera.measure_moving((caster, motion.pose_after(pose, s)) for s in camera.instants)
 
 
-def test_four_pictures_of_a_camera_at_rest_are_one_instant():
+def test_integration_at_rest_equals_an_instantaneous_measurement():
     caster, config = wall_at(2.5, step=True), replace(EXACT, sub_rays=2, integration_s=0.03)
     one, other = (TofCamera(config, np.random.default_rng(0)) for _ in range(2))
-    moving = through(caster, one, STILL)
+    moving = through(caster, one, STATIONARY)
     for measured, expected in zip(moving, other.measure(caster, AHEAD), strict=True):
         np.testing.assert_allclose(measured, expected, atol=1e-5)
 
 
-def test_towards_a_wall_the_four_pictures_make_the_phase_that_their_ranges_say():
+def test_phase_of_an_approach_agrees_with_the_four_ranges():
     config = replace(EXACT, integration_s=0.05)
     camera = TofCamera(config, np.random.default_rng(0))
     speed = 1.5
@@ -190,15 +190,15 @@ def test_towards_a_wall_the_four_pictures_make_the_phase_that_their_ranges_say()
     for quarter in range(4):
         seconds = config.integration_s * (quarter - 1.5) / 4
         distance = (2.0 - speed * seconds) * slant
-        returned = 0.8 / slant * (config.reference_m / distance) ** 2
+        returned = 0.8 / slant * (REFERENCE_M / distance) ** 2
         phase = 2.0 * np.pi * distance / config.wrap_m - quarter * np.pi / 2.0
         samples.append(returned * (1.0 + np.cos(phase)))
     phase = np.arctan2(samples[1] - samples[3], samples[0] - samples[2]) % (2.0 * np.pi)
     np.testing.assert_allclose(moving, phase / (2.0 * np.pi) * config.wrap_m, atol=1e-4)
-    assert np.abs(moving - 2.0 * slant).max() > 1e-3  # it is no range that was there
+    assert np.abs(moving - 2.0 * slant).max() > 1e-3  # not one of the true ranges
 
 
-def test_a_turning_camera_sees_wrong_ranges_at_edges_and_right_ones_between():
+def test_a_rotating_camera_has_motion_artefacts_at_edges_only():
     caster, config = wall_at(2.5, step=True), replace(EXACT, integration_s=0.04)
     camera = TofCamera(config, np.random.default_rng(0))
     turning = 1.0
@@ -206,7 +206,7 @@ def test_a_turning_camera_sees_wrong_ranges_at_edges_and_right_ones_between():
     still, _ = TofCamera(EXACT, np.random.default_rng(0)).measure(caster, AHEAD)
     edge = int(np.argmax(np.abs(np.diff(still[20]))))
     wrong = np.flatnonzero(np.abs(moving[20] - still[20]) > 0.05)
-    swept = camera.camera.fx * turning * config.integration_s * 3 / 4  # first to last picture
+    swept = camera.camera.fx * turning * config.integration_s * 3 / 4  # first to last image
     assert abs(wrong - edge).max() <= swept / 2 + 2
     assert 0.5 * swept <= len(wrong) <= swept + 2
     far = np.abs(np.arange(still.shape[1]) - edge) > swept

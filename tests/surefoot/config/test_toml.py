@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perception.localisation.filter import LocaliserConfig
+from perception.localisation.localiser_noise import LocaliserConfig
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.robot_model import DARWIN_OP
 from planning.planners.mission import MissionConfig

@@ -1,4 +1,4 @@
-"""Figures against truth: closed forms, known transforms, the evo package, samples of known covariance."""
+"""Figures against ground truth: closed forms, known transforms, the evo package, samples of known covariance."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
-from surefoot.evaluation.evaluate import TARGETS, closing_table, evaluate, verdicts
+from surefoot.evaluation.evaluate import evaluate
 from surefoot.evaluation.metrics.consistency import (
     band,
     calibration_error,
     consistency_metrics,
     effective_samples,
     nees,
-    over_runs,
     whitened,
 )
 from surefoot.evaluation.metrics.contacts import contact_intervals, goal_metrics, walk_metrics
@@ -45,7 +45,8 @@ from surefoot.evaluation.metrics.trajectory import (
     rms,
     trajectory_metrics,
 )
-from surefoot.results.run_folder import RunFolder
+from surefoot.evaluation.targets import TARGETS, closing_table, verdicts
+from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from surefoot.results.tables import Trajectory, read_tum
 
 seeds = st.integers(0, 2**32 - 1)
@@ -54,7 +55,7 @@ UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")
 
 
 def walk(n: int = 60, seed: int = 0) -> Trajectory:
-    """A curved way in space, every 0.5 s."""
+    """A curved trajectory in space, a pose every 0.5 s."""
     rng = np.random.default_rng(seed)
     positions = np.cumsum(rng.normal(size=(n, 3)), axis=0)
     return Trajectory(0.5 * np.arange(n), positions, Rotation.random(n, rng).as_quat())
@@ -88,12 +89,12 @@ def test_errors_of_real_trajectories_are_those_of_the_evo_package(
     recordings, truth, estimate, figures
 ):
     reference = read_tum(recordings / "tum_trajectories" / truth)
-    believed = read_tum(recordings / "tum_trajectories" / estimate)
+    estimated = read_tum(recordings / "tum_trajectories" / estimate)
     count, ate, aligned, scaled, scale, rpe_m, rpe_deg = figures
-    found = trajectory_metrics(believed, reference)
-    mine, theirs = associate(believed.stamps, reference.stamps)
+    found = trajectory_metrics(estimated, reference)
+    mine, theirs = associate(estimated.stamps, reference.stamps)
     pairs = (np.arange(len(mine) - 30), np.arange(30, len(mine)))
-    lengths, angles = relative_errors(pick(believed, mine), pick(reference, theirs), pairs)
+    lengths, angles = relative_errors(pick(estimated, mine), pick(reference, theirs), pairs)
     assert found["matched_poses"] == count
     names = ("ate_m", "ate_aligned_m", "ate_scaled_m", "scale")
     np.testing.assert_allclose(
@@ -118,7 +119,7 @@ def test_errors_of_real_trajectories_are_those_of_the_evo_package(
         ),
     ],
 )  # fmt: skip
-def test_the_rest_of_evos_numbers_is_ours_too(recordings, truth, estimate, figures):
+def test_all_statistics_of_the_evo_package_are_reproduced(recordings, truth, estimate, figures):
     reference = read_tum(recordings / "tum_trajectories" / truth)
     found = trajectory_metrics(read_tum(recordings / "tum_trajectories" / estimate), reference)
     names = ("mean_m", "median_m", "std_m", "min_m", "max_m", "sse_m2", "deg")
@@ -127,7 +128,7 @@ def test_the_rest_of_evos_numbers_is_ours_too(recordings, truth, estimate, figur
     )
 
 
-def test_a_known_offset_is_the_error():
+def test_a_known_offset_appears_as_the_error():
     truth = walk()
     turned = Rotation.from_euler("z", [math.radians(3.0)]) * Rotation.from_quat(truth.quats_xyzw)
     moved = Trajectory(
@@ -154,7 +155,7 @@ def test_alignment_finds_the_transform_that_was_applied(seed, scale, d):
     assert found.scale == pytest.approx(scale, rel=1e-9)
 
 
-def test_alignment_never_mirrors():
+def test_alignment_never_reflects():
     rng = np.random.default_rng(3)
     points = rng.normal(size=(20, 3))
     found = align(points, points * (1.0, 1.0, -1.0))
@@ -163,7 +164,7 @@ def test_alignment_never_mirrors():
 
 
 @given(seeds)
-def test_no_other_motion_is_better_than_the_alignment(seed):
+def test_no_other_rigid_transform_is_better_than_the_alignment(seed):
     rng = np.random.default_rng(seed)
     estimate, reference = rng.normal(size=(2, 9, 3))
     best = align(estimate, reference)
@@ -175,7 +176,7 @@ def test_no_other_motion_is_better_than_the_alignment(seed):
         assert error <= rms(distances(other, reference)) + 1e-12
 
 
-def test_what_the_geometry_does_not_determine_is_absent():
+def test_a_figure_without_a_determined_alignment_is_absent():
     line = np.outer(np.arange(5.0), [1.0, 2.0, 3.0])
     assert align(line, line) is None  # free to spin about the line
     assert align(line[:, :2], line[:, :2]) is not None
@@ -189,7 +190,7 @@ def test_what_the_geometry_does_not_determine_is_absent():
 
 
 @given(st.lists(st.floats(0, 10), max_size=12), st.lists(st.floats(0, 10), max_size=12))
-def test_association_is_that_of_brute_force(first, second):
+def test_association_agrees_with_brute_force(first, second):
     a, b = np.unique(np.array(first)), np.unique(np.array(second))
     i, j = associate(a, b, 0.5)
     short, long = (a, b) if len(a) <= len(b) else (b, a)
@@ -204,7 +205,7 @@ def test_association_is_that_of_brute_force(first, second):
     assert list(ours) == expected
 
 
-def test_pairs_are_the_first_so_much_later():
+def test_pairs_are_the_first_index_at_least_a_second_later():
     first, second = pairs_apart(np.array([0.0, 0.4, 1.0, 1.5, 2.6]), 1.0)
     assert list(zip(first, second, strict=True)) == [(0, 2), (1, 3), (2, 4), (3, 4)]
 
@@ -214,7 +215,7 @@ def test_pairs_are_the_first_so_much_later():
 
 @given(seeds)
 @settings(max_examples=20)
-def test_samples_of_their_own_covariance_are_consistent(seed):
+def test_samples_drawn_from_their_covariance_are_consistent(seed):
     rng = np.random.default_rng(seed)
     roots = rng.normal(size=(2000, 3, 3))
     covariances = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(3)
@@ -225,52 +226,52 @@ def test_samples_of_their_own_covariance_are_consistent(seed):
     assert abs(figures["p_anees"] - 3.0) < 4.5 * math.sqrt(6 / 2000)
 
 
-def remembering(rng, shape, memory: float):
-    """Normal numbers of deviation 1 that resemble the ones before."""
+def autocorrelated(rng, shape, rho: float):
+    """Standard normal numbers with exponential autocorrelation."""
     noise = rng.normal(size=shape)
     error = noise.copy()
     for i in range(1, len(error)):
-        error[i] = memory * error[i - 1] + math.sqrt(1 - memory**2) * noise[i]
+        error[i] = rho * error[i - 1] + math.sqrt(1 - rho**2) * noise[i]
     return error
 
 
-def honest(rng, frames: int, memory: float, lasting: tuple[float, float, float]):
-    """Errors of an honest estimate: these shares of the variances stay for the whole run."""
-    share = np.array(lasting)
-    fleeting = remembering(rng, (frames, 3), memory)
-    return np.sqrt(share) * rng.normal(size=3) + np.sqrt(1 - share) * fleeting
+def consistent(rng, frames: int, rho: float, constant: tuple[float, float, float]):
+    """Errors of a consistent estimate; these shares of the variances are constant within the run."""
+    share = np.array(constant)
+    varying = autocorrelated(rng, (frames, 3), rho)
+    return np.sqrt(share) * rng.normal(size=3) + np.sqrt(1 - share) * varying
 
 
 @pytest.mark.parametrize(
-    ("memory", "lasting", "least"),
+    ("rho", "constant", "least"),
     [
         (0.0, (0.0, 0.0, 0.0), 0.92),
         (0.9, (0.0, 0.0, 0.0), 0.92),
         (0.8, (1.0, 1.0, 1.0), 0.92),
         (0.9, (0.3, 0.3, 0.3), 0.85),
-        # a joint's zero decides the heading of a run: 0.44 if the mean of a run's errors is taken off first
+        # a constant joint offset dominates the heading error: 0.44 if the mean is subtracted first
         (0.8, (0.0, 0.0, 0.8), 0.75),
     ],
 )
-def test_the_band_of_the_mean_holds_nearly_as_often_as_it_says(memory, lasting, least):
-    """0.95 if the number of independent samples were known; it is guessed from the same errors."""
+def test_the_band_of_the_mean_has_nearly_its_nominal_coverage(rho, constant, least):
+    """The coverage is below 0.95 because the number of effective samples is estimated from the same errors."""
     rng = np.random.default_rng(0)
-    runs = [honest(rng, 300, memory, lasting) for _ in range(300)]
+    runs = [consistent(rng, 300, rho, constant) for _ in range(300)]
     held = np.mean([consistency_metrics(run, "p")["p_consistent"] for run in runs])
     assert least <= held <= 0.985
 
 
-@pytest.mark.parametrize("lasting", [0.0, 0.8])
-def test_deviations_that_are_half_as_large_as_the_errors_are_found_out(lasting):
+@pytest.mark.parametrize("constant", [0.0, 0.8])
+def test_standard_deviations_half_as_large_as_the_errors_are_detected(constant):
     rng = np.random.default_rng(3)
-    runs = [2.0 * honest(rng, 300, 0.8, (0.0, 0.0, lasting)) for _ in range(100)]
+    runs = [2.0 * consistent(rng, 300, 0.8, (0.0, 0.0, constant)) for _ in range(100)]
     found = [consistency_metrics(run, "p") for run in runs]
     caught = [not f["p_consistent"] and f["p_anees"] > f["p_anees_high"] for f in found]
     assert np.mean(caught) >= 0.95
 
 
 @pytest.mark.parametrize("factor", [0.25, 4.0])
-def test_a_claim_too_small_or_too_large_is_found_out(factor):
+def test_a_covariance_too_small_or_too_large_is_detected(factor):
     rng = np.random.default_rng(1)
     errors = rng.normal(size=(300, 3))
     figures = consistency_metrics(whitened(errors, np.tile(factor * np.eye(3), (300, 1, 1))), "p")
@@ -278,15 +279,13 @@ def test_a_claim_too_small_or_too_large_is_found_out(factor):
     assert (figures["p_anees"] > 3) == (factor < 1)
 
 
-def test_the_band_is_that_of_chi_square():
+def test_the_band_is_a_chi_square_interval():
     for dof, samples in ((3, 1.0), (4, 50.0), (1, 7.0)):
         low, high = stats.chi2.ppf([0.025, 0.975], dof * samples) / samples
         assert band(dof, samples) == pytest.approx((low, high), rel=1e-9)
-    _, share = over_runs(np.random.default_rng(2).chisquare(3, size=(10, 4000)), 3)
-    assert share == pytest.approx(0.95, abs=0.015)
 
 
-def test_nees_is_the_square_in_units_of_the_covariance_and_refuses_none():
+def test_nees_is_the_squared_mahalanobis_distance_and_infinite_without_a_covariance():
     P = np.array([[4.0, 1.0, 0.0], [1.0, 9.0, 0.0], [0.0, 0.0, 0.01]])
     e = np.array([1.0, -2.0, 0.05])
     claims = np.stack([P, np.zeros((3, 3)), np.diag([1.0, np.nan, 1.0])])
@@ -298,16 +297,16 @@ def test_nees_is_the_square_in_units_of_the_covariance_and_refuses_none():
     assert not figures["p_consistent"]
 
 
-def test_errors_that_remember_count_for_less():
+def test_correlated_errors_have_fewer_effective_samples():
     rng = np.random.default_rng(4)
     assert effective_samples(rng.normal(size=(4000, 1))) > 3000
-    slow = remembering(rng, (4000, 2), 0.9)
-    # squares of errors that remember 0.9 remember 0.81: n (1 - 0.81) / (1 + 0.81) = 420 in closed form
+    slow = autocorrelated(rng, (4000, 2), 0.9)
+    # the squares of errors with autocorrelation 0.9 have 0.81: n (1 - 0.81) / (1 + 0.81) = 420 in closed form
     assert 300 < effective_samples(slow) < 550
     assert effective_samples(np.ones((10, 3))) == pytest.approx(1.0)
-    one_lasts = np.column_stack([slow, np.full(4000, 0.3)])
-    # the scatter of the mean is that of 2 / 3 from the slow ones and of 1 / 3 from a single draw
-    assert effective_samples(one_lasts) == pytest.approx(3.0, rel=0.05)
+    one_constant = np.column_stack([slow, np.full(4000, 0.3)])
+    # one of three components is constant, and dominates the variance of the mean
+    assert effective_samples(one_constant) == pytest.approx(3.0, rel=0.05)
     assert effective_samples(np.zeros((10, 2))) == 10
 
 
@@ -322,7 +321,7 @@ def grid(rows: list[str], origin: tuple[float, float] = (0.0, 0.0), cell_m: floa
     )
 
 
-def test_a_wall_one_cell_off_is_wrong_strictly_and_right_leniently():
+def test_a_wall_shifted_by_one_cell_is_wrong_strictly_and_correct_leniently():
     truth = grid(["......"] * 3 + ["######"] + ["......"] * 3)
     mine = grid(["......"] * 2 + ["######"] + ["......"] * 2 + ["      "] * 2)
     figures = map_metrics(mine, truth)
@@ -334,7 +333,7 @@ def test_a_wall_one_cell_off_is_wrong_strictly_and_right_leniently():
     assert set(np.unique(wrong_cells(mine, truth))) == {0, 1}
 
 
-def test_a_ghost_in_the_open_is_wrong_both_ways():
+def test_a_false_obstacle_in_free_space_is_wrong_by_both_figures():
     truth = grid(["....."] * 5)
     mine = grid(["....."] * 2 + ["..#.."] + ["....."] * 2)
     figures = map_metrics(mine, truth)
@@ -352,7 +351,7 @@ def test_only_cells_known_to_both_are_judged():
 
 
 @given(st.integers(-4, 4), st.integers(-4, 4), seeds)
-def test_maps_of_the_same_place_agree_wherever_their_corners_are(columns, rows, seed):
+def test_maps_of_the_same_place_agree_whatever_their_origins(columns, rows, seed):
     state = np.random.default_rng(seed).integers(-1, 2, size=(8, 8))
     whole = GridMap(state, np.array([-0.15, 0.35]), 0.05)
     part = GridMap(state[2:6, 2:6].copy(), whole.origin + 0.1, 0.05)
@@ -364,7 +363,7 @@ def test_maps_of_the_same_place_agree_wherever_their_corners_are(columns, rows, 
 
 
 @given(st.floats(-0.6, 1.4), st.floats(-0.6, 1.4))
-def test_a_point_has_the_state_of_the_cell_that_holds_it(x, y):
+def test_a_point_has_the_state_of_the_cell_that_contains_it(x, y):
     state = np.random.default_rng(0).integers(-1, 2, size=(4, 7))
     held = GridMap(state, np.array([-0.5, 0.2]), 0.25)
     column, row = math.floor((x + 0.5) / 0.25), math.floor((y - 0.2) / 0.25)
@@ -390,27 +389,27 @@ def test_a_saved_map_is_read_with_its_lowest_row_first(tmp_path):
 # --- contacts and goals ---
 
 
-def test_contacts_are_counted_by_touch_and_by_thing():
+def test_a_contact_ends_with_a_gap_or_a_change_of_object():
     stamps = np.arange(8.0)
     gaps = np.array([0.1, 0.0, -0.01, 0.2, -0.1, -0.1, 0.3, 0.4])
-    things = ["a", "a", "a", "a", "a", "b", "b", "b"]
-    assert contact_intervals(stamps, gaps, things) == [
+    objects = ["a", "a", "a", "a", "a", "b", "b", "b"]
+    assert contact_intervals(stamps, gaps, objects) == [
         (1.0, 2.0, "a"),
         (4.0, 4.0, "a"),
         (5.0, 5.0, "b"),
     ]
 
 
-def test_goals_count_in_their_order():
-    way = np.column_stack([np.linspace(0, 4, 81), np.zeros(81)])
-    assert goal_metrics(way, [(2.0, 0.1), (4.0, 0.0)])["goals_passed"] == 2
-    assert goal_metrics(way, [(4.0, 0.0), (2.0, 0.0)])["goals_passed"] == 1
-    assert goal_metrics(way, [(2.0, 1.0), (4.0, 0.0)])["goal_nearest_m"] == pytest.approx(1.0)
-    assert goal_metrics(way, [(2.0, 1.0), (4.0, 3.0)])["goal_final_m"] == pytest.approx(3.0)
-    assert goal_metrics(way, []) == {}
+def test_goals_count_only_in_their_order():
+    path = np.column_stack([np.linspace(0, 4, 81), np.zeros(81)])
+    assert goal_metrics(path, [(2.0, 0.1), (4.0, 0.0)])["goals_passed"] == 2
+    assert goal_metrics(path, [(4.0, 0.0), (2.0, 0.0)])["goals_passed"] == 1
+    assert goal_metrics(path, [(2.0, 1.0), (4.0, 0.0)])["goal_nearest_m"] == pytest.approx(1.0)
+    assert goal_metrics(path, [(2.0, 1.0), (4.0, 3.0)])["goal_final_m"] == pytest.approx(3.0)
+    assert goal_metrics(path, []) == {}
 
 
-def test_the_length_of_a_way_is_that_of_its_steps():
+def test_the_path_length_is_the_sum_of_its_steps():
     angle = np.linspace(0, math.pi, 1001)
     found = walk_metrics(angle, np.column_stack([np.cos(angle), np.sin(angle)]))
     assert found["path_m"] == pytest.approx(math.pi, rel=1e-5)
@@ -422,7 +421,7 @@ def test_the_length_of_a_way_is_that_of_its_steps():
 
 
 def straight_run(folder: Path, offset: tuple[float, float, float]) -> RunFolder:
-    """Ten metres straight ahead, believed with a fixed error."""
+    """A straight walk of ten metres, estimated with a constant error."""
     run = RunFolder.create(folder)
     stamps = np.arange(0.0, 10.5, 0.5)
     run.write_trajectory(
@@ -433,11 +432,13 @@ def straight_run(folder: Path, offset: tuple[float, float, float]) -> RunFolder:
         Gaussian(np.array([t + dx, dy, -math.pi + dyaw]), np.diag([0.01, 0.04, 0.09]))
         for t in stamps
     ]
-    run.write_estimates(list(zip(stamps.tolist(), pose, strict=True)))
+    rows = [estimate_row(t, p) for t, p in zip(stamps.tolist(), pose, strict=True)]
+    run.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
+    run.write_planar_trajectory()
     return run
 
 
-def test_a_run_with_known_errors_has_those_figures(tmp_path):
+def test_the_figures_of_a_run_with_known_errors_are_those_errors(tmp_path):
     run = straight_run(tmp_path, (0.03, 0.04, 0.01))  # heading just across the seam at pi
     found = evaluate(run)
     assert found["position_rmse_m"] == pytest.approx(0.05)
@@ -456,24 +457,24 @@ def test_a_run_with_known_errors_has_those_figures(tmp_path):
         ({"body": None, "fell_at_s": None}, None),
     ],
 )
-def test_falls_are_told_of_a_body_that_can_fall(tmp_path, summary, falls):
+def test_falls_are_reported_only_for_a_dynamic_body(tmp_path, summary, falls):
     run = straight_run(tmp_path, (0.0, 0.0, 0.0))
     run.write_json("summary.json", summary)
     found = evaluate(run)
     assert found.get("falls") == falls
-    told = [line for line in closing_table(found).splitlines() if line.startswith("falls")]
-    assert [line.endswith("MISSED") for line in told] == ([] if falls is None else [falls > 0.0])
+    shown = [line for line in closing_table(found).splitlines() if line.startswith("falls")]
+    assert [line.endswith("MISSED") for line in shown] == ([] if falls is None else [falls > 0.0])
 
 
 def test_figures_without_truth_are_absent(tmp_path):
     run = RunFolder.create(tmp_path)
-    run.write_estimates(
-        [(0.0, Gaussian(np.zeros(3), np.eye(3))), (1.0, Gaussian(np.ones(3), np.eye(3)))]
-    )
+    rows = [estimate_row(t, Gaussian(np.full(3, t), np.eye(3))) for t in (0.0, 1.0)]
+    run.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
+    run.write_planar_trajectory()
     assert set(evaluate(run)) == {"duration_s", "path_m", "straight_m"}
 
 
-def test_a_foreign_truth_is_compared_after_alignment_only(tmp_path):
+def test_a_given_truth_is_compared_after_alignment_only(tmp_path):
     run = straight_run(tmp_path / "run", (0.0, 0.0, 0.0))
     other = RunFolder(tmp_path)
     other.write_trajectory("their.txt", [(0.5 * i, 3.0, 0.5 * i, 0.0, 0.0) for i in range(21)])
@@ -482,16 +483,74 @@ def test_a_foreign_truth_is_compared_after_alignment_only(tmp_path):
     assert not {"position_rmse_m", "heading_rmse_deg", "pose_anees"} & set(found)
 
 
-def test_floor_figures_are_those_of_planes_tilted_and_shifted_on_purpose(tmp_path):
+def test_a_truth_without_common_stamps_is_refused_with_both_time_ranges(tmp_path):
+    run = straight_run(tmp_path / "run", (0.0, 0.0, 0.0))
+    RunFolder(tmp_path).write_trajectory(
+        "their.txt", [(90.0 + i, 0.0, 0.0, 0.0, 0.0) for i in range(3)]
+    )
+    with pytest.raises(InputError, match=r"covers 90.000 to 92.000 s, the run 0.000 to 10.000 s"):
+        evaluate(run, tmp_path / "their.txt")
+
+
+def test_a_map_is_compared_with_its_own_truth_after_alignment(tmp_path):
+    run = straight_run(tmp_path, (0.0, 0.0, 0.0))
+    rows = [(0.5 * i, 3.0, 0.5 * i, 1.0, 0.0) for i in range(21)]  # other axes
+    run.write_trajectory("truth/trajectory.txt", rows)
+    run.write_json("summary.json", {"kind": "map"})
+    found = evaluate(run)
+    assert found["ate_floor_aligned_m"] == pytest.approx(0.0, abs=1e-9)
+    assert not {"position_rmse_m", "pose_anees"} & set(found)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "figure", "words"),
+    [
+        ("panorama", {"views": [{"placed": True}, {"placed": False}], "obstacles": [{}]}, "views_placed", "no ground truth"),
+        ("monocular", {"frames": 9, "judged": 4, "iou": 0.9, "iou_min": 0.5}, "floor_iou_median", "depth camera judges"),
+        ("monocular", {"frames": 9, "judged": 0}, "frames", "no depth image"),
+    ],
+)  # fmt: skip
+def test_a_run_without_trajectory_says_what_cannot_be_judged(
+    tmp_path, name, content, figure, words
+):
+    run = RunFolder.create(tmp_path / "run")
+    run.write_json(f"{name}.json", content)
+    found = evaluate(RunFolder.open(run.root))
+    assert figure in found
+    assert words in closing_table(found)
+    RunFolder(tmp_path).write_trajectory("their.txt", [(1.0, 0.0, 0.0, 0.0, 0.0)])
+    with pytest.raises(InputError, match=f"kind {name} without trajectory.txt"):
+        evaluate(run, tmp_path / "their.txt")
+
+
+def test_a_batch_is_evaluated_run_by_run(tmp_path):
+    straight_run(tmp_path / "a", (0.03, 0.04, 0.0))
+    RunFolder(tmp_path).write_csv("summary.csv", ("recording", "run"), [("x", "old/a"), ("y", "")])
+    batch = RunFolder.open(tmp_path)
+    found = evaluate(batch)
+    assert (found["runs"], found["runs_failed"]) == (2.0, 1.0)
+    assert found["by_run"]["a"]["position_rmse_m"] == pytest.approx(0.05)
+    assert "position_rmse_m 0.05" in closing_table(found)
+    with pytest.raises(InputError, match="is a batch of runs"):
+        evaluate(batch, surface=tmp_path / "mesh.ply")
+
+
+def test_the_closing_table_shows_the_figures_of_a_surface():
+    shown = closing_table({"surface_accuracy_mm": 7.25, "surface_fscore_2cm": 0.5})
+    assert "7.2 mm" in shown
+    assert "50.0%" in shown
+
+
+def test_the_floor_figures_are_the_known_tilt_and_shift_of_a_plane(tmp_path):
     run = RunFolder.create(tmp_path)
     true = Plane(np.array([0.0, -0.8, -0.6]), 0.4)
     tilt = math.radians(2.0)
     rows, truth = [], []
     for i in range(4):
         normal = math.cos(tilt) * true.normal + math.sin(tilt) * true.tangents[0]
-        claim = (tilt**2, 0.0, 0.0, tilt**2, 0.0, 0.003**2)
+        covariance = (tilt**2, 0.0, 0.0, tilt**2, 0.0, 0.003**2)
         state = "expected" if i == 3 else "seen"
-        rows.append((0.1 * i, "tof", *normal.tolist(), 0.403, *claim, 0.5, state))
+        rows.append((0.1 * i, "tof", *normal.tolist(), 0.403, *covariance, 0.5, state))
         truth.append((0.1 * i, "tof", *true.normal.tolist(), 0.4))
     run.write_csv("floor.csv", (*FLOOR_HEADER, *UPPER, "share", "state"), rows)
     run.write_csv("truth/floor.csv", FLOOR_HEADER, truth)
@@ -504,15 +563,15 @@ def test_floor_figures_are_those_of_planes_tilted_and_shifted_on_purpose(tmp_pat
     assert found["floor_tof_anees"] == pytest.approx((math.tan(tilt) / tilt) ** 2 + 1.0, rel=1e-3)
 
 
-def test_surprise_by_landmarks_is_judged_as_two_numbers_each(tmp_path):
+def test_innovations_are_checked_for_size_and_whiteness(tmp_path):
     rng = np.random.default_rng(8)
     run = RunFolder.create(tmp_path)
     header = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
     rows = [(0.1 * i, "landmark", i % 3, *rng.normal(size=2).tolist()) for i in range(900)]
-    steady = rng.normal(size=2)
-    for i in range(400):  # as large as expected, but every one much like the one before
-        steady = 0.8 * steady + 0.6 * rng.normal(size=2)
-        rows.append((0.1 * i, "track", 7, *steady.tolist()))
+    slow = rng.normal(size=2)
+    for i in range(400):  # of the expected size, but autocorrelated
+        slow = 0.8 * slow + 0.6 * rng.normal(size=2)
+        rows.append((0.1 * i, "track", 7, *slow.tolist()))
     run.write_csv("innovations.csv", header, rows)
     found = evaluate(run)
     assert found["landmark_consistent"]
@@ -524,18 +583,18 @@ def test_surprise_by_landmarks_is_judged_as_two_numbers_each(tmp_path):
     assert found["track_whiteness_max"] > 5.0
 
 
-def test_claims_twice_too_small_show_in_the_calibration():
+def test_standard_deviations_of_half_the_size_show_in_the_calibration():
     rng = np.random.default_rng(4)
-    honest, bold = rng.chisquare(3, 4000), 4.0 * rng.chisquare(3, 4000)
-    assert calibration_error(honest, 3) < 0.02
-    assert calibration_error(bold, 3) > 0.25
+    exact, overconfident = rng.chisquare(3, 4000), 4.0 * rng.chisquare(3, 4000)
+    assert calibration_error(exact, 3) < 0.02
+    assert calibration_error(overconfident, 3) > 0.25
 
 
-def test_the_ospa_distance_counts_errors_misses_and_inventions():
+def test_the_ospa_distance_counts_errors_misses_and_false_tracks():
     two = np.array([[0.0, 0.0], [3.0, 0.0]])
     assert ospa(two, two[::-1]) == 0.0
     assert ospa(two + np.array([0.1, 0.0]), two) == pytest.approx(0.1)
-    assert ospa(two[:1], two, 0.5) == pytest.approx(0.25)  # half of the things missed
+    assert ospa(two[:1], two, 0.5) == pytest.approx(0.25)  # half of the objects missed
     assert ospa(two, two[:1], 0.5) == pytest.approx(0.25)
     assert ospa(two[:1], two, 0.5, order=2.0) == pytest.approx(math.sqrt(0.125))
     assert ospa(np.zeros((0, 2)), two, 0.7) == 0.7
@@ -551,7 +610,7 @@ def test_the_ospa_distance_is_a_metric(seed, n, m, k, order):
     assert ospa(a, c, 0.8, order) <= ospa(a, b, 0.8, order) + ospa(b, c, 0.8, order) + 1e-12
 
 
-def test_tracks_are_matched_to_the_nearest_obstacles_and_judged(tmp_path):
+def test_tracks_are_assigned_to_the_nearest_obstacles(tmp_path):
     run = RunFolder.create(tmp_path)
     truth, tracks = [], []
     for i in range(10):
@@ -563,7 +622,7 @@ def test_tracks_are_matched_to_the_nearest_obstacles_and_judged(tmp_path):
             tracks.append(
                 {"stamp": t, "track": number, "mean": mean, "covariance": np.eye(4).tolist()}
             )
-        # a track of something that the truth does not list, and one just beyond the gate of the post
+        # a track of an object that the truth does not list, and one just beyond the gate of the post
         tracks.append(
             {"stamp": t, "track": 1, "mean": [-2.0, -2, 0, 0], "covariance": np.eye(4).tolist()}
         )
@@ -574,17 +633,36 @@ def test_tracks_are_matched_to_the_nearest_obstacles_and_judged(tmp_path):
     run.write_csv("truth/obstacles.csv", names, truth)
     run.write_json("obstacles.json", {"tracks": tracks, "footprints": []})
     found = evaluate(run)
-    assert found["mover_count"] == found["standing_count"] == 1
-    assert found["mover_followed_share"] == pytest.approx(0.8)
-    assert found["mover_position_rmse_m"] == pytest.approx(0.05)
-    assert found["mover_velocity_rmse_mps"] == pytest.approx(0.02)
-    assert found["mover_anees"] == pytest.approx(0.05**2 + 0.02**2)
-    assert found["mover_track_changes"] == 1
-    assert found["standing_followed_share"] == 0.0
-    assert "standing_position_rmse_m" not in found
+    assert found["moving_obstacle_count"] == found["static_obstacle_count"] == 1
+    assert found["moving_obstacle_tracked_share"] == pytest.approx(0.8)
+    assert found["moving_obstacle_position_rmse_m"] == pytest.approx(0.05)
+    assert found["moving_obstacle_velocity_rmse_mps"] == pytest.approx(0.02)
+    assert found["moving_obstacle_anees"] == pytest.approx(0.05**2 + 0.02**2)
+    assert found["moving_obstacle_track_changes"] == 1
+    assert found["static_obstacle_tracked_share"] == 0.0
+    assert "static_obstacle_position_rmse_m" not in found
 
 
-def test_time_is_told_per_stage_and_in_all_without_the_first_frame(tmp_path):
+def test_a_track_without_detection_keeps_its_obstacle_near_another_one(tmp_path):
+    run = RunFolder.create(tmp_path)
+    truth, tracks = [], []
+    for i in range(6):
+        t = 0.5 * i
+        truth += [(t, "cart", 0.1 * t, 0.0, 0.1, 0.0, 0.1), (t, "post", 2.0, 0.0, 0.0, 0.0, 0.1)]
+        mean = (
+            [0.1 * t, 0.0, 0.1, 0.0] if i < 3 else [2.0, 0.0, 0.1, 0.0]
+        )  # predicted into the post
+        P = np.eye(4).tolist()
+        tracks.append({"stamp": t, "track": 1, "mean": mean, "covariance": P, "seen": min(t, 1.0)})
+    names = ("stamp_s", "identity", "x_m", "y_m", "vx_mps", "vy_mps", "radius_m")
+    run.write_csv("truth/obstacles.csv", names, truth)
+    run.write_json("obstacles.json", {"tracks": tracks, "footprints": []})
+    found = evaluate(run)
+    assert found["moving_obstacle_tracked_share"] == 1.0
+    assert found["static_obstacle_tracked_share"] == 0.0
+
+
+def test_times_are_reported_per_stage_and_in_total_without_the_first_frame(tmp_path):
     run = RunFolder.create(tmp_path)
     rows = [(0.0, 900.0, 9.0), *((0.1 * i, float(i), 1.0) for i in range(1, 102))]
     run.write_csv("timing.csv", ("stamp_s", "floor", "grid"), rows)
@@ -593,7 +671,7 @@ def test_time_is_told_per_stage_and_in_all_without_the_first_frame(tmp_path):
     assert found["total"]["p50"] == pytest.approx(52.0)
 
 
-def test_the_closing_table_says_what_was_met_and_what_was_missed(tmp_path):
+def test_the_closing_table_lists_met_and_missed_targets(tmp_path):
     table = closing_table({"position_rmse_m": 0.02, "contacts": 2.0, "min_clearance_m": -0.01})
     lines = table.splitlines()
     assert lines[0].endswith("ok")
@@ -601,7 +679,7 @@ def test_the_closing_table_says_what_was_met_and_what_was_missed(tmp_path):
     assert lines[1].endswith("MISSED")
     assert "smallest clearance" in lines[2]
     assert "nothing to compare" in closing_table({})
-    assert "no truth" in closing_table({"path_m": 1.0})
+    assert "no ground truth" in closing_table({"path_m": 1.0})
 
 
 def test_a_target_at_its_bound_is_met():

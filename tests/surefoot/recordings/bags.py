@@ -1,4 +1,4 @@
-"""Bags made by the rosbags package, of a wall that a camera walks towards."""
+"""Bags written with the rosbags package: a camera approaches a wall."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def depth_mm(frame: int) -> np.ndarray:
 
 
 def colour(frame: int) -> np.ndarray:
-    """(h, w, 3), red first, every pixel another."""
+    """RGB image (h, w, 3); every pixel differs."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH]
     return np.stack([rows * 10, columns * 7, np.full_like(rows, 40 + frame)], -1).astype(np.uint8)
 
@@ -136,18 +136,18 @@ class Bag:
 
 
 def compressed_depth(pixels_mm: np.ndarray) -> bytes:
-    """The PNG of whole millimetres behind its header of 12 bytes."""
+    """PNG of integer millimetres after its header of 12 bytes."""
     return struct.pack("<iff", 0, 0.0, 0.0) + cv2.imencode(".png", pixels_mm)[1].tobytes()
 
 
 def compressed_metres(metres: np.ndarray, a: float = 100.0, b: float = 1.0) -> bytes:
-    """The PNG of inverse depth, value = A / depth + B, behind its header."""
+    """PNG of inverse depth, value = A / depth + B, after its header."""
     units = np.where(metres > 0, np.rint(a / np.maximum(metres, 1e-3) + b), 0).astype(np.uint16)
     return struct.pack("<iff", 0, a, b) + cv2.imencode(".png", units)[1].tobytes()
 
 
 def write_bag(path: Path, kind: str, frames: int = 5, colour_frame: str = "camera") -> Path:
-    """Depth, colour and their cameras at 10 Hz; tf takes the camera 0.1 m along x a frame, half-way between."""
+    """Depth, colour and their cameras at 10 Hz; tf moves the camera 0.1 m along x per frame, with stamps in between."""
     bag = Bag(path, kind)
     bag.write("/tf_static", bag.transform(0.0, "base", "camera", (0.0, 0.0, 0.5)), 0.0)
     bag.write(

@@ -1,4 +1,4 @@
-"""Small recordings of every layout, written by independent means, for the tests to read and to damage."""
+"""Small recordings of every layout, written independently of the readers."""
 
 from __future__ import annotations
 

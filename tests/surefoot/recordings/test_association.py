@@ -1,4 +1,4 @@
-"""Joining by time, against the benchmark's rule done the slow way."""
+"""Association by time, against a direct implementation of the benchmark's rule."""
 
 import numpy as np
 from hypothesis import given
@@ -12,7 +12,7 @@ stamps = st.lists(st.integers(0, 300), max_size=25, unique=True).map(
 
 
 def slow(first, second, most_s):
-    """All pairs near enough, closest first, each stamp once: TUM's associate.py in words."""
+    """All sufficiently close pairs, closest first, each stamp once, as in TUM's associate.py."""
     pairs = sorted(
         (abs(a - b), i, j)
         for i, a in enumerate(first)
@@ -29,10 +29,10 @@ def slow(first, second, most_s):
 
 
 @given(stamps, stamps)
-def test_partners_are_those_of_the_benchmark(first, second):
+def test_matches_agree_with_the_script_of_the_benchmark(first, second):
     assert associate(first, second, 0.0185).tolist() == slow(first, second, 0.0185)
 
 
 @given(stamps)
-def test_every_stamp_finds_itself(times):
+def test_every_stamp_matches_itself(times):
     np.testing.assert_array_equal(associate(times, times), np.arange(len(times)))

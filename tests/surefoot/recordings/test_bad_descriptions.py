@@ -1,4 +1,4 @@
-"""Intrinsics, descriptions and clouds that cannot be: each refused by file, key and value."""
+"""Invalid intrinsics, descriptions and point clouds are refused by file, key and value."""
 
 import shutil
 
@@ -18,11 +18,11 @@ def edit(path, old, new):
 # Intrinsics
 
 
-def test_a_tum_camera_that_nobody_knows(tum, tmp_path):
+def test_an_unknown_tum_camera_is_refused(tum, tmp_path):
     (tum / "recording.toml").unlink()
     shutil.move(tum, tmp_path / "mine")
     with pytest.raises(
-        RecordingError, match=r"does not say which TUM camera this is .*\n\[camera\]\nwidth = 640"
+        RecordingError, match=r"the folder name has no TUM camera .*\n\[camera\]\nwidth = 640"
     ):
         open_recording(tmp_path / "mine")
 
@@ -45,13 +45,13 @@ def test_a_tum_camera_that_nobody_knows(tum, tmp_path):
         ("scale_per_metre", "scale_per_meter", r"unknown key depth.scale_per_meter; did you mean scale_per_metre\?"),
         ("scale_per_metre = 1000", "scale_per_metre = 0", r"\[depth\] depth scale 0.0 units per metre must be positive"),
         ("scale_per_metre = 1000\n", "", "depth.scale_per_metre is missing; 1000 for millimetres"),
-        ("none = [0, 65535]\n", "", r"depth.none is missing; the values that mean no depth, such as \[0\]"),
-        ("none = [0, 65535]", "none = [-1]", "no-depth mark -1 must lie between 0 and 65535"),
+        ("none = [0, 65535]\n", "", r"depth.none is missing; the values of pixels without depth, such as \[0\]"),
+        ("none = [0, 65535]", "none = [-1]", "no-depth value -1 must lie between 0 and 65535"),
         ("none = [0, 65535]", 'none = ["0"]', "depth.none holds '0'; numbers were expected"),
         ("none = [0, 65535]", "none = 0", "depth.none = 0 must be a list of numbers"),
         ("rate_hz = 10.0", "rate_hz = -1", "rate_hz = -1.0 must be positive"),
         ("rate_hz = 10.0\n", "", "rate_hz or stamps is missing; add rate_hz = 30.0"),
-        ("rate_hz = 10.0", "rate_hz = 10.0 fps", "recording.toml: is no valid TOML: .*line 1"),
+        ("rate_hz = 10.0", "rate_hz = 10.0 fps", "recording.toml: is not valid TOML: .*line 1"),
         ("rate_hz = 10.0", 'stamps = "times.txt"', "times.txt: cannot be read: No such file"),
         ("rate_hz = 10.0", "rate_hz = 10.0\ncolour = 3", r"colour = 3 must be a table \[colour\]"),
         ("[depth]", '[depth]\nfolder = "raw"', "raw: no image matches .*; check .depth. folder and pattern"),
@@ -59,10 +59,10 @@ def test_a_tum_camera_that_nobody_knows(tum, tmp_path):
         ("[depth]", '[poses]\nfile = "p.txt"\n[depth]', "p.txt: cannot be read: No such file"),
         ("[depth]", "[poses]\n[depth]", r"\[poses\] needs file = a text file of TUM lines"),
         ("[depth]", '[poses]\nfile = "p"\nconvention = "c2w"\n[depth]', "convention = 'c2w'; expected one of camera-to-world"),
-        ("[depth]", "[world]\nup = [0, 0, 0]\n[depth]", r"world.up = \[0.0, 0.0, 0.0\] is no direction"),
+        ("[depth]", "[world]\nup = [0, 0, 0]\n[depth]", r"world.up = \[0.0, 0.0, 0.0\] is not a direction"),
     ],
 )  # fmt: skip
-def test_a_description_that_cannot_be_is_refused_by_key_and_value(plain, old, new, message):
+def test_an_invalid_description_is_refused_by_key_and_value(plain, old, new, message):
     edit(plain / "recording.toml", old, new)
     with pytest.raises(RecordingError, match=message):
         open_recording(plain)
@@ -75,32 +75,34 @@ def test_a_description_without_a_camera_is_refused(plain):
         open_recording(plain)
 
 
-def test_a_description_that_is_not_there(plain, tmp_path):
+def test_a_missing_description_is_refused(plain, tmp_path):
     with pytest.raises(RecordingError, match=r"nowhere.toml: cannot be read: No such file"):
         open_recording(plain, tmp_path / "nowhere.toml")
 
 
-def test_a_description_cannot_say_what_the_layout_settles(redwood):
+def test_a_description_cannot_override_the_layout(redwood):
     (redwood / "recording.toml").write_text("rate_hz = 5\n")
-    with pytest.raises(RecordingError, match=r"rate_hz is settled by the layout \(redwood\)"):
+    with pytest.raises(RecordingError, match=r"rate_hz is defined by the layout \(redwood\)"):
         open_recording(redwood)
 
 
 def test_counts_of_stamps_and_poses_are_compared_with_the_images(plain):
     edit(plain / "recording.toml", "rate_hz = 10.0", 'stamps = "times.txt"')
     (plain / "times.txt").write_text("1.0\n2.0\n")
-    with pytest.raises(RecordingError, match=r"times.txt: 2 stamps for 3 depth images; one each"):
+    with pytest.raises(
+        RecordingError, match=r"times.txt: 2 stamps for 3 depth images; one per image"
+    ):
         open_recording(plain)
 
 
-def test_names_that_are_no_stamps_are_refused(plain):
+def test_file_names_without_stamps_are_refused(plain):
     edit(plain / "recording.toml", "rate_hz = 10.0", 'stamps = "name"')
     shutil.move(plain / "depth/1.png", plain / "depth/x1.png")
-    with pytest.raises(RecordingError, match=r"stamps = .name., but 'x1' is no time in s"):
+    with pytest.raises(RecordingError, match=r"stamps = .name., but 'x1' is not a time in s"):
         open_recording(plain)
 
 
-def test_poses_of_another_clock_are_told(plain):
+def test_poses_of_another_clock_are_refused(plain):
     edit(plain / "recording.toml", "rate_hz = 10.0", 'stamps = "times.txt"')
     edit(plain / "recording.toml", "[depth]", '[poses]\nfile = "p.txt"\n[depth]')
     (plain / "times.txt").write_text("1.0\n2.0\n3.0\n")
@@ -113,24 +115,24 @@ def test_poses_of_another_clock_are_told(plain):
     ("content", "message"),
     [
         ('{"intrinsic_matrix": [1, 2], "width": 16, "height": 12}', "has 2 numbers, 9 were expected"),
-        ('{"intrinsic_matrix": [1, 2]', "cannot be read as Open3D's intrinsics"),
+        ('{"intrinsic_matrix": [1, 2]', "cannot be read as intrinsics of Open3D"),
         ('{"intrinsic_matrix": [0,0,0,0,0,0,0,0,0], "width": 16, "height": 12}', "fx=0.0 px must be positive"),
-        ('{"intrinsic_matrix": [1,0,0,0,1,0,1,1,1]}', r"cannot be read as Open3D's intrinsics \('width'\)"),
+        ('{"intrinsic_matrix": [1,0,0,0,1,0,1,1,1]}', r"cannot be read as intrinsics of Open3D \('width'\)"),
     ],
 )  # fmt: skip
-def test_intrinsics_of_open3d_that_cannot_be(redwood, content, message):
+def test_invalid_intrinsics_of_open3d_are_refused(redwood, content, message):
     (redwood / "camera_primesense.json").write_text(content)
     with pytest.raises(RecordingError, match=f"camera_primesense.json: .*{message}"):
         open_recording(redwood)
 
 
-def test_replica_parameters_that_cannot_be(replica):
+def test_invalid_parameters_of_replica_are_refused(replica):
     edit(replica / "cam_params.json", '"scale": 6553.5', '"scale": 0')
     with pytest.raises(RecordingError, match=r"cam_params.json: cannot be read \(depth scale 0.0"):
         open_recording(replica)
 
 
-def test_seven_scenes_intrinsics_and_gravity_that_cannot_be(seven_scenes):
+def test_invalid_intrinsics_and_gravity_of_seven_scenes_are_refused(seven_scenes):
     np.savetxt(seven_scenes.parent / "gravity-direction.txt", [0.0, 0.0, 0.0])
     with pytest.raises(RecordingError, match=r"gravity-direction.txt: gravity has length 0;"):
         open_recording(seven_scenes)
@@ -153,24 +155,24 @@ def _replace(old, new):
     ("data", "spoil", "message"),
     [
         ("binary", lambda c: b"", "the file is empty"),
-        ("binary", lambda c: b"ply\n" + b"x" * 9000, "is no PCD file: its header has no line DATA"),
-        ("binary", lambda c: c[:-7], "is cut short: 2297 of 2304 bytes of points"),
-        ("binary_compressed", lambda c: c[:-7], "is cut short: .* bytes of points"),
-        ("binary_compressed", lambda c: c[:-7] + b"\xff" * 7, "its packed points are damaged"),
+        ("binary", lambda c: b"ply\n" + b"x" * 9000, "is not a PCD file: its header has no line DATA"),
+        ("binary", lambda c: c[:-7], "is truncated: 2297 of 2304 bytes of points"),
+        ("binary_compressed", lambda c: c[:-7], "is truncated: .* bytes of points"),
+        ("binary_compressed", lambda c: c[:-7] + b"\xff" * 7, "its compressed points are damaged"),
         ("binary_compressed", _replace(b"WIDTH 16", b"WIDTH 15"), "unpacks to 2304 bytes; 180 points of 12"),
-        ("ascii", lambda c: c[: c.rindex(b"\n", 0, -1)], "is cut short: 191 of 192 points"),
+        ("ascii", lambda c: c[: c.rindex(b"\n", 0, -1)], "is truncated: 191 of 192 points"),
         ("ascii", lambda c: c[:-4] + b"abc\n", "a point cannot be parsed"),
         ("binary", _replace(b"WIDTH 16\nHEIGHT 12", b"WIDTH 192\nHEIGHT 1"), "192x1 is not organised"),
-        ("binary", _replace(b"WIDTH 16\nHEIGHT 12", b"WIDTH 12\nHEIGHT 16"), "no pinhole camera explains"),
-        ("binary", _replace(b"WIDTH 16", b"WIDTH many"), "WIDTH many in its header is no count"),
+        ("binary", _replace(b"WIDTH 16\nHEIGHT 12", b"WIDTH 12\nHEIGHT 16"), "no pinhole camera fits"),
+        ("binary", _replace(b"WIDTH 16", b"WIDTH many"), "WIDTH many in its header is not a number"),
         ("binary", _replace(b"FIELDS x y z", b"FIELDS x y w"), "has no field z; x, y and z"),
         ("binary", _replace(b"SIZE 4 4 4", b"SIZE 4 4"), "FIELDS, SIZE, TYPE and COUNT do not agree"),
         ("binary", _replace(b"DATA binary", b"DATA zip"), "DATA 'zip'; ascii, binary or"),
         ("binary", _replace(b"TYPE F F F\n", b""), "its header has no line TYPE"),
-        ("binary", lambda c: c[:-2304] + b"\xff" * 2304, "0 points ahead of the camera; at least 100"),
+        ("binary", lambda c: c[:-2304] + b"\xff" * 2304, "0 points in front of the camera; at least 100"),
     ],
 )  # fmt: skip
-def test_a_cloud_that_is_no_depth_image_is_refused(pcd, data, spoil, message):
+def test_a_point_cloud_without_a_depth_image_is_refused(pcd, data, spoil, message):
     path = pcd(data)
     path.write_bytes(spoil(path.read_bytes()))
     with pytest.raises(RecordingError, match=message):

@@ -1,4 +1,4 @@
-"""Bad input: the recording is refused in words that help, or the frame is skipped and counted."""
+"""Bad input: the recording is refused with advice, or the frame is skipped and counted."""
 
 import shutil
 
@@ -23,41 +23,40 @@ def edit(path, old, new):
 # The place
 
 
-def test_a_missing_folder_names_its_nearest_neighbour(tum):
+def test_the_error_of_a_missing_folder_suggests_a_similar_name(tum):
     with pytest.raises(
         RecordingError, match=r"fr3_smal: no such file or folder \(did you mean .*fr3_small\?\)"
     ):
         open_recording(tum.parent / "fr3_smal")
 
 
-def test_an_empty_folder_says_what_was_expected(tmp_path):
+def test_the_error_of_an_empty_folder_lists_the_formats(tmp_path):
     with pytest.raises(
-        RecordingError, match=r"no frames found \(it holds nothing\); expected a run folder"
+        RecordingError, match=r"no frames found \(it contains nothing\); expected a run folder"
     ):
         open_recording(tmp_path)
 
 
-def test_a_folder_of_other_things_says_what_it_holds(tmp_path):
+def test_the_error_of_an_unknown_folder_lists_its_content(tmp_path):
     (tmp_path / "notes.txt").write_text("hello")
-    with pytest.raises(RecordingError, match=r"no frames found \(it holds notes.txt\)"):
+    with pytest.raises(RecordingError, match=r"no frames found \(it contains notes.txt\)"):
         open_recording(tmp_path)
 
 
-def test_a_file_where_a_folder_is_wanted(tum):
-    with pytest.raises(
-        RecordingError, match=r"a file of kind '.txt' is not read; give the folder it lies in"
-    ):
+def test_a_file_in_place_of_a_folder_is_refused(tum):
+    with pytest.raises(RecordingError, match=r"a file of kind '.txt' is not read; give its folder"):
         open_recording(tum / "groundtruth.txt")
 
 
-def test_a_folder_above_the_recordings_names_them(seven_scenes):
+def test_the_error_of_a_parent_folder_names_its_recordings(seven_scenes):
     with pytest.raises(
-        RecordingError, match="holds no frames itself, but seq-01 in it can be read"
+        RecordingError,
+        match="contains no frames itself, but these folders in it can be read: seq-01",
     ):
         open_recording(seven_scenes.parent)
 
 
-def test_a_run_that_was_not_recorded_says_how_to(tmp_path):
+def test_the_error_of_a_run_without_recording_names_the_option(tmp_path):
     for name in ("config.toml", "metrics.json"):
         (tmp_path / name).write_text("")
     with pytest.raises(
@@ -72,7 +71,7 @@ def test_a_folder_named_like_a_file_is_opened_as_a_folder(tmp_path):
         open_recording(tmp_path / "walk.mcap")
 
 
-def test_images_without_a_description_show_one_that_works_once_copied(plain):
+def test_the_description_in_the_error_works_when_copied(plain):
     (plain / "recording.toml").unlink()
     with pytest.raises(
         RecordingError, match=r"3 images \(first 0.png\) but no recording.toml"
@@ -109,21 +108,21 @@ def _truncate(path):
 DAMAGE = {
     "gone": (lambda p: p.unlink(), "depth image is missing"),
     "empty": (lambda p: p.write_bytes(b""), "depth image is an empty file"),
-    "truncated": (_truncate, "depth image is cut short"),
-    "text": (lambda p: p.write_text("not an image"), "depth image is not readable as a picture"),
+    "truncated": (_truncate, "depth image is truncated"),
+    "text": (lambda p: p.write_text("not an image"), "depth image cannot be decoded"),
     "scrambled": (
         lambda p: p.write_bytes(p.read_bytes()[:30] + b"\0" * 40 + p.read_bytes()[70:]),
-        "depth image is not readable as a picture",
+        "depth image cannot be decoded",
     ),
     "8 bit": (
         lambda p: _write(p, np.full((12, 16), 100, np.uint8)),
         "depth image has 1 channel of uint8; one channel of uint16 was expected "
-        "(a picture for looking at holds no depth)",
+        "(an 8-bit picture has no depth)",
     ),
     "coloured": (
         lambda p: _write(p, np.full((12, 16, 3), 100, np.uint16)),
         "depth image has 3 channels of uint16; one channel of uint16 was expected "
-        "(a picture for looking at holds no depth)",
+        "(an 8-bit picture has no depth)",
     ),
     "of another size": (
         lambda p: _write(p, np.full((6, 8), 1000, np.uint16)),
@@ -161,17 +160,17 @@ def test_a_colour_image_of_another_size_skips_its_frame(plain):
     assert recording.skipped[0].reason.startswith("colour image is 32x24 px; 16x12 px was expected")
 
 
-def test_a_truncated_jpeg_is_no_colour_image(plain):
+def test_a_truncated_jpeg_is_skipped(plain):
     noise = np.random.default_rng(0).integers(0, 256, (12, 16, 3), dtype=np.uint8)
     (plain / "color/0.png").unlink()
     _write(plain / "color/0.jpg", noise)
     _truncate(plain / "color/0.jpg")
     recording = open_recording(plain)
     assert len(list(recording.frames())) == 2
-    assert recording.skipped == [("0.png", "colour image is cut short")]
+    assert recording.skipped == [("0.png", "colour image is truncated")]
 
 
-def test_a_recording_with_no_good_frame_is_refused_with_the_first_reason(plain):
+def test_a_recording_without_a_usable_frame_is_refused_with_the_first_reason(plain):
     for path in (plain / "depth").iterdir():
         _write(path, np.zeros((12, 16), np.uint16))
     with pytest.raises(
@@ -193,36 +192,63 @@ def test_an_empty_depth_folder_is_refused(redwood):
 # Pairs and counts
 
 
-def test_a_lost_colour_image_is_named(redwood):
-    (redwood / "color/00001.jpg").unlink(missing_ok=True)
+def test_a_frame_without_its_colour_image_keeps_its_depth(redwood):
     (redwood / "color/00001.png").unlink()
-    with pytest.raises(
-        RecordingError, match=r"3 depth images but 2 colour images \(00001.png has no partner\)"
-    ):
+    recording = open_recording(redwood)
+    assert [frame.colour is not None for frame in recording.frames()] == [True, False, True]
+    assert recording.remarks == ["1 of 3 depth images have no colour image (first 00001.png)"]
+
+
+def test_colour_images_with_other_numbers_and_count_are_refused(redwood):
+    (redwood / "color/00001.png").unlink()
+    for name in ("00000.png", "00002.png"):
+        (redwood / "color" / name).rename(redwood / "color" / f"9{name}")
+    with pytest.raises(RecordingError, match="3 depth images but 2 colour images, and their names"):
         open_recording(redwood)
 
 
-def test_a_lost_depth_image_is_told(redwood):
+def test_a_missing_depth_image_with_poses_is_refused(redwood):
     (redwood / "depth/00002.png").unlink()
-    with pytest.raises(RecordingError, match=r"2 depth images but 3 colour images \(some colour"):
+    with pytest.raises(RecordingError, match="2 depth images but 3 poses"):
         open_recording(redwood)
 
 
-def test_too_few_poses_in_a_redwood_log(redwood):
+def test_an_implausible_depth_scale_is_remarked(plain):
+    text = (plain / "recording.toml").read_text()
+    assert "scale_per_metre = 1000" in text
+    (plain / "recording.toml").write_text(
+        text.replace("scale_per_metre = 1000", "scale_per_metre = 10")
+    )
+    recording = open_recording(plain)
+    list(recording.frames())
+    assert any(
+        "at 10 units per metre; check the depth scale" in remark for remark in recording.remarks
+    )
+
+
+def test_a_thinned_tum_folder_may_number_its_images_from_any_number(tum):
+    stamps = [frame.stamp_s for frame in open_recording(tum).frames()]
+    for kind in ("depth", "rgb"):
+        for file in sorted((tum / kind).iterdir(), reverse=True):
+            file.rename(file.with_name(f"{int(file.stem) + 1:04d}{file.suffix}"))
+    assert [frame.stamp_s for frame in open_recording(tum).frames()] == stamps
+
+
+def test_a_redwood_log_with_too_few_poses_is_refused(redwood):
     log = redwood / "trajectory.log"
     log.write_text("\n".join(log.read_text().splitlines()[:10]))
     with pytest.raises(RecordingError, match=r"3 depth images but 2 poses in trajectory.log"):
         open_recording(redwood)
 
 
-def test_a_redwood_log_cut_inside_a_pose(redwood):
+def test_a_truncated_redwood_log_is_refused(redwood):
     log = redwood / "trajectory.log"
     log.write_text("\n".join(log.read_text().splitlines()[:13]))
-    with pytest.raises(RecordingError, match=r"13 lines are no whole poses of 5 .* cut short"):
+    with pytest.raises(RecordingError, match=r"13 lines are not a multiple of 5 .* truncated"):
         open_recording(redwood)
 
 
-def test_too_few_poses_for_a_thinned_tum_folder(tum):
+def test_a_thinned_tum_folder_with_too_few_poses_is_refused(tum):
     lines = (tum / "groundtruth.txt").read_text().splitlines()
     (tum / "groundtruth.txt").write_text("\n".join(lines[:4]))
     with pytest.raises(
@@ -231,7 +257,7 @@ def test_too_few_poses_for_a_thinned_tum_folder(tum):
         open_recording(tum)
 
 
-def test_a_replica_frame_without_a_pose(replica):
+def test_a_replica_frame_without_a_pose_is_refused(replica):
     np.savetxt(replica / "traj.txt", np.eye(4).reshape(1, 16))
     with pytest.raises(RecordingError, match=r"depth000001.png has no pose; traj.txt has 1 lines"):
         open_recording(replica)
@@ -243,19 +269,19 @@ def test_a_replica_frame_without_a_pose(replica):
 @pytest.mark.parametrize(
     ("row", "reason"),
     [
-        ("nan 2.0 3.0 0.0 0.0 0.6 0.8", "pose holds a value that is not finite"),
-        ("1.0 2.0 3.0 0.0 0.0 inf 0.8", "pose holds a value that is not finite"),
+        ("nan 2.0 3.0 0.0 0.0 0.6 0.8", "pose has a value that is not finite"),
+        ("1.0 2.0 3.0 0.0 0.0 inf 0.8", "pose has a value that is not finite"),
         (
             "1.0 2.0 3.0 0.0 0.0 0.0 0.0",
-            "pose is no rotation: its quaternion has length 0.00, not 1",
+            "pose is invalid: its quaternion has length 0.00, not 1",
         ),
         (
             "1.0 2.0 3.0 0.0 0.0 0.6 1.8",
-            "pose is no rotation: its quaternion has length 1.90, not 1",
+            "pose is invalid: its quaternion has length 1.90, not 1",
         ),
     ],
 )
-def test_a_tum_pose_that_is_none_skips_its_frame(tum, row, reason):
+def test_an_invalid_tum_pose_skips_its_frame(tum, row, reason):
     edit(tum / "groundtruth.txt", "10.5000 2.0 3.0 0.0 0.0 0.6 0.8", row)
     recording = open_recording(tum)
     assert [frame.stamp_s for frame in recording.frames()] == [10.0, 11.0, 11.5]
@@ -271,21 +297,21 @@ def _with(index, value):
 @pytest.mark.parametrize(
     ("pose", "reason"),
     [
-        (_with((0, 3), np.nan), "pose holds a value that is not finite"),
-        (_with((0, 0), 2.0), "pose is no rotation: R R^T differs from 1 by 3.00"),
-        (_with((0, 0), -1.0), "pose is no rotation: it mirrors (determinant -1)"),
-        (_with((3, 0), 0.5), "pose is no rigid motion: its last row is not 0 0 0 1"),
-        (np.eye(3), "pose file does not hold a 4x4 matrix"),
+        (_with((0, 3), np.nan), "pose has a value that is not finite"),
+        (_with((0, 0), 2.0), "pose is invalid: R R^T differs from 1 by 3.00"),
+        (_with((0, 0), -1.0), "pose is invalid: its determinant is -1 (a reflection)"),
+        (_with((3, 0), 0.5), "pose is invalid: its last row is not 0 0 0 1"),
+        (np.eye(3), "pose file has no 4x4 matrix"),
     ],
 )
-def test_a_matrix_that_is_no_pose_skips_its_frame(seven_scenes, pose, reason):
+def test_an_invalid_pose_matrix_skips_its_frame(seven_scenes, pose, reason):
     np.savetxt(seven_scenes / "frame-000004.pose.txt", pose)
     recording = open_recording(seven_scenes)
     assert len(list(recording.frames())) == 2
     assert recording.skipped == [("frame-000004", reason)]
 
 
-def test_a_word_in_a_trajectory_is_named_with_its_line(tum):
+def test_a_word_in_a_trajectory_is_refused_with_its_line(tum):
     edit(tum / "groundtruth.txt", "10.5000 2.0", "10.5000 two")
     with pytest.raises(RecordingError, match=r"groundtruth.txt, line 3: 'two' is not a number"):
         open_recording(tum)
@@ -302,11 +328,11 @@ def test_a_short_line_in_a_trajectory_is_named(tum):
 @pytest.mark.parametrize("content", [b"", b"# only a comment\n"])
 def test_an_empty_trajectory_is_refused(tum, content):
     (tum / "groundtruth.txt").write_bytes(content)
-    with pytest.raises(RecordingError, match=r"groundtruth.txt: holds no line of data"):
+    with pytest.raises(RecordingError, match=r"groundtruth.txt: has no lines of data"):
         open_recording(tum)
 
 
-def test_a_trajectory_that_is_no_text_is_refused(tum):
+def test_a_binary_trajectory_is_refused(tum):
     (tum / "groundtruth.txt").write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(RecordingError, match=r"groundtruth.txt: is not text; lines of numbers"):
         open_recording(tum)
@@ -318,19 +344,19 @@ def test_a_trajectory_that_is_no_text_is_refused(tum):
 @pytest.mark.parametrize(
     ("stamp", "reason"),
     [
-        ("10.0000", "its stamp repeats the one of the frame before"),
-        ("9.0000", "its stamp lies before the one of the frame before"),
-        ("nan", "its stamp is not a number"),
+        ("10.0000", "the stamp equals that of the frame before"),
+        ("9.0000", "the stamp is earlier than that of the frame before"),
+        ("nan", "the stamp is not a number"),
     ],
 )
-def test_a_stamp_that_does_not_follow_skips_its_frame(tum, stamp, reason):
+def test_a_stamp_out_of_order_skips_its_frame(tum, stamp, reason):
     edit(tum / "groundtruth.txt", "10.5000 10.5000", f"{stamp} 10.5000")
     recording = open_recording(tum)
     assert [frame.stamp_s for frame in recording.frames()] == [10.0, 11.0, 11.5]
     assert recording.skipped == [("0001.png", reason)]
 
 
-def test_a_list_that_is_no_list_is_refused(tum_listed):
+def test_an_invalid_list_is_refused(tum_listed):
     edit(tum_listed / "depth.txt", "1.5 depth/1.5000.png", "depth/1.5000.png")
     with pytest.raises(
         RecordingError, match=r"depth.txt, line 3: .*; expected: timestamp filename"
@@ -338,7 +364,7 @@ def test_a_list_that_is_no_list_is_refused(tum_listed):
         open_recording(tum_listed)
 
 
-def test_a_listed_image_that_is_not_there_skips_its_frame(tum_listed):
+def test_a_missing_listed_image_skips_its_frame(tum_listed):
     (tum_listed / "depth/1.5000.png").unlink()
     recording = open_recording(tum_listed)
     assert len(list(recording.frames())) == 3

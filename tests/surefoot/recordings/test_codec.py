@@ -1,4 +1,4 @@
-"""What a recording holds: nothing is lost twice, and the first loss is bounded."""
+"""Encoding of frames: its loss is bounded, and encoding again loses nothing."""
 
 import math
 
@@ -32,13 +32,13 @@ def again(frame):
 
 
 @given(metres, metres, amplitudes)
-def test_depth_range_and_amplitude_lose_nothing_the_second_time(same, depth, range_m, amplitude):
+def test_encoding_depth_range_and_amplitude_again_changes_nothing(same, depth, range_m, amplitude):
     once = again(Frame(0.0, RangeView(range_m, amplitude, CAMERA), depth=DepthView(depth, CAMERA)))
     assert same(again(once), once)
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_frame_but_for_its_colours_loses_nothing_the_second_time(same, make_frame, seed):
+def test_encoding_a_frame_again_changes_only_its_colours(same, make_frame, seed):
     once = again(make_frame(seed, colour=None))
     assert same(again(once), once)
 
@@ -70,7 +70,7 @@ def test_whole_millimetres_and_whole_tum_units_pass_unchanged(same, per_metre):
     assert same(again(Frame(0.0, depth=DepthView(depth, camera))).depth.depth, depth)
 
 
-def test_depth_out_of_reach_or_not_finite_becomes_none():
+def test_depth_out_of_range_or_not_finite_is_dropped():
     depth = np.array([[13.2, -1.0, 0.0, np.inf, np.nan, 13.1]], np.float32)
     camera = Camera(6, 1, 1.0, 1.0, 0.0, 0.0)
     decoded = again(Frame(0.0, depth=DepthView(depth, camera))).depth.depth
@@ -78,12 +78,12 @@ def test_depth_out_of_reach_or_not_finite_becomes_none():
     assert decoded[0, 5] == np.float32(13.1)
 
 
-def test_a_stereo_pair_keeps_every_bit(same, make_frame):
+def test_a_stereo_pair_is_stored_without_loss(same, make_frame):
     frame = make_frame(3)
     assert same(again(frame).stereo, frame.stereo)
 
 
-def test_colour_stays_within_a_few_grey_levels_and_keeps_red_first(make_frame):
+def test_colour_changes_by_a_few_grey_levels_and_stays_rgb(make_frame):
     rgb = np.zeros((32, 48, 3), np.uint8)
     rgb[..., 0] = np.linspace(100, 250, 48).astype(np.uint8)
     camera = Camera(48, 32, 40.0, 40.0, 24.0, 16.0)
@@ -96,7 +96,7 @@ exact = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(st.lists(exact, min_size=10, max_size=10), st.lists(exact, min_size=7, max_size=7))
-def test_numbers_keep_every_bit(same, values, pose):
+def test_numbers_are_stored_without_loss(same, values, pose):
     frame = Frame(
         abs(values[0]),
         odometry=StepOdometry(Pose2(*values[1:4]), values[4]),
@@ -120,6 +120,6 @@ def test_numbers_keep_every_bit(same, values, pose):
         ),
     ],
 )
-def test_what_is_not_a_number_is_refused_by_name(make_frame, part, value, named):
+def test_a_nonfinite_value_is_refused_by_name(make_frame, part, value, named):
     with pytest.raises(InputError, match=f"{named} is .*finite numbers were expected"):
         encode(make_frame(1, **{part: value}))

@@ -42,7 +42,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_the_floor_is_one_plane_in_the_world_and_up_is_up(folder):
+def test_the_floor_is_one_plane_in_the_world_with_the_right_vertical_axis(folder):
     recording = open_recording(folder)
     assert recording.info.kind == "icl_nuim"
     up = np.array(recording.info.gravity_up_world)
@@ -58,13 +58,13 @@ def test_the_floor_is_one_plane_in_the_world_and_up_is_up(folder):
         assert np.linalg.det(frame.T_world_camera.rotation) == pytest.approx(1.0)
 
 
-def test_a_line_that_is_no_pair_is_named(folder):
+def test_an_invalid_line_of_pairs_is_named(folder):
     (folder / "associations.txt").write_text("0 depth/0.png 0 rgb/0.png\n1 depth/1.png\n")
     with pytest.raises(RecordingError, match="line 2"):
         open_recording(folder)
 
 
-def test_frames_beyond_the_trajectory_have_no_pose_and_that_is_said(folder):
+def test_frames_beyond_the_trajectory_have_no_pose_and_are_remarked(folder):
     truth = folder / "livingRoom0.gt.freiburg"
     truth.write_text("\n".join(truth.read_text().splitlines()[:2]))
     recording = open_recording(folder)

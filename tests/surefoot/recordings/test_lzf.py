@@ -1,4 +1,4 @@
-"""LZF against the packer of conftest and against damage."""
+"""LZF decompression, against a compressor and with damaged data."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def unpack(packed, size):
 
 
 @given(st.binary(max_size=60), st.integers(1, 12), st.binary(max_size=20))
-def test_what_was_packed_comes_out(lzf_packer, head, repeats, tail):
+def test_decompression_inverts_compression(lzf_packer, head, repeats, tail):
     data = head * repeats + tail
     assert unpack(lzf_packer(data), len(data)) == data
 
@@ -33,7 +33,7 @@ def test_a_reference_may_overlap_what_it_writes():
         (bytes([3, 1, 2, 3, 4]), 2),  # too much comes out
     ],
 )
-def test_damage_gives_nothing(packed, size):
+def test_damaged_data_gives_an_empty_result(packed, size):
     assert unpack(packed, size) == b""
 
 

@@ -1,4 +1,4 @@
-"""Our recordings: bit for bit, open to others' tools, and whole up to where a kill cut them."""
+"""Our recordings: without loss, readable by other tools, and complete up to a truncation."""
 
 import dataclasses
 import io
@@ -19,12 +19,13 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 
-from perception.primitives.errors import InputError, OutputError, RecordingError
+from perception.primitives.errors import OutputError, RecordingError
 from perception.primitives.frame import Frame, StepOdometry
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
+from surefoot.recordings.mcap_messages import nanoseconds
 from surefoot.recordings.recording import RecordingInfo
 
 INFO = RecordingInfo(
@@ -49,13 +50,13 @@ def write(path, frames):
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory, make_frame):
-    """Six whole frames: the file, and what went into it as it is decoded."""
+    """A file of six frames, and the frames as they are decoded."""
     frames = [make_frame(i) for i in range(6)]
     path = write(tmp_path_factory.mktemp("walk") / "recording.mcap", frames)
     return path, [decode(encode(frame)) for frame in frames]
 
 
-def test_a_recording_gives_back_every_bit(walk, same):
+def test_a_recording_is_read_back_without_loss(walk, same):
     path, frames = walk
     recording = McapRecording(path)
     played = list(recording.frames())
@@ -65,14 +66,12 @@ def test_a_recording_gives_back_every_bit(walk, same):
     assert recording.remarks == []
 
 
-def test_a_recording_plays_twice_alike(walk, same):
+def test_a_recording_plays_twice_with_the_same_frames(walk, same):
     recording = McapRecording(walk[0])
     assert all(map(same, recording.frames(), recording.frames()))
 
 
-def test_a_copy_of_a_recording_is_the_recording_and_its_pictures_hardly_change(
-    walk, same, tmp_path
-):
+def test_a_copy_of_a_recording_differs_only_slightly_in_its_colours(walk, same, tmp_path):
     played = list(McapRecording(walk[0]).frames())
     copied = list(McapRecording(write(tmp_path / "copy.mcap", played)).frames())
     for copy, frame in zip(copied, played, strict=True):
@@ -84,7 +83,7 @@ def test_a_copy_of_a_recording_is_the_recording_and_its_pictures_hardly_change(
 @pytest.mark.parametrize(
     "absent", [*itertools.combinations(PARTS, 1), *itertools.combinations(PARTS, 6), PARTS]
 )
-def test_parts_that_a_frame_lacks_stay_none(make_frame, same, tmp_path, absent):
+def test_missing_parts_of_a_frame_stay_none(make_frame, same, tmp_path, absent):
     frame = make_frame(1, **dict.fromkeys(absent))
     (played,) = McapRecording(write(tmp_path / "r.mcap", [frame])).frames()
     assert same(played, decode(encode(frame)))
@@ -95,14 +94,14 @@ def test_parts_that_a_frame_lacks_stay_none(make_frame, same, tmp_path, absent):
     st.floats(0, 2**33),
     st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=4, max_size=4),
 )
-def test_stamps_and_odometry_keep_every_bit_in_the_file(tmp_path_factory, same, stamp_s, values):
+def test_stamps_and_odometry_are_stored_without_loss(tmp_path_factory, same, stamp_s, values):
     frame = Frame(stamp_s, odometry=StepOdometry(Pose2(*values[:3]), values[3]))
     path = tmp_path_factory.getbasetemp() / "exact.mcap"
     (played,) = McapRecording(write(path, [frame])).frames()
     assert same(played, frame)
 
 
-def test_what_is_known_beforehand_comes_back(walk):
+def test_the_information_about_the_recording_is_read_back(walk):
     info = McapRecording(walk[0]).info
     assert info.kind == "mcap"
     for name in ("name", "landmarks", "start", "scene", "gravity_up_world", "floor_height_world_m"):
@@ -110,7 +109,7 @@ def test_what_is_known_beforehand_comes_back(walk):
     np.testing.assert_array_equal(info.start_covariance, INFO.start_covariance)
 
 
-def test_the_plain_packages_open_it_as_foxglove_messages(walk):
+def test_other_packages_read_it_as_foxglove_messages(walk):
     path, frames = walk
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -165,8 +164,8 @@ def test_json_topics_carry_their_schemas_and_the_units(walk):
     assert units["/depth/image"] == 5000.0
 
 
-def test_a_file_cut_anywhere_gives_every_frame_written_whole_before_the_cut(walk, same, tmp_path):
-    """The chunks end where the writer flushed; the cut is tried at and around each, and in between."""
+def test_a_truncated_file_gives_every_complete_frame(walk, same, tmp_path):
+    """The file is truncated at, before and after the end of each chunk, and at random places."""
     path, frames = walk
     content = path.read_bytes()
     ends = _sizes_after_each_frame(frames, tmp_path)
@@ -177,8 +176,7 @@ def test_a_file_cut_anywhere_gives_every_frame_written_whole_before_the_cut(walk
         cut.write_bytes(content[:size])
         whole = sum(end <= size for end in ends[1:])
         recording = McapRecording(cut)
-        assert recording.ended_early
-        assert recording.remarks == ["recording ended early: every whole frame is played back"]
+        assert recording.remarks == ["recording ended early: every complete frame is played back"]
         try:
             played = list(recording.frames())
         except RecordingError:
@@ -189,15 +187,15 @@ def test_a_file_cut_anywhere_gives_every_frame_written_whole_before_the_cut(walk
         assert recording.skipped == []
 
 
-def test_a_file_cut_inside_its_head_is_not_ours(walk, tmp_path):
+def test_a_file_truncated_in_its_head_is_refused(walk, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(walk[0].read_bytes()[:60])
-    with pytest.raises(RecordingError, match="not one of our recordings"):
+    with pytest.raises(RecordingError, match="not a recording of surefoot"):
         McapRecording(cut)
 
 
 def _sizes_after_each_frame(frames, tmp_path):
-    """Size on the disk after the head and after each frame, the writer still open."""
+    """Size of the file after the head and after each frame, while the writer is open."""
     path = tmp_path / "growing.mcap"
     with RecordingWriter(path, INFO) as writer:
         sizes = [path.stat().st_size]
@@ -236,7 +234,7 @@ def test_a_flipped_byte_never_gives_a_wrong_frame(walk, same, tmp_path):
     assert lost > 50  # most of the bytes are frames, so the flips did reach them
 
 
-def test_a_flipped_byte_in_the_head_is_refused_or_harmless(walk, same, tmp_path):
+def test_a_flipped_byte_in_the_head_is_refused_or_has_no_effect(walk, same, tmp_path):
     path, frames = walk
     content = path.read_bytes()
     bad = tmp_path / "bad.mcap"
@@ -254,7 +252,7 @@ def test_a_flipped_byte_in_the_head_is_refused_or_harmless(walk, same, tmp_path)
     assert refused > 100
 
 
-def test_a_damaged_chunk_is_counted_and_passed_over(walk, tmp_path):
+def test_a_damaged_chunk_is_counted_and_skipped(walk, tmp_path):
     path, frames = walk
     content = bytearray(path.read_bytes())
     ends = _sizes_after_each_frame(frames, tmp_path)
@@ -269,14 +267,14 @@ def test_a_damaged_chunk_is_counted_and_passed_over(walk, tmp_path):
     assert "damaged" in skipped.reason
 
 
-def test_topics_of_others_ride_along_unread(make_frame, same, tmp_path):
+def test_other_topics_in_the_file_are_ignored(make_frame, same, tmp_path):
     frames = [make_frame(i) for i in range(3)]
     path = tmp_path / "r.mcap"
     with RecordingWriter(path, INFO) as writer:
         for frame in frames:
             writer.write(encode(frame))
             pose = PoseInFrame(timestamp=Timestamp(seconds=1), frame_id="world")
-            writer.write_extra("/estimate/pose", pose, frame.stamp_s)
+            writer._add("/estimate/pose", pose, nanoseconds(frame.stamp_s), 0)
     assert all(map(same, McapRecording(path).frames(), [decode(encode(f)) for f in frames]))
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
@@ -284,21 +282,13 @@ def test_topics_of_others_ride_along_unread(make_frame, same, tmp_path):
     assert [m.decoded_message.frame_id for m in extra] == ["world"] * 3
 
 
-def test_a_topic_of_the_recording_cannot_be_written_by_others(tmp_path):
-    with (
-        RecordingWriter(tmp_path / "r.mcap", INFO) as writer,
-        pytest.raises(InputError, match="topic /tf belongs to the recording; choose another"),
-    ):
-        writer.write_extra("/tf", PoseInFrame(), 0.0)
-
-
-def test_stamps_that_do_not_grow_are_skipped_and_counted(make_frame, tmp_path):
+def test_stamps_that_do_not_increase_are_skipped_and_counted(make_frame, tmp_path):
     frames = [make_frame(i, stamp_s=s) for i, s in enumerate((1.0, 1.0, 2.0, 1.5, 3.0))]
     recording = McapRecording(write(tmp_path / "r.mcap", frames))
     assert [frame.stamp_s for frame in recording.frames()] == [1.0, 2.0, 3.0]
     assert [s.reason for s in recording.skipped] == [
-        "its stamp repeats the one of the frame before",
-        "its stamp lies before the one of the frame before",
+        "the stamp equals that of the frame before",
+        "the stamp is earlier than that of the frame before",
     ]
 
 
@@ -309,7 +299,7 @@ def test_stamps_that_do_not_grow_are_skipped_and_counted(make_frame, tmp_path):
         (".", "cannot write recording .*: Is a directory; choose another folder"),
     ],
 )
-def test_a_place_that_cannot_be_written_is_named(tmp_path, name, message):
+def test_a_path_that_cannot_be_written_is_named(tmp_path, name, message):
     with pytest.raises(OutputError, match=message):
         RecordingWriter(tmp_path / name, INFO)
 
@@ -317,7 +307,9 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path, name, message):
 def test_a_full_disk_is_named():
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")
-    with pytest.raises(OutputError, match=r"/dev/full: No space left on device; .* make room"):
+    with pytest.raises(
+        OutputError, match=r"/dev/full: No space left on device; .* free some space"
+    ):
         RecordingWriter(Path("/dev/full"), INFO)
 
 
@@ -334,22 +326,22 @@ def _foreign() -> bytes:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "the file is empty; record it again"),
-        (b"PK\x03\x04 not mcap", "starts with .*this is no MCAP file"),
-        (b"\x89MCAP0\r\n", "not one of our recordings; it holds nothing"),
-        (_foreign(), "not one of our recordings; it holds /camera/depth. Only MCAP files that"),
+        (b"", "the file is empty; record again"),
+        (b"PK\x03\x04 not mcap", "starts with .*this is not an MCAP file"),
+        (b"\x89MCAP0\r\n", "not a recording of surefoot; it contains nothing"),
+        (_foreign(), "not a recording of surefoot; it contains /camera/depth. Only ROS 2 bags"),
     ],
 )
-def test_files_that_are_not_ours_are_told_apart(tmp_path, content, message):
+def test_other_files_are_refused_by_their_content(tmp_path, content, message):
     path = tmp_path / "r.mcap"
     path.write_bytes(content)
     with pytest.raises(RecordingError, match=message):
         McapRecording(path)
 
 
-def test_a_recording_without_frames_says_so(tmp_path):
+def test_a_recording_without_frames_is_refused(tmp_path):
     recording = McapRecording(write(tmp_path / "r.mcap", []))
-    with pytest.raises(RecordingError, match=r"no whole frame in .* bytes; record it again"):
+    with pytest.raises(RecordingError, match=r"no complete frame in .* bytes; record again"):
         list(recording.frames())
 
 

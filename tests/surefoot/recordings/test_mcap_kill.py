@@ -1,4 +1,4 @@
-"""A recorder that is killed at any moment leaves every frame that it had written."""
+"""A recorder that is killed at any time leaves every frame that it has written."""
 
 import contextlib
 import multiprocessing
@@ -21,7 +21,7 @@ def _record_until_killed(path, encoded, pipe):
             time.sleep(0.002)
 
 
-def test_twenty_kills_lose_no_frame_whose_writing_was_over(make_frame, same, tmp_path):
+def test_twenty_kills_lose_no_completely_written_frame(make_frame, same, tmp_path):
     """Recording time runs at 10 Hz here: a frame more than the last would be more than 0.1 s."""
     frames = [encode(make_frame(i)) for i in range(150)]
     rng = np.random.default_rng(2)
@@ -44,4 +44,4 @@ def test_twenty_kills_lose_no_frame_whose_writing_was_over(make_frame, same, tmp
         assert [frame.stamp_s for frame in played[: len(written)]] == written
         assert len(played) <= len(written) + 1
         assert same(played[-1], decode(frames[len(played) - 1]))
-        assert recording.ended_early == (len(written) < len(frames))
+        assert bool(recording.remarks) == (len(written) < len(frames))

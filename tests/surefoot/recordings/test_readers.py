@@ -1,4 +1,4 @@
-"""Folders as others write them: pixels, stamps, poses, intrinsics and scale against what was written."""
+"""Folders of every layout: pixels, stamps, poses, intrinsics and scale against the written values."""
 
 import math
 import shutil
@@ -15,7 +15,7 @@ UP_45 = (0.0, math.sqrt(0.5), math.sqrt(0.5))
 
 
 def units(index):
-    """What conftest writes: a ramp with one hole."""
+    """The frames of conftest: a ramp with one hole."""
     image = (1000 + 10 * index + np.arange(16 * 12)).reshape(12, 16).astype(np.float64)
     image[0, 0] = np.nan
     return image
@@ -39,7 +39,7 @@ def check(recording, kind, per_metre, stamps, positions):
     return frames
 
 
-def test_tum_thinned(tum):
+def test_a_thinned_tum_folder_is_read(tum):
     stamps = [10.0, 10.5, 11.0, 11.5]
     recording = open_recording(tum)
     frames = check(recording, "tum", 5000, stamps, [(s, 2.0, 3.0) for s in stamps])
@@ -48,7 +48,7 @@ def test_tum_thinned(tum):
     assert recording.info.gravity_up_world == (0.0, 0.0, 1.0)
 
 
-def test_tum_whole_joins_by_time(tum_listed):
+def test_a_complete_tum_folder_is_associated_by_time(tum_listed):
     stamps = [0.5, 1.5, 2.5, 3.5]
     recording = open_recording(tum_listed)
     frames = list(recording.frames())
@@ -63,14 +63,14 @@ def test_tum_whole_joins_by_time(tum_listed):
     assert "1 of 4 depth images have no pose within 0.02 s" in recording.remarks
 
 
-def test_tum_whole_without_lists_takes_the_stamps_from_the_names(tum_listed):
+def test_a_tum_folder_without_lists_uses_the_stamps_of_the_file_names(tum_listed):
     listed = [(f.stamp_s, f.T_world_camera) for f in open_recording(tum_listed).frames()]
     for name in ("depth.txt", "rgb.txt"):
         (tum_listed / name).unlink()
     assert [(f.stamp_s, f.T_world_camera) for f in open_recording(tum_listed).frames()] == listed
 
 
-def test_tum_colour_too_far_in_time_is_left_out_and_told(tum_listed):
+def test_a_tum_colour_image_too_far_in_time_is_left_out_and_remarked(tum_listed):
     text = (tum_listed / "rgb.txt").read_text().replace("1.512 ", "1.5201 ")
     (tum_listed / "rgb.txt").write_text(text)
     recording = open_recording(tum_listed)
@@ -86,7 +86,7 @@ def test_tum_colour_too_far_in_time_is_left_out_and_told(tum_listed):
         ("tum_fr3_cabinet", 535.4),
     ],
 )
-def test_tum_cameras_are_told_from_the_folder_name(tum, tmp_path, name, fx):
+def test_the_folder_name_selects_the_tum_camera(tum, tmp_path, name, fx):
     (tum / "recording.toml").unlink()
     shutil.move(tum, tmp_path / name)
     recording = open_recording(tmp_path / name)
@@ -109,7 +109,7 @@ def test_seven_scenes(seven_scenes):
     assert recording.remarks == []
 
 
-def test_seven_scenes_takes_65535_for_none(seven_scenes):
+def test_seven_scenes_treats_65535_as_no_depth(seven_scenes):
     image = np.full((12, 16), 65535, np.uint16)
     image[5, 5] = 2000
     cv2.imwrite(str(seven_scenes / "frame-000000.depth.png"), image)
@@ -118,14 +118,14 @@ def test_seven_scenes_takes_65535_for_none(seven_scenes):
     assert depth[5, 5] == 2.0
 
 
-def test_seven_scenes_as_published_has_no_intrinsics_and_says_which_are_used(seven_scenes):
+def test_seven_scenes_without_intrinsics_remarks_which_are_used(seven_scenes):
     for name in ("camera-intrinsics.txt", "gravity-direction.txt"):
         (seven_scenes.parent / name).unlink()
     for depth in seven_scenes.glob("*.depth.png"):
         cv2.imwrite(str(depth), np.full((480, 640), 1000, np.uint16))
     recording = open_recording(seven_scenes)
     assert recording.info.gravity_up_world is None
-    assert "585 585 320 240 of the set's page" in recording.remarks[0]
+    assert "585 585 320 240 of the data set's page" in recording.remarks[0]
 
 
 def test_redwood(redwood):
@@ -136,7 +136,7 @@ def test_redwood(redwood):
     assert recording.info.gravity_up_world == (0.0, 1.0, 0.0)
 
 
-def test_a_camera_that_rolls_was_held_by_a_hand_and_says_nothing_of_up(redwood):
+def test_a_camera_that_rolls_gives_no_vertical_axis(redwood):
     c, s = math.cos(0.01), math.sin(0.01)
     text = (redwood / "trajectory.log").read_text()
     rolled = text.replace("1 0 0 2\n0 -1 0 0.5", f"{c} {s} 0 2\n{s} {-c} 0 0.5")
@@ -145,14 +145,14 @@ def test_a_camera_that_rolls_was_held_by_a_hand_and_says_nothing_of_up(redwood):
     assert open_recording(redwood).info.gravity_up_world is None
 
 
-def test_redwood_without_poses_is_a_folder_as_open3d_records_it(redwood):
+def test_redwood_without_poses_is_the_layout_of_open3d(redwood):
     (redwood / "trajectory.log").unlink()
     recording = open_recording(redwood)
     check(recording, "redwood", 1000, [0.0, 1 / 30, 2 / 30], None)
     assert recording.info.gravity_up_world is None
 
 
-def test_a_depth_scale_in_the_intrinsics_is_obeyed(redwood):
+def test_a_depth_scale_in_the_intrinsics_is_used(redwood):
     source = redwood / "camera_primesense.json"
     source.write_text(source.read_text().replace("{", '{"depth_scale": 4000.0, ', 1))
     positions = [(i, 0.5, 0.0) for i in range(3)]
@@ -167,11 +167,11 @@ def test_plain(plain):
     check(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
 
 
-def test_plain_by_its_description_file(plain):
+def test_plain_is_opened_by_its_description_file(plain):
     check(open_recording(plain / "recording.toml"), "plain", 1000, [0.0, 0.1, 0.2], None)
 
 
-def test_plain_with_a_description_kept_elsewhere(plain, tmp_path):
+def test_plain_with_a_description_in_another_folder(plain, tmp_path):
     shutil.move(plain / "recording.toml", tmp_path / "theirs.toml")
     recording = open_recording(plain, tmp_path / "theirs.toml")
     check(recording, "plain", 1000, [0.0, 0.1, 0.2], None)
@@ -182,7 +182,7 @@ def test_plain_without_colour(plain):
     assert all(frame.colour is None for frame in open_recording(plain).frames())
 
 
-def test_plain_with_all_it_can_say(plain):
+def test_plain_with_every_key_of_its_description(plain):
     text = (plain / "recording.toml").read_text().replace("rate_hz = 10.0", 'stamps = "times.txt"')
     text = (
         'name = "hall"\nscene = "a long hall"\n'
@@ -217,14 +217,14 @@ def test_plain_with_stamps_in_the_names_pairs_colour_by_time(plain):
     check(open_recording(plain), "plain", 1000, [10.0, 11.0, 12.0], None)
 
 
-def test_nine_comes_before_ten(plain):
+def test_images_are_sorted_by_number(plain):
     for i, number in enumerate((8, 9, 10)):
         for folder in ("depth", "color"):
             shutil.move(plain / f"{folder}/{i}.png", plain / f"{folder}/x{number}.png")
     check(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
 
 
-def test_a_description_beside_a_known_layout_fills_in_what_is_missing(redwood, tmp_path):
+def test_a_description_completes_a_known_layout(redwood, tmp_path):
     description = tmp_path / "more.toml"
     description.write_text('name = "lab"\n[world]\nup = [0, 1, 1]\nfloor_height = 0.13\n')
     info = open_recording(redwood, description).info
@@ -233,7 +233,7 @@ def test_a_description_beside_a_known_layout_fills_in_what_is_missing(redwood, t
 
 
 @pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
-def test_an_organised_cloud_is_the_depth_image_it_came_from(pcd, data):
+def test_an_organised_cloud_is_read_as_its_depth_image(pcd, data):
     recording = open_recording(pcd(data))
     (frame,) = recording.frames()
     camera = frame.depth.camera
@@ -247,8 +247,8 @@ def test_an_organised_cloud_is_the_depth_image_it_came_from(pcd, data):
     assert recording.info.frames == 1
 
 
-def test_frames_are_read_only_when_asked_for(plain):
-    """A file that is damaged after the frame before it was read is found damaged."""
+def test_frames_are_read_lazily(plain):
+    """Damage to a file after the previous frame was read is detected."""
     frames = open_recording(plain).frames()
     first = next(frames)
     assert first.stamp_s == 0.0
@@ -256,7 +256,7 @@ def test_frames_are_read_only_when_asked_for(plain):
     assert next(frames).stamp_s == 0.2
 
 
-def test_every_recording_plays_twice_alike(tum, same):
+def test_every_recording_plays_twice_with_the_same_frames(tum, same):
     recording = open_recording(tum)
     assert all(map(same, recording.frames(), recording.frames()))
 

@@ -1,4 +1,4 @@
-"""Real recordings: if scale, intrinsics and pose convention are read right, their floors lie where they should."""
+"""Real recordings: with correct scale, intrinsics and pose convention, their floors are at known heights."""
 
 import csv
 import itertools
@@ -13,19 +13,19 @@ from surefoot.recordings.open import open_recording
 
 
 def points_world(frame):
-    """All valid points of a frame in the recording's world, m."""
+    """All valid points of a frame in the world of the recording, m."""
     z = frame.depth.depth.astype(np.float64)[..., None]
     points = (frame.depth.camera.rays * z)[np.isfinite(z[..., 0])]
     return frame.T_world_camera.apply(points)
 
 
 def mode(heights, low, high):
-    """The fullest centimetre between two heights, m."""
+    """Mode of the heights between two limits, in bins of 1 cm, m."""
     counts, edges = np.histogram(heights, np.arange(low, high, 0.01))
     return edges[np.argmax(counts)] + 0.005
 
 
-def test_the_floor_of_tum_fr3_lies_at_height_zero(recordings):
+def test_the_floor_of_tum_fr3_is_at_height_zero(recordings):
     recording = open_recording(recordings / "tum_fr3_cabinet")
     heights = [mode(points_world(f)[:, 2], -0.5, 0.5) for f in recording.frames()]
     assert len(heights) == 38
@@ -34,7 +34,7 @@ def test_the_floor_of_tum_fr3_lies_at_height_zero(recordings):
 
 
 @pytest.mark.parametrize(("part", "count"), [("sweep", 75), ("pan", 40)])
-def test_the_floor_of_the_red_kitchen_lies_1488_mm_down_its_gravity(recordings, part, count):
+def test_the_floor_of_the_red_kitchen_is_1488_mm_below_the_origin(recordings, part, count):
     recording = open_recording(recordings / "sevenscenes_redkitchen" / part)
     up = np.array(recording.info.gravity_up_world)
     with (recordings / "sevenscenes_redkitchen" / "floor.csv").open() as file:
@@ -57,7 +57,7 @@ def test_the_floor_of_the_red_kitchen_lies_1488_mm_down_its_gravity(recordings, 
     assert np.median(heights) == pytest.approx(-1.488, abs=0.03)  # fits within 3 cm by its README
 
 
-def test_the_floor_of_the_redwood_room_lies_at_013(recordings):
+def test_the_floor_of_the_redwood_room_is_at_013(recordings):
     recording = open_recording(recordings / "redwood_livingroom")
     assert recording.info.gravity_up_world == (0.0, 1.0, 0.0)
     heights = [mode(points_world(f)[:, 1], -0.3, 0.5) for f in recording.frames()]
@@ -65,7 +65,7 @@ def test_the_floor_of_the_redwood_room_lies_at_013(recordings):
     np.testing.assert_allclose(heights, 0.13, atol=0.015)
 
 
-def test_the_floor_of_the_replica_office_lies_at_minus_1135(recordings):
+def test_the_floor_of_the_replica_office_is_at_minus_1135(recordings):
     recording = open_recording(recordings / "replica_office0")
     frames = list(recording.frames())
     assert [f.stamp_s for f in frames] == [0.0, 0.1]
@@ -116,7 +116,7 @@ def test_the_unregistered_tunnel_is_read_with_a_description(recordings, tmp_path
     "name",
     ["tum_fr3_cabinet", "redwood_livingroom", "realsense_low_boxes"],
 )
-def test_a_copy_in_our_format_keeps_depth_poses_and_stamps_bit_for_bit(
+def test_a_copy_in_our_format_has_identical_depth_poses_and_stamps(
     recordings, tmp_path, same, name
 ):
     original = open_recording(recordings / name)

@@ -1,4 +1,4 @@
-"""MRCLAM and Plaza files: what is in them, and what is said of damaged ones."""
+"""MRCLAM and Plaza files: their content, and errors of damaged ones."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_barcodes_become_subjects_and_unknown_ones_nothing(folder):
+def test_barcodes_become_subjects_and_unknown_ones_zero(folder):
     log = mrclam.read_robot(folder, 1)
     assert log.subjects.tolist() == [6, 0]
     np.testing.assert_array_equal(log.seen, [[2.0, 0.1], [3.0, 0.2]])
     assert mrclam.read_landmarks(folder) == {6: (0.5, -4.0)}
 
 
-def test_the_truth_s_heading_does_not_jump(folder):
+def test_the_true_heading_is_unwrapped(folder):
     assert abs(np.diff(mrclam.read_truth(folder, 1)[:, 3])[0]) < 0.1
 
 
-def test_a_packed_file_is_the_same(folder):
+def test_a_gzipped_file_gives_the_same_table(folder):
     plain = mrclam.read_robot(folder, 1)
     path = folder / "Robot1_Odometry.dat"
     with path.open("rb") as source, gzip.open(f"{path}.gz", "wb") as target:
@@ -51,14 +51,14 @@ def test_a_packed_file_is_the_same(folder):
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("Robot1_Odometry.dat", " 9.0 0.1\n", "3 finite numbers a line"),
+        ("Robot1_Odometry.dat", " 9.0 0.1\n", "3 finite numbers per line"),
         ("Robot1_Odometry.dat", " 9.0 nan 0.0\n", "finite"),
         ("Robot1_Odometry.dat", " 9.0 x 0.0\n", "expected 3 numbers"),
-        ("Robot1_Odometry.dat", " 9.0 0 0\n 8.0 0 0\n", "run back in time at row 1"),
+        ("Robot1_Odometry.dat", " 9.0 0 0\n 8.0 0 0\n", "go back in time at row 1"),
         ("Robot1_Measurement.dat", None, "no such file"),
     ],
 )
-def test_what_cannot_be_read_is_said(folder, name, text, match):
+def test_an_unreadable_file_is_refused_with_its_reason(folder, name, text, match):
     if text is None:
         (folder / name).unlink()
     else:
@@ -67,7 +67,7 @@ def test_what_cannot_be_read_is_said(folder, name, text, match):
         mrclam.read_robot(folder, 1)
 
 
-def test_the_real_robots_saw_landmarks_and_each_other(recordings):
+def test_the_real_robots_measured_landmarks_and_each_other(recordings):
     folder = recordings / "mrclam6"
     log = mrclam.read_robot(folder, 3)
     assert np.sum(log.subjects > 5) == 4348  # counted by the set's own description
@@ -75,7 +75,7 @@ def test_the_real_robots_saw_landmarks_and_each_other(recordings):
     assert set(mrclam.read_landmarks(folder)) == set(range(6, 21))
 
 
-def test_the_mower_s_ranges_are_long_by_seven_per_cent(recordings):
+def test_the_ranges_of_the_mower_are_seven_per_cent_too_long(recordings):
     log = read_plaza(recordings / "plaza1_range" / "Plaza1_.mat")
     there = np.stack([np.interp(log.stamps_s, log.truth[:, 0], log.truth[:, c]) for c in (1, 2)], 1)
     true = np.linalg.norm(there - log.places[log.beacons], axis=1)
@@ -83,7 +83,7 @@ def test_the_mower_s_ranges_are_long_by_seven_per_cent(recordings):
     assert np.all(np.diff(log.stamps_s) >= 0.0)
 
 
-def test_a_file_that_is_no_plaza_recording_is_refused(tmp_path):
+def test_a_file_of_another_format_is_refused_as_plaza(tmp_path):
     (tmp_path / "x.mat").write_text("nothing")
     for name in ("x.mat", "absent.mat"):
         with pytest.raises(RecordingError, match="expected a MATLAB file"):

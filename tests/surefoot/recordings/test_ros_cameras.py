@@ -1,4 +1,4 @@
-"""Which camera a bag's images have: raw ones K and D, rectified ones P, and lenses that are refused."""
+"""Cameras of the images in a bag: raw ones have K and D, rectified ones P; unknown lenses are refused."""
 
 from __future__ import annotations
 
@@ -36,19 +36,19 @@ POINTS = np.random.default_rng(5).uniform((-0.4, -0.3, 0.9), (0.4, 0.3, 1.6), (5
 
 
 def lens(model, d, p=P):
-    """What the driver says of its camera."""
+    """CameraInfo of the driver."""
     return {"model": model, "d": d, "k": K.ravel(), "p": np.ravel(p)}
 
 
-def write(path, kind, depth, said, colour=None, colour_said=None, picture=None):
-    """Three depth images, and colour of the same frame where a topic is given."""
+def write(path, kind, depth, info, colour=None, colour_info=None, picture=None):
+    """Three depth images, and colour images of the same frame if a topic is given."""
     bag = bags.Bag(path, kind)
     for i in range(3):
         stamp = 1.0 + 0.1 * i
-        bag.write(info_of(depth), bag.info(stamp, "camera", **said), stamp)
+        bag.write(info_of(depth), bag.info(stamp, "camera", **info), stamp)
         bag.write(depth, depth_message(bag, depth, i, stamp), stamp)
         if colour is not None:
-            bag.write(info_of(colour), bag.info(stamp, "camera", **colour_said), stamp)
+            bag.write(info_of(colour), bag.info(stamp, "camera", **colour_info), stamp)
             shown = bags.colour(i) if picture is None else picture
             bag.write(colour, bag.image(stamp, "camera", shown, "rgb8"), stamp)
     return bag.close()
@@ -90,18 +90,18 @@ def seen_by_opencv(d):
         ("plumb_bob", (*RATIONAL, 0.0, 0.0, 0.0, 0.0)),
     ],
 )
-def test_a_raw_image_is_seen_through_its_lens_as_opencv_sees_it(tmp_path, kind, model, d):
+def test_a_raw_image_has_the_distortion_of_opencv(tmp_path, kind, model, d):
     camera = camera_of(write(tmp_path / "walk", kind, "/cam/depth/image_raw", lens(model, d)))
     pixels = seen_by_opencv(d)
-    assert np.abs(pixels - seen_by_opencv(np.zeros(5))).max() > 0.5  # the lens can be told
+    assert np.abs(pixels - seen_by_opencv(np.zeros(5))).max() > 0.5  # the lens distorts visibly
     np.testing.assert_allclose(camera.project(POINTS), pixels, atol=1e-9)
     np.testing.assert_allclose(camera.back_project(pixels, POINTS[:, 2]), POINTS, atol=1e-9)
 
 
-def test_a_rational_lens_of_zeros_below_is_one_of_five(tmp_path):
-    said = lens("rational_polynomial", (*PLUMB_BOB, 0.0, 0.0, 0.0))
+def test_a_rational_lens_with_zero_denominator_has_five_coefficients(tmp_path):
+    info = lens("rational_polynomial", (*PLUMB_BOB, 0.0, 0.0, 0.0))
     assert (
-        camera_of(write(tmp_path / "walk", "ros2", "/cam/depth/image", said)).distortion
+        camera_of(write(tmp_path / "walk", "ros2", "/cam/depth/image", info)).distortion
         == PLUMB_BOB
     )
 
@@ -116,8 +116,8 @@ def test_a_rational_lens_of_zeros_below_is_one_of_five(tmp_path):
         "/cam/depth/sw_registered/image_rect",
     ],
 )
-def test_a_rectified_image_is_not_straightened_again(tmp_path, undistort, kind, topic):
-    """OpenCV rectifies what the lens shows; P alone leads back to the points."""
+def test_a_rectified_image_is_not_undistorted_again(tmp_path, undistort, kind, topic):
+    """OpenCV rectifies the distorted image; P alone gives the points back."""
     camera = camera_of(write(tmp_path / "walk", kind, topic, lens("plumb_bob", PLUMB_BOB)))
     raw = seen_by_opencv(PLUMB_BOB).reshape(-1, 1, 2)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
@@ -130,8 +130,8 @@ def test_a_rectified_image_is_not_straightened_again(tmp_path, undistort, kind, 
 
 @pytest.mark.parametrize("kind", bags.KINDS)
 def test_a_rectified_image_without_p_has_k_and_no_lens(tmp_path, kind):
-    said = lens("equidistant", FISHEYE, np.zeros(12))
-    camera = camera_of(write(tmp_path / "walk", kind, "/cam/depth/image_rect_raw", said))
+    info = lens("equidistant", FISHEYE, np.zeros(12))
+    camera = camera_of(write(tmp_path / "walk", kind, "/cam/depth/image_rect_raw", info))
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (30.0, 31.0, 15.2, 11.9)
     assert not camera.is_distorted
 
@@ -154,7 +154,7 @@ def test_a_rectified_image_without_p_has_k_and_no_lens(tmp_path, kind):
         ("compressed", False),
     ],
 )
-def test_the_last_part_of_a_topic_tells_whether_it_is_rectified(topic, rectified):
+def test_the_last_part_of_a_topic_name_marks_rectified_images(topic, rectified):
     assert is_rectified(topic) is rectified
 
 
@@ -171,14 +171,14 @@ def test_the_last_part_of_a_topic_tells_whether_it_is_rectified(topic, rectified
         ("equidistant", (np.nan,) * 4),
     ],
 )
-def test_a_lens_that_is_not_known_is_refused_with_what_to_do(tmp_path, kind, model, d):
+def test_an_unknown_lens_is_refused_with_advice(tmp_path, kind, model, d):
     bag = write(tmp_path / "walk", kind, "/cam/depth/image_raw", lens(model, d))
-    said = f"topic /cam/depth/camera_info of the images /cam/depth/image_raw.*'{model}'.*image_proc"
-    with pytest.raises(RecordingError, match=said):
+    info = f"topic /cam/depth/camera_info of the images /cam/depth/image_raw.*'{model}'.*image_proc"
+    with pytest.raises(RecordingError, match=info):
         open_recording(bag)
 
 
-def test_coefficients_that_are_no_numbers_are_refused(tmp_path):
+def test_nonfinite_coefficients_are_refused(tmp_path):
     bag = write(tmp_path / "walk", "ros2", "/cam/depth/image", lens("plumb_bob", (np.nan,) * 5))
     with pytest.raises(RecordingError, match=r"/cam/depth/image.*nan.*5 finite numbers"):
         open_recording(bag)
@@ -186,14 +186,14 @@ def test_coefficients_that_are_no_numbers_are_refused(tmp_path):
 
 @pytest.mark.parametrize("model", ["equidistant", "fisheye", "none_of_these", "plumb_bob", ""])
 @pytest.mark.parametrize("count", [0, 8])
-def test_without_coefficients_any_lens_is_straight(tmp_path, model, count):
-    said = lens(model, np.zeros(count))
-    camera = camera_of(write(tmp_path / "walk", "ros1", "/cam/depth/image_raw", said))
+def test_a_lens_without_coefficients_has_no_distortion(tmp_path, model, count):
+    info = lens(model, np.zeros(count))
+    camera = camera_of(write(tmp_path / "walk", "ros1", "/cam/depth/image_raw", info))
     assert camera.distortion == (0.0,) * 5
     assert (camera.fx, camera.cy) == (30.0, 11.9)
 
 
-def test_a_colour_camera_s_lens_is_refused_by_its_own_name(tmp_path):
+def test_an_unknown_lens_of_the_colour_camera_is_refused_by_its_topic(tmp_path):
     bag = write(
         tmp_path / "walk", "ros2", "/cam/depth/image_rect", lens("plumb_bob", PLUMB_BOB),
         "/cam/rgb/image_raw", lens("fisheye", FISHEYE),
@@ -214,9 +214,9 @@ def test_a_refused_lens_fails_its_own_recording_of_a_batch_only(tmp_path):
 @pytest.mark.parametrize("topic", ["image_raw", "image_rect"])
 def test_depth_registered_to_colour_keeps_its_pixels(tmp_path, topic):
     """Both raw or both rectified: one camera, colours untouched."""
-    said = lens("plumb_bob", PLUMB_BOB)
+    info = lens("plumb_bob", PLUMB_BOB)
     bag = write(
-        tmp_path / "walk", "ros2", f"/cam/depth_registered/{topic}", said, f"/cam/rgb/{topic}", said
+        tmp_path / "walk", "ros2", f"/cam/depth_registered/{topic}", info, f"/cam/rgb/{topic}", info
     )
     frame = next(iter(open_recording(bag).frames()))
     assert frame.colour.camera == frame.depth.camera
@@ -227,8 +227,8 @@ def test_depth_registered_to_colour_keeps_its_pixels(tmp_path, topic):
 @pytest.mark.parametrize(
     ("model", "d"), [("plumb_bob", PLUMB_BOB), ("rational_polynomial", RATIONAL)]
 )
-def test_raw_colours_of_a_rectified_depth_image_are_straightened(tmp_path, undistort, model, d):
-    """A scene whose red and green grow with the slope of the ray, drawn through the lens by OpenCV."""
+def test_raw_colours_of_a_rectified_depth_image_are_undistorted(tmp_path, undistort, model, d):
+    """A scene whose red and green increase with the slope of the ray, distorted by OpenCV."""
     v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
     pixels = np.stack([u, v], -1).reshape(-1, 1, 2)
@@ -252,13 +252,13 @@ def test_raw_colours_of_a_rectified_depth_image_are_straightened(tmp_path, undis
     assert raw.max() > 4  # what the colours were off before
 
 
-def test_of_one_camera_s_images_the_rectified_are_taken(tmp_path):
-    """The raw ones come through a fisheye, which is not known here."""
+def test_rectified_images_of_a_camera_are_preferred(tmp_path):
+    """The raw images have a fisheye lens, which is not supported."""
     bag = bags.Bag(tmp_path / "walk", "ros2")
     for i in range(5):
         stamp = 1.0 + 0.1 * i
-        said = lens("equidistant", FISHEYE)
-        bag.write("/cam/depth/camera_info", bag.info(stamp, "camera", **said), stamp)
+        info = lens("equidistant", FISHEYE)
+        bag.write("/cam/depth/camera_info", bag.info(stamp, "camera", **info), stamp)
         for name in ("image_raw", "image_rect")[: 1 if i == 0 else 2]:
             message = bag.image(stamp, "camera", bags.depth_mm(i), "16UC1")
             bag.write(f"/cam/depth/{name}", message, stamp)

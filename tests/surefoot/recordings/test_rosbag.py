@@ -1,4 +1,4 @@
-"""ROS bags: what the rosbags package writes, the reader gives back."""
+"""ROS bags written with the rosbags package are read back."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def metres(frame: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", bags.KINDS)
-def test_depth_colour_and_poses_come_back(tmp_path, kind):
+def test_depth_colour_and_poses_are_read(tmp_path, kind):
     recording = open_recording(write_bag(tmp_path / "walk", kind))
     frames = list(recording.frames())
     assert recording.info.kind == "rosbag"
@@ -46,13 +46,13 @@ def test_depth_colour_and_poses_come_back(tmp_path, kind):
         np.testing.assert_allclose(frame.T_world_camera.position, [0.1 * i, 0.0, 0.5], atol=1e-6)
 
 
-def test_a_single_file_of_a_ros_2_bag_is_read_too(tmp_path):
+def test_a_single_file_of_a_ros_2_bag_is_read(tmp_path):
     folder = write_bag(tmp_path / "walk", "mcap")
     (single,) = folder.glob("*.mcap")
     assert len(list(open_recording(single).frames())) == 5
 
 
-def test_colours_of_a_camera_beside_it_are_laid_onto_the_depth(tmp_path):
+def test_colours_of_another_camera_are_registered_to_the_depth(tmp_path):
     recording = open_recording(write_bag(tmp_path / "walk", "ros2", colour_frame="colour_camera"))
     frame = next(iter(recording.frames()))
     v, u = 12, 20
@@ -80,7 +80,7 @@ def test_compressed_depth_is_read_in_both_scales(tmp_path, words):
     assert not open_recording(tmp_path / "walk").info.poses_given
 
 
-def test_depth_in_metres_keeps_every_bit(tmp_path):
+def test_depth_in_metres_is_read_without_loss(tmp_path):
     bag = Bag(tmp_path / "walk", "ros1")
     truth = np.random.default_rng(0).uniform(0.5, 3.0, (bags.HEIGHT, bags.WIDTH)).astype(np.float32)
     truth[3, 4], truth[5, 6] = np.nan, -1.0
@@ -105,7 +105,7 @@ def test_a_damaged_image_is_skipped_and_counted(tmp_path):
 
 
 @pytest.mark.parametrize("kind", bags.KINDS)
-def test_a_bag_cut_short_gives_what_was_whole_or_says_that_it_is_broken(tmp_path, kind):
+def test_a_truncated_bag_gives_its_complete_frames_or_an_error(tmp_path, kind):
     bag = write_bag(tmp_path / "walk", kind, frames=40)
     (file,) = [bag] if bag.is_file() else [f for f in bag.iterdir() if f.name != "metadata.yaml"]
     file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
@@ -115,7 +115,7 @@ def test_a_bag_cut_short_gives_what_was_whole_or_says_that_it_is_broken(tmp_path
     assert len(given) < 40
 
 
-def test_a_bag_without_depth_says_what_it_has(tmp_path):
+def test_the_error_of_a_bag_without_depth_lists_its_topics(tmp_path):
     bag = Bag(tmp_path / "walk", "ros2")
     bag.write("/cam/rgb/image", bag.image(1.0, "camera", colour(0), "rgb8"), 1.0)
     with pytest.raises(RecordingError, match=r"no depth image.*/cam/rgb/image"):
@@ -130,7 +130,7 @@ def test_depth_without_its_camera_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["walk.bag", "walk.mcap"])
-def test_what_is_no_bag_is_refused_with_what_was_expected(tmp_path, name):
+def test_another_file_is_refused_as_a_bag(tmp_path, name):
     path: Path = tmp_path / name
     path.write_bytes(b"\x89MCAP0\r\n\x01ros2 but not really a bag" * 4)
     with pytest.raises(RecordingError, match="expected a ROS 1"):

@@ -1,4 +1,4 @@
-"""The live page: what it hands to the page's library, and what it says where that is missing."""
+"""The live page: what it passes to viser, and its error message without viser."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from surefoot.run.pipeline import Pipeline
 
 
 class Recorder:
-    """Stands for every part of the library: keeps what was added by its label."""
+    """Replaces all parts of viser; keeps the panes by their label."""
 
     def __init__(self):
         self.panes = {}
@@ -36,7 +36,7 @@ class Recorder:
         self.panes[label] = handle
         return handle
 
-    def __getattr__(self, name):  # points, frames, maps: not looked at here
+    def __getattr__(self, name):  # points, frames, boxes: not checked
         return lambda *values, **options: SimpleNamespace(remove=lambda: None)
 
 
@@ -50,7 +50,7 @@ def server(monkeypatch):
 
 
 def cycle(pipeline, grey):
-    """A frame of a grey camera and of the floor up to 4 m away, and what the pipeline makes of it."""
+    """A frame with a grey image and a floor up to 4 m away, and its estimate."""
     camera = Camera.from_view(64, 48, 0.8, 0.6)
     T = Pose3.from_rotation(head_rotation(0.0, 0.3), np.array([0.0, 0.0, 0.4]))
     down = -(camera.rays @ T.rotation.T)[..., 2]
@@ -60,7 +60,7 @@ def cycle(pipeline, grey):
     return frame, pipeline.cycle(frame)
 
 
-def test_camera_range_and_panorama_stand_beside_the_space(server):
+def test_camera_depth_and_panorama_are_shown_beside_the_3d_view(server):
     page, pipeline = LivePage(), Pipeline(Config(), RecordingInfo("test", "rgbd"))
     page.show(cycle(pipeline, 90)[0], cycle(pipeline, 91)[1])
     assert set(server.panes) == {"Camera", "Depth (depth)"}
@@ -71,14 +71,14 @@ def test_camera_range_and_panorama_stand_beside_the_space(server):
     page.show(frame, world, planner)
     assert set(server.panes) == {"Camera", "Depth (depth)", "Panoramic environment map"}
     assert server.panes["Camera"].image.shape == (240, PANE_PX, 3)
-    assert (server.panes["Camera"].image == 200).all()  # the newest, in the same pane
+    assert (server.panes["Camera"].image == 200).all()  # the newest image, in the same pane
     painted = server.panes["Depth (depth)"].image
-    assert (painted[0] == 0).all()  # what has no range is black
-    assert painted[-1].sum() < painted[180].sum()  # far is brighter
+    assert (painted[0] == 0).all()  # missing range is black
+    assert painted[-1].sum() > painted[180].sum()  # near is brighter
     assert server.panes["Panoramic environment map"].image.shape == (64, PANE_PX, 3)
 
 
-def test_without_the_library_it_says_what_to_install(monkeypatch):
+def test_without_viser_the_error_names_the_extra_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(InputError, match=r"surefoot\[viz\]"):
         LivePage()

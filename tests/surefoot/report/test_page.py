@@ -1,4 +1,4 @@
-"""The page: complete, alone, and true to the files it is made from."""
+"""The report page: complete, without outside references, and true to the files of the run."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from mapping.io import nav2
+from mapping.io import clouds, nav2
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.report.page import write_report
-from surefoot.report.plots.time_series import pictures
-from surefoot.results.run_folder import RunFolder
+from surefoot.report.plots.pictures import pictures
+from surefoot.results.row_stream import RowStream
+from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 
 ALL_PICTURES = [
     "map", "pose", "nees", "calibration", "whiteness", "clearance", "floor", "grid", "tracks", "commands", "timing",
@@ -30,7 +31,7 @@ SIGMA = np.array([0.012, 0.012, math.radians(0.7)])
 
 
 def fabricate(root: Path) -> RunFolder:
-    """A run as the pipeline leaves it: a walk through a room of 5 x 4 m, with honest random errors."""
+    """A run as the pipeline writes it: a walk through a room of 5 x 4 m, with consistent random errors."""
     rng = np.random.default_rng(5)
     run = RunFolder.create(root)
     stamps = np.arange(0.1, 75.0, 0.325)
@@ -38,7 +39,7 @@ def fabricate(root: Path) -> RunFolder:
     x, y = 0.4 + 4.2 * s, 0.6 + 2.6 * s + 0.45 * np.sin(2 * np.pi * s)
     yaw = np.arctan2(np.gradient(y), np.gradient(x))
     error = np.zeros((len(stamps), 3))
-    for i in range(1, len(stamps)):  # an error that remembers itself, of deviation SIGMA
+    for i in range(1, len(stamps)):  # autocorrelated errors of standard deviation SIGMA
         error[i] = 0.9 * error[i - 1] + math.sqrt(1 - 0.81) * SIGMA * rng.normal(size=3)
     truth = [
         (float(t), float(a), float(b), 0.0, float(c))
@@ -46,12 +47,14 @@ def fabricate(root: Path) -> RunFolder:
     ]
     run.write_trajectory("truth/trajectory.txt", truth)
     P = np.diag(SIGMA**2) + 0.5 * SIGMA[0] ** 2 * np.array([[0, 1.0, 0], [1.0, 0, 0], [0, 0, 0]])
-    believed = np.column_stack([x, y, yaw]) + error
-    run.write_estimates([(float(t), Gaussian(m, P)) for t, m in zip(stamps, believed, strict=True)])
+    estimates = np.column_stack([x, y, yaw]) + error
+    rows = [estimate_row(float(t), Gaussian(m, P)) for t, m in zip(stamps, estimates, strict=True)]
+    run.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
+    run.write_planar_trajectory()
     _maps(run, rng, np.column_stack([x, y]))
     _obstacles(run, rng, stamps, np.column_stack([x, y]))
     _floors(run, rng, stamps)
-    _the_rest(run, rng, stamps, yaw)
+    _other_tables(run, rng, stamps, yaw)
     return run
 
 
@@ -71,14 +74,14 @@ def _boxes() -> list[tuple[float, float, float, float]]:
     ]
 
 
-def _maps(run: RunFolder, rng: np.random.Generator, way: np.ndarray) -> None:
+def _maps(run: RunFolder, rng: np.random.Generator, path: np.ndarray) -> None:
     cell, origin = 0.05, np.array([-0.5, -0.5])
     gx, gy = np.meshgrid(np.arange(120) + 0.5, np.arange(100) + 0.5)
     px, py = gx * cell + origin[0], gy * cell + origin[1]
     occupied = np.zeros(px.shape, dtype=bool)
     for left, right, bottom, top in _boxes():
         occupied |= (px > left) & (px < right) & (py > bottom) & (py < top)
-    near = np.min(np.hypot(px[..., None] - way[::9, 0], py[..., None] - way[::9, 1]), axis=-1)
+    near = np.min(np.hypot(px[..., None] - path[::9, 0], py[..., None] - path[::9, 1]), axis=-1)
     rim = cv2.dilate((~occupied).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     seen = (near < 1.35) & rim & (px > -0.1) & (px < 5.1) & (py > -0.1) & (py < 4.1)
     flip = (rng.random(px.shape) < 0.012) | ((rng.random(px.shape) < 0.1) & rim & occupied)
@@ -88,7 +91,7 @@ def _maps(run: RunFolder, rng: np.random.Generator, way: np.ndarray) -> None:
 
 
 def _obstacles(
-    run: RunFolder, rng: np.random.Generator, stamps: np.ndarray, way: np.ndarray
+    run: RunFolder, rng: np.random.Generator, stamps: np.ndarray, path: np.ndarray
 ) -> None:
     truth, tracks, clearances = [], [], []
     P = np.diag([0.03, 0.03, 0.02, 0.02]) ** 2
@@ -105,7 +108,7 @@ def _obstacles(
                 ]
             )
             truth.append((t, f"mover {number + 1}", *state.tolist(), 0.1, 0.4))
-            gaps.append((float(np.hypot(*(way[i] - state[:2])) - 0.20), f"mover {number + 1}"))
+            gaps.append((float(np.hypot(*(path[i] - state[:2])) - 0.20), f"mover {number + 1}"))
             if (i // 40 + number) % 3 == 2:
                 continue
             mean = state + np.sqrt(np.diag(P)) * rng.normal(size=4)
@@ -119,8 +122,8 @@ def _obstacles(
             (
                 float(
                     np.hypot(
-                        max(b[0] - way[i, 0], way[i, 0] - b[1], 0),
-                        max(b[2] - way[i, 1], way[i, 1] - b[3], 0),
+                        max(b[0] - path[i, 0], path[i, 0] - b[1], 0),
+                        max(b[2] - path[i, 1], path[i, 1] - b[3], 0),
                     )
                 )
                 - 0.1,
@@ -131,7 +134,7 @@ def _obstacles(
         clearances.append((t, *min(gaps)))
     header = ("stamp_s", "identity", "x_m", "y_m", "vx_mps", "vy_mps", "radius_m", "height_m")
     run.write_csv("truth/obstacles.csv", header, truth)
-    run.write_csv("truth/clearance.csv", ("stamp_s", "clearance_m", "thing"), clearances)
+    run.write_csv("truth/clearance.csv", ("stamp_s", "clearance_m", "object"), clearances)
     standing = [
         {"centre_m": [(b[0] + b[1]) / 2, (b[2] + b[3]) / 2], "length_m": b[1] - b[0], "width_m": b[3] - b[2],
          "yaw_rad": 0.02, "height_m": 0.5, "covariance": np.eye(4).tolist(), "points": 900}
@@ -170,7 +173,7 @@ def _floors(run: RunFolder, rng: np.random.Generator, stamps: np.ndarray) -> Non
     run.write_csv("floor.csv", (*header, *upper_names, "share", "state"), found)
 
 
-def _the_rest(
+def _other_tables(
     run: RunFolder, rng: np.random.Generator, stamps: np.ndarray, yaw: np.ndarray
 ) -> None:
     stages = {
@@ -250,11 +253,11 @@ QUIET = [
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
     "--disable-default-apps", "--disable-extensions", "--host-resolver-rules=MAP * ~NOTFOUND",
 ]  # fmt: skip
-THE_BROWSER_ITSELF = "not an origin"  # as the net log names who asked for updates and the like
+BROWSER_ITSELF = "not an origin"  # initiator of updates in the net log
 
 
 class Page(HTMLParser):
-    """What the page refers to, and which elements it has."""
+    """References and elements of a page."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -264,20 +267,20 @@ class Page(HTMLParser):
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        said = dict(attrs)
+        given = dict(attrs)
         self.references += [
-            str(said[name]) for name in ("src", "href", "srcset", "action") if name in said
+            str(given[name]) for name in ("src", "href", "srcset", "action") if name in given
         ]
-        if said.get("id"):
-            self.identities.append(str(said["id"]))
+        if given.get("id"):
+            self.identities.append(str(given["id"]))
         if tag == "img":
-            self.images.append(said)
+            self.images.append(given)
 
 
 def browse(page: Path, scratch: Path) -> tuple[str, list[str]]:
-    """The page as Chromium has it after everything was loaded, and the addresses that it asked for."""
+    """The page in Chromium after loading, and the addresses that it requested."""
     if CHROMIUM is None:
-        pytest.skip("no chromium on the PATH: THE PAGE WAS NOT RENDERED; apt-get install chromium")
+        pytest.skip("no chromium on the PATH: the page was not rendered; apt-get install chromium")
     profile, log = scratch / "profile", scratch / "net.json"
     arguments = [
         CHROMIUM,
@@ -291,22 +294,22 @@ def browse(page: Path, scratch: Path) -> tuple[str, list[str]]:
     )
     text = log.read_text()
     try:
-        said = json.loads(text)
+        log_data = json.loads(text)
     except json.JSONDecodeError:  # a log that was not closed lacks its last brackets
-        said = json.loads(text.rstrip().rstrip(",") + "]}")
-    start = said["constants"]["logEventTypes"]["URL_REQUEST_START_JOB"]
+        log_data = json.loads(text.rstrip().rstrip(",") + "]}")
+    start = log_data["constants"]["logEventTypes"]["URL_REQUEST_START_JOB"]
     asked = [
-        event["params"] for event in said["events"] if event["type"] == start and "params" in event
+        event["params"]
+        for event in log_data["events"]
+        if event["type"] == start and "params" in event
     ]
     urls = [
-        str(one["url"])
-        for one in asked
-        if "url" in one and one.get("initiator") != THE_BROWSER_ITSELF
+        str(one["url"]) for one in asked if "url" in one and one.get("initiator") != BROWSER_ITSELF
     ]
     return done.stdout, [url for url in urls if not url.startswith(("file:", "data:"))]
 
 
-def test_the_page_holds_every_picture_and_refers_to_nothing_outside(run):
+def test_the_page_contains_every_plot_and_no_outside_reference(run):
     text = run.path("report.html").read_text()
     page = Page(text)
     assert [name for name in page.identities if name in ALL_PICTURES] == ALL_PICTURES
@@ -321,18 +324,18 @@ def test_the_page_holds_every_picture_and_refers_to_nothing_outside(run):
         assert (run.root / "figures" / f"{name}.svg").stat().st_size > 2000
 
 
-def test_a_browser_shows_every_image_and_asks_nobody(run, tmp_path):
+def test_a_browser_shows_every_image_without_any_request(run, tmp_path):
     document, asked = browse(run.path("report.html"), tmp_path)
-    said = re.search(r'<html[^>]*data-images="(\d+)"[^>]*data-images-shown="(\d+)"', document)
-    assert said is not None, "the page's script did not run"
+    counted = re.search(r'<html[^>]*data-images="(\d+)"[^>]*data-images-shown="(\d+)"', document)
+    assert counted is not None, "the page's script did not run"
     pictures_and_views = len(ALL_PICTURES) + len(run.read_json("views.json"))
-    assert said.groups() == (str(pictures_and_views), str(pictures_and_views))
+    assert counted.groups() == (str(pictures_and_views), str(pictures_and_views))
     assert len(re.findall(r'class="shot shown"', document)) == 1  # the slider's script works
     assert all(f'id="{name}"' in document for name in (*ALL_PICTURES, "views"))
     assert asked == []
 
 
-def test_the_watch_over_requests_sees_one(tmp_path):
+def test_a_request_would_be_noticed(tmp_path):
     (tmp_path / "page.html").write_text('<img src="http://outside.invalid/x.png">')
     assert browse(tmp_path / "page.html", tmp_path)[1] == ["http://outside.invalid/x.png"]
 
@@ -349,7 +352,7 @@ def test_the_same_run_gives_the_same_page(run):
     assert run.path("report.html").read_bytes() == first
 
 
-def test_numbers_at_the_top_are_those_of_the_metrics(run):
+def test_the_cards_show_the_figures_of_the_metrics(run):
     text = run.path("report.html").read_text()
     metrics = run.read_json("metrics.json")
     assert f"{100 * metrics['position_rmse_m']:.1f} cm" in text
@@ -359,11 +362,11 @@ def test_numbers_at_the_top_are_those_of_the_metrics(run):
 
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages without pictures, for tests of their words."""
+    """Pages without plots, for tests of their text."""
     monkeypatch.setattr("surefoot.report.page.pictures", lambda run: [])
 
 
-def test_a_missed_target_is_said(run, tmp_path, undrawn):
+def test_a_missed_target_is_shown(run, tmp_path, undrawn):
     bad = RunFolder(shutil.copytree(run.root, tmp_path / "bad"))
     table = bad.read_trajectory("truth/trajectory.txt")
     assert table is not None
@@ -374,7 +377,7 @@ def test_a_missed_target_is_said(run, tmp_path, undrawn):
     bad.write_trajectory("truth/trajectory.txt", shifted)
     evaluate(bad)
     text = write_report(bad).read_text()
-    assert "6 of 8 targets met" in text  # position, and with it the covariance
+    assert "6 of 8 targets met" in text  # position, and consistency of its covariance
     assert text.count("✗ missed") == 2
 
 
@@ -386,7 +389,7 @@ def test_a_recording_without_truth_has_a_page_too(run, tmp_path):
     page = Page(write_report(bare).read_text())
     shown = [name for name in page.identities if name in ALL_PICTURES]
     assert shown == ["map", "calibration", "whiteness", "floor", "timing"]
-    assert "no truth to judge it by" in bare.path("report.html").read_text()
+    assert "no ground truth: no targets checked" in bare.path("report.html").read_text()
     assert "position_rmse_m" not in bare.read_json("metrics.json")
 
 
@@ -394,13 +397,121 @@ def test_a_camera_in_the_hand_without_poses_has_a_page_too(run, tmp_path):
     bare = RunFolder.create(tmp_path / "hand")
     for name in ("floor.csv", "timing.csv", "summary.json"):
         bare.write_bytes(name, run.path(name).read_bytes())
-    bare.write_estimates([])
     bare.write_json("obstacles.json", {"tracks": [], "footprints": []})
     shown = Page(write_report(bare).read_text()).identities
     assert [name for name in shown if name in ALL_PICTURES] == ["floor", "timing"]
 
 
-def test_words_from_files_cannot_become_markup(run, tmp_path, undrawn):
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("frames", [1, 3])
+def test_a_short_run_is_drawn_without_warnings(run, tmp_path, frames):
+    short = RunFolder(shutil.copytree(run.root, tmp_path / "short"))
+    for name in ("floor.csv", "timing.csv", "commands.csv", "innovations.csv", "trajectory_covariance.csv",
+                 "truth/clearance.csv", "truth/floor.csv", "truth/trajectory.txt"):  # fmt: skip
+        lines = short.path(name).read_text().splitlines()
+        short.write_text(name, "\n".join(lines[: 1 + frames]) + "\n")
+    short.write_planar_trajectory()
+    for name in ("metrics.json", "obstacles.json", "truth/obstacles.csv"):
+        short.path(name).unlink()
+    assert "clearance" in Page(write_report(short).read_text()).identities
+
+
+def test_the_top_view_of_a_surface_has_the_axes_of_the_map():
+    from surefoot.report.plots.surface import _views, splat
+
+    above = _views()[0]
+    points = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.5]]) @ above.T
+    picture, extent = splat(points, np.array([[9, 0, 0], [0, 9, 0], [0, 0, 9]], np.uint8))
+    assert picture[0, -1].tolist() == [0, 9, 0]  # x to the right
+    assert picture[-1, -1].tolist() == [0, 0, 9]  # y up
+    assert extent[1] - extent[0] > extent[3] - extent[2]
+    for view in _views():
+        np.testing.assert_allclose(view @ view.T, np.eye(3), atol=1e-12)
+
+
+def test_the_report_of_a_map_shows_surface_and_layers(run, tmp_path):
+    mapped = RunFolder.create(tmp_path / "map")
+    for name in ("map.yaml", "map.pgm", "trajectory.txt", "truth/trajectory.txt"):
+        mapped.write_bytes(name, run.path(name).read_bytes())
+    rng = np.random.default_rng(0)
+    clouds.save_ply(mapped.path("cloud.ply"), rng.uniform(size=(500, 3)) * (4.0, 3.0, 1.0))
+    layer = rng.uniform(size=(30, 40))
+    np.savez(mapped.path("layers.npz"), elevation=layer, slope=layer, traversability=layer,
+             origin=np.zeros(2), resolution=np.array(0.1))  # fmt: skip
+    mapped.write_json("summary.json", {"kind": "map", "name": "flat", "recording": "a b", "walkable_m2": 7.5,
+                                       "skipped": 0, "frames": 9})  # fmt: skip
+    text = write_report(mapped).read_text()
+    shown = [name for name in Page(text).identities if name in (*ALL_PICTURES, "surface", "layers")]
+    assert shown == ["map", "surface", "layers"]  # no pose error: the map has axes of its own
+    assert "surefoot map &#x27;a b&#x27;" in text
+    assert "7.5 m²" in text
+    assert "Trajectory error" in text
+
+
+def test_the_report_of_a_panorama_lists_its_obstacles(tmp_path):
+    made = RunFolder.create(tmp_path / "around")
+    edges = {
+        "left_rad": 0.5,
+        "right_rad": 0.1,
+        "distance_m": 1.234,
+        "width_m": 0.4,
+        "height_m": None,
+    }
+    made.write_json("panorama.json", {"views": [{"placed": True}], "gaps": [],
+                                      "obstacles": [{**edges, "sigma_distance_m": 0.05}]})  # fmt: skip
+    made.write_bytes("panorama_obstacles.png", cv2.imencode(".png", np.zeros((9, 9)))[1].tobytes())
+    text = write_report(RunFolder.open(made.root)).read_text()
+    page = Page(text)
+    assert "panorama" in page.identities
+    assert len(page.images) == 1
+    assert "1.23 ± 0.05" in text
+    assert "6 to 29" in text
+    assert "unknown" in text
+    assert "surefoot panorama RECORDING" in text
+    assert "a panorama has no ground truth" in text
+
+
+def test_the_report_of_a_monocular_run_shows_its_stages_and_iou(tmp_path):
+    made = RunFolder.create(tmp_path / "mono")
+    made.write_json("monocular.json", {"frames": 50, "judged": 50, "iou": 0.91, "iou_min": 0.7})
+    for number in range(50):
+        data = cv2.imencode(".png", np.full((9, 9), number))[1].tobytes()
+        made.write_bytes(f"stages-{number:06d}.png", data)
+    text = write_report(RunFolder.open(made.root)).read_text()
+    assert 10 <= len(Page(text).images) <= 20
+    assert "0.910" in text
+    assert "surefoot monocular RECORDING" in text
+
+
+def test_the_report_of_a_batch_links_its_runs(run, tmp_path):
+    shutil.copytree(run.root, tmp_path / "home-5")
+    RunFolder(tmp_path).write_csv(
+        "summary.csv", ("recording", "run", "status"), [("w.mcap", "x/home-5", "done")]
+    )
+    page = Page(write_report(RunFolder.open(tmp_path)).read_text())
+    assert "home-5/report.html" in page.references
+    assert "runs" in page.identities
+
+
+def test_a_killed_run_has_a_report_and_is_measured_again_when_it_is_complete(tmp_path, undrawn):
+    killed = RunFolder.create(tmp_path / "killed")
+    poses = RowStream(killed, "trajectory_covariance.csv", COVARIANCE_HEADER)
+    for t in (0.0, 1.0):
+        poses.append(estimate_row(t, Gaussian(np.array([t, 0.0, 0.0]), np.eye(3))))
+    saved = poses.__getstate__()  # writes the buffer
+    text = write_report(RunFolder.open(killed.root)).read_text()
+    assert "interrupted: this is its first part" in text
+    poses.__setstate__(saved)
+    poses.append(estimate_row(2.0, Gaussian(np.array([2.0, 0.0, 0.0]), np.eye(3))))
+    poses.close()
+    killed.write_planar_trajectory()
+    killed.write_json("summary.json", {"kind": "recording"})
+    text = write_report(killed).read_text()
+    assert "interrupted" not in text
+    assert killed.read_json("metrics.json")["path_m"] == 2.0
+
+
+def test_text_from_files_is_escaped(run, tmp_path, undrawn):
     sly = RunFolder(shutil.copytree(run.root, tmp_path / "sly"))
     summary = sly.read_json("summary.json")
     summary |= {

@@ -1,4 +1,4 @@
-"""The run folder: whole files or none, nothing of others touched, one clear line when it cannot write."""
+"""The run folder: complete files or none, files of the user untouched, one clear line when it cannot write."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.gaussian import Gaussian
-from surefoot.results.run_folder import MARK, RunFolder
+from surefoot.results.row_stream import JsonStream, RowStream
+from surefoot.results.run_folder import COVARIANCE_HEADER, MARK, RunFolder, estimate_row
 from surefoot.results.tables import read_table, read_tum
 
 
@@ -33,14 +34,14 @@ def test_runs_without_a_path_are_numbered(tmp_path, monkeypatch):
     assert made == [Path("runs/home-0-x-1"), Path("runs/home-0-x-2"), Path("runs/home-0-x-3")]
 
 
-def test_an_empty_or_new_folder_is_taken(tmp_path):
+def test_an_empty_or_new_folder_is_accepted(tmp_path):
     (tmp_path / "empty").mkdir()
     for name in ("empty", "new/below"):
         RunFolder.create(tmp_path / name).write_text("a.txt", "a")
         assert (tmp_path / name / "a.txt").read_text() == "a"
 
 
-def test_a_folder_of_others_is_refused_and_untouched(tmp_path):
+def test_a_folder_with_other_files_is_refused_and_untouched(tmp_path):
     (tmp_path / "thesis.tex").write_text("years of work")
     (tmp_path / "config.toml").write_text("theirs")
     with pytest.raises(OutputError, match="not empty and not a run of surefoot"):
@@ -48,7 +49,7 @@ def test_a_folder_of_others_is_refused_and_untouched(tmp_path):
     assert names(tmp_path) == ["config.toml", "thesis.tex"]
 
 
-def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+def test_a_file_as_output_folder_is_refused(tmp_path):
     (tmp_path / "out").write_text("")
     with pytest.raises(OutputError, match="is a file"):
         RunFolder.create(tmp_path / "out")
@@ -56,7 +57,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
         RunFolder.create(tmp_path / "out" / "below")
 
 
-def test_a_repeated_run_clears_the_earlier_one_but_not_what_the_user_added(tmp_path):
+def test_a_repeated_run_deletes_the_earlier_outputs_but_no_files_of_the_user(tmp_path):
     run = RunFolder.create(tmp_path / "run")
     for name in ("metrics.json", "figures/map.svg", "truth/trajectory.txt", "views/000.jpg"):
         run.write_text(name, "old")
@@ -79,13 +80,13 @@ def test_a_run_never_overwrites_the_recording_it_reads(tmp_path, inside):
 
 
 @pytest.mark.parametrize("name", ["../out.txt", "/etc/out.txt", "a/../../out.txt"])
-def test_no_name_leads_out_of_the_folder(tmp_path, name):
+def test_a_file_name_outside_the_folder_is_refused(tmp_path, name):
     with pytest.raises(OutputError, match="leads out"):
         RunFolder.create(tmp_path / "run").write_text(name, "")
 
 
 @pytest.mark.parametrize("there_before", [False, True])
-def test_a_write_that_fails_halfway_leaves_the_complete_file_or_none(tmp_path, there_before):
+def test_an_interrupted_write_leaves_the_old_file_or_none(tmp_path, there_before):
     run = RunFolder.create(tmp_path)
     if there_before:
         run.write_text("cloud.ply", "complete")
@@ -102,7 +103,7 @@ def test_a_write_that_fails_halfway_leaves_the_complete_file_or_none(tmp_path, t
         assert (tmp_path / "cloud.ply").read_text() == "complete"
 
 
-def test_who_reads_while_it_is_written_again_reads_the_old_file_to_its_end(tmp_path):
+def test_a_reader_of_a_file_that_is_rewritten_reads_the_old_content_to_its_end(tmp_path):
     run = RunFolder(tmp_path)
     run.write_text("map.yaml", "old " * 1000)
     with (tmp_path / "map.yaml").open() as reader:
@@ -142,7 +143,7 @@ def test_a_killed_writer_leaves_the_complete_file_or_none(tmp_path):
         (errno.EIO, "choose another --out"),
     ],
 )
-def test_what_the_system_refuses_is_said_in_one_line(tmp_path, monkeypatch, number, words):
+def test_a_refused_write_is_explained_in_one_line(tmp_path, monkeypatch, number, words):
     run = RunFolder.create(tmp_path)
 
     def refuse(*_: object, **__: object) -> None:
@@ -156,7 +157,7 @@ def test_what_the_system_refuses_is_said_in_one_line(tmp_path, monkeypatch, numb
     assert names(tmp_path) == [MARK]
 
 
-def test_a_disk_that_is_really_full_is_named(tmp_path):
+def test_a_full_disk_is_named(tmp_path):
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("this system has no /dev/full")
@@ -187,15 +188,57 @@ def test_a_folder_without_write_permission_is_refused(tmp_path):
         (lambda p: RunFolder.create(p), "was interrupted"),
     ],
 )
-def test_only_a_run_that_ended_is_opened(tmp_path, prepare: Callable[[Path], object], words):
+def test_a_folder_without_results_is_refused(tmp_path, prepare: Callable[[Path], object], words):
     prepare(tmp_path / "run")
     with pytest.raises(InputError, match=words):
         RunFolder.open(tmp_path / "run")
 
 
-def test_a_run_that_ended_is_opened(tmp_path):
+def test_a_complete_run_is_opened(tmp_path):
     RunFolder.create(tmp_path).write_json("summary.json", {"frames": 1})
     assert RunFolder.open(tmp_path).read_json("summary.json") == {"frames": 1}
+
+
+@pytest.mark.parametrize(
+    ("files", "kind"),
+    [
+        ({"summary.json": '{"kind": "simulation"}'}, "simulation"),
+        ({"summary.json": '{"kind": "TUM RGB-D"}'}, "recording"),
+        ({"summary.json": '{"kind": "panorama"}'}, "panorama"),
+        ({"summary.json": '{"folder": "x"}', "layers.npz": "", "trajectory.txt": ""}, "map"),
+        ({"panorama.json": "{}"}, "panorama"),
+        ({"monocular.json": "{}"}, "monocular"),
+        ({"summary.csv": "recording,run\n"}, "batch"),
+    ],
+)
+def test_a_run_folder_knows_its_kind_even_of_older_versions(tmp_path, files, kind):
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    assert RunFolder.open(tmp_path).kind == kind
+
+
+def test_a_killed_run_is_opened_with_the_complete_rows_of_its_tables(tmp_path):
+    run = RunFolder.create(tmp_path)
+    poses = RowStream(run, "trajectory_covariance.csv", COVARIANCE_HEADER)
+    tracks = JsonStream(run, "obstacles.json")
+    for i in range(3):
+        poses.append(estimate_row(float(i), Gaussian(np.array([1.0 * i, 2.0, 0.5]), np.eye(3))))
+        tracks.append({"stamp": float(i), "track": 1})
+    del poses, tracks  # as a kill would: closed by the system, not by us
+    part = tmp_path / ".part-trajectory_covariance.csv"
+    part.write_bytes(part.read_bytes()[:-7])
+    opened = RunFolder.open(tmp_path)
+    assert opened.interrupted
+    table, path = (
+        opened.read_csv("trajectory_covariance.csv"),
+        opened.read_trajectory("trajectory.txt"),
+    )
+    assert table is not None
+    assert path is not None
+    assert table.numbers("x_m").tolist() == path.positions[:, 0].tolist() == [0.0, 1.0]
+    np.testing.assert_allclose(path.yaws, 0.5)
+    assert len(opened.read_json("obstacles.json")["tracks"]) == 3
+    assert opened.read_csv("floor.csv") is None
 
 
 @given(
@@ -204,7 +247,7 @@ def test_a_run_that_ended_is_opened(tmp_path):
         min_size=1,
     )
 )
-def test_a_table_keeps_every_bit(tmp_path_factory, rows):
+def test_a_table_is_read_back_without_loss(tmp_path_factory, rows):
     run = RunFolder(tmp_path_factory.mktemp("table"))
     run.write_csv("t.csv", ("a", "b", "word"), rows)
     table = run.read_csv("t.csv")
@@ -213,7 +256,7 @@ def test_a_table_keeps_every_bit(tmp_path_factory, rows):
     assert table.words("word") == [row[2] for row in rows]
 
 
-def test_what_is_not_a_finite_number_is_null_in_json_and_empty_in_tables(tmp_path):
+def test_nan_and_infinity_become_null_in_json_and_empty_cells_in_tables(tmp_path):
     run = RunFolder(tmp_path)
     run.write_json(
         "a.json", {"x": math.nan, "y": [np.float32(0.5), np.inf], "z": np.arange(2), "w": None}
@@ -228,25 +271,27 @@ def test_what_is_not_a_finite_number_is_null_in_json_and_empty_in_tables(tmp_pat
     assert (tmp_path / "a.csv").read_text() == "x,y,z\n,,1\n"
 
 
-def test_estimates_are_read_back_as_they_were(tmp_path):
+def test_a_planar_trajectory_is_read_back_without_loss(tmp_path):
     rng = np.random.default_rng(1)
     run = RunFolder(tmp_path)
     poses = []
     for i in range(20):
         root = rng.normal(size=(3, 3))
         poses.append((0.325 * i, Gaussian(rng.uniform(-3, 3, size=3), root @ root.T)))
-    run.write_estimates(poses)
-    way = run.read_trajectory("trajectory.txt")
-    assert way is not None
-    np.testing.assert_array_equal(way.positions[:, :2], [p.mean[:2] for _, p in poses])
-    np.testing.assert_allclose(way.yaws, [p.mean[2] for _, p in poses], atol=1e-12)
+    rows = [estimate_row(stamp, pose) for stamp, pose in poses]
+    run.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, rows)
+    run.write_planar_trajectory()
+    path = run.read_trajectory("trajectory.txt")
+    assert path is not None
+    np.testing.assert_array_equal(path.positions[:, :2], [p.mean[:2] for _, p in poses])
+    np.testing.assert_allclose(path.yaws, [p.mean[2] for _, p in poses], atol=1e-12)
     table = run.read_csv("trajectory_covariance.csv")
     assert table is not None
     np.testing.assert_array_equal(table.numbers("yaw_rad"), [p.mean[2] for _, p in poses])
     np.testing.assert_array_equal(table.numbers("P_xyaw"), [p.covariance[0, 2] for _, p in poses])
 
 
-def test_truth_beside_a_recording_comes_along(tmp_path):
+def test_ground_truth_beside_a_recording_is_copied(tmp_path):
     for name in ("walk/recording.mcap", "walk/truth/trajectory.txt", "walk/truth/map.yaml"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(name)
@@ -267,18 +312,18 @@ def test_truth_beside_a_recording_comes_along(tmp_path):
         ("# nothing\n", "holds no poses"),
     ],
 )
-def test_a_trajectory_that_cannot_be_says_where(tmp_path, text, words):
+def test_an_invalid_trajectory_line_is_named(tmp_path, text, words):
     (tmp_path / "t.txt").write_text(text)
     with pytest.raises(RecordingError, match=words):
         read_tum(tmp_path / "t.txt")
 
 
-def test_a_trajectory_comes_in_order_of_time_and_once_per_stamp(tmp_path):
+def test_a_trajectory_is_sorted_by_time_with_one_pose_per_stamp(tmp_path):
     (tmp_path / "t.txt").write_text("2 2 0 0 0 0 0 2\n1 1 0 0 0 0 0 1 # why\n2 9 0 0 0 0 0 1\n")
-    way = read_tum(tmp_path / "t.txt")
-    np.testing.assert_array_equal(way.stamps, [1.0, 2.0])
-    np.testing.assert_array_equal(way.positions[:, 0], [1.0, 2.0])
-    np.testing.assert_array_equal(way.quats_xyzw, [[0, 0, 0, 1]] * 2)
+    path = read_tum(tmp_path / "t.txt")
+    np.testing.assert_array_equal(path.stamps, [1.0, 2.0])
+    np.testing.assert_array_equal(path.positions[:, 0], [1.0, 2.0])
+    np.testing.assert_array_equal(path.quats_xyzw, [[0, 0, 0, 1]] * 2)
 
 
 @pytest.mark.parametrize(
@@ -289,7 +334,7 @@ def test_a_trajectory_comes_in_order_of_time_and_once_per_stamp(tmp_path):
         ("a\nx\n", "row 2, column a: 'x'"),
     ],
 )
-def test_a_table_that_cannot_be_says_where(tmp_path, text, words):
+def test_an_invalid_table_row_is_named(tmp_path, text, words):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(RecordingError, match=words):
         read_table(tmp_path / "t.csv").numbers("a")

@@ -21,7 +21,7 @@ SPEED_MPS = 0.12
 
 def test_a_person_who_fills_the_view_is_followed_with_what_it_does():
     passing = person(0, (0.44, -0.75), math.pi / 2, SPEED_MPS, 20.0)
-    passing = dataclasses.replace(passing, under_way_s=0.0)
+    passing = dataclasses.replace(passing, phase_s=0.0)
     floor = (FloorArea("planks/oak", EXTENT),)
     scene = Scene("close by", 0, EXTENT, floor, (), (passing,), (), Pose2(), ())
     config = Config()
@@ -37,7 +37,7 @@ def test_a_person_who_fills_the_view_is_followed_with_what_it_does():
         for _ in range(28):
             estimate = pipeline.cycle(robot.read()).estimate
             whole += sum(cluster.whole for cluster in estimate.clusters)
-            x, y, vx, vy = world.movers()[0]
+            x, y, vx, vy = world.moving_states()[0]
             for track in estimate.obstacles:
                 if estimate.stamp_s > track.seen_s:
                     continue

@@ -30,7 +30,7 @@ def _look(motion: str, seed: int) -> tuple[Scene, Panorama, Surroundings]:
 
 
 def _span(scene: Scene, name: str) -> tuple[float, float]:
-    box = next(thing.parts[0] for thing in scene.things if thing.name == name)
+    box = next(thing.parts[0] for thing in scene.static_objects if thing.name == name)
     assert isinstance(box, Box)
     return box.centre[1] + box.size[1] / 2, box.centre[1] - box.size[1] / 2
 

@@ -7,6 +7,7 @@ import pytest
 
 from perception.filtering.models import GYRO_BIAS
 from perception.localisation.filter import PoseFilter
+from perception.localisation.localiser_noise import GYRO_BIAS_SIGMA_RADPS
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, wrap_angle
@@ -42,4 +43,4 @@ def test_who_twists_while_standing_is_followed_by_the_gyro_and_teaches_it_no_bia
         gyro = Imu(np.array([0.0, 0.0, rate + 0.001]), np.array([0.0, 0.0, 9.81]))
         localiser.predict(StepOdometry(Pose2(), 0.0), gyro, dt)
     assert np.degrees(abs(localiser.state.mean[2] - heading)) < 2.0
-    assert abs(localiser.state.mean[GYRO_BIAS]) < 3.0 * WALKED_LOCALISER.gyro_bias_sigma_radps
+    assert abs(localiser.state.mean[GYRO_BIAS]) < 3.0 * GYRO_BIAS_SIGMA_RADPS

@@ -1,4 +1,4 @@
-"""Bodies that are pushed, on a floor with nothing on it."""
+"""Pushed bodies on an empty floor."""
 
 import math
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from perception.primitives.pose import Pose2
-from sim.body.dynamic.walker import DynamicBody, DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
+from sim.body.dynamic.walker import DynamicBody
 from sim.body.gait import GaitConfig
 from sim.body.head import Head, HeadConfig
 from sim.body.inertial import ImuConfig
@@ -18,10 +19,10 @@ _FLOOR = Scene("floor", 0, _EXTENT, (FloorArea("plaster/white", _EXTENT),), (), 
 
 
 def _pushed(balance, seed, command, share, angle, steps=16):
-    """A body after a push of 1 N s, some way into a swing of its left foot; None for no push.
+    """Push a body with 1 N s during a swing of its left foot; no push if the angle is None.
 
     Returns:
-        Where it is by its own plan at the end of each step, and whether it fell.
+        Planned poses at the end of each step, and whether it fell.
     """
     body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     head, planned = Head(HeadConfig(), head_rng), []
@@ -30,7 +31,7 @@ def _pushed(balance, seed, command, share, angle, steps=16):
         body = DynamicBody(world, GaitConfig(), config, ImuConfig(), head, body_rng)
         for number in range(steps):
             body.walk(command)
-            body.take_up()
+            body.start_due_step()
             if number == 5 and angle is not None:
                 body.advance(70 + round(60 * share))
                 yaw = body.true_pose.yaw + angle

@@ -1,4 +1,4 @@
-"""The table of the body, and the URDF written from it."""
+"""The anatomy table and the URDF generated from it."""
 
 import xml.etree.ElementTree as ET
 
@@ -7,8 +7,8 @@ import pytest
 
 from perception.primitives.errors import ConfigError
 from sim.body.dynamic.anatomy import DARWIN, TALL, gait_for, head_for, links
-from sim.body.dynamic.urdf import box_inertia, bumps, robot_urdf, still_urdf
-from sim.body.dynamic.walker import DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
+from sim.body.dynamic.urdf import box_inertia, floor_bumps, robot_urdf, static_urdf
 from sim.body.gait import GaitConfig
 from sim.body.head import HeadConfig
 from sim.shapes import Cylinder
@@ -19,13 +19,13 @@ def top(body):
     return body.thigh_m + body.shank_m + body.ankle_m + body.neck_m + body.tilt_m + body.head_m[2]
 
 
-def test_the_small_body_is_a_darwin():
+def test_the_default_anatomy_is_a_darwin():
     assert sum(link.mass for link in links(DARWIN)) == pytest.approx(2.92, abs=0.005)
     assert top(DARWIN) == pytest.approx(0.455, abs=0.002)
     assert len(links(DARWIN)) - 1 == 20
 
 
-def test_the_tall_body_is_that_of_seed_004():
+def test_the_tall_anatomy_is_that_of_seed_004():
     assert top(TALL) == pytest.approx(0.600, abs=0.003)
     assert len(links(TALL)) - 1 == 23
     assert 2 * (TALL.shoulder_m[1] + TALL.arm_width_m / 2) == pytest.approx(0.300)
@@ -33,14 +33,14 @@ def test_the_tall_body_is_that_of_seed_004():
 
 
 @pytest.mark.parametrize("body", [DARWIN, TALL, DARWIN.scaled(1.5)])
-def test_the_urdf_says_what_the_table_says(body):
+def test_the_urdf_agrees_with_the_link_table(body):
     root = ET.fromstring(robot_urdf(body))
     masses = [float(mass.get("value")) for mass in root.iter("mass")]
     assert sum(masses) == pytest.approx(sum(link.mass for link in links(body)), rel=1e-6)
     assert [j.get("name") for j in root.iter("joint")] == [k.name for k in links(body)[1:]]
 
 
-def test_a_body_grows_in_length_mass_and_strength():
+def test_scaling_changes_lengths_masses_and_torques():
     grown = DARWIN.scaled(2.0)
     assert grown.thigh_m == 2.0 * DARWIN.thigh_m
     assert grown.leg_kg[0] == 8.0 * DARWIN.leg_kg[0]
@@ -52,7 +52,7 @@ def test_a_body_grows_in_length_mass_and_strength():
     assert gait_for(DARWIN, GaitConfig()) == GaitConfig()
 
 
-def test_inertia_of_a_box_is_that_of_its_grains():
+def test_box_inertia_agrees_with_a_sum_over_points():
     rng = np.random.default_rng(0)
     size, mass = (0.1, 0.2, 0.3), 2.0
     grains = rng.uniform(-0.5, 0.5, (200_000, 3)) * size
@@ -62,12 +62,12 @@ def test_inertia_of_a_box_is_that_of_its_grains():
     )
 
 
-def test_bumps_are_as_high_as_said_and_lie_inside():
-    found = bumps((-1.0, 0.0, 1.0, 1.5), 0.002, np.random.default_rng(1))
+def test_bumps_keep_their_height_limit_and_lie_inside():
+    found = floor_bumps((-1.0, 0.0, 1.0, 1.5), 0.002, np.random.default_rng(1))
     tops = [box.top_m for box in found]
     assert 0.0 <= min(tops) < 0.0003 < 0.0017 < max(tops) <= 0.002
     assert all(-1.0 < box.centre[0] < 1.05 and 0.0 < box.centre[1] < 1.6 for box in found)
-    root = ET.fromstring(still_urdf([*found, Cylinder((0.0, 0.0, 0.1), 0.1, 0.2)]))
+    root = ET.fromstring(static_urdf([*found, Cylinder((0.0, 0.0, 0.1), 0.1, 0.2)]))
     assert len(list(root.iter("collision"))) == len(found) + 1
 
 
@@ -75,11 +75,11 @@ def test_bumps_are_as_high_as_said_and_lie_inside():
     ("changes", "message"),
     [
         ({"anatomy": "giant"}, "anatomy='giant' is unknown; choose darwin, tall"),
-        ({"play_deg": -1.0}, "play_deg=-1.0 must not be negative"),
+        ({"backlash_deg": -1.0}, "backlash_deg=-1.0 must not be negative"),
         ({"slope_rad": (0.5, 0.0)}, "slope_rad"),
     ],
 )
-def test_impossible_bodies_are_refused(changes, message):
+def test_invalid_bodies_are_refused(changes, message):
     with pytest.raises(ConfigError, match=message):
         DynamicConfig(**changes)
     with pytest.raises(ConfigError, match="scale=9"):

@@ -1,4 +1,4 @@
-"""A trunk that bends when pushed: against the weights of its parts, and bodies that are pushed over."""
+"""Hip strategy: against the masses of the links, and on bodies that are pushed."""
 
 import math
 
@@ -8,9 +8,10 @@ import pytest
 from planning.commands import WalkCommand
 from sim.body.dynamic.anatomy import DARWIN
 from sim.body.dynamic.balance import BalanceConfig
-from sim.body.dynamic.hip_strategy import Hips
-from sim.body.dynamic.legs import Legs, tilted
-from sim.body.dynamic.walker import DynamicBody, DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
+from sim.body.dynamic.hip_strategy import BEND_RADPS, BEND_RADPS2, STRAIGHTEN_RADPS, HipStrategy
+from sim.body.dynamic.legs import Legs, tilt_rotation
+from sim.body.dynamic.walker import DynamicBody
 from sim.body.gait import GaitConfig
 from sim.body.head import Head, HeadConfig
 from sim.body.inertial import ImuConfig
@@ -22,24 +23,24 @@ STIFF = BalanceConfig(bend_most_rad=(0.0, 0.0))
 
 
 def bent(error, ticks, hips=None):
-    hips = hips or Hips(BENDS, TICK_S)
+    hips = hips or HipStrategy(BENDS, TICK_S)
     rates = []
     for _ in range(ticks):
-        hips.advance(np.array(error))
+        hips.update(np.array(error))
         rates.append(hips.rate.copy())
     return hips, np.array(rates)
 
 
-def test_it_bends_the_way_it_falls_and_straightens_up_slowly():
+def test_the_trunk_bends_in_the_direction_of_the_fall_and_straightens_slowly():
     for ahead, left in ((0.05, 0.0), (-0.05, 0.0), (0.0, 0.05), (0.0, -0.05), (0.04, -0.06)):
         hips, rates = bent((ahead, left), 60)
         roll, pitch = hips.bend
         assert np.sign([pitch, -roll]) == pytest.approx(np.sign([ahead, left]))
-        assert np.all(np.abs(rates) <= BENDS.bend_radps)
-        assert np.all(np.abs(np.diff(rates, axis=0)) <= BENDS.bend_radps2 * TICK_S + 1e-12)
+        assert np.all(np.abs(rates) <= BEND_RADPS)
+        assert np.all(np.abs(np.diff(rates, axis=0)) <= BEND_RADPS2 * TICK_S + 1e-12)
         before = hips.bend.copy()
         hips, rates = bent((0.0, 0.0), 100, hips)
-        assert np.all(np.abs(rates[20:]) <= BENDS.unbend_radps + 1e-12)
+        assert np.all(np.abs(rates[20:]) <= STRAIGHTEN_RADPS + 1e-12)
         assert np.all(np.abs(hips.bend) <= np.abs(before))
         hips, _ = bent((0.0, 0.0), 800, hips)
         assert hips.bend == pytest.approx((0.0, 0.0), abs=1e-3)
@@ -47,31 +48,31 @@ def test_it_bends_the_way_it_falls_and_straightens_up_slowly():
     assert hips.bend == pytest.approx(BENDS.bend_most_rad, abs=0.02)
 
 
-def test_a_usual_error_does_not_bend_it():
-    most = BENDS.astray_m
+def test_errors_in_the_dead_band_do_not_bend_the_trunk():
+    most = BENDS.deadband_m
     hips, _ = bent((most, -most), 50)
     assert not hips.bend.any()
 
 
 @pytest.mark.parametrize("bend", [(0.0, 0.4), (0.0, -0.4), (0.3, 0.0), (-0.2, 0.3)])
-def test_the_weight_stays_over_the_feet_while_the_trunk_bends(bend):
+def test_mass_centre_stays_over_the_feet_while_the_trunk_bends(bend):
     legs, bend = Legs(DARWIN), np.array(bend)
     feet = [np.array([0.0, side * 0.045, DARWIN.ankle_m, 0.0]) for side in (1, -1)]
 
-    def weight(aside):
-        pelvis = np.array([-aside[0], -aside[1], 0.195, 0.0])
+    def mass_centre(shift):
+        pelvis = np.array([-shift[0], -shift[1], 0.195, 0.0])
         angles = legs.solve(pelvis, *feet, bend)
-        return (pelvis[:3] + tilted(bend) @ legs.centre_of_mass(angles))[:2]
+        return (pelvis[:3] + tilt_rotation(bend) @ legs.centre_of_mass(angles))[:2]
 
     level = np.array([0.0, 0.0, 0.195, 0.0])
     there = level[:2] + legs.centre_of_mass(legs.solve(level, *feet))[:2]
-    moved = np.linalg.norm(weight(np.zeros(2)) - there)
-    kept = np.linalg.norm(weight(legs.aside(bend)) - there)
+    moved = np.linalg.norm(mass_centre(np.zeros(2)) - there)
+    kept = np.linalg.norm(mass_centre(legs.com_shift(bend)) - there)
     assert moved > 0.008
-    assert kept < 0.4 * moved  # the legs lean a little as the pelvis goes aside
+    assert kept < 0.4 * moved  # the legs tilt a little as the pelvis shifts
 
 
-def test_who_is_pushed_out_over_the_standing_foot_stands_more_often(pushed):
+def test_bending_prevents_falls_outward_over_the_stance_foot(pushed):
     fallen = {
         balance: sum(
             pushed(balance, seed, WalkCommand(ahead), 0.0, -math.pi / 2, 9)[1]
@@ -84,7 +85,7 @@ def test_who_is_pushed_out_over_the_standing_foot_stands_more_often(pushed):
     assert fallen[BENDS] <= 4
 
 
-def test_a_robot_that_bends_still_knows_where_its_trunk_is(bare_floor):
+def test_the_estimated_trunk_is_accurate_while_it_bends(bare_floor):
     body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(4).spawn(2))
     off, most = [], 0.0
     with World(bare_floor, "tiny", 4) as world:
@@ -92,7 +93,7 @@ def test_a_robot_that_bends_still_knows_where_its_trunk_is(bare_floor):
         body = DynamicBody(world, GaitConfig(), DynamicConfig(), ImuConfig(), head, body_rng)
         for number in range(10):
             body.walk(WalkCommand(0.03))
-            body.take_up()
+            body.start_due_step()
             if number == 5:
                 body.advance(90)
                 body.push(np.array([-10.0, 0.0, 0.0]), 0.1)
@@ -101,7 +102,7 @@ def test_a_robot_that_bends_still_knows_where_its_trunk_is(bare_floor):
                 bend = float(np.abs(body._hips.bend).max())
                 most = max(most, bend)
                 if bend > 0.1:
-                    off.append(body.true_trunk().inverse() @ body.trunk_by_joints())
+                    off.append(body.true_trunk().inverse() @ body.trunk_from_encoders())
         assert not body.fallen
         body.close()
     assert most > 0.2
@@ -113,7 +114,7 @@ def test_a_robot_that_bends_still_knows_where_its_trunk_is(bare_floor):
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
-def test_who_lies_has_fallen_however_the_trunk_is_bent(bare_floor, angle):
+def test_a_fall_is_detected_for_any_bend_of_the_trunk(bare_floor, angle):
     body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(1).spawn(2))
     with World(bare_floor, "tiny", 1) as world:
         head = Head(HeadConfig(), head_rng)
@@ -125,4 +126,4 @@ def test_who_lies_has_fallen_however_the_trunk_is_bent(bare_floor, angle):
         height = float(body.physics.pelvis().translation[2])
         assert body.fallen
         body.close()
-    assert height < 0.16  # it lies, on its head maybe; while walking the pelvis is at 0.205 m
+    assert height < 0.16  # while walking the pelvis is at 0.205 m

@@ -1,4 +1,4 @@
-"""Legs: there and back exactly, and the weight of all parts summed one by one."""
+"""Legs: inverse and forward kinematics agree, and so does the mass centre with a sum over all links."""
 
 import math
 
@@ -27,7 +27,7 @@ def turned(axis, angle):
 
 
 def chain(body, angles):
-    """Place, rotation and mass of every part, from the table alone."""
+    """Position, rotation and mass of every link, from the table."""
     by_joint = dict(zip(Legs.joints, angles, strict=True))
     poses = {"": (np.zeros(3), np.eye(3))}
     for link in links(body):
@@ -39,10 +39,10 @@ def chain(body, angles):
 
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(BODIES), foot, foot, turn, bend)
-def test_feet_are_where_they_were_asked_to_be(body, left, right, yaw, bend):
+def test_inverse_kinematics_reaches_the_foot_poses(body, left, right, yaw, bend):
     legs, half = Legs(body), 1.2 * body.hip_half_m
     scale = body.hip_m / DARWIN.hip_m
-    height = 0.99 if bend == (0.0, 0.0) else 0.9  # a hip that rolls up must stay in reach
+    height = 0.99 if bend == (0.0, 0.0) else 0.9  # a raised hip must stay within reach
     pelvis = np.array([0.01, -0.02, height * body.hip_m, yaw])
     c, s = math.cos(yaw), math.sin(yaw)
     asked = []
@@ -63,7 +63,7 @@ def test_feet_are_where_they_were_asked_to_be(body, left, right, yaw, bend):
 
 @settings(max_examples=40, deadline=None)
 @given(st.sampled_from(BODIES), st.lists(st.floats(-1.2, 1.2), min_size=12, max_size=12))
-def test_feet_and_weight_agree_with_the_table_part_by_part(body, values):
+def test_feet_and_mass_centre_agree_with_the_link_table(body, values):
     angles = np.array(values)
     legs, poses = Legs(body), chain(body, angles)
     for side, found in zip(("left", "right"), legs.feet(angles), strict=True):
@@ -79,7 +79,7 @@ def test_feet_and_weight_agree_with_the_table_part_by_part(body, values):
     np.testing.assert_allclose(legs.centre_of_mass(angles), weight / mass, atol=1e-12)
 
 
-def test_a_foot_out_of_reach_is_stretched_towards():
+def test_the_leg_stretches_towards_a_foot_out_of_reach():
     legs = Legs(DARWIN)
     far = np.array([0.0, 0.037, -0.3, 0.0])
     angles = legs.solve(np.zeros(4), far, far * np.array([1, -1, 1, 1]))
@@ -88,12 +88,12 @@ def test_a_foot_out_of_reach_is_stretched_towards():
     np.testing.assert_allclose(left.translation, [0.0, 0.037, -0.186], atol=1e-6)
 
 
-def test_the_weight_is_carried_where_the_pendulum_has_it():
+def test_mass_centre_of_the_legs_follows_the_pendulum():
     legs, gait = Legs(DARWIN), Gait(GaitConfig())
     angles = legs.stand(np.zeros(2), 0.09)
     for command in [WalkCommand(0.05, 0.01, 0.15)] * 3:
         step = gait.step(command)
-        pelvis = legs.carry(step, angles)
+        pelvis = legs.pelvis_trajectory(step, angles)
         left, right = legs.ankles(step)
         for k in range(0, step.ticks, 13):
             solved = legs.solve(pelvis[k], left[k], right[k])
@@ -103,7 +103,7 @@ def test_the_weight_is_carried_where_the_pendulum_has_it():
         angles = legs.solve(pelvis[-1], left[-1], right[-1])
 
 
-def test_a_body_that_stands_has_its_weight_as_high_as_the_pendulum():
+def test_mass_centre_of_a_standing_body_has_the_height_of_the_pendulum():
     legs = Legs(DARWIN)
     angles = legs.stand(np.zeros(2), 0.09)
     com = legs.centre_of_mass(angles)

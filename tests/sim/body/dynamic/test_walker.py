@@ -1,4 +1,4 @@
-"""The walking body: it walks and does not fall, says what its joints say, and repeats itself bit for bit."""
+"""The dynamic body: it walks without falling, its odometry is consistent, and its runs are reproducible."""
 
 import hashlib
 import itertools
@@ -13,7 +13,8 @@ from perception.primitives.pose import Pose2, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
 from sim.body.dynamic.anatomy import DARWIN, links
 from sim.body.dynamic.balance import BalanceConfig
-from sim.body.dynamic.walker import NECK, DynamicBody, DynamicConfig
+from sim.body.dynamic.config import DynamicConfig
+from sim.body.dynamic.walker import NECK, DynamicBody
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.shapes import Box, Solid
@@ -26,13 +27,13 @@ TURNING = WalkCommand(0.04, 0.0, 0.08)
 EXTENT = (-1.5, -1.5, 1.5, 1.5)
 
 
-def room(*things):
+def room(*static_objects):
     floor = (FloorArea("plaster/white", EXTENT),)
-    return Scene("floor", 0, EXTENT, floor, things, (), (), Pose2(0.1, -0.2, 0.5), ())
+    return Scene("floor", 0, EXTENT, floor, static_objects, (), (), Pose2(0.1, -0.2, 0.5), ())
 
 
 def walked(steps, seed=0, config=BLIND, scene=None, command=TURNING):
-    """Frames, and truths at the end of each step."""
+    """Frames, true poses at the end of each step, whether it fell, and its clearance."""
     with (
         World(scene or room(), "tiny", seed) as world,
         SimulatedRobot(world, config, seed) as robot,
@@ -47,7 +48,7 @@ def walked(steps, seed=0, config=BLIND, scene=None, command=TURNING):
         return frames, poses, robot.fallen, Truth(robot).clearance_m()
 
 
-def test_it_walks_on_bumps_with_play_and_does_not_fall():
+def test_the_body_walks_over_bumps_with_backlash():
     frames, poses, fallen, _ = walked(16)
     assert not fallen
     moved = [a.inverse() @ b for a, b in itertools.pairwise(poses[3:])]
@@ -57,14 +58,14 @@ def test_it_walks_on_bumps_with_play_and_does_not_fall():
     np.testing.assert_allclose(force, [0.0, 0.0, 9.81], atol=0.25)
 
 
-def test_joints_tell_the_way_but_for_slip_and_play():
+def test_odometry_is_accurate_up_to_slip_and_backlash():
     frames, poses, _, _ = walked(14, seed=1)
     told = Pose2()
     for frame in frames[2:]:
         told = told @ frame.odometry.motion
     true = poses[0].inverse() @ poses[-1]
     assert (told.x, told.y) == pytest.approx((true.x, true.y), abs=13 * 0.002)  # slip of 13 steps
-    assert told != true  # it is not truth that is told
+    assert told != true  # odometry is not the truth
     assert math.degrees(wrap_angle(told.yaw - true.yaw)) == pytest.approx(0.0, abs=13 * 0.4)
     turned = sum(
         f.imu.angular_velocity[2] * (f.stamp_s - before.stamp_s)
@@ -75,14 +76,14 @@ def test_joints_tell_the_way_but_for_slip_and_play():
     assert sum(f.odometry.steps for f in frames) == pytest.approx(13.0)
 
 
-TOLD_WITHIN = np.array([0.001, 0.001, math.radians(0.2)])
+ODOMETRY_WITHIN = np.array([0.001, 0.001, math.radians(0.2)])
 
 
 def tight_walk(seed, balance):
-    """The worst that joints without play and askew zeros told, and that was commanded, off the true feet."""
-    exact = DynamicConfig(play_deg=0.0, offset_deg=0.0, balance=balance)
+    """Greatest errors of odometry without backlash and joint offsets, and of the plan, against the true feet."""
+    exact = DynamicConfig(backlash_deg=0.0, offset_deg=0.0, balance=balance)
     tight = replace(BLIND, dynamic=exact)
-    told_off, asked_off = np.zeros(3), np.zeros(3)
+    odometry_error, plan_error = np.zeros(3), np.zeros(3)
     with World(room(), "tiny", seed) as world, SimulatedRobot(world, tight, seed) as robot:
         body = robot.body
 
@@ -96,31 +97,31 @@ def tight_walk(seed, balance):
             body.walk(TURNING)
             told = told @ body.advance(1).motion
             now, before = body._odometry.standing, soles()[standing < 0]
-            if now != standing:  # the way by the true feet, as if none slipped while it stood
+            if now != standing:  # motion by the true feet, without slip of the stance foot
                 foot, standing = foot @ before.inverse() @ soles()[now < 0], now
             true = foot @ soles()[standing < 0].inverse() @ body.true_pose
             asked = start @ planned @ body.planned_pose
-            told_off = np.maximum(told_off, np.abs((true.inverse() @ told).vector))
-            asked_off = np.maximum(asked_off, np.abs((true.inverse() @ asked).vector))
-    return told_off, asked_off
+            odometry_error = np.maximum(odometry_error, np.abs((true.inverse() @ told).vector))
+            plan_error = np.maximum(plan_error, np.abs((true.inverse() @ asked).vector))
+    return odometry_error, plan_error
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_tight_joints_tell_the_way_from_foot_to_foot_and_not_what_was_commanded(seed):
+def test_odometry_without_backlash_follows_the_true_feet_not_the_command(seed):
     told, asked = tight_walk(seed, BalanceConfig(inward_m=0.0))
-    assert np.all(told < TOLD_WITHIN)
-    assert np.any(asked > 1.5 * TOLD_WITHIN)
+    assert np.all(told < ODOMETRY_WITHIN)
+    assert np.any(asked > 1.5 * ODOMETRY_WITHIN)
 
 
-def test_so_they_do_in_the_mean_with_the_weight_further_inside():
-    """Single walks are off by up to 1.1 mm sideways."""
+def test_odometry_without_backlash_is_accurate_on_average_with_the_default_balance():
+    """Single walks have lateral errors of up to 1.1 mm."""
     walks = [tight_walk(seed, BalanceConfig()) for seed in range(4)]
     told, asked = np.sqrt(np.mean(np.square(walks), axis=0))
-    assert np.all(told < TOLD_WITHIN)
-    assert np.any(asked > 1.5 * TOLD_WITHIN)
+    assert np.all(told < ODOMETRY_WITHIN)
+    assert np.any(asked > 1.5 * ODOMETRY_WITHIN)
 
 
-def test_the_weight_presses_on_the_foot_that_stands():
+def test_pressure_lies_inside_the_stance_foot():
     where = []
     with World(room(), "tiny", 0) as world, SimulatedRobot(world, BLIND, 0) as robot:
         body, physics = robot.body, robot.body.physics
@@ -128,7 +129,7 @@ def test_the_weight_presses_on_the_foot_that_stands():
             body.walk(TURNING)
             body.advance(1)
             aloft = body._tick - body._step.double_support_ticks
-            if not body.stepping or not 10 <= aloft <= 40:  # off the ground for sure, not down yet
+            if not body.stepping or not 10 <= aloft <= 40:  # clearly in the air
                 continue
             touched = physics._bullet.getContactPoints(
                 bodyA=physics.robot, physicsClientId=physics.client
@@ -142,11 +143,11 @@ def test_the_weight_presses_on_the_foot_that_stands():
     assert len(where) > 200
     assert np.all(np.abs(x) <= length / 2 + 1e-3)
     assert np.all(np.abs(y - DARWIN.foot_outward_m) <= width / 2 + 1e-3)
-    assert np.mean(np.abs(x) < 0.8 * length / 2) > 0.8  # it does not tip over an edge
+    assert np.mean(np.abs(x) < 0.8 * length / 2) > 0.8  # pressure away from the edges
     assert np.mean(np.abs(y - DARWIN.foot_outward_m) < 0.8 * width / 2) > 0.8
 
 
-def test_the_camera_is_where_encoders_and_tilt_say_within_play():
+def test_measured_camera_pose_is_accurate_up_to_backlash():
     with World(room(), "tiny", 2) as world, SimulatedRobot(world, SEES, 2) as robot:
         truth, angles, places = Truth(robot), [], []
         for _ in range(16):
@@ -177,15 +178,15 @@ def test_the_same_seed_gives_the_same_bits_again():
 
 
 def below(pose):
-    """A frame seen from above."""
+    """Projection of a pose on the floor."""
     return Pose2(*pose.position[:2], math.atan2(pose.rotation[1, 0], pose.rotation[0, 0]))
 
 
-def deepest(scene, thing, steps):
-    """How far any corner of any part of a walking robot gets into an upright box, m; negative: not so far."""
+def deepest(scene, item, steps):
+    """Greatest penetration of a link's corner into an upright box during a walk, m; negative without contact."""
     found = -math.inf
-    middle, size = np.array(thing.centre), np.array(thing.size)
-    c, s = math.cos(thing.yaw_rad), math.sin(thing.yaw_rad)
+    middle, size = np.array(item.centre), np.array(item.size)
+    c, s = math.cos(item.yaw_rad), math.sin(item.yaw_rad)
     axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, BLIND, 0) as robot:
@@ -200,15 +201,15 @@ def deepest(scene, thing, steps):
     return found
 
 
-def test_things_are_solid():
+def test_objects_are_solid():
     ahead = Pose2(0.1, -0.2, 0.5) @ Pose2(0.25, 0.0, 0.0)
     crate = Box((ahead.x, ahead.y, 0.3), (0.2, 0.8, 0.6), 0.5)
     assert (
         -0.003 < deepest(room(StaticObject("crate", (crate,))), crate, 11) < 0.005
-    )  # met, and kept out
+    )  # contact without penetration
 
 
-def test_a_hard_push_ends_in_a_fall_that_is_told():
+def test_a_fall_after_a_hard_push_is_reported():
     with World(room(), "tiny", 0) as world, SimulatedRobot(world, BLIND, 0) as robot:
         robot.read()
         assert isinstance(robot.body, DynamicBody)
@@ -219,17 +220,17 @@ def test_a_hard_push_ends_in_a_fall_that_is_told():
 
 
 @pytest.mark.parametrize("seed", [0, 4, 13])
-def test_who_stands_and_turns_its_head_stays_where_it_stands(seed):
-    """Soles that stand on their edges tremble; friction must not give way to that (it did by 5 degrees)."""
+def test_a_standing_body_that_turns_its_head_does_not_creep(seed):
+    """Soles on their edges shake; friction must hold nevertheless (without anchors the body turns by 5 degrees)."""
     poses = []
     with World(room(), "tiny", seed) as world, SimulatedRobot(world, BLIND, seed) as robot:
         for number in range(30):
             robot.body.walk(WalkCommand(0.04) if number < 5 else WalkCommand())
             robot.look(GazeCommand(1.0 if number % 2 else -1.0, 0.4))
-            robot.body.take_up()
+            robot.body.start_due_step()
             robot.body.advance(robot.body.ticks_left)
             poses.append(Truth(robot).robot_pose())
-    crept = poses[8].inverse() @ poses[-1]  # 14 seconds, once it has settled
+    crept = poses[8].inverse() @ poses[-1]  # over 14 seconds, after settling
     assert abs(math.degrees(crept.yaw)) < 1.0
     assert math.hypot(crept.x, crept.y) < 0.001
 
@@ -241,10 +242,10 @@ def test_the_tall_body_of_seed_004_stands_and_steps():
     assert (poses[0].inverse() @ poses[-1]).x > 0.12
 
 
-def test_encoders_sit_on_the_motors_and_follow_a_head_that_turns_fast():
+def test_head_encoders_follow_a_fast_head():
     steady = replace(BLIND, dynamic=DynamicConfig(offset_deg=0.0))
     steady = replace(steady, head=replace(steady.head, offset_deg=0.0))
-    play, grain = steady.dynamic.play_deg, steady.head.encoder_deg
+    play, grain = steady.dynamic.backlash_deg, steady.head.encoder_deg
     off, late = [], []
     with World(room(), "tiny", 0) as world, SimulatedRobot(world, steady, 0) as robot:
         for pan in (0.9, -0.9):
@@ -252,15 +253,15 @@ def test_encoders_sit_on_the_motors_and_follow_a_head_that_turns_fast():
             for _ in range(60):
                 robot.body.advance(1)
                 true = robot.body.physics.angles(NECK)
-                ahead, up = robot._head.camera_by_encoders((0.0, 0.0, 0.0)).rotation[:, [2, 1]].T
+                ahead, up = robot._head.camera_from_encoders((0.0, 0.0, 0.0)).rotation[:, [2, 1]].T
                 told = (math.atan2(ahead[1], ahead[0]), math.acos(-up[2]))
                 off.append(np.degrees(np.abs(told - true)))
-                late.append(np.degrees(np.abs(robot._head.aims - true)))
+                late.append(np.degrees(np.abs(robot._head.setpoints - true)))
     assert np.max(off) <= play / 2 + grain
-    assert np.max(late) > 2.0 * np.max(off)  # what is commanded is not where the joint is
+    assert np.max(late) > 2.0 * np.max(off)  # the joint lags its setpoint
 
 
-def test_leg_encoders_count_in_whole_grains():
+def test_leg_encoders_give_whole_counts():
     with World(room(), "tiny", 0) as world, SimulatedRobot(world, BLIND, 0) as robot:
         robot.walk(WalkCommand(0.04))
         for _ in range(3):
@@ -269,7 +270,7 @@ def test_leg_encoders_count_in_whole_grains():
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
 
 
-def test_a_sole_feels_the_floor_and_not_what_its_toe_runs_into():
+def test_sole_sensors_measure_the_floor_and_not_objects():
     sill = StaticObject("sill", (Box((0.11, 0.0, 0.03), (0.04, 0.8, 0.06), 0.0),))
     scene = replace(room(sill), start=Pose2())
     smooth = replace(BLIND, dynamic=DynamicConfig(bump_m=0.0))
@@ -277,7 +278,7 @@ def test_a_sole_feels_the_floor_and_not_what_its_toe_runs_into():
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, smooth, 0) as robot:
         physics = robot.body.physics
         weight = [
-            sum(physics.load_on(f"{side}_ankle_roll") for side in ("left", "right"))
+            sum(physics.sole_force(f"{side}_ankle_roll") for side in ("left", "right"))
             for _ in range(100)
             if robot.body.advance(1)
         ]
@@ -295,16 +296,17 @@ def test_a_sole_feels_the_floor_and_not_what_its_toe_runs_into():
                     physicsClientId=physics.client,
                 )
                 met += any(point[9] > 0.0 for point in aloft)
-                assert physics.load_on(name) == 0.0
+                assert physics.sole_force(name) == 0.0
     assert met > 0
 
 
-def test_up_is_against_gravity_where_the_floor_rises():
-    flat, steep = DynamicConfig(), DynamicConfig(slope_rad=(0.05, -0.03), bump_m=0.0, play_deg=0.0)
+def test_up_is_against_gravity_on_a_slope():
+    flat, steep = (
+        DynamicConfig(),
+        DynamicConfig(slope_rad=(0.05, -0.03), bump_m=0.0, backlash_deg=0.0),
+    )
     assert flat.up == (0.0, 0.0, 1.0)
-    assert steep.up[:2] == pytest.approx(
-        (math.sin(0.05), -math.sin(0.03))
-    )  # a metre on, so much higher
+    assert steep.up[:2] == pytest.approx((math.sin(0.05), -math.sin(0.03)))  # rise per metre
     with (
         World(room(), "tiny", 0) as world,
         SimulatedRobot(world, replace(BLIND, dynamic=steep), 0) as robot,
@@ -312,7 +314,7 @@ def test_up_is_against_gravity_where_the_floor_rises():
         felt = []
         for _ in range(200):
             robot.body.advance(1)
-            _, force = robot.body.physics.felt()
+            _, force = robot.body.physics.imu_reading()
             felt.append(robot.body.physics.pelvis().rotation @ force)
         np.testing.assert_allclose(np.mean(felt, axis=0) / 9.81, robot.up, atol=2e-3)
     with World(room(), "tiny", 0) as world:
@@ -324,7 +326,7 @@ def test_an_unknown_body_is_refused():
         RobotConfig(body="ghost")
 
 
-def test_solids_of_any_form_stop_it_too():
+def test_solids_of_any_shape_stop_the_robot():
     corners = np.array([[x, y, z] for x in (0.12, 0.3) for y in (-0.4, 0.4) for z in (0.0, 0.5)])
     block = StaticObject("block", (Solid(corners, np.array([[0, 1, 2]])),))
     scene = replace(room(block), start=Pose2())

@@ -1,8 +1,8 @@
-"""Where am I if I know nothing: the pose from landmarks of one frame alone.
+"""The pose from the landmarks of one frame alone, without a prior.
 
-Two sightings of known landmarks fix a pose on the floor, and are one number more than it takes; so they
-can contradict each other, and then nothing is said. The points seen are laid on the points known (rigid
-alignment in the plane), then refined by least squares with the covariance of the sightings.
+Two sightings of known landmarks determine a pose on the floor with one number to spare, so they can
+contradict each other; then there is no result. A rigid alignment in the plane gives the initial value, and
+least squares with the covariance of the sightings refines it.
 
 Source: alignment after Umeyama (1991), in the plane; its use after a kidnapping is ours.
 """
@@ -23,36 +23,36 @@ from ..primitives.landmark import Sighting
 
 def pose_from_sightings(
     sightings: Sequence[Sighting],
-    places: Float[np.ndarray, "k 2"],
+    positions: Float[np.ndarray, "k 2"],
     noise: Float[np.ndarray, "m m"],
     gate_probability: float = 0.999,
 ) -> Gaussian | None:
-    """The pose that sees known places as they are seen.
+    """The pose from which landmarks are seen as measured.
 
     Args:
         sightings: k of them, in one frame.
-        places: Their landmarks, (k, 2), world frame, m.
+        positions: Of their landmarks, (k, 2), world frame, m.
         noise: (2 k, 2 k) covariance of (range, bearing, ...).
-        gate_probability: Share of good pairs that must not be refused as contradictory.
+        gate_probability: Share of correct pairs that pass the test for contradictions.
 
     Returns:
-        Gaussian over (x, y, yaw), m and rad, world frame; None for fewer than two landmarks, two of them in
-        one place, or sightings that contradict each other.
+        Gaussian over (x, y, yaw), m and rad, world frame; None for fewer than two landmarks, two at one position, or
+        contradicting sightings.
     """
-    if len(sightings) < 2 or float(np.ptp(places, axis=0).max()) < 0.1:
+    if len(sightings) < 2 or float(np.ptp(positions, axis=0).max()) < 0.1:
         return None
     measured = np.concatenate([sighting.measured for sighting in sightings])
-    pose = _aligned(measured, places)
+    pose = _rigid_alignment(measured, positions)
     weight = np.linalg.inv(noise)
     for _ in range(10):
-        rest = sighting_difference(measured, range_bearing(pose, places))
-        J = jacobian(pose, places)
+        rest = sighting_difference(measured, range_bearing(pose, positions))
+        J = jacobian(pose, positions)
         information = J.T @ weight @ J
         step = np.linalg.lstsq(information, J.T @ weight @ rest, rcond=None)[0]
         pose = pose + step
         if float(np.abs(step).max()) < 1e-9:
             break
-    rest = sighting_difference(measured, range_bearing(pose, places))
+    rest = sighting_difference(measured, range_bearing(pose, positions))
     freedom = 2 * len(sightings) - 3
     if not float(rest @ weight @ rest) <= chi_square_quantile(gate_probability, freedom):
         return None
@@ -61,12 +61,12 @@ def pose_from_sightings(
 
 
 def jacobian(
-    pose: Float[np.ndarray, "3"], places: Float[np.ndarray, "k 2"]
+    pose: Float[np.ndarray, "3"], positions: Float[np.ndarray, "k 2"]
 ) -> Float[np.ndarray, "2*k 3"]:
-    """Derivative of (range, bearing, ...) of places by (x, y, yaw)."""
-    offset = places - pose[:2]
+    """Derivative of (range, bearing, ...) of landmarks by (x, y, yaw)."""
+    offset = positions - pose[:2]
     distance = np.hypot(offset[:, 0], offset[:, 1])
-    J = np.empty((2 * len(places), 3))
+    J = np.empty((2 * len(positions), 3))
     J[0::2, 0], J[0::2, 1], J[0::2, 2] = -offset[:, 0] / distance, -offset[:, 1] / distance, 0.0
     J[1::2, 0] = offset[:, 1] / distance**2
     J[1::2, 1] = -offset[:, 0] / distance**2
@@ -74,12 +74,12 @@ def jacobian(
     return J
 
 
-def _aligned(measured: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Pose (x, y, yaw) that lays the points seen on the points known, all counting alike."""
+def _rigid_alignment(measured: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Pose (x, y, yaw) that aligns the measured with the known positions, with equal weights."""
     ranges, bearings = measured[0::2], measured[1::2]
     seen = np.stack([ranges * np.cos(bearings), ranges * np.sin(bearings)], axis=-1)
-    a, b = seen - seen.mean(axis=0), places - places.mean(axis=0)
+    a, b = seen - seen.mean(axis=0), positions - positions.mean(axis=0)
     yaw = math.atan2(float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a * b)))
     c, s = math.cos(yaw), math.sin(yaw)
-    x, y = places.mean(axis=0) - np.array([[c, -s], [s, c]]) @ seen.mean(axis=0)
+    x, y = positions.mean(axis=0) - np.array([[c, -s], [s, c]]) @ seen.mean(axis=0)
     return np.array([x, y, yaw])

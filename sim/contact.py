@@ -1,4 +1,4 @@
-"""The robot's own solid, for contact: trunk with arms, and both feet; all upright boxes."""
+"""Contact between the robot and objects: its solid (trunk and feet as upright boxes) and the distance to shapes."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ import numpy as np
 
 from perception.primitives.pose import Pose2
 
-from ..shapes import Box, Cylinder, Shape, convex_gap, distance, outline
-from .dynamic.anatomy import Anatomy
-from .dynamic.walker import DynamicBody
-from .kinematic import KinematicBody
+from .body.body import Body
+from .body.dynamic.anatomy import Anatomy
+from .shapes import Box, Cylinder, Shape, convex_gap, distance, outline
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """The nearest thing, and the gap to it, m; not above 0 means contact."""
+    """The nearest object and the distance to it, m; zero or less means contact."""
 
     gap_m: float
-    thing: str
+    name: str
 
 
-def robot_solid(body: KinematicBody | DynamicBody, measures: Anatomy) -> tuple[Box, ...]:
-    """Trunk and feet where they truly are, world frame; feet up to the ankle."""
+def robot_solid(body: Body, measures: Anatomy) -> tuple[Box, ...]:
+    """True trunk, and feet up to the ankle, world frame."""
     x, y, _ = body.true_trunk().position
     trunk = body.true_pose @ Pose2(float(x), float(y))
     boxes = [_upright(trunk, measures.trunk_m, measures.trunk_bottom_m)]
@@ -36,13 +35,13 @@ def robot_solid(body: KinematicBody | DynamicBody, measures: Anatomy) -> tuple[B
     return tuple(boxes)
 
 
-def nearest(solid: Sequence[Box], things: Sequence[tuple[str, Shape]]) -> Nearest:
-    """The thing nearest to the solid, level by level: only what shares a height can touch.
+def nearest(solid: Sequence[Box], shapes: Sequence[tuple[str, Shape]]) -> Nearest:
+    """The shape nearest to the solid; shapes touch only where their heights overlap.
 
-    Exact, since everything is an upright prism.
+    Exact for upright prisms.
     """
     best = Nearest(float("inf"), "nothing")
-    for name, shape in things:
+    for name, shape in shapes:
         reach = _reach(shape)
         for box in solid:
             apart = math.dist(box.centre[:2], shape.centre[:2]) - reach - _reach(box)
@@ -54,7 +53,7 @@ def nearest(solid: Sequence[Box], things: Sequence[tuple[str, Shape]]) -> Neares
 
 
 def _reach(shape: Shape) -> float:
-    """Radius of a circle about the centre that holds the outline: what is apart by circles needs no more."""
+    """Radius of a circle about the centre that contains the outline, for a fast rejection."""
     if isinstance(shape, Cylinder):
         return shape.radius
     if isinstance(shape, Box):

@@ -1,4 +1,4 @@
-"""Two landmarks give the pose from nothing, with an honest covariance; contradictions give none."""
+"""The pose from two landmarks alone: consistent covariance, and no result from contradicting sightings."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from perception.filtering.consistency import band, nees
 from perception.filtering.models import range_bearing, wrap_angles
-from perception.localisation.filter import joint_noise
-from perception.localisation.relocation import jacobian, pose_from_sightings
+from perception.localisation.localiser_noise import joint_noise
+from perception.localisation.relocalisation import jacobian, pose_from_sightings
 from perception.primitives.landmark import Sighting
 
 NOISE = np.diag([0.01**2, 0.01**2])
@@ -29,7 +29,7 @@ def noise(k: int) -> np.ndarray:
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_perfect_sightings_give_the_pose(seed):
+def test_noise_free_sightings_give_the_pose(seed):
     rng = np.random.default_rng(seed)
     pose = rng.uniform([-3, -3, -math.pi], [3, 3, math.pi])
     places = rng.uniform([-5, 5], [5, 15], (3, 2))
@@ -40,7 +40,7 @@ def test_perfect_sightings_give_the_pose(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_the_jacobian_is_the_difference_quotient(seed):
+def test_the_jacobian_agrees_with_finite_differences(seed):
     rng = np.random.default_rng(seed)
     pose, places = rng.uniform(-1, 1, 3), rng.uniform(2, 5, (3, 2))
     step = 1e-6
@@ -51,7 +51,7 @@ def test_the_jacobian_is_the_difference_quotient(seed):
     np.testing.assert_allclose(jacobian(pose, places), np.array(columns).T, atol=1e-7)
 
 
-def test_its_covariance_is_honest():
+def test_the_pose_is_consistent_with_its_covariance():
     rng = np.random.default_rng(1)
     pose, places = np.array([0.3, -0.2, 0.5]), np.array([[2.0, 1.0], [1.5, -1.0]])
     errors, covariances = [], []
@@ -66,14 +66,14 @@ def test_its_covariance_is_honest():
     assert low < nees(np.array(errors), np.array(covariances)).mean() < high
 
 
-def test_one_landmark_or_two_in_one_place_say_nothing():
+def test_one_landmark_or_two_at_one_position_give_no_pose():
     pose, places = np.zeros(3), np.array([[2.0, 1.0], [2.0, 1.05]])
     seen = look(pose, places, None)
     assert pose_from_sightings(seen[:1], places[:1], noise(1)) is None
     assert pose_from_sightings(seen, places, noise(2)) is None
 
 
-def test_landmarks_that_contradict_each_other_say_nothing():
+def test_contradicting_sightings_give_no_pose():
     places = np.array([[2.0, 1.0], [1.5, -1.0]])
     seen = look(np.zeros(3), places, None)
     wrong = Sighting(1, seen[1].measured + np.array([0.5, 0.3]), NOISE)

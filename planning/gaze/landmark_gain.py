@@ -1,6 +1,6 @@
-"""What a look at a landmark is worth: how much less vague the robot's place would be after it.
+"""Information gain of a landmark: how much its sighting reduces the uncertainty of the robot's position.
 
-Source: ours; the linearised update that the localiser would make.
+Source: ours; the linearised measurement update of the localiser.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ def gains(
     range_per_m: float,
     bearing_rad: float,
 ) -> Float[np.ndarray, "n"]:
-    """Share of the deviation of the robot's place that a sighting of each landmark would take away.
+    """Relative reduction of the standard deviation of the position by a sighting of each landmark.
 
     Args:
-        offsets: From the robot's mean place to the landmarks, world axes, m.
+        offsets: From the mean position of the robot to the landmarks, world axes, m.
         covariance: Of (x, y, yaw).
-        range_per_m: Deviation of a range, by its square, 1/m.
-        bearing_rad: Deviation of a bearing.
+        range_per_m: Standard deviation of a range divided by its square, 1/m.
+        bearing_rad: Standard deviation of a bearing.
 
     Returns:
-        In [0, 1], by the linearised update with range and bearing.
+        In [0, 1].
     """
     away = np.maximum(np.hypot(offsets[:, 0], offsets[:, 1]), 0.1)
     H = np.zeros((len(offsets), 2, 3))

@@ -1,0 +1,124 @@
+"""Pictures of a mapped recording: its surface from two directions, and the layers of its floor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from mapping.io.clouds import load_ply
+
+from ...results.run_folder import RunFolder
+from .style import ESTIMATE, Drawn, sheet
+
+PIXELS = 520  # along the longer side of a view, as large as the page shows
+PIXEL_M = 0.02  # smallest pixel, as the voxels: a finer image would have gaps between points
+OBLIQUE_DEG = 35.0  # depression angle of the oblique view
+BACKGROUND = 255
+
+
+def surface(run: RunFolder) -> Drawn | None:
+    """Point cloud of the run from above and in an oblique view; None without one."""
+    if not run.has("cloud.ply"):
+        return None
+    points, colours = load_ply(run.path("cloud.ply"))
+    if len(points) == 0:
+        return None
+    low, high = np.percentile(points, (0.5, 99.5), axis=0)
+    near = np.all((points > low - 0.3) & (points < high + 0.3), axis=1)
+    by_height = colours is None
+    if colours is None:
+        colours = _height_colours(points[:, 2], float(low[2]), float(high[2]))
+    path = run.read_trajectory("trajectory.txt")
+    figure, axes = sheet(1, 2, 3.6)
+    for one, view, words in zip(axes, _views(), ("from above", "oblique view"), strict=True):
+        picture, extent = splat(points[near] @ view.T, colours[near])
+        one.imshow(picture, origin="lower", extent=extent, interpolation="nearest", aspect="equal")
+        if path is not None:
+            seen = path.positions @ view.T
+            one.plot(seen[:, 0], seen[:, 1], color=ESTIMATE, lw=1.6)
+        one.grid(False)
+        one.set(title=words, xlabel="x, m")
+    axes[0].set_ylabel("y, m")
+    axes[1].set_yticks([])
+    sentence = (
+        "The mapped surface from above, in the axes of the map, and in an oblique view along +y"
+    )
+    sentence += ", with the trajectory in blue" if path is not None else ""
+    sentence += ". Without colour images, colour shows height: dark is low" if by_height else ""
+    return Drawn(figure, f"{sentence}.")
+
+
+def layers(run: RunFolder) -> Drawn | None:
+    """Height, slope and traversability of the floor; None without layers.npz."""
+    if not run.has("layers.npz"):
+        return None
+    with np.load(run.path("layers.npz")) as saved:
+        height, slope, probability = (
+            saved[name] for name in ("elevation", "slope", "traversability")
+        )
+        (left, bottom), cell_m = saved["origin"], float(saved["resolution"])
+    if not np.isfinite(height).any():
+        return None
+    extent = (left, left + cell_m * height.shape[1], bottom, bottom + cell_m * height.shape[0])
+    figure, axes = sheet(1, 3, 3.0, sharey=True)
+    low, high = np.nanpercentile(height, (1, 99))
+    for one, layer, title, limits in (
+        (axes[0], height, "height, m", (low, high)),
+        (axes[1], np.degrees(slope), "slope, deg", (0.0, 45.0)),
+        (axes[2], probability, "traversable, probability", (0.0, 1.0)),
+    ):
+        image = one.imshow(
+            layer, origin="lower", extent=extent, vmin=limits[0], vmax=max(limits[1], limits[0] + 1e-3),
+            cmap="viridis", interpolation="nearest",
+        )  # fmt: skip
+        one.grid(False)
+        one.set(title=title, xlabel="x, m")
+        figure.colorbar(image, ax=one, orientation="horizontal", shrink=0.9)
+    axes[0].set_ylabel("y, m")
+    sentence = (
+        "Layers of the floor in the axes of the map: height of the lowest surface, slope, and the probability "
+        "that a foot can stand there; white cells are unknown."
+    )
+    return Drawn(figure, sentence)
+
+
+def _height_colours(z: Float[np.ndarray, "n"], low: float, high: float) -> UInt8[np.ndarray, "n 3"]:
+    """Colours of points without colour, by height."""
+    from matplotlib import colormaps
+
+    level = np.clip((z - low) / max(high - low, 1e-6), 0.0, 1.0)
+    return np.asarray(colormaps["cividis"](level, bytes=True)[:, :3], dtype=np.uint8)
+
+
+def splat(
+    points: Float[np.ndarray, "n 3"], colours: UInt8[np.ndarray, "n 3"]
+) -> tuple[UInt8[np.ndarray, "h w 3"], tuple[float, float, float, float]]:
+    """Orthographic image of points: each pixel has the colour of the point nearest to the viewer.
+
+    Args:
+        points: Coordinates to the right, up, and towards the viewer, m.
+        colours: RGB of each point.
+
+    Returns:
+        The image, lowest row first, and its extent (left, right, bottom, top), m.
+    """
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    cell = max(float(np.max(high - low)) / PIXELS, PIXEL_M)
+    columns, rows = (np.floor((high - low) / cell).astype(int) + 1).tolist()
+    at = np.floor((points[:, :2] - low) / cell).astype(int)
+    picture = np.full((rows, columns, 3), BACKGROUND, np.uint8)
+    order = np.argsort(points[:, 2], kind="stable")  # the nearest is drawn last
+    for side in ((0, 1), (1, 0), (0, 0)):  # a point also fills empty pixels above and beside it
+        u, v = (at[order] + side).T
+        inside = (u < columns) & (v < rows)
+        picture[v[inside], u[inside]] = colours[order][inside]
+    left, bottom = (float(value) for value in low)
+    return picture, (left, left + cell * columns, bottom, bottom + cell * rows)
+
+
+def _views() -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
+    """Rows are right, up and towards the viewer: from above, and oblique, looking along +y."""
+    c, s = math.cos(math.radians(OBLIQUE_DEG)), math.sin(math.radians(OBLIQUE_DEG))
+    return np.eye(3), np.array([[1.0, 0.0, 0.0], [0.0, s, c], [0.0, -c, s]])
