@@ -47,6 +47,9 @@ def main(debug: bool) -> None:
     logging.basicConfig(level=logging.WARNING)
     for package in ("perception", "mapping", "planning", "sim", "surefoot"):
         logging.getLogger(package).setLevel(logging.DEBUG if debug else logging.WARNING)
+    logging.getLogger("matplotlib").setLevel(
+        logging.ERROR
+    )  # it warns about a home that it cannot write
 
 
 out_option = click.option(
