@@ -25,6 +25,7 @@ from typing import Any
 
 import numba
 
+_numba: Any = numba.config  # has its attributes at run time only
 _IMPORT = re.compile(rb"^from (\.*)([\w.]+) import", re.MULTILINE)
 
 
@@ -35,12 +36,12 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         folder = (
             cache_folder(function.__module__.partition(".")[0]) if options.get("cache") else None
         )
-        before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(folder or "")  # Numba reads it while it decorates, not later
+        before = _numba.CACHE_DIR
+        _numba.CACHE_DIR = str(folder or "")  # Numba reads it while it decorates, not later
         try:
             return numba.njit(**{**options, "cache": folder is not None})(function)
         finally:
-            numba.config.CACHE_DIR = before
+            _numba.CACHE_DIR = before
 
     return decorate
 
@@ -54,7 +55,7 @@ def cache_folder(package: str) -> Path | None:
     """
     root = Path(str(sys.modules[package].__file__)).parent
     name = f"kernels-{_state(root)}"
-    wanted = numba.config.CACHE_DIR
+    wanted = _numba.CACHE_DIR
     places = [Path(wanted)] if wanted else [root / "__pycache__", _user_cache()]
     for place in places:
         if place is not None and _writable(place / name):
