@@ -12,6 +12,7 @@ from surefoot.cli import bootstrap
 @pytest.fixture
 def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine that lacks a library, and where nothing may be installed."""
+    monkeypatch.setattr(sys, "version_info", (3, 11, 7, "final", 0))
     monkeypatch.setattr(bootstrap, "LIBRARIES", {"libnot-there.so.9": "libnot-there9"})
     monkeypatch.setattr(bootstrap, "privilege", lambda: None)
 
