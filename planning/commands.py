@@ -1,4 +1,4 @@
-"""What planning asks of a body: the next footstep, and where to look."""
+"""Commands to a body: the next footstep, and the gaze."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class WalkCommand:
     Args:
         forward_m: S_F, sagittal step.
         lateral_m: S_L, lateral step, left positive.
-        turn_rad: theta, change of heading over the step, left positive (the seed counts clockwise).
+        turn_rad: theta, change of heading over the step, left positive (clockwise in the paper).
         single_support_s: T_SS.
         double_support_s: T_DS.
 
@@ -27,7 +27,7 @@ class WalkCommand:
 
     @property
     def duration_s(self) -> float:
-        """Time of the whole step."""
+        """Duration of the step."""
         return self.single_support_s + self.double_support_s
 
 

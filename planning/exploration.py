@@ -1,8 +1,8 @@
-"""Exploration: where to go to see what was never seen, and then what was not seen for longest.
+"""Exploration: targets at frontiers of the known ground, then at the ground seen longest ago.
 
-Where known free ground borders on unknown ground lies a frontier. Of the frontiers that the body can reach
-the one is chosen that shows most for the way; when none is left, the ground seen longest ago is visited
-again. A place just visited, or that cannot be reached in time, is left alone for a while.
+A frontier is a border between known free ground and unknown ground. The robot goes to the reachable frontier with the
+largest length by path cost; without frontiers it visits the ground seen longest ago. A target that was visited, or that
+cannot be reached in time, is left alone for a while.
 
 Source: seed 003, section 5 and experiment E6 (wander and explore at home); frontiers: B. Yamauchi, "A
 frontier-based approach for autonomous exploration" (CIRA 1997); gain and patience ours.
@@ -18,22 +18,33 @@ from jaxtyping import Bool, Float, Int
 from scipy import ndimage, sparse
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from perception.primitives.settings import setting
+
+# all ours
+BODY_M = 0.22  # half the width of the narrowest passage of a DARwIn-OP; grows with the body
+SETTLE_M = 0.80  # a metre of path costs as much as this length of frontier gains
+ARRIVE_M = 0.30  # distance at which a target is reached
+SHUN_S, SHUN_M = 150.0, 0.50  # how long a target is left alone, and everything this near to it
+PROGRESS_M = 0.1  # least reduction of the remaining path that is progress
+STAND_M = 0.6  # largest distance from the middle of a frontier to a reachable cell
+SIGHT_M = 0.4  # a frontier without cells this near to its target is gone
+SAMPLES = 200  # candidates among the cells to see again
 
 
 @dataclass(frozen=True)
 class ExplorationConfig:
-    """What counts as a frontier, and how patient the walk there is."""
+    """Frontiers that count, and patience on the way to them."""
 
-    body_m: float = 0.22  # ours: half of the narrowest passage to look for a way through
-    least_frontier_m: float = 0.20  # ours: shorter borders with the unknown are gaps of the sensor
-    settle_m: float = 0.80  # ours: a metre of way costs as much as this length of frontier gains
-    arrive_m: float = 0.30  # ours: nearer than this one has arrived
-    ahead_m: float = (
-        1.20  # ours: the next goal lies at most so far along the way; the local map holds it
+    least_frontier_m: float = (
+        0.20  # ours: gaps of the sensor; length below which a frontier is ignored
     )
-    patience_s: float = 45.0  # ours: without getting nearer
-    shun_s: float = 150.0  # ours: how long a place that could not be reached is left alone
-    shun_m: float = 0.50  # ours: and what lies so near to it
+    ahead_m: float = (
+        1.20  # ours: the local map holds it; largest distance of the next goal along the path
+    )
+    patience_s: float = setting(
+        45.0, "s", "time without progress after which a target is given up", "ours"
+    )
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:
@@ -44,12 +55,12 @@ class ExplorationConfig:
 
 @dataclass(frozen=True)
 class ExplorationMap:
-    """A map as the explorer sees it.
+    """The map for exploration.
 
     Args:
-        occupied: Cells covered by something, [row (y), column (x)].
-        known: Cells that were seen.
-        updated_s: When, s.
+        occupied: Occupied cells, [row (y), column (x)].
+        known: Seen cells.
+        updated_s: Stamp of the last sight of each cell, s.
         origin: Lower left corner of cell [0, 0], world frame, m.
         cell_m: Side of a cell.
     """
@@ -61,7 +72,7 @@ class ExplorationMap:
     cell_m: float
 
     def cell(self, place: Float[np.ndarray, "2"]) -> tuple[int, int]:
-        """[row, column] of a place, pulled onto the map."""
+        """[row, column] of a point, clipped to the map."""
         column, row = np.floor((place - self.origin) / self.cell_m).astype(int)
         rows, columns = self.known.shape
         return int(np.clip(row, 0, rows - 1)), int(np.clip(column, 0, columns - 1))
@@ -71,12 +82,12 @@ class ExplorationMap:
         return np.asarray(self.origin + (cells[:, ::-1] + 0.5) * self.cell_m)
 
     def passable(self, body_m: float) -> Bool[np.ndarray, "rows columns"]:
-        """Known free cells whose distance from everything in the way is at least half a body."""
+        """Known free cells at least half a body away from occupied cells."""
         clearance = ndimage.distance_transform_edt(~self.occupied) * self.cell_m
         return np.asarray(self.known & ~self.occupied & (clearance >= body_m))
 
     def frontier(self) -> Bool[np.ndarray, "rows columns"]:
-        """Known free cells that touch unknown ground."""
+        """Known free cells with an unknown neighbour."""
         unknown = ndimage.binary_dilation(
             np.pad(~self.known, 1, constant_values=True), np.ones((3, 3), bool)
         )
@@ -87,51 +98,54 @@ class ExplorationMap:
 class _Target:
     place: Float[np.ndarray, "2"]
     fresh: bool  # a frontier, not ground to see again
-    best_m: float = math.inf  # shortest way left so far
-    best_s: float = 0.0  # and when
+    best_m: float = math.inf  # shortest remaining path so far
+    best_s: float = 0.0  # stamp of that
 
 
 class Explorer:
-    """Gives one goal after the other; remembers the present one and those that could not be reached."""
+    """Chooses targets; remembers the present one and those to leave alone."""
 
-    def __init__(self, config: ExplorationConfig | None = None) -> None:
+    def __init__(
+        self, config: ExplorationConfig | None = None, robot: RobotModel = DARWIN_OP
+    ) -> None:
         self._config = config or ExplorationConfig()
+        self._body_m = robot.breadth * BODY_M
         self._target: _Target | None = None
         self._shunned: list[tuple[Float[np.ndarray, "2"], float]] = []
         self.visited = 0
-        """Targets arrived at, or seen from afar."""
+        """Number of targets reached or seen from a distance."""
 
     def goal(
         self, ground: ExplorationMap, here: Float[np.ndarray, "2"], stamp_s: float
     ) -> Float[np.ndarray, "2"]:
-        """Where to walk now, world frame, m: a place on the way to the target, or `here` if there is none."""
+        """The present goal on the path to the target, world frame, m; `here` without a target."""
         self._shunned = [(place, until) for place, until in self._shunned if until > stamp_s]
-        ways = _Ways(ground, here, self._config.body_m)
-        if self._target is not None and self._is_done(self._target, ground, ways, here, stamp_s):
+        paths = _Paths(ground, here, self._body_m)
+        if self._target is not None and self._is_done(self._target, ground, paths, here, stamp_s):
             self._target = None
         if self._target is None:
-            self._target = self._choose(ground, ways, stamp_s)
+            self._target = self._choose(ground, paths, stamp_s)
         if self._target is None:
             return here
-        return ways.ahead(self._target.place, self._config.ahead_m)
+        return paths.ahead(self._target.place, self._config.ahead_m)
 
     def _is_done(
         self,
         target: _Target,
         ground: ExplorationMap,
-        ways: _Ways,
+        paths: _Paths,
         here: Float[np.ndarray, "2"],
         stamp_s: float,
     ) -> bool:
-        if float(np.hypot(*(target.place - here))) < self._config.arrive_m:
+        if float(np.hypot(*(target.place - here))) < ARRIVE_M:
             self.visited += 1
-            self._shun(target, stamp_s)  # what can be seen from there will have been
+            self._shun(target, stamp_s)  # everything visible from there has been seen
             return True
         if target.fresh and not _near(ground, ground.frontier(), target.place):
             self.visited += 1
             return True
-        left = ways.length(target.place)
-        if left < target.best_m - 0.1:
+        left = paths.length(target.place)
+        if left < target.best_m - PROGRESS_M:
             target.best_m, target.best_s = left, stamp_s
         if not math.isfinite(left) or stamp_s - target.best_s > self._config.patience_s:
             self._shun(target, stamp_s)
@@ -139,16 +153,18 @@ class Explorer:
         return False
 
     def _shun(self, target: _Target, stamp_s: float) -> None:
-        self._shunned.append((target.place, stamp_s + self._config.shun_s))
+        self._shunned.append((target.place, stamp_s + SHUN_S))
 
-    def _choose(self, ground: ExplorationMap, ways: _Ways, stamp_s: float) -> _Target | None:
-        best = self._best_frontier(ground, ways)
+    def _choose(self, ground: ExplorationMap, paths: _Paths, stamp_s: float) -> _Target | None:
+        best = self._best_frontier(ground, paths)
         if best is not None:
-            return _Target(best, True, ways.length(best), stamp_s)
-        longest = self._longest_unseen(ground, ways)
-        return None if longest is None else _Target(longest, False, ways.length(longest), stamp_s)
+            return _Target(best, True, paths.length(best), stamp_s)
+        longest = self._longest_unseen(ground, paths)
+        return None if longest is None else _Target(longest, False, paths.length(longest), stamp_s)
 
-    def _best_frontier(self, ground: ExplorationMap, ways: _Ways) -> Float[np.ndarray, "2"] | None:
+    def _best_frontier(
+        self, ground: ExplorationMap, paths: _Paths
+    ) -> Float[np.ndarray, "2"] | None:
         labels, count = ndimage.label(ground.frontier(), np.ones((3, 3)))
         best, found = 0.0, None
         for label in range(1, count + 1):
@@ -156,29 +172,31 @@ class Explorer:
             length = len(cells) * ground.cell_m
             if length < self._config.least_frontier_m:
                 continue
-            stand = ways.nearest(cells)
+            stand = paths.nearest(cells)
             if stand is None or self._is_shunned(stand):
                 continue
-            gain = length / (self._config.settle_m + ways.length(stand))
+            gain = length / (SETTLE_M + paths.length(stand))
             if gain > best:
                 best, found = gain, stand
         return found
 
-    def _longest_unseen(self, ground: ExplorationMap, ways: _Ways) -> Float[np.ndarray, "2"] | None:
-        cells = np.argwhere(np.isfinite(ways.metres) & (ways.metres > self._config.arrive_m))
+    def _longest_unseen(
+        self, ground: ExplorationMap, paths: _Paths
+    ) -> Float[np.ndarray, "2"] | None:
+        cells = np.argwhere(np.isfinite(paths.metres) & (paths.metres > ARRIVE_M))
         order = np.argsort(ground.updated_s[tuple(cells.T)], kind="stable")
-        for place in ground.places(cells[order[:: max(1, len(order) // 200)]]):
+        for place in ground.places(cells[order[:: max(1, len(order) // SAMPLES)]]):
             if not self._is_shunned(place):
                 return np.asarray(place)
         return None
 
     def _is_shunned(self, place: Float[np.ndarray, "2"]) -> bool:
-        near = self._config.shun_m
+        near = SHUN_M
         return any(float(np.hypot(*(place - other))) < near for other, _ in self._shunned)
 
 
-class _Ways:
-    """Shortest ways from one place to every passable cell, straight and diagonal steps."""
+class _Paths:
+    """Shortest paths from one point to every passable cell, with straight and diagonal steps."""
 
     def __init__(self, ground: ExplorationMap, here: Float[np.ndarray, "2"], body_m: float) -> None:
         self._ground = ground
@@ -186,12 +204,12 @@ class _Ways:
         start = ground.cell(here)
         rows, columns = np.ogrid[: passable.shape[0], : passable.shape[1]]
         around = np.hypot(rows - start[0], columns - start[1]) * ground.cell_m <= 1.5 * body_m
-        passable |= around & ~ground.occupied  # the body stands there: it can leave
+        passable |= around & ~ground.occupied  # the robot can leave the place where it stands
         self._index = np.full(passable.shape, -1)
         self._cells = np.argwhere(passable)
         self._index[tuple(self._cells.T)] = np.arange(len(self._cells))
         self.metres = np.full(passable.shape, np.inf)
-        """Length of the way to each cell; infinite where there is none."""
+        """Length of the path to each cell; infinite without one."""
         self._before: np.ndarray = np.zeros(0, np.int32)
         if self._index[start] < 0:
             return
@@ -203,23 +221,23 @@ class _Ways:
         self._before = before
 
     def length(self, place: Float[np.ndarray, "2"]) -> float:
-        """Of the way to a place, m."""
+        """Length of the path to a point, m."""
         return float(self.metres[self._ground.cell(place)])
 
     def nearest(self, cells: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"] | None:
-        """The place within reach that is nearest to the middle one of some cells, at most 0.6 m off."""
+        """The reachable point nearest to the middle of some cells; None beyond STAND_M."""
         middle = cells[np.argmin(np.hypot(*(cells - cells.mean(axis=0)).T))]
         reach = np.isfinite(self.metres[tuple(self._cells.T)])
         if not reach.any():
             return None
         away = np.hypot(*(self._cells[reach] - middle).T) * self._ground.cell_m
         best = int(np.argmin(away))
-        if away[best] > 0.6:
+        if away[best] > STAND_M:
             return None
         return self._ground.places(self._cells[reach][best][None])[0]
 
     def ahead(self, place: Float[np.ndarray, "2"], most_m: float) -> Float[np.ndarray, "2"]:
-        """The point of the way to a place that lies at most so far along it."""
+        """The point at most `most_m` along the path to a point."""
         at = self._index[self._ground.cell(place)]
         if at < 0 or not math.isfinite(self.length(place)):
             return place
@@ -250,9 +268,9 @@ def _lattice(index: Int[np.ndarray, "rows columns"], cell_m: float) -> sparse.cs
 def _near(
     ground: ExplorationMap, cells: Bool[np.ndarray, "rows columns"], place: Float[np.ndarray, "2"]
 ) -> bool:
-    """Whether one of the cells lies within 0.4 m of a place."""
+    """Whether one of the cells lies within SIGHT_M of a point."""
     row, column = ground.cell(place)
-    reach = round(0.4 / ground.cell_m)
+    reach = round(SIGHT_M / ground.cell_m)
     return bool(
         cells[
             max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1

@@ -66,10 +66,12 @@ class RobotConfig:
     image_pairs: bool = setting(
         False, "", "colour and stereo images twice per step instead of once", "seed 000: twice"
     )
-    tof_mount_m: tuple[float, float, float] = setting(
-        (0.035, 0.0, 0.035), "m", "position of the time-of-flight camera in the head", "DARwIn-OP"
-    )
-    baseline_m: float = setting(0.04, "m", "baseline of the stereo camera", "seed 003")
+    tof_mount_m: tuple[float, float, float] = (
+        0.035,
+        0.0,
+        0.035,
+    )  # DARwIn-OP; position of the time-of-flight camera in the head
+    baseline_m: float = 0.04  # seed 003; baseline of the stereo camera
     gait: GaitConfig = field(default_factory=GaitConfig)
     slip: SlipConfig = field(default_factory=SlipConfig)
     sway: SwayConfig = field(default_factory=SwayConfig)

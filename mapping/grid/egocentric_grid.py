@@ -10,7 +10,7 @@ obstacle, also counts as seen floor (ours).
 Each cell holds the occupancy probability, the time of its last update, and a surface height with its
 variance.
 
-Source: Han 2018 (seed 003), section 3, eq. (1) and (2), Fig. 5 and 6.
+Source: seed 003, section 3, eq. (1) and (2), Fig. 5 and 6.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ it shows on floor known to be free, and five until its trail is gone. Cells of a
 therefore take one small fixed value at once. One floor observation clears it, and it fades while the cell is
 out of view (ours).
 
-Source: Han 2018 (seed 003), section 3, "Update of p".
+Source: seed 003, section 3, "Update of p".
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The lattice is fixed in the world, with the start position in the centre of one 
 the N x N part of it with the robot in the centre cell. Every layer is a torus: a cell that leaves on one side
 is reused for one that enters on the other. The window never rotates.
 
-Source: Han 2018 (seed 003), section 3, eq. (1) and (2), Fig. 5 and 6.
+Source: seed 003, section 3, eq. (1) and (2), Fig. 5 and 6.
 """
 
 from __future__ import annotations

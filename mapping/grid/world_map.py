@@ -4,18 +4,17 @@ It applies the evidence of the terrain map on a lattice whose cell corners are m
 the world frame, so that maps of several runs align. Each cell also keeps the height of the highest static
 obstacle point (ours).
 
-Source: Han 2018 (seed 003), section 3 (evidence).
+Source: seed 003, section 3 (evidence).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from perception.primitives.errors import ConfigError, InputError
-from perception.primitives.settings import setting
 
 from . import _evidence_kernels
 from .evidence import EvidenceConfig, age, kinds_of, mark_moving, probability_of, update_cells
@@ -27,11 +26,9 @@ GROWTH = 64  # cells by which the map grows at least, so that it rarely does
 class WorldMapConfig:
     """Resolution and largest extent of the world map."""
 
-    cell_m: float = setting(
-        0.05, "m", "side of a cell of the world map", "ours: as the terrain map"
-    )
+    cell_m: float = 0.05  # ours: as the terrain map; side of a cell of the world map
     most_cells: int = 16_000_000  # ours: 200 m x 200 m of 5 cm; points beyond are dropped
-    evidence: EvidenceConfig = field(default_factory=lambda: EvidenceConfig(tail_share=0.1))
+    tail_share: float = 0.1  # ours: in place of the terrain map's
 
     def __post_init__(self) -> None:
         if not self.cell_m > 0.0:
@@ -45,9 +42,17 @@ class WorldMapConfig:
 class WorldMap:
     """Occupancy probability, time of the last update and obstacle height of every cell ever seen."""
 
-    def __init__(self, config: WorldMapConfig | None = None) -> None:
-        """An empty map of no cells."""
+    def __init__(
+        self, config: WorldMapConfig | None = None, evidence: EvidenceConfig | None = None
+    ) -> None:
+        """An empty map of no cells.
+
+        Args:
+            config: Resolution and extent.
+            evidence: Of the terrain map; only its tail share is replaced.
+        """
         self.config = config or WorldMapConfig()
+        self._evidence = replace(evidence or EvidenceConfig(), tail_share=self.config.tail_share)
         self.dropped = 0  # points beyond the largest extent
         self._first = np.zeros(2, np.int64)  # lattice cell (x, y) of cell [0, 0]
         self._log_odds = np.zeros((0, 0), np.float32)
@@ -130,7 +135,7 @@ class WorldMap:
         counts = tally[:-1].reshape(3, rows, columns)
         row, column = (int(v) for v in (low - self._first)[::-1])
         layers = (self._log_odds, self._updated_s, self._moving)
-        update_cells(counts, layers, (row, column), stamp_s, self.config.evidence)
+        update_cells(counts, layers, (row, column), stamp_s, self._evidence)
         if heights_m is not None:
             top = self._height_m[row : row + rows, column : column + columns]
             _evidence_kernels.highest_in_cells(points, heights_m, kinds, anchor, per_m, low, top)

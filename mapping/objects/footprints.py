@@ -41,8 +41,8 @@ class FootprintConfig:
         "wider gaps on the floor separate two obstacles",
         "ours: two pixels of a depth camera at 3 m",
     )
-    least_points: int = setting(
-        20, "", "voxels that an obstacle has at least", "ours: outliers form smaller clusters"
+    least_points: int = (
+        20  # ours: outliers form smaller clusters; voxels that an obstacle has at least
     )
     least_sightings: int = setting(
         2,

@@ -28,8 +28,8 @@ class TsdfConfig:
         "compiled", "", 'implementation: "compiled" or "open3d"', "ours: weighs by depth variance"
     )
     voxel_m: float = setting(0.02, "m", "side of a voxel of the surface map", "ours: benchmark")
-    band_voxels: float = setting(
-        4.0, "voxels", "truncation distance of the signed distance", "KinectFusion: noise at 4 m"
+    band_voxels: float = (
+        4.0  # KinectFusion: noise at 4 m; truncation distance of the signed distance
     )
     farthest_m: float = setting(
         5.0, "m", "depth beyond which pixels are ignored", "ours: sigma exceeds the band there"

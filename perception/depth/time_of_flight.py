@@ -37,22 +37,15 @@ class TofConfig:
     sigma_m: float = setting(
         0.004, "m", "range noise of a white target at 1.3 m", "published SR-4000 test"
     )
-    fixed_m: float = setting(
-        0.005,
-        "m",
-        "range error that does not depend on range",
-        "SR-4000: pattern 3 mm, timing 2.5 mm, residual harmonics",
-    )
-    white_amplitude: float = setting(
-        1.0, "camera units", "amplitude of a white target 2 m straight ahead", "ours: normalised"
-    )
+    fixed_m: float = 0.005  # SR-4000: pattern 3 mm, timing 2.5 mm, residual harmonics; range error that does not depend on range
+    white_amplitude: float = 1.0  # ours: normalised; amplitude of a white target 2 m straight ahead
     wiggle_m: float = setting(
         0.0, "m", "calibrated amplitude of the fourth harmonic, removed from range", "calibration"
     )
     stray_share: float = setting(
         0.0, "", "calibrated share of light scattered in the lens, removed", "calibration"
     )
-    stray_px: float = setting(25.0, "px", "calibrated width of the scattering", "calibration")
+    stray_px: float = 25.0  # calibration; calibrated width of the scattering
     wrap_m: float = setting(4.997, "m", "ambiguity interval of range", "c / 2f at 30 MHz")
 
     def __post_init__(self) -> None:

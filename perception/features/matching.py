@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int
 
 from ..primitives.errors import ConfigError
-from ..primitives.settings import setting
 
 SAME = 1e-5
 """Squared distance by rounding in single precision: two descriptors this close are indistinguishable."""
@@ -26,9 +25,7 @@ ALONE = 0.5  # ours: largest squared distance of a match without a second candid
 class MatchConfig:
     """Criterion of a match."""
 
-    ratio: float = setting(
-        0.8, "", "largest ratio of the nearest to the second nearest descriptor", "Lowe 2004"
-    )
+    ratio: float = 0.8  # Lowe 2004; largest ratio of the nearest to the second nearest descriptor
 
     def __post_init__(self) -> None:
         if not 0.0 < self.ratio <= 1.0:

@@ -43,9 +43,7 @@ PEAK_SHARE = 0.8  # Lowe 2004
 class SiftConfig:
     """Number and kind of features."""
 
-    sigma_px: float = setting(
-        1.6, "px", "width of the moments", "seed 004; least width of orthonormal masks"
-    )
+    sigma_px: float = 1.6  # seed 004; least width of orthonormal masks; width of the moments
     orders: tuple[int, ...] = setting(
         ODD_ORDERS, "", "odd orders of the moments in the gradient", "seed 004, eq. (8)"
     )

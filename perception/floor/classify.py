@@ -34,8 +34,8 @@ class ClassConfig:
     sigmas: float = setting(
         3.0, "", "standard deviations of height in the floor threshold tau", "seed 003"
     )
-    robot_height_m: float = setting(
-        0.46, "m", "height of the robot; points 0.1 m above it are overhang", "DARwIn-OP, standing"
+    robot_height_m: float = (
+        0.46  # DARwIn-OP, standing; height of the robot; points 0.1 m above it are overhang
     )
     foot_m: float = 0.10  # ours: range of heights above 2 tau that make a front; 0: no feet
 

@@ -56,14 +56,12 @@ class SharedError(NamedTuple):
 class RefineConfig:
     """Bands of the fit and common errors of each sensor."""
 
-    tof_scale: float = setting(
-        0.015, "", "relative depth error common to a TOF view", "ours: stray light, SR-4000 model"
+    tof_scale: float = (
+        0.015  # ours: stray light, SR-4000 model; relative depth error common to a TOF view
     )
-    tof_bend: float = setting(
-        0.035, "", "the same per unit of ray slope", "ours: wiggling error, SR-4000 model"
-    )
-    stereo_sigmas: float = setting(
-        0.11, "sigma", "depth error common to a stereo view", "ours: NEES of 003-E1, own matcher"
+    tof_bend: float = 0.035  # ours: wiggling error, SR-4000 model; the same per unit of ray slope
+    stereo_sigmas: float = (
+        0.11  # ours: NEES of 003-E1, own matcher; depth error common to a stereo view
     )
     depth_share: float = setting(
         0.01,

@@ -14,6 +14,7 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
+from .camera_pose import CameraPose
 from .filter import UpdateReport
 from .pose_source import PlacedCamera, PriorConfig
 from .registration import RegistrationReport
@@ -48,6 +49,21 @@ class GivenPoses:
         heading = math.radians(HEADING_DEG)
         deviations = np.array([self._config.given_position_m] * 2 + [heading])
         return Gaussian(np.array([x, y, math.atan2(ahead[1], ahead[0])]), np.diag(deviations**2))
+
+    @property
+    def T_map_origin(self) -> Pose3 | None:
+        """The recording's world in the upright map frame; None until gravity or a floor defines up."""
+        R = self._R_map_world
+        return None if R is None else Pose3.from_rotation(R, np.zeros(3))
+
+    @property
+    def camera(self) -> CameraPose | None:
+        """The given pose of the latest frame, in the recording's world; None for a frame without one."""
+        if self._given is None:
+            return None
+        heading = math.radians(HEADING_DEG)
+        own = np.diag([self._config.given_position_m**2] * 3 + [heading**2] * 3)
+        return CameraPose(self._given, np.zeros((6, 6)), own)
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Take the pose of the frame."""

@@ -44,15 +44,13 @@ class LandmarkConfig:
         "standard deviation of a tag corner",
         "ours: .05 on ideal images, .25 on rendered ones",
     )
-    head_yaw_sigma_rad: float = setting(
-        math.radians(0.4), "rad", "play of the head's pan", "ours: walking trials"
-    )
-    head_pitch_sigma_rad: float = setting(
-        math.radians(0.5), "rad", "error of the head's tilt", "ours: walking trials"
-    )
-    head_roll_sigma_rad: float = setting(
-        math.radians(0.7), "rad", "roll of the head by the gait", "ours: walking trials"
-    )
+    head_yaw_sigma_rad: float = math.radians(0.4)  # ours: walking trials; play of the head's pan
+    head_pitch_sigma_rad: float = math.radians(
+        0.5
+    )  # ours: walking trials; error of the head's tilt
+    head_roll_sigma_rad: float = math.radians(
+        0.7
+    )  # ours: walking trials; roll of the head by the gait
     camera_place_sigma_m: float = 0.004  # walking trials: trunk tilt of 0.6 deg, 0.38 m above
     smallest_side_px: float = 20.0  # ours: below, blur mixes an edge with the first cells
 

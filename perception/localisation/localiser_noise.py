@@ -56,15 +56,12 @@ class LocaliserConfig:
         "mean forward slip of a step",
         "ours: walking trials; the dynamic body differs",
     )
-    slip_sigma_m: float = setting(
-        0.0005, "m", "standard deviation of the mean slip over floors", "ours: walking trials"
+    slip_sigma_m: float = (
+        0.0005  # ours: walking trials; standard deviation of the mean slip over floors
     )
-    drift_sigma_rad: float = setting(
-        math.radians(0.15),
-        "rad",
-        "standard deviation over runs of the mean turn that a step adds",
-        "ours: walking trials, -0.3 to 0.2 deg a step",
-    )
+    drift_sigma_rad: float = math.radians(
+        0.15
+    )  # ours: walking trials, -0.3 to 0.2 deg a step; standard deviation over runs of the mean turn that a step adds
     step_x_sigma_m: float = setting(
         0.0015, "m", "standard deviation of one step, forward", "ours: walking trials"
     )
@@ -80,9 +77,7 @@ class LocaliserConfig:
     gyro_sigma_radps: float = setting(
         0.002, "rad/s", "standard deviation of the mean rate over a frame", "consumer MEMS gyro"
     )
-    rejected_frames: int = setting(
-        4, "frames", "mostly rejected frames in a row before the pose is reset", "ours"
-    )
+    rejected_frames: int = 4  # ours; mostly rejected frames in a row before the pose is reset
     lateral_slip_m: float = 0.0  # ours: mean slip of a step to the left
     lateral_slip_sigma_m: float = 0.0002  # ours: its standard deviation over runs; joint zeros
     still_sigma_m: float = 0.0003  # ours: per square root of a second, while standing

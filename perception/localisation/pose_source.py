@@ -34,18 +34,8 @@ class PriorConfig:
     given_position_m: float = setting(
         0.01, "m", "standard deviation of the poses of a recording", "motion capture and SLAM"
     )
-    start_m: float = setting(
-        0.02,
-        "m",
-        "standard deviation of the start position, unless the recording has one",
-        "ours: a robot placed on its mark by hand",
-    )
-    longest_step_m: float = setting(
-        0.15,
-        "m",
-        "longest plausible step; step odometry beyond it is ignored",
-        "ours: the gait makes 0.08",
-    )
+    start_m: float = 0.02  # ours: a robot placed on its mark by hand; standard deviation of the start position, unless the recording has one
+    longest_step_m: float = 0.15  # ours: the gait makes 0.08; longest plausible step; step odometry beyond it is ignored
     joints_height_m: float = 0.01  # ours: sole compliance and bumps
     start_deg: float = 1.0  # ours: standard deviation of the start heading
 

@@ -77,9 +77,7 @@ class RegistrationConfig:
         "registers scans in scenes with landmarks too",
         "ours: with tags the pose is more consistent without (NEES 2.3, not 6)",
     )
-    most_keyframes: int = setting(
-        80, "", "number of keyframes kept", "ours: 10 m through a home take 30"
-    )
+    most_keyframes: int = 80  # ours: 10 m through a home take 30; number of keyframes kept
 
     def __post_init__(self) -> None:
         if self.most_keyframes < 1:

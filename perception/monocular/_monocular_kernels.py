@@ -1,9 +1,29 @@
-"""Compiled loops of the monocular cycle: the colour test, edge pixels, their groups, and whose corner it is."""
+"""Compiled loops of the monocular cycle: colour test, edge pixels and their groups, components."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+
+
+class Limits(NamedTuple):
+    """Limits of value and saturation, 0 to 255, and the chroma below which a pixel has no hue."""
+
+    value_low: np.int32
+    value_high: np.int32
+    saturation_low: np.int32
+    saturation_high: np.int32
+    least_chroma: np.int32
+
+
+class Normal(NamedTuple):
+    """Integer normal of a half plane of colours."""
+
+    red: np.int32
+    green: np.int32
+    blue: np.int32
 
 
 @njit(cache=True, nogil=True)
@@ -11,20 +31,19 @@ def mark_range(
     red: np.ndarray,
     green: np.ndarray,
     blue: np.ndarray,
-    limits: np.ndarray,
-    low: np.ndarray,
-    high: np.ndarray,
+    limits: Limits,
+    low: Normal,
+    high: Normal,
     out: np.ndarray,
 ) -> None:
-    """Set out to 255 where a pixel lies in the range; hue by two half planes, no division, no branch.
+    """Set out to 255 where a pixel lies in the range; `low` and `high` bound the hue by two half planes.
 
-    `limits`: value low, high; saturation low, high (0-255); chroma below which a pixel has no hue.
-    `low`, `high`: integer normals (r, g, b) of the half planes. All of them int32.
+    Neither division nor branch, so that the loop vectorises.
     """
     height, width = out.shape
-    v0, v1, s0, s1, least = limits[0], limits[1], limits[2], limits[3], limits[4]
-    a0, a1, a2 = low[0], low[1], low[2]
-    b0, b1, b2 = high[0], high[1], high[2]
+    v0, v1, s0, s1, least = limits
+    a0, a1, a2 = low
+    b0, b1, b2 = high
     for y in range(height):
         rs, gs, bs, line = red[y], green[y], blue[y], out[y]
         for x in range(width):
@@ -46,7 +65,7 @@ def mark_range(
 
 @njit(cache=True, nogil=True)
 def mark_edges(ground: np.ndarray, edges: np.ndarray, columns: np.ndarray, rows: np.ndarray) -> int:
-    """Pixels that are no ground with ground below them: marked in edges, listed row by row; their count."""
+    """Mark and list, row by row, the pixels that are not ground above a ground pixel; return their count."""
     height, width = ground.shape
     count = 0
     for y in range(height - 1):
@@ -82,10 +101,14 @@ def group_edges(
     start: np.ndarray,
     order: np.ndarray,
 ) -> None:
-    """Join edge pixels no farther apart than `reach` in both directions; parent becomes each one's root.
+    """Group edge pixels that are at most `reach` apart in both directions.
 
-    `columns`, `rows` come row by row. `start` (width + 1) and `order` (n) become the pixels sorted by
-    column, rows rising.
+    Args:
+        columns, rows: Pixels, row by row.
+        width: Of the image.
+        reach: In px.
+        parent: (n,) output: first pixel of each one's group.
+        start, order: (width + 1,), (n,) output: pixels sorted by column, rows ascending.
     """
     n = len(columns)
     start[:] = 0
@@ -118,17 +141,17 @@ def group_edges(
 
 
 @njit(cache=True, nogil=True)
-def owners(
+def group_below(
     u: np.ndarray,
     v: np.ndarray,
     start: np.ndarray,
     order: np.ndarray,
     rows: np.ndarray,
     labels: np.ndarray,
-    above: float,
+    farthest: float,
     out: np.ndarray,
 ) -> None:
-    """Label of the nearest edge at or below each corner in its own column, no more than `above` px off."""
+    """Label of the nearest edge at or below each pixel in its own column, within `farthest` px; -1 for none."""
     width = len(start) - 1
     for i in range(len(u)):
         out[i] = -1
@@ -138,19 +161,19 @@ def owners(
         for k in range(start[x], start[x + 1]):
             gap = rows[order[k]] - v[i]
             if gap >= -1.0:
-                if gap <= above:
+                if gap <= farthest:
                     out[i] = labels[order[k]]
                 break
 
 
 @njit(cache=True)
-def measure(labels: np.ndarray, boxes: np.ndarray, middles: np.ndarray) -> None:
-    """Box, area and middle of every component, in one pass over its labels.
+def measure(labels: np.ndarray, boxes: np.ndarray, centroids: np.ndarray) -> None:
+    """Bounding box, area and centroid of every component, in one pass over the labels.
 
     Args:
         labels: (h, w) from 0 on.
-        boxes: (n, 5) output: left, top, width, height, area, as OpenCV has them.
-        middles: (n, 2) output: mean of columns and rows.
+        boxes: (n, 5) output: left, top, width, height, area, as in OpenCV.
+        centroids: (n, 2) output: mean column and row.
     """
     rows, columns = labels.shape
     boxes[:, 0], boxes[:, 1] = columns, rows
@@ -158,7 +181,7 @@ def measure(labels: np.ndarray, boxes: np.ndarray, middles: np.ndarray) -> None:
     sums = np.zeros((len(boxes), 2), np.int64)
     for v in range(rows):
         u = 0
-        while u < columns:  # run by run
+        while u < columns:  # one run of equal labels at a time
             label = labels[v, u]
             begin = u
             while u < columns and labels[v, u] == label:
@@ -175,5 +198,5 @@ def measure(labels: np.ndarray, boxes: np.ndarray, middles: np.ndarray) -> None:
         boxes[k, 2] -= boxes[k, 0]
         boxes[k, 3] -= boxes[k, 1]
         if boxes[k, 4] > 0:
-            middles[k, 0] = sums[k, 0] / boxes[k, 4]
-            middles[k, 1] = sums[k, 1] / boxes[k, 4]
+            centroids[k, 0] = sums[k, 0] / boxes[k, 4]
+            centroids[k, 1] = sums[k, 1] / boxes[k, 4]

@@ -1,9 +1,8 @@
-"""Perception by one colour camera: floor by colour, contacts of obstacles with it, detections for the tracker.
+"""Perception with one colour camera: floor by colour, obstacle contacts, and detections for the tracker.
 
-`ColourFloorFinder` lives from frame to frame: it remembers the colours of the floor, and the last picture if
-motion is estimated by optical flow.
+`ColourFloorFinder` keeps the colour model of the floor and, if motion is estimated by optical flow, the last picture.
 
-Source: seed 000, sections 2 and 3; the detections are ours.
+Source: Han 2018 (seed 000), sections 2 and 3; the detections are ours.
 """
 
 from __future__ import annotations
@@ -19,15 +18,15 @@ from ..obstacles.track import Detection
 from ..primitives.errors import InputError
 from ..primitives.frame import ColourView
 from ..primitives.pose import Pose2
-from .contact_detections import FloorContacts, detections, floor_contacts
+from .contact_detections import ContactEdges, detect_discs, find_contact_edges
 from .cycle import Monocular, MonocularConfig
 from .result import MonocularResult, Picture
 
 LOG = logging.getLogger(__name__)
 
-DETECT_TO_M = 2.5  # ours: beyond this, half a degree of pitch is 15 cm
+DETECTION_RANGE_M = 2.5  # ours: beyond this, half a degree of pitch is 15 cm
 AROUND_M = 0.10 * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-"""Ours: floor must be visible this far round a track before the track counts as missed."""
+"""Ours: floor must be visible this far around a track before the track counts as missed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,33 +35,33 @@ class ColourFloor:
 
     Args:
         result: All stages of the monocular cycle.
-        contacts: Where obstacles touch the floor.
-        detections: Obstacles that are discs, body frame.
-        robot: Pose that the picture was placed by, map frame.
+        contacts: Contact edges of the obstacles with the floor.
+        detections: Disc-shaped obstacles, body frame.
+        robot: Pose of the body when the picture was taken, map frame.
     """
 
     result: MonocularResult
-    contacts: FloorContacts
+    contacts: ContactEdges
     detections: tuple[Detection, ...]
     robot: Pose2
 
     def shows_free(self, places: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
-        """At which places, map frame, m, an obstacle would have been detected and only floor is visible."""
-        near = np.hypot(*(places - [self.robot.x, self.robot.y]).T) < DETECT_TO_M
-        bare = self.contacts.shows_floor(places)
+        """Which positions, map frame, m, are within detection range and surrounded by visible floor."""
+        near = np.hypot(*(places - [self.robot.x, self.robot.y]).T) < DETECTION_RANGE_M
+        free = self.contacts.shows_floor(places)
         for offset in AROUND_M:  # an obstacle partly outside the picture is not missed
-            bare &= self.contacts.shows_floor(places + offset)
-        return np.asarray(bare & near)
+            free &= self.contacts.shows_floor(places + offset)
+        return np.asarray(free & near)
 
 
 class ColourFloorFinder:
     """Finds the floor by colour, frame by frame."""
 
     def __init__(self, config: MonocularConfig, flow: bool) -> None:
-        """Begin without any floor colours.
+        """Begin without a colour model.
 
         Args:
-            config: Of the monocular cycle.
+            config: Settings of the monocular cycle.
             flow: Estimate motion by optical flow between consecutive pictures.
         """
         self._monocular = Monocular(config)
@@ -74,11 +73,11 @@ class ColourFloorFinder:
 
         Args:
             colour: The picture with its camera in the body frame.
-            robot: Where it was taken, map frame.
-            stamp_s: When, s.
+            robot: Pose of the body when the picture was taken, map frame.
+            stamp_s: Time of the picture, s.
 
         Returns:
-            None without a picture, or for a picture that does not fit its camera.
+            None without a picture, or if the picture does not fit its camera or pose.
         """
         if colour is None or colour.T_body_camera is None:
             return None
@@ -90,15 +89,15 @@ class ColourFloorFinder:
             return None
         result = self._monocular.cycle(self._previous if self._flow else None, picture)
         self._previous = picture
-        contacts = floor_contacts(result)
-        found = detections(contacts, robot, DETECT_TO_M)
-        return ColourFloor(result, contacts, tuple(found), robot)
+        contacts = find_contact_edges(result)
+        detections = detect_discs(contacts, robot, DETECTION_RANGE_M)
+        return ColourFloor(result, contacts, tuple(detections), robot)
 
 
-def either(
+def seen_by_any(
     *visible: Callable[[np.ndarray], np.ndarray],
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Visibility by any of several sensors."""
+    """Visibility of positions by at least one of several sensors."""
 
     def seen(places: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
         return np.any([one(places) for one in visible], axis=0)

@@ -1,4 +1,4 @@
-"""Where obstacles touch the floor: the edge image I_E, and its groups.
+"""Contact edges of obstacles with the floor: the edge image I_E, and its groups.
 
 Source: seed 000, section 3.2 (the 2x1 mask: obstacle above, ground below).
 """
@@ -13,7 +13,7 @@ from jaxtyping import Float, Int, UInt8
 from . import _monocular_kernels as kernels
 
 REACH_PX = 3  # seed 000: grouped 8-connected after a dilation of 3 px
-LEAST_COLUMNS = 5  # ours: an edge of fewer columns is a speck; a hand's breadth at 6 m has eight
+MIN_COLUMNS = 5  # ours: narrower edges are noise; 0.1 m at 6 m has eight
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +21,11 @@ class Edges:
     """The edge pixels of one picture.
 
     Args:
-        image: I_E, 255 where a pixel is no ground and the one below it is.
+        image: I_E, 255 where a pixel is not ground and the one below it is.
         columns, rows: (n,), of every edge pixel, row by row.
-        labels: (n,), index into `groups`, -1 for specks.
-        groups: Of each obstacle the lowest edge pixel (u, v) of each of its columns, (m, 2), columns rising;
-            obstacles left to right by their middle column.
+        labels: (n,), index into `groups`, -1 for noise.
+        groups: For each obstacle the lowest edge pixel (u, v) of each of its columns, (m, 2), columns ascending;
+            obstacles from left to right by their mean column.
         start, order: Pixels sorted by column: those of column u are order[start[u]:start[u + 1]].
     """
 
@@ -37,27 +37,31 @@ class Edges:
     start: Int[np.ndarray, "w1"]
     order: Int[np.ndarray, "n"]
 
-    def owners(self, pixels: Float[np.ndarray, "k 2"], above_px: float) -> Int[np.ndarray, "k"]:
-        """Group whose edge is the nearest below each pixel (u, v), at most so far; -1 where there is none."""
+    def group_below(
+        self, pixels: Float[np.ndarray, "k 2"], farthest_px: float
+    ) -> Int[np.ndarray, "k"]:
+        """Group with the nearest edge below each pixel (u, v), within a distance; -1 for none."""
         found = np.empty(len(pixels), np.int32)
         u, v = (np.ascontiguousarray(pixels[:, k], np.float64) for k in (0, 1))
-        kernels.owners(u, v, self.start, self.order, self.rows, self.labels, above_px, found)
+        kernels.group_below(
+            u, v, self.start, self.order, self.rows, self.labels, farthest_px, found
+        )
         return found
 
 
 def find_edges(ground: UInt8[np.ndarray, "h w"]) -> Edges:
-    """Edge pixels of a ground image, put together to obstacles: pixels up to 3 px apart belong together.
+    """Edge pixels of a ground image, grouped into obstacles: pixels up to 3 px apart belong together.
 
     Args:
         ground: I_g, 255 on the floor.
 
-    Source: seed 000, section 3.2; putting together is ours.
+    Source: seed 000, section 3.2; the grouping is ours.
     """
     width = ground.shape[1]
     image = np.zeros_like(ground)
     columns, rows = np.empty(16 * width, np.int32), np.empty(16 * width, np.int32)
     count = kernels.mark_edges(ground, image, columns, rows)
-    if count > len(rows):  # rugged: once more with room for all
+    if count > len(rows):  # more than expected: again with larger arrays
         columns, rows = np.empty(count, np.int32), np.empty(count, np.int32)
         kernels.mark_edges(ground, image, columns, rows)
     columns, rows = columns[:count], rows[:count]
@@ -70,7 +74,7 @@ def find_edges(ground: UInt8[np.ndarray, "h w"]) -> Edges:
     for members in np.split(by_column, bounds) if count else []:
         u, v = columns[members], rows[members]
         last = np.append(np.flatnonzero(np.diff(u)), len(u) - 1)
-        if len(last) >= LEAST_COLUMNS:
+        if len(last) >= MIN_COLUMNS:
             lowest.append((int(parent[members[0]]), np.stack([u[last], v[last]], axis=1)))
     lowest.sort(key=lambda found: (float(found[1][:, 0].mean()), found[0]))
     labels = np.full(count, -1, np.int32)

@@ -1,8 +1,7 @@
-"""What one monocular cycle hands on: the picture in which the swarm searches, and how it came about.
+"""Result of one monocular cycle: the image of free floor in which the swarm searches, and all stages before it.
 
-A cycle has two pictures, taken at T_SS - dT and at T_SS, each with the pose its own joints gave it. Masks
-are as large as the pictures (h, w), 255 where they hold and 0 elsewhere, indexed [v, u]. World frame: z up,
-floor at z = 0.
+A cycle uses two pictures, taken at T_SS - dT and at T_SS, each with its own camera pose. Masks have the size of the
+pictures (h, w), values 255 and 0, and are indexed [v, u]. World frame: z up, floor at z = 0.
 
 Source: seed 000, section 2 and section 3, Fig. 2 and Fig. 8.
 """
@@ -19,23 +18,23 @@ from ..primitives.camera import Camera
 from ..primitives.errors import InputError
 from ..primitives.pose import Pose3
 
-LEAST_PX = 16  # ours: a side; fewer show neither a patch of floor nor an edge of five columns
-OVERTURNED = 1e-6  # ours: rounding of a camera that looks straight down
+MIN_SIDE_PX = 16  # ours: smaller pictures have no patch of floor and no edge of five columns
+OVERTURNED = 1e-6  # ours: rounding error of a camera that looks straight down
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A colour picture and where it was taken.
+    """A colour picture with its camera pose.
 
     Args:
         rgb: (h, w, 3), red first.
-        camera: Its pinhole; h and w are those of `rgb`.
-        T_world_camera: Pose of the camera above the floor z = 0 (M_C or M_P of the seed, times R_opt).
-        stamp_s: When, s.
+        camera: Intrinsics, for the size of `rgb`.
+        T_world_camera: Pose of the camera above the floor z = 0 (M_C or M_P of seed 000, times R_opt).
+        stamp_s: Time of the picture, s.
 
     Raises:
-        InputError: The image is no (h, w, 3) of whole numbers to 255, too small, or not of its camera's size;
-            the pose is not finite, below the floor, or of a camera held upside down.
+        InputError: The image is not (h, w, 3) of uint8, is too small, or has another size than its camera; the
+            pose is not finite, below the floor, or that of a camera held upside down.
     """
 
     rgb: UInt8[np.ndarray, "h w 3"]
@@ -45,58 +44,58 @@ class Picture:
 
     def __post_init__(self) -> None:
         self._check_image()
-        self._check_place()
+        self._check_pose()
 
     def _check_image(self) -> None:
         rgb, camera = self.rgb, self.camera
         if rgb.ndim != 3 or rgb.shape[2] != 3 or rgb.dtype != np.uint8:
             raise InputError(
-                f"picture: an image of shape {rgb.shape} and {rgb.dtype} must be (h, w, 3) of uint8, red first; "
+                f"picture: an image of shape {rgb.shape} and type {rgb.dtype}; expected (h, w, 3) of uint8, red first; "
                 "convert it"
             )
         height, width = rgb.shape[:2]
         if (width, height) != (camera.width, camera.height):
             raise InputError(
-                f"picture: the image is {width}x{height} px, its camera {camera.width}x{camera.height}; "
-                "give the camera of that image"
+                f"picture: the image has {width}x{height} px, its camera {camera.width}x{camera.height}; "
+                "give the intrinsics of that image"
             )
-        if min(width, height) < LEAST_PX:
+        if min(width, height) < MIN_SIDE_PX:
             raise InputError(
-                f"picture: the image is {width}x{height} px; both sides must be at least {LEAST_PX}"
+                f"picture: the image has {width}x{height} px; both sides must have at least {MIN_SIDE_PX}"
             )
 
-    def _check_place(self) -> None:
+    def _check_pose(self) -> None:
         pose = self.T_world_camera
-        turn = math.hypot(*pose.quat_xyzw)
+        norm = math.hypot(*pose.quat_xyzw)
         if (
             not all(map(math.isfinite, (*pose.translation, self.stamp_s)))
-            or not 0.0 < turn < math.inf
+            or not 0.0 < norm < math.inf
         ):
             raise InputError(
                 f"picture: its pose {pose.translation} m, {pose.quat_xyzw} at {self.stamp_s} s must be finite; "
-                "leave such a frame out"
+                "skip such a frame"
             )
         if not pose.translation[2] > 0.0:
             raise InputError(
-                f"picture: its camera at z={pose.translation[2]} m must be above the floor z = 0; check the pose"
+                f"picture: the camera at z={pose.translation[2]} m must be above the floor z = 0; check the pose"
             )
         if pose.rotation[2, 1] > OVERTURNED:
             raise InputError(
-                f"picture: its camera is held upside down (world z is {pose.rotation[2, 1]:+.2f} along its "
-                "downward axis); turn the image and the pose by half a turn"
+                f"picture: the camera is upside down (its y axis points up, {pose.rotation[2, 1]:+.2f}); "
+                "rotate image and pose by 180 deg"
             )
 
 
 @dataclass(frozen=True, eq=False)
 class Flows:
-    """Corners followed from the previous to the current picture, I_of.
+    """Corners tracked from the previous to the current picture, I_of.
 
     Args:
         previous: (n, 2), pixels (u, v) in the previous picture.
         current: (n, 2), pixels (u, v) in the current picture.
         obstacle: (n,), index into `MonocularResult.obstacles`, -1 for none.
-        velocity_world: (n, 2), m/s on the floor, as if the corner lay on it; NaN where one of its pixels
-            does not look at the floor.
+        velocity_world: (n, 2), velocity of the corner as if it lay on the floor, m/s; NaN if one of its pixels
+            has no floor point.
     """
 
     previous: Float[np.ndarray, "n 2"]
@@ -110,27 +109,24 @@ class Flows:
 
 @dataclass(frozen=True, eq=False)
 class SeenObstacle:
-    """One obstacle as its edge on the floor shows it.
+    """One obstacle, by its contact edge.
 
     Args:
-        edge: (m, 2), the lowest pixel (u, v) of the obstacle in each of its columns: the pixel below is
-            ground. Columns rise by one or more.
-        contact_world: (m, 2), the same on the floor, m; NaN beyond `MonocularConfig.farthest_m`.
-        flow: Index into `Flows` of the flow of least speed, I_of^min; -1 if no corner was followed.
-        contact_covariance: (m, 2, 2), of each of these, m^2; the eye's share is one for all.
-        velocity_world: (2,), m/s, by that flow; zero if the obstacle counts as standing.
-        velocity_covariance: (2, 2), (m/s)^2; of what counts as standing it holds the speed that was not believed.
-        median_velocity_world: (2,), m/s, of all its flows: the least one is biased low. Zero without flows.
+        edge: (m, 2), lowest pixel (u, v) of the obstacle in each of its columns, ascending; the pixel below is ground.
+        contact_world: (m, 2), floor points of the edge, m; NaN beyond `MonocularConfig.farthest_m`.
+        flow: Index into `Flows` of the flow of smallest speed, I_of^min; -1 without plausible flow.
+        velocity_world: (2,), velocity of that flow, m/s; zero if the obstacle counts as static.
         moving: Whether the speed reaches the threshold.
-        predicted_world: (m, 2), contact_world after `MonocularResult.horizon_s`, m; equal to it if standing.
-        predicted_covariance: (m, 2, 2), of each of these, m^2.
+        predicted_world: (m, 2), contact points after `MonocularResult.horizon_s`, m.
+        contact_covariance: (m, 2, 2), of each contact point, m^2; errors of the camera pose are common to all.
+        velocity_covariance: (2, 2), (m/s)^2; for a static obstacle it includes the measured speed.
+        predicted_covariance: (m, 2, 2), of each predicted point, m^2.
     """
 
     edge: Int[np.ndarray, "m 2"]
     contact_world: Float[np.ndarray, "m 2"]
     flow: int
     velocity_world: Float[np.ndarray, "2"]
-    median_velocity_world: Float[np.ndarray, "2"]
     moving: bool
     predicted_world: Float[np.ndarray, "m 2"]
     contact_covariance: Float[np.ndarray, "m 2 2"]
@@ -140,32 +136,29 @@ class SeenObstacle:
 
 @dataclass(frozen=True, eq=False)
 class MonocularResult:
-    """One cycle.
+    """Stages and result of one cycle.
 
-    Everything the swarm needs is `movable` with `current.camera` and `current.T_world_camera`:
-    `back_projection.floor_points` turns a pixel into the point it stands for, `project` the other way.
+    The swarm needs `movable`, `current.camera` and `current.T_world_camera`.
 
     Args:
-        previous: Picture at T_SS - dT; None in a cycle that had no partner (then nothing moves).
+        previous: Picture at T_SS - dT; None in a cycle without optical flow (then all obstacles are static).
         current: Picture at T_SS; all masks belong to it.
-        ground: I_g, the floor by colour as it is seen now.
-        static: What is no ground now, seen or not: 255 - ground.
-        edges: I_E, the pixel is no ground and the pixel below it is.
+        ground: I_g, the floor by colour.
+        edges: I_E, pixels that are not ground above a pixel that is.
         flows: I_of.
-        obstacles: Left to right by the middle of their edges.
-        predicted: Ground that the moving obstacles will have taken or swept at the horizon.
-        movable: I_r, ground and not predicted.
-        horizon_s: How far ahead the prediction looks, T_DS + T_SS, s.
-        nearest_m: Distance on the floor from below the camera to the middle of the lowest row: what is
-            nearer is not seen (0.16 m in the seed); NaN if the lowest row does not look at the floor.
-        corners_blocked: Whether (left, right) lower corner of `movable` shows an obstacle; feeds the
+        obstacles: From left to right by the mean column of their edges.
+        predicted: Ground that moving obstacles cover or sweep until the horizon.
+        movable: I_r, ground that is not predicted to be occupied.
+        horizon_s: Time from `current` to the prediction, T_DS + T_SS, s.
+        nearest_m: Horizontal distance from the camera to the nearest floor in view, in the middle of the lowest row;
+            NaN if the lowest row shows no floor.
+        corners_blocked: Whether the lower left and the lower right corner of `movable` show an obstacle; for the
             counters S_m.
     """
 
     previous: Picture | None
     current: Picture
     ground: UInt8[np.ndarray, "h w"]
-    static: UInt8[np.ndarray, "h w"]
     edges: UInt8[np.ndarray, "h w"]
     flows: Flows
     obstacles: tuple[SeenObstacle, ...]

@@ -67,8 +67,8 @@ class ClusterConfig:
     least_height_m: float = setting(
         0.03, "m", "least height of an obstacle", "ours: the floor threshold reaches 0.03 m"
     )
-    robot_top_m: float = setting(
-        0.56, "m", "height below which an obstacle must have points", "seed 003: robot + 0.1 m"
+    robot_top_m: float = (
+        0.56  # seed 003: robot + 0.1 m; height below which an obstacle must have points
     )
 
     def __post_init__(self) -> None:

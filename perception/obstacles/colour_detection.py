@@ -43,14 +43,11 @@ class ColouredConfig:
     colours: tuple[str, ...] = setting(
         (), "", 'colours of obstacles, as "#e88028"; none: no search', "seed 001"
     )
-    tolerance: float = setting(
-        0.06, "", "largest difference in chromaticity", "ours: orange and oak are 0.2 apart"
+    tolerance: float = (
+        0.06  # ours: orange and oak are 0.2 apart; largest difference in chromaticity
     )
-    farthest_m: float = setting(
-        2.5,
-        "m",
-        "range beyond which obstacles are ignored",
-        "ours: half a degree of pitch is 15 cm",
+    farthest_m: float = (
+        2.5  # ours: half a degree of pitch is 15 cm; range beyond which obstacles are ignored
     )
 
     def __post_init__(self) -> None:

@@ -44,18 +44,13 @@ PART_OFF = 2.5  # ours: its growth per metre of missing radius
 class TrackerConfig:
     """Data association, birth and death of tracks."""
 
-    new_per_m2: float = setting(
-        0.02, "1/m^2", "density of new obstacles per frame in data association", "ours"
-    )
+    new_per_m2: float = 0.02  # ours; density of new obstacles per frame in data association
     hits_to_show: int = setting(3, "", "detections before a track is reported", "ours")
     misses_to_die: int = setting(
         5, "", "frames without detection, though visible, that end a track", "ours"
     )
-    oldest_s: float = setting(
-        12.0,
-        "s",
-        "time without detection that ends a track",
-        "ours: a mover may be anywhere by then",
+    oldest_s: float = (
+        12.0  # ours: a mover may be anywhere by then; time without detection that ends a track
     )
     max_radius_m: float = setting(
         0.35, "m", "radius above which a detection is not tracked", "ours: furniture is in the map"

@@ -20,7 +20,6 @@ from ..floor.levelling import camera_above_floor
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
-from ..primitives.settings import setting
 from ..smoothing.factors import Factor, FloorSeen, LoopClosure, Motion, Placement
 from ..smoothing.smoother import Solution, solve
 from .alignment import AlignConfig, Alignment, align
@@ -49,15 +48,8 @@ class BackEndConfig:
     """Place recognition, and the uncertainty that image distortion adds."""
 
     places: PlacesConfig = field(default_factory=PlacesConfig)
-    image_m: float = setting(
-        0.005,
-        "m",
-        "standard deviation of a pose by lens and depth distortion, see `pose_uncertainty`",
-        "ours: three recordings with ground truth",
-    )
-    image_deg: float = setting(
-        0.5, "deg", "the same in rotation", "ours: three recordings with ground truth"
-    )
+    image_m: float = 0.005  # ours: three recordings with ground truth; standard deviation of a pose by lens and depth distortion, see `pose_uncertainty`
+    image_deg: float = 0.5  # ours: three recordings with ground truth; the same in rotation
 
     def __post_init__(self) -> None:
         for name in ("image_m", "image_deg"):

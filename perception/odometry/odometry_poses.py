@@ -8,10 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ..depth.structured_light import StructuredLightConfig
+from ..depth.sources import DepthSources
 from ..floor.choose import FloorConfig
 from ..floor.levelling import UP, camera_above_floor
 from ..floor.prior import handheld_prior
+from ..localisation.camera_pose import CameraPose
 from ..localisation.filter import UpdateReport
 from ..localisation.pose_source import PlacedCamera
 from ..localisation.registration import RegistrationReport
@@ -43,10 +44,18 @@ class OdometryPoses:
         rng: np.random.Generator,
         config: OdometerConfig | None = None,
         floor: FloorConfig | None = None,
-        noise: StructuredLightConfig | None = None,
+        sources: DepthSources | None = None,
     ) -> None:
-        """Begin before the first frame; the arguments are those of `Odometer`."""
-        self.odometer = Odometer(rng, config, floor, noise)
+        """Begin before the first frame.
+
+        Args:
+            rng: Random numbers of the floor search.
+            config: Settings of the odometry.
+            floor: Settings of the floor search.
+            sources: Depth images of the frames, shared with the pipeline.
+        """
+        self._sources = sources or DepthSources()
+        self.odometer = Odometer(rng, config, floor, self._sources.structured_light)
         self._step: Step | None = None
         self._covariances: dict[int, Float[np.ndarray, "6 6"]] = {}  # of references and the latest
         self._covariance = np.zeros((6, 6))
@@ -56,6 +65,20 @@ class OdometryPoses:
         """The camera in the upright map frame; None until a floor is found."""
         start = self.odometer.T_world_start
         return None if start is None or self._step is None else start @ self._step.T_start_camera
+
+    @property
+    def T_map_origin(self) -> Pose3 | None:
+        """The first image's axes in the upright map frame; None until a floor is seen."""
+        return self.odometer.T_world_start
+
+    @property
+    def camera(self) -> CameraPose | None:
+        """The latest image's pose in the axes of the first one; None if it is lost."""
+        step = self._step
+        if step is None or step.state in (LOST, RESTARTED):
+            return None
+        distortion = self.odometer.config.back_end.distortion
+        return CameraPose(step.T_start_camera, self._covariance, distortion)
 
     @property
     def _unrelated(self) -> bool:
@@ -82,10 +105,11 @@ class OdometryPoses:
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Track the camera; a frame without depth leaves the pose unchanged."""
-        if frame.depth is None:
+        image = self._sources.for_odometry(frame)
+        if image is None:
             return None
         number = len(self.odometer.states)
-        step = self._step = self.odometer.track(frame)
+        step = self._step = self.odometer.track_images(image.depth, image.rgb, image.sensor)
         first = self.odometer.config.back_end.distortion
         before = self._covariances.get(step.reference, first)
         reference = step.T_start_camera @ step.motion.inverse()

@@ -19,7 +19,6 @@ from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.frame import Depth
 from ..primitives.plane import Plane
-from ..primitives.settings import setting
 from . import _pyramid_kernels as kernels
 from ._align_kernels import Source, Target
 
@@ -37,9 +36,7 @@ COMPRESSED_M = (
 class PyramidConfig:
     """Sizes of the image pyramid."""
 
-    finest_px: int = setting(
-        320, "px", "width of the finest level", "ours: more pixels add time and no accuracy"
-    )
+    finest_px: int = 320  # ours: more pixels add time and no accuracy; width of the finest level
     levels: int = 3  # ours: each half as wide as the previous one; 80 px converge from large steps
 
     def __post_init__(self) -> None:

@@ -101,9 +101,9 @@ class Odometer:
             rgb = None  # not registered to the depth image
         return self.track_images(depth, rgb)
 
-    def track_images(self, depth: Depth, rgb: np.ndarray | None) -> Step:
+    def track_images(self, depth: Depth, rgb: np.ndarray | None, sensor: str = "depth") -> Step:
         """Estimate the pose of the next depth image, with its registered colour image if there is one."""
-        image = build(depth, rgb, self._floor(depth), self.config.pyramid)
+        image = build(depth, rgb, self._floor(depth, sensor), self.config.pyramid)
         step = self.odometry.track(image)
         if self.back_end is not None:
             is_reference = self.odometry.references[-1].number == len(self.states)
@@ -123,9 +123,9 @@ class Odometer:
         """Covariance of every pose of `trajectory`; None without a solution."""
         return None if self.back_end is None else self.back_end.uncertainty(solution)
 
-    def _floor(self, depth: Depth) -> Plane | None:
+    def _floor(self, depth: Depth, sensor: str) -> Plane | None:
         seen = points.from_depth(depth, *FLOOR_REACH_M, FLOOR_STRIDE)
-        found = choose.find(seen, handheld_prior(None), self._rng, self._floor_config, "depth")
+        found = choose.find(seen, handheld_prior(None), self._rng, self._floor_config, sensor)
         return None if found is None else found.plane
 
     def _level(self, image: Pyramid, step: Step) -> None:

@@ -1,6 +1,6 @@
-"""The whole decision: from what stands around to a side, a motion and a pivot, with the reasons in words.
+"""The decision: side, motion and pivot for the obstacles ahead, with the reasons in words.
 
-Source: seed 004, sections 2.3 and 2.4; the second try on the other side is the specification's option.
+Source: Kang 2013 (seed 004), sections 2.3 and 2.4; the second try on the other side is ours.
 """
 
 from __future__ import annotations
@@ -13,27 +13,31 @@ from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from perception.primitives.settings import setting
 
 from .complexity import FORMS, complexity
-from .direction import TIE, blocking, direction
+from .direction import blocking, direction
 from .fams import MOTIONS, FamsConfig, select, strengths
 from .pivot import Pivot, PivotConfig, pivot
+
+ABREAST = 0.5  # ours: an obstacle nearer than this share of the distance of the group is beside, not ahead
+ALONGSIDE_M = 0.3  # ours: neighbours farther than the group by up to this bound the gap
+TOUCH_M = 0.03  # ours: obstacles that overlap by less are side by side
 
 
 @dataclass(frozen=True)
 class AvoidanceConfig:
-    """Of the decision."""
+    """Settings of the decision."""
 
-    complexity: str = (
-        "frontal"  # specification; "integrated" does not jump where a thing is dead ahead
+    complexity: str = setting(
+        "frontal",
+        "",
+        "form of the complexity measure: frontal, ratio or integrated (continuous straight ahead)",
+        "ours; lost in seed 004",
     )
-    tie: float = TIE
-    other_side: bool = True  # specification's option: try it before stopping; the paper keeps D
-    abreast: float = (
-        0.5  # ours: nearer than this share of the group's distance is beside, not ahead
+    other_side: bool = setting(
+        True, "", "try the other side before stopping", "ours; seed 004 keeps the side"
     )
-    alongside_m: float = 0.3  # specification: neighbours this much farther still bound the gap
-    touch_m: float = 0.03  # ours: who overlaps another by less across the way stands beside it
     fams: FamsConfig = field(default_factory=FamsConfig)
     pivot: PivotConfig = field(default_factory=PivotConfig)
 
@@ -46,14 +50,14 @@ class AvoidanceConfig:
 
 @dataclass(frozen=True, eq=False)
 class ObstacleTable:
-    """What stands around, as plain arrays, base frame.
+    """Obstacles as arrays, base frame.
 
     Args:
         edges_rad: (n, 2) azimuths of left and right edges, left positive.
-        edges_m: (n, 2) y of left and right edges, left positive, m.
-        distance_m, width_m, height_m: (n,) forward distance, width across the way, height.
-        sigma_m: (n,) deviation of an edge's place across the way.
-        open_m: Where the known ground ends on the left and on the right, y.
+        edges_m: (n, 2) lateral positions of left and right edges, left positive, m.
+        distance_m, width_m, height_m: (n,) forward distance, lateral width, height, m.
+        sigma_m: (n,) standard deviation of the lateral position of an edge, m.
+        open_m: Lateral positions where the known ground ends on the left and on the right.
     """
 
     edges_rad: Float[np.ndarray, "n 2"]
@@ -67,16 +71,16 @@ class ObstacleTable:
 
 @dataclass(frozen=True)
 class Choice:
-    """What was decided, and why.
+    """The decision and its reasons.
 
     Args:
         motion: One of `fams.MOTIONS`.
         side: D, +1 left, -1 right.
-        pivot: Where to go first.
+        pivot: The first target.
         total: Sum of the complexity measures, right positive.
-        width_m, gap_m, distance_m: w_l, s_l and d_l that the selection saw.
-        fits: How well each motion fits, in the order of `MOTIONS`.
-        why: The same in words.
+        width_m, gap_m, distance_m: w_l, s_l and d_l of the selection.
+        fits: Strength of each motion, in the order of `MOTIONS`.
+        why: The decision in words.
     """
 
     motion: str
@@ -91,95 +95,93 @@ class Choice:
 
 
 def choose(
-    things: ObstacleTable, config: AvoidanceConfig | None = None, robot: RobotModel = DARWIN_OP
+    obstacles: ObstacleTable, config: AvoidanceConfig | None = None, robot: RobotModel = DARWIN_OP
 ) -> Choice | None:
-    """Decide; None if nothing blocks the way."""
+    """The decision; None if no obstacle is in the corridor."""
     config = AvoidanceConfig() if config is None else config
-    left, right = things.edges_m[:, 0], things.edges_m[:, 1]
+    left, right = obstacles.edges_m[:, 0], obstacles.edges_m[:, 1]
     body_m = robot.passage_width_m
     corridor = body_m + 2 * config.pivot.clearance_m
-    blocked = blocking(left, right, things.distance_m, corridor)
-    group = _joined(things, _parted(things, blocked, config.fams.narrowest_m(body_m)), config)
+    blocked = blocking(left, right, obstacles.distance_m, corridor)
+    group = _joined(obstacles, _parted(obstacles, blocked, config.fams.narrowest_m(body_m)))
     if not group.any():
         return None
-    ahead = things.distance_m >= config.abreast * things.distance_m[group].min()
+    ahead = obstacles.distance_m >= ABREAST * obstacles.distance_m[group].min()
     total = float(
         complexity(
-            things.edges_rad[ahead],
-            things.distance_m[ahead],
-            things.width_m[ahead],
-            things.height_m[ahead],
+            obstacles.edges_rad[ahead],
+            obstacles.distance_m[ahead],
+            obstacles.width_m[ahead],
+            obstacles.height_m[ahead],
             config.complexity,
         ).sum()
     )
-    gaps = {side: _gap(things, group, side, config.alongside_m) for side in (1, -1)}
-    side = direction(total, gaps[1][0], gaps[-1][0], config.tie)
-    found = _on_side(things, group, side, gaps[side], total, config, body_m)
+    gaps = {side: _gap(obstacles, group, side) for side in (1, -1)}
+    side = direction(total, gaps[1][0], gaps[-1][0])
+    found = _on_side(obstacles, group, side, gaps[side], total, config, body_m)
     if found.motion == "ST" and config.other_side:
-        other = _on_side(things, group, -side, gaps[-side], total, config, body_m)
+        other = _on_side(obstacles, group, -side, gaps[-side], total, config, body_m)
         return found if other.motion == "ST" else other
     return found
 
 
-def _parted(things: ObstacleTable, group: np.ndarray, narrowest_m: float) -> np.ndarray:
-    """Of a group with a way through it the part that is nearest to straight ahead."""
+def _parted(obstacles: ObstacleTable, group: np.ndarray, narrowest_m: float) -> np.ndarray:
+    """The part of a group nearest to straight ahead, if there is a passage through the group."""
     index = np.flatnonzero(group)
-    index = index[np.argsort(-things.edges_m[index, 0])]
+    index = index[np.argsort(-obstacles.edges_m[index, 0])]
     if not len(index):
         return group
-    left, right = things.edges_m[index].T
+    left, right = obstacles.edges_m[index].T
     ends = np.minimum.accumulate(right)
     parts = np.split(index, np.flatnonzero(ends[:-1] - left[1:] >= narrowest_m) + 1)
 
-    def aside(part: np.ndarray) -> float:
-        return max(0.0, -things.edges_m[part, 0].max(), things.edges_m[part, 1].min())
+    def lateral(part: np.ndarray) -> float:
+        return max(0.0, -obstacles.edges_m[part, 0].max(), obstacles.edges_m[part, 1].min())
 
     chosen = np.zeros(len(group), np.bool_)
-    chosen[min(parts, key=aside)] = True
+    chosen[min(parts, key=lateral)] = True
     return chosen
 
 
-def _joined(things: ObstacleTable, group: np.ndarray, config: AvoidanceConfig) -> np.ndarray:
-    """The group with every neighbour that overlaps it across the way at about its distance."""
+def _joined(obstacles: ObstacleTable, group: np.ndarray) -> np.ndarray:
+    """The group with all neighbours at about its distance that overlap it laterally."""
     group = group.copy()
     while group.any():
-        left, right = things.edges_m[group, 0].max(), things.edges_m[group, 1].min()
-        nearest = things.distance_m[group].min()
-        near = np.abs(things.distance_m - nearest) <= config.alongside_m
-        more = near & (things.edges_m[:, 1] < left - config.touch_m) & ~group
-        more &= things.edges_m[:, 0] > right + config.touch_m
+        left, right = obstacles.edges_m[group, 0].max(), obstacles.edges_m[group, 1].min()
+        nearest = obstacles.distance_m[group].min()
+        near = np.abs(obstacles.distance_m - nearest) <= ALONGSIDE_M
+        more = near & (obstacles.edges_m[:, 1] < left - TOUCH_M) & ~group
+        more &= obstacles.edges_m[:, 0] > right + TOUCH_M
         if not more.any():
             break
         group |= more
     return group
 
 
-def _gap(
-    things: ObstacleTable, group: np.ndarray, side: int, alongside_m: float
-) -> tuple[float, float, float]:
-    """Free way beside the group: width, its deviation, and the group's edge there."""
+def _gap(obstacles: ObstacleTable, group: np.ndarray, side: int) -> tuple[float, float, float]:
+    """Gap beside the group: width, its standard deviation, and lateral position of the edge of the group, m."""
     own, facing = (0, 1) if side > 0 else (1, 0)
     index = np.flatnonzero(group)
-    at = index[np.argmax(side * things.edges_m[index, own])]
-    edge = float(things.edges_m[at, own])
-    distance = float(things.distance_m[group].min())
-    beside = ~group & (side * things.edges_m[:, own] > side * edge)
-    beside &= things.distance_m <= distance + alongside_m
-    gaps = side * (things.edges_m[beside, facing] - edge)
-    sigma = float(things.sigma_m[at])
-    known = max(side * (things.open_m[own] - edge), 0.0)
+    at = index[np.argmax(side * obstacles.edges_m[index, own])]
+    edge = float(obstacles.edges_m[at, own])
+    distance = float(obstacles.distance_m[group].min())
+    beside = ~group & (side * obstacles.edges_m[:, own] > side * edge)
+    beside &= obstacles.distance_m <= distance + ALONGSIDE_M
+    gaps = side * (obstacles.edges_m[beside, facing] - edge)
+    sigma = float(obstacles.sigma_m[at])
+    known = max(side * (obstacles.open_m[own] - edge), 0.0)
     if not beside.any() or known < float(gaps.min()):
         return known, sigma, edge
     nearest = int(np.argmin(gaps))
     return (
         float(gaps[nearest]),
-        math.hypot(sigma, float(things.sigma_m[beside][nearest])),
+        math.hypot(sigma, float(obstacles.sigma_m[beside][nearest])),
         edge,
     )
 
 
 def _on_side(
-    things: ObstacleTable,
+    obstacles: ObstacleTable,
     group: np.ndarray,
     side: int,
     gap: tuple[float, float, float],
@@ -189,8 +191,8 @@ def _on_side(
 ) -> Choice:
     """Motion and pivot on one side."""
     free, sigma, edge = gap
-    width = float(things.edges_m[group, 0].max() - things.edges_m[group, 1].min())
-    distance = float(things.distance_m[group].min())
+    width = float(obstacles.edges_m[group, 0].max() - obstacles.edges_m[group, 1].min())
+    distance = float(obstacles.distance_m[group].min())
     seen = np.array([width]), np.array([free]), config.fams, np.array([sigma]), body_m
     fits, chosen = strengths(*seen)[:, 0], int(select(*seen)[0])
     motion = MOTIONS[chosen]

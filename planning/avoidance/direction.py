@@ -1,6 +1,6 @@
-"""The side on which to pass: away from where more stands.
+"""The side on which to pass: the one with fewer obstacles.
 
-Source: seed 004, eq. (22); the tie is the specification's.
+Source: Kang 2013 (seed 004), eq. (22); the tie is ours.
 """
 
 from __future__ import annotations
@@ -8,20 +8,20 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-TIE = 0.02  # specification: sums nearer to zero than this say nothing
+TIE = 0.02  # ours: a sum nearer to zero than this is a tie
+DEPTH_M = 0.3  # ours: obstacles farther than the nearest one by more than this come later
 
 
-def direction(total: float, gap_left_m: float, gap_right_m: float, tie: float = TIE) -> int:
+def direction(total: float, gap_left_m: float, gap_right_m: float) -> int:
     """D: +1 to pass on the left, -1 on the right.
 
     Args:
         total: Sum of all complexity measures, right positive.
-        gap_left_m, gap_right_m: Free way on either side of what blocks, m; decides a tie, then left.
-        tie: Half-width of the band in which the sum says nothing.
+        gap_left_m, gap_right_m: Free width on either side of the obstacles, m; decides a tie, then left.
 
     Source: seed 004, eq. (22): D = sign(sum CM), D > 0 left.
     """
-    if abs(total) < tie:
+    if abs(total) < TIE:
         return -1 if gap_right_m > gap_left_m else 1
     return 1 if total > 0.0 else -1
 
@@ -31,19 +31,17 @@ def blocking(
     right_m: Float[np.ndarray, "n"],
     distance_m: Float[np.ndarray, "n"],
     corridor_m: float,
-    depth_m: float = 0.3,
 ) -> Bool[np.ndarray, "n"]:
-    """Which obstacles stand in the way: those in the corridor ahead, no farther than the nearest and a bit.
+    """The obstacles in the corridor ahead that are at most DEPTH_M farther than the nearest one.
 
     Args:
-        left_m, right_m: Where the edges lie across the way, y, left positive, m.
+        left_m, right_m: Lateral positions of the edges, left positive, m.
         distance_m: Forward distances.
-        corridor_m: Width of the corridor about straight ahead, m.
-        depth_m: Obstacles farther than the nearest one in the corridor by more than this come later.
+        corridor_m: Width of the corridor straight ahead, m.
 
-    Source: the specification's reading of eq. (23): the group that blocks a corridor of w_r + 2 c.
+    Source: ours, for eq. (23): the group that blocks a corridor of w_r + 2 c.
     """
     inside = (left_m > -corridor_m / 2) & (right_m < corridor_m / 2)
     if not inside.any():
         return np.asarray(inside)
-    return np.asarray(inside & (distance_m <= distance_m[inside].min() + depth_m))
+    return np.asarray(inside & (distance_m <= distance_m[inside].min() + DEPTH_M))

@@ -1,10 +1,10 @@
-"""FAMS, the fuzzy selection of a motion from two widths: of what blocks, and of the gap beside it.
+"""FAMS, the fuzzy selection of a motion from the width of the obstacle and that of the gap beside it.
 
-Each input belongs to five overlapping sets; Table 2 names the motion of each pair; a motion is as good as its
-best rule, and the best motion is taken. The printed average of labels (`ordinal`) is kept for comparison: between
-"stop" (1) and "turn and walk" (7) it answers "rotate" (4).
+Each input belongs to five overlapping sets. Table 2 names the motion of each pair. The strength of a motion is that of its
+strongest rule, and the strongest motion is selected. The printed average of labels (`ordinal`) is kept for comparison:
+between "stop" (1) and "turn and walk" (7) it gives "rotate" (4).
 
-Source: seed 004, eq. (23) to (27), Table 2; membership functions are lost, centres are the specification's.
+Source: Kang 2013 (seed 004), eq. (23) to (27), Table 2; the membership functions are lost, their centres are ours.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.robot_model import DARWIN_OP
+from perception.primitives.settings import setting
 
 MOTIONS = ("ST", "SS", "SF", "RS", "RF", "TS", "TF")  # C1 to C7, eq. (24)
 SETS = ("NL", "NS", "Z", "PS", "PL")  # A1 to A5 and B1 to B5
@@ -29,20 +30,39 @@ TABLE = np.array(
         [0, 5, 6, 6, 6],
     ]
 )
-"""Table 2, rows by obstacle, columns by gap; printed "PX" is PS and "M" is TS."""
+"""Table 2: rows by obstacle, columns by gap; the printed "PX" is PS and "M" is TS."""
 
 
 @dataclass(frozen=True)
 class FamsConfig:
-    """Body and membership functions: triangles with shoulders, given by their peaks."""
+    """Membership functions: triangles with shoulders, given by their peaks."""
 
-    obstacle_centres_m: tuple[float, ...] = (-0.20, 0.0, 0.40, 0.70, 1.00)  # specification
-    gap_centres_m: tuple[float, ...] = (-0.15, -0.05, 0.05, 0.25, 0.50)  # specification
-    caution_sigmas: float = 0.5  # ours: how sure a gap must be to be walked rather than sidestepped
-    ordinal: bool = False  # eq. (26) as an average over the labels 1 to 7, for comparison
+    obstacle_centres_m: tuple[float, ...] = (
+        -0.20,
+        0.0,
+        0.40,
+        0.70,
+        1.00,
+    )  # ours; lost in seed 004; peaks of the sets of obstacle width minus body width
+    gap_centres_m: tuple[float, ...] = (
+        -0.15,
+        -0.05,
+        0.05,
+        0.25,
+        0.50,
+    )  # ours; lost in seed 004; peaks of the sets of gap width minus body width
+    caution_sigmas: float = setting(
+        0.5,
+        "",
+        "standard deviations by which a gap is narrowed before it is walked through",
+        "ours",
+    )
+    ordinal: bool = setting(
+        False, "", "select by the average of the labels 1 to 7, as printed", "seed 004, eq. (26)"
+    )
 
     def narrowest_m(self, body_width_m: float) -> float:
-        """The width from which a gap counts rather as passable sideways than as none, m."""
+        """The width from which a gap counts as passable sideways, m."""
         none, slip = self.gap_centres_m[:2]
         return body_width_m + (none + slip) / 2.0
 
@@ -60,11 +80,11 @@ class FamsConfig:
 def memberships(
     values: Float[np.ndarray, "n"], centres: tuple[float, ...]
 ) -> Float[np.ndarray, "5 n"]:
-    """Degree to which each value belongs to each set: triangles that sum to 1, shoulders outside.
+    """Membership of each value in each set: triangles that sum to 1, with shoulders at both ends.
 
     Args:
         values: m.
-        centres: Where each set's degree is 1, rising, m.
+        centres: Peaks of the sets, rising, m.
     """
     degrees = np.zeros((len(centres), len(values)))
     before = np.ones(len(values))
@@ -84,16 +104,17 @@ def strengths(
     gap_sigma_m: Float[np.ndarray, "n"] | None = None,
     body_width_m: float = DARWIN_OP.passage_width_m,
 ) -> Float[np.ndarray, "7 n"]:
-    """f_m: how well each motion fits, 0 to 1, in the order of `MOTIONS`.
+    """f_m: strength of each motion in [0, 1], in the order of `MOTIONS`.
 
     Args:
-        width_m: w_l of what blocks the way.
+        width_m: w_l of the obstacles ahead.
         gap_m: s_l on the chosen side; negative where neighbours overlap.
-        config: Body and sets.
-        gap_sigma_m: Deviation of the gap; None: known exactly. A doubtful gap counts as narrower where it
-            decides between walking and the sidestep, which costs little; whether to stop it does not touch.
+        config: Membership functions.
+        gap_sigma_m: Standard deviation of the gap; None: exact. An uncertain gap counts as narrower in the choice
+            between walking and side steps, but not in the choice to stop.
+        body_width_m: w_r of the robot.
 
-    Source: seed 004, eq. (23), (25) to (27); max over the rules of a motion is the specification's.
+    Source: seed 004, eq. (23), (25) to (27); the maximum over the rules of a motion is ours.
     """
     wide = memberships(width_m - body_width_m, config.obstacle_centres_m)
     spare = gap_m - body_width_m  # eq. (23), both
@@ -118,9 +139,9 @@ def select(
     gap_sigma_m: Float[np.ndarray, "n"] | None = None,
     body_width_m: float = DARWIN_OP.passage_width_m,
 ) -> Int[np.ndarray, "n"]:
-    """The motion for each pair, as its place in `MOTIONS`; arguments as of `strengths`.
+    """The index in `MOTIONS` of the motion for each pair; arguments as of `strengths`.
 
-    The printed average knows of no doubt: with `ordinal` the gap's deviation counts for nothing.
+    With `ordinal` the standard deviation of the gap is not used.
 
     Source: seed 004, eq. (26) and Table 2.
     """
@@ -138,7 +159,7 @@ def _ordinal(
     config: FamsConfig,
     body_width_m: float,
 ) -> Int[np.ndarray, "n"]:
-    """The nearest label to the average of the labels that fire, weighed by their strengths."""
+    """The label nearest to the average of the active labels, weighted by their strengths."""
     wide = memberships(width_m - body_width_m, config.obstacle_centres_m)
     free = memberships(gap_m - body_width_m, config.gap_centres_m)
     fires = np.minimum(wide[:, None], free[None, :])

@@ -1,8 +1,8 @@
-"""The pivot: the point before the gap from which the way on is straight ahead.
+"""The pivot: the point before the gap from which the passage leads straight ahead.
 
-Source: seed 004, eq. (28) to (30). As printed they put the pivot inside the obstacle's width and measure the
-angle from the lateral axis; the form used keeps a clearance from the edge and from the face. A printed pivot
-lies where the printed turn and length lead, so that a walk to it makes them.
+Source: Kang 2013 (seed 004), eq. (28) to (30). The printed equations put the pivot within the width of the obstacle and
+measure the angle from the lateral axis. Ours keep a clearance from its edge and its face. A printed pivot lies where the
+printed turn and length lead.
 """
 
 from __future__ import annotations
@@ -12,14 +12,19 @@ from dataclasses import dataclass
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.robot_model import DARWIN_OP
+from perception.primitives.settings import setting
 
 
 @dataclass(frozen=True)
 class PivotConfig:
-    """Body and clearance."""
+    """Clearance of the passage."""
 
-    clearance_m: float = 0.10  # c, specification
-    literal: bool = False  # the printed formulas, for comparison only
+    clearance_m: float = setting(
+        0.10, "m", "c: distance kept from an obstacle while passing it", "ours"
+    )
+    literal: bool = setting(
+        False, "", "pivots by the printed formulas, for comparison", "seed 004, eq. (28) to (30)"
+    )
 
     def half_m(self, body_width_m: float) -> float:
         """Distance kept from the middle of the body to an obstacle beside it, m; less in a narrower gap."""
@@ -32,12 +37,12 @@ class PivotConfig:
 
 @dataclass(frozen=True)
 class Pivot:
-    """Where to go first, from the robot.
+    """The pivot relative to the robot.
 
     Args:
         x_m, y_m: The point, ahead and left.
         distance_m: d_pivot, the length to walk.
-        turn_rad: theta_pivot, the turn before it, left positive; the point lies that way, but for a slip.
+        turn_rad: theta_pivot, the turn before it, left positive; not for side steps.
     """
 
     x_m: float
@@ -61,11 +66,12 @@ def pivot(
     Args:
         motion: One of `fams.MOTIONS`.
         side: D, +1 left, -1 right.
-        edge_m: y of the blocking group's edge on that side, left positive.
-        gap_m: Free way beside that edge.
-        width_m: w_l of the group; only the printed formulas use it.
+        edge_m: Lateral position of the edge of the blocking group on that side, left positive.
+        gap_m: Free width beside that edge.
+        width_m: w_l of the group; used by the printed formulas only.
         distance_m: d_l, forward distance of the group.
-        config: Body and clearance.
+        config: Clearance.
+        body_width_m: w_r of the robot.
 
     Source: seed 004, eq. (28) to (30).
     """
@@ -87,9 +93,9 @@ def pivot(
 
 
 def _printed(motion: str, side: int, gap_m: float, width_m: float, distance_m: float) -> Pivot:
-    """Eq. (28) to (30) to the letter; the angle from the lateral axis, the turn of T by half a circle.
+    """Eq. (28) to (30) as printed: the angle from the lateral axis, the turn of T by half a circle.
 
-    The seed's angles are positive to the right. A length below zero leads the other way.
+    Printed angles are positive to the right. A negative length leads the other way.
     """
     if motion[0] == "S":
         length = width_m / 2 - gap_m

@@ -1,9 +1,9 @@
-"""Motion primitives as footsteps: slip, forward, rotate, turn and stop, and the passages made of them.
+"""Motion primitives as footsteps: side steps, forward, rotate, turn and stop, and the passages made of them.
 
-A passage is a list of legs, each a place to be and a heading to have there. A leg is walked by looking at where
-the robot is before each footstep, so slips of the feet do not add up.
+A passage is a list of legs, each with a target position and heading. Before each footstep the leg is compared with the
+pose of the robot, so that foot slip does not accumulate.
 
-Source: seed 004, section 2.4 (primitives and combinations); legs are ours.
+Source: Kang 2013 (seed 004), section 2.4 (primitives and combinations); legs are ours.
 """
 
 from __future__ import annotations
@@ -21,16 +21,15 @@ from ..commands import WalkCommand
 from ..footsteps import half_a_step_on, limited_step
 from .pivot import Pivot
 
-NEAR_M = 0.02  # ours: about the slip of one step
-STRAIGHT_RAD = math.radians(3.0)  # ours
-# ours: share of the drift taken back by one step; a whole share of a pose that lags swings
-CALM = 0.6
-LEARN = 0.02  # ours: share of what is left of it that each step adds to what all have to make up for ...
-LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ours: ... while it is on its line but for this
-# ours: single and double support where it is narrow: who steps as quickly sways by 30 mm to each side, not by
-# 50 (body of seed 004, dynamic), and a gap may leave 40
+# all ours
+NEAR_M = 0.02  # tolerance of a position, about the slip of one step
+STRAIGHT_RAD = math.radians(3.0)  # tolerance of a heading
+CALM = 0.6  # share of the deviation that one step corrects; 1 oscillates, since the pose lags
+LEARN = 0.02  # share of the deviation that each step adds to the systematic correction ...
+LEARN_M, LEARN_RAD = 0.01, math.radians(2.0)  # ... for deviations up to these
+# single and double support in a gap: 30 mm of sway instead of 50 (dynamic body of seed 004), within 40 mm of clearance
 QUICK_S = (0.25, 0.15)
-AHEAD_M = 0.10  # ours: looked ahead along a leg; five side steps
+AHEAD_M = 0.10  # distance along a leg that is checked for obstacles; five side steps
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,9 @@ class Leg:
     """One primitive.
 
     Args:
-        primitive: "S" slip sideways, "F" forward, "B" backward, "R" rotate, "T" turn by a right angle, "ST" stop.
-        target: Where it ends, and the heading kept (S, F, B) or reached (R, T).
-        gap_m: Width of the gap through whose middle it leads; 0 if it leads through none.
+        primitive: "S" side steps, "F" forward, "B" backward, "R" rotate, "T" turn by a right angle, "ST" stop.
+        target: Final position, and the heading to keep (S, F, B) or to reach (R, T).
+        gap_m: Width of the gap that it passes in the middle; 0 without a gap.
     """
 
     primitive: str
@@ -50,7 +49,7 @@ class Leg:
 
 @dataclass
 class Trim:
-    """What every step makes up for, as far as learnt: feet that slip, or turn, slip alike with every step.
+    """Learnt correction of systematic foot slip.
 
     Args:
         forward_m, left_m, turn_rad: Added to each step.
@@ -61,7 +60,7 @@ class Trim:
     turn_rad: float = 0.0
 
     def learn(self, off_m: float, turn_rad: float, sideways: bool) -> None:
-        """Take in how far off its line, and its heading, a leg is; sideways: what it walks, so that it drifts ahead."""
+        """Update from the deviation from the line and the heading of a leg; `sideways`: of side steps."""
         if abs(off_m) > LEARN_M or abs(turn_rad) > LEARN_RAD:
             return
         self.turn_rad += LEARN * turn_rad
@@ -78,14 +77,14 @@ def passage(
 
     Args:
         motion: One of `fams.MOTIONS`.
-        found: The pivot, from where the robot stands.
-        start: Where the robot stands, heading along the way.
-        beyond_m: How far ahead of the start the passage ends, m.
+        found: The pivot, relative to the robot.
+        start: Pose of the robot, heading along the passage.
+        beyond_m: Distance of the end of the passage ahead of the start, m.
         gap_m: Width of the gap if the pivot lies before its middle; else 0.
 
-    The first letter leads to the pivot, the second through the gap: F walks through it, S turns a right angle and
-    slips through it, narrow side ahead. R and T turn to the pivot, walk there, and turn back; T's lies across the
-    way.
+    The first letter leads to the pivot, the second through the gap: F walks through it, S turns by a right angle and
+    passes it with side steps, narrow side ahead. R and T turn to the pivot, walk there, and turn back; the pivot of T
+    lies beside the robot.
     """
     if motion == "ST":
         return [Leg("ST", start)]
@@ -105,7 +104,7 @@ def passage(
         ]
     if motion[1] == "F":
         return [*legs, Leg("F", at(beyond_m, y, 0.0), gap_m)]
-    aside = math.copysign(math.pi / 2, -y)  # faces the obstacle that is being passed
+    aside = math.copysign(math.pi / 2, -y)  # faces the obstacle
     return [
         *legs,
         Leg("R", at(x, y, aside)),
@@ -115,12 +114,12 @@ def passage(
 
 
 def retreat(leg: Leg, robot: Pose2, length_m: float) -> list[Leg]:
-    """The legs back out of a passage that proved closed: against the leg being walked, on its own line.
+    """The legs back out of a blocked passage, on the line of the present leg.
 
     Args:
-        leg: What was being walked.
-        robot: Where the robot is.
-        length_m: How far back.
+        leg: Present leg.
+        robot: Pose of the robot.
+        length_m: Distance to go back.
     """
     if leg.primitive not in ("F", "S"):
         return []
@@ -132,33 +131,30 @@ def retreat(leg: Leg, robot: Pose2, length_m: float) -> list[Leg]:
 
 
 def on_line(leg: Leg, robot: Pose2, places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """How far ahead of the robot, along a leg's line, places lie, and how far to the left of this line.
+    """Points in the frame of a leg: ahead of the robot along its line, and left of the line, m.
 
     Args:
-        leg: What is being walked.
-        robot: Where the robot is.
+        leg: Present leg.
+        robot: Pose of the robot.
         places: World frame, m.
-
-    Returns:
-        Ahead of the robot as the leg goes, and left of its line, m.
     """
     here, there = leg.target.inverse() @ robot, leg.target.inverse().apply(places)
     if leg.primitive != "S":
         return np.asarray(there - [here.x, 0.0])
-    way = _way(leg, robot)
-    return np.column_stack([way * (there[:, 1] - here.y), -way * there[:, 0]])
+    side = _side(leg, robot)
+    return np.column_stack([side * (there[:, 1] - here.y), -side * there[:, 0]])
 
 
 def beside(leg: Leg, robot: Pose2, left_m: float) -> Leg:
-    """The same leg on a line so far to the left of its own as it goes, m."""
+    """The leg on a parallel line, to the left in its direction, m."""
     move = Pose2(0.0, left_m, 0.0)
     if leg.primitive == "S":
-        move = Pose2(-_way(leg, robot) * left_m, 0.0, 0.0)
+        move = Pose2(-_side(leg, robot) * left_m, 0.0, 0.0)
     return replace(leg, target=leg.target @ move)
 
 
-def _way(leg: Leg, robot: Pose2) -> float:
-    """To which side a slip leads: 1 left, -1 right."""
+def _side(leg: Leg, robot: Pose2) -> float:
+    """Direction of side steps: 1 left, -1 right."""
     return math.copysign(1.0, -(leg.target.inverse() @ robot).y)
 
 
@@ -169,14 +165,15 @@ def in_the_way(
     cell_m: float,
     model: RobotModel = DARWIN_OP,
 ) -> Bool[np.ndarray, "n"]:
-    """Which occupied cells lie where the body comes within the next steps of a leg.
+    """Which occupied cells the body reaches within the next steps of a leg.
 
     Args:
-        leg: What is being walked; only F and S go anywhere new.
-        robot: Where the robot is.
+        leg: Present leg; only F and S lead to new ground.
+        robot: Pose of the robot.
         cells: Middles of occupied cells, world frame, m.
-        cell_m: Their side: what a cell holds may stand half a side nearer, or farther, than its middle, and
-            where a passage is hardly wider than the body only the sure ones close it.
+        cell_m: Side of a cell. An obstacle may be half a side off the middle of its cell; in a passage hardly wider
+            than the body only cells entirely within the body count.
+        model: Width and depth of the robot.
     """
     if leg.primitive not in ("F", "S"):
         return np.zeros(len(cells), dtype=np.bool_)
@@ -189,7 +186,7 @@ def in_the_way(
 
 
 def reached(leg: Leg, robot: Pose2) -> bool:
-    """Whether a leg is done: turned far enough, or abreast of its end."""
+    """Whether a leg is done: the heading is reached, or the robot is abreast of its end."""
     error = robot.inverse() @ leg.target
     if leg.primitive in ("R", "T"):
         return abs(error.yaw) <= STRAIGHT_RAD
@@ -211,16 +208,15 @@ def step(
 ) -> WalkCommand:
     """The next footstep of a leg, within the gait's limits.
 
-    Along the leg the robot goes as fast as the gait lets it and no farther than its end; of what it has drifted
-    off its line and its heading each step takes a share back. Ahead it goes in short quick steps: a body that
-    sways less needs less room, which what is passed may not leave.
+    Along the leg the robot walks at full speed, at most to its end, and each step corrects a share of the deviation from
+    the line and the heading. Forward steps are short and quick, which reduces the sway of the body in a gap.
 
     Args:
-        leg: What is being walked.
-        robot: Where the robot is.
-        gait: Limits.
-        trim: What was learnt of its steps, which this step adds to; None: nothing.
-        last: The step before, which the body is still about to follow; None: it stands.
+        leg: Present leg.
+        robot: Pose of the robot.
+        gait: Limits of a step.
+        trim: Learnt correction, updated by this step; None: none.
+        last: Last step, which the body has yet to complete; None: the robot stands.
     """
     if leg.primitive == "ST":
         return limited_step(gait, 0.0, 0.0, 0.0)
@@ -229,7 +225,7 @@ def step(
     turn = wrap_angle(-here.yaw)
     if leg.primitive in ("R", "T"):
         return limited_step(gait, 0.0, 0.0, CALM * turn)
-    # In the leg's own frame: to aim at its end instead would make of a little turn a long way off its line.
+    # in the frame of the leg: aiming at its end would turn a small heading error into a large lateral one
     if leg.primitive == "S":
         trim.learn(here.x, turn, sideways=True)
         fastest = gait.max_side_mps * gait.step_s

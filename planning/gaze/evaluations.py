@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.settings import setting
@@ -36,7 +36,7 @@ class EvaluationConfig:
     obstacle_rate_mps: float = setting(
         0.02, "m/s", "threshold T_o at which psi_ob is 1: deviation times speed by distance", "ours"
     )
-    obstacle_weight: float = setting(1.0, "", "factor omega_o of psi_ob", "ours")
+    obstacle_weight: float = 1.0  # ours; factor omega_o of psi_ob
     way_free_m: float = setting(1.0, "m", "free distance d_nThres at which psi_way is 1", "ours")
 
     def __post_init__(self) -> None:
@@ -100,31 +100,13 @@ def of_obstacles(
     return np.minimum(alpha / config.obstacle_rate_mps, 1.0)
 
 
-def relevant(
-    positions: Float[np.ndarray, "n 2"],
-    velocities: Float[np.ndarray, "n 2"],
-    robot_velocity: Float[np.ndarray, "2"],
-) -> Bool[np.ndarray, "n"]:
-    """The relevant obstacles (O_dted|bappr): all ahead, and those behind that approach.
-
-    Args:
-        positions, velocities: In body axes (x ahead), m and m/s; velocities in the world.
-        robot_velocity: In the same axes, m/s.
-
-    Source: seed 001, section 3, the set of eq. (3).
-    """
-    relative = velocities - robot_velocity
-    approaching = np.sum(positions * relative, axis=1) < 0.0
-    return np.asarray((positions[:, 0] > 0.0) | approaching)
-
-
 def of_way(
     positions: Float[np.ndarray, "n 2"], radii: Float[np.ndarray, "n"], config: EvaluationConfig
 ) -> float:
     """psi_way: distance to the nearest extended obstacle, divided by d_nThres, at most 1.
 
     Args:
-        positions: Of the `relevant` obstacles and their virtual obstacles, relative to the robot, m.
+        positions: Of the obstacles ahead or approaching, and of their virtual obstacles, relative to the robot, m.
         radii: Extended radii S_oe, m.
 
     Source: seed 001, eq. (4).

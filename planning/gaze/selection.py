@@ -32,12 +32,10 @@ class GazeMapConfig:
     """Directions, field of view, weights."""
 
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
-    across_deg: float = setting(
-        44.0, "deg", "horizontal field of view of the camera to aim", "seed 004; seed 001 has 60"
+    across_deg: float = (
+        44.0  # seed 004; seed 001 has 60; horizontal field of view of the camera to aim
     )
-    down_deg: float = setting(
-        35.0, "deg", "vertical field of view of the camera to aim", "seed 004; seed 001 has 45"
-    )
+    down_deg: float = 35.0  # seed 004; seed 001 has 45; vertical field of view of the camera to aim
     map_weight: float = setting(0.25, "", "weight w_lm of stale ground", "ours")
     way_weight: float = setting(0.25, "", "weight w_way of the way point", "ours")
     self_weight: float = setting(0.25, "", "weight w_sf of the robot's own position", "ours")

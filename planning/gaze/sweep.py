@@ -25,16 +25,7 @@ from ..commands import GazeCommand
 TILT_DEG = 28.0  # from 0.38 m and with 35 deg of view this shows the floor from 0.4 to 2.1 m
 NEAR_TILT_DEG = 38.0  # this shows the floor from 0.3 to 1.0 m
 NEAR_M = 0.6  # distance below which that tilt is used
-SURVEY_PANS_DEG = (
-    0.0,
-    40.0,
-    80.0,
-    40.0,
-    0.0,
-    -40.0,
-    -80.0,
-    -40.0,
-)  # overlap by 4 deg at 44 deg of view
+SURVEY_PANS_DEG = (0.0, 40.0, 80.0, 40.0, 0.0, -40.0, -80.0, -40.0)  # views of 44 deg overlap
 GLANCE_PANS_DEG = (40.0, -40.0, 80.0, -80.0)
 REVISIT_S = 1.0  # a moving obstacle out of sight for longer is looked for ...
 REVISIT_M = 2.0  # ... within this distance

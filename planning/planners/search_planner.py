@@ -64,7 +64,9 @@ class SearchPlanner:
         self._guard = Guard(config.guard, self._robot)
         self._stepper: StepFilter = self._guard if stepper is None else stepper
         self._goals = Goals(goals, config.mission, config.mission.headings_deg)
-        self._explorer = Explorer(config.exploration) if config.mission.wander else None
+        self._explorer = (
+            Explorer(config.exploration, self._robot) if config.mission.wander else None
+        )
         self._route = Route(config.search, config.route, self._robot)
         self._gaze = GazePolicy(config.gaze, self._robot)
         self._speed_mps = 0.0

@@ -88,7 +88,7 @@ class SwarmPlanner(GoalSeeker):
         self._standing.update(
             world.stamp_s,
             np.array([seen.robot.x, seen.robot.y]),
-            np.concatenate([np.empty((0, 2)), *contacts.contacts]),
+            np.concatenate([np.empty((0, 2)), *contacts.points_world]),
             contacts.shows_floor,
         )
 
@@ -127,7 +127,7 @@ class SwarmPlanner(GoalSeeker):
         movable = (
             result.movable
             if self._settings.prediction == "flow"
-            else contact_detections.without_movers(
+            else contact_detections.subtract_moving_obstacles(
                 seen.contacts.ground, result.current, movers, result.horizon_s
             )
         )

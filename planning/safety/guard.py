@@ -30,6 +30,7 @@ from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from ..commands import WalkCommand
 from ..footsteps import footstep, half_a_step_on, limited_step
+from . import _guard_arguments as arguments
 from . import _guard_kernels as kernels
 from . import guard_settings as constants
 from .guard_settings import GuardConfig as GuardConfig
@@ -108,9 +109,9 @@ class Guard:
         rest = wishes[0].copy()
         if self._present is not None:
             rest = self._present.copy()
-            rest[kernels.REPEAT] = max(rest[kernels.REPEAT] - 1.0, 0.0)
-            if rest[kernels.REPEAT] == 0.0 and rest[kernels.PURSUES] == 0.0:
-                rest[:3], rest[kernels.REPEAT] = rest[4:7], 1.0  # its second part continues
+            rest[arguments.REPEAT] = max(rest[arguments.REPEAT] - 1.0, 0.0)
+            if rest[arguments.REPEAT] == 0.0 and rest[arguments.PURSUES] == 0.0:
+                rest[:3], rest[arguments.REPEAT] = rest[4:7], 1.0  # its second part continues
         return np.concatenate([wishes[:1], rest[None], wishes[1:], self._plans])
 
 
@@ -156,12 +157,12 @@ class _Scene:
             hypotheses.add_lost(line)
         self._limits = gait
         self._robot, self._target = robot.mean.astype(np.float64), target.astype(np.float64)
-        self._gait = kernels.Gait(
+        self._gait = arguments.Gait(
             gait.max_turn_rad, gait.step_s, gait.max_speed_mps, max(gait.max_side_mps, 1e-3)
         )
         self._discs = hypotheses.discs()
         self._cells = _cells(robot.mean[:2], occupied, config.steps, model)
-        self._costs = kernels.Costs(
+        self._costs = arguments.Costs(
             soft_m=constants.SOFT_M,
             soft_cost_m=constants.SOFT_COST_M,
             steep=constants.STEEP,
@@ -193,9 +194,9 @@ class _Scene:
     def step(self, plan: np.ndarray) -> WalkCommand:
         """The first step of a plan, as the kernel makes it; a plan whose first part is over may pursue the target."""
         gait = self._limits
-        begins = plan[kernels.REPEAT] > 0.0
+        begins = plan[arguments.REPEAT] > 0.0
         forward, left, turn = (plan[:3] if begins else plan[4:7]).tolist()
-        if begins or plan[kernels.PURSUES] == 0.0:
+        if begins or plan[arguments.PURSUES] == 0.0:
             return limited_step(gait, forward / gait.step_s, left / gait.step_s, turn)
         dx, dy = (self._target - self._robot[:2]).tolist()
         if math.hypot(dx, dy) < 0.5 * forward:
@@ -230,7 +231,9 @@ def _fixed_plans(steps: int, gait: GaitLimits) -> np.ndarray:
     return np.array(plans, np.float64)
 
 
-def _cells(here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel) -> kernels.Cells:
+def _cells(
+    here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel
+) -> arguments.Cells:
     """The cells within reach, nearest first; the required distance is at most the present one."""
     gap = np.hypot(*(occupied - here).T)
     wanted_m = model.breadth * constants.CELL_DISTANCE_M
@@ -241,4 +244,4 @@ def _cells(here: np.ndarray, occupied: np.ndarray, steps: int, model: RobotModel
     wanted = np.clip(gap[near], contact_m, wanted_m)
     touch = np.minimum(np.full(len(wanted), contact_m), gap[near])
     places = np.ascontiguousarray(occupied[near], np.float64)
-    return kernels.Cells(places, np.stack([wanted, touch], axis=1))
+    return arguments.Cells(places, np.stack([wanted, touch], axis=1))

@@ -45,11 +45,11 @@ class GuardConfig:
     sigmas: float = setting(
         1.0, "", "standard deviations of relative position added to the margin", "ours"
     )
-    max_sigma_m: float = setting(
-        0.15, "m", "largest standard deviation that is added", "ours: more would freeze the robot"
+    max_sigma_m: float = (
+        0.15  # ours: more would freeze the robot; largest standard deviation that is added
     )
-    acceleration_mps2: float = setting(
-        0.004, "m/s^2", "random acceleration of moving obstacles in the prediction", "ours"
+    acceleration_mps2: float = (
+        0.004  # ours; random acceleration of moving obstacles in the prediction
     )
     turn_weight: float = setting(
         0.25,
@@ -60,8 +60,8 @@ class GuardConfig:
     react_s: float = setting(
         1.3, "s", "time until a reversal is noticed and the next step begins", "ours: two steps"
     )
-    fade_s: float = setting(
-        8.0, "s", "time after which a later cost counts 1/e", "ours: 4 reacts late, 16 hesitates"
+    fade_s: float = (
+        8.0  # ours: 4 reacts late, 16 hesitates; time after which a later cost counts 1/e
     )
     learnt_weight: float = 0.04  # ours: the same where it passed before without reversing
     following_cost: float = 0.0  # ours: share of the cost of every step behind an obstacle that

@@ -18,6 +18,7 @@ from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import RobotModel
 
 from . import _guard_kernels as kernels
+from ._guard_arguments import Discs
 from .guard_settings import (
     DOUBT_S,
     LONGEST_UNSEEN_S,
@@ -63,9 +64,9 @@ class Hypotheses:
         self._turning = [np.zeros((0, samples))]
         self._weights: list[float] = []
 
-    def discs(self) -> kernels.Discs:
+    def discs(self) -> Discs:
         """All discs, as arrays for the kernel."""
-        return kernels.Discs(
+        return Discs(
             np.concatenate(self._places),
             np.concatenate(self._velocities),
             np.concatenate(self._needed),

@@ -1,7 +1,7 @@
-"""Compiled inner loops of the search over the lattice: A* with a bucket queue, and the literal reading.
+"""Compiled lattice search: A* with a bucket queue, and the printed form.
 
-The map is one flat array with a border of one cell, the price of a node in it, infinite where the body
-cannot be; nothing then has to ask for the map's edge. Lengths are in cells. Arrays and scalars only.
+The map is a flat array of costs with a border of one cell, infinite where the body cannot be, so that no step needs a
+test of the edge of the map. Lengths are in cells.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from numba import njit
 
 DIAGONAL = math.sqrt(2.0)
-WAY, EXIT, EXPANDED = 7, 8, 16  # parts of a node's state: number of the step that led here, flags
-USED, SPARE, WAITING = 0, 1, 2  # places in the account of a queue
+STEP, EXIT, EXPANDED = 7, 8, 16  # parts of the state of a node: number of the step to it, flags
+USED, SPARE, WAITING = 0, 1, 2  # entries of `account`: slots used, first free slot, nodes waiting
 NOTHING = -1
 
 
 @njit(cache=True)
-def pave(price: np.ndarray, blocked: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """The flat, bordered map of prices; and the least and the greatest price on it."""
+def bordered(price: np.ndarray, blocked: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """The flat, bordered map of costs, and the least and the largest cost on it."""
     rows, columns = price.shape
     wide = columns + 2
     ground = np.full((rows + 2) * wide, np.inf)
@@ -38,10 +38,10 @@ def pave(price: np.ndarray, blocked: np.ndarray) -> tuple[np.ndarray, float, flo
 
 @njit(cache=True)
 def estimate(down: float, right: float, least: float, on_lattice: bool) -> float:
-    """C: what the way over (down, right) cells costs at least.
+    """C: lower bound of the cost over (down, right) cells.
 
-    On the lattice that is its diagonal and straight steps at the least price of the map; off it (the goal
-    lies beyond the map) the straight distance at price 1.
+    On the lattice the diagonal and straight steps at the least cost of the map; for a goal outside the map the straight
+    distance at cost 1.
     """
     down, right = abs(down), abs(right)
     if on_lattice:
@@ -51,7 +51,7 @@ def estimate(down: float, right: float, least: float, on_lattice: bool) -> float
 
 @njit(cache=True)
 def steps(wide: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The eight steps from a node: change of flat index, of row and of column, and half the length."""
+    """The eight steps from a node: change of flat index, of row and of column, and half their length."""
     downs = np.array([-1, -1, -1, 0, 0, 1, 1, 1])
     rights = np.array([-1, 0, 1, -1, 1, -1, 0, 1])
     halves = np.array([DIAGONAL, 1.0, DIAGONAL, 1.0, 1.0, DIAGONAL, 1.0, DIAGONAL]) / 2.0
@@ -67,7 +67,7 @@ def push(
     after: np.ndarray,
     account: np.ndarray,
 ) -> None:
-    """Put a node in front of a bucket; there must be room for it."""
+    """Insert a node at the front of a bucket; a free slot must exist."""
     entry = account[SPARE]
     if entry == NOTHING:
         entry = account[USED]
@@ -84,7 +84,7 @@ def push(
 def pop(
     bucket: int, heads: np.ndarray, items: np.ndarray, after: np.ndarray, account: np.ndarray
 ) -> int:
-    """Take the first node out of a bucket that has one."""
+    """Remove the first node of a non-empty bucket."""
     entry = heads[np.uintp(bucket)]
     heads[np.uintp(bucket)] = after[np.uintp(entry)]
     after[np.uintp(entry)] = account[SPARE]
@@ -104,24 +104,24 @@ def search(
     on_lattice: bool,
     width: float,
 ) -> tuple[int, float, np.ndarray]:
-    """A* on 8 neighbours over F = E + C with a circular bucket queue; exact, because nodes reopen.
+    """A* on 8 neighbours over F = E + C with a circular bucket queue; exact, since nodes may be expanded again.
 
-    An edge costs the mean price of its ends times its length. A node found again at less cost waits a
-    second time; what is left of the first is passed over when its turn comes. Within a bucket the order
-    is arbitrary: a node may be expanded too early, and is then expanded again.
+    An edge costs the mean cost of its ends times its length. A node that is reached again at lower cost is queued a second
+    time; the stale entry is skipped. Within a bucket the order is arbitrary: a node may be expanded too early and is then
+    expanded again.
 
     Args:
-        ground: Of `pave`.
+        ground: Of `bordered`.
         wide: Columns of the bordered map.
-        prices: The least and the greatest, of `pave`.
+        prices: The least and the largest cost, of `bordered`.
         start: Flat index of a free node.
-        goal: Row and column in the bordered map; may lie beyond it.
-        exits: Flat indices of the nodes at which the search may end; that of least F wins.
-        on_lattice: The goal is a node, and the only exit.
+        goal: Row and column in the bordered map; may lie outside.
+        exits: Flat indices of the nodes at which the search may end; the one with the least F is taken.
+        on_lattice: Whether the goal is a node, and the only exit.
         width: Of a bucket.
 
     Returns:
-        The exit (-1: none can be reached), its E, and the state of every node, for `trace`.
+        The exit (-1 if none can be reached), its E, and the state of every node, for `trace`.
     """
     shifts, downs, rights, halves = steps(wide)
     least = prices[0]
@@ -138,7 +138,7 @@ def search(
     base = estimate(start // wide - goal[0], start % wide - goal[1], least, on_lattice)
     found, bound = (start, base) if state[start] & EXIT else (-1, np.inf)
     push(start, 0, heads, items, after, account)
-    turn, bucket = 0, 0  # of all buckets since the start's, and in the circle
+    turn, bucket = 0, 0  # number of the bucket since the start, and in the circle
     while account[WAITING] > 0 and base + turn * width <= bound:
         if heads[np.uintp(bucket)] == NOTHING:
             turn += 1
@@ -156,7 +156,7 @@ def search(
         for k in range(8):
             other = np.uintp(node + shifts[k])
             reached = here + (price + ground[other]) * halves[k]
-            if reached >= walked[other]:  # also where no body can be: infinite, both
+            if reached >= walked[other]:  # also at blocked nodes: both are infinite
                 continue
             total = reached + estimate(row + downs[k], column + rights[k], least, on_lattice)
             if total >= bound:
@@ -182,8 +182,8 @@ def search_literal(
 ) -> tuple[int, float, np.ndarray]:
     """Best-first search over L + alpha U(k) + C, the potential of the node only; not optimal.
 
-    Arguments and results as for `search`, but the second result is the length L; C is the straight
-    distance, as the seed says.
+    Arguments and results as for `search`, except that the second result is the length L and C is the straight distance, as
+    in seed 003.
     """
     shifts, downs, rights, halves = steps(wide)
     walked = np.full(ground.shape[0], np.inf)
@@ -215,15 +215,15 @@ def search_literal(
 
 @njit(cache=True)
 def trace(state: np.ndarray, wide: int, start: int, end: int) -> np.ndarray:
-    """(n, 2) cells [row, column] of the map without its border, from the start to a node that was reached."""
+    """(n, 2) cells [row, column] of the map without its border, from the start to a reached node."""
     shifts = steps(wide)[0]
     count, node = 1, end
     while node != start:
-        node -= shifts[state[node] & WAY]
+        node -= shifts[state[node] & STEP]
         count += 1
     cells = np.empty((count, 2), np.int64)
     node = end
     for i in range(count - 1, -1, -1):
         cells[i, 0], cells[i, 1] = node // wide - 1, node % wide - 1
-        node -= shifts[state[node] & WAY]
+        node -= shifts[state[node] & STEP]
     return cells

@@ -1,4 +1,4 @@
-"""Compiled inner loops of the potential: every cell's strongest pull, and what lies too near to a solid."""
+"""Compiled loops of the potential: the strongest repulsion at every cell, and the blocked cells."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from numba import njit
 def spread(
     probability: np.ndarray, solid: np.ndarray, weights: np.ndarray, near: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Greatest weighted probability round every cell, and whether a solid cell lies near it.
+    """Largest weighted probability round every cell, and whether a solid cell blocks it.
 
-    The four quarters round a cell weigh the same: the greater of two rows is taken first, then that of two
-    columns, and only then is it weighted. Rows lie end to end with empty cells between, so that a shift is
-    one of the index, and every loop runs over the whole map.
+    The four quarters round a cell have the same weights: the maximum of two rows is taken first, then that of two columns,
+    and only the result is weighted. Rows lie end to end with empty cells between them, so that a shift of the map is a
+    shift of the index.
 
     Args:
         probability: (rows, columns) float64; cells outside count as 0.
-        solid: Same shape, bool.
-        weights: (reach + 1, reach + 1), pull of the cell at (down, right) from the middle.
-        near: Same shape, bool: a solid cell there blocks.
+        solid: (rows, columns) bool.
+        weights: (reach + 1, reach + 1) repulsion of the cell at (down, right) from the middle.
+        near: Same shape, bool: whether a solid cell there blocks.
     """
     rows, columns = probability.shape
     reach = weights.shape[0] - 1
@@ -56,7 +56,7 @@ def spread(
 
 @njit(cache=True)
 def end_to_end(cells: np.ndarray, reach: int) -> np.ndarray:
-    """All rows in one, `reach` empty cells before each, so many empty rows before, and two more after."""
+    """All rows in one array: `reach` empty cells before each row, `reach` empty rows before and two more after."""
     rows, columns = cells.shape
     wide = np.zeros((rows + 2 * reach + 2, columns + reach), cells.dtype)
     wide[reach : reach + rows, reach:] = cells
@@ -67,7 +67,7 @@ def end_to_end(cells: np.ndarray, reach: int) -> np.ndarray:
 def free_disc(
     probability: np.ndarray, unknown: np.ndarray, x: float, y: float, radius_m: float, cell_m: float
 ) -> None:
-    """Unseen cells within a radius of (x, y), in cells, become known and free, in place."""
+    """Mark unseen cells within a radius of (x, y), in cells, as known and free, in place."""
     rows, columns = probability.shape
     reach = math.ceil(radius_m / cell_m) + 1
     middle_row, middle_column = math.floor(y), math.floor(x)

@@ -1,6 +1,6 @@
-"""Compiled inner loops of the shortcuts: what straight lines cost, and which of them replace a path.
+"""Compiled loops of the shortcuts: the cost of straight segments, and those that replace parts of a path.
 
-Points are (x, y) in cells, cell centres at integers. Arrays and scalars only.
+Points are (x, y) in cells, cell centres at integers.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ import math
 import numpy as np
 from numba import njit
 
-BORDER = 1e-6  # cells: points this close to a border may be on either side of it, by rounding
+BORDER = 1e-6  # cells: tolerance of rounding at the border of a cell
 
 
 @njit(cache=True)
 def inside_blocked(blocked: np.ndarray, x: float, y: float) -> bool:
-    """Whether a point is in a blocked cell or outside the map; on the border of a free one it is not."""
+    """Whether a point is in a blocked cell or outside the map; the border of a free cell is free."""
     rows, columns = blocked.shape
     left, right = math.floor(x + 0.5 - BORDER), math.floor(x + 0.5 + BORDER)
     low, high = math.floor(y + 0.5 - BORDER), math.floor(y + 0.5 + BORDER)
@@ -30,10 +30,10 @@ def inside_blocked(blocked: np.ndarray, x: float, y: float) -> bool:
 def segment_cost(
     price: np.ndarray, blocked: np.ndarray, begin: np.ndarray, end: np.ndarray
 ) -> float:
-    """Cost of a straight segment: the mean price along it times its length.
+    """Cost of a straight segment: its mean cost times its length.
 
-    Sampled at least every half cell, prices between cell centres by bilinear interpolation; infinite if a
-    sample lies in a blocked cell or outside the grid.
+    Sampled at least every half cell with bilinear interpolation; infinite if a sample lies in a blocked cell or outside
+    the grid.
     """
     rows, columns = price.shape
     right, down = end[0] - begin[0], end[1] - begin[1]
@@ -66,12 +66,12 @@ def polyline_cost(price: np.ndarray, blocked: np.ndarray, points: np.ndarray) ->
 
 
 @njit(cache=True)
-def begun_at(
+def start_at(
     path: np.ndarray, given: np.ndarray, price: np.ndarray, blocked: np.ndarray
 ) -> np.ndarray:
-    """The path from the given point on, if that lies in the cell of the first, which it then replaces.
+    """The path with the given point before it, which replaces the first point if it lies in its cell.
 
-    Where the straight way to the second point is blocked the first one stays between them.
+    If the segment to the second point is blocked, the first point stays between them.
     """
     if not (abs(given[0] - path[0, 0]) < 0.5 and abs(given[1] - path[0, 1]) < 0.5):
         return path
@@ -85,9 +85,9 @@ def begun_at(
 
 @njit(cache=True)
 def shortcut(path: np.ndarray, price: np.ndarray, blocked: np.ndarray, slack: float) -> np.ndarray:
-    """Which points of a path are left after replacing stretches by straight segments; (n,) bool.
+    """Which points remain after replacing parts of a path by straight segments; (n,) bool.
 
-    A segment may cost more than what it replaces by no more than `slack`, which is for rounding.
+    A segment may cost at most `slack` more than the part that it replaces.
     """
     n = path.shape[0]
     along = np.zeros(n)

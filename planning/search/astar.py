@@ -1,10 +1,9 @@
-"""The search: from here to the goal over the nodes of least estimated total cost.
+"""A* on the terrain map.
 
-F(k) = E(k) + C(k): E is the length walked plus alpha times the potential integrated along it, C an estimate
-of what is left. C is the length of the shortest lattice way at the least price of the map, the greatest
-estimate that never exceeds the truth without looking at obstacles: the path costs what Dijkstra's does,
-and a third of the nodes are expanded that the straight distance of the specification needs. Where the
-goal lies beyond the map, C is that straight distance.
+F(k) = E(k) + C(k): E is the length of the path to node k plus alpha times the potential integrated along it, C an estimate
+of the rest. C is the length of the shortest lattice path at the least cost of the map, the largest admissible estimate
+without obstacles: the path costs as much as Dijkstra's, with a third of the nodes that the straight distance expands.
+If the goal lies outside the map, C is the straight distance.
 
 Source: seed 003, section 3 (evaluation function, equation lost) and ambiguities 3 to 5.
 """
@@ -26,13 +25,13 @@ from .path import Terrain as Terrain
 from .path import clearance
 from .path import lattice_cost as lattice_cost
 from .potential import Reach, SearchConfig, terrain
-from .shortcuts import begun_at, shortcut
+from .shortcuts import shortcut, start_at
 
 BUCKET = 0.25
-"""Width of a bucket of the queue, in cells: narrow enough that nodes seldom reopen."""
+"""Ours: width of a bucket of the queue, in cells, for which nodes are seldom expanded twice."""
 
 MOST_PRICES = 1e6
-"""Greatest price over width of a bucket: where prices leap, buckets widen, lest there be too many."""
+"""Ours: largest cost divided by the width of a bucket, which limits the number of buckets."""
 
 
 def prepare(
@@ -45,16 +44,17 @@ def prepare(
     penalty: Float[np.ndarray, "rows columns"] | None = None,
     robot: RobotModel = DARWIN_OP,
 ) -> Terrain:
-    """Potential and clearance of a map, unseen cells round the start counted as free.
+    """Potential and blocked cells of a map; unseen cells round the start count as free.
 
     Args:
         probability: p of every cell.
         unknown: Cells never seen.
         origin: Lower left corner of cell [0, 0], world frame, m.
         cell_m: Side of a cell.
-        start_xy: The robot, world frame, m.
+        start_xy: Position of the robot, world frame, m.
         config: Margins and weights.
-        penalty: Added to the potential, not negative; None for nothing.
+        penalty: Added to the potential, not negative; None for zero.
+        robot: Scale of the lengths.
     """
     seen, hidden = probability.copy(), unknown.copy()
     x, y = ((start_xy - origin) / cell_m - 0.5).tolist()
@@ -76,22 +76,22 @@ def find_path(
     config: SearchConfig,
     robot: RobotModel = DARWIN_OP,
 ) -> Path | None:
-    """The cheapest way over the map, shortcut.
+    """The cheapest path over the map, with shortcuts.
 
-    A goal outside the map is approached through the border cell of least F on the sides it lies beyond,
-    and where these cannot be reached, through any border cell. A start or goal where the body cannot be
-    moves to the nearest node where it can.
+    A goal outside the map is approached through the border cell of least F on its sides of the map, or through any
+    border cell if these cannot be reached. A blocked start or goal moves to the nearest free node.
 
     Args:
         probability: p of every cell [row, column], rows along y, columns along x.
-        unknown: Cells never seen; whatever p they hold, p_unknown is used and they block nothing.
+        unknown: Cells never seen; they have p_unknown and do not block.
         origin: Lower left corner of cell [0, 0], world frame, m.
         cell_m: Side of a cell.
         start_xy, goal_xy: World frame, m.
         config: Margins and weights.
+        robot: Scale of the lengths.
 
     Returns:
-        The path; None if no way leads there.
+        The path; None if there is none.
 
     Raises:
         InputError: Start or goal is not finite, the start lies outside the map, or the map is malformed.
@@ -110,7 +110,7 @@ def search(
     config: SearchConfig,
     robot: RobotModel = DARWIN_OP,
 ) -> Path | None:
-    """`find_path` on a map already prepared."""
+    """`find_path` on a prepared map."""
     start = _nearest_free(ground, start_xy)
     if start is None:
         return None
@@ -137,13 +137,13 @@ def cheapest(
     """The cheapest path on the 8-neighbour lattice between two nodes; `lattice_cost` is its cost.
 
     Args:
-        price: Cost of a cell of way at each node, at least 1.
-        blocked: Nodes that must not be entered.
+        price: Cost per cell of path at each node, at least 1.
+        blocked: Nodes that the body cannot enter.
         start, goal: [row, column] on the map.
-        literal: Rank nodes by L + alpha U(k) + C, with the potential of the node only; not optimal.
+        literal: Rank nodes by L + alpha U(k) + C with the potential of the node only; not optimal.
 
     Returns:
-        Cells [row, column] from start to goal; None if no way leads there, or either of them is blocked.
+        Cells [row, column] from start to goal; None if there is no path, or either of them is blocked.
     """
     if blocked[start]:
         return None
@@ -154,7 +154,7 @@ def cheapest(
 def _leave(
     ground: Terrain, start: tuple[int, int], goal: tuple[float, float], literal: bool
 ) -> np.ndarray | None:
-    """Cells to the border cell of least F on the sides that the goal lies beyond, or else on any side."""
+    """Cells to the border cell of least F on the sides of the goal, or else on any side."""
     for exits in (_facing(ground.blocked.shape, goal), _border(ground.blocked.shape)):
         open_exits = np.argwhere(exits & ~ground.blocked)
         cells = _run(ground.price, ground.blocked, start, goal, open_exits, False, literal)
@@ -164,7 +164,7 @@ def _leave(
 
 
 def _facing(shape: tuple[int, ...], goal: tuple[float, float]) -> np.ndarray:
-    """Border cells on the sides that the goal lies beyond."""
+    """Border cells on the sides of the goal."""
     rows, columns = shape
     exits = np.zeros((rows, columns), np.bool_)
     exits[0, :] |= goal[0] < -0.5
@@ -190,12 +190,12 @@ def _run(
     on_lattice: bool,
     literal: bool,
 ) -> np.ndarray | None:
-    """Cells [row, column] from the start to the best of the exits; None if none can be reached."""
+    """Cells [row, column] from the start to the best exit; None if none can be reached."""
     wide = price.shape[1] + 2
     first = (start[0] + 1) * wide + start[1] + 1
     aim = goal[0] + 1.0, goal[1] + 1.0
     leaves = (exits[:, 0] + 1) * wide + exits[:, 1] + 1
-    ground, least, dearest = kernels.pave(price, blocked)
+    ground, least, dearest = kernels.bordered(price, blocked)
     if literal:
         found, _, state = kernels.search_literal(ground, wide, first, aim, leaves)
     else:
@@ -213,11 +213,11 @@ def _path(
     goal_xy: np.ndarray,
     turn_m: float,
 ) -> Path:
-    """The path of these cells; its ends are the given places where their own cells are free."""
+    """The path over these cells; it begins and ends at the given points if their cells are free."""
     price, blocked = ground.price, ground.blocked
     line = cells[:, ::-1].astype(np.float64)
-    line = begun_at(line, ground.to_cells(start_xy), price, blocked)
-    line = begun_at(line[::-1], ground.to_cells(goal_xy), price, blocked)[::-1]
+    line = start_at(line, ground.to_cells(start_xy), price, blocked)
+    line = start_at(line[::-1], ground.to_cells(goal_xy), price, blocked)[::-1]
     if len(line) == 1:
         line = np.vstack([line, line])
     kept = shortcut(line, price, blocked)
@@ -225,7 +225,7 @@ def _path(
 
 
 def _nearest_free(ground: Terrain, xy: np.ndarray) -> tuple[int, int] | None:
-    """The nearest cell that is not blocked, rather one that no solid cell hides; None if all are."""
+    """The nearest free cell, preferably with a free line of sight; None if all are blocked."""
     rows, columns = ground.blocked.shape
     here = ground.to_cells(xy)
     row = min(max(math.floor(here[1] + 0.5), 0), rows - 1)
@@ -236,7 +236,7 @@ def _nearest_free(ground: Terrain, xy: np.ndarray) -> tuple[int, int] | None:
     if not len(free):
         return None
     order = np.argsort(np.hypot(*(free[:, ::-1] - here).T), kind="stable")
-    for index in order[:200]:  # farther ones are no better than the nearest
+    for index in order[:200]:  # farther ones are not better than the nearest
         line = np.array([here, free[index, ::-1]], np.float64)
         if clearance(line, ground.solid) > 0.5:
             return int(free[index, 0]), int(free[index, 1])

@@ -1,7 +1,6 @@
-"""A map made ready for the search, and the way that was found over it.
+"""A map prepared for the search, and the resulting path.
 
-What nobody reads of a path (its curve, costs, clearance) is not computed: a robot that asks at every step
-wants the next way point.
+The curve, costs and clearance of a path are computed on demand; a walking robot needs only the next way point.
 
 Source: seed 003, section 3.
 """
@@ -21,12 +20,12 @@ from .shortcuts import Rounded, polyline_cost, rounded
 
 @dataclass(frozen=True)
 class Terrain:
-    """A map made ready for the search; world coordinates at its edge, cells inside.
+    """A map prepared for the search; its methods take world coordinates, its arrays are in cells.
 
     Args:
-        price: 1 + alpha U, cost of a cell of way.
-        blocked: Cells that the body's middle must not enter.
-        hard: Cells that are solid.
+        price: 1 + alpha U, cost per cell of path.
+        blocked: Cells that the middle of the body cannot enter.
+        hard: Solid cells.
         origin: Lower left corner of cell [0, 0], world frame, m.
         cell_m: Side of a cell.
     """
@@ -43,28 +42,28 @@ class Terrain:
         return np.argwhere(self.hard)[:, ::-1].astype(np.float64)
 
     def to_cells(self, xy: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """(x, y) in cells, centres at integers, of places in the world, m."""
+        """(x, y) in cells, centres at integers, of points in the world, m."""
         return np.asarray((xy - self.origin) / self.cell_m - 0.5)
 
     def to_world(self, cells: Float[np.ndarray, "*n 2"]) -> Float[np.ndarray, "*n 2"]:
-        """Places in the world, m, of (x, y) in cells."""
+        """Points in the world, m, of (x, y) in cells."""
         return np.asarray((cells + 0.5) * self.cell_m + self.origin)
 
     def cost_m(self, points: Float[np.ndarray, "n 2"]) -> float:
-        """Length plus weighted potential along a polyline in the world; infinite where it is blocked."""
+        """Length plus weighted potential along a polyline in the world; infinite if it is blocked."""
         return polyline_cost(self.to_cells(points), self.price, self.blocked) * self.cell_m
 
 
 @dataclass(frozen=True)
 class Path:
-    """A way over the map.
+    """A path over the map.
 
     Args:
         ground: The map.
         cells: [row, column] of the lattice path before shortcuts.
-        line: (x, y) in cells: the lattice path, its ends at start and goal where these lie in their cells.
-        kept: (x, y) in cells: what the shortcuts left of the line.
-        goal: Asked for, world frame, m.
+        line: (x, y) in cells: the lattice path, with start and goal as its ends if they lie in its cells.
+        kept: (x, y) in cells: the line after the shortcuts.
+        goal: World frame, m.
         turn_radius_m: Of the arcs of the curve.
     """
 
@@ -77,17 +76,17 @@ class Path:
 
     @cached_property
     def waypoints(self) -> Float[np.ndarray, "m 2"]:
-        """(x, y), world frame, m; from the start itself, or the nearest free node, to the goal, or the map's edge."""
+        """(x, y), world frame, m; from the start, or the nearest free node, to the goal, or the edge of the map."""
         return self.ground.to_world(self.kept)
 
     @property
     def curve(self) -> Float[np.ndarray, "r 2"]:
-        """(x, y), world frame, m: the way points with their corners rounded for the gait."""
+        """(x, y), world frame, m: the way points with corners rounded for the gait."""
         return self.ground.to_world(self._rounded.points)
 
     @property
     def corners(self) -> int:
-        """How many corners the curve still has, for the robot to turn on the spot."""
+        """Corners of the curve at which the robot turns on the spot."""
         return self._rounded.corners
 
     @property
@@ -96,24 +95,14 @@ class Path:
         return lattice_cost(self.cells, self.ground.price) * self.ground.cell_m
 
     @property
-    def smoothed_cost_m(self) -> float:
-        """The same of the way points."""
-        return self._cost(self.kept) * self.ground.cell_m
-
-    @property
     def length_m(self) -> float:
-        """Of the way points."""
+        """Length of the way points."""
         return float(np.hypot(*np.diff(self.waypoints, axis=0).T).sum())
 
     @property
     def clearance_m(self) -> float:
-        """Least distance from the way points' segments to the centre of a solid cell; infinite without any."""
+        """Least distance of the way points and their segments to the centre of a solid cell; infinite without any."""
         return clearance(self.kept, self.ground.solid) * self.ground.cell_m
-
-    @property
-    def remaining_m(self) -> float:
-        """Straight distance from the last way point to the goal."""
-        return float(np.hypot(*(self.goal - self.waypoints[-1])))
 
     @cached_property
     def _rounded(self) -> Rounded:
@@ -126,14 +115,14 @@ class Path:
 
 
 def lattice_cost(cells: Int[np.ndarray, "n 2"], price: Float[np.ndarray, "rows columns"]) -> float:
-    """E of a lattice path in cells: the sum over edges of their length times the mean price of the ends."""
+    """E of a lattice path in cells: the sum over edges of their length times the mean cost of their ends."""
     prices = price[cells[:, 0], cells[:, 1]]
     lengths = np.hypot(*np.diff(cells, axis=0).T)
     return float(np.sum(lengths * (prices[1:] + prices[:-1]) / 2))
 
 
 def clearance(points: Float[np.ndarray, "n 2"], solid: Float[np.ndarray, "k 2"]) -> float:
-    """Least distance from a polyline to points, same unit; infinite if there are none."""
+    """Least distance of a polyline to points, in the same unit; infinite without points."""
     if not len(solid):
         return math.inf
     least = math.inf

@@ -1,8 +1,8 @@
-"""The repulsive potential: how unpleasant it is to be in a cell, and where the body cannot be at all.
+"""The repulsive potential of a cell, and the cells that the body cannot enter.
 
-Two forms fit what is left of the seed's text. The smooth one is p times the square of what is left to the
-margin, on [0, 1]. Khatib's is p (1/E - 1/E0)^2, in 1/m^2, 1344 on the cell itself and 0.4 at 5 cm from the
-margin; times r_b^2 it equals the smooth form at the body radius, so that one weight alpha serves both.
+Two forms fit the preserved text. The smooth one is p (1 - E/E0)^2, in [0, 1]. Khatib's is p (1/E - 1/E0)^2, in 1/m^2, 1344
+at the cell itself and 0.4 at 5 cm from the margin; times r_b^2 it equals the smooth form at the body radius, so that one
+weight alpha serves both.
 
 Source: seed 003, section 3 ("U(k,k')", equation lost); Khatib 1986 for the second form.
 """
@@ -17,8 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from mapping.grid.evidence import OCCUPIED
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from perception.primitives.settings import setting
 
 from . import _potential_kernels as kernels
 
@@ -29,11 +31,18 @@ FORMS = ("smooth", "khatib")
 class SearchConfig:
     """Margins of the potential and weights of the search."""
 
-    form: str = "smooth"  # of the potential: "smooth", or "khatib" for comparison
-    margin_m: float = 0.30  # E0, own (specification)
-    alpha: float = 5.0  # own (specification): weight of the potential, per m of way
-    p_unknown: float = 0.5  # own (specification): for cells never seen
-    p_solid: float = 0.5  # own (specification): from here on a known cell is a hard obstacle
+    form: str = setting("smooth", "", "form of the potential: smooth or khatib", "ours")
+    margin_m: float = setting(
+        0.30,
+        "m",
+        "distance E0 within which an obstacle adds cost, for a DARwIn-OP; grows with the body",
+        "ours",
+    )
+    alpha: float = setting(5.0, "", "weight of the potential per metre of path", "ours")
+    p_unknown: float = 0.5  # ours; probability of occupancy of unseen cells
+    p_solid: float = setting(
+        OCCUPIED, "", "probability from which a known cell blocks the body", "ours"
+    )
     literal: bool = False  # rank nodes by their own potential only; not optimal, for comparison
 
     def __post_init__(self) -> None:
@@ -49,7 +58,7 @@ class SearchConfig:
                 raise ConfigError(f"search: {name}={value} must be a probability in [0, 1]")
 
 
-BODY_M = 0.16  # r_b, ours: body_radius of a DARwIn-OP
+BODY_M = 0.16  # r_b; ours: radius of a DARwIn-OP
 START_M = 0.35  # ours: unseen cells within this distance of a DARwIn-OP count as free
 TURN_M = 0.19  # ours: turning radius of a DARwIn-OP, 46 mm a step at 14 deg a step
 
@@ -84,14 +93,15 @@ def repulsion(
     config: SearchConfig,
     robot: RobotModel = DARWIN_OP,
 ) -> Float[np.ndarray, "*n"]:
-    """What an obstacle that is certain (p = 1) adds to the potential at a distance, without unit.
+    """Potential of a certain obstacle (p = 1) at a distance, without unit.
 
     Smooth: (1 - E / E0)^2, in [0, 1]. Khatib: r_b^2 (1 / max(E, S_c / 2) - 1 / E0)^2. Both are 0 from E0 on.
 
     Args:
-        distance_m: E, from the middle of the obstacle's cell, m.
+        distance_m: E, from the middle of the cell of the obstacle, m.
         cell_m: S_c.
-        config: Form, E0 and r_b.
+        config: Form and E0.
+        robot: Scale of the lengths.
 
     Source: seed 003, section 3.
     """
@@ -109,12 +119,13 @@ def potential(
     config: SearchConfig,
     robot: RobotModel = DARWIN_OP,
 ) -> Float[np.ndarray, "rows columns"]:
-    """U(k) = max over k' of p(k') times the pull at E(k, k').
+    """U(k) = max over k' of p(k') times the repulsion at E(k, k').
 
     Args:
-        probability: p, that an obstacle covers the cell; cells outside the grid count as free.
+        probability: p of an obstacle in the cell; cells outside the grid count as free.
         cell_m: Side of a cell.
         config: Form and E0.
+        robot: Scale of the lengths.
 
     Source: seed 003, section 3.
     """
@@ -131,10 +142,10 @@ def terrain(
 ) -> tuple[Float[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
     """Potential and blocked cells of a map with unseen cells.
 
-    Unseen cells count as p_unknown in the potential and never as solid.
+    Unseen cells have p_unknown in the potential and never block.
 
     Raises:
-        InputError: The two maps differ in shape, the cell has no size, or a probability is not in [0, 1].
+        InputError: The maps differ in shape, cell_m is not positive, or a probability is not in [0, 1].
 
     Source: seed 003, section 3 (unknown cells) and ambiguity 1.
     """
@@ -172,10 +183,10 @@ def _spread(
 def _quarter(
     cell_m: float, config: SearchConfig, robot: RobotModel
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pull of a cell (down, right) of the middle, and whether it blocks it; the other quarters are the same."""
+    """Repulsion of the cell (down, right) of the middle, and whether it blocks the middle; one of four quarters."""
     lengths = Reach.of(config, robot)
     reach = math.ceil(max(lengths.margin_m, lengths.body_m) / cell_m)
     along = np.arange(reach + 1) * cell_m
     distance = np.hypot(along[:, None], along)
-    near = distance <= lengths.body_m * (1.0 + 1e-9)  # exactly at r_b counts, whatever rounding
+    near = distance <= lengths.body_m * (1.0 + 1e-9)  # exactly at r_b counts in spite of rounding
     return repulsion(distance, cell_m, config, robot), near

@@ -1,11 +1,10 @@
-"""The route: via points kept from one cycle to the next.
+"""The route: one via point per footstep, with memory.
 
-Every step the path is searched anew, but off the old path the ground counts as a little dearer: two ways
-round an obstacle that cost the same would make the robot dither. If it does not get on for ten seconds, or
-walks to and fro for a minute, the place where it is stuck is made dear for a while, so that the search
-leads another way.
+Every step searches the path anew, with a small penalty off the old path, so that the robot does not oscillate between two
+paths of equal cost. If it makes no progress for ten seconds, or oscillates for a minute, the place ahead is penalised for
+a while, and the search takes another path.
 
-Source: ours, from the rules of cooperation of the four papers; search by seed 003.
+Source: ours, for the cooperation of the four papers; search by seed 003.
 """
 
 from __future__ import annotations
@@ -26,48 +25,46 @@ from perception.primitives.robot_model import DARWIN_OP, RobotModel
 from .astar import Path, prepare, search
 from .potential import SearchConfig
 
+# all ours
+RING_M = 0.6  # unseen ground added round the map, so that a path may leave it
+CORRIDOR_M = 0.30  # distance from the old path at which the loyalty penalty is full
+PASSED_M = 0.15  # distance at which a way point counts as passed
+PROGRESS_M = 0.10  # least reduction of the remaining path that is progress
+STRIDE_M = 0.35  # a robot that moved this far within the patience is not stuck; half of cruising
+TURN_RAD = math.radians(60.0)  # neither is one that turned this far
+OSCILLATION_STEPS = 90  # one minute: if the remaining path varied ...
+RANGE_M = 1.0  # ... by less than this, the robot is stuck too
+BLOCK_AHEAD_M = 0.30  # distance along the path of the place to avoid, times the number of detours
+BLOCK_RADIUS_M = 0.35  # radius of that place
+BLOCK_PENALTY = 4.0  # potential added there: expensive, not forbidden
+
 
 @dataclass(frozen=True)
 class RouteConfig:
     """Loyalty to the old path, and patience."""
 
-    loyalty: float = 0.03  # ours: potential added off the old path; with alpha 5, 15 % of the way
-    ring_m: float = 0.6  # ours: unseen ground added round the map, so that a way may leave it
-    corridor_m: float = 0.30  # ours: it grows up to this distance from the old path
-    passed_m: float = 0.15  # ours: a way point this near is passed
-    patience_steps: int = 15  # own: 10 s at 0.65 s a step without progress
-    progress_m: float = 0.10  # ours: less than this is no progress
-    stride_m: float = (
-        0.35  # ours: who came so far in that time walks on; half of what cruise would bring
+    loyalty: float = (
+        0.03  # ours: 15 % of the path cost at alpha 5; potential added off the present path
     )
-    turn_deg: float = 60.0  # ours: who turned so far in that time is about to
-    to_and_fro_steps: int = 90  # ours: a minute; in which ...
-    range_m: float = 1.0  # ours: ... the way left was never shorter or longer than this: stuck too
-    memory_steps: int = 200  # ours: 130 s, for a stuck place to stay dear until the detour is made
-    block_ahead_m: float = 0.30  # ours: where the trouble is taken to be; farther each time
-    block_radius_m: float = 0.35  # ours
-    block_penalty: float = 4.0  # ours: potential added there: dear, not forbidden
+    patience_steps: int = 15  # ours: 10 s; steps without progress after which another path is taken
+    memory_steps: int = 200  # ours: 130 s for which a place is avoided, enough for a detour
 
     def __post_init__(self) -> None:
-        for name in ("patience_steps", "memory_steps", "to_and_fro_steps"):
+        for name in ("patience_steps", "memory_steps"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"route: {name}={getattr(self, name)} must be at least 1")
-        for name in ("stride_m", "turn_deg", "range_m"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigError(f"route: {name}={value} must be positive and finite")
 
 
 @dataclass
 class _Block:
-    """A place that was stuck, and for how many more updates it is remembered."""
+    """A place to avoid, and for how many more updates."""
 
     place: np.ndarray
     left: int
 
 
 class Route:
-    """Leads to one goal at a time; a new goal forgets the old path."""
+    """The path to one goal at a time; a new goal discards it."""
 
     def __init__(
         self,
@@ -79,16 +76,16 @@ class Route:
         self._config = RouteConfig() if config is None else config
         self._goal: np.ndarray | None = None
         self._blocks: list[_Block] = []
-        self._best = math.inf  # least straight-line-of-path distance left so far
+        self._best = math.inf  # shortest remaining path so far
         self._waited = 0
         self._poses: deque[Pose2] = deque(maxlen=self._config.patience_steps)
-        self._lefts: deque[float] = deque(maxlen=self._config.to_and_fro_steps)
+        self._lefts: deque[float] = deque(maxlen=OSCILLATION_STEPS)
         self.path: Path | None = None
-        """The path being walked, for display; None while there is none. Its costs include loyalty."""
+        """The present path; None without one. Its costs include the penalties."""
 
     @property
     def detours(self) -> int:
-        """Stuck places remembered at present."""
+        """Number of places that are avoided at present."""
         return len(self._blocks)
 
     def update(
@@ -100,10 +97,10 @@ class Route:
         robot: Pose2,
         goal: Float[np.ndarray, "2"],
     ) -> Float[np.ndarray, "2"]:
-        """The via point to walk to now, world frame, m; to be called once per footstep.
+        """The present via point, world frame, m; call once per footstep.
 
-        The map may be of any size; beyond it the ground counts as unseen. Where no path leads to the goal
-        the robot's own place is returned: stay. `path` is then None.
+        The map may be of any size; outside it the ground counts as unseen. Without a path to the goal the position of the
+        robot is returned and `path` is None.
 
         Args: as for `planning.search.astar.find_path`.
         """
@@ -120,11 +117,11 @@ class Route:
         return np.asarray(self.ahead(here)[0])
 
     def ahead(self, here: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 2"]:
-        """Way points still to come, the via point first, world frame, m; without a path the place itself."""
+        """Way points ahead, the via point first, world frame, m; without a path the position itself."""
         if self.path is None:
             return here[None]
         points = self.path.waypoints[1:]
-        away = np.hypot(*(points[:-1] - here).T) > self._config.passed_m
+        away = np.hypot(*(points[:-1] - here).T) > PASSED_M
         return np.asarray(points[int(np.argmax(np.append(away, True))) :])
 
     def _start_anew(self, goal: np.ndarray) -> None:
@@ -137,7 +134,7 @@ class Route:
         self._lefts.clear()
 
     def _watch_progress(self, robot: Pose2, goal: np.ndarray) -> None:
-        """Count the steps since the way left last became shorter; remember the place if too many."""
+        """Count the steps since the last progress; add a place to avoid after too many."""
         here = np.array([robot.x, robot.y])
         self._poses.append(robot)
         for block in self._blocks:
@@ -147,29 +144,29 @@ class Route:
             return
         left = _length(self._rest(here)) + float(np.hypot(*(goal - self.path.waypoints[-1])))
         self._lefts.append(left)
-        if left < self._best - self._config.progress_m:
+        if left < self._best - PROGRESS_M:
             self._best, self._waited = left, 0
         else:
             self._waited += 1
-        stuck = self._waited >= self._config.patience_steps and not self._gets_on()
-        if stuck or self._walks_to_and_fro():
-            place = _along(self._rest(here), self._config.block_ahead_m * (1 + self.detours))
+        stuck = self._waited >= self._config.patience_steps and not self._moves()
+        if stuck or self._oscillates():
+            place = _along(self._rest(here), BLOCK_AHEAD_M * (1 + self.detours))
             self._blocks.append(_Block(place, self._config.memory_steps))
             self._best, self._waited = math.inf, 0
             self._lefts.clear()
-            self.path = None  # no loyalty to a path that does not lead on
+            self.path = None  # no loyalty to this path
 
-    def _gets_on(self) -> bool:
-        """Whether it walks or turns, though the way left is no shorter: it may just have been found to be longer."""
+    def _moves(self) -> bool:
+        """Whether the robot walks or turns without progress, as after the discovery that the path is longer."""
         began, ends = self._poses[0], self._poses[-1]
         came = math.hypot(ends.x - began.x, ends.y - began.y)
         turned = abs(wrap_angle(ends.yaw - began.yaw))
-        return came >= self._config.stride_m or turned >= math.radians(self._config.turn_deg)
+        return came >= STRIDE_M or turned >= TURN_RAD
 
-    def _walks_to_and_fro(self) -> bool:
-        """Whether, for all its walking, the way left has been much the same."""
+    def _oscillates(self) -> bool:
+        """Whether the length of the remaining path has hardly changed for a minute."""
         lefts = self._lefts
-        return len(lefts) == lefts.maxlen and max(lefts) - min(lefts) < self._config.range_m
+        return len(lefts) == lefts.maxlen and max(lefts) - min(lefts) < RANGE_M
 
     def _widened(
         self,
@@ -179,13 +176,12 @@ class Route:
         cell_m: float,
         goal: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The map with unseen ground all round it, the goal included.
+        """The map with unseen ground round it that includes the goal.
 
-        Else a goal near the border, once on the map and once not, would change the way at every step:
-        on the map it must be reached over the map, beyond it the way may leave anywhere.
+        Without it a goal near the border, alternately on the map and outside, would change the path at every step.
         """
         size = np.array(probability.shape[::-1]) * cell_m
-        ring = self._config.ring_m
+        ring = RING_M
         low = np.maximum(ring, origin - goal + ring)
         high = np.maximum(ring, goal - origin - size + ring)
         left, below = np.ceil(low / cell_m).astype(int).tolist()
@@ -200,38 +196,38 @@ class Route:
     def _penalty(
         self, shape: tuple[int, ...], origin: np.ndarray, cell_m: float, here: np.ndarray
     ) -> np.ndarray:
-        """What is added to the potential: loyalty off the old path, and the places that were stuck."""
+        """Penalties added to the potential: off the old path, and at the places to avoid."""
         if self.path is None:
             penalty = np.zeros(shape)
         else:
-            loyalty, corridor_m = self._config.loyalty, self._config.corridor_m
+            loyalty = self._config.loyalty
             penalty = np.full(shape, loyalty)
-            part, away = _distance_m(self._rest(here), shape, origin, cell_m, corridor_m)
-            np.minimum(away * loyalty / corridor_m, loyalty, out=penalty[part])
+            part, away = _distance_m(self._rest(here), shape, origin, cell_m, CORRIDOR_M)
+            np.minimum(away * loyalty / CORRIDOR_M, loyalty, out=penalty[part])
         for block in self._blocks:
             row, column = (np.arange(n) + 0.5 for n in shape)
             x, y = origin[0] + column * cell_m, origin[1] + row * cell_m
             gap = np.hypot(x - block.place[0], y[:, None] - block.place[1])
-            near = np.maximum(0.0, 1 - (gap / self._config.block_radius_m) ** 2)
-            penalty = np.maximum(penalty, self._config.block_penalty * near)
+            near = np.maximum(0.0, 1 - (gap / BLOCK_RADIUS_M) ** 2)
+            penalty = np.maximum(penalty, BLOCK_PENALTY * near)
         return penalty
 
     def _rest(self, here: np.ndarray) -> np.ndarray:
-        """The old path from here on: way points already passed are dropped."""
+        """The old path from the position on, without the way points already passed."""
         assert self.path is not None
         points = self.path.waypoints
         while len(points) > 2:
             way, ahead = points[1] - here, points[2] - points[1]
-            if float(np.hypot(*way)) > self._config.passed_m and float(way @ ahead) > 0.0:
+            if float(np.hypot(*way)) > PASSED_M and float(way @ ahead) > 0.0:
                 break
-            if float(np.hypot(*way)) > 2 * self._config.passed_m:
+            if float(np.hypot(*way)) > 2 * PASSED_M:
                 break
             points = points[1:]
         return np.vstack([here, points[1:]])
 
 
 def _framed(values: np.ndarray, sides: tuple[tuple[int, int], tuple[int, int]]) -> np.ndarray:
-    """A map with so many rows of ones below and above, and columns to the left and right."""
+    """A map with rows of ones below and above it and columns of ones to the left and right."""
     (below, above), (left, right) = sides
     rows, columns = values.shape
     wide = np.ones((below + rows + above, left + columns + right), values.dtype)
@@ -244,7 +240,7 @@ def _length(points: np.ndarray) -> float:
 
 
 def _along(points: np.ndarray, distance: float) -> np.ndarray:
-    """The point at a distance along a polyline; its end if it is shorter."""
+    """The point at a distance along a polyline, or its end."""
     for begin, end in itertools.pairwise(points):
         piece = float(np.hypot(*(end - begin)))
         if piece >= distance > 0.0:
@@ -256,12 +252,12 @@ def _along(points: np.ndarray, distance: float) -> np.ndarray:
 def _distance_m(
     points: np.ndarray, shape: tuple[int, ...], origin: np.ndarray, cell_m: float, reach_m: float
 ) -> tuple[tuple[slice, slice], np.ndarray]:
-    """A part of the map that holds all within reach of a polyline, and there the distance to its cells, m."""
+    """The part of the map within reach of a polyline, and the distance of its cells to the polyline, m."""
     corners = np.floor((points - origin) / cell_m).astype(np.int32)
     wide = math.ceil(reach_m / cell_m) + 1
     left, low = (max(v - wide, 0) for v in corners.min(axis=0).tolist())
     right, high = (v + wide + 1 for v in corners.max(axis=0).tolist())
-    part = np.s_[low:high, left:right]  # the robot is on the map, so that this is never empty
+    part = np.s_[low:high, left:right]  # not empty, since the robot is on the map
     off = np.ones(shape, np.uint8)[part]
     cv2.polylines(off, [(corners - [left, low]).reshape(-1, 1, 2)], False, 0)
     return part, cv2.distanceTransform(off, cv2.DIST_L2, 5).astype(np.float64) * cell_m

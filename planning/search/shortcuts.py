@@ -1,10 +1,10 @@
-"""Shortcuts: a lattice path straightened wherever the straight line costs no more, and its corners rounded.
+"""Shortcuts: straight segments where they cost no more than the lattice path, and rounded corners.
 
-A corner becomes an arc of at least the radius that the gait can walk. Where no such arc fits between its
-neighbours, stays clear and can be paid for, the corner is left out if the straight line past it may be
-walked, else it stays: there the robot stops and turns on the spot.
+A corner becomes an arc with at least the turning radius of the gait. If no such arc fits between the neighbours of the
+corner, is free and within the allowed cost, the corner is removed if the direct segment is free; else it stays, and the
+robot stops there and turns on the spot.
 
-Source: seed 003, section 3, "Shortcuts"; what becomes of tight corners is ours.
+Source: seed 003, section 3, "Shortcuts"; the treatment of tight corners is ours.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from jaxtyping import Bool, Float
 from . import _segment_kernels as kernels
 
 SLACK = 1e-9
-"""Cells by which a shortcut may cost more than what it replaces, for rounding."""
+"""Cost in cells by which a shortcut may exceed the part that it replaces, for rounding."""
 
 STRAIGHT_RAD = 0.02
-"""Bends below this are no corners; chords of an arc turn by ten times as much at most."""
+"""Smaller changes of direction are no corners; chords of an arc turn by at most ten times this."""
 
 
 def shortcut(
@@ -30,15 +30,15 @@ def shortcut(
     price: Float[np.ndarray, "rows columns"],
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> Float[np.ndarray, "m 2"]:
-    """Way points left of a path after replacing stretches by straight segments.
+    """Way points that remain after replacing parts of a path by straight segments.
 
-    From each way point the farthest later one is taken whose straight segment enters no blocked cell and
-    costs no more than the stretch it replaces.
+    From each way point the segment leads to the farthest later one whose segment is free and costs no more than the part
+    that it replaces.
 
     Args:
         path: (x, y) in cells, cell centres at integers.
-        price: Cost per cell of way, 1 + alpha U, at the cell centres.
-        blocked: Cells that must not be entered.
+        price: Cost per cell of path, 1 + alpha U, at the cell centres.
+        blocked: Cells that the body cannot enter.
 
     Returns:
         A subsequence of the path with the same ends.
@@ -46,30 +46,19 @@ def shortcut(
     return path[kernels.shortcut(np.ascontiguousarray(path), price, blocked, SLACK)]
 
 
-def begun_at(
+def start_at(
     path: Float[np.ndarray, "n 2"],
     given: Float[np.ndarray, "2"],
     price: Float[np.ndarray, "rows columns"],
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> Float[np.ndarray, "m 2"]:
-    """The path with its first point moved to the given one, if that lies in its cell.
+    """The path with its first point moved to the given one, if that lies in the same cell.
 
-    Where the straight way from there to the second point is blocked the first one stays between them.
+    If the segment to the second point is blocked, the first point stays between them.
 
     Args: as for `shortcut`.
     """
-    return np.asarray(kernels.begun_at(np.ascontiguousarray(path), given, price, blocked))
-
-
-def segment_cost(
-    begin: Float[np.ndarray, "2"],
-    end: Float[np.ndarray, "2"],
-    price: Float[np.ndarray, "rows columns"],
-    blocked: Bool[np.ndarray, "rows columns"],
-) -> float:
-    """Line integral of the price along a segment (x, y) in cells; infinite where it enters a blocked cell."""
-    ends = np.ascontiguousarray(np.stack([begin, end]))
-    return float(kernels.polyline_cost(price, blocked, ends))
+    return np.asarray(kernels.start_at(np.ascontiguousarray(path), given, price, blocked))
 
 
 def polyline_cost(
@@ -77,12 +66,12 @@ def polyline_cost(
     price: Float[np.ndarray, "rows columns"],
     blocked: Bool[np.ndarray, "rows columns"],
 ) -> float:
-    """Sum of `segment_cost` over a polyline, in cells."""
+    """Line integral of the cost along a polyline (x, y) in cells; infinite if it enters a blocked cell."""
     return float(kernels.polyline_cost(price, blocked, np.ascontiguousarray(points)))
 
 
 def total_turning(points: Float[np.ndarray, "n 2"]) -> float:
-    """Sum of the absolute changes of direction along a polyline, rad; repeated points are passed over."""
+    """Sum of the absolute changes of direction along a polyline, rad; repeated points are skipped."""
     steps = np.diff(points, axis=0)
     steps = steps[np.hypot(steps[:, 0], steps[:, 1]) > 1e-12]
     headings = np.arctan2(steps[:, 1], steps[:, 0])
@@ -91,12 +80,12 @@ def total_turning(points: Float[np.ndarray, "n 2"]) -> float:
 
 
 class Rounded(NamedTuple):
-    """A way with round corners.
+    """A path with rounded corners.
 
     Args:
-        points: (m, 2), (x, y) in cells; arcs as chords that turn by 0.2 rad at most.
-        arcs: How many corners became arcs.
-        corners: How many stayed corners, for the robot to turn on the spot.
+        points: (m, 2), (x, y) in cells; arcs as chords that turn by at most 0.2 rad.
+        arcs: Number of corners that became arcs.
+        corners: Number of corners at which the robot turns on the spot.
     """
 
     points: Float[np.ndarray, "m 2"]
@@ -111,20 +100,20 @@ def rounded(
     blocked: Bool[np.ndarray, "rows columns"],
     allowance: float = 0.0,
 ) -> Rounded:
-    """Replace corners by arcs that a gait with limited turn per step can walk.
+    """Replace corners by arcs that a gait with a limited turn per step can follow.
 
     Args:
         points: Way points, (x, y) in cells.
-        radius: Of the arcs: at least step length / greatest turn per step, in cells.
+        radius: Of the arcs, at least step length by largest turn per step, in cells.
         price, blocked: As for `shortcut`.
-        allowance: What the whole may cost more than the way points do, in cells; what the shortcuts saved.
+        allowance: Allowed further cost of the whole path, in cells; usually what the shortcuts saved.
     """
-    way = _Way(radius, price, blocked, allowance)
-    line = way.without_tight_corners(points)
+    rounding = _Rounding(radius, price, blocked, allowance)
+    line = rounding.without_tight_corners(points)
     result, arcs, corners = [line[0]], 0, 0
     for corner, after in itertools.pairwise(line[1:]):
         before = result[-1]
-        arc = way.arc(before, corner, after)
+        arc = rounding.arc(before, corner, after)
         if arc is not None:
             result.extend(arc)
             arcs += 1
@@ -134,8 +123,8 @@ def rounded(
     return Rounded(np.array([*result, line[-1]]), arcs, corners)
 
 
-class _Way:
-    """The ground and what is left of the allowance."""
+class _Rounding:
+    """The map and the remaining allowance."""
 
     def __init__(
         self, radius: float, price: np.ndarray, blocked: np.ndarray, allowance: float
@@ -144,28 +133,30 @@ class _Way:
         self._price, self._blocked = price, blocked
 
     def without_tight_corners(self, points: np.ndarray) -> list[np.ndarray]:
-        """The way points but those corners that no arc fits and that can be left out."""
+        """The way points without the corners that fit no arc and can be removed."""
         line = list(points)
         index = 1
         while index < len(line) - 1:
             before, corner, after = line[index - 1 : index + 2]
             tight = _arc(before, corner, after, self.radius) is None
-            if tight and self._paid(np.vstack([before, after]), before, corner, after):
+            if tight and self._affordable(np.vstack([before, after]), before, corner, after):
                 del line[index]
             else:
                 index += 1
         return line
 
     def arc(self, before: np.ndarray, corner: np.ndarray, after: np.ndarray) -> np.ndarray | None:
-        """The arc round a corner; None where it does not fit, is not clear, or is too dear."""
+        """The arc at a corner; None if it does not fit, is blocked, or costs too much."""
         arc = _arc(before, corner, after, self.radius)
-        if arc is None or not self._paid(np.vstack([before, arc, after]), before, corner, after):
+        if arc is None or not self._affordable(
+            np.vstack([before, arc, after]), before, corner, after
+        ):
             return None
         return arc
 
-    def _paid(self, new: np.ndarray, *old: np.ndarray) -> bool:
+    def _affordable(self, new: np.ndarray, *old: np.ndarray) -> bool:
         more = self._cost(new) - self._cost(np.vstack(old))
-        if not more <= self.allowance:  # also where either is blocked
+        if not more <= self.allowance:  # also if either is blocked
             return False
         self.allowance -= more
         return True
@@ -183,7 +174,7 @@ def _turn(before: np.ndarray, corner: np.ndarray, after: np.ndarray) -> float:
 def _arc(
     before: np.ndarray, corner: np.ndarray, after: np.ndarray, radius: float
 ) -> np.ndarray | None:
-    """Points on the arc that touches both segments; None where it does not fit, or nothing turns."""
+    """Points on the arc tangent to both segments; None if it does not fit or there is no corner."""
     turn = _turn(before, corner, after)
     if abs(turn) < STRAIGHT_RAD:
         return None

@@ -265,9 +265,7 @@ def search(
 
 
 @njit(cache=True)
-def search_all(
-    objective: Arrays,
-) -> tuple[int, int, float]:
+def search_all(objective: Arrays) -> tuple[int, int, float]:
     """The pixel (u, v) with the least O of all pixels, and O, penalties included."""
     best_u, best_v, best = -1, -1, np.inf
     height, width = objective.blocked.shape

@@ -21,9 +21,7 @@ REACH_M = 1.2  # ours: farther away half a degree of pitch is 3 cm, and there is
 MEMORY_S = 10.0  # ours: at 0.07 m/s a point that left the picture is then 0.5 m behind
 CELL_M = 0.04  # ours: one contact point each
 FLOOR_MEMORY_S = 120.0  # ours: static obstacles do not come, moving ones have tracks
-UNDER_M = (
-    0.22  # ours: within this distance the robot stands, or the picture does not show the floor
-)
+UNDER_M = 0.22  # ours: nearer the robot stands, or the picture does not show the floor
 BESIDE_M = 0.50  # ours: three seconds of walking
 
 Seen = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]

@@ -12,9 +12,7 @@ import numpy as np
 from numba import njit
 
 NONE = (math.nan, math.nan)
-ROUNDS = (
-    4  # iterations for a root whose radius depends on it; the change is then below a millimetre
-)
+ROUNDS = 4  # iterations for a root whose radius depends on it, to below a millimetre
 
 
 @njit(cache=True)

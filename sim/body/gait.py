@@ -8,7 +8,7 @@ A step starts with its double support: the command moves the walking frame, the 
 (T_DS), then the swing foot moves to its side of the frame (T_SS). The trajectories are exact; slip, backlash and sway
 belong to the bodies.
 
-Source: Kang et al. (seed 000), section 2.1 (footstep command); Kajita et al. 2001 (pendulum); Pratt et al. 2006
+Source: Han et al. 2018 (seed 000), section 2.1 (footstep command); Kajita et al. 2001 (pendulum); Pratt et al. 2006
 (capture point).
 """
 
@@ -22,7 +22,6 @@ from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
-from perception.primitives.settings import setting
 from planning.commands import WalkCommand
 
 from ..ranges import check_ranges
@@ -50,15 +49,14 @@ class GaitConfig:
     rescue_back_m: float = 0.10  # ours: limits of a recovery step after a push
     rescue_forward_m: float = 0.10  # ours
     turn_limit_deg: float = 14.0  # seed 000: theta_safety
-    single_support_s: tuple[float, float] = setting(
-        (0.25, 0.60),
-        "s",
-        "shortest and longest single support that the body executes",
-        "ours: the image interval of seed 000, 0.2 s, must fit",
-    )
-    double_support_s: tuple[float, float] = setting(
-        (0.10, 0.80), "s", "shortest and longest double support that the body executes", "ours"
-    )
+    single_support_s: tuple[float, float] = (
+        0.25,
+        0.60,
+    )  # ours: the image interval of seed 000, 0.2 s, must fit; shortest and longest single support that the body executes
+    double_support_s: tuple[float, float] = (
+        0.10,
+        0.80,
+    )  # ours; shortest and longest double support that the body executes
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tick_s <= 0.02:

@@ -24,10 +24,10 @@ def load(name: str, seed: int, difficulty: float = difficulties.USUAL) -> Scene:
     """Load a scene by name or from a user's file; the same seed and difficulty give the same scene.
 
     Args:
-        name: Name in the catalogue, or a path that ends in .toml (see `scene_file`). seed: Seed of everything drawn.
+        name: Name in the catalogue, or a path that ends in .toml (see `scene_file`).
+        seed: Seed of everything drawn.
         difficulty: In [0, 1]: number and speed of objects, width of passages; 0.5 is the usual scene. Scenes that a
-        paper
-            specifies (robots_room, narrow_course, boxes, avoidance_*), scenes for measurements (empty_room,
+            paper specifies (robots_room, narrow_course, boxes, avoidance_*), scenes for measurements (empty_room,
             plain_room) and user files ignore it.
 
     Raises:

@@ -41,9 +41,7 @@ class ImageConfig:
     across_deg: float = setting(
         90.0, "deg", "horizontal field of view without the lens", "seed 000; stereo: ours"
     )
-    mount_m: tuple[float, float, float] = setting(
-        (0.035, 0.0, 0.035), "m", "position in the head", "DARwIn-OP"
-    )
+    mount_m: tuple[float, float, float] = (0.035, 0.0, 0.035)  # DARwIn-OP; position in the head
     noise_grey: float = 2.0  # typical cameras of this size
     lens: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)  # ours: rectified
     gain: float = 1.0  # ours

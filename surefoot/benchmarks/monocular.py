@@ -11,12 +11,12 @@ import math
 import cv2
 import numpy as np
 
-from perception.monocular.adaptation import FloorColours
+from perception.monocular import flow
+from perception.monocular.adaptation import FloorColourModel
 from perception.monocular.back_projection import camera_pose, floor_points
 from perception.monocular.colour_range import ColourRange
 from perception.monocular.cycle import MonocularConfig
 from perception.monocular.edges import REACH_PX, find_edges
-from perception.monocular.flow import follow
 from perception.monocular.ground import ground_image, horizon_rows
 from perception.monocular.obstacles import floor_flows
 from perception.monocular.result import Picture
@@ -81,12 +81,12 @@ def ours(
     previous: Picture, current: Picture, colours: ColourRange, core: ColourRange
 ) -> list[Found]:
     """Every obstacle with flow, left to right; its pixel is the middle of its edge."""
-    ground = ground_image(current, colours, CONFIG.ground, core)
+    ground = ground_image(current, colours, CONFIG.least_floor_px, core)
     edges = find_edges(ground)
-    before = ground_image(previous, colours, CONFIG.ground, core)
-    begin, end = follow(previous.rgb, current.rgb, before, ground, CONFIG.flow)
-    owners = edges.owners(end, float(CONFIG.flow.band_px))
-    flows = floor_flows(begin, end, previous, current, owners, CONFIG.farthest_m)
+    before = ground_image(previous, colours, CONFIG.least_floor_px, core)
+    begin, end = flow.track_corners(previous.rgb, current.rgb, before, ground)
+    groups = edges.group_below(end, float(flow.BAND_PX))
+    flows = floor_flows(begin, end, previous, current, groups, CONFIG.farthest_m)
     speed = np.hypot(*flows.velocity_world.T)
     return [
         (edge[len(edge) // 2], float(np.nanmin(speed[flows.obstacle == k])))
@@ -101,17 +101,18 @@ def plain(previous: Picture, current: Picture, colours: ColourRange) -> list[Fou
     edges = np.zeros_like(ground)
     edges[:-1] = np.where((ground[:-1] == 0) & (ground[1:] > 0), 255, 0)
     _, groups = cv2.connectedComponents(cv2.dilate(edges, np.ones((REACH_PX, REACH_PX), np.uint8)))
-    flow = CONFIG.flow
-    band = cv2.dilate(before, np.ones((flow.band_px + 1, 1), np.uint8), anchor=(0, 0))
+    band = cv2.dilate(before, np.ones((flow.BAND_PX + 1, 1), np.uint8), anchor=(0, 0))
     band[before > 0] = 0
     grey = [cv2.cvtColor(p.rgb, cv2.COLOR_RGB2GRAY) for p in (previous, current)]
     tone = int(cv2.mean(grey[0], before)[0])
     grey[0][before > 0] = tone
     grey[1][ground > 0] = tone
-    begin = cv2.goodFeaturesToTrack(grey[0], flow.corners, flow.quality, flow.apart_px, mask=band)
+    begin = cv2.goodFeaturesToTrack(
+        grey[0], flow.MAX_CORNERS, flow.QUALITY, flow.MIN_DISTANCE_PX, mask=band
+    )
     if begin is None:
         return []
-    window, levels = (flow.window_px, flow.window_px), flow.levels - 1
+    window, levels = (flow.WINDOW_PX, flow.WINDOW_PX), flow.LEVELS - 1
     end, found, _ = cv2.calcOpticalFlowPyrLK(
         grey[0], grey[1], begin, begin.copy(), winSize=window, maxLevel=levels
     )
@@ -119,13 +120,13 @@ def plain(previous: Picture, current: Picture, colours: ColourRange) -> list[Fou
         grey[1], grey[0], end, end.copy(), winSize=window, maxLevel=levels
     )
     good = (found[:, 0] > 0) & (returned[:, 0] > 0)
-    good &= np.linalg.norm((back - begin)[:, 0], axis=1) <= flow.agree_px
+    good &= np.linalg.norm((back - begin)[:, 0], axis=1) <= flow.MAX_RETURN_PX
     before_m = floor_points(begin[good, 0].astype(float), previous.camera, previous.T_world_camera)
     after_m = floor_points(end[good, 0].astype(float), current.camera, current.T_world_camera)
     speed = np.hypot(*(after_m - before_m).T) / (current.stamp_s - previous.stamp_s)
     slowest: dict[int, Found] = {}
     for (u, v), value in zip(np.rint(end[good, 0]).astype(int), speed, strict=True):
-        rows = np.flatnonzero(edges[max(v - 1, 0) : v + flow.band_px + 1, u])
+        rows = np.flatnonzero(edges[max(v - 1, 0) : v + flow.BAND_PX + 1, u])
         if len(rows) and np.isfinite(value):
             foot = np.array([u, max(v - 1, 0) + rows[0]])
             group = int(groups[foot[1], foot[0]])
@@ -146,7 +147,7 @@ def _plain_ground(picture: Picture, colours: ColourRange) -> np.ndarray:
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
     touches = boxes[:, cv2.CC_STAT_TOP] + boxes[:, cv2.CC_STAT_HEIGHT] >= len(mask)
-    keep = touches | (boxes[:, cv2.CC_STAT_AREA] >= CONFIG.ground.least_px)
+    keep = touches | (boxes[:, cv2.CC_STAT_AREA] >= CONFIG.least_floor_px)
     keep[0] = False
     return np.asarray(np.where(keep[labels], 255, 0), dtype=np.uint8)
 
@@ -157,7 +158,7 @@ def run() -> Comparison:
     Accuracy has a bound, too: the allowed error divided by the largest error of ours.
     """
     previous, current = scene(np.random.default_rng(5))
-    memory = FloorColours(CONFIG.adaptation)
+    memory = FloorColourModel()
     colours = memory.learn(current.rgb)
     core = memory.core
     assert colours is not None

@@ -96,7 +96,7 @@ def _locating(
         places = []
         for cut, _, expected in cuts:
             found = locate(panorama, prepared(cut), expected, REACH_PX)
-            assert found is not None, "all of the panorama is known"
+            assert found is not None, "the panorama has no gaps"
             places.append((found.x, found.y))
         return places
 

@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from perception.primitives.pose import Pose2
-from planning.swarm import search
+from planning.swarm import random_floors, search
 from planning.swarm.objective import Objective, ObjectiveConfig
 
-from ..experiments.support import random_floors
 from .benchmark import Benchmark, Comparison, race
 
 PICTURES = 8

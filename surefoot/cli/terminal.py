@@ -1,11 +1,12 @@
-"""How the command line speaks and fails: progress, one-line errors, exit codes.
+"""Progress, one-line errors and exit codes of the command line.
 
-Results go to the output, everything else to the error stream, so that what `--json` prints stays one object.
+Results go to standard output and everything else to standard error, so that `--json` prints one object.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import os
 import sys
@@ -16,46 +17,46 @@ from typing import Any
 
 import click
 
-from perception.primitives.errors import InputError, SurefootError
+from perception.primitives.errors import InputError, OutputError, SurefootError
 
-DONE, FAILED, BAD_INPUT = 0, 1, 2
-"""Exit codes: done; the work failed; the input was bad."""
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes: done; the work failed; bad input; stopped by Ctrl-C."""
 
 
 class Progress:
-    """One line on the terminal that rewrites itself; sparse lines where the output is a file."""
+    """One line on the terminal that is rewritten; a line every ten seconds if the output is a file."""
 
     SPARSE_S = 10.0
 
     def __init__(self) -> None:
         self._live = sys.stderr.isatty()
-        self._told_s = -math.inf
+        self._last_s = -math.inf
         self._width = 0
 
     def __call__(self, text: str) -> None:
-        """Show where the work is."""
+        """Show the progress."""
         if self._live:
             click.echo("\r" + text.ljust(self._width), err=True, nl=False)
             self._width = len(text)
-        elif time.monotonic() - self._told_s >= self.SPARSE_S:
+        elif time.monotonic() - self._last_s >= self.SPARSE_S:
             click.echo(text, err=True)
-            self._told_s = time.monotonic()
+            self._last_s = time.monotonic()
 
     def notice(self, text: str) -> None:
         """Print a line at once; the progress line continues below it."""
         click.echo(("\r" if self._live else "") + text.ljust(self._width), err=True)
 
     def done(self) -> None:
-        """Leave the line behind."""
+        """End the line."""
         if self._live and self._width:
             click.echo(err=True)
 
 
 class Verbs(click.Group):
-    """All errors come out here, as one line, with the exit code that tells whose turn it is."""
+    """Shows every error as one line and exits with the code of its kind."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a verb and translate what it raises."""
+        """Run a verb and translate its exceptions."""
         try:
             return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -64,20 +65,29 @@ class Verbs(click.Group):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             ctx.exit(DONE)
         except KeyboardInterrupt:
-            click.echo("\nstopped; what was complete is kept", err=True)
-            ctx.exit(FAILED)
+            click.echo("\ninterrupted", err=True)
+            ctx.exit(INTERRUPTED)
         except SurefootError as error:
             click.echo(f"surefoot: {error}", err=True)
-            ctx.exit(BAD_INPUT if isinstance(error, InputError) else FAILED)
+            ctx.exit(exit_code(error))
         except Exception as error:
             if ctx.params.get("debug"):
                 traceback.print_exc()
             click.echo(
                 f"surefoot: unexpected {type(error).__name__}: {error}; "
-                "run again with --debug before the verb for the full trace",
+                "run again with --debug before the verb for the full traceback",
                 err=True,
             )
             ctx.exit(FAILED)
+
+
+def exit_code(error: SurefootError) -> int:
+    """Bad input if the user can mend it by another argument, such as another --out; else failed."""
+    if isinstance(error, OutputError):
+        cause = error.__cause__
+        full = isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+        return FAILED if full else BAD_INPUT
+    return BAD_INPUT if isinstance(error, InputError) else FAILED
 
 
 @contextlib.contextmanager

@@ -70,7 +70,7 @@ def warm(say: Callable[[str], None]) -> None:
     xyz = np.column_stack([rng.uniform(-1, 1, (400, 2)), rng.uniform(1, 2, 400)])
     xyz[:, 1] = 0.4
     cloud = Points(xyz, np.full(400, 0.005), np.arange(400))
-    expected = pipeline.whereabouts.expected_floor(None)
+    expected = pipeline.pose_source.expected_floor(None)
     for method in ("ransac", "hough"):
         choose.find(cloud, expected, rng, choose.FloorConfig(method=method))
     mover = Obstacle(Gaussian(np.array([0.6, 0.0, -0.05, 0.0]), np.eye(4) * 1e-3), 0.1, moving=1.0)
@@ -110,12 +110,11 @@ def warm(say: Callable[[str], None]) -> None:
 def _walkers_by_picture(rng: np.random.Generator) -> str:
     """Seed 000: the cycle of pictures, the swarm and the exact search."""
     from perception.monocular.cycle import Monocular, MonocularConfig
-    from planning.swarm import search
+    from planning.swarm import random_floors, search
     from planning.swarm.objective import Objective, ObjectiveConfig
     from planning.swarm.search import SwarmConfig
 
     from ..benchmarks import monocular
-    from ..experiments.support import random_floors
 
     previous, current = monocular.scene(rng)
     Monocular(MonocularConfig()).cycle(previous, current)

@@ -1,4 +1,4 @@
-"""What a body or a planner needs otherwise than the defaults have it."""
+"""Presets: configurations that differ from the defaults for a body or a planner."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ WALKED_LOCALISER = LocaliserConfig(
     still_sigma_rad=math.radians(4.0),
     shared_bearing_sigma_rad=math.radians(0.2),
 )
-"""What the odometry of the dynamic body needs: its steps come out a millimetre longer, turn and lead to one
-side, left ones otherwise than right ones. Slip, lateral slip and steps are measured on 64 walks of 34 steps; deviations are
-wider, for left and right differ. After a stop the soles settle by .4 deg, yet the standing deviation lets the gyro
-follow a twist of ten degrees a second: taken for standing still, that would be taken for a bias of the gyro, and
-mislead it for minutes."""
+"""Step odometry of the dynamic body.
+
+Its steps are 1 mm longer than commanded, and turn and drift to one side, differently for left and right. Slip, lateral
+slip and step noise are measured on 64 walks of 34 steps; the standard deviations are increased because left and right
+differ. After a stop the soles settle by 0.4 deg. The larger standard deviation while standing covers a rotation of
+10 deg/s, which the filter would otherwise attribute to the gyro bias, with an effect for minutes."""
 
 
 WALKED_LANDMARKS = LandmarkConfig(
@@ -42,15 +43,15 @@ WALKED_LANDMARKS = LandmarkConfig(
     head_roll_sigma_rad=math.radians(0.35),
     camera_place_sigma_m=0.002,
 )
-"""How well the dynamic body knows where its camera is. With the defaults its walks were claimed too cautiously (NIS of
-tags .5 of 2); with these, set on two recorded walks, it is .8 and 1.0."""
+"""Camera pose errors of the dynamic body, tuned on two recorded walks. The NIS of its tags is 0.8 and 1.0, expected 2;
+with the defaults it is 0.5, which is more conservative still."""
 
 
 def needs(robot: RobotConfig) -> dict[str, Any]:
     """Values that differ from the defaults for this body, as nested tables.
 
-    For the dynamic body the odometry of its steps and the sway of its cameras; for another anatomy or scale the
-    height below which points are obstacles.
+    For the dynamic body: step odometry and camera pose errors. For another anatomy or scale: the height below which
+    points are obstacles.
     """
     found: dict[str, Any] = {}
     if robot.body == "dynamic":
@@ -63,38 +64,38 @@ def needs(robot: RobotConfig) -> dict[str, Any]:
 
 
 def fitted(config: Config) -> Config:
-    """The same with what its body needs, where nothing else was asked for."""
-    return toml.changed(config, _unasked(needs(config.robot), config, Config()))
+    """The configuration with the values that its body needs, except where the user has changed them."""
+    return toml.changed(config, _unchanged(needs(config.robot), config, Config()))
 
 
-def _unasked(wanted: dict[str, Any], config: Any, plain: Any) -> dict[str, Any]:
-    """Of nested values those that the configuration still has as the plain one."""
+def _unchanged(wanted: dict[str, Any], config: Any, default: Any) -> dict[str, Any]:
+    """The part of nested values for which a configuration still has the default."""
     found: dict[str, Any] = {}
     for name, value in wanted.items():
-        have, default = getattr(config, name), getattr(plain, name)
+        current, initial = getattr(config, name), getattr(default, name)
         if isinstance(value, dict):
-            found[name] = _unasked(value, have, default)
-        elif have == default:
+            found[name] = _unchanged(value, current, initial)
+        elif current == initial:
             found[name] = value
     return found
 
 
 def _differing(one: Any, other: Any) -> dict[str, Any]:
-    """Names and values of one dataclass where another of its kind has others."""
+    """Names and values of the fields in which a dataclass differs from another of its type."""
     return {name: value for name, value in vars(one).items() if value != getattr(other, name)}
 
 
 def on_body(config: Config, body: str) -> Config:
-    """The same walked by that body, "kinematic" or "dynamic", with what it needs."""
+    """The configuration for that body, "kinematic" or "dynamic", with the values that it needs."""
     return fitted(dataclasses.replace(config, robot=dataclasses.replace(config.robot, body=body)))
 
 
 def by_one_camera(config: Config, scene: str) -> Config:
-    """The same with what seed 000's walker has: one colour camera, two pictures a step, its worlds' goals by the clock.
+    """The configuration of seed 000: one colour camera, two pictures per step, and goals with the times of its scenes.
 
     Source: seed 000, sections 2 and 6.5.1.
     """
-    from sim.scenes.seed_rooms import GOAL_TIMES_S  # worlds are known to who walks in them
+    from sim.scenes.seed_rooms import GOAL_TIMES_S  # loaded only for simulation
 
     times = GOAL_TIMES_S.get(scene, ())
     return dataclasses.replace(

@@ -14,6 +14,8 @@ from mapping.grid.egocentric_grid import GridConfig
 from mapping.grid.world_map import WorldMapConfig
 from mapping.io.clouds import CloudConfig
 from mapping.objects.footprints import FootprintConfig
+from mapping.panorama.view_selection import ViewSelectionConfig
+from mapping.surface.tsdf_config import TsdfConfig
 from perception.depth.health import DepthHealthConfig
 from perception.depth.reach import ReachesConfig
 from perception.depth.stereo import StereoConfig
@@ -66,6 +68,12 @@ class Config:
     difficulty: float = setting(
         USUAL, "", "of the scene, 0 easy to 1 hard: number, speed and distance of obstacles", "ours"
     )
+    ignore_poses: bool = setting(
+        False,
+        "",
+        "estimate the trajectory without the poses of the recording, which serve as its truth",
+        "ours",
+    )
     renderer: str = setting(
         "auto", "", "egl, tiny (software), or auto (egl where it works)", "ours"
     )
@@ -89,8 +97,9 @@ class Config:
     world_map: WorldMapConfig = field(default_factory=WorldMapConfig)
     odometer: OdometerConfig = field(default_factory=OdometerConfig)
     cloud: CloudConfig = field(default_factory=CloudConfig)
-    obstacle_cloud: CloudConfig = field(default_factory=CloudConfig)
     footprints: FootprintConfig = field(default_factory=FootprintConfig)
+    surface: TsdfConfig = field(default_factory=TsdfConfig)
+    panorama: ViewSelectionConfig = field(default_factory=ViewSelectionConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     route: RouteConfig = field(default_factory=RouteConfig)
     gait: GaitLimits = field(default_factory=GaitLimits)

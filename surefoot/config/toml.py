@@ -165,7 +165,8 @@ def _merge(
     try:
         return kind(**changes) if base is None else dataclasses.replace(base, **changes)  # type: ignore[type-var]
     except ConfigError as error:
-        raise ConfigError(f"[{where}] {error}" if where else str(error)) from error
+        text = str(error).removeprefix(f"{where.rpartition('.')[2]}: ")
+        raise ConfigError(f"[{where}] {text}" if where else text) from error
 
 
 def _default(kind: type[Any], key: str) -> Any:

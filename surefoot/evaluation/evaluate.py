@@ -137,7 +137,8 @@ def evaluate(
 
 def has_own_axes(run: RunFolder) -> bool:
     """Whether the poses of a run have world axes of their own, not those of its ground truth."""
-    return run.kind == MAP or run.has(SPACE)
+    body = (run.read_json("summary.json") or {}).get("trajectory") == "body"
+    return run.has(SPACE) or (run.kind == MAP and not body)
 
 
 def true_trajectory(run: RunFolder) -> Trajectory | None:

@@ -1,43 +1,34 @@
-"""Where the colour camera of a frame stands above the floor z = 0, whatever kind of recording the frame is of.
+"""The pose of the colour camera of a frame over the floor z = 0, for every kind of recording.
 
-A robot's camera stands on its body by the joints, and the body where the pipeline believes. A camera in the hand
-whose depth is registered to its colours stands where the pipeline placed that depth image, levelled and raised by
-the floor in it. A colour camera alone stands by its given poses, if the recording says which way is up and how
-high the floor lies.
+On a walking body the pose follows from the joint angles and the estimated pose of the body. A camera whose depth
+is registered to its colour has the pose of that depth image, levelled and raised by the floor in it. A colour
+camera without depth has its given pose, if the recording states which way is up and how high the floor is.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from perception.depth.sources import registered
 from perception.estimate import Estimate
 from perception.floor.levelling import UP, level, rotation_between
 from perception.floor.segmented_view import SegmentedView
-from perception.primitives.frame import ColourView, DepthView, Frame
+from perception.primitives.frame import ColourView, Frame
 from perception.primitives.pose import Pose3
 
 from ..recordings.recording import FrameError, RecordingInfo
 
 
-def registered(depth: DepthView | None, colour: ColourView) -> bool:
-    """Whether depth is there, and each pixel of it that of the same pixel of the colour picture."""
-    return (
-        depth is not None
-        and depth.T_body_camera == colour.T_body_camera
-        and depth.depth.shape == colour.rgb.shape[:2]
-    )
-
-
 def T_floor_colour(frame: Frame, estimate: Estimate, info: RecordingInfo) -> Pose3:
-    """The colour camera in an upright world whose floor is z = 0.
+    """The colour camera in an upright frame whose floor is z = 0.
 
     Args:
-        frame: With a colour picture.
-        estimate: What the pipeline concluded of the frame.
-        info: Of its recording.
+        frame: A frame with a colour picture.
+        estimate: The pipeline's estimate of this frame.
+        info: The recording.
 
     Raises:
-        FrameError: Nobody says where the camera stands.
+        FrameError: The pose of the colour camera is unknown.
     """
     colour = frame.colour
     if colour is None:
@@ -46,23 +37,23 @@ def T_floor_colour(frame: Frame, estimate: Estimate, info: RecordingInfo) -> Pos
     if live and colour.T_body_camera is not None:
         return estimate.pose2.lifted() @ colour.T_body_camera
     for view in estimate.views:
-        T_depth_colour = _beside(view, frame, colour)
+        T_depth_colour = _relative_pose(view, frame, colour)
         if T_depth_colour is not None:
             return level(view.T_map_camera, view.floor) @ T_depth_colour
     if frame.T_world_camera is None:
         raise FrameError("no floor is seen in it, and it has no pose")
     if info.gravity_up_world is None or info.floor_height_world_m is None:
         raise FrameError(
-            "no floor is seen in depth, and nobody says which way is up and how high the floor lies "
-            "(up and floor_height of [world] in recording.toml)"
+            "no floor is seen in depth, and the recording does not state which way is up and how high the "
+            "floor is (up and floor_height of [world] in recording.toml)"
         )
     upright = rotation_between(np.array(info.gravity_up_world), UP)
     sunk = np.array([0.0, 0.0, -info.floor_height_world_m])
     return Pose3.from_rotation(upright, sunk) @ frame.T_world_camera
 
 
-def _beside(view: SegmentedView, frame: Frame, colour: ColourView) -> Pose3 | None:
-    """The colour camera in the frame of the view's depth camera; None if nobody says."""
+def _relative_pose(view: SegmentedView, frame: Frame, colour: ColourView) -> Pose3 | None:
+    """The colour camera in the frame of the view's depth camera; None if it is unknown."""
     if view.sensor == "depth" and registered(frame.depth, colour):
         return Pose3()
     if view.depth.T_body_camera is None or colour.T_body_camera is None:

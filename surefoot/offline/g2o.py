@@ -1,8 +1,8 @@
-"""A pose graph as g2o text, which GTSAM, g2o and most tools for graphs read.
+"""Write a pose graph as g2o text, which GTSAM, g2o and most graph tools read.
 
-The format knows poses, motions between two of them, and in the plane landmarks. It has no place for robust losses, for
-poses seen from outside, for floors or for systematic errors: those have done their work in the poses that are written
-as vertices. Information matrices are in the axes of the later pose, where the format measures errors.
+The format has poses, motions between two poses, and landmarks in the plane. It has no robust losses, absolute pose
+measurements, floors or systematic errors; their effect is contained in the poses, which are written as vertices.
+Information matrices are in the axes of the later pose, in which the format defines errors.
 
 Source: Kümmerle et al., "g2o: a general framework for graph optimization" (2011), and its file format.
 """
@@ -33,26 +33,26 @@ from perception.smoothing.smoother import Solution
 def write_g2o(path: Path, factors: Sequence[Factor], solution: Solution) -> int:
     """Write the poses of a solution and the motions, closures and unknown landmarks of its factors.
 
-    Landmarks are numbered on from the last pose, in the order of their own numbers.
+    The numbers of the landmarks follow those of the poses, in the order of the landmarks.
 
     Args:
-        path: Of the file; an existing one is replaced.
-        factors: Those that were solved.
-        solution: What came of them; factors that its gate rejected are left out.
+        path: The file; an existing one is replaced.
+        factors: The factors of the graph.
+        solution: Its solution; factors that the solution rejected are left out.
 
     Returns:
-        How many edges were written.
+        Number of edges written.
 
     Raises:
-        InputError: A factor speaks of a pose or landmark that the solution does not have.
+        InputError: A factor refers to a pose or landmark that is not in the solution.
         OutputError: The file cannot be written.
     """
     first = max(solution.poses, default=-1) + 1
-    marks = {number: first + i for i, number in enumerate(sorted(solution.landmarks))}
+    landmark_ids = {number: first + i for i, number in enumerate(sorted(solution.landmarks))}
     lines = [_vertex(number, pose) for number, pose in sorted(solution.poses.items())]
     lines += [
-        f"VERTEX_XY {marks[number]} {_words(solution.landmarks[number].mean)}"
-        for number in sorted(marks)
+        f"VERTEX_XY {landmark_ids[number]} {_text(solution.landmarks[number].mean)}"
+        for number in sorted(landmark_ids)
     ]
     rejected = {id(factor) for factor in solution.rejected}
     edges: list[str] = []
@@ -63,7 +63,7 @@ def write_g2o(path: Path, factors: Sequence[Factor], solution: Solution) -> int:
                     raise InputError(f"g2o: pose {number} of a motion is not in the solution")
             edges.append(_edge(factor))
         elif isinstance(factor, Glance):
-            edges += _sightings(factor, marks)
+            edges += _sightings(factor, landmark_ids)
     try:
         path.write_text("\n".join([*lines, *edges]) + "\n", encoding="ascii")
     except OSError as error:
@@ -73,8 +73,8 @@ def write_g2o(path: Path, factors: Sequence[Factor], solution: Solution) -> int:
 
 def _vertex(number: int, pose: Gaussian | Placement) -> str:
     if isinstance(pose, Gaussian):
-        return f"VERTEX_SE2 {number} {_words(pose.mean)}"
-    return f"VERTEX_SE3:QUAT {number} {_words(_numbers(pose.pose))}"
+        return f"VERTEX_SE2 {number} {_text(pose.mean)}"
+    return f"VERTEX_SE3:QUAT {number} {_text(_numbers(pose.pose))}"
 
 
 def _edge(factor: Motion | LoopClosure) -> str:
@@ -82,24 +82,24 @@ def _edge(factor: Motion | LoopClosure) -> str:
     local = turned_covariance(factor.covariance, motion.rotation.T)
     kind = "EDGE_SE2" if isinstance(motion, Pose2) else "EDGE_SE3:QUAT"
     numbers = motion.vector if isinstance(motion, Pose2) else _numbers(motion)
-    return f"{kind} {factor.before} {factor.after} {_words(numbers)} {_information(local)}"
+    return f"{kind} {factor.before} {factor.after} {_text(numbers)} {_information(local)}"
 
 
-def _sightings(glance: Glance, marks: dict[int, int]) -> list[str]:
-    """Edges to unknown landmarks: where each was seen, body axes."""
+def _sightings(glance: Glance, landmark_ids: dict[int, int]) -> list[str]:
+    """Edges to unknown landmarks, with their measured position in body axes."""
     lines = []
-    for one in glance.seen:
-        if isinstance(one.landmark, tuple):
+    for seen in glance.seen:
+        if isinstance(seen.landmark, tuple):
             continue
-        if one.landmark not in marks:
-            raise InputError(f"g2o: landmark {one.landmark} is not in the solution")
-        r, bearing = (float(v) for v in one.measured)
+        if seen.landmark not in landmark_ids:
+            raise InputError(f"g2o: landmark {seen.landmark} is not in the solution")
+        r, bearing = (float(v) for v in seen.measured)
         c, s = math.cos(bearing), math.sin(bearing)
         out = np.array([[c, -r * s], [s, r * c]])
-        P = out @ (one.covariance + np.diag([0.0, glance.play_rad**2])) @ out.T
-        place = np.array([r * c, r * s])
+        P = out @ (seen.covariance + np.diag([0.0, glance.play_rad**2])) @ out.T
+        position = np.array([r * c, r * s])
         lines.append(
-            f"EDGE_SE2_XY {glance.pose} {marks[one.landmark]} {_words(place)} {_information(P)}"
+            f"EDGE_SE2_XY {glance.pose} {landmark_ids[seen.landmark]} {_text(position)} {_information(P)}"
         )
     return lines
 
@@ -112,8 +112,8 @@ def _numbers(pose: Pose3) -> Float[np.ndarray, "7"]:
 def _information(covariance: Float[np.ndarray, "d d"]) -> str:
     information = np.linalg.inv(covariance)
     information = (information + information.T) / 2.0
-    return _words(information[np.triu_indices(len(covariance))])
+    return _text(information[np.triu_indices(len(covariance))])
 
 
-def _words(numbers: Float[np.ndarray, "n"]) -> str:
+def _text(numbers: Float[np.ndarray, "n"]) -> str:
     return " ".join(repr(float(number)) for number in numbers)

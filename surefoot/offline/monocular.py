@@ -1,27 +1,26 @@
-"""The monocular cycle on a recording, and the picture of its eight stages.
+"""The monocular cycle on a recording: floor and obstacles by colour alone, and a picture of its eight stages.
 
-A recording gives colour pictures; `colour_eye` tells where the camera stood above the floor. Where a depth image is
-registered to the picture, the floor in it is what the colour floor is judged by.
+`colour_camera_pose` gives the pose of the colour camera over the floor. Where a depth image is registered to the
+picture, the floor in it is the reference for the floor by colour.
 
 Source: seed 000, Fig. 8.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from jaxtyping import Bool
 
+from perception.depth.sources import registered
 from perception.estimate import Estimate
 from perception.monocular.cycle import Monocular
 from perception.monocular.result import MonocularResult, Picture
-from perception.primitives.errors import InputError, RecordingError
+from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.frame import DepthView, Frame
 from perception.primitives.plane import Plane
 
@@ -29,24 +28,23 @@ from ..config.schema import Config
 from ..recordings.recording import FrameError, Recording, SkipLog
 from ..report.plots.monocular import stages
 from ..run.pipeline import Pipeline
-from .colour_camera_pose import T_floor_colour, registered
+from .colour_camera_pose import T_floor_colour
+from .job import Job, Say, count_reasons
 
-NEAR_FLOOR_M = 0.015  # a depth point so near the plane is floor
-NEAR_FLOOR_SHARE = 0.01  # and the same again for every square metre of its depth squared
-ODD = "its picture or its pose cannot be used"
-
-Say = Callable[[str], None]
+NEAR_FLOOR_M = 0.015  # ours: a depth point this near to the plane is floor, ...
+NEAR_FLOOR_PER_M = 0.01  # ours: ... and farther by this times depth squared
+UNUSABLE = "its picture or its pose cannot be used"
 
 
 @dataclass(frozen=True, eq=False)
 class ColourFloor:
-    """One frame of a recording.
+    """The floor by colour in one frame of a recording.
 
     Args:
-        number: Of the frame, from 0.
-        result: The cycle.
-        depth_floor: Where the depth camera sees the floor; None where no depth is registered to the colours.
-        depth_known: Where it sees anything; None likewise.
+        number: Number of the frame, from 0.
+        result: Result of the monocular cycle.
+        depth_floor: Pixels where the depth camera sees the floor; None without depth registered to the picture.
+        depth_known: Pixels with depth; None likewise.
     """
 
     number: int
@@ -56,7 +54,7 @@ class ColourFloor:
 
     @property
     def iou(self) -> float | None:
-        """Of the colour floor and the depth floor, over the pixels with depth; None without depth."""
+        """Intersection over union of the floors by colour and by depth, over the pixels with depth."""
         if self.depth_floor is None or self.depth_known is None:
             return None
         colour = self.result.ground > 0
@@ -68,55 +66,55 @@ class ColourFloor:
 def colour_floors(
     recording: Recording,
     config: Config | None = None,
-    journal: SkipLog | None = None,
+    skips: SkipLog | None = None,
     say: Say = lambda text: None,
 ) -> Iterator[ColourFloor]:
-    """Every frame with a colour picture over a floor; the pair is this picture and the one before.
+    """The floor by colour of every frame with a picture; the cycle also gets the picture before it.
 
-    Where nobody knows how the camera moved there is no pair: what moved, camera or obstacle, cannot be told.
+    There is no earlier picture if the motion of the camera between both is unknown.
 
     Args:
-        recording: Of any kind.
-        config: Of pipeline and cycle.
-        journal: Gets the frames that cannot be used, and why.
-        say: Gets what is wrong with an odd picture, in detail.
+        recording: A recording of any kind.
+        config: Settings of pipeline and cycle.
+        skips: Receives the frames that cannot be used, with reasons.
+        say: Receives details about unusable frames.
     """
     config = config or Config()
-    journal = journal or SkipLog()
+    skips = skips or SkipLog()
     monocular, pipeline = Monocular(config.monocular), Pipeline(config, recording.info)
     before: Picture | None = None
     for number, frame in enumerate(recording.frames()):
         name = f"frame {number}"
         try:
             _check_pose(frame)
-            estimate = pipeline.cycle(_without_odd_colour(frame)).estimate
+            estimate = pipeline.cycle(_without_unusable_colour(frame)).estimate
             picture = _picture(frame, estimate, recording)
             if before is not None and before.camera != picture.camera:
                 before = None
             result = monocular.cycle(before, picture)
         except FrameError as error:
-            journal.skip(name, str(error))
+            skips.skip(name, str(error))
             if frame.colour is not None:
                 before = None
             continue
         except InputError as error:
             say(f"{name}: {error}")
-            journal.skip(name, ODD)
+            skips.skip(name, UNUSABLE)
             before = None
             continue
         before = picture if estimate.pose is not None else None
-        yield ColourFloor(number, result, *_judge(frame, estimate))
+        yield ColourFloor(number, result, *_reference(frame, estimate))
 
 
 def _check_pose(frame: Frame) -> None:
-    """Refuse a given pose that is not a number, before the pipeline takes it."""
+    """Refuse a given pose that is not finite, before the pipeline takes it."""
     pose = frame.T_world_camera
     if pose is not None and not np.isfinite([*pose.translation, *pose.quat_xyzw]).all():
-        raise FrameError(ODD)
+        raise FrameError(UNUSABLE)
 
 
-def _without_odd_colour(frame: Frame) -> Frame:
-    """The frame for the pipeline: footsteps and depth count also if the picture is not its camera's."""
+def _without_unusable_colour(frame: Frame) -> Frame:
+    """The frame for the pipeline, which uses footsteps and depth even if the picture does not fit its camera."""
     colour = frame.colour
     if colour is None or colour.rgb.shape == (colour.camera.height, colour.camera.width, 3):
         return frame
@@ -125,12 +123,12 @@ def _without_odd_colour(frame: Frame) -> Frame:
 
 def _picture(frame: Frame, estimate: Estimate, recording: Recording) -> Picture:
     pose = T_floor_colour(frame, estimate, recording.info)
-    assert frame.colour is not None, "there is no place without a picture"
+    assert frame.colour is not None, "a frame without a picture has no pose of it"
     return Picture(frame.colour.rgb, frame.colour.camera, pose, frame.stamp_s)
 
 
-def _judge(frame: Frame, estimate: Estimate) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Where depth registered to the picture shows floor, and where anything; None twice without it."""
+def _reference(frame: Frame, estimate: Estimate) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Pixels with floor and pixels with depth; None twice without depth registered to the picture."""
     depth = frame.depth
     if depth is None or frame.colour is None or not registered(depth, frame.colour):
         return None, None
@@ -147,44 +145,49 @@ def depth_floor(view: DepthView, plane: Plane) -> Bool[np.ndarray, "h w"]:
     n = plane.normal
     with np.errstate(invalid="ignore"):
         off = np.abs(z * (n[0] * x + n[1] * y + n[2]) + plane.offset_m)
-        return np.asarray(off < NEAR_FLOOR_M + NEAR_FLOOR_SHARE * z * z)
+        return np.asarray(off < NEAR_FLOOR_M + NEAR_FLOOR_PER_M * z * z)
 
 
-def process_monocular(
-    recording: Recording, folder: Path, say: Say, config: Config | None = None
-) -> dict[str, Any]:
-    """Run the monocular cycle over a recording; one picture of stages a frame, and `monocular.json`.
+def run_monocular(job: Job, say: Say) -> dict[str, Any]:
+    """Run the monocular cycle over a recording; writes a picture of the stages of every frame and `monocular.json`.
+
+    Args:
+        job: The recording, with colour pictures, and the output folder.
+        say: Progress.
 
     Returns:
-        `frames`, how many `skipped` by reason, how many were `judged` by depth, and if any were, median and least of
-        `iou`.
+        The content of `monocular.json`: number of `frames`, `skipped` frames by reason, how many frames were
+        compared with depth (`judged`), and the median and least `iou` of those.
 
     Raises:
-        RecordingError: Not a single frame could be used.
+        RecordingError: No frame could be used.
+        OutputError: The folder cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    for old in (*folder.glob("stages-*.png"), folder / "monocular.json"):
-        old.unlink(missing_ok=True)
-    journal, judged, frames = SkipLog(), [], 0
-    for floor in colour_floors(recording, config, journal, say):
+    recording, skips, frames = job.recording, SkipLog(), 0
+    ious: list[float] = []
+    for floor in colour_floors(recording, job.config, skips, say):
         frames += 1
-        name = folder / f"stages-{floor.number:06d}.png"
-        cv2.imwrite(str(name), cv2.cvtColor(stages(floor.result), cv2.COLOR_RGB2BGR))
-        told = f"frame {floor.number}: {len(floor.result.obstacles)} obstacles"
+        file = f"stages-{floor.number:06d}.png"
+        done, png = cv2.imencode(".png", cv2.cvtColor(stages(floor.result), cv2.COLOR_RGB2BGR))
+        if not done:
+            raise OutputError(f"{job.folder.path(file)}: the picture could not be encoded")
+        job.folder.write_bytes(file, png.tobytes())
+        text = f"frame {floor.number}: {len(floor.result.obstacles)} obstacles"
         if floor.iou is not None:
-            judged.append(floor.iou)
-            told += f", IoU {floor.iou:.3f}"
-        say(told)
-    reasons = [one.reason for one in (*recording.skipped, *journal.skipped)]
-    skipped = {reason: reasons.count(reason) for reason in sorted(set(reasons))}
+            ious.append(floor.iou)
+            text += f", IoU {floor.iou:.3f}"
+        say(text)
+    skipped = count_reasons([one.reason for one in (*recording.skipped, *skips.skipped)])
     if not frames:
         why = "; ".join(f"{count}: {reason}" for reason, count in skipped.items()) or "it is empty"
         raise RecordingError(
             f"{recording.info.name}: none of its frames could be used ({why}); "
             "give a recording with colour pictures and a floor, or poses, or footsteps"
         )
-    summary: dict[str, Any] = {"frames": frames, "skipped": skipped, "judged": len(judged)}
-    if judged:
-        summary |= {"iou": float(np.median(judged)), "iou_min": float(np.min(judged))}
-    (folder / "monocular.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    return summary
+    figures: dict[str, Any] = {"judged": len(ious)}
+    if ious:
+        figures |= {"iou": float(np.median(ious)), "iou_min": float(np.min(ious))}
+    content: dict[str, Any] = {"frames": frames, "skipped": skipped, **figures}
+    job.folder.write_json("monocular.json", content)
+    job.finish(frames, skipped, **figures)
+    return content

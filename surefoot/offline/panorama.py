@@ -1,11 +1,10 @@
-"""The panoramic environment map of a recording: views from about one place, all at once, and what stands there.
+"""The panoramic map of a recording: depth views from about one place, stitched, and the obstacles and gaps in it.
 
-The pipeline says where the camera was in each frame; a frame becomes a view when the camera has turned or
-moved on. Views too far from the first are left out: a panorama has one centre. Where nobody knows the
-camera's way (or nobody shall be asked) the pictures alone say how the views lie to each other.
+The pipeline gives the camera pose of each frame; `view_selection` chooses the frames that become views. Without
+poses, or if they are not to be used, the pictures alone determine how the views lie to each other.
 
-Files: `panorama.ply` (Open3D cloud), `panorama.npz` (range and its sigma on the sphere), `panorama.json` (views, things
-and gaps with their deviations), `panorama_obstacles.png`.
+Files: `panorama.ply` (cloud), `panorama.npz` (range and its standard deviation on the sphere), `panorama.json`
+(views, obstacles and gaps with their standard deviations), `panorama_obstacles.png`.
 
 Source: seed 004, sections 2.2 and 2.3 of its paper; views of a walking camera are ours.
 """
@@ -14,21 +13,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from mapping.io import atomic_write, clouds
+from mapping.io import clouds
 from mapping.panorama.obstacles import PanoramaGap, PanoramaObstacle, Surroundings
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, StitchConfig, stitch
 from mapping.panorama.views import PriorConfig, View, view_of_depth
-from perception.primitives.errors import ConfigError, RecordingError
+from perception.primitives.errors import RecordingError
 from perception.primitives.frame import Depth, Frame
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.pose import Pose2, Pose3
@@ -38,39 +35,24 @@ from ..recordings.recording import Recording
 from ..report.plots import panorama as plots_panorama
 from ..report.plots import style
 from ..run.pipeline import Pipeline
+from .job import Job, Say, count_reasons
 
-FARTHEST_M = 5.0  # range that is white in the pictures that features are found in
-SEED = 43
-
-
-@dataclass(frozen=True)
-class GatherConfig:
-    """Which frames become views."""
-
-    every_deg: float = 12.0  # ours: turned so far since the last view; a third of a narrow view
-    every_m: float = 0.15  # ours: or moved so far
-    near_m: float = 0.75  # ours: views further from the first are of another place
-    most: int = 40  # ours: views; pairs grow with the square
-
-    def __post_init__(self) -> None:
-        for name in ("every_deg", "every_m", "near_m"):
-            if not getattr(self, name) > 0.0:
-                raise ConfigError(f"panorama: {name}={getattr(self, name)} must be positive")
-        if self.most < 1:
-            raise ConfigError(f"panorama: most={self.most} views; expected at least 1")
+FARTHEST_M = 5.0  # ours: range that is white in the pictures in which features are found
+SEED = 43  # of the RANSAC that matches pictures
 
 
 @dataclass(eq=False)
 class Gathered:
-    """Views of one place.
+    """The views of one place.
 
     Args:
-        views: With priors in the base frame: on the floor below the first camera, x the middle of where all
-            views look; below it and ahead of it where pictures alone must do.
-        frames: Number of the frame of each.
-        prior: How far the priors may be trusted, by the pose's own covariance.
-        left_out: Frames that would have been views but were elsewhere, or too many.
-        floor_seen: Whether any view saw the floor; else heights rest on where it was expected.
+        views: Views with prior poses in the base frame. Its origin is on the floor below the first camera; x is the
+            mean viewing direction, or that of the first view if only the pictures place the views.
+        frames: Frame number of each view.
+        prior: Standard deviations of the prior poses, from the pose covariance.
+        left_out: Frames that were too far from the first view, or too many.
+        floor_seen: Whether a view shows the floor; otherwise heights refer to the expected floor.
+        used: Frames that could be placed over a floor.
     """
 
     views: list[View] = field(default_factory=list)
@@ -78,50 +60,43 @@ class Gathered:
     prior: PriorConfig = field(default_factory=PriorConfig)
     left_out: int = 0
     floor_seen: bool = False
+    used: int = 0
 
 
-def gather(
-    recording: Recording,
-    config: Config,
-    wanted: GatherConfig,
-    by_pictures: bool,
-    say: Callable[[str], None],
-) -> Gathered:
-    """The views of a recording.
+def gather(recording: Recording, config: Config, say: Say) -> Gathered:
+    """Select the views of a recording.
 
     Args:
-        recording: With depth of any kind.
-        config: Of the pipeline.
-        wanted: Which frames.
-        by_pictures: Only the first view gets a prior; the pictures must do.
+        recording: A recording with depth of any kind.
+        config: Settings; [panorama] selects the views.
         say: Progress.
     """
-    pipeline, found = Pipeline(config, recording.info), Gathered()
+    pipeline, found, wanted = Pipeline(config, recording.info), Gathered(), config.panorama
     T_base_map: Pose3 | None = None
     kept: list[Pose3] = []
     for number, frame in enumerate(recording.frames()):
         estimate = pipeline.cycle(frame).estimate
         if not estimate.views:
             continue
+        found.used += 1
         seen = estimate.views[0]
         if T_base_map is None:
             T_base_map = _base(seen.T_map_camera).inverse()
         pose = T_base_map @ seen.T_map_camera
-        if kept and not (by_pictures or _moved_on(pose, kept, wanted)):
+        if not (wanted.by_pictures or wanted.is_new(pose, kept)):
             continue
-        away = float(np.linalg.norm(pose.position - kept[0].position)) if kept else 0.0
-        if len(kept) >= wanted.most or (not by_pictures and away > wanted.near_m):
+        if len(kept) >= wanted.most_views or not wanted.is_near(pose, kept):
             found.left_out += 1
             continue
         kept.append(pose)
-        prior = pose if not by_pictures or len(kept) == 1 else None
+        prior = pose if not wanted.by_pictures or len(kept) == 1 else None
         picture = _picture(frame, seen.depth)
         found.views.append(view_of_depth(seen.depth, FARTHEST_M, picture, prior, frame.stamp_s))
         found.frames.append(number)
         found.floor_seen |= seen.seen is not None
         found.prior = _looser(found.prior, estimate.pose)
         say(f"frame {number}: view {len(kept)}")
-    if not by_pictures and kept:
+    if not wanted.by_pictures and kept:
         ahead = np.mean([pose.rotation[:, 2] for pose in kept], axis=0)
         turned = Pose2(0.0, 0.0, -math.atan2(ahead[1], ahead[0])).lifted()
         found.views = [replace(v, prior=turned @ p) for v, p in zip(found.views, kept, strict=True)]
@@ -131,73 +106,68 @@ def gather(
 def build(
     gathered: Gathered, by_pictures: bool, rng: np.random.Generator
 ) -> tuple[Panorama, Surroundings]:
-    """Place the views, draw them, list what stands there."""
+    """Stitch the views and extract obstacles and gaps."""
     config = StitchConfig(moving=by_pictures, prior=gathered.prior)
     panorama = stitch(gathered.views, rng, config)
     return panorama, surroundings(panorama, gathered.views)
 
 
-def run_panorama(
-    recording: Recording,
-    folder: Path,
-    say: Callable[[str], None],
-    config: Config | None = None,
-    wanted: GatherConfig | None = None,
-    by_pictures: bool = False,
-) -> dict[str, Any]:
-    """Everything from a recording to the files.
+def run_panorama(job: Job, say: Say) -> dict[str, Any]:
+    """Make the panorama of a recording and write its files.
 
     Args:
-        recording: With depth of any kind.
-        folder: For the files; there already.
+        job: The recording, with depth of any kind, and the output folder.
         say: Progress.
-        config: Of the pipeline.
-        wanted: Which frames become views.
-        by_pictures: Do not ask where the camera was.
 
     Returns:
-        What `panorama.json` holds.
+        The content of `panorama.json`.
 
     Raises:
-        RecordingError: No frame of it shows anything over a floor.
+        RecordingError: No frame could be placed over a floor.
+        OutputError: The folder cannot be written.
     """
-    gathered = gather(recording, config or Config(), wanted or GatherConfig(), by_pictures, say)
+    recording, folder = job.recording, job.folder
+    gathered = gather(recording, job.config, say)
     if not gathered.views:
         raise RecordingError(
             f"{recording.info.name}: none of its frames has depth that could be placed over a floor; "
             "a panorama needs at least one"
         )
-    say(f"{len(gathered.views)} views: placing them")
+    say(f"stitching {len(gathered.views)} views")
+    by_pictures = job.config.panorama.by_pictures
     panorama, around = build(gathered, by_pictures, np.random.default_rng(SEED))
-    assert panorama.drawing is not None, "the first view has a prior, so it is placed"
-    told = _told(gathered, panorama, around)
     drawing = panorama.drawing
+    assert drawing is not None, "the first view has a prior, so it is placed"
+    content = _content(gathered, panorama, around)
     points, _ = drawing.points()
-    clouds.save_ply(folder / "panorama.ply", points)
-    with (
-        atomic_write.atomic_path(folder / "panorama.npz") as temporary,
-        temporary.open("wb") as file,
-    ):
+    with folder.staged() as stage:
+        clouds.save_ply(stage / "panorama.ply", points)
         np.savez_compressed(
-            file,
+            stage / "panorama.npz",
             range_m=drawing.range_m,
             sigma_m=drawing.sigma_m,
             stamp_s=drawing.stamp_s,
             view=drawing.view,
             centre=drawing.centre,
         )
-    with style.styled():
-        picture = style.png(plots_panorama.obstacles(drawing, around))
-    for name, content in (
-        ("panorama_obstacles.png", picture),
-        ("panorama.json", (json.dumps(told, indent=2) + "\n").encode()),
-    ):
-        with atomic_write.atomic_path(folder / name) as temporary:
-            temporary.write_bytes(content)
-    return told
+        with style.styled():
+            picture = style.png(plots_panorama.obstacles(drawing, around))
+        (stage / "panorama_obstacles.png").write_bytes(picture)
+        text = json.dumps(content, indent=2) + "\n"
+        (stage / "panorama.json").write_text(text, encoding="utf-8")
+    job.finish(
+        gathered.used,
+        count_reasons([reason for _, reason in recording.skipped]),
+        views=len(gathered.views),
+        views_placed=sum(view["placed"] for view in content["views"]),
+        obstacles=len(content["obstacles"]),
+        gaps=len(content["gaps"]),
+        floor_seen=gathered.floor_seen,
+    )
+    return content
 
 
-def _told(gathered: Gathered, panorama: Panorama, around: Surroundings) -> dict[str, Any]:
+def _content(gathered: Gathered, panorama: Panorama, around: Surroundings) -> dict[str, Any]:
     drawing = panorama.drawing
     assert drawing is not None
     views = []
@@ -225,31 +195,20 @@ def _told(gathered: Gathered, panorama: Panorama, around: Surroundings) -> dict[
 
 
 def _row(one: PanoramaObstacle | PanoramaGap) -> dict[str, Any]:
-    """As JSON knows it: lists, and null for what is not known."""
+    """The dataclass as JSON: lists, and null for an unknown value."""
     found: dict[str, Any] = json.loads(json.dumps(asdict(one)), parse_constant=lambda name: None)
     return found
 
 
 def _base(T_map_camera: Pose3) -> Pose3:
-    """On the floor below a camera, x where it looks; the map's floor has z = 0."""
+    """T_map_base: on the floor z = 0 below a camera, x in its viewing direction."""
     x, y, _ = T_map_camera.position.tolist()
     ahead = T_map_camera.rotation[:, 2]
     return Pose2(x, y, math.atan2(ahead[1], ahead[0])).lifted()
 
 
-def _moved_on(pose: Pose3, kept: list[Pose3], wanted: GatherConfig) -> bool:
-    """Whether no view so far was taken from about here in about this direction."""
-    for other in kept:
-        cosine = (float(np.trace(other.rotation.T @ pose.rotation)) - 1.0) / 2.0
-        turned = math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
-        moved = float(np.linalg.norm(pose.position - other.position))
-        if turned < wanted.every_deg and moved < wanted.every_m:
-            return False
-    return True
-
-
 def _picture(frame: Frame, depth: Depth) -> UInt8[np.ndarray, "h w"] | None:
-    """Colour or amplitude of the same pixels as a depth image; None if there is neither."""
+    """Grey picture of the pixels of a depth image, from colour or amplitude; None without either."""
     shape = depth.z.shape
     if frame.colour is not None and frame.colour.rgb.shape[:2] == shape:
         return np.asarray(cv2.cvtColor(frame.colour.rgb, cv2.COLOR_RGB2GRAY), np.uint8)
@@ -262,7 +221,7 @@ def _picture(frame: Frame, depth: Depth) -> UInt8[np.ndarray, "h w"] | None:
 
 
 def _looser(prior: PriorConfig, pose: Gaussian | None) -> PriorConfig:
-    """A prior no surer than the pose it comes from."""
+    """The prior with standard deviations no smaller than those of the pose it comes from."""
     if pose is None:
         return prior
     sigmas = np.sqrt(np.diag(pose.covariance))

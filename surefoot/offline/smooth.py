@@ -1,10 +1,10 @@
-"""A run looked back upon: the trajectory that all of its measurements together say, beside the filter's.
+"""Smooth the trajectory of a run: each pose by all measurements of the run, not only by the earlier ones.
 
-What the smoother needs of a run are its odometry, its inertial means and the landmarks it saw; two tables hold
-them (`odometry.csv`, `sightings.csv`). A run without these tables but with its recording is looked at again:
-landmarks are found in the recorded pictures as the run found them. Nothing here reads the truth.
+The input is the step odometry, the gyroscope and the landmark measurements of the run, from its tables
+`odometry.csv` and `sightings.csv`. A run without these tables is smoothed from its recording, in whose pictures
+the landmarks are detected again. The ground truth is not read.
 
-The result are `smoothed.txt` and `smoothed_covariance.csv`, in the format of the filter's own files.
+The output is `smoothed.txt` and `smoothed_covariance.csv`, in the format of the filter's own files.
 """
 
 from __future__ import annotations
@@ -39,31 +39,31 @@ SMOOTHED, SMOOTHED_COVARIANCE = "smoothed.txt", "smoothed_covariance.csv"
 
 @dataclass(frozen=True)
 class Walked:
-    """What is known of a walk without its poses.
+    """The measurements of a walk.
 
     Args:
-        instants: Its frames, in order of time.
-        start: Where it began, over (x, y, yaw), world frame.
-        places: Of its landmarks, world frame, m, by identity.
+        instants: Odometry, gyroscope and landmarks of each frame, in order of time.
+        start: Pose (x, y, yaw) before the first frame, world frame, m and rad.
+        landmarks: Known position of each landmark by identity, world frame, m.
     """
 
     instants: list[Instant]
     start: Gaussian
-    places: dict[int, tuple[float, float]]
+    landmarks: dict[int, tuple[float, float]]
 
 
 def smooth_run(folder: RunFolder, lag_s: float | None = None) -> list[tuple[float, Gaussian]]:
     """Smooth a run and write the result into its folder.
 
     Args:
-        folder: Of a run that ended.
-        lag_s: How far each pose may look ahead, s; None: to the end of the run.
+        folder: Folder of a complete run.
+        lag_s: Each pose uses measurements up to this much later, s; None: all of the run.
 
     Returns:
-        (stamp in s, Gaussian over x, y in m and yaw in rad) of every frame.
+        Stamp in s and Gaussian over (x, y, yaw), in m and rad, of every frame.
 
     Raises:
-        InputError: The run has neither the tables nor a recording, or its start is not known.
+        InputError: The run has neither the tables nor a recording, or its start is unknown.
         RecordingError: A file of the run is damaged.
     """
     config = (
@@ -82,28 +82,28 @@ def smooth_run(folder: RunFolder, lag_s: float | None = None) -> list[tuple[floa
 
 
 def smooth_walk(walked: Walked, config: Config, lag_s: float | None = None) -> list[Gaussian]:
-    """The poses of a walk, one a frame, by the noise figures of its localiser."""
-    told = walked.instants
+    """The smoothed poses of a walk, one per frame, with the noise parameters of its localiser."""
+    raw = walked.instants
     longest = config.prior.longest_step_m
     instants = [
-        _believable(one, one.stamp_s - before.stamp_s, longest)
-        for before, one in zip([*told[:1], *told], told, strict=False)
+        _plausible(instant, instant.stamp_s - before.stamp_s, longest)
+        for before, instant in zip([*raw[:1], *raw], raw, strict=False)
     ]
-    frames = walk_factors(instants, walked.places, config.localiser)
+    frames = walk_factors(instants, walked.landmarks, config.localiser)
     systematics = walk_systematics(config.localiser)
     if len(frames) < 2:
-        raise InputError(f"smoothing: {len(frames)} frames are no walk; expected at least 2")
+        raise InputError(f"smoothing: the walk has {len(frames)} frames; expected at least 2")
     if lag_s is None:
-        factors = [factor for _, told in frames for factor in told]
+        factors = [factor for _, of_frame in frames for factor in of_frame]
         return smooth(factors, walked.start, systematics)
     return smooth_fixed_lag(frames, walked.start, systematics, SmootherConfig(lag_s=lag_s))
 
 
 def read_walk(folder: RunFolder, config: Config) -> Walked:
-    """What a run folder knows of its walk: from the tables, else from the recording.
+    """The measurements of a run: from its tables, else from its recording.
 
     Raises:
-        InputError: It has neither, or does not say where the walk began.
+        InputError: The run has neither, or its start is unknown.
     """
     if folder.has(ODOMETRY) and folder.has(SIGHTINGS):
         return _from_tables(folder, config)
@@ -119,7 +119,7 @@ def _from_tables(folder: RunFolder, config: Config) -> Walked:
     summary = folder.read_json("summary.json") or {}
     if summary.get("start") is None:
         raise InputError(
-            f"run folder {folder.root} does not say where the walk began (`start` in summary.json); "
+            f"run folder {folder.root}: the start pose of the walk is unknown (`start` in summary.json); "
             "only walks from a known start can be smoothed"
         )
     odometry, sightings = folder.read_csv(ODOMETRY), folder.read_csv(SIGHTINGS)
@@ -133,12 +133,12 @@ def _from_tables(folder: RunFolder, config: Config) -> Walked:
             seen.setdefault(stamp, []).append(Sighting(which, np.array([r, bearing]), P))
     instants = []
     for stamp, *motion, steps, gx, gy, gz in odometry.matrix(*ODOMETRY_HEADER):
-        told = StepOdometry(Pose2(*(float(v) for v in motion)), float(steps))
+        step = StepOdometry(Pose2(*(float(v) for v in motion)), float(steps))
         gyro = np.array([gx, gy, gz])
         instants.append(
             Instant(
                 float(stamp),
-                None if math.isnan(steps) else told,
+                None if math.isnan(steps) else step,
                 None if np.isnan(gyro).any() else Imu(gyro, np.zeros(3)),
                 tuple(seen.get(stamp, ())),
             )
@@ -155,12 +155,12 @@ def _from_tables(folder: RunFolder, config: Config) -> Walked:
 
 
 def _from_recording(folder: RunFolder, config: Config) -> Walked:
-    """Look at every picture again."""
+    """The measurements, with landmarks detected in the recorded pictures."""
     recording = open_recording(folder.path(RECORDING))
     info = recording.info
     if info.start is None:
         raise InputError(
-            f"{folder.path(RECORDING)} does not say where the walk began; "
+            f"{folder.path(RECORDING)}: the start pose of the walk is unknown; "
             "only walks from a known start can be smoothed"
         )
     instants = []
@@ -179,20 +179,20 @@ def _from_recording(folder: RunFolder, config: Config) -> Walked:
 
 
 def _start_covariance(given: np.ndarray | None, config: Config) -> np.ndarray:
-    """As the run's localiser takes it."""
+    """The covariance of the start pose that the run's localiser used."""
     if given is not None:
         return given
     metres, radians = config.prior.start_m, math.radians(config.prior.start_deg)
     return np.diag(np.square([metres, metres, radians]))
 
 
-def _believable(instant: Instant, elapsed_s: float, longest_step_m: float) -> Instant:
-    """The instant without step odometry if no legs can have done what it says."""
+def _plausible(instant: Instant, elapsed_s: float, longest_step_m: float) -> Instant:
+    """The instant without its step odometry if the motion is longer than legs can make."""
     if instant.odometry is None:
         return instant
     motion = instant.odometry.motion
     steps = max(1.0, abs(instant.odometry.steps), elapsed_s / STEP_S)
     if math.hypot(motion.x, motion.y) <= longest_step_m * steps:
         return instant
-    log.warning("odometry of %s at %.2f s is not believed", motion, instant.stamp_s)
+    log.warning("implausible odometry %s at %.2f s ignored", motion, instant.stamp_s)
     return replace(instant, odometry=None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from .poses import ASSOCIATION_S, associate, numbers, pose_of_row, read_lines, r
 from .recording import RecordingInfo
 
 _DEPTH_FOLDERS = ("depth", ".")
+RATE_HZ = 30.0  # of most depth cameras; assumed where a description gives no times
 _COLOUR_FOLDERS = ("color", "colour", "rgb", "image")
 
 
@@ -37,6 +39,9 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
     assert unit is not None
     depths = _depths(path, description)
     remarks: list[str] = []
+    if description.stamps is None and description.rate_hz is None and len(depths) > 1:
+        description, remark = _with_times(description, depths)
+        remarks.append(remark)
     colours = _colours(path, description, depths, remarks)
     stamps = _stamps(path, description, depths)
     poses = _poses(path, description, stamps, remarks)
@@ -101,6 +106,14 @@ def _colours(
     return [None] * len(depths)
 
 
+def _with_times(description: Description, depths: list[Path]) -> tuple[Description, str]:
+    """A description without times, completed: by the names of the images if these are times, else by a rate."""
+    if all(is_stamp(depth) for depth in depths):
+        return replace(description, stamps="name"), "times taken from the names of the depth images"
+    remark = f"no times given: {RATE_HZ:.0f} frames per second assumed (rate_hz in recording.toml)"
+    return replace(description, rate_hz=RATE_HZ), remark
+
+
 def _stamps(path: Path, description: Description, depths: list[Path]) -> Float[np.ndarray, "n"]:
     if description.stamps == "name":
         try:
@@ -117,13 +130,7 @@ def _stamps(path: Path, description: Description, depths: list[Path]) -> Float[n
                 f"{source}: {len(lines)} stamps for {len(depths)} depth images; one per image was expected"
             )
         return np.array([numbers(source, n, words[:1], 1, "a time in s")[0] for n, words in lines])
-    if description.rate_hz is None:
-        if len(depths) == 1:
-            return np.zeros(1)
-        raise RecordingError(
-            f"{description.path}: rate_hz or stamps is missing; add rate_hz = 30.0, frames per second"
-        )
-    return np.arange(len(depths)) / description.rate_hz
+    return np.arange(len(depths)) / (description.rate_hz or RATE_HZ)
 
 
 def _poses(

@@ -53,9 +53,9 @@ def read_plaza(path: Path) -> RangeLog:
         OSError,
         ValueError,
         KeyError,
-        IndexError,
+        IndexError,  # scipy < 1.16
         MatReadError,
-    ) as error:  # IndexError: scipy < 1.16
+    ) as error:
         raise RecordingError(
             f"{path}: {error}; expected a MATLAB file with tables DR, TD, TL and GT"
         ) from error

@@ -87,12 +87,12 @@ def write_report(run: RunFolder) -> Path:
     sections = [plot_section(picture) for picture in drawn]
     sections.insert(1, views_section(run) or stages_section(run))
     sections = [batch_section(run) if kind == BATCH else panorama_section(run), *sections]
-    verdict_class, words = verdict(metrics)
+    verdict_class, verdict_words = verdict(metrics)
     page = Template(resources.files(__package__).joinpath("report_page.html").read_text("utf-8"))
     text = page.substitute(
         title=html.escape(str(summary.get("name") or run.root.resolve().name)),
         subtitle=html.escape(_subtitle(summary, metrics, kind, run.interrupted)),
-        verdict=html.escape(words),
+        verdict=html.escape(verdict_words),
         verdict_class=verdict_class,
         cards="\n".join(card_item(card) for card in cards(metrics, summary, kind)),
         sections="\n".join(section for section in sections if section),

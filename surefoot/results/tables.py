@@ -97,6 +97,8 @@ def read_table(path: Path, unfinished: bool = False) -> Table:
     if unfinished and lines and not path.read_bytes().endswith(b"\n"):
         lines.pop()
     rows = list(csv.reader(lines))
+    if not rows and unfinished:
+        return Table(str(path), {})  # killed before the first block was written
     if not rows:
         raise RecordingError(f"{path} is empty; expected a header line")
     header, *body = rows

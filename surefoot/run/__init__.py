@@ -1,1 +1,6 @@
-"""Runs: the pipeline, the walking loop, and what is written down."""
+"""Runs: simulated walks and processed recordings.
+
+Read in this order: `pipeline` (perception, frame by frame), `perception_source` (its protocol), `bodies` (robot or
+playback), `loop` (the walking loop), `run_recorder` and `summary` (results), `simulate`, `process` and `batch` (whole
+runs), `checkpoint` (resuming a run).
+"""

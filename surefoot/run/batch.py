@@ -1,18 +1,17 @@
-"""Thousands of recordings: every one a task of its own on all cores, or on a cluster.
+"""Process many recordings, on all cores of this machine or on a cluster.
 
-Each recording is processed into a folder under a temporary name, which gets its own name only when
-everything in it is written. So whoever looks finds finished runs and nothing else; a batch that was killed
-goes on where it was when it is started again; a recording that cannot be processed is noted and does not
-stop the others. A worker that dies is replaced and its recording given to another.
+Each recording is processed into a folder with a temporary name, which gets its final name when it is complete. A
+batch that was killed therefore continues when it is started again. A recording that cannot be processed is listed
+as failed and does not stop the others; a worker that dies is replaced and its recording given to another.
 
-Engine: Dask (`distributed`), locally or at the address of a scheduler.
+Locally the workers are processes of `worker_pool`; a cluster is one of Dask (`distributed`).
 """
 
 from __future__ import annotations
 
 import csv
+import html
 import json
-import logging
 import os
 import shutil
 import time
@@ -22,30 +21,30 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from mapping.io.atomic_write import atomic_path
-from perception.primitives.errors import ConfigError, InputError, SurefootError
+from perception.primitives.errors import ConfigError, InputError, OutputError, SurefootError
 
 from ..config.schema import Config
 from ..recordings.open import holds_recording
+from .worker_pool import run_all
 
 TABLE = "summary.csv"
 DONE, KEPT, FAILED = "done", "done before", "failed"
-DEATHS = 3  # workers that a recording may cost before it is held to be the cause
+DEATHS = 3  # ours: workers that a recording may kill before it counts as failed
 
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Row:
-    """What became of one recording.
+    """The result of one recording.
 
     Args:
-        recording: Its path.
-        run: Its run folder; "" if there is none.
+        recording: Path of the recording.
+        run: Run folder; "" if there is none.
         status: "done", "done before" or "failed".
-        frames, skipped: Used, and unusable.
+        frames, skipped: Number of frames used, and of frames that could not be used.
         seconds: Length in the recording's clock, s.
-        wall_s: Time that it took, s.
+        wall_s: Processing time, s.
         error: Why it failed.
     """
 
@@ -71,25 +70,29 @@ def process_all(
 
     Args:
         places: Recordings, and folders that hold recordings at any depth.
-        out: Gets one run folder for each, and summary.csv.
-        config: Of every run.
+        out: Receives one run folder for each recording, and summary.csv.
+        config: Configuration of every run.
         say: Progress.
-        workers: Processes on this machine; None: one a core.
+        workers: Processes on this machine; None: one per core.
         scheduler: Address of a Dask scheduler to use instead; its workers must see the same paths.
 
     Returns:
-        One row a recording, in the order of their paths.
+        One row per recording, in the order of their paths.
 
     Raises:
-        InputError: Nothing to process, or two recordings would get one name.
-        ConfigError: Dask is not installed, or nobody answers at the address.
+        InputError: There is no recording, or two recordings would get the same name.
+        ConfigError: Dask is not installed, or no scheduler answers at the address.
         OutputError: The folder cannot be written.
     """
     recordings = find_all(places)
     names = _names(recordings)
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"output folder {out} cannot be made: {error.strerror}") from error
+    times = _times(out)
     rows = {
-        path: _row_of(path, out / name, KEPT)
+        path: _row_of(path, out / name, KEPT, times.get(str(path), 0.0))
         for path, name in zip(recordings, names, strict=True)
         if _finished(out / name)
     }
@@ -98,21 +101,25 @@ def process_all(
         say(f"{len(rows)} of {len(recordings)} recordings were done before")
     _write(out, recordings, rows)
     if todo:
-        with _client(workers or os.cpu_count() or 1, scheduler) as client:
-            for path, row in _run(client, todo, config):
-                rows[path] = row
-                _write(out, recordings, rows)
-                failed = sum(one.status == FAILED for one in rows.values())
-                note = f", {failed} failed" if failed else ""
-                say(f"{len(rows)} of {len(recordings)} recordings{note}: {path.name} {row.status}")
+        results = (
+            _local(todo, config, workers)
+            if scheduler is None
+            else _cluster(todo, config, scheduler)
+        )
+        for path, row in results:
+            rows[path] = row
+            _write(out, recordings, rows)
+            failed = sum(one.status == FAILED for one in rows.values())
+            note = f", {failed} failed" if failed else ""
+            say(f"{len(rows)} of {len(recordings)} recordings{note}: {path.name} {row.status}")
     return [rows[path] for path in recordings]
 
 
 def find_all(places: Sequence[Path]) -> list[Path]:
-    """The recordings at or below some places, each once, in order.
+    """The recordings in some folders or their subfolders, each once, in order.
 
     Raises:
-        InputError: A place does not exist, or there is no recording at all.
+        InputError: A path does not exist, or there is no recording.
     """
     found: dict[Path, None] = {}
     for place in places:
@@ -128,7 +135,7 @@ def find_all(places: Sequence[Path]) -> list[Path]:
 
 
 def lines(rows: Sequence[Row]) -> list[str]:
-    """The table for people."""
+    """The table for the terminal."""
     width = max(len(Path(row.recording).name) for row in rows)
     shown = [f"{'recording':<{width}}  {'status':<11} frames skipped  length s  time s"]
     for row in rows:
@@ -140,12 +147,12 @@ def lines(rows: Sequence[Row]) -> list[str]:
 
 
 def process_one(path: Path, target: Path, config: Config) -> Row:
-    """Process one recording in this process; whatever goes wrong with it is told in the row.
+    """Process one recording in this process; an error is reported in the row.
 
     Args:
-        path: Recording.
-        target: Run folder; takes its name when it is whole.
-        config: Of the run.
+        path: The recording.
+        target: Run folder; it appears under this name when it is complete.
+        config: Configuration of the run.
     """
     from .process import process
 
@@ -153,13 +160,14 @@ def process_one(path: Path, target: Path, config: Config) -> Row:
     part = target.with_name(f".part-{target.name}-{uuid.uuid4().hex[:8]}")
     try:
         process(path, None, config, part, lambda text: None)
+        _name_finally(part, target)
         if target.exists():
             shutil.rmtree(target)
         part.replace(target)
     except (SurefootError, OSError, MemoryError) as error:
         shutil.rmtree(part, ignore_errors=True)
         return Row(str(path), "", FAILED, wall_s=_since(began), error=_words(error))
-    except Exception as error:  # a fault of ours in one recording is no reason to lose the others
+    except Exception as error:  # a bug that shows in one recording must not stop the others
         shutil.rmtree(part, ignore_errors=True)
         words = f"unexpected {type(error).__name__}: {_words(error)}"
         return Row(str(path), "", FAILED, wall_s=_since(began), error=words)
@@ -168,28 +176,28 @@ def process_one(path: Path, target: Path, config: Config) -> Row:
     return _row_of(path, target, DONE, _since(began))
 
 
-def _run(client: Any, todo: list[tuple[Path, Path]], config: Config) -> Iterator[tuple[Path, Row]]:
-    """Rows as they come; a recording whose workers keep dying fails by itself."""
-    from dask import distributed
-
-    engine: Any = distributed  # untyped in parts
-    futures = {
-        client.submit(
-            process_one, path, target, config, key=f"{path.name}-{uuid.uuid4().hex}"
-        ): path
-        for path, target in todo
-    }
-    for future in engine.as_completed(list(futures)):
-        path = futures[future]
-        if future.status == "finished":
-            yield path, future.result()
-        else:
-            words = f"its worker died {DEATHS} times (out of memory?): {_words(future.exception())}"
-            yield path, Row(str(path), "", FAILED, error=words)
-        future.release()
+def _name_finally(part: Path, target: Path) -> None:
+    """Give the commands in summary and report the name that the folder is about to get."""
+    for name, written in (("summary.json", str), ("report.html", html.escape)):
+        text = (part / name).read_text(encoding="utf-8")
+        text = text.replace(written(part.name), written(target.name))
+        (part / name).write_text(text, encoding="utf-8")
 
 
-def _client(workers: int, scheduler: str | None) -> Any:
+def _local(
+    todo: list[tuple[Path, Path]], config: Config, workers: int | None
+) -> Iterator[tuple[Path, Row]]:
+    """Rows as they finish, on the cores of this machine."""
+    tasks = [(path, target, config) for path, target in todo]
+    for done in run_all(process_one, tasks, workers or os.cpu_count() or 1, DEATHS):
+        path = todo[done.task][0]
+        yield path, _died(path, "") if done.died else done.result
+
+
+def _cluster(
+    todo: list[tuple[Path, Path]], config: Config, scheduler: str
+) -> Iterator[tuple[Path, Row]]:
+    """Rows as they finish, on the workers of a Dask scheduler."""
     try:
         import dask
 
@@ -197,41 +205,37 @@ def _client(workers: int, scheduler: str | None) -> Any:
         from dask import distributed
     except ImportError as error:
         raise ConfigError(
-            f"many recordings are processed by Dask, which is not installed ({error}); "
-            "run `pip install 'surefoot[batch]'`, or give one recording"
+            f"--scheduler needs Dask, which is not installed ({error}); "
+            "run `pip install 'surefoot[batch]'`, or leave out --scheduler"
         ) from error
     engine: Any = distributed  # untyped in parts
     dask.config.set({"distributed.scheduler.allowed-failures": DEATHS})
-    if scheduler is not None:
-        try:
-            return engine.Client(scheduler, timeout="10s")
-        except (OSError, ValueError) as error:
-            raise ConfigError(
-                f"no Dask scheduler answers at {scheduler} ({_words(error)}); expected an address such as "
-                "tcp://10.0.0.5:8786"
-            ) from error
-    cluster = engine.LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        host="127.0.0.1",
-        dashboard_address=None,
-        silence_logs=logging.CRITICAL,
-    )
-    return _Owned(cluster, engine.Client(cluster))
+    try:
+        client = engine.Client(scheduler, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"no Dask scheduler answers at {scheduler} ({_words(error)}); expected an address such as "
+            "tcp://10.0.0.5:8786"
+        ) from error
+    with client:
+        futures = {
+            client.submit(
+                process_one, path, target, config, key=f"{path.name}-{uuid.uuid4().hex}"
+            ): path
+            for path, target in todo
+        }
+        for future in engine.as_completed(list(futures)):
+            path = futures[future]
+            if future.status == "finished":
+                yield path, future.result()
+            else:
+                yield path, _died(path, f": {_words(future.exception())}")
+            future.release()
 
 
-class _Owned:
-    """A client together with the cluster that was made for it."""
-
-    def __init__(self, cluster: Any, client: Any) -> None:
-        self._cluster, self._client = cluster, client
-
-    def __enter__(self) -> Any:
-        return self._client
-
-    def __exit__(self, *error: object) -> None:
-        self._client.close()
-        self._cluster.close()
+def _died(path: Path, why: str) -> Row:
+    text = f"its worker died {DEATHS} times (out of memory?){why}"
+    return Row(str(path), "", FAILED, error=text)
 
 
 def _below(place: Path) -> Iterator[Path]:
@@ -245,7 +249,7 @@ def _below(place: Path) -> Iterator[Path]:
 
 
 def _names(recordings: Sequence[Path]) -> list[str]:
-    """A run's name for each: its own, led by that of its folder where two share one."""
+    """The name of the run of each recording: its own, preceded by that of its folder where two are equal."""
     names = [path.resolve().stem if path.is_file() else path.resolve().name for path in recordings]
     twice = {name for name in names if names.count(name) > 1}
     led = [
@@ -254,7 +258,7 @@ def _names(recordings: Sequence[Path]) -> list[str]:
     ]
     again = sorted({name for name in led if led.count(name) > 1})
     if again:
-        raise InputError(f"two recordings would both be called {again[0]}; process them apart")
+        raise InputError(f"two recordings would both be called {again[0]}; process them separately")
     return led
 
 
@@ -276,10 +280,20 @@ def _row_of(path: Path, run: Path, status: str, wall_s: float = 0.0) -> Row:
 
 
 def _write(out: Path, recordings: Sequence[Path], rows: dict[Path, Row]) -> None:
-    with atomic_path(out / TABLE) as part, part.open("w", newline="", encoding="utf-8") as file:
+    part = out / f".{TABLE}-{os.getpid()}"
+    with part.open("w", newline="", encoding="utf-8") as file:
         table = csv.DictWriter(file, [item.name for item in fields(Row)])
         table.writeheader()
         table.writerows(asdict(rows[path]) for path in recordings if path in rows)
+    os.replace(part, out / TABLE)
+
+
+def _times(out: Path) -> dict[str, float]:
+    """Processing time of each recording by an earlier table, s."""
+    if not (out / TABLE).is_file():
+        return {}
+    with (out / TABLE).open(newline="", encoding="utf-8") as file:
+        return {row["recording"]: float(row["wall_s"]) for row in csv.DictReader(file)}
 
 
 def _since(began: float) -> float:

@@ -1,8 +1,7 @@
-"""What the cycle drives: a simulated robot, or a recording played back.
+"""The bodies of the walking loop: a simulated robot, or the playback of a recording.
 
-Both answer `read` with the next frame, or None at the end. A live body also takes commands; a recording
-has long been walked and ignores them. A live frame goes through the recording's wire format before
-anything sees it, so what is processed live is to the bit what a recording gives back.
+Both return the next frame, or None at the end. A live body executes commands; playback ignores them. Every live frame
+is encoded and decoded in the recording's format before use, so that live and offline processing get identical data.
 """
 
 from __future__ import annotations
@@ -24,23 +23,23 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class Body(Protocol):
-    """Eyes to read and, where there are any, legs and a neck to command."""
+    """Sensors to read, legs and neck to command."""
 
     def read(self) -> Frame | None:
-        """The next frame; None when there are no more."""
+        """The next frame; None at the end."""
         ...
 
     def walk(self, command: WalkCommand) -> None:
-        """Ask for the next footstep."""
+        """Command the next footstep."""
         ...
 
     def look(self, gaze: GazeCommand) -> None:
-        """Ask the head where to look."""
+        """Command the gaze."""
         ...
 
 
 class LiveBody:
-    """A simulated robot, its frames recorded on the way if a writer is given."""
+    """A simulated robot; records its frames if a writer is given."""
 
     def __init__(self, robot: SimulatedRobot, writer: RecordingWriter | None = None) -> None:
         self._robot = robot
@@ -48,9 +47,9 @@ class LiveBody:
         self.fell_at_s: float | None = None
 
     def read(self) -> Frame | None:
-        """The next instant of the sensors, as a recording holds it; None once the robot has fallen.
+        """The next frame, as a recording stores it; None once the robot has fallen.
 
-        What the sensors of a robot say that lies on the floor means nothing to who takes it for upright.
+        The pipeline assumes an upright robot, so frames of a fallen one are useless.
         """
         frame = None if self._robot.fallen else self._robot.read()
         if frame is None or self._robot.fallen:
@@ -62,23 +61,23 @@ class LiveBody:
         return decode(encoded)
 
     def walk(self, command: WalkCommand) -> None:
-        """Taken up at the coming double support."""
+        """Command the next footstep; it takes effect at the next double support."""
         self._robot.walk(command)
 
     def look(self, gaze: GazeCommand) -> None:
-        """The head turns as fast as it can."""
+        """Command the gaze; the head turns at its maximum speed."""
         self._robot.look(gaze)
 
 
 class Playback:
-    """A recording, frame by frame."""
+    """Playback of a recording, frame by frame."""
 
     def __init__(self, recording: Recording, skip: int = 0) -> None:
-        """From the beginning.
+        """Open the recording.
 
         Args:
-            recording: To be played.
-            skip: So many readable frames are passed over first.
+            recording: The recording.
+            skip: Number of readable frames to skip first.
         """
         self._frames: Iterator[Frame] = itertools.islice(recording.frames(), skip, None)
 
@@ -87,7 +86,7 @@ class Playback:
         return next(self._frames, None)
 
     def walk(self, command: WalkCommand) -> None:
-        """The steps were made when it was recorded."""
+        """Ignored: the recorded steps are fixed."""
 
     def look(self, gaze: GazeCommand) -> None:
-        """So were the looks."""
+        """Ignored: the recorded gaze is fixed."""

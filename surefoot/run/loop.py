@@ -22,9 +22,9 @@ class Cycle:
     """One pass of the loop.
 
     Args:
-        frame: What the sensors gave.
-        world: What perception made of it.
-        decision: The footstep and gaze that were commanded; None between footsteps or without a planner.
+        frame: Sensor data.
+        world: World model after this frame.
+        decision: Commanded footstep and gaze; None between footsteps or without a planner.
     """
 
     frame: Frame
@@ -33,15 +33,14 @@ class Cycle:
 
 
 def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) -> Iterator[Cycle]:
-    """Every cycle of a walk or a recording, until the mission is over or the frames end.
+    """The cycles of a walk or a recording, until the mission is finished or the frames end.
 
-    The command of a cycle is given to the body before the cycle is yielded, and taken up by the body at its
-    next step.
+    The body receives the command of a cycle before the cycle is yielded, and executes it with its next step.
 
     Args:
-        body: A robot, or a recording played back.
-        perception: Makes the world model.
-        planner: Decides; None over a recording.
+        body: A robot, or the playback of a recording.
+        perception: Computes the world model.
+        planner: Decides on footstep and gaze; None for a recording.
     """
     while (frame := body.read()) is not None:
         world = perception.cycle(frame)

@@ -1,7 +1,7 @@
 """The protocol of a perception source: from a frame of the sensors to the world model that planners read.
 
-`pipeline.Pipeline` measures from images; `experiments.support.geometric_perception` computes what the sensors would
-show from the simulator's geometry, for studies that walk for hours.
+`pipeline.Pipeline` processes images; `experiments.support.geometric_perception` simulates detections from the geometry
+of the scene, for studies of many hours of walking.
 """
 
 from __future__ import annotations
@@ -17,5 +17,5 @@ class PerceptionSource(Protocol):
     """Takes the frames of a run one by one."""
 
     def cycle(self, frame: Frame) -> WorldModel:
-        """The world as known after this frame."""
+        """The world model after this frame."""
         ...

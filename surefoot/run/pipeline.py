@@ -8,7 +8,7 @@ and over a recording. It is the only place that measures; planners read the `Wor
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,10 +20,10 @@ from mapping.grid.world_map import WorldMap
 from mapping.io.clouds import CloudBuilder
 from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
-from perception.depth import points, stereo, structured_light, time_of_flight
+from perception.depth import points
 from perception.depth.health import DepthHealth
 from perception.depth.reach import ReachConfig
-from perception.depth.rectification import rectified
+from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
 from perception.floor.segmented_view import (
@@ -42,7 +42,7 @@ from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.pose_source import PoseSource
 from perception.localisation.registration import RegistrationReport
 from perception.localisation.static_points import static_points
-from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, either
+from perception.monocular.colour_floor import ColourFloor, ColourFloorFinder, seen_by_any
 from perception.obstacles import clustering, colour_detection
 from perception.obstacles.clustering import Cluster
 from perception.obstacles.track import Detection
@@ -59,48 +59,49 @@ from ..recordings.recording import RecordingInfo
 
 
 class Pipeline:
-    """Everything that lives from one frame to the next: whereabouts, tracks, maps, cloud."""
+    """Perception of a run. Its state from frame to frame: pose source, tracks, maps, point clouds."""
 
     def __init__(self, config: Config, info: RecordingInfo) -> None:
         self.config = config
         self.landmarks = info.landmarks
-        self.whereabouts = _whereabouts(config, info)
+        self.depth_sources = DepthSources(config.tof, config.structured_light, config.stereo)
+        self.pose_source = make_pose_source(config, info, self.depth_sources)
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
         self.cloud = CloudBuilder(config.cloud)
-        self.obstacle_cloud = CloudBuilder(config.obstacle_cloud)
+        self.obstacle_cloud = CloudBuilder(config.cloud)
         self.health = DepthHealth(config.depth_health)
         flow = config.swarm.as_walked.prediction == "flow"
         self.colour_floor = ColourFloorFinder(config.monocular, flow)
-        self._forget()
+        self._reset_maps()
 
-    def _forget(self) -> None:
-        """Start the maps anew."""
-        self.world = WorldMap(self.config.world_map)
+    def _reset_maps(self) -> None:
+        """Begin with empty maps."""
+        self.world = WorldMap(self.config.world_map, self.config.grid.evidence)
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
         self._mapped_s: float | None = None
         self._traces = DynamicTraces()
 
     def cycle(self, frame: Frame) -> WorldModel:
-        """Take one frame from pixels to the maps."""
+        """Process one frame, from images to tracks and maps."""
         watch = Stopwatch()
-        with watch.stage("locate"):
+        with watch.stage("localise"):
             sightings = (
                 landmarks.detect(frame.colour, self.landmarks, self.config.landmarks)
                 if frame.colour is not None and self.landmarks
                 else []
             )
-            report = self.whereabouts.update(frame, sightings)
+            report = self.pose_source.update(frame, sightings)
         views = []
-        for sensor, depth in self._depths(frame, watch):
+        for sensor, depth in self.depth_sources.images(frame, watch.stage):
             with watch.stage("floor"):
-                view = self._understand(sensor, depth)
+                view = self._segment(sensor, depth)
             if view is not None:
                 views.append(view)
         with watch.stage("register"):
             views, registration = self._register(views)
-        pose = self.whereabouts.pose
+        pose = self.pose_source.pose
         if frame.footstep_due and self.config.depth_health.fall_back:
             self.health.update([(view.depth, view.floor) for view in views])
         by_colour = None
@@ -115,11 +116,11 @@ class Pipeline:
                     frame.stamp_s,
                     self._detections(found, frame, by_colour),
                     pose,
-                    visible if by_colour is None else either(visible, by_colour.shows_free),
+                    visible if by_colour is None else seen_by_any(visible, by_colour.shows_free),
                     [_detection(cluster) for cluster in found if not cluster.placed],
                 )
         with watch.stage("map"):
-            self._remember(frame, views, pose)
+            self._update_maps(frame, views, pose)
         estimate = Estimate(
             frame.stamp_s,
             pose,
@@ -138,13 +139,13 @@ class Pipeline:
         return WorldModel(estimate, self.grid, self.confidence, self.world, self.landmarks)
 
     def _needs_colour_floor(self, frame: Frame) -> bool:
-        """Whether obstacles are looked for by colour: the planner needs it, or depth is lost."""
+        """Whether to find the floor by colour: by default if the planner needs it or depth is lost."""
         if self.config.monocular.use != "auto":
             return self.config.monocular.use == "always"
         return self.config.mission.planner == "swarm" or not self.health.healthy
 
     def footprints(self) -> list[Footprint]:
-        """Ground plans of what stands, from the obstacle points that the world map believes in."""
+        """Footprints of static obstacles, from the obstacle points in occupied cells of the world map."""
         points, _ = self.obstacle_cloud.cloud()
         sightings, probability = self.obstacle_cloud.sightings, self.world.probability
         if not len(points) or not probability.size:
@@ -152,30 +153,17 @@ class Pipeline:
         rows, columns = self.world.cell_of(points[:, :2]).T
         inside = (rows >= 0) & (columns >= 0)
         inside &= (rows < probability.shape[0]) & (columns < probability.shape[1])
-        believed = np.zeros(len(points), dtype=bool)
-        believed[inside] = probability[rows[inside], columns[inside]] > 0.5
-        return footprints.find(points[believed], self.config.footprints, sightings[believed])
+        occupied = np.zeros(len(points), dtype=bool)
+        occupied[inside] = probability[rows[inside], columns[inside]] > 0.5
+        return footprints.find(points[occupied], self.config.footprints, sightings[occupied])
 
-    def _depths(self, frame: Frame, watch: Stopwatch) -> Iterator[tuple[str, Depth]]:
-        """Every depth image of the frame, whatever sensor it comes from."""
-        with watch.stage("depth"):
-            tof = None if frame.tof is None else time_of_flight.depth(frame.tof, self.config.tof)
-        if tof is not None:
-            yield "tof", tof
-        if frame.depth is not None:
-            yield "depth", structured_light.depth(frame.depth, self.config.structured_light)
-        if frame.stereo is not None:
-            with watch.stage("stereo"):
-                pair = stereo.depth(rectified(frame.stereo), self.config.stereo)
-            yield "stereo", pair
-
-    def _understand(self, sensor: str, depth: Depth) -> SegmentedView | None:
-        """Points, floor and classes of one depth image; None where there is nothing to stand on."""
+    def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
+        """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
         reach: ReachConfig = getattr(self.config.reach, sensor)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
-        expected = self.whereabouts.expected_floor(depth.T_body_camera)
+        expected = self.pose_source.expected_floor(depth.T_body_camera)
         floor = choose.find(cloud, expected, self.rng, self.config.floor, sensor)
-        placed = self.whereabouts.place(depth.T_body_camera, None if floor is None else floor.plane)
+        placed = self.pose_source.place(depth.T_body_camera, None if floor is None else floor.plane)
         if placed is None:
             return None
         upright = placed.T_map_camera.apply(cloud.xyz)
@@ -198,11 +186,11 @@ class Pipeline:
     def _register(
         self, views: list[SegmentedView]
     ) -> tuple[list[SegmentedView], RegistrationReport | None]:
-        """Lay what stands over what was seen before; the views go along with the pose."""
-        before = self.whereabouts.pose
-        movers = self.tracker.obstacles
-        report = self.whereabouts.register([static_points(view, movers) for view in views])
-        after = self.whereabouts.pose
+        """Register static points with those of earlier frames, and move the views with the corrected pose."""
+        before = self.pose_source.pose
+        tracks = self.tracker.obstacles
+        report = self.pose_source.register([static_points(view, tracks) for view in views])
+        after = self.pose_source.pose
         if report is None or before is None or after is None:
             return views, report
         step = (_pose2(after) @ _pose2(before).inverse()).lifted()
@@ -216,7 +204,7 @@ class Pipeline:
         ], report
 
     def _cluster(self, views: Sequence[SegmentedView], pose: Gaussian | None) -> list[Cluster]:
-        """Obstacle points of all views, in the body frame, grouped."""
+        """Clusters of the obstacle points of all views, body frame."""
         if not views:
             return []
         T_body_map = (Pose2() if pose is None else _pose2(pose)).inverse().lifted()
@@ -240,7 +228,7 @@ class Pipeline:
     def _detections(
         self, found: Sequence[Cluster], frame: Frame, floor: ColourFloor | None
     ) -> list[Detection]:
-        """Detections for the tracker: clusters with a known centre, and by colour what depth does not show."""
+        """Detections for the tracker: clusters with a known centre, and detections by colour that overlap none."""
         placed = [_detection(cluster) for cluster in found if cluster.placed]
         by_colour = [] if floor is None else list(floor.detections)
         if frame.colour is not None:
@@ -254,14 +242,14 @@ class Pipeline:
             )
         ]
 
-    def _remember(
+    def _update_maps(
         self, frame: Frame, views: Sequence[SegmentedView], pose: Gaussian | None
     ) -> None:
-        """Put floor and obstacles into the maps and the cloud."""
+        """Enter the views of a frame into maps and point clouds."""
         if not views:
             return
-        if pose is None:  # nothing relates this frame to the one before
-            self._forget()
+        if pose is None:  # without a pose the map covers a single frame
+            self._reset_maps()
         here = np.zeros(2) if pose is None else pose.mean[:2]
         elapsed = 0.0 if self._mapped_s is None else frame.stamp_s - self._mapped_s
         self._mapped_s = frame.stamp_s
@@ -272,7 +260,7 @@ class Pipeline:
         self.grid.move(here)
         self.confidence.decay(elapsed)
         for view in views:
-            self._remember_view(frame, view, pose)
+            self._add_to_maps(frame, view, pose)
             self.confidence.see(
                 looked_at(view, self.grid, getattr(self.config.reach, view.sensor).farthest_m)
             )
@@ -281,8 +269,8 @@ class Pipeline:
             one.mark_moving(*traces)
             one.age(elapsed)
 
-    def _remember_view(self, frame: Frame, view: SegmentedView, pose: Gaussian | None) -> None:
-        """One depth image into grid, world map and clouds."""
+    def _add_to_maps(self, frame: Frame, view: SegmentedView, pose: Gaussian | None) -> None:
+        """Enter one view into grid, world map and point clouds."""
         assert self.grid is not None
         used = np.isin(view.classes, (*OBSTACLES, classify.FLOOR))
         upright, classes = view.upright[used], view.classes[used]
@@ -313,15 +301,14 @@ class Pipeline:
         self.obstacle_cloud.add(upright[is_obstacle & ~is_moving], None)
 
 
-def _whereabouts(config: Config, info: RecordingInfo) -> PoseSource:
-    """Who can say where the body is."""
+def make_pose_source(config: Config, info: RecordingInfo, sources: DepthSources) -> PoseSource:
+    """The pose source of a recording: its given poses, odometry from images, or legged localisation from its start."""
     if info.poses_given:
         return GivenPoses(info.gravity_up_world, config.prior)
     if info.start is None:
-        alone = replace(config.odometer, loops=False)  # closing them takes the whole recording
-        return OdometryPoses(
-            np.random.default_rng(config.seed), alone, config.floor, config.structured_light
-        )
+        alone = replace(config.odometer, loops=False)  # loop closure needs the whole recording
+        rng = np.random.default_rng(config.seed)
+        return OdometryPoses(rng, alone, config.floor, sources)
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None

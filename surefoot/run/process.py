@@ -1,16 +1,21 @@
-"""A recording processed, ending in a run folder."""
+"""Process a recording with the pipeline and write a run folder."""
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
+from perception.localisation.camera_pose import CameraPoseSource
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
-from ..recordings.open import open_recording
+from ..recordings.without_poses import WithoutPoses, open_input
+from ..results.camera_trajectory import CameraTrajectory, write_poses
 from ..results.run_folder import RunFolder
 from . import checkpoint
 from .bodies import Playback
+from .checkpoint import State
+from .interrupt import stop_requested
 from .loop import cycles
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
@@ -27,46 +32,70 @@ def process(
 ) -> Summary:
     """Process a recording.
 
+    After Ctrl-C the run folder holds the results up to the last frame, and `resume` continues from there.
+
     Args:
         path: Folder or file of the recording.
         description: A recording.toml kept elsewhere; None looks beside the data.
-        config: Everything.
+        config: Everything the result depends on.
         out: Run folder; None takes the next free one below runs/.
         say: Progress.
-        resume: Go on where a run into the same folder was killed, if one was.
+        resume: Continue a run into the same folder that was interrupted or killed.
 
     Raises:
         InputError, RecordingError: The recording as a whole cannot be read, or its checkpoint cannot.
         OutputError: The folder cannot be written.
     """
-    recording = open_recording(path, description)
-    kept = checkpoint.load(out, config) if resume and out is not None else None
-    if kept is None or out is None:
+    recording = open_input(path, description, config.ignore_poses)
+    state = checkpoint.load(out, config) if resume and out is not None else None
+    if state is None or out is None:
         folder = RunFolder.create(out, name=recording.info.name, reads=path)
-        pipeline = Pipeline(config, recording.info)
         recorder = RunRecorder(folder, config, recording.info, (), str(path))
+        state = State(Pipeline(config, recording.info), recorder, CameraTrajectory())
     else:
-        folder, pipeline, recorder = RunFolder(out), kept.pipeline, kept.recorder
-        say(f"going on after frame {recorder.frames}")
+        folder = RunFolder(out)
+        say(f"resuming after frame {state.recorder.frames}")
+    pipeline, recorder, camera = state.pipeline, state.recorder, state.camera
     keeper = checkpoint.Keeper(folder.root, config)
     body = Playback(recording, skip=recorder.frames)
-    for cycle in cycles(body, pipeline, None):
-        recorder.note(cycle)
-        keeper(pipeline, recorder)
-        say(recorder.progress(cycle.world, None))
+    source = pipeline.pose_source
+    interrupted = False
+    with stop_requested() as stopped:
+        for cycle in cycles(body, pipeline, None):
+            recorder.note(cycle)
+            if isinstance(source, CameraPoseSource) and source.camera is not None:
+                camera.append(cycle.world.stamp_s, source.camera)
+            keeper(state)
+            say(recorder.progress(cycle.world, None))
+            if interrupted := stopped():
+                break
     if recorder.frames == 0:
         raise RecordingError(
             f"{path}: none of its frames could be used ({_reasons(recording)}); "
             "check that this is the right folder and that its depth images open"
         )
-    folder.adopt_truth(path)
+    if interrupted:
+        keeper.interrupt(state)
+    if isinstance(recording, WithoutPoses):
+        write_poses(folder, "truth/trajectory.txt", recording.poses.items())
+    else:
+        folder.adopt_truth(path)
+    in_space = isinstance(source, CameraPoseSource)
+    if isinstance(source, CameraPoseSource):
+        camera.write(folder, source.T_map_origin)
     summary = Summary(
         folder.root,
         recorder.frames,
         recorder.seconds,
         skipped=_count(recording),
         notes=(*recorder.notes(), *recording.remarks),
+        interrupted=interrupted,
     )
-    recorder.finish(pipeline, summary.as_dict())
-    keeper.done()
+    words = ["surefoot", "process", str(path), "--config", str(folder.path("config.toml"))]
+    if description is not None:
+        words += ["--description", str(description)]
+    entries = {"command": shlex.join(words), "trajectory": "camera" if in_space else "body"}
+    recorder.finish(pipeline, summary.as_dict() | entries)
+    if not interrupted:
+        keeper.done()
     return summary

@@ -1,7 +1,7 @@
 """The run recorder: writes the tables and pictures of a run, and its maps at the end.
 
-Tables go to disk row by row, so that memory does not grow with the length of a run, except for eight bytes per
-stage and frame of timing.
+Tables are written row by row, so that memory does not grow with the length of a run, except for the timing (eight bytes
+per stage and frame).
 """
 
 from __future__ import annotations
@@ -41,16 +41,16 @@ from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from .loop import Cycle
 from .pipeline import Pipeline
 
-UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # of the plane's covariance, row by row
+UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # elements of the plane's covariance
 FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", *UPPER, "share", "state")
 INNOVATION_HEADER = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
 COMMAND_HEADER = (
     "stamp_s", "forward_m", "lateral_m", "turn_rad", "pan_rad", "tilt_rad", "why",
 )  # fmt: skip
-VIEW_EVERY_S = 4.0  # pictures for the report: about twenty of a minute's walk
-VIEWS_AT_MOST = 60
+VIEW_EVERY_S = 4.0  # pictures for the report: about 15 per minute
+MAX_VIEWS = 60
 VIEW_WIDTH_PX = 360
-DRAWN_WIDTH_PX = 960  # of several panes
+STAGES_WIDTH_PX = 960  # of the eight stages of the monocular cycle
 
 
 class RunRecorder:
@@ -87,7 +87,7 @@ class RunRecorder:
 
     @property
     def seconds(self) -> float:
-        """From the first frame to the last, recording's clock."""
+        """Time from the first to the last frame, s, by their stamps."""
         return self._last_s - self._first_s
 
     def note(self, cycle: Cycle) -> None:
@@ -122,7 +122,7 @@ class RunRecorder:
         self._keep_views(frame, estimate, decision)
 
     def keep_picture(self, stamp_s: float, name: str, png: bytes) -> None:
-        """One more picture of what the robot saw, for the report."""
+        """Add a PNG picture to the report."""
         file = f"views/{len(self._views):03d}.png"
         self._folder.write_bytes(file, png)
         caption = f"{name}, t = {stamp_s:.1f} s"
@@ -143,17 +143,17 @@ class RunRecorder:
         return text
 
     def notes(self) -> tuple[str, ...]:
-        """What the user should know about how the recording was used."""
-        said = [f"floor seen in {self._floor_seen} of {self.frames} frames"]
+        """Notes for the user on how the recording was used."""
+        notes = [f"floor seen in {self._floor_seen} of {self.frames} frames"]
         if not self._poses.rows:
-            said.append(
-                "the recording has neither poses nor footsteps: every frame stands alone, "
-                "and the map is that of the last frame"
+            notes.append(
+                "the recording has neither poses nor footsteps: frames are processed independently, "
+                "and the map shows the last frame only"
             )
-        return tuple(said)
+        return tuple(notes)
 
     def finish(self, pipeline: Pipeline, summary: dict[str, Any]) -> None:
-        """Write everything, the report last."""
+        """Write maps, summary and report, and close all tables."""
         from ..report.page import write_report
 
         folder = self._folder
@@ -184,20 +184,20 @@ class RunRecorder:
                 "renderer": self._config.renderer,
                 "version": importlib.metadata.version("surefoot"),
                 "recording": self._recording,
-                "command": self._command(),
+                "command": summary.get("command") or self._command(),
             },
         )
         write_report(folder)
 
     def _command(self) -> str:
-        """How to make this run again."""
+        """The command that repeats this run."""
         config = self._folder.path("config.toml")
         if self._recording:
             return f"surefoot process {self._recording} --config {config}"
         return f"surefoot simulate --config {config}"
 
     def _note_times(self, stamp_s: float, milliseconds: dict[str, float]) -> None:
-        """Of every stage; one that was not there before took no time."""
+        """Append the time of every stage; 0 for stages that did not run."""
         for name in milliseconds:
             if name not in self._stages:
                 self._stages[name] = array("d", bytes(8 * len(self._times)))
@@ -206,12 +206,12 @@ class RunRecorder:
             times.append(milliseconds.get(name, 0.0))
 
     def _close_tables(self, pipeline: Pipeline) -> None:
-        """Put every table in its place."""
+        """Close all tables and write the timing."""
         for table in (self._floors, self._odometry, self._sightings, self._innovations):
             table.close()
         self._commands.close(keep_empty=False)
         self._poses.close(keep_empty=False)
-        if self._poses.rows:
+        if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
             self._folder.write_planar_trajectory()
         self._tracks.close_into("tracks", {"footprints": _footprints(pipeline)})
         times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
@@ -220,9 +220,9 @@ class RunRecorder:
         times.close()
 
     def _keep_views(self, frame: Frame, estimate: Estimate, decision: Decision | None) -> None:
-        """Every few seconds the camera views as small pictures, and what was decided by."""
+        """Every few seconds, store the camera images and the stages of a decision by colour as small pictures."""
         due = not self._views or estimate.stamp_s - self._views[-1]["stamp"] >= VIEW_EVERY_S
-        if not due or len(self._views) >= VIEWS_AT_MOST:
+        if not due or len(self._views) >= MAX_VIEWS:
             return
         pictures = []
         if frame.colour is not None:
@@ -232,7 +232,7 @@ class RunRecorder:
             pictures.append((view.sensor, _depth_picture(view.depth.z), VIEW_WIDTH_PX))
         drawn = _stages(estimate, decision)
         if decision is not None and drawn is not None:
-            pictures.append((f"stages, then {decision.why}", drawn, DRAWN_WIDTH_PX))
+            pictures.append((f"stages, then {decision.why}", drawn, STAGES_WIDTH_PX))
         for name, picture, width in pictures:
             height = round(picture.shape[0] * width / picture.shape[1])
             small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
@@ -308,7 +308,7 @@ def _track(stamp_s: float, obstacle: Obstacle) -> dict[str, Any]:
 
 
 def _depth_picture(z: Float[np.ndarray, "h w"]) -> np.ndarray:
-    """Near is bright, none is black; colours of OpenCV's viridis."""
+    """Depth as a colour image (viridis): near is bright, missing is black."""
     known = np.isfinite(z)
     near, far = (0.3, 3.0)
     level = np.clip((far - np.where(known, z, far)) / (far - near), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""A walk through a simulated scene, ending in a run folder."""
+"""Simulate a walk through a scene and write its run folder."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from ..recordings.mcap_format import RecordingWriter
 from ..recordings.recording import RecordingInfo
 from ..results.run_folder import RunFolder
 from .bodies import LiveBody
+from .interrupt import stop_requested
 from .loop import cycles
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
@@ -33,11 +34,11 @@ if TYPE_CHECKING:
     from ..report.live_view import LivePage
 
 
-DRAWS = 100  # ours: start poses to try
+TRIES = 100  # ours: samples of the start pose
 START_COVARIANCE = np.diag(np.square([0.01, 0.01, np.radians(1.0)]))
-"""Ours: of the start pose of a robot that is placed on its mark by hand, m^2 and rad^2."""
+"""Ours: covariance of the start pose of a robot that is placed on its mark by hand, m^2 and rad^2."""
 SETTLING = np.diag(np.square([0.005, 0.005, np.radians(3.0)]))
-"""Ours: added for a dynamic body, which turns by some degrees while its soles come to rest."""
+"""Ours: added for a dynamic body, which rotates by some degrees while its soles settle."""
 
 
 def start_covariance(robot: RobotConfig) -> Float[np.ndarray, "3 3"]:
@@ -46,9 +47,9 @@ def start_covariance(robot: RobotConfig) -> Float[np.ndarray, "3 3"]:
 
 
 def true_start(scene: Scene, config: Config) -> Pose2:
-    """The true start pose: drawn about its mark with `START_COVARIANCE`, clear of all obstacles.
+    """The true start pose: sampled around its mark with `START_COVARIANCE`, free of collision.
 
-    The mark itself if no such pose is found.
+    If no sample is free, it is the mark itself.
     """
     from sim.scenes.free_space import ROBOT_TOP_M
     from sim.shapes import distance
@@ -57,12 +58,12 @@ def true_start(scene: Scene, config: Config) -> Pose2:
     radius = math.hypot(*config.robot.dynamic.body.trunk_m[:2]) / 2
     parts = [
         part
-        for thing in scene.static_objects
-        for part in thing.parts
+        for static in scene.static_objects
+        for part in static.parts
         if part.bottom_m < ROBOT_TOP_M
     ]
     x0, y0, x1, y1 = scene.extent
-    for _ in range(DRAWS):
+    for _ in range(TRIES):
         x, y, yaw = rng.multivariate_normal(scene.start.vector, START_COVARIANCE)
         gaps = [x - x0, y - y0, x1 - x, y1 - y]
         gaps += [float(distance(part, np.array([[x, y]]))[0]) for part in parts]
@@ -74,14 +75,16 @@ def true_start(scene: Scene, config: Config) -> Pose2:
 def simulate(
     config: Config, out: Path | None, record: bool, say: Say, watch: bool = False
 ) -> Summary:
-    """Walk through a simulated scene until its goals are reached or the time is up.
+    """Walk through a simulated scene until its goals are reached or the time limit ends the walk.
+
+    After Ctrl-C the run folder holds the walk up to the last frame.
 
     Args:
-        config: Settings; `config.scene` and `config.seed` choose the world.
-        out: Run folder; None takes the next free one below runs/.
+        config: Settings; `config.scene` and `config.seed` define the world.
+        out: Run folder; None for the next free one below runs/.
         record: Write the sensor data to recording.mcap.
-        say: Takes lines of progress.
-        watch: Show a live page.
+        say: Receives lines of progress.
+        watch: Serve a live page.
 
     Raises:
         InputError: Unknown scene or planner.
@@ -111,12 +114,16 @@ def simulate(
         truth = TruthLog(robot, scene)
         recorder = RunRecorder(folder, config.resolved(renderer=world.renderer), info, goals)
         page = _page(watch, say)
+        interrupted = False
+        stopped = stack.enter_context(stop_requested())
         for cycle in cycles(body, pipeline, planner):
             truth.note(cycle.frame.stamp_s)
             recorder.note(cycle)
             if page is not None:
                 page.show(cycle.frame, cycle.world, planner)
             say(recorder.progress(cycle.world, planner))
+            if interrupted := stopped():
+                break
         fell = body.fell_at_s
         if fell is not None:
             truth.note(fell)
@@ -129,6 +136,7 @@ def simulate(
         notes=() if fell is None else (f"the robot fell after {fell:.1f} s",),
         fell_at_s=fell,
         body=config.robot.body,
+        interrupted=interrupted,
     )
     _keep_looks(planner, recorder)
     recorder.finish(pipeline, summary.as_dict())
@@ -136,14 +144,14 @@ def simulate(
 
 
 def make_planner(config: Config, goals: Sequence[tuple[float, float]]) -> Planner:
-    """The planner of a run, with recovery and fall-back as far as the robot's cameras allow."""
+    """The planner of a run, with recovery and fall-back if the robot's cameras allow them."""
     robot = config.robot
     fall_back = config.depth_health.fall_back and robot.colour
     return make(config.planning, goals, robot.tof, fall_back)
 
 
 def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> RecordingInfo:
-    """What the robot knows before it walks: its start, the landmarks, and the direction of gravity."""
+    """Prior knowledge of the robot: its start pose, the landmarks, and the direction of gravity."""
     return RecordingInfo(
         name=f"{scene.name}-{config.seed}",
         kind="simulation",
@@ -157,7 +165,7 @@ def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> Rec
 
 
 def _keep_looks(planner: Planner, recorder: RunRecorder) -> None:
-    """Panoramic scans of a planner as pictures with the four panes of seed 004."""
+    """Store the panoramic scans of a planner as pictures with the four panes of seed 004."""
     if not hasattr(planner, "looks"):
         return
     from ..report.plots import avoidance  # loaded only for these pictures
@@ -170,7 +178,7 @@ def _keep_looks(planner: Planner, recorder: RunRecorder) -> None:
 def _recorder(
     folder: RunFolder, wanted: bool
 ) -> Iterator[Callable[[RecordingInfo], RecordingWriter | None]]:
-    """A function that starts the recording, which is closed in any case."""
+    """A function that starts the recording; the recording is closed on exit."""
     with contextlib.ExitStack() as stack:
 
         def begin(info: RecordingInfo) -> RecordingWriter | None:

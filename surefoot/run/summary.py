@@ -27,6 +27,7 @@ class Summary:
         fell_at_s: When the robot fell, which ends a run; None if it stood to the end.
         body: Who walked, "kinematic" or "dynamic", which alone can fall; None for a recording.
         notes: Anything else the user should know.
+        interrupted: Whether Ctrl-C ended the run before its last frame.
     """
 
     folder: Path
@@ -37,12 +38,13 @@ class Summary:
     notes: tuple[str, ...] = ()
     fell_at_s: float | None = None
     body: str | None = None
+    interrupted: bool = False
 
     @property
     def succeeded(self) -> bool:
-        """Every goal reached, if there were any, and never fallen."""
+        """Whether the run reached its end and every goal, if there were any, without a fall."""
         arrived = self.reached is None or self.reached[0] == self.reached[1]
-        return arrived and self.fell_at_s is None
+        return arrived and self.fell_at_s is None and not self.interrupted
 
     def as_dict(self) -> dict[str, Any]:
         """For machines."""
@@ -56,6 +58,7 @@ class Summary:
             "notes": list(self.notes),
             "fell_at_s": self.fell_at_s,
             "body": self.body,
+            "interrupted": self.interrupted,
         }
 
     def lines(self) -> list[str]:

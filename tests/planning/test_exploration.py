@@ -1,4 +1,4 @@
-"""The explorer in drawn flats: it sees everything it can get to, gives up what it cannot, and goes on."""
+"""Exploration of random flats: it sees all reachable ground and gives up unreachable targets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 from perception.primitives.errors import ConfigError
-from planning.exploration import ExplorationConfig, ExplorationMap, Explorer, _Ways
+from planning.exploration import ExplorationConfig, ExplorationMap, Explorer, _Paths
 
 CELL = 0.05
 
@@ -58,9 +58,9 @@ class Walk:
         self.t += 1.0
 
 
-def test_all_ground_within_reach_is_seen_at_last_and_nothing_is_walked_through():
+def test_all_reachable_ground_is_seen_without_entering_obstacles():
     walk = Walk(flat(), (0.5, 2.0))
-    explorer = Explorer(ExplorationConfig(ahead_m=0.15))  # nobody else plans its way here
+    explorer = Explorer(ExplorationConfig(ahead_m=0.15))  # without a local planner here
     for _ in range(400):
         walk.step(explorer.goal(walk.ground(), walk.here, walk.t))
         walk.look()
@@ -72,7 +72,7 @@ def test_all_ground_within_reach_is_seen_at_last_and_nothing_is_walked_through()
     assert explorer.visited >= 2
 
 
-def test_when_all_is_seen_the_ground_seen_longest_ago_is_visited_again():
+def test_with_all_seen_the_ground_seen_longest_ago_is_visited():
     walk, explorer = Walk(flat(), (0.5, 2.0)), Explorer()
     walk.known[:] = True
     walk.updated_s[:] = 50.0
@@ -85,7 +85,7 @@ def test_when_all_is_seen_the_ground_seen_longest_ago_is_visited_again():
     assert np.all(np.abs(walk.here - [3.4, 0.6]) < 0.75)
 
 
-def test_a_place_that_is_never_reached_is_left_alone_for_another():
+def test_a_target_that_is_never_reached_is_given_up():
     walk, explorer = Walk(flat(), (0.5, 2.0)), Explorer()
     first = explorer.goal(walk.ground(), walk.here, 0.0)
     goals = [explorer.goal(walk.ground(), walk.here, float(t)) for t in range(1, 100)]
@@ -93,7 +93,7 @@ def test_a_place_that_is_never_reached_is_left_alone_for_another():
     assert any(float(np.hypot(*(goal - first))) > 0.3 for goal in goals)
 
 
-def test_ways_are_as_short_as_those_of_another_solver():
+def test_paths_are_as_short_as_those_of_bellman_ford():
     rng = np.random.default_rng(3)
     occupied = ndimage.binary_dilation(rng.random((40, 50)) < 0.02, iterations=2)
     occupied[18:23, 18:23] = False
@@ -101,29 +101,29 @@ def test_ways_are_as_short_as_those_of_another_solver():
         occupied, ~np.zeros_like(occupied), np.zeros(occupied.shape), np.zeros(2), CELL
     )
     here = np.array([20.5, 20.5]) * CELL
-    ways = _Ways(ground, here, 0.06)
-    free = np.isfinite(ways.metres)
+    paths = _Paths(ground, here, 0.06)
+    free = np.isfinite(paths.metres)
     nodes = np.argwhere(free)
     apart = np.abs(nodes[:, None] - nodes[None]).max(axis=-1)
     edges = np.where(apart == 1, np.linalg.norm(nodes[:, None] - nodes[None], axis=-1) * CELL, 0.0)
     start = int(np.flatnonzero((nodes == [20, 20]).all(axis=1))[0])
     expected = csgraph.bellman_ford(edges, indices=start)
-    np.testing.assert_allclose(ways.metres[free], expected, atol=1e-9)
+    np.testing.assert_allclose(paths.metres[free], expected, atol=1e-9)
     assert free.sum() > 200
 
 
-def test_the_next_goal_lies_on_the_way_and_no_farther_than_asked():
+def test_the_next_goal_lies_on_the_path_within_the_distance():
     walk = Walk(flat(), (0.5, 2.0))
     walk.known[:] = True
-    ways = _Ways(walk.ground(), walk.here, 0.2)
+    paths = _Paths(walk.ground(), walk.here, 0.2)
     far = np.array([3.5, 0.5])
-    near = ways.ahead(far, 1.2)
-    assert 1.1 <= ways.length(near) <= 1.2 + 1e-9
-    onward = _Ways(walk.ground(), near, 0.2)
-    assert ways.length(near) + onward.length(far) == pytest.approx(ways.length(far), abs=0.1)
+    near = paths.ahead(far, 1.2)
+    assert 1.1 <= paths.length(near) <= 1.2 + 1e-9
+    onward = _Paths(walk.ground(), near, 0.2)
+    assert paths.length(near) + onward.length(far) == pytest.approx(paths.length(far), abs=0.1)
 
 
-def test_walled_in_it_stays_where_it_is():
+def test_an_enclosed_robot_stays():
     occupied = np.ones((20, 20), dtype=bool)
     occupied[8:12, 8:12] = False
     ground = ExplorationMap(occupied, np.ones_like(occupied), np.zeros((20, 20)), np.zeros(2), CELL)
@@ -131,6 +131,6 @@ def test_walled_in_it_stays_where_it_is():
     assert float(np.hypot(*(Explorer().goal(ground, here, 0.0) - here))) < 0.2
 
 
-def test_impossible_figures_are_refused():
+def test_impossible_settings_are_refused():
     with pytest.raises(ConfigError, match="patience_s"):
         ExplorationConfig(patience_s=0.0)

@@ -1,4 +1,4 @@
-"""Footsteps stay within the gait's limits and turn the right way."""
+"""Footsteps stay within the limits of the gait and turn towards the heading."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ def test_a_step_never_turns_away_from_the_heading(heading, yaw):
         assert after == pytest.approx(0.0, abs=1e-9)
 
 
-def test_ahead_it_walks_a_cruise_step_and_to_the_side_it_turns_on_the_spot():
+def test_ahead_the_step_is_a_cruising_step_and_sideways_a_turn_on_the_spot():
     assert footstep(0.1, 0.07, Pose2(0.0, 0.0, 0.1), GAIT).forward_m == pytest.approx(0.0455)
     assert footstep(math.radians(110), 0.07, Pose2(), GAIT).forward_m == 0.0
 
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4))
-def test_a_command_is_the_wish_where_the_gait_can_do_it(forward, left, turn):
+def test_a_step_within_the_limits_is_not_changed(forward, left, turn):
     step = limited_step(GAIT, forward, left, turn)
     if -0.03 <= forward <= 0.10:
         assert step.forward_m == pytest.approx(0.65 * forward)
@@ -51,6 +51,6 @@ def test_a_command_is_the_wish_where_the_gait_can_do_it(forward, left, turn):
     assert abs(step.lateral_m) <= 0.03 * 0.65 + 1e-12
 
 
-def test_a_cruise_above_the_top_speed_is_refused():
+def test_a_cruising_speed_above_the_top_speed_is_refused():
     with pytest.raises(ConfigError, match="cruise_mps"):
         GaitLimits(cruise_mps=0.2)

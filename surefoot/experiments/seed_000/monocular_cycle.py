@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 
 from perception.monocular.back_projection import floor_points
+from perception.monocular.contact_covariance import CameraNoise
 from perception.monocular.cycle import Monocular, MonocularConfig
-from perception.monocular.deviations import DeviationConfig
 from perception.monocular.result import MonocularResult, Picture, SeenObstacle
 from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
@@ -41,7 +41,7 @@ BEYOND_M = 2.0  # farther off a pixel is 3 cm, and the robot has 30 steps to loo
 TILT_DEG = 30.0  # seed 000
 ON_FLOOR_M = 1e-3
 INSIDE = 5.991  # 95 % of a chi squared of two
-EXACT = DeviationConfig(pitch_deg=0.0, yaw_deg=0.0, roll_deg=0.0, height_m=0.0)
+EXACT = CameraNoise(pitch_deg=0.0, yaw_deg=0.0, roll_deg=0.0, height_m=0.0)
 
 Walk = list[tuple[Picture, Picture, Picture, Picture, "Moment"]]
 
@@ -168,7 +168,7 @@ def run(seeds: int, say: Say) -> Outcome:
     drawn: list[int] = []
     table = ["seed  floor IoU  predictions  median error, m"]
     for seed in range(seeds):
-        cycle = Monocular(MonocularConfig(deviations=EXACT))
+        cycle = Monocular(MonocularConfig(camera_noise=EXACT))
         by_joints = Monocular(MonocularConfig())
         mine: list[tuple[float, float]] = []
         pictured = False

@@ -41,8 +41,8 @@ BUDGET_MS = 35.0  # a tenth of T_DS
 STAGES = {
     "ground": "ground_image",
     "edges": "find_edges",
-    "flow": "follow",
-    "obstacles": "seen_obstacles",
+    "flow": "track_corners",
+    "obstacles": "find_obstacles",
     "prediction": "predicted_image",
 }
 """Names of the plot, and the functions of the cycle that they time; what is left over is "colours"."""
@@ -113,7 +113,7 @@ class Thinking:
             step_m = gait.cruise_mps * gait.step_s
             self._corners.update(result.corners_blocked, result.nearest_m, step_m)
         with watch.stage("specks"):  # as our walker fills them
-            ground = contact_detections.floor_contacts(result).ground
+            ground = contact_detections.find_contact_edges(result).ground
             movable = np.where(result.predicted > 0, np.uint8(0), ground)
         with watch.stage("objective"):
             objective = Objective.of(

@@ -16,10 +16,9 @@ from dataclasses import replace
 import numpy as np
 
 from perception.primitives.pose import Pose2
-from planning.swarm import search
+from planning.swarm import random_floors, search
 from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
 
-from ..support import random_floors
 from ..support.experiment import Experiment, Outcome, Say, Target
 
 PARTICLES, EPOCHS = (20, 30, 50), (50, 100, 150)  # seed 000, section 6.4

@@ -74,7 +74,7 @@ class GeometricPerception:
         self.tracker = ObstacleTracker(config.tracker)
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
-        self.world = WorldMap(config.world_map)
+        self.world = WorldMap(config.world_map, config.grid.evidence)
         self.truth = Truth(robot)
         self.followed: dict[int, Followed] = {}
         self.tracking_ms = 0.0

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
-from mapping.grid.evidence import EvidenceConfig
 from mapping.grid.world_map import WorldMap, WorldMapConfig
 from perception.primitives.errors import ConfigError, InputError
 
@@ -140,7 +139,7 @@ def test_bad_input_is_refused_with_its_reason():
 def test_depth_noise_does_not_thicken_a_wall():
     """A wall that ends 3 mm behind the edge of a cell, seen from near: hundreds of points in each of its cells."""
     rng = np.random.default_rng(3)
-    thick, thin = WorldMap(WorldMapConfig(evidence=EvidenceConfig())), WorldMap()
+    thick, thin = WorldMap(WorldMapConfig(tail_share=0.0)), WorldMap()
     for stamp in range(1, 6):
         wall = np.column_stack([rng.normal(1.003, 0.002, 4000), rng.uniform(0.0, 0.5, 4000)])
         floor = np.column_stack([rng.uniform(0.5, 0.99, 500), rng.uniform(0.0, 0.5, 500)])

@@ -1,4 +1,4 @@
-"""The compiled colour test against HSV computed pixel by pixel; what ranges take in and leave out."""
+"""The compiled colour test against HSV computed pixel by pixel; learning of the floor's colours."""
 
 import colorsys
 import math
@@ -6,17 +6,17 @@ import math
 import numpy as np
 import pytest
 
-from perception.monocular.adaptation import AdaptationConfig, FloorColours, grown
+from perception.monocular.adaptation import FloorColourModel, grow_region
 from perception.monocular.back_projection import camera_pose
-from perception.monocular.colour_range import ColourRange, RangeConfig, mark, range_of
+from perception.monocular.colour_range import MIN_CHROMA, TOLERANT, ColourRange, colour_spread, mark
 from perception.primitives.errors import ConfigError
 
 
-def plainly(colour, limits):
+def in_range(colour, limits):
     h, s, v = colorsys.rgb_to_hsv(*(channel / 255 for channel in colour))
     off = abs((360 * h - limits.hue_deg + 180) % 360 - 180)
     chroma = int(max(colour)) - int(min(colour))
-    hue = limits.any_hue or off <= limits.hue_half_deg or chroma < limits.least_chroma
+    hue = limits.any_hue or off <= limits.hue_half_deg or chroma < MIN_CHROMA
     return (
         hue
         and limits.saturation[0] <= 255 * s <= limits.saturation[1]
@@ -26,23 +26,23 @@ def plainly(colour, limits):
 
 @pytest.mark.parametrize("hue", [3.0, 41.0, 119.0, 200.0, 299.0, 357.0])
 @pytest.mark.parametrize("half", [10.0, 60.0, 180.0])
-def test_the_wedge_of_colours_is_the_range_of_hues(hue, half):
+def test_the_kernel_accepts_the_colour_spread_hues(hue, half):
     rng = np.random.default_rng(int(hue + half))
-    limits = ColourRange(hue, half, (20.0, 230.0), (40.0, 250.0), 28.0)
+    limits = ColourRange(hue, half, (20.0, 230.0), (40.0, 250.0))
     rgb = rng.integers(0, 256, (40, 50, 3), dtype=np.uint8)
     mask = np.zeros((40, 50), np.uint8)
     mark(rgb, limits, mask)
-    wide = ColourRange(hue, half + 0.3, (19.9, 230.1), (40.0, 250.0), 28.0)
-    tight = ColourRange(hue, half - 0.3, (20.1, 229.9), (40.0, 250.0), 28.0)
+    wide = ColourRange(hue, half + 0.3, (19.9, 230.1), (40.0, 250.0))
+    tight = ColourRange(hue, half - 0.3, (20.1, 229.9), (40.0, 250.0))
     for pixel, marked in zip(rgb.reshape(-1, 3), mask.ravel() > 0, strict=True):
-        # integer normals turn a border by less than 0.3 deg
-        assert plainly(pixel, tight) <= marked <= plainly(pixel, wide)
+        # integer normals move a limit by less than 0.3 deg
+        assert in_range(pixel, tight) <= marked <= in_range(pixel, wide)
 
 
-def test_a_soft_shadow_is_floor_and_another_colour_is_not():
+def test_a_soft_shadow_is_accepted_and_another_colour_is_not():
     rng = np.random.default_rng(1)
     floor = np.clip(rng.normal([180, 140, 95], 6, (500, 3)), 0, 255).astype(np.uint8)
-    limits = range_of(floor, RangeConfig())
+    limits = colour_spread(floor).with_margins(TOLERANT)
     picture = np.array([[[153, 119, 81], [60, 90, 170], [180, 140, 95]]], np.uint8)
     mask = np.zeros((1, 3), np.uint8)
     mark(picture, limits, mask)
@@ -52,11 +52,11 @@ def test_a_soft_shadow_is_floor_and_another_colour_is_not():
 GREY_TILES, CREAM_WALL = np.array([118.0, 121.0, 126.0]), np.array([128.0, 121.0, 107.0])
 
 
-def test_a_cream_wall_in_its_own_shade_is_no_grey_floor():
-    """Both have less chroma than a hue needs; the wall's saturation lies in the range of the tiles'."""
+def test_a_cream_wall_in_shadow_is_not_accepted_as_grey_floor():
+    """Both are achromatic, and the saturation of the wall lies in the range of the tiles."""
     rng = np.random.default_rng(6)
     tiles = np.clip(rng.normal(GREY_TILES, 5, (500, 3)), 0, 255).astype(np.uint8)
-    limits = range_of(tiles, RangeConfig())
+    limits = colour_spread(tiles).with_margins(TOLERANT)
     picture = np.array([[GREY_TILES, 0.8 * GREY_TILES, CREAM_WALL, 0.9 * CREAM_WALL]])
     mask = np.zeros((1, 4), np.uint8)
     mark(picture.astype(np.uint8), limits, mask)
@@ -66,9 +66,9 @@ def test_a_cream_wall_in_its_own_shade_is_no_grey_floor():
 
 
 @pytest.mark.parametrize("warmth", [(-0.05, 0.02), (0.1, 0.3)])
-def test_colours_of_any_hue_are_bounded_by_their_warmth(warmth):
+def test_achromatic_colours_are_limited_by_warmth(warmth):
     rng = np.random.default_rng(7)
-    limits = ColourRange(0.0, 180.0, (0.0, 255.0), (0.0, 255.0), 28.0, warmth)
+    limits = ColourRange(0.0, 180.0, (0.0, 255.0), (0.0, 255.0), warmth)
     rgb = rng.integers(1, 256, (40, 50, 3), dtype=np.uint8)
     mask = np.zeros((40, 50), np.uint8)
     mark(rgb, limits, mask)
@@ -79,17 +79,17 @@ def test_colours_of_any_hue_are_bounded_by_their_warmth(warmth):
     np.testing.assert_array_equal(mask[~near] > 0, inside[~near])
 
 
-def test_a_gradient_is_followed_and_an_edge_is_not_crossed():
+def test_the_region_follows_a_gradient_and_stops_at_an_edge():
     tiles = np.zeros((4, 12, 3), np.float32)
-    tiles[:, :8] = (np.linspace(90, 220, 8)[:, None] * np.array([1.0, 0.9, 0.8]))[None]
+    tiles[:, :8] = (np.geomspace(100, 220, 8)[:, None] * np.array([1.0, 0.9, 0.8]))[None]
     tiles[:, 8:] = (60.0, 60.0, 140.0)
-    joined = grown(tiles, 2, 0.2, 0.06)
-    assert joined[:, :8].all()
-    assert not joined[:, 8:].any()
+    region = grow_region(tiles, 2)
+    assert region[:, :8].all()
+    assert not region[:, 8:].any()
 
 
-def eye(x=0.0, y=0.0):
-    """Of a robot that has walked so far ahead and aside, m; it looks ahead and down."""
+def camera_at(x=0.0, y=0.0):
+    """Camera pose of a robot at (x, y), m, looking ahead and down."""
     return camera_pose(np.array([x, y, 0.42]), 0.0, math.radians(30.0), 0.0)
 
 
@@ -100,9 +100,9 @@ def floor_picture(tone, rng, obstacle=False):
     return np.clip(image, 0, 255).astype(np.uint8)
 
 
-def test_light_that_fades_slowly_is_followed():
+def test_the_model_follows_slowly_fading_light():
     rng = np.random.default_rng(2)
-    colours = FloorColours(AdaptationConfig())
+    colours = FloorColourModel()
     for light in np.linspace(1.0, 0.45, 60):
         colours.learn(floor_picture(light * np.array([200, 180, 150]), rng))
     last = floor_picture(0.45 * np.array([200, 180, 150]), rng)
@@ -111,23 +111,23 @@ def test_light_that_fades_slowly_is_followed():
     assert np.mean(mask > 0) > 0.95
 
 
-def test_an_obstacle_in_the_patch_teaches_nothing():
+def test_an_obstacle_in_the_patch_is_not_learnt():
     rng = np.random.default_rng(3)
-    colours = FloorColours(AdaptationConfig())
-    colours.learn(floor_picture([200, 180, 150], rng), eye())
+    colours = FloorColourModel()
+    colours.learn(floor_picture([200, 180, 150], rng), camera_at())
     for _ in range(20):
         seen = floor_picture([200, 180, 150], rng, obstacle=True)
-        colours.learn(seen, eye())
+        colours.learn(seen, camera_at())
     mask = np.zeros((240, 240), np.uint8)
     mark(seen, colours.range, mask)
     assert np.mean(mask[:, :60] > 0) > 0.95
     assert not mask[:, 60:].any()
 
 
-def test_a_wall_whose_foot_runs_aslant_through_the_tiles_teaches_nothing():
-    """From one tile to the next only a little more of it is wall."""
+def test_a_wall_with_an_oblique_edge_across_the_tiles_is_not_learnt():
+    """The share of wall changes only little from tile to tile."""
     rng = np.random.default_rng(8)
-    colours = FloorColours(AdaptationConfig())
+    colours = FloorColourModel()
     colours.learn(floor_picture(GREY_TILES, rng))
     v, u = np.mgrid[0:240, 0:240]
     wall = u > 90 + v / 4
@@ -142,42 +142,42 @@ def test_a_wall_whose_foot_runs_aslant_through_the_tiles_teaches_nothing():
     assert np.mean(mask[wall] > 0) < 0.05
 
 
-def test_a_rug_becomes_floor_by_walking_on_it_and_not_by_standing_before_it_or_walking_along_it():
+def test_a_rug_is_learnt_when_the_robot_walks_onto_it_and_not_when_it_stands_or_walks_past():
     rng = np.random.default_rng(4)
     rug = floor_picture([30, 130, 140], rng)
-    ways = {
-        "stands": (0.0, 0.0),
-        "walks on": (0.04, 0.0),
-        "along": (0.0, 0.04),
-        "back": (-0.04, 0.0),
+    motions = {
+        "standing": (0.0, 0.0),
+        "onto": (0.04, 0.0),
+        "past": (0.0, 0.04),
+        "backwards": (-0.04, 0.0),
     }
-    for way, (ahead, aside) in ways.items():
-        colours = FloorColours(AdaptationConfig())
-        colours.learn(floor_picture([200, 180, 150], rng), eye())
+    for motion, (ahead, lateral) in motions.items():
+        colours = FloorColourModel()
+        colours.learn(floor_picture([200, 180, 150], rng), camera_at())
         for k in range(20):
-            colours.learn(rug, eye(k * ahead, k * aside))
+            colours.learn(rug, camera_at(k * ahead, k * lateral))
         mask = np.zeros((240, 240), np.uint8)
         mark(rug, colours.range, mask)
-        if way == "walks on":
+        if motion == "onto":
             assert np.mean(mask > 0) > 0.95
         else:
-            assert not mask.any(), way
+            assert not mask.any(), motion
 
 
-def test_a_rug_first_seen_by_a_glance_aside_becomes_floor_too():
+def test_a_rug_first_seen_while_looking_sideways_is_learnt_too():
     rng = np.random.default_rng(9)
     rug = floor_picture([30, 130, 140], rng)
-    colours = FloorColours(AdaptationConfig())
-    colours.learn(floor_picture([200, 180, 150], rng), eye())
+    colours = FloorColourModel()
+    colours.learn(floor_picture([200, 180, 150], rng), camera_at())
     for k in range(20):
-        x, y, z = eye(0.04 * k).translation
-        aside = 0.0 if k % 2 else math.radians(75.0)
-        colours.learn(rug, camera_pose(np.array([x, y, z]), aside, math.radians(30.0), 0.0))
+        x, y, z = camera_at(0.04 * k).translation
+        yaw = 0.0 if k % 2 else math.radians(75.0)
+        colours.learn(rug, camera_pose(np.array([x, y, z]), yaw, math.radians(30.0), 0.0))
     mask = np.zeros((240, 240), np.uint8)
     mark(rug, colours.range, mask)
     assert np.mean(mask > 0) > 0.95
 
 
-def test_a_range_upside_down_is_refused():
+def test_a_range_with_exchanged_limits_is_refused():
     with pytest.raises(ConfigError, match="value"):
-        ColourRange(0.0, 10.0, (0.0, 1.0), (200.0, 100.0), 28.0)
+        ColourRange(0.0, 10.0, (0.0, 1.0), (200.0, 100.0))

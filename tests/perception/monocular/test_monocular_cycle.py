@@ -1,4 +1,4 @@
-"""Edges against brute force, and whole cycles on painted scenes whose motion is known."""
+"""Edges against brute force, and complete cycles on rendered scenes with known motion."""
 
 import math
 
@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from perception.monocular.back_projection import camera_pose, floor_points
+from perception.monocular.contact_covariance import UNKNOWN_SPEED_MPS
 from perception.monocular.cycle import Monocular, MonocularConfig
-from perception.monocular.edges import LEAST_COLUMNS, REACH_PX, find_edges
+from perception.monocular.edges import MIN_COLUMNS, REACH_PX, find_edges
 from perception.monocular.result import Picture
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
@@ -23,7 +24,7 @@ TEXTURE = np.random.default_rng(7).integers(0, 255, (12, 12)).astype(np.uint8)
 
 
 def picture(stamp_s, left_m, noise=0):
-    """A plain floor before a blue wall 3 m off, and a box with a mottled front."""
+    """A uniform floor, a blue wall at 3 m, and a box with a textured front."""
     pose = camera_pose(
         np.array([STEP_M * stamp_s / STEP_S, 0.0, 0.42]), 0.0, math.radians(30.0), 0.0
     )
@@ -58,7 +59,7 @@ def cycle(speed_mps, config=None):
 
 
 def strips(rng, height, width):
-    """Floor with strips and specks of no floor: some touch, some lie apart by less or more than the reach."""
+    """Floor with strips that are not floor, at distances below and above the reach."""
     ground = np.full((height, width), 255, np.uint8)
     for _ in range(int(rng.integers(1, 2 + height * width // 150))):
         v, u, long = rng.integers((0, 0, 1), (height - 1, width, 14))
@@ -66,8 +67,8 @@ def strips(rng, height, width):
     return ground
 
 
-def lying_together(pixels):
-    """The pixels in sets, grown one neighbour at a time."""
+def grouped_by_reach(pixels):
+    """Groups of pixels, grown one neighbour at a time."""
     left, found = set(pixels), []
     while left:
         grown = [left.pop()]
@@ -81,9 +82,7 @@ def lying_together(pixels):
 
 @settings(max_examples=80, deadline=None)
 @given(st.integers(0, 10_000), st.integers(4, 60), st.integers(4, 60), st.booleans())
-def test_edges_are_no_ground_above_ground_and_groups_are_what_lies_together(
-    seed, height, width, rugged
-):
+def test_edges_separate_obstacle_from_ground_and_groups_are_connected(seed, height, width, rugged):
     rng = np.random.default_rng(seed)
     ground = strips(rng, height, width)
     if rugged:
@@ -98,15 +97,15 @@ def test_edges_are_no_ground_above_ground_and_groups_are_what_lies_together(
     assert set(zip(*np.nonzero(edges.image)[::-1], strict=True)) == expected
     pixels = list(zip(edges.columns.tolist(), edges.rows.tolist(), strict=True))
     assert len(pixels) == len(expected)
-    together = lying_together(expected)
-    wide = {one for one in together if len({x for x, _ in one}) >= LEAST_COLUMNS}
+    groups = grouped_by_reach(expected)
+    wide = {one for one in groups if len({x for x, _ in one}) >= MIN_COLUMNS}
     grouped = {
         frozenset(p for p, label in zip(pixels, edges.labels, strict=True) if label == k)
         for k in range(len(edges.groups))
     }
     assert grouped == wide
-    specks = {p for p, label in zip(pixels, edges.labels, strict=True) if label < 0}
-    assert specks == expected - set().union(*wide)
+    noise = {p for p, label in zip(pixels, edges.labels, strict=True) if label < 0}
+    assert noise == expected - set().union(*wide)
     for k, group in enumerate(edges.groups):
         mine = [p for p, label in zip(pixels, edges.labels, strict=True) if label == k]
         lowest = {u: max(y for x, y in mine if x == u) for u, _ in mine}
@@ -123,7 +122,7 @@ def test_a_moving_box_is_told_from_the_robots_own_motion_and_predicted(speed):
     np.testing.assert_allclose(middle, [BOX_M[0], left + 0.65 * speed], atol=0.03)
 
 
-def test_a_standing_box_stands_while_the_robot_walks():
+def test_a_static_box_is_static_while_the_robot_walks():
     result, left = cycle(0.0)
     box = box_of(result)
     assert box.flow >= 0
@@ -134,7 +133,7 @@ def test_a_standing_box_stands_while_the_robot_walks():
 
 
 @pytest.mark.parametrize("speed", [0.3, -0.3])
-def test_a_corner_faster_than_anything_about_tells_no_speed_but_how_great_it_may_be(speed):
+def test_the_speed_of_an_outlier_enters_only_the_covariance(speed):
     config = MonocularConfig(fastest_mps=0.1)
     box = box_of(cycle(speed, config)[0])
     assert box.flow == -1
@@ -145,18 +144,18 @@ def test_a_corner_faster_than_anything_about_tells_no_speed_but_how_great_it_may
     assert box_of(cycle(speed)[0]).moving
 
 
-def test_a_flow_beyond_the_farthest_place_says_nothing_of_a_speed():
+def test_a_flow_beyond_the_maximum_distance_gives_no_velocity():
     config = MonocularConfig(farthest_m=0.8)
     result = cycle(0.15, config)[0]
     owned = result.flows.obstacle >= 0
     assert np.isnan(result.flows.velocity_world[owned]).any()
-    unseen = config.deviations.unseen_mps**2 * np.eye(2)
+    unknown = UNKNOWN_SPEED_MPS**2 * np.eye(2)
     for obstacle in result.obstacles:
         if obstacle.flow < 0:
-            np.testing.assert_allclose(obstacle.velocity_covariance, unseen)
+            np.testing.assert_allclose(obstacle.velocity_covariance, unknown)
 
 
-def test_what_a_moving_box_will_take_is_not_movable_and_all_else_is():
+def test_only_the_floor_that_a_moving_box_will_cover_is_not_free():
     result, left = cycle(0.15)
     assert not np.any(result.movable & ~result.ground)
     there = np.array([BOX_M[0], left + 0.15 * 0.65])
@@ -167,7 +166,7 @@ def test_what_a_moving_box_will_take_is_not_movable_and_all_else_is():
         assert (result.movable[v - 1, u] > 0) == free
 
 
-def test_corners_are_followed_to_half_a_pixel():
+def test_corners_are_tracked_to_half_a_pixel():
     result, _ = cycle(0.15)
     mine = [
         k
@@ -176,9 +175,7 @@ def test_corners_are_followed_to_half_a_pixel():
     ]
     assert len(mine) >= 3
     errors = []
-    for (
-        k
-    ) in mine:  # a corner of the front lies in the plane x = 1 m: where it was tells where it is
+    for k in mine:  # corners of the front lie in the plane x = 1 m, which gives their new position
         pair = result.previous, result.current
         ray = CAMERA.back_project(result.flows.previous[k], np.array(1.0))
         world = pair[0].T_world_camera.rotation @ ray
@@ -189,7 +186,7 @@ def test_corners_are_followed_to_half_a_pixel():
     assert np.median(errors) <= 0.5
 
 
-def test_without_a_partner_nothing_moves():
+def test_without_a_previous_picture_all_obstacles_are_static():
     result = Monocular(MonocularConfig()).cycle(None, picture(0.0, 0.1))
     assert len(result.flows) == 0
     assert not any(o.moving for o in result.obstacles)

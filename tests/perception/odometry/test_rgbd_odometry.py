@@ -29,7 +29,7 @@ def test_the_map_frame_is_upright_and_the_trajectory_agrees_with_ground_truth(
     recording = open_recording(recordings / "redwood_livingroom")
     info = replace(recording.info, poses_given=False)
     pipeline = Pipeline(Config(), info)
-    tracked = pipeline.whereabouts
+    tracked = pipeline.pose_source
     assert isinstance(tracked, OdometryPoses)
     assert isinstance(tracked, PoseSource)
     heights = (0.443, 0.466, 0.491, 0.516, 0.541)  # m, from the set's own description

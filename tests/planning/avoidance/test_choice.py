@@ -37,7 +37,7 @@ def test_complexity_is_odd_and_grows_with_size_and_nearness(form, left, width, d
     assert _one(-left, -left - 1.02 * width, d, h, form) > value * (1 - 1e-9)
 
 
-def test_integrated_complexity_does_not_jump_where_a_thing_crosses_straight_ahead():
+def test_integrated_complexity_is_continuous_straight_ahead():
     def jump(form: str) -> float:
         left, right = (_one(0.36 + o, -0.36 + o, 1.05, 0.32, form) for o in (0.005, -0.005))
         return abs(left - right)
@@ -56,7 +56,7 @@ def test_an_unknown_form_is_refused_by_name():
         _one(0.1, -0.1, 1.0, 0.3, "nonesuch")
 
 
-def test_the_side_is_away_from_the_fuller_one_and_a_tie_goes_to_the_wider_gap():
+def test_the_side_has_fewer_obstacles_and_a_tie_goes_to_the_wider_gap():
     assert direction(0.5, 0.1, 2.0) == 1
     assert direction(-0.5, 2.0, 0.1) == -1
     assert direction(0.001, 0.3, 0.5) == -1
@@ -97,7 +97,7 @@ def test_strengths_equal_the_25_rules_one_by_one(width, gap):
 
 @settings(deadline=None, max_examples=40)
 @given(st.floats(0.0, 1.6), st.floats(0.0, 1.2), st.floats(0.0, 0.05))
-def test_doubt_about_a_gap_never_makes_the_robot_walk_or_stop_where_it_would_not(width, gap, sigma):
+def test_an_uncertain_gap_never_leads_to_walking_or_stopping(width, gap, sigma):
     sure, doubtful = (
         MOTIONS[int(select(np.array([width]), np.array([gap]), None, s)[0])]
         for s in (None, np.array([sigma]))
@@ -106,7 +106,7 @@ def test_doubt_about_a_gap_never_makes_the_robot_walk_or_stop_where_it_would_not
     assert doubtful == sure or (sure[1], doubtful[1]) == ("F", "S")
 
 
-def test_the_pivot_of_the_specification():
+def test_the_default_pivot_in_closed_form():
     at = pivot("RF", 1, 0.36, 0.5, 0.72, 1.05)
     assert at.distance_m == pytest.approx(1.01, abs=0.005)
     assert math.degrees(at.turn_rad) == pytest.approx(37.0, abs=0.5)
@@ -117,7 +117,7 @@ def test_the_pivot_of_the_specification():
 
 @pytest.mark.parametrize(("width", "gap"), [(0.72, 0.5), (0.9, 0.25), (0.6, 0.3), (0.0, 0.0)])
 @pytest.mark.parametrize("side", [-1, 1])
-def test_a_printed_turn_is_the_printed_arc_tangent_and_a_walk_makes_it(side, width, gap):
+def test_a_printed_turn_is_the_printed_arc_tangent(side, width, gap):
     literal = PivotConfig(literal=True)
     at = pivot("RF", side, side * width / 2, gap, width, 1.05, literal)
     across, ahead = -side * width / 2 - gap, 1.05 - gap  # theta and this are positive to the right
@@ -164,7 +164,7 @@ def _things(spans: list[tuple[float, float]], d: float = 1.05) -> ObstacleTable:
     )
 
 
-def test_a_choice_says_why_with_its_numbers():
+def test_a_choice_explains_itself_with_its_numbers():
     choice = choose(_things([(0.9, 0.7), (0.2, -0.5), (-0.6, -0.9)]))
     assert choice is not None
     assert (choice.motion, choice.side) == ("RF", 1)
@@ -172,7 +172,7 @@ def test_a_choice_says_why_with_its_numbers():
         assert word in choice.why
 
 
-def test_the_printed_average_of_labels_decides_where_it_is_asked_for():
+def test_the_printed_average_of_labels_decides_on_request():
     """Beside a thing 1.3 m wide a gap of 0.21 m lies between ST (1) and TS (6), whose mean is RS (4)."""
     things = _things([(1.0, 0.86), (0.65, -0.65), (-0.86, -1.0)])
     best, mean = (
@@ -187,14 +187,14 @@ def test_the_printed_average_of_labels_decides_where_it_is_asked_for():
     assert "RS (0.00)" in mean.why  # no rule asks for it
 
 
-def test_slots_on_both_sides_stop_the_robot_and_a_free_way_needs_no_choice():
+def test_narrow_gaps_on_both_sides_stop_the_robot_and_a_free_corridor_needs_no_choice():
     choice = choose(_things([(0.9, 0.4), (0.3, -0.3), (-0.4, -0.9)]))
     assert choice is not None
     assert choice.motion == "ST"
     assert choose(_things([(0.9, 0.5), (-0.5, -0.9)])) is None
 
 
-def test_a_way_between_two_things_that_both_block_is_found():
+def test_a_passage_between_two_blocking_obstacles_is_found():
     choice = choose(_things([(1.2, -0.02), (-0.27, -1.2)]))
     assert choice is not None
     assert (choice.motion[1], choice.side) == ("S", -1)
@@ -204,7 +204,7 @@ def test_a_way_between_two_things_that_both_block_is_found():
     assert closed.width_m == pytest.approx(2.4)
 
 
-def test_a_side_wall_that_comes_nearer_is_not_what_blocks():
+def test_a_converging_side_wall_does_not_block():
     things = _things([(1.2, -0.02), (-0.27, -1.2), (1.25, 1.1)])
     things.distance_m[2] = 0.2
     choice = choose(things)
@@ -213,7 +213,7 @@ def test_a_side_wall_that_comes_nearer_is_not_what_blocks():
     assert choice.motion[1] == "S"
 
 
-def test_the_other_side_is_tried_only_if_asked_for():
+def test_the_other_side_is_tried_only_on_request():
     spans = [(0.6, 0.45), (0.35, -0.6)]
     paper = choose(_things(spans), AvoidanceConfig(other_side=False))
     ours = choose(_things(spans))

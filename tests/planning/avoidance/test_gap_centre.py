@@ -1,4 +1,4 @@
-"""Where the middle of a gap is, by points with known ends."""
+"""The middle of a gap from points with known edges."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_the_middle_lies_between_both_sides(middle_m):
     assert middle.offset_m == pytest.approx(middle_m, abs=0.001)
 
 
-def test_deviations_hold_for_lines_of_sight_that_are_turned_by_chance():
+def test_the_standard_deviation_is_consistent_with_random_headings():
     rng = np.random.default_rng(1)
     squares = []
     for _ in range(200):
@@ -47,7 +47,7 @@ def test_deviations_hold_for_lines_of_sight_that_are_turned_by_chance():
 
 
 @pytest.mark.parametrize(("left_m", "right_m"), [(0.15, -0.15), (0.09, -0.09), (0.12, -0.3)])
-def test_what_is_no_gap_of_that_width_teaches_nothing(left_m, right_m):
+def test_a_gap_of_another_width_is_ignored(left_m, right_m):
     middle = GapCentre(0.24)
     assert not middle.look(sides(np.random.default_rng(2), left_m, right_m))
     assert middle.offset_m == 0.0
@@ -57,7 +57,7 @@ def test_what_is_no_gap_of_that_width_teaches_nothing(left_m, right_m):
 
 @pytest.mark.parametrize("primitive", ["S", "F"])
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_leg_beside_its_line_keeps_its_heading_and_its_end(primitive, way):
+def test_a_shifted_leg_keeps_its_heading_and_its_end(primitive, way):
     target = Pose2(1.0, 0.4, 0.7)
     back = Pose2(0.0, -way, 0.0) if primitive == "S" else Pose2(-1.0, 0.0, 0.0)
     leg, robot = Leg(primitive, target, 0.24), target @ back

@@ -17,7 +17,6 @@ from planning.gaze.evaluations import (
     of_obstacles,
     of_self,
     of_way,
-    relevant,
 )
 
 CONFIG = EvaluationConfig()
@@ -26,7 +25,7 @@ sizes = st.floats(1e-3, 2.0)
 
 
 @given(counts, counts)
-def test_the_map_evaluation_orders_as_the_printed_ratio_and_stays_in_its_bounds(stale, fresh):
+def test_psi_lm_orders_as_the_printed_ratio_and_is_bounded(stale, fresh):
     psi = of_map(stale, fresh)
     assert 0.0 <= psi <= 1.0
     if fresh:
@@ -38,7 +37,7 @@ def test_the_map_evaluation_orders_as_the_printed_ratio_and_stays_in_its_bounds(
         assert psi == of_map(stale, 0, literal=True) == 1.0
 
 
-def test_the_own_place_counts_by_its_worst_axis_and_the_heading_not_at_all():
+def test_psi_sf_uses_the_worst_axis_of_the_position_and_not_the_heading():
     turned = np.array([[math.cos(0.6), -math.sin(0.6)], [math.sin(0.6), math.cos(0.6)]])
     P = np.zeros((3, 3))
     P[:2, :2] = turned @ np.diag([0.04**2, 0.01**2]) @ turned.T
@@ -48,7 +47,7 @@ def test_the_own_place_counts_by_its_worst_axis_and_the_heading_not_at_all():
     assert deviation(P[:2, :2]) == pytest.approx(0.04)
 
 
-def test_an_obstacle_counts_by_its_vagueness_times_speed_over_distance():
+def test_psi_ob_is_deviation_times_speed_over_distance():
     # sigma 0.05 m, 0.2 m/s, 1 m away: 0.01 m/s, half of T_o
     one = of_obstacles(
         np.array([[0.6, 0.8]]),
@@ -60,7 +59,7 @@ def test_an_obstacle_counts_by_its_vagueness_times_speed_over_distance():
 
 
 @given(sizes, sizes, sizes)
-def test_vaguer_faster_or_nearer_never_counts_less(sigma, speed, away):
+def test_psi_ob_never_falls_with_deviation_speed_or_nearness(sigma, speed, away):
     def psi(sigma: float, speed: float, away: float) -> float:
         covariance = np.eye(2)[None] * sigma**2
         return float(
@@ -75,16 +74,7 @@ def test_vaguer_faster_or_nearer_never_counts_less(sigma, speed, away):
     assert psi(sigma, 0.0, away) == 0.0
 
 
-def test_what_is_ahead_matters_and_behind_only_what_comes_nearer():
-    places = np.array([[1.0, 0.0], [-1.0, 0.0], [-1.0, 0.0], [-1.0, 0.5]])
-    velocities = np.array([[0.1, 0.0], [0.0, 0.0], [0.2, 0.0], [-0.1, 0.0]])
-    walking = np.array([0.07, 0.0])
-    # behind: a standing one is left behind, a faster one comes nearer, the last goes away
-    assert relevant(places, velocities, walking).tolist() == [True, False, True, False]
-    assert relevant(places, velocities, np.array([-0.07, 0.0])).tolist()[1]  # walking back on to it
-
-
-def test_a_free_way_is_worth_a_look_and_a_blocked_one_is_not():
+def test_psi_way_is_the_free_distance_by_its_threshold():
     places, radii = np.array([[0.8, 0.0], [0.0, 1.5]]), np.array([0.3, 0.2])
     assert of_way(places, radii, CONFIG) == pytest.approx(0.5)
     assert of_way(places[1:], radii[1:], CONFIG) == 1.0

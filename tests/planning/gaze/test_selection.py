@@ -1,4 +1,4 @@
-"""The gaze map against every direction tried one by one, and the choice against its definition."""
+"""The gaze map against single directions, and the selection against its definition."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def ground(rng: np.random.Generator, n: int) -> np.ndarray:
 
 @given(seeds)
 @settings(max_examples=15, deadline=None)
-def test_every_direction_shows_what_a_camera_turned_there_would(seed):
+def test_every_direction_shows_the_view_of_a_camera(seed):
     rng = np.random.default_rng(seed)
     places, weights = ground(rng, 40), rng.uniform(0, 1, 40)
     camera = Camera.from_view(
@@ -52,7 +52,7 @@ def test_the_printed_rectangle_shows_too_much_when_looking_down():
     assert not np.allclose(a, b)
 
 
-def test_stale_ground_on_both_sides_is_looked_at_on_one_of_them():
+def test_with_stale_ground_on_both_sides_the_gaze_goes_to_one():
     sides = np.array([[0.4, 0.7, EYE], [0.45, 0.75, EYE], [0.4, -0.7, EYE]])
     nothing = np.zeros((0, 3))
     far = np.array([30.0, 0.0, EYE])
@@ -78,7 +78,7 @@ def test_the_map_is_the_weighted_sum_of_its_parts():
 
 @given(seeds)
 @settings(max_examples=40, deadline=None)
-def test_the_choice_is_the_middle_of_the_best_region_found_by_flooding(seed):
+def test_the_selection_is_the_middle_of_the_best_connected_region(seed):
     rng = np.random.default_rng(seed)
     total = rng.integers(0, 3, (len(CONFIG.pans), len(CONFIG.tilts))).astype(float)
     present = GazeCommand(float(rng.uniform(-1.5, 1.5)), float(rng.uniform(0, 1)))
@@ -109,7 +109,7 @@ def test_the_choice_is_the_middle_of_the_best_region_found_by_flooding(seed):
     )
 
 
-def test_a_look_under_way_is_kept_until_another_is_clearly_better():
+def test_the_present_gaze_is_kept_until_another_is_clearly_better():
     total = np.zeros((len(CONFIG.pans), len(CONFIG.tilts)))
     total[3, 3], total[20, 5] = 1.0, 1.05
     aimed = GazeCommand(float(CONFIG.pans[3]), float(CONFIG.tilts[3]))
@@ -120,7 +120,7 @@ def test_a_look_under_way_is_kept_until_another_is_clearly_better():
     assert other.pan_rad == pytest.approx(float(CONFIG.pans[20]))
 
 
-def test_the_head_is_never_asked_beyond_its_reach():
+def test_every_gaze_is_within_the_range_of_the_neck():
     rng = np.random.default_rng(2)
     for _ in range(20):
         total = gaze_map(

@@ -12,7 +12,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.robot_model import DARWIN_OP
 from planning.commands import WalkCommand
-from planning.safety import _guard_kernels
+from planning.safety import _guard_arguments, _guard_kernels
 from planning.safety.guard import GuardConfig, _desired_plans, _fixed_plans, _Scene, choose
 from planning.safety.guard_settings import CONTACT_COST_M, PASS_M
 from planning.safety.prediction import MotionPatterns
@@ -80,7 +80,7 @@ def test_plans_with_a_shared_first_part_have_the_same_cost_as_alone():
     plans = np.hstack(
         [begins, times, rng.uniform(-0.05, 0.05, (48, 3)), rng.integers(0, 2, (48, 1))]
     )
-    discs = _guard_kernels.Discs(
+    discs = _guard_arguments.Discs(
         rng.uniform(-0.6, 0.6, (many, samples, 2)),
         rng.uniform(-0.1, 0.1, (many, samples, 2)),
         np.full((many, samples), 0.3),
@@ -91,9 +91,9 @@ def test_plans_with_a_shared_first_part_have_the_same_cost_as_alone():
     cells = np.column_stack([np.linspace(-0.5, 0.5, 20), np.full(20, 0.4)])
     cells = cells[np.argsort(np.hypot(*cells.T))]
     needed = np.tile([0.185, 0.15], (20, 1))
-    costs = _guard_kernels.Costs(0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3, 1.0, 0.15)
-    gait = _guard_kernels.Gait(0.1, 0.65, 0.1, 0.05)
-    fixed = (gait, discs, _guard_kernels.Cells(cells, needed), costs, False)
+    costs = _guard_arguments.Costs(0.1, 0.15, 40.0, 0.05, 4.0, 8.0, 1.3, 1.0, 0.15)
+    gait = _guard_arguments.Gait(0.1, 0.65, 0.1, 0.05)
+    fixed = (gait, discs, _guard_arguments.Cells(cells, needed), costs, False)
 
     def judged(some):
         results = np.empty((len(some), 4))

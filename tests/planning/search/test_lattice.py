@@ -1,4 +1,4 @@
-"""The lattice search against other libraries' Dijkstra, where prices leap and queues could go wrong."""
+"""The lattice search against other implementations of Dijkstra, with widely varying costs."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_any_prices_give_networkx_cost_and_a_real_path(seed):
 
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(1.0, 50.0))
-def test_the_cheapest_path_stays_so_when_all_prices_rise_alike(seed, factor):
+def test_scaling_all_costs_keeps_the_cheapest_path(seed, factor):
     price, blocked = rough(seed)
     start, goal = (0, 0), (price.shape[0] - 1, price.shape[1] - 1)
     once, more = (cheapest(p, blocked, start, goal) for p in (price, factor * price))
@@ -84,7 +84,7 @@ def test_there_and_back_cost_the_same(seed):
         assert a == pytest.approx(b, rel=1e-12)
 
 
-def test_a_path_to_where_one_stands_is_that_node():
+def test_a_path_to_the_start_is_one_node():
     cells = cheapest(np.ones((5, 5)), np.zeros((5, 5), bool), (2, 3), (2, 3))
     np.testing.assert_array_equal(cells, [[2, 3]])
 
@@ -97,7 +97,7 @@ def test_a_blocked_end_has_no_path():
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_goal_beyond_the_map_is_left_for_at_the_border_cell_of_least_total(seed):
+def test_a_goal_outside_the_map_is_approached_at_the_border_cell_of_least_total(seed):
     rng = np.random.default_rng(seed)
     probability = np.full((30, 30), 0.02)
     for row, column in rng.integers(0, 30, (5, 2)):
@@ -138,7 +138,7 @@ def test_both_forms_are_equal_at_the_body_radius_and_khatibs_is_steeper():
     assert repulsion(at + 0.05, CELL_M, khatib) < repulsion(at + 0.05, CELL_M, smooth)
 
 
-def test_khatibs_potential_is_the_strongest_pull_of_any_cell():
+def test_khatibs_potential_is_the_strongest_repulsion_of_any_cell():
     rng = np.random.default_rng(4)
     probability = rng.uniform(0, 1, (9, 12)) ** 4
     config = SearchConfig(form="khatib")
@@ -158,7 +158,7 @@ def test_an_unknown_form_is_named():
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(-40, 40), st.integers(-40, 40))
-def test_where_the_map_lies_in_the_world_does_not_change_the_path(seed, right, up):
+def test_the_origin_of_the_map_does_not_change_the_path(seed, right, up):
     rng = np.random.default_rng(seed)
     probability = np.full((40, 40), 0.02)
     for row, column in rng.integers(8, 32, (5, 2)):
@@ -176,7 +176,7 @@ def test_where_the_map_lies_in_the_world_does_not_change_the_path(seed, right, u
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_the_curve_costs_no_more_than_the_lattice_path_and_bends_no_sharper_than_the_gait(seed):
+def test_the_curve_costs_no_more_than_the_lattice_path_and_respects_the_turning_radius(seed):
     rng = np.random.default_rng(seed)
     probability = np.full((60, 60), 0.02)
     for row, column in rng.integers(8, 50, (8, 2)):
@@ -199,7 +199,7 @@ def test_the_curve_costs_no_more_than_the_lattice_path_and_bends_no_sharper_than
     assert sharp <= path.corners
 
 
-def test_prices_beyond_all_measure_neither_fill_the_memory_nor_mislead():
+def test_extreme_costs_neither_fill_the_memory_nor_change_the_path():
     price = np.ones((20, 20))
     price[10, 1:] = 1e12
     price[11, 1:] = np.inf

@@ -15,7 +15,7 @@ CONFIG = SearchConfig()
 
 
 @pytest.mark.parametrize("distance_cells", [0, 1, 3, 5, 6, 9])
-def test_one_obstacle_repels_by_the_square_of_what_is_left_to_the_margin(distance_cells):
+def test_one_obstacle_repels_by_the_square_of_the_distance_to_the_margin(distance_cells):
     probability = np.zeros((21, 21))
     probability[10, 10] = 0.8
     distance = distance_cells * CELL_M
@@ -27,7 +27,7 @@ def test_one_obstacle_repels_by_the_square_of_what_is_left_to_the_margin(distanc
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.06, 0.5))
-def test_the_potential_is_the_strongest_pull_of_any_cell(seed, margin):
+def test_the_potential_is_the_strongest_repulsion_of_any_cell(seed, margin):
     rng = np.random.default_rng(seed)
     probability = rng.uniform(0, 1, (9, 12)) ** 4
     config = SearchConfig(margin_m=margin)

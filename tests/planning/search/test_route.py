@@ -1,4 +1,4 @@
-"""The route: a via point each step, loyal, and willing to go round where it is stuck."""
+"""The route: a via point each step, loyalty to the path, and detours without progress."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_following_the_via_points_leads_round_a_wall_to_the_goal():
     assert nearest > 0.12
 
 
-def test_the_way_points_ahead_begin_with_the_via_point_and_end_at_the_goal():
+def test_the_points_ahead_begin_with_the_via_point_and_end_at_the_goal():
     route = Route(SearchConfig())
     here = np.array([START.x, START.y])
     np.testing.assert_array_equal(route.ahead(here), here[None])
@@ -70,8 +70,8 @@ def test_the_way_points_ahead_begin_with_the_via_point_and_end_at_the_goal():
     np.testing.assert_allclose(ahead[-1], GOAL, atol=1e-12)
 
 
-def test_two_equal_ways_do_not_make_it_dither():
-    """An obstacle in the middle; the map flickers in favour of one side, then of the other."""
+def test_two_equal_paths_cause_no_oscillation():
+    """An obstacle in the middle; the map favours one side or the other at random."""
     rng = np.random.default_rng(2)
     route, robot, sides = Route(SearchConfig()), START, []
     for _ in range(30):
@@ -86,7 +86,7 @@ def test_two_equal_ways_do_not_make_it_dither():
     assert len(set(sides)) == 1
 
 
-def test_a_path_that_closes_is_left():
+def test_a_blocked_path_is_replaced():
     route = Route(SearchConfig())
     probability = fill(fill(empty(), -0.1, -1.775, 0.1, -0.9), -0.1, -0.3, 0.1, 1.2)
     first = route.update(probability, KNOWN, ORIGIN, CELL_M, START, GOAL)
@@ -97,8 +97,8 @@ def test_a_path_that_closes_is_left():
     assert route.path.clearance_m > 0.12
 
 
-def test_without_progress_for_ten_seconds_it_takes_the_longer_way():
-    """Two gaps; something unmapped holds the robot before the nearer one."""
+def test_without_progress_for_ten_seconds_it_takes_the_longer_path():
+    """Two gaps; an unmapped obstacle stops the robot before the nearer one."""
     probability = fill(fill(empty(), -0.1, -0.9, 0.1, 0.9), -0.1, 1.6, 0.1, 1.775)
     robot, route, crossings = Pose2(-0.5, 0.8, 0.0), Route(SearchConfig()), []
     for _ in range(60):
@@ -110,8 +110,8 @@ def test_without_progress_for_ten_seconds_it_takes_the_longer_way():
     assert not 0.9 < crossings[-1] < 1.6
 
 
-def test_who_is_pushed_to_and_fro_before_a_gap_for_a_minute_takes_the_longer_way():
-    """It walks and turns more than who is stuck: something comes through the gap again and again."""
+def test_after_a_minute_of_oscillation_it_takes_the_longer_path():
+    """The robot walks and turns, but obstacles keep coming through the gap."""
     probability = fill(fill(empty(), -0.1, -0.9, 0.1, 0.9), -0.1, 1.6, 0.1, 1.775)
     route, detours = Route(SearchConfig()), []
     for step in range(270):
@@ -126,8 +126,8 @@ def test_who_is_pushed_to_and_fro_before_a_gap_for_a_minute_takes_the_longer_way
     assert not 0.9 < np.interp(0.0, x[after - 1 : after + 1], y[after - 1 : after + 1]) < 1.6
 
 
-def test_who_walks_a_way_just_found_to_be_longer_is_not_stuck():
-    # walls appear one after the other: each makes the way left longer than it has ever been
+def test_a_robot_on_a_path_that_proves_longer_is_not_stuck():
+    # walls appear one after the other, each makes the remaining path longer than before
     route, robot = Route(SearchConfig()), START
     for step in range(60):
         probability = empty()
@@ -138,7 +138,7 @@ def test_who_walks_a_way_just_found_to_be_longer_is_not_stuck():
         assert route.detours == 0
 
 
-def test_who_turns_to_the_goal_is_not_stuck():
+def test_a_robot_that_turns_to_the_goal_is_not_stuck():
     route = Route(SearchConfig())
     for step in range(25):
         robot = Pose2(START.x, START.y, math.radians(170.0 - 7.0 * step))
@@ -146,7 +146,7 @@ def test_who_turns_to_the_goal_is_not_stuck():
     assert route.detours == 0
 
 
-def test_a_detour_is_forgotten_after_a_while():
+def test_a_detour_ends_after_some_time():
     config = RouteConfig(memory_steps=5)
     route, robot = Route(SearchConfig(), config), START
     for _ in range(config.patience_steps + 2):
@@ -158,7 +158,7 @@ def test_a_detour_is_forgotten_after_a_while():
     assert route.detours == 0
 
 
-def test_locked_in_it_stays_where_it_is():
+def test_an_enclosed_robot_stays():
     probability = empty()
     probability[30:41, [2, 12]] = probability[[30, 40], 2:13] = 0.97
     route = Route(SearchConfig())
@@ -167,8 +167,8 @@ def test_locked_in_it_stays_where_it_is():
     assert route.path is None
 
 
-def test_a_map_that_scrolls_past_the_goal_does_not_change_the_way():
-    """The goal is on the map from one step to the next and off it again; a wall hides it."""
+def test_a_goal_at_the_edge_of_a_scrolling_map_keeps_the_path():
+    """The goal is alternately on the map and outside, behind a wall."""
     probability = fill(empty(), 0.4, -1.775, 0.6, 1.0)
     route, robot = Route(SearchConfig()), Pose2(-0.2, 0.0, 0.0)
     goal, sides = np.array([1.74, -0.5]), []
@@ -179,7 +179,7 @@ def test_a_map_that_scrolls_past_the_goal_does_not_change_the_way():
     assert all(sides)
 
 
-def test_a_new_goal_is_walked_to_at_once():
+def test_a_new_goal_takes_effect_at_once():
     route = Route(SearchConfig())
     route.update(empty(), KNOWN, ORIGIN, CELL_M, START, GOAL)
     other = np.array([-1.0, 1.0])
@@ -192,12 +192,8 @@ def test_a_new_goal_is_walked_to_at_once():
     [
         ("patience_steps", 0),
         ("memory_steps", 0),
-        ("to_and_fro_steps", 0),
-        ("stride_m", 0.0),
-        ("turn_deg", math.nan),
-        ("range_m", -1.0),
     ],
 )
-def test_an_impossible_patience_is_refused_by_name(name, value):
+def test_impossible_settings_are_refused_by_name(name, value):
     with pytest.raises(ConfigError, match=name):
         RouteConfig(**{name: value})

@@ -9,7 +9,7 @@ import pytest
 
 from planning.search.astar import find_path, prepare
 from planning.search.potential import SearchConfig
-from planning.search.shortcuts import polyline_cost, rounded, segment_cost, shortcut, total_turning
+from planning.search.shortcuts import polyline_cost, rounded, shortcut, total_turning
 
 CELL_M = 0.05
 
@@ -18,13 +18,13 @@ def test_a_segment_through_an_even_price_costs_its_length_times_the_price():
     price, blocked = np.full((20, 20), 3.0), np.zeros((20, 20), bool)
     begin, end = np.array([2.2, 3.1]), np.array([15.7, 11.4])
     length = float(np.hypot(*(end - begin)))
-    assert segment_cost(begin, end, price, blocked) == pytest.approx(3.0 * length)
+    assert polyline_cost(np.stack([begin, end]), price, blocked) == pytest.approx(3.0 * length)
 
 
 def test_a_segment_through_a_slope_costs_the_price_of_its_middle():
     price = np.broadcast_to(1.0 + 0.1 * np.arange(20.0), (20, 20)).copy()
     blocked = np.zeros((20, 20), bool)
-    cost = segment_cost(np.array([2.0, 5.0]), np.array([12.0, 5.0]), price, blocked)
+    cost = polyline_cost(np.array([[2.0, 5.0], [12.0, 5.0]]), price, blocked)
     assert cost == pytest.approx(10.0 * 1.7)
 
 
@@ -32,7 +32,7 @@ def test_a_segment_into_a_blocked_cell_costs_infinitely_much():
     blocked = np.zeros((20, 20), bool)
     blocked[5, 8] = True
     assert math.isinf(
-        segment_cost(np.array([2.0, 5.0]), np.array([12.0, 5.0]), np.ones((20, 20)), blocked)
+        polyline_cost(np.array([[2.0, 5.0], [12.0, 5.0]]), np.ones((20, 20)), blocked)
     )
 
 
@@ -42,7 +42,7 @@ def test_a_staircase_over_free_ground_becomes_one_straight_line():
     np.testing.assert_array_equal(kept, path[[0, -1]])
 
 
-def test_shortcuts_never_cost_more_and_take_away_half_of_the_turning():
+def test_shortcuts_never_cost_more_and_halve_the_turning():
     before = after = 0.0
     for seed in range(40):
         rng = np.random.default_rng(seed)
@@ -75,7 +75,7 @@ def test_a_rounded_corner_turns_no_sharper_than_the_radius_allows():
     assert (found.arcs, found.corners) == (1, 0)
 
 
-def test_a_corner_whose_arc_and_whose_omission_are_blocked_stays():
+def test_a_corner_stays_if_its_arc_and_its_removal_are_blocked():
     corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
     blocked = np.zeros((30, 30), bool)
     blocked[4:9, 16:20] = True
@@ -84,14 +84,14 @@ def test_a_corner_whose_arc_and_whose_omission_are_blocked_stays():
     assert (found.arcs, found.corners) == (0, 1)
 
 
-def test_a_corner_too_tight_for_an_arc_is_left_out_where_the_straight_line_is_free():
+def test_a_tight_corner_is_removed_if_the_direct_segment_is_free():
     zigzag = np.array([[2.0, 2.0], [12.0, 2.0], [12.0, 3.0], [25.0, 3.0]])
     found = rounded(zigzag, 6.0, np.ones((30, 30)), np.zeros((30, 30), bool))
     assert found.corners == 0
     assert total_turning(found.points) < total_turning(zigzag) / 4
 
 
-def test_an_arc_that_costs_more_than_its_corner_waits_for_an_allowance():
+def test_an_arc_that_costs_more_than_its_corner_needs_an_allowance():
     # The inside of the corner is dear: cutting it costs more than walking round.
     corner = np.array([[2.0, 2.0], [22.0, 2.0], [22.0, 22.0]])
     rows, columns = np.indices((30, 30))

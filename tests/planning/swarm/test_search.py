@@ -11,10 +11,9 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from perception.primitives.robot_model import DARWIN_OP
-from planning.swarm import search
+from planning.swarm import random_floors, search
 from planning.swarm.objective import PRINTED, Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
-from surefoot.experiments.support import random_floors
 
 CAMERA = Camera.from_view(240, 240, math.pi / 2, math.pi / 2)
 SEEDS = range(30)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,12 +17,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from perception.primitives.errors import OutputError
+from surefoot.cli import study_verbs
 from surefoot.cli.main import main
-from surefoot.cli.terminal import BAD_INPUT, FAILED, Progress, progress
+from surefoot.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Progress, exit_code, progress
+from surefoot.config import toml
+from surefoot.config.schema import Config
 
 VERBS = (
     "simulate",
     "process",
+    "smooth",
+    "map",
     "panorama",
     "monocular",
     "evaluate",
@@ -72,7 +81,7 @@ def test_help_does_not_load_the_heavy_packages():
     ("words", "said"),
     [
         (("simulate", "hoem"), "home"),
-        (("simulate", "home", "--set", "grid.cel_m=0.05"), "cell_m"),
+        (("simulate", "home", "--set", "grid.cel_m=0.05"), "did you mean grid.cell_m?"),
         (("simulate", "home", "--set", "grid.cell_m=wide"), "cell_m"),
         (("simulate", "home", "--set", "grid.cell_m=-1"), "cell_m"),
         (("simulate", "home", "--set", "nonsense"), "nonsense"),
@@ -81,7 +90,10 @@ def test_help_does_not_load_the_heavy_packages():
         (("process", "no/such/folder"), "no such file or folder"),
         (("evaluate", "no/such/run"), "does not exist"),
         (("view", "no/such/run"), "does not exist"),
-        (("experiment", "003-E99"), "unknown"),
+        (("experiment", "003-E99"), "did you mean 003-E"),
+        (("experiment", "sensor"), "did you mean sensors?"),
+        (("process", "a", "b", "--description", "c.toml"), "--description goes with a single"),
+        (("process", "data/walk", "--resume"), "--resume needs --out"),
         (("bench", "warp"), "unknown"),
     ],
 )
@@ -103,10 +115,10 @@ def test_an_impossible_number_is_refused_by_its_name(words):
 
 def test_an_unknown_key_in_a_file_is_named_with_the_file(tmp_path):
     path = tmp_path / "mine.toml"
-    path.write_text("[guard]\nmargn_m = 0.1\n")
+    path.write_text("[grid]\ncel_m = 0.1\n")
     code, shown = call("simulate", "--config", path)
     assert code == BAD_INPUT
-    assert "margn_m" in shown
+    assert "grid.cel_m; did you mean grid.cell_m?" in shown
     assert "mine.toml" in shown
 
 
@@ -117,13 +129,13 @@ def test_a_folder_without_any_valid_depth_is_refused(tmp_path):
     assert "empty" in shown.splitlines()[-1]
 
 
-def test_an_output_that_is_somebody_elses_folder_is_not_touched(tmp_path):
+def test_an_output_folder_with_other_files_is_not_touched(tmp_path):
     folder = plain_folder(tmp_path / "frames")
     taken = tmp_path / "thesis"
     taken.mkdir()
     (taken / "chapter1.tex").write_text("precious")
     code, shown = call("process", folder, "--out", taken)
-    assert code == FAILED
+    assert code == BAD_INPUT
     assert "thesis" in shown
     assert sorted(p.name for p in taken.iterdir()) == ["chapter1.tex"]
 
@@ -134,8 +146,15 @@ def test_a_read_only_output_is_named(tmp_path):
     locked = tmp_path / "locked"
     locked.mkdir(mode=0o500)
     code, shown = call("process", folder, "--out", locked / "run")
-    assert code == FAILED
+    assert code == BAD_INPUT
     assert "locked" in shown
+
+
+def test_only_a_full_disk_is_no_fault_of_the_input():
+    full = OutputError("full")
+    full.__cause__ = OSError(errno.ENOSPC, "no space")
+    assert exit_code(full) == FAILED
+    assert exit_code(OutputError("not empty")) == BAD_INPUT
 
 
 def test_an_experiment_prints_its_table_or_one_object():
@@ -199,3 +218,132 @@ def test_progress_into_a_file_is_sparse_and_never_among_the_results(capsys, monk
     told = capsys.readouterr()
     assert told.out == ""
     assert [line.split()[0] for line in told.err.splitlines()] == ["0", "200", "400", "600", "800"]
+
+
+README = Path(__file__).parents[3] / "README.md"
+WALK = README.parent / "data" / "walk"
+
+
+def floor_folder(folder: Path, description: str, size: tuple[int, int], frames: int = 1) -> Path:
+    """A camera 0.5 m above a bare floor, looking down by 30 degrees."""
+    (folder / "depth").mkdir(parents=True)
+    (folder / "recording.toml").write_text(description)
+    width, height = size
+    v = np.repeat(np.arange(float(height))[:, None], width, axis=1)
+    slope = (v - (height - 1) / 2) / (0.82 * width)
+    z = 0.5 / (slope * np.cos(np.radians(30)) + np.sin(np.radians(30)))
+    rng = np.random.default_rng(0)
+    for k in range(frames):
+        noisy = np.clip(1000 * (z + rng.normal(0.0, 0.003, z.shape)), 0, 65535)
+        cv2.imwrite(str(folder / "depth" / f"{k:04d}.png"), noisy.astype(np.uint16))
+    return folder
+
+
+def test_the_recording_toml_of_the_readme_works_as_pasted(tmp_path):
+    blocks = re.findall(r"```toml\n(.*?)```", README.read_text(), re.DOTALL)
+    (example,) = [block for block in blocks if "[depth]" in block]
+    folder = floor_folder(tmp_path / "frames", example, (640, 480), frames=3)
+    code, shown = call("process", folder, "--out", tmp_path / "run")
+    assert code == 0, shown
+    assert "floor seen in 3 of 3 frames" in shown
+    assert "30 frames per second assumed" in shown
+
+
+@pytest.mark.parametrize(
+    ("verb", "words", "expected"),
+    [
+        ("map", ("--voxel", "0.04"), {"surface.voxel_m": 0.04}),
+        ("panorama", ("--views", "3"), {"panorama.most_views": 3}),
+        ("panorama", ("--by-pictures",), {"panorama.by_pictures": True}),
+    ],
+)
+def test_a_run_repeats_from_its_config(tmp_path, verb, words, expected):
+    out, again = tmp_path / "run", tmp_path / "again"
+    code, shown = call(verb, WALK, "--out", out, *words)
+    assert code == 0, shown
+    config = toml.read(Config, out / "config.toml")
+    for name, value in expected.items():
+        table, key = name.split(".")
+        assert getattr(getattr(config, table), key) == value
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["kind"] == verb
+    assert summary["recording"] == str(WALK)
+    assert summary["command"] == f"surefoot {verb} {WALK} --config {out / 'config.toml'}"
+    assert (out / "report.html").is_file()
+    code, shown = call(*summary["command"].split()[1:], "--out", again)
+    assert code == 0, shown
+    name = {"map": "mesh.ply", "panorama": "panorama.json"}[verb]
+    assert (again / name).read_bytes() == (out / name).read_bytes()
+
+
+@pytest.mark.parametrize("verb", ["process", "map", "panorama"])
+def test_every_verb_takes_a_description_kept_elsewhere(tmp_path, verb):
+    folder = floor_folder(tmp_path / "frames", "", (80, 60))
+    (folder / "recording.toml").unlink()
+    elsewhere = tmp_path / "mine.toml"
+    elsewhere.write_text(
+        "[camera]\nwidth = 80\nheight = 60\nfx = 65.6\nfy = 65.6\ncx = 39.5\ncy = 29.5\n"
+        "[depth]\nscale_per_metre = 1000\nnone = [0]\n"
+    )
+    code, shown = call(verb, folder, "--description", elsewhere, "--out", tmp_path / "run")
+    assert code == 0, shown
+    command = json.loads((tmp_path / "run" / "summary.json").read_text())["command"]
+    assert command.endswith(f"--description {elsewhere}")
+
+
+def test_ignored_poses_are_compared_with_the_estimate_at_the_end(recordings, tmp_path):
+    kitchen = recordings / "sevenscenes_redkitchen" / "pan"
+    code, shown = call("process", kitchen, "--ignore-poses", "--out", tmp_path / "run")
+    assert code == 0, shown
+    found = re.search(r"against the poses of the recording: ([0-9.]+) m", shown)
+    assert float(found.group(1)) < 0.05
+    assert (tmp_path / "run" / "truth" / "trajectory.txt").is_file()
+
+
+def test_ctrl_c_ends_with_exit_code_130_and_the_command_that_continues(tmp_path, monkeypatch):
+    count = 0
+
+    def press(self, text):
+        nonlocal count
+        count += 1
+        if count == 5:
+            signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(Progress, "__call__", press)
+    code, shown = call("process", WALK, "--out", tmp_path / "run")
+    assert code == INTERRUPTED
+    last = shown.strip().splitlines()[-1]
+    assert last.startswith("interrupted after 5 frames; continue with: surefoot process ")
+    code, shown = call(*last.partition(": surefoot ")[2].split())
+    assert code == 0, shown
+    assert "43 frames" in shown
+
+
+def test_ctrl_c_elsewhere_exits_with_130(monkeypatch):
+    def interrupt(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("surefoot.benchmarks.benchmark.names", interrupt)
+    code, shown = call("bench")
+    assert code == INTERRUPTED
+    assert shown.strip() == "interrupted"
+
+
+def test_a_report_is_opened_quietly_and_only_on_a_desktop(tmp_path, monkeypatch):
+    started = []
+    monkeypatch.setattr(study_verbs.sys, "platform", "linux")
+    monkeypatch.setattr(study_verbs.shutil, "which", lambda name: f"/usr/bin/{name}")
+    monkeypatch.setattr(
+        study_verbs.subprocess, "Popen", lambda words, **given: started.append((words, given))
+    )
+    for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    (tmp_path / "summary.json").write_text("{}")
+    (tmp_path / "report.html").write_text("report")
+    assert call("view", tmp_path)[0] == 0
+    assert not started
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert call("view", tmp_path)[0] == 0
+    ((words, given),) = started
+    assert words == ["/usr/bin/xdg-open", str(tmp_path / "report.html")]
+    assert given["stderr"] == study_verbs.subprocess.DEVNULL

@@ -12,13 +12,12 @@ import pytest
 from perception.monocular.back_projection import project
 from perception.monocular.cycle import Monocular, MonocularConfig
 from perception.primitives.pose import Pose2
-from planning.swarm import search
+from planning.swarm import random_floors, search
 from planning.swarm.objective import ObjectiveConfig
 from surefoot.benchmarks import monocular as benchmark
 from surefoot.benchmarks.benchmark import Comparison, judge
 from surefoot.experiments.joint import four_planners
 from surefoot.experiments.seed_000 import monocular_cycle, monocular_time, swarm_table
-from surefoot.experiments.support import random_floors
 from surefoot.results.run_folder import RunFolder
 
 

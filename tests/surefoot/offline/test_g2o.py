@@ -1,4 +1,4 @@
-"""Pose graphs as text: what is written is what GTSAM reads."""
+"""Pose graphs as g2o text: GTSAM reads what was written."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def planar() -> list[Factor]:
     return [*motions, *glances, LoopClosure(0, 8, whole @ Pose2(0.02, -0.01, 0.03), NOISE)]
 
 
-def test_landmarks_are_numbered_on_from_the_poses(tmp_path):
+def test_landmark_numbers_follow_those_of_the_poses(tmp_path):
     factors = planar()
     found = solve(factors, Gaussian(np.zeros(3), np.eye(3) * 1e-8))
     assert write_g2o(tmp_path / "walk.g2o", factors, found) == 11
@@ -83,7 +83,7 @@ def test_gtsam_reads_the_poses_and_finds_the_same_optimum(tmp_path):
         np.testing.assert_allclose(P, pose.covariance, rtol=1e-3, atol=1e-7)
 
 
-def test_in_space_too(tmp_path):
+def test_a_graph_in_space_is_read_back_too(tmp_path):
     spin = Pose3.from_rotation(
         np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.3, 0.1, 0.02])
     )
@@ -107,7 +107,7 @@ def test_in_space_too(tmp_path):
         )
 
 
-def test_a_path_that_cannot_be_written_is_said(tmp_path):
+def test_an_unwritable_path_is_an_output_error(tmp_path):
     factors = planar()
     found = solve(factors, Gaussian(np.zeros(3), np.eye(3) * 1e-8))
     with pytest.raises(OutputError, match="cannot write"):

@@ -1,22 +1,34 @@
-"""The map of a whole recording, held against what is known of the place."""
+"""The map of a whole recording, compared with what is known of the place."""
 
 from __future__ import annotations
 
 import json
+import math
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
+from perception.primitives.frame import ColourView, DepthView, Frame
+from perception.primitives.pose import Pose3, head_rotation
+from surefoot.config import toml
 from surefoot.config.schema import Config
+from surefoot.evaluation.evaluate import evaluate
 from surefoot.evaluation.metrics.trajectory import trajectory_metrics
+from surefoot.offline.job import Job
 from surefoot.offline.map import map_recording
 from surefoot.recordings.open import open_recording
+from surefoot.recordings.recording import RecordingInfo
+from surefoot.results.run_folder import RunFolder
 from surefoot.results.tables import read_tum
 
+WALK = Path(__file__).parents[3] / "data" / "walk"
+CAMERA = Camera(96, 72, 80.0, 80.0, 47.5, 35.5)
 DESCRIPTION = """\
 stamps = "stamps.txt"
 [camera]
@@ -32,9 +44,13 @@ none = [0]
 """
 
 
+def quiet(text):
+    pass
+
+
 @pytest.fixture(scope="module")
 def cabinet(recordings, tmp_path_factory):
-    """A box on a bare floor, its recording without any pose; and the true way."""
+    """A box on a bare floor, its recording without any pose; and the true trajectory."""
     source, folder = recordings / "tum_fr3_cabinet", tmp_path_factory.mktemp("cabinet")
     truth = source / "groundtruth.txt"
     lines = [line for line in truth.read_text().splitlines() if not line.startswith("#")]
@@ -43,11 +59,12 @@ def cabinet(recordings, tmp_path_factory):
     for part in ("depth", "rgb"):
         shutil.copytree(source / part, folder / part)
     said = []
-    mapped = map_recording(open_recording(folder), folder / "map", Config(), said.append)
+    job = Job.open("map", folder, None, Config(), folder / "map")
+    mapped = map_recording(job, said.append)
     return mapped, Path(mapped.folder), truth, said
 
 
-def test_the_way_is_found_without_a_pose(cabinet):
+def test_the_trajectory_is_found_without_a_pose(cabinet):
     mapped, folder, truth, _ = cabinet
     figures = trajectory_metrics(read_tum(folder / "trajectory.txt"), read_tum(truth))
     assert figures["matched_poses"] == 38
@@ -69,23 +86,115 @@ def test_the_floor_is_at_height_zero_and_the_box_stands_on_it(cabinet):
     assert np.nanmedian(height[top]) == pytest.approx(0.554, abs=0.02)
 
 
-def test_everything_is_there_and_can_be_opened(cabinet):
+def test_all_files_are_written_and_can_be_opened(cabinet):
     import open3d as o3d
 
     mapped, folder, _, said = cabinet
     names = {path.name for path in folder.iterdir() if not path.name.startswith(".")}
     assert names >= {
         "trajectory.txt", "graph.g2o", "mesh.ply", "cloud.ply", "map.yaml", "map.pgm", "layers.npz",
-        "summary.json",
+        "summary.json", "config.toml", "report.html", "space_covariance.csv",
     }  # fmt: skip
     mesh = o3d.io.read_triangle_mesh(str(folder / "mesh.ply"))
     assert len(mesh.vertices) == mapped.vertices
     assert mesh.has_vertex_colors()
-    assert json.loads((folder / "summary.json").read_text())["frames"] == 38
-    assert said[0].startswith("way: frame 1 of 38")
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["frames"] == 38
+    assert summary["kind"] == "map"
+    assert summary["command"] == f"surefoot map {folder.parent} --config {folder / 'config.toml'}"
+    assert toml.read(Config, folder / "config.toml") == Config()
+    assert said[0].startswith("trajectory: frame 1 of 38")
+
+
+def test_a_walk_by_time_of_flight_is_mapped_with_the_poses_of_its_localiser(tmp_path):
+    job = Job.open("map", WALK, None, Config(), tmp_path / "map")
+    mapped = map_recording(job, quiet)
+    assert mapped.frames == 43
+    assert mapped.walkable_m2 > 2.0
+    metrics = evaluate(RunFolder(tmp_path / "map"))
+    assert metrics["ate_aligned_m"] < 0.02
+    layers = np.load(tmp_path / "map" / "layers.npz")
+    floor = np.abs(layers["elevation"]) < 0.05
+    assert np.nanmedian(layers["elevation"][floor]) == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("part", ["room", "static"])
+def test_stereo_pairs_are_mapped_with_and_without_poses(recordings, tmp_path, part):
+    path = recordings / "euroc_v101_stereo" / part
+    mapped = map_recording(Job.open("map", path, None, Config(), tmp_path / "map"), quiet)
+    assert mapped.frames == {"room": 2, "static": 7}[part]
+    assert mapped.lost == 0
+    assert mapped.vertices > 5000
+
+
+class Held:
+    """A camera that is carried over a bare floor; its poses are given in a world whose up is unknown."""
+
+    def __init__(self, depth=True, up=None):
+        self.info = RecordingInfo("held", "plain", poses_given=True, gravity_up_world=up)
+        self.skipped, self.remarks = [], []
+        y_down = Pose3.from_rotation(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.zeros(3))
+        self._frames = []
+        for k in range(3):
+            head = Pose3.from_rotation(head_rotation(0.0, 0.7), np.array([0.05 * k, 0.0, 0.8]))
+            ray = head.rotation @ np.moveaxis(CAMERA.rays, -1, 0).reshape(3, -1)
+            z = (-0.8 / ray[2]).reshape(72, 96).astype(np.float32)
+            view = DepthView(np.where(z > 0, z, np.nan), CAMERA) if depth else None
+            colour = ColourView(np.full((72, 96, 3), 90, np.uint8), CAMERA)
+            pose = y_down @ head
+            self._frames.append(Frame(0.1 * k, depth=view, colour=colour, T_world_camera=pose))
+
+    def frames(self):
+        yield from self._frames
+
+
+def test_poses_without_gravity_are_turned_upright_by_the_first_floor(tmp_path):
+    map_recording(Job.of("map", Held(), Config(), tmp_path / "map"), quiet)
+    layers = np.load(tmp_path / "map" / "layers.npz")
+    height = layers["elevation"][np.isfinite(layers["elevation"])]
+    assert len(height) > 100
+    assert np.ptp(height) < 0.03  # one level, although up was not known
+    poses = read_tum(tmp_path / "map" / "trajectory.txt")
+    assert np.ptp(poses.positions[:, 2]) < 0.01
+    assert np.linalg.norm(poses.positions[2] - poses.positions[0]) == pytest.approx(0.1, abs=1e-9)
+
+
+def test_the_distortion_of_a_depth_camera_is_removed_before_fusion(tmp_path):
+    lens = replace(CAMERA, distortion=(0.05, 0.0, 0.0, 0.0, 0.0))
+    held = Held(up=(0.0, -1.0, 0.0))
+    for k, frame in enumerate(held._frames):
+        ray = frame.T_world_camera.rotation @ np.moveaxis(lens.rays, -1, 0).reshape(3, -1)
+        z = (0.8 / ray[1]).reshape(72, 96).astype(np.float32)
+        held._frames[k] = replace(frame, depth=DepthView(np.where(z > 0, z, np.nan), lens))
+    map_recording(Job.of("map", held, Config(), tmp_path / "map"), quiet)
+    height = np.load(tmp_path / "map" / "layers.npz")["elevation"]
+    assert np.nanmax(np.abs(height[np.isfinite(height)] - np.nanmedian(height))) < 0.02
 
 
 def test_a_recording_that_cannot_be_mapped_says_why(tmp_path):
-    walk = Path(__file__).parents[3] / "data" / "walk"  # time of flight on a walking body
-    with pytest.raises(RecordingError, match="RGB-D camera is expected"):
-        map_recording(open_recording(walk), tmp_path / "map", Config(), lambda text: None)
+    with pytest.raises(RecordingError, match="held: none of its frames has depth"):
+        map_recording(Job.of("map", Held(depth=False), Config(), tmp_path / "a"), quiet)
+    lost = Held()
+    lost._frames = [replace(frame, T_world_camera=None) for frame in lost._frames]
+    with pytest.raises(RecordingError, match="pose of none of its 3 depth images is known"):
+        map_recording(Job.of("map", lost, Config(), tmp_path / "b"), quiet)
+
+
+def test_ignored_poses_become_the_truth_of_the_map(recordings, tmp_path):
+    config = replace(Config(), ignore_poses=True)
+    job = Job.open(
+        "map", recordings / "sevenscenes_redkitchen" / "pan", None, config, tmp_path / "m"
+    )
+    map_recording(job, quiet)
+    true = read_tum(tmp_path / "m" / "truth" / "trajectory.txt")
+    given = [frame.T_world_camera for frame in open_recording(job.path).frames()]
+    np.testing.assert_array_equal(true.positions, [pose.translation for pose in given])
+    metrics = evaluate(RunFolder(tmp_path / "m"), tmp_path / "m" / "truth" / "trajectory.txt")
+    assert metrics["ate_aligned_m"] < 0.05
+    assert math.isfinite(metrics["pose_anees"])
+
+
+def test_poses_that_are_not_there_cannot_be_ignored(tmp_path):
+    config = replace(Config(), ignore_poses=True)
+    with pytest.raises(RecordingError, match="no poses that could be ignored"):
+        Job.open("map", WALK, None, config, tmp_path / "map")

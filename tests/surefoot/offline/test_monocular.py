@@ -21,7 +21,8 @@ from perception.primitives.pose import Pose2, Pose3, head_rotation
 from planning.planners.swarm_planner import SwarmPlanner
 from surefoot.cli.main import main
 from surefoot.config.schema import Config
-from surefoot.offline.monocular import ODD, colour_floors, process_monocular
+from surefoot.offline.job import Job
+from surefoot.offline.monocular import UNUSABLE, colour_floors, run_monocular
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.run.pipeline import Pipeline
@@ -97,8 +98,12 @@ class Scene:
         yield from self.parts
 
 
-def gone(floors):
-    """How far ahead of the first picture each was taken, and how far to its left, along its own axis."""
+def job(scene, out):
+    return Job.of("monocular", scene, Config(), out)
+
+
+def path_of(floors):
+    """Position of each picture relative to the first one: ahead along its axis, and to the left, m."""
     first = floors[0].result.current.T_world_camera
     ahead = first.rotation[:2, 2] / np.linalg.norm(first.rotation[:2, 2])
     left = np.array([-ahead[1], ahead[0]])
@@ -108,11 +113,11 @@ def gone(floors):
 
 @pytest.mark.parametrize("world", WORLDS)
 @pytest.mark.parametrize("up", [True, False], ids=["gravity known", "by the first floor"])
-def test_a_step_ahead_is_a_step_on_the_floor_whichever_way_is_up(world, up):
+def test_a_step_ahead_is_a_step_on_the_floor_for_any_world_axes(world, up):
     floors = list(colour_floors(Scene(world, up=up)))
     assert len(floors) == 4
     expected = [[STEP_M * k, 0.0] for k in range(4)]
-    np.testing.assert_allclose(gone(floors), expected, atol=0.01)
+    np.testing.assert_allclose(path_of(floors), expected, atol=0.01)
     for floor in floors:
         pose = floor.result.current.T_world_camera
         assert pose.position[2] == pytest.approx(EYE_M, abs=0.01)
@@ -123,13 +128,13 @@ def test_a_step_ahead_is_a_step_on_the_floor_whichever_way_is_up(world, up):
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_what_stands_does_not_move_while_the_camera_goes_ahead(world):
+def test_static_obstacles_have_no_velocity_while_the_camera_moves(world):
     floors = list(colour_floors(Scene(world)))
     flows = np.concatenate([f.result.flows.velocity_world for f in floors[1:]])
     assert np.nanmedian(np.hypot(*flows.T)) < 0.1  # the camera itself goes 0.5 m/s
 
 
-def test_without_poses_the_depth_tells_where_the_camera_stands():
+def test_without_poses_the_floor_in_depth_gives_the_camera_pose():
     floors = list(colour_floors(Scene(poses=False, up=False, height=False)))
     assert len(floors) == 4
     for floor in floors:
@@ -138,11 +143,11 @@ def test_without_poses_the_depth_tells_where_the_camera_stands():
 
 
 @pytest.mark.parametrize("world", WORLDS)
-def test_colour_alone_with_poses_is_gone_through_and_judged_by_nobody(world, tmp_path):
+def test_colour_with_poses_and_without_depth_is_processed_but_not_compared(world, tmp_path):
     scene = Scene(world, depth=False)
     floors = list(colour_floors(scene))
     assert [f.iou for f in floors] == [None] * 4
-    np.testing.assert_allclose(gone(floors), [[STEP_M * k, 0.0] for k in range(4)], atol=1e-6)
+    np.testing.assert_allclose(path_of(floors), [[STEP_M * k, 0.0] for k in range(4)], atol=1e-6)
     for floor, frame in zip(floors, Scene().parts, strict=True):
         assert floor.result.current.T_world_camera.position[2] == pytest.approx(EYE_M)
         z = frame.depth.depth
@@ -152,25 +157,24 @@ def test_colour_alone_with_poses_is_gone_through_and_judged_by_nobody(world, tmp
         floor_seen = (np.abs(height) < 1e-3) & (v > 0)
         ground = floor.result.ground > 0
         assert np.sum(ground & floor_seen) / np.sum(ground | floor_seen) > 0.97
-    told = process_monocular(scene, tmp_path, quiet)
-    assert told["frames"] == 4
-    assert told["judged"] == 0
-    assert "iou" not in told
+    content = run_monocular(job(scene, tmp_path / "run"), quiet)
+    assert content["frames"] == 4
+    assert content["judged"] == 0
+    assert "iou" not in content
 
 
-def test_every_frame_leaves_its_stages_and_the_summary_says_how_good_they_are(tmp_path):
-    (tmp_path / "stages-000099.png").write_bytes(b"of an earlier run")
-    told = process_monocular(Scene(), tmp_path, quiet)
-    names = [p.name for p in sorted(tmp_path.glob("stages-*.png"))]
+def test_every_frame_gives_a_picture_of_its_stages_and_the_summary_the_iou(tmp_path):
+    content = run_monocular(job(Scene(), tmp_path / "run"), quiet)
+    names = [p.name for p in sorted((tmp_path / "run").glob("stages-*.png"))]
     assert names == [f"stages-{k:06d}.png" for k in range(4)]
-    assert cv2.imread(str(tmp_path / names[0])) is not None
-    assert (told["frames"], told["judged"], told["skipped"]) == (4, 4, {})
-    assert 0.95 < told["iou_min"] <= told["iou"] <= 1.0
-    assert json.loads((tmp_path / "monocular.json").read_text()) == told
+    assert cv2.imread(str(tmp_path / "run" / names[0])) is not None
+    assert (content["frames"], content["judged"], content["skipped"]) == (4, 4, {})
+    assert 0.95 < content["iou_min"] <= content["iou"] <= 1.0
+    assert json.loads((tmp_path / "run" / "monocular.json").read_text()) == content
 
 
-def odd(frame, kind):
-    """A frame that something is wrong with."""
+def faulty(frame, kind):
+    """A frame with a wrong picture size, an invalid pose, or a black picture."""
     if kind == "size":
         return replace(frame, colour=ColourView(frame.colour.rgb[:100], CAMERA))
     if kind == "pose":
@@ -181,17 +185,17 @@ def odd(frame, kind):
 
 @pytest.mark.parametrize("depth", [True, False])
 @pytest.mark.parametrize("kind", ["size", "pose"])
-def test_a_bad_frame_is_left_out_and_counted(kind, depth, tmp_path):
+def test_an_unusable_frame_is_skipped_and_counted(kind, depth, tmp_path):
     scene = Scene(depth=depth)
-    scene.parts[1] = odd(scene.parts[1], kind)
-    told = process_monocular(scene, tmp_path, quiet)
-    assert told["frames"] == 3
-    assert told["skipped"] == {ODD: 1}
+    scene.parts[1] = faulty(scene.parts[1], kind)
+    content = run_monocular(job(scene, tmp_path / "run"), quiet)
+    assert content["frames"] == 3
+    assert content["skipped"] == {UNUSABLE: 1}
 
 
-def test_a_black_picture_shows_no_floor_and_does_not_spoil_the_next():
+def test_a_black_picture_shows_no_floor_and_does_not_affect_the_next():
     scene = Scene()
-    scene.parts[1] = odd(scene.parts[1], "black")
+    scene.parts[1] = faulty(scene.parts[1], "black")
     floors = list(colour_floors(scene))
     assert not floors[1].result.ground.any()
     assert floors[2].iou > 0.95
@@ -202,15 +206,15 @@ def test_without_a_single_frame_over_a_floor_it_fails_and_says_why(depth, tmp_pa
     scene = Scene(depth=depth, poses=False)
     scene.parts = [replace(f, colour=None) for f in scene.parts]
     with pytest.raises(RecordingError, match=r"none of its frames.*4: it has no colour picture"):
-        process_monocular(scene, tmp_path, quiet)
-    assert not (tmp_path / "monocular.json").exists()
+        run_monocular(job(scene, tmp_path / "run"), quiet)
+    assert not (tmp_path / "run" / "monocular.json").exists()
 
 
-def test_colour_alone_needs_to_be_told_where_the_floor_is(tmp_path):
+def test_colour_without_depth_needs_the_height_of_the_floor(tmp_path):
     with pytest.raises(RecordingError, match=r"4: .*floor_height"):
-        process_monocular(Scene(depth=False, height=False), tmp_path, quiet)
+        run_monocular(job(Scene(depth=False, height=False), tmp_path / "run"), quiet)
     with pytest.raises(RecordingError, match="4: no floor is seen in it, and it has no pose"):
-        process_monocular(Scene(depth=False, poses=False), tmp_path, quiet)
+        run_monocular(job(Scene(depth=False, poses=False), tmp_path / "run"), quiet)
 
 
 def call(*words):
@@ -218,14 +222,14 @@ def call(*words):
     return result.exit_code, result.output
 
 
-def test_the_projects_own_recording_is_gone_through_by_the_robots_own_pose(tmp_path):
+def test_a_recorded_walk_is_processed_with_the_estimated_pose_of_the_body(tmp_path):
     out = tmp_path / "out"
     code, shown = call("monocular", WALK, "--out", out, "--json")
     assert code == 0
-    told = json.loads(shown[shown.index("{") :])
+    content = json.loads(shown[shown.index("{") :])
     pictures = sum(frame.colour is not None for frame in open_recording(WALK).frames())
-    assert told["frames"] == pictures > 10
-    assert told["judged"] == 0
+    assert content["frames"] == pictures > 10
+    assert content["judged"] == 0
     truth = np.loadtxt(WALK / "truth" / "trajectory.txt")
     for floor in colour_floors(open_recording(WALK)):
         current = floor.result.current
@@ -234,7 +238,7 @@ def test_the_projects_own_recording_is_gone_through_by_the_robots_own_pose(tmp_p
         assert 0.3 < current.T_world_camera.position[2] < 0.45
 
 
-def test_the_recording_that_is_read_is_not_written_over(tmp_path):
+def test_the_folder_of_the_recording_is_refused_as_output(tmp_path):
     copy = tmp_path / "walk"
     shutil.copytree(WALK, copy)
     (copy / ".surefoot-run").write_text("1\n")
@@ -246,9 +250,11 @@ def test_the_recording_that_is_read_is_not_written_over(tmp_path):
 
 
 def test_settings_reach_the_cycle_and_bad_ones_are_refused_in_words(tmp_path):
-    code, shown = call("monocular", WALK, "--out", tmp_path / "o", "--set", "monocular.corner_px=0")
+    code, shown = call(
+        "monocular", WALK, "--out", tmp_path / "o", "--set", "monocular.farthest_m=0"
+    )
     assert code == 2
-    assert "corner_px=0 must be at least 1" in shown
+    assert "farthest_m=0.0 must be positive and finite" in shown
     short = replace(Config().monocular, farthest_m=1.0)
     near = list(colour_floors(Scene(), replace(Config(), monocular=short)))
     contacts = np.concatenate([o.contact_world for f in near for o in f.result.obstacles])
@@ -271,7 +277,7 @@ def test_a_recording_without_pictures_ends_with_an_exit_code(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["ceiling", "black"])
-def test_the_walker_by_colour_survives_pictures_without_a_floor(kind):
+def test_the_swarm_planner_stops_at_pictures_without_a_floor(kind):
     tilt = -1.2 if kind == "ceiling" else math.radians(30.0)
     head = Pose3.from_rotation(head_rotation(0.0, tilt), np.array([0.05, 0.0, 0.383]))
     rng = np.random.default_rng(1)

@@ -1,4 +1,4 @@
-"""A run smoothed from its files alone."""
+"""Smoothing of a run from its files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ START_P = np.diag([0.01, 0.01, 0.02]) ** 2
 
 
 def frames(rng: np.random.Generator) -> tuple[list[tuple[Frame, list[Sighting]]], list[Pose2]]:
-    """A short walk with what its sensors say, and the truth."""
+    """A short walk with its sensor data, and the true poses."""
     true = Pose2()
     told, truth = [(Frame(10.0), [])], [true]
     for k in range(1, 30):
@@ -70,10 +70,10 @@ def written(path: Path, told: list[tuple[Frame, list[Sighting]]]) -> RunFolder:
     return folder
 
 
-def test_the_tables_give_back_what_the_sensors_said(tmp_path):
+def test_the_tables_keep_every_measurement(tmp_path):
     told, _ = frames(np.random.default_rng(0))
     walked = read_walk(written(tmp_path / "run", told), Config())
-    assert walked.places == MARKS
+    assert walked.landmarks == MARKS
     np.testing.assert_array_equal(walked.start.covariance, START_P)
     assert len(walked.instants) == len(told)
     for one, (frame, sightings) in zip(walked.instants, told, strict=True):
@@ -86,7 +86,7 @@ def test_the_tables_give_back_what_the_sensors_said(tmp_path):
 
 
 @pytest.mark.parametrize("lag_s", [None, 3.0])
-def test_a_run_is_smoothed_beside_its_own_trajectory(tmp_path, lag_s):
+def test_smoothed_poses_lie_within_their_covariance_of_the_truth(tmp_path, lag_s):
     told, truth = frames(np.random.default_rng(2))
     folder = written(tmp_path / "run", told)
     stamped = smooth_run(folder, lag_s)
@@ -103,7 +103,7 @@ def test_a_run_is_smoothed_beside_its_own_trajectory(tmp_path, lag_s):
     assert np.all(deviations < 0.02)  # two landmarks at 2 m, each to 1 cm and more than once
 
 
-def test_odometry_that_no_legs_can_have_made_is_not_believed(tmp_path):
+def test_implausible_odometry_is_ignored(tmp_path):
     told, truth = frames(np.random.default_rng(1))
     frame, seen = told[15]
     leap = Frame(frame.stamp_s, odometry=StepOdometry(Pose2(3.0, 0.0, 0.0), 0.5))
@@ -119,5 +119,5 @@ def test_a_run_without_sensors_says_how_to_get_them(tmp_path):
         smooth_run(folder)
     folder.write_csv(ODOMETRY, ODOMETRY_HEADER, [(0.0, None, None, None, None, None, None, None)])
     folder.write_csv(SIGHTINGS, SIGHTINGS_HEADER, [])
-    with pytest.raises(InputError, match="where the walk began"):
+    with pytest.raises(InputError, match="start pose of the walk is unknown"):
         smooth_run(folder)

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 import pytest
 
-from perception.primitives.errors import InputError
+from perception.primitives.errors import ConfigError, InputError
 from surefoot.config.schema import Config
-from surefoot.run.batch import find_all, process_one
+from surefoot.run.batch import find_all, process_all, process_one
+from surefoot.run.worker_pool import run_all
 
 DESCRIPTION = """\
 rate_hz = 10.0
@@ -84,7 +85,7 @@ def test_a_killed_worker_and_a_broken_recording_cost_nothing_else_and_a_restart_
         **{f"walk_{name}": "done" for name in "abcde"},
         "walk_broken": "failed",
     }
-    assert "not readable as a picture" in rows["walk_broken"]["error"]
+    assert "cannot be decoded" in rows["walk_broken"]["error"]
     assert running.returncode == 1, said
     assert not list(many.glob("out/.part-*"))
     written = {path: path.stat().st_mtime_ns for path in many.glob("out/walk_*/summary.json")}
@@ -95,10 +96,11 @@ def test_a_killed_worker_and_a_broken_recording_cost_nothing_else_and_a_restart_
     assert [statuses[f"walk_{name}"]["status"] for name in "abcde"] == ["done before"] * 5
     assert statuses["walk_broken"]["status"] == "failed"
     assert {path: path.stat().st_mtime_ns for path in written} == written
+    assert all(float(statuses[f"walk_{name}"]["wall_s"]) > 0.0 for name in "abcde")
 
 
 def workers_of(pid):
-    """Processes of Dask's workers below a process: those that nannies spawned."""
+    """Worker processes of a process."""
     found = []
     for entry in os.listdir("/proc"):
         if entry.isdigit():
@@ -114,12 +116,16 @@ def workers_of(pid):
     return found
 
 
-def test_a_run_has_its_name_only_when_it_is_whole(many):
+def test_a_run_gets_its_name_when_it_is_complete_and_names_no_temporary_folder(many):
     target = many / "runs/walk_a"
     row = process_one(many / "in/walk_a", target, Config())
     assert row.status == "done"
     assert row.frames == 6
     assert (target / "report.html").is_file()
+    for name in ("summary.json", "report.html"):
+        assert ".part-" not in (target / name).read_text()
+    command = json.loads((target / "summary.json").read_text())["command"]
+    assert command == f"surefoot process {many / 'in/walk_a'} --config {target / 'config.toml'}"
     failed = process_one(many / "in/walk_broken", many / "runs/broken", Config())
     assert failed.status == "failed"
     assert sorted(path.name for path in (many / "runs").iterdir()) == ["walk_a"]
@@ -133,3 +139,26 @@ def test_recordings_are_found_at_any_depth_and_only_once(many):
 def test_a_folder_without_any_is_named(tmp_path):
     with pytest.raises(InputError, match=str(tmp_path)):
         find_all([tmp_path])
+
+
+def test_many_recordings_need_no_dask(many, monkeypatch):
+    for name in ("dask", "distributed"):
+        monkeypatch.setitem(sys.modules, name, None)
+    places = [many / "in" / "walk_a", many / "in" / "walk_b"]
+    rows = process_all(places, many / "out", Config(), lambda text: None, workers=2)
+    assert [row.status for row in rows] == ["done", "done"]
+    with pytest.raises(ConfigError, match="--scheduler needs Dask"):
+        process_all(places, many / "other", Config(), lambda text: None, scheduler="tcp://x:1")
+
+
+def die(mark):
+    """A task that kills its worker, each time it is tried."""
+    with open(mark, "a") as file:
+        file.write("x")
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_task_that_kills_its_workers_is_given_up(tmp_path):
+    done = list(run_all(die, [(str(tmp_path / "mark"),)], 2, 3))
+    assert done == [(0, None, True)]
+    assert (tmp_path / "mark").read_text() == "xxx"

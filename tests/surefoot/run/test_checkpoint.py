@@ -40,7 +40,7 @@ def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, mon
         torn.write("half a row that was written after the checkp")
     said = []
     process.process(WALK, None, Config(), tmp_path / "cut", said.append, resume=True)
-    assert said[0] == "going on after frame 20"
+    assert said[0] == "resuming after frame 20"
     for name in SAME:
         assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (
             name

@@ -1,7 +1,7 @@
-"""Random rooms as one camera sees them: which pixels are floor, without rendering anything.
+"""Random floor masks with a goal, for experiments, benchmarks and tests of the search.
 
-Walls on three sides and upright cylinders; a pixel is floor if the ray to it passes over none of them.
-Exact, so that what a search makes of the picture can be judged apart from how the picture came about.
+Walls on three sides and upright cylinders, seen by one camera; a pixel is floor if its ray meets none of them. The masks
+are exact, so that the search is judged apart from image processing.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from jaxtyping import Bool, Float
 
 from perception.primitives.camera import Camera
 from perception.primitives.pose import Pose3, head_rotation
-from planning.swarm.floor_rows import FloorRows
+
+from .floor_rows import FloorRows
 
 CAMERA = Camera.from_view(720, 720, math.radians(90.0), math.radians(90.0))  # seed 000
-EYE_M = (0.05, 0.0, 0.383)  # of the simulated robot, head bowed
+EYE_M = (0.05, 0.0, 0.383)  # of the simulated robot, head tilted down
 TILT_DEG = 30.0  # seed 000
 
 
@@ -26,8 +27,8 @@ class RandomFloor:
     """One picture.
 
     Args:
-        movable: Where floor is seen.
-        camera, T_body_camera: Who sees it.
+        movable: Pixels of floor.
+        camera, T_body_camera: The camera and its pose on the body.
         goal: Body frame, m.
     """
 
@@ -58,7 +59,7 @@ def make(rng: np.random.Generator, camera: Camera = CAMERA) -> RandomFloor:
 
 
 def _gap(floor: np.ndarray, eye: np.ndarray, middle: np.ndarray, height: float) -> np.ndarray:
-    """How near the rays to floor points come to a vertical axis, below its top, m."""
+    """Least distance of the rays to floor points from a vertical axis, below its top, m."""
     ray = eye[:2] - floor
     away = middle - floor
     share = (away * ray).sum(axis=1) / np.maximum((ray**2).sum(axis=1), 1e-12)

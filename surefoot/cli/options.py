@@ -1,0 +1,67 @@
+"""Options that several verbs share, and the configuration that follows from them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from ..config.schema import Config
+    from ..results.run_folder import RunFolder
+
+PATH = click.Path(path_type=Path)
+
+out_option = click.option("--out", type=PATH, help="Output folder; default runs/NAME-N.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+set_option = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Change one setting, such as grid.cell_m=0.02; may be repeated.",
+)
+config_option = click.option(
+    "--config", "config_path", type=PATH, help="TOML file of settings; any may be left out."
+)
+description_option = click.option(
+    "--description", type=PATH, help="A recording.toml that is not in the recording's folder."
+)
+ignore_poses_option = click.option(
+    "--ignore-poses",
+    is_flag=True,
+    help="Estimate the trajectory without the poses of the recording; keep them as its truth.",
+)
+
+
+def settings(
+    recording: Path | None, config_path: Path | None, overrides: tuple[str, ...], ignore_poses: bool
+) -> Config:
+    """The configuration for a recording, or for many if it is None.
+
+    A recording of `simulate --record` has by default the settings with which it was walked.
+    """
+    from ..config.load import load
+
+    walked = recording is not None and (recording / "recording.mcap").is_file()
+    if recording is not None and walked and config_path is None:
+        own = recording / "config.toml"
+        config_path = own if own.is_file() else None
+    if ignore_poses:
+        overrides = (*overrides, "ignore_poses=true")
+    return load(config_path, overrides)
+
+
+def against_truth(folder: RunFolder) -> str:
+    """Error of a camera trajectory against the poses that were ignored, as one line."""
+    from ..evaluation.evaluate import evaluate
+    from ..offline.job import TRUTH
+
+    metrics = evaluate(folder, folder.path(TRUTH))
+    if "ate_aligned_m" not in metrics:
+        return "against the poses of the recording: too few poses to compare"
+    return (
+        f"against the poses of the recording: {metrics['ate_aligned_m']:.3f} m, "
+        f"{metrics['ate_aligned_deg']:.2f} deg (RMS, {metrics['matched_poses']:.0f} poses, aligned)"
+    )

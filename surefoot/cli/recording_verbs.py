@@ -1,0 +1,175 @@
+"""Verbs on a whole recording: map, panorama, monocular."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from .options import (
+    PATH,
+    against_truth,
+    config_option,
+    description_option,
+    ignore_poses_option,
+    json_option,
+    out_option,
+    set_option,
+    settings,
+)
+from .terminal import progress
+
+
+@click.command(name="map")
+@click.argument("recording", type=PATH)
+@description_option
+@ignore_poses_option
+@click.option(
+    "--voxel",
+    type=click.FloatRange(min=0.002),
+    metavar="METRES",
+    help="Voxel size of the surface; short for --set surface.voxel_m.",
+)
+@out_option
+@config_option
+@set_option
+@json_option
+def map_verb(
+    recording: Path,
+    description: Path | None,
+    ignore_poses: bool,
+    voxel: float | None,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Map RECORDING: camera trajectory, surface mesh, and where a robot can walk.
+
+    \b
+    Poses come from the recording; from footsteps, inertial sensor and landmarks of a walking body; or else
+    from RGB-D odometry with loop closure. RECORDING is any that `surefoot process` reads.
+    Examples:
+      surefoot map data/walk
+      surefoot map ~/7scenes/redkitchen/seq-01 --out runs/kitchen
+      surefoot map office.bag --voxel 0.01
+    """
+    from ..offline.job import Job
+    from ..offline.map import map_recording
+
+    if voxel is not None:
+        overrides = (*overrides, f"surface.voxel_m={voxel}")
+    config = settings(recording, config_path, overrides, ignore_poses)
+    job = Job.open("map", recording, description, config, out)
+    with progress() as say:
+        mapped = map_recording(job, say)
+    click.echo(json.dumps(asdict(mapped), indent=2) if as_json else "\n".join(mapped.lines()))
+    if config.ignore_poses and not as_json:
+        click.echo(against_truth(job.folder))
+
+
+@click.command()
+@click.argument("recording", type=PATH)
+@description_option
+@ignore_poses_option
+@click.option(
+    "--views",
+    type=click.IntRange(min=1),
+    help="Largest number of views; short for --set panorama.most_views.",
+)
+@click.option(
+    "--by-pictures",
+    is_flag=True,
+    help="Place the views without camera poses; short for --set panorama.by_pictures=true.",
+)
+@out_option
+@config_option
+@set_option
+@json_option
+def panorama(
+    recording: Path,
+    description: Path | None,
+    ignore_poses: bool,
+    views: int | None,
+    by_pictures: bool,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Stitch views of RECORDING to a panoramic map, as seed 004 does, and list its obstacles and gaps.
+
+    Writes panorama.ply, panorama.npz, panorama.json and a picture of obstacles and gaps. RECORDING is any with
+    depth that `surefoot process` reads.
+    """
+    from ..offline.job import Job
+    from ..offline.panorama import run_panorama
+
+    if views is not None:
+        overrides = (*overrides, f"panorama.most_views={views}")
+    if by_pictures:
+        overrides = (*overrides, "panorama.by_pictures=true")
+    config = settings(recording, config_path, overrides, ignore_poses)
+    job = Job.open("panorama", recording, description, config, out)
+    with progress() as say:
+        content = run_panorama(job, say)
+    if as_json:
+        click.echo(json.dumps(content, indent=2))
+        return
+    placed = sum(view["placed"] for view in content["views"])
+    unseen = (
+        "" if content["floor_seen"] else ", floor not seen (heights refer to the expected floor)"
+    )
+    click.echo(
+        f"{placed} of {len(content['views'])} views, {len(content['obstacles'])} obstacles{unseen}: "
+        f"{job.folder.root}"
+    )
+
+
+@click.command()
+@click.argument("recording", type=PATH)
+@description_option
+@ignore_poses_option
+@out_option
+@config_option
+@set_option
+@json_option
+def monocular(
+    recording: Path,
+    description: Path | None,
+    ignore_poses: bool,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Find the floor of RECORDING by colour alone, as seed 000 does, and compare it with depth if there is any.
+
+    Writes the eight stages of every frame as one picture, and monocular.json. RECORDING is any with colour
+    pictures that `surefoot process` reads.
+
+    \b
+    Examples:
+      surefoot monocular data/walk
+      surefoot monocular ~/rgbd_dataset_freiburg3_cabinet --out runs/floor
+    """
+    from ..offline.job import Job
+    from ..offline.monocular import run_monocular
+
+    config = settings(recording, config_path, overrides, ignore_poses)
+    job = Job.open("monocular", recording, description, config, out)
+    with progress() as say:
+        content = run_monocular(job, say)
+    if as_json:
+        click.echo(json.dumps(content, indent=2))
+        return
+    for reason, count in content["skipped"].items():
+        click.echo(f"skipped {count}: {reason}")
+    compared = (
+        f"{content['judged']} compared with depth, floor IoU {content['iou']:.3f}"
+        if content["judged"]
+        else "no depth to compare with"
+    )
+    click.echo(f"{content['frames']} frames, {compared}: {job.folder.root}")

@@ -1,0 +1,235 @@
+"""Verbs that run the pipeline: simulate, process, and smooth the result."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from perception.primitives.errors import InputError
+
+from .options import (
+    PATH,
+    against_truth,
+    config_option,
+    description_option,
+    ignore_poses_option,
+    json_option,
+    out_option,
+    set_option,
+    settings,
+)
+from .terminal import FAILED, INTERRUPTED, progress
+
+if TYPE_CHECKING:
+    from ..config.schema import Config
+    from ..run.summary import Summary
+
+
+@click.command()
+@click.argument("scene", required=False)
+@click.option(
+    "--seed", type=click.IntRange(min=0), help="Seed of the scene and of all random noise."
+)
+@click.option(
+    "--difficulty",
+    type=click.FloatRange(0.0, 1.0),
+    help="Difficulty of the scene: 0 easy, 0.5 usual, 1 hard.",
+)
+@click.option(
+    "--planner",
+    metavar="NAME",
+    help="Planner: search, field, swarm, avoidance, or your own package.module:Class.",
+)
+@click.option(
+    "--body",
+    type=click.Choice(["kinematic", "dynamic"]),
+    help="kinematic: exact footsteps with odometry noise; dynamic: servos and contacts in physics.",
+)
+@click.option("--record", is_flag=True, help="Write the sensor data to recording.mcap.")
+@click.option("--view", "watch", is_flag=True, help="Show a live page in the browser (extra viz).")
+@click.option(
+    "--wander",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="Explore for this time instead of walking to a goal.",
+)
+@out_option
+@config_option
+@set_option
+@json_option
+def simulate(
+    scene: str | None,
+    seed: int | None,
+    difficulty: float | None,
+    planner: str | None,
+    body: str | None,
+    record: bool,
+    watch: bool,
+    wander: float | None,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Walk a simulated humanoid through SCENE by its sensors alone.
+
+    \b
+    Examples:
+      surefoot simulate                      the furnished home, seed 0
+      surefoot simulate home --seed 7 --record --out runs/seven
+      surefoot simulate home --wander 300    explore for five minutes
+      surefoot simulate home --difficulty 1  more obstacles, narrower and faster
+      surefoot simulate --config runs/seven/config.toml     repeat a run
+    """
+    from ..config.load import load
+    from ..run.simulate import simulate as run
+
+    if difficulty is not None:
+        overrides = (*overrides, f"difficulty={difficulty}")
+    if planner is not None:
+        overrides = (*overrides, f"mission.planner={planner}")
+    if body is not None:
+        overrides = (*overrides, f"robot.body={body}")
+    if wander is not None:
+        overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
+    config = load(config_path, overrides, scene=scene, seed=seed)
+    with progress() as say:
+        summary = run(config, out, record, say, watch)
+    _close(summary, as_json, "")
+
+
+@click.command()
+@click.argument("recordings", type=PATH, nargs=-1, required=True, metavar="RECORDING...")
+@description_option
+@ignore_poses_option
+@click.option("--workers", type=click.IntRange(min=1), help="Processes for many recordings.")
+@click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler for many recordings.")
+@click.option(
+    "--resume", is_flag=True, help="Continue an interrupted or killed run into the same --out."
+)
+@out_option
+@config_option
+@set_option
+@json_option
+def process(
+    recordings: tuple[Path, ...],
+    description: Path | None,
+    ignore_poses: bool,
+    workers: int | None,
+    scheduler: str | None,
+    resume: bool,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Process RECORDING: a folder, an .mcap, .bag, .db3 or .pcd file; or many, and folders of them.
+
+    \b
+    It reads recordings of `simulate --record`, ROS 1 and ROS 2 bags, TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC,
+    Redwood / Open3D and Replica folders, RealSense folders, organised PCD files, and any folder of depth images
+    with a recording.toml. Many recordings are processed in parallel; the same command continues an unfinished
+    batch.
+    Examples:
+      surefoot process data/walk
+      surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
+      surefoot process ~/rgbd_dataset_freiburg3_cabinet --ignore-poses
+      surefoot process ~/recordings --out runs/all --workers 8
+    \b
+    A recording of `simulate --record` has by default the settings with which it was walked (its config.toml).
+    """
+    from ..recordings.open import holds_recording
+    from ..results.run_folder import RunFolder
+    from ..run.process import process as run
+
+    if resume and out is None:
+        raise InputError("--resume needs --out, the folder of the interrupted run")
+    one = recordings[0]
+    config = settings(one if len(recordings) == 1 else None, config_path, overrides, ignore_poses)
+    several = one.is_dir() and not holds_recording(one) and description is None and _holds_more(one)
+    if len(recordings) > 1 or several or workers or scheduler:
+        if description is not None:
+            raise InputError("--description goes with a single recording")
+        _process_all(recordings, out, config, workers, scheduler, as_json)
+        return
+    with progress() as say:
+        summary = run(one, description, config, out, say, resume)
+    words = ["surefoot", "process", str(one), "--out", str(summary.folder), "--resume"]
+    words += ["--config", str(summary.folder / "config.toml")]
+    if description is not None:
+        words += ["--description", str(description)]
+    if config.ignore_poses and not as_json:
+        click.echo(against_truth(RunFolder(summary.folder)))
+    _close(summary, as_json, f"; continue with: {shlex.join(words)}")
+
+
+@click.command()
+@click.argument("run", type=PATH)
+@click.option(
+    "--lag",
+    "lag_s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="Later measurements that each pose may use; default all of the run.",
+)
+def smooth(run: Path, lag_s: float | None) -> None:
+    """Smooth the poses of RUN by its later measurements; writes smoothed.txt and its covariances.
+
+    \b
+    Examples:
+      surefoot smooth runs/three             each pose by the whole run
+      surefoot smooth runs/three --lag 10    as a robot could ten seconds later
+    """
+    from ..offline.smooth import smooth_run
+    from ..results.run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    poses = smooth_run(folder, lag_s)
+    click.echo(f"{len(poses)} poses: {folder.path('smoothed.txt')}")
+
+
+def _holds_more(place: Path) -> bool:
+    """Whether a subfolder is a recording."""
+    from ..recordings.open import holds_recording
+
+    return any(holds_recording(child) for child in place.rglob("*") if child.is_dir())
+
+
+def _process_all(
+    recordings: tuple[Path, ...],
+    out: Path | None,
+    config: Config,
+    workers: int | None,
+    scheduler: str | None,
+    as_json: bool,
+) -> None:
+    from ..run import batch
+
+    folder = out or Path("runs") / "batch"
+    try:
+        with progress() as say:
+            rows = batch.process_all(recordings, folder, config, say, workers, scheduler)
+    except KeyboardInterrupt:
+        click.echo("interrupted; the same command processes the remaining recordings", err=True)
+        click.get_current_context().exit(INTERRUPTED)
+    if as_json:
+        click.echo(json.dumps([asdict(row) for row in rows], indent=2))
+    else:
+        click.echo("\n".join([*batch.lines(rows), f"table: {folder / batch.TABLE}"]))
+    if any(row.status == batch.FAILED for row in rows):
+        click.get_current_context().exit(FAILED)
+
+
+def _close(summary: Summary, as_json: bool, resume: str) -> None:
+    """Print the summary of a run and exit with its code."""
+    click.echo(json.dumps(summary.as_dict(), indent=2) if as_json else "\n".join(summary.lines()))
+    if summary.interrupted:
+        click.echo(f"interrupted after {summary.frames} frames{resume}", err=True)
+        click.get_current_context().exit(INTERRUPTED)
+    if not summary.succeeded:
+        click.get_current_context().exit(FAILED)

@@ -1,0 +1,194 @@
+"""Verbs that look at results or at the machine: evaluate, view, experiment, bench, doctor, completion."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+
+from .options import PATH, json_option
+from .terminal import FAILED, progress
+
+
+@click.command()
+@click.argument("run", type=PATH)
+@click.option("--truth", type=PATH, help="True trajectory as TUM text; default the run's truth/.")
+@click.option(
+    "--surface",
+    type=PATH,
+    help="Mesh or cloud of the true surface, in the frame of the run; with --truth, in the truth's frame.",
+)
+@click.option(
+    "--truth-sigma",
+    nargs=2,
+    type=click.FloatRange(min=0.0),
+    default=(0.0, 0.0),
+    metavar="M DEG",
+    help="Standard deviations of the given truth: position in m, rotation in deg.",
+)
+@json_option
+def evaluate(
+    run: Path,
+    truth: Path | None,
+    surface: Path | None,
+    truth_sigma: tuple[float, float],
+    as_json: bool,
+) -> None:
+    """Compare RUN with its ground truth: errors, consistency, map, contacts; writes metrics.json and the report."""
+    from ..evaluation.evaluate import evaluate as measure
+    from ..evaluation.targets import closing_table
+    from ..report.page import write_report
+    from ..results.run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    metres, degrees = truth_sigma
+    metrics = measure(folder, truth, surface, (metres, math.radians(degrees)))
+    report = write_report(folder)
+    if as_json:
+        click.echo(json.dumps(metrics, indent=2))
+    else:
+        click.echo(closing_table(metrics))
+        click.echo(f"report: {report}")
+
+
+@click.command()
+@click.argument("run", type=PATH)
+@click.option("--live", is_flag=True, help="Serve map and cloud as a 3-D page (extra viz).")
+def view(run: Path, live: bool) -> None:
+    """Open the report of RUN in the browser; with --live, its map and cloud in 3-D."""
+    from ..results.run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    if live:
+        from ..report.live_view import serve
+
+        serve(folder, click.echo)
+        return
+    report = folder.path("report.html")
+    if not report.is_file():
+        from ..report.page import write_report
+
+        report = write_report(folder)
+    click.echo(f"report: {report}")
+    _open_in_browser(report)
+
+
+@click.command()
+@click.argument("identity", metavar="ID", required=False)
+@click.option("--seeds", type=click.IntRange(min=1), help="Number of random worlds.")
+@click.option(
+    "--body",
+    type=click.Choice(["kinematic", "dynamic", "both"]),
+    help="Body that walks, in experiments with walks; both: compare them.",
+)
+@click.option("--resume", is_flag=True, help="Continue the same study after it was killed.")
+@json_option
+def experiment(
+    identity: str | None, seeds: int | None, body: str | None, resume: bool, as_json: bool
+) -> None:
+    """Reproduce a published table or figure; without ID, list them.
+
+    \b
+    Examples:
+      surefoot experiment 003-E2               results, targets and the published numbers
+      surefoot experiment 001-E3 --seeds 20    with fewer random worlds
+      surefoot experiment INT-4 --resume       walks that are complete are not repeated
+    """
+    from ..experiments.support import experiment as experiments
+    from ..experiments.support import trials
+
+    if identity is None:
+        for name in experiments.names():
+            click.echo(f"{name:<14} {experiments.load(name).title}")
+        return
+    identity = {name.lower(): name for name in experiments.names()}.get(identity.lower(), identity)
+    chosen = experiments.load(identity)
+    shelf = trials.Shelf(Path("runs") / "experiments" / identity, resume)
+    with progress() as say, trials.kept(shelf):
+        chosen, outcome = experiments.measure(chosen, say, seeds, body)
+    result = experiments.judge(chosen, outcome)
+    shown = (
+        json.dumps(result, indent=2)
+        if as_json
+        else "\n".join(experiments.lines(result, outcome.table))
+    )
+    click.echo(shown)
+    if not result["passed"]:
+        click.get_current_context().exit(FAILED)
+
+
+@click.command()
+@click.argument("name", required=False)
+@json_option
+def bench(name: str | None, as_json: bool) -> None:
+    """Time our hot paths against those of other libraries; without NAME, all of them."""
+    from ..benchmarks import benchmark
+
+    passed, results = True, []
+    for one in [name] if name else benchmark.names():
+        chosen = benchmark.load(one)
+        results.append(benchmark.judge(chosen, chosen.run()))
+        passed = passed and results[-1]["passed"]
+        if not as_json:
+            click.echo("\n".join(benchmark.lines(results[-1])))
+    if as_json:
+        click.echo(json.dumps(results[0] if name else results, indent=2))
+    if not passed:
+        click.get_current_context().exit(FAILED)
+
+
+@click.command()
+@json_option
+def doctor(as_json: bool) -> None:
+    """Check this machine, and say what each missing part is needed for."""
+    from .doctor import examine, render
+
+    findings = examine()
+    if as_json:
+        from dataclasses import asdict
+
+        click.echo(json.dumps([asdict(finding) for finding in findings], indent=2))
+    else:
+        click.echo(render(findings))
+
+
+@click.command()
+@click.option("--markdown", is_flag=True, help="Print the page docs/settings.md.")
+def settings(markdown: bool) -> None:
+    """List every setting with its default, unit and effect."""
+    from ..config import reference
+
+    if markdown:
+        click.echo(reference.markdown(), nl=False)
+        return
+    for name, default, unit, effect, _ in reference.rows():
+        click.echo(f"{name} = {default} {unit}".rstrip() + f"  # {effect}")
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
+def completion(shell: str) -> None:
+    """Print the completion script of SHELL; source it in the shell's start-up file."""
+    from click.shell_completion import get_completion_class
+
+    found = get_completion_class(shell)
+    assert found is not None
+    program = click.get_current_context().find_root().command
+    click.echo(found(program, {}, "surefoot", "_SUREFOOT_COMPLETE").source())
+
+
+def _open_in_browser(page: Path) -> None:
+    """Open a page where there is a desktop; quietly do nothing elsewhere."""
+    if not sys.platform.startswith("linux"):
+        click.launch(str(page))
+        return
+    opener = shutil.which("xdg-open")
+    if opener and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        quiet = subprocess.DEVNULL
+        subprocess.Popen([opener, str(page)], stdin=quiet, stdout=quiet, stderr=quiet)

@@ -1,0 +1,139 @@
+"""The trajectory of a freely moving camera in space: collected frame by frame, written with its covariances.
+
+trajectory.txt holds T_map_camera as TUM text; space_covariance.csv the 6x6 covariances, see
+`trajectory_uncertainty`. The map's upright axes may be found some frames after the first one, so poses are kept
+in the axes in which their source measures them and transformed when they are written.
+
+Source of the covariance after alignment: Baarda (1973) (change of gauge).
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.localisation.camera_pose import CameraPose
+from perception.odometry.pose_uncertainty import error_transport, rigid_alignment
+from perception.primitives.pose import Pose3
+from perception.smoothing.factors import turned_covariance
+
+from .run_folder import SPACE_HEADER, RunFolder
+from .trajectory_uncertainty import SPACE
+
+UPPER = np.triu_indices(6)
+WIDTH = 1 + 7 + 2 * len(UPPER[0])  # stamp, pose, two covariances
+
+
+class CameraTrajectory:
+    """Poses of one camera, about 400 bytes a frame."""
+
+    def __init__(self) -> None:
+        self._rows = array("d")
+
+    def __len__(self) -> int:
+        return len(self._rows) // WIDTH
+
+    def append(self, stamp_s: float, pose: CameraPose) -> None:
+        """Add the camera of one frame."""
+        T = pose.T_origin_camera
+        self._rows.extend((stamp_s, *T.translation, *T.quat_xyzw))
+        for covariance in (pose.shared, pose.own):
+            self._rows.extend(covariance[UPPER].tolist())
+
+    def write(self, folder: RunFolder, T_map_origin: Pose3 | None) -> None:
+        """Write trajectory.txt and space_covariance.csv; nothing if there is no pose.
+
+        Args:
+            folder: Run folder.
+            T_map_origin: The axes of the poses in the map frame; None leaves the poses as they are.
+        """
+        if not self._rows:
+            return
+        table = np.array(self._rows).reshape(-1, WIDTH)
+        turn = T_map_origin or Pose3()
+        poses = [turn @ Pose3(tuple(row[1:4]), tuple(row[4:8])) for row in table.tolist()]
+        write_poses(folder, "trajectory.txt", zip(table[:, 0].tolist(), poses, strict=True))
+        half = len(UPPER[0])
+        shared, own = (
+            np.array([turned_covariance(_full(row), turn.rotation) for row in part])
+            for part in (table[:, 8 : 8 + half], table[:, 8 + half :])
+        )
+        positions = np.array([pose.position for pose in poses])
+        start = shared + own
+        start[0] = 0.0
+        aligned = aligned_covariances(positions, shared, own)
+        folder.write_csv(
+            SPACE,
+            SPACE_HEADER,
+            [
+                (stamp, *a[UPPER].tolist(), *b[UPPER].tolist())
+                for stamp, a, b in zip(table[:, 0].tolist(), start, aligned, strict=True)
+            ],
+        )
+
+
+def write_poses(folder: RunFolder, name: str, poses: Iterable[tuple[float, Pose3]]) -> None:
+    """Write stamped poses in space as TUM text: stamp tx ty tz qx qy qz qw.
+
+    Args:
+        folder: Run folder.
+        name: File name.
+        poses: Stamp in s and pose, in m, of each.
+    """
+    lines = ["# stamp tx ty tz qx qy qz qw\n"]
+    for stamp, pose in poses:
+        numbers = (stamp, *pose.translation, *pose.quat_xyzw)
+        lines.append(" ".join(repr(float(number)) for number in numbers) + "\n")
+    folder.write_text(name, "".join(lines))
+
+
+def aligned_covariances(
+    positions: Float[np.ndarray, "n 3"],
+    shared: Float[np.ndarray, "n 6 6"],
+    own: Float[np.ndarray, "n 6 6"],
+) -> Float[np.ndarray, "n 6 6"]:
+    """Covariances that remain after the best rigid motion of the whole trajectory.
+
+    Two poses are assumed to share all of the accumulated error of the more certain one: errors of odometry
+    steps are independent, and a pose relative to an older one inherits the error of that.
+
+    Args:
+        positions: Of the poses, map axes, m.
+        shared: Covariances of the accumulated errors, map axes.
+        own: Covariances of the errors that are independent from frame to frame.
+    """
+    if len(positions) < 3 or np.linalg.matrix_rank(positions - positions.mean(axis=0), 1e-9) < 2:
+        return shared + own  # the alignment is not determined
+    moves, best = rigid_alignment(positions)
+    common = sum(G @ D @ G.T for G, D in zip(best, own, strict=True))
+    left = np.empty_like(own)
+    for i, (A, D, G) in enumerate(zip(moves, own, best, strict=True)):
+        with_common = D @ G.T
+        left[i] = D - A @ with_common.T - with_common @ A.T + A @ common @ A.T
+
+    at_origin = np.stack([error_transport(-position) for position in positions])
+    accumulated = at_origin @ shared @ at_origin.transpose(0, 2, 1)
+    order = np.argsort(np.trace(accumulated, axis1=1, axis2=2), kind="stable")
+    accumulated, moves, best = accumulated[order], moves[order], best[order]
+    carry = np.stack([error_transport(position) for position in positions[order]])
+    parts = best @ carry
+    until = np.cumsum(accumulated @ parts.transpose(0, 2, 1), axis=0)
+    later = np.cumsum(parts[::-1], axis=0)[::-1] - parts
+    cross = until + accumulated @ later.transpose(0, 2, 1)
+    common = np.einsum("nij,njk->ik", parts, cross)
+    for i, (A, C) in enumerate(zip(moves, carry, strict=True)):
+        with_common = C @ cross[i]
+        left[order[i]] += (
+            shared[order[i]] - A @ with_common.T - with_common @ A.T + A @ common @ A.T
+        )
+    return np.asarray((left + left.transpose(0, 2, 1)) / 2.0)
+
+
+def _full(upper: Float[np.ndarray, "21"]) -> Float[np.ndarray, "6 6"]:
+    """The symmetric matrix of an upper triangle."""
+    matrix = np.zeros((6, 6))
+    matrix[UPPER] = upper
+    return matrix + np.triu(matrix, 1).T

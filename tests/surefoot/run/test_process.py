@@ -1,0 +1,120 @@
+"""Processing a recording: the camera's trajectory in space, ignored poses, and Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import signal
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from surefoot.config.schema import Config
+from surefoot.evaluation.evaluate import evaluate
+from surefoot.recordings.open import open_recording
+from surefoot.results.run_folder import RunFolder
+from surefoot.results.tables import read_tum
+from surefoot.run.interrupt import stop_requested
+from surefoot.run.process import process
+
+WALK = Path(__file__).parents[3] / "data" / "walk"
+
+
+def quiet(text):
+    pass
+
+
+@pytest.fixture(scope="module")
+def kitchen(recordings):
+    return recordings / "sevenscenes_redkitchen" / "pan"
+
+
+def test_given_poses_are_the_trajectory_of_the_camera_in_space(kitchen, tmp_path):
+    process(kitchen, None, Config(), tmp_path / "run", quiet)
+    found = read_tum(tmp_path / "run" / "trajectory.txt")
+    frames = list(open_recording(kitchen).frames())
+    assert len(found) == len(frames)
+    given = np.array([frame.T_world_camera.rotation for frame in frames])
+    mine = np.array([pose_of(found, k) for k in range(len(found))])
+    turn = mine[0] @ given[0].T
+    np.testing.assert_allclose(mine, turn @ given, atol=1e-9)
+    positions = np.array([frame.T_world_camera.translation for frame in frames])
+    np.testing.assert_allclose(found.positions, positions @ turn.T, atol=1e-9)
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert summary["trajectory"] == "camera"
+    assert len(RunFolder(tmp_path / "run").read_csv("space_covariance.csv")) == len(frames)
+
+
+def pose_of(trajectory, k):
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(trajectory.quats_xyzw[k]).as_matrix()
+
+
+def test_ignored_poses_are_the_truth_for_the_camera_s_own_odometry(recordings, tmp_path):
+    config = replace(Config(), ignore_poses=True)
+    process(recordings / "tum_fr3_cabinet", None, config, tmp_path / "run", quiet)
+    truth = tmp_path / "run" / "truth" / "trajectory.txt"
+    metrics = evaluate(RunFolder(tmp_path / "run"), truth)
+    assert metrics["matched_poses"] == 38
+    assert metrics["ate_aligned_m"] < 0.03
+    assert metrics["pose_dof"] == 6
+    assert 0.2 < metrics["pose_variance_ratio"] < 3.0
+
+
+def test_a_stereo_pair_without_poses_is_followed_by_its_own_odometry(recordings, tmp_path):
+    process(recordings / "euroc_v101_stereo" / "static", None, Config(), tmp_path / "run", quiet)
+    found = read_tum(tmp_path / "run" / "trajectory.txt")
+    assert len(found) == 7
+    assert np.abs(found.positions - found.positions[0]).max() < 0.02  # the rig stands still
+
+
+def test_a_walking_body_keeps_its_planar_trajectory(tmp_path):
+    process(WALK, None, Config(), tmp_path / "run", quiet)
+    found = read_tum(tmp_path / "run" / "trajectory.txt")
+    assert (found.positions[:, 2] == 0.0).all()
+    assert not (tmp_path / "run" / "space_covariance.csv").exists()
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["trajectory"] == "body"
+
+
+def test_after_ctrl_c_the_run_can_be_opened_and_resumes_to_the_same_bits(kitchen, tmp_path):
+    process(kitchen, None, Config(), tmp_path / "whole", quiet)
+
+    def press(text):
+        if text.startswith("frame 9 "):
+            signal.raise_signal(signal.SIGINT)
+
+    summary = process(kitchen, None, Config(), tmp_path / "cut", press)
+    assert summary.interrupted
+    assert summary.frames == 9
+    cut = RunFolder.open(tmp_path / "cut")
+    assert len(cut.read_trajectory("trajectory.txt")) == 9
+    assert cut.read_json("summary.json")["interrupted"] is True
+    assert cut.has("report.html")
+    assert not list(cut.root.glob(".part-*"))
+
+    said = []
+    summary = process(kitchen, None, Config(), tmp_path / "cut", said.append, resume=True)
+    assert said[0] == "resuming after frame 9"
+    assert not summary.interrupted
+    for name in (
+        "trajectory.txt", "space_covariance.csv", "trajectory_covariance.csv", "floor.csv", "map.pgm",
+        "obstacles.json", "innovations.csv", "cloud.ply",
+    ):  # fmt: skip
+        assert (cut.root / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), name
+    assert not list(cut.root.glob(".checkpoint*"))
+
+
+def press_twice():
+    with stop_requested() as stopped:
+        assert not stopped()
+        signal.raise_signal(signal.SIGINT)
+        assert stopped()
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_a_second_ctrl_c_interrupts_at_once():
+    with pytest.raises(KeyboardInterrupt):
+        press_twice()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
