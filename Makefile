@@ -1,12 +1,17 @@
 # Everything sets itself up: `make demo` or `make test` on a fresh machine is enough.
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo test test-layers test-lowest test-pythons installed lint bench clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 READY := .venv/.ready
 WARM := .venv/.warm
-KERNELS := $(wildcard */_*kernels.py */*/_*kernels.py)
+PACKAGES := perception mapping planning sim surefoot
+KERNELS := $(shell find $(PACKAGES) -name '*_kernels.py')
+# the versions in requirements.lock are those for Python 3.11; others take the newest that pyproject.toml allows
+LOCK = $$($(BIN)/python -c 'import sys; print("-c requirements.lock" * (sys.version_info[:2] == (3, 11)))')
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PYTHONS ?= 3.12 3.13
 RUNS ?= runs
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
@@ -14,7 +19,7 @@ export NUMBA_THREADING_LAYER := workqueue
 export SUREFOOT_DATA ?= $(abspath ../shared/data)
 
 help:  ## what can be made
-	@grep -E '^[a-z]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 8
+	@grep -E '^[a-z-]+:.*## ' Makefile | sed 's/:.*## /\t/' | expand -t 14
 
 setup: $(WARM)  ## own environment, pinned packages, compiled kernels
 
@@ -22,12 +27,12 @@ $(READY): pyproject.toml requirements.lock
 	@test -n "$(PYTHON)" || { echo "surefoot: no Python found; run: apt-get install python3.11 python3.11-venv" >&2; exit 2; }
 	@$(PYTHON) surefoot/cli/bootstrap.py
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[dev]'
+	$(INSTALL) $(LOCK) -e '.[dev]'
 	@touch $(READY)
 
-# a kernel that others have compiled into themselves changes unnoticed by their caches
+# each state of a package's kernels has a cache folder of its own: remove the old ones
 $(WARM): $(READY) $(KERNELS)
-	@find $(sort $(dir $(KERNELS))) -name '*.nb[ic]' -delete
+	@find $(PACKAGES) \( -name 'kernels-*' -prune -o -name '*.nb[ic]' \) -exec rm -rf {} +
 	$(BIN)/python -m surefoot.cli.warmup
 	@touch $(WARM)
 
@@ -46,6 +51,15 @@ test: $(WARM)  ## the test suite
 test-layers: $(WARM)  ## perception, mapping and planning without sim and surefoot
 	BLOCKED_PACKAGES="sim surefoot" $(BIN)/python -m pytest -n 2 --dist loadfile -q tests/perception tests/mapping tests/planning
 
+test-lowest:  ## the test suite with the oldest versions that pyproject.toml allows
+	tests/versions.sh lowest $(PYTHON)
+
+test-pythons:  ## the test suite on Python 3.12 and 3.13, as far as this machine has them
+	tests/versions.sh newest $(PYTHONS)
+
+installed: $(READY)  ## a wheel in a fresh environment: read-only, without a home, without the checkout
+	tests/installed.sh
+
 lint: $(READY)  ## style, types, import contracts
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -53,9 +67,9 @@ lint: $(READY)  ## style, types, import contracts
 	$(BIN)/lint-imports
 
 bench: $(WARM)  ## hot paths against their peers, which it installs
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]'
+	$(INSTALL) $(LOCK) -e '.[bench]'
 	$(BIN)/surefoot bench
 
 clean:  ## forget the environment and all caches; runs stay
-	rm -rf .venv .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
+	rm -rf .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -84,6 +84,11 @@ class RobotConfig:
         default_factory=lambda: ImageConfig(640, 480, 60.0, (0.035, 0.02, 0.035))
     )  # ours, the left camera: f = 554 px
 
+    @property
+    def needs_pybullet(self) -> bool:
+        """Whether PyBullet renders images or moves the body."""
+        return self.body == "dynamic" or self.colour or self.stereo
+
     def __post_init__(self) -> None:
         if self.body not in BODIES:
             raise ConfigError(f"robot: body={self.body!r} is unknown; choose {', '.join(BODIES)}")

@@ -26,6 +26,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from .namesakes import refuse as _refuse_namesakes
+
+_refuse_namesakes()
+
 if TYPE_CHECKING:
     from mapping.objects.footprints import Footprint
     from perception.depth.sources import DepthSource

@@ -1,4 +1,4 @@
-"""Run-time checks of shape annotations during tests; the folder of real recordings; blocked packages.
+"""Run-time checks of shape annotations during tests; the folder of real recordings; blocked packages; PyBullet.
 
 With BLOCKED_PACKAGES="sim surefoot" these packages cannot be imported, which shows that the tests of the lower ones
 do not need them (`make test-layers`).
@@ -7,13 +7,16 @@ do not need them (`make test-layers`).
 from __future__ import annotations
 
 import importlib.abc
+import importlib.util
 import os
 import pkgutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
@@ -56,6 +59,22 @@ _modules = [
 install_import_hook(_modules, "beartype.beartype")
 
 
+if "sim" not in BLOCKED and importlib.util.find_spec("pybullet") is None:
+    # Skip exactly the tests that reach PyBullet: pytest.skip passes every `except Exception` in between.
+    from perception.primitives.errors import SurefootError
+    from sim import bullet
+
+    _require = bullet.require
+
+    def _require_or_skip() -> None:
+        try:
+            _require()
+        except SurefootError as error:
+            pytest.skip(str(error))
+
+    bullet.require = _require_or_skip
+
+
 @pytest.fixture(scope="session")
 def recordings() -> Path:
     """Folder of the real recordings; a test that needs it is skipped with a message where it is absent."""
@@ -63,3 +82,15 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real recordings not found at {folder}; set SUREFOOT_DATA to their folder")
     return folder
+
+
+@pytest.fixture
+def undistort() -> Callable[..., np.ndarray]:
+    """cv2.undistortPoints(points, K, distortion, R, P, criteria) of OpenCV 5, in OpenCV 4 too."""
+
+    def iterated(points, K, distortion, R, P, criteria):
+        if hasattr(cv2, "undistortPointsIter"):  # OpenCV 4
+            return cv2.undistortPointsIter(points, K, distortion, R, P, criteria)
+        return cv2.undistortPoints(points, K, distortion, None, R, P, criteria)
+
+    return iterated

@@ -1,4 +1,4 @@
-"""The house itself: where packages come from, what their chapter openings hold, what is pinned."""
+"""The project itself: origin of packages, docstrings, import cycles, pinned versions."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("perception", "mapping", "planning", "sim", "surefoot")
+LIBRARY = ROOT / "surefoot" / "__init__.py"  # the public library, which also refuses namesakes
 MODULES = sorted(p for package in PACKAGES for p in (ROOT / package).rglob("*.py"))
 
 
@@ -32,8 +33,8 @@ def test_each_package_is_the_one_of_this_tree(package):
 def test_every_module_says_what_it_is(path):
     tree = ast.parse(path.read_text())
     assert ast.get_docstring(tree)
-    if path.name == "__init__.py" and path.parent.name != "surefoot":  # the public library
-        assert len(tree.body) == 1, "a chapter opening holds a docstring and nothing else"
+    if path.name == "__init__.py" and path != LIBRARY:
+        assert len(tree.body) == 1, "an __init__.py holds a docstring and nothing else"
 
 
 def test_no_module_replaces_one_of_the_standard_library():
@@ -69,6 +70,52 @@ def test_no_file_names_the_host_of_a_package_index():
 
 
 def test_pybullet_hands_images_over_as_arrays():
-    import pybullet
+    from sim import bullet
 
-    assert pybullet.isNumpyEnabled()
+    assert bullet.library().isNumpyEnabled()
+
+
+def test_every_kernel_takes_its_compiler_from_one_place():
+    home = ROOT / "perception" / "primitives" / "compiled.py"
+    others = [
+        name(path)
+        for path in MODULES
+        if path != home and re.search(r"^from numba import .*njit", path.read_text(), re.MULTILINE)
+    ]
+    assert others == []
+
+
+def imports(path: Path) -> set[str]:
+    """Modules of this project that a file imports, anywhere in it."""
+    known = {module_of(other) for other in MODULES}
+    here = module_of(path).split(".")
+    package = here if path.name == "__init__.py" else here[:-1]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            base = ".".join(part for part in (base, node.module) if part)
+            found |= {f"{base}.{alias.name}" for alias in node.names} | {base}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return (found & known) - {module_of(path), *parents_of(module_of(path))}
+
+
+def module_of(path: Path) -> str:
+    """Dotted name of a file."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def parents_of(module: str) -> list[str]:
+    """The packages that contain a module."""
+    parts = module.split(".")
+    return [".".join(parts[:count]) for count in range(1, len(parts))]
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    waiting = {module_of(path): imports(path) for path in MODULES if path != LIBRARY}
+    while free := [module for module, needs in waiting.items() if not needs & set(waiting)]:
+        for module in free:
+            del waiting[module]
+    assert waiting == {}, "these import each other, or what does"

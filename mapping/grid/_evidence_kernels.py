@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 BLOCK = 2048  # points indexed at a time: the buffer stays in the first-level cache
 STATIC = 1  # kinds of points: 0 floor, 1 static obstacle, 2 moving obstacle

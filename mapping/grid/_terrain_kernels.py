@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 BLOCK = 512  # points indexed at a time: they stay in the first-level cache for the second loop
 RAY = -1  # floor count of a cell without points that a ray has cleared

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 REACH = 1 << 20  # voxels from the origin along each axis; a key packs three indices of 21 bits
 

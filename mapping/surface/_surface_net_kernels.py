@@ -6,7 +6,8 @@ Source: Gibson 1998.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 from ._tsdf_kernels import CELLS, FIXED, SIDE, Blocks, find
 

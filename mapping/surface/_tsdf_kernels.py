@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 from ..pinhole import Pinhole
 

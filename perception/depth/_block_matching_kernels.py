@@ -7,7 +7,8 @@ vectorises such loops. Signed 16 bits hold every block cost: at most 62 on 9 x 9
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 RADIUS = 4  # px, of a block
 SIDE = 2 * RADIUS + 1  # ours: 9 px

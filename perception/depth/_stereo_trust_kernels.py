@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..primitives.compiled import njit
 from ._block_matching_kernels import NEVER, SIDE
 
 NO_DISPARITY = np.int16(-8000)  # in sixteenths of a pixel; agrees with no neighbour

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..primitives.compiled import njit
 from ._orientation_kernels import angles
 
 ACROSS = 4  # spatial bins along each side

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 BINS = 36
 PI = math.pi

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..primitives.compiled import njit
 from ._square_root_kernels import all_finite, corrected, draw, lower, root_of, wrapped
 
 

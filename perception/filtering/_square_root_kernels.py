@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 SHARE = 1e-7
 """Least diagonal of a root relative to the length of its row: the resolution of a covariance matrix."""

@@ -9,7 +9,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 FREE_SUMS = {"reassoc", "contract", "nsz"}  # allows vectorised sums
 GRAIN = 12.0  # image cells per unit of ray slope, for correlated noise: about 5 deg

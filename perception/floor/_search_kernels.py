@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 FREE_SUMS = {"reassoc", "contract", "nsz"}  # allows vectorised sums
 BLOCK = 256  # points scored between two tests whether the best score can still be reached

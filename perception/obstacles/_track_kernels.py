@@ -10,7 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 SIZE = 7
 REACH = math.sqrt(3.0)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 HUBER = 1.345  # 95 % efficiency for Gaussian errors
 STEEPEST = 0.1  # least cosine between ray and normal: depth at grazing incidence is unreliable

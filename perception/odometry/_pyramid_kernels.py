@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..primitives.compiled import njit
 
 EDGE_SIGMAS = 4.0  # a larger depth difference separates two surfaces ...
 EDGE_SLOPE = 0.015  # ... beyond this slope: share of depth per pixel, 75 deg at 260 px

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..filtering._square_root_kernels import wrapped
+from ..primitives.compiled import njit
 from ._planar_kernels import (
     BEARING,
     DEPTH,

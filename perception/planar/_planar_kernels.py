@@ -10,9 +10,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ..filtering._square_root_kernels import corrected, draw, lower, predicted, wrapped
+from ..primitives.compiled import njit
 from .config import Parameters
 
 

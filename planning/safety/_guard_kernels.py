@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 from ._guard_arguments import (
     FORWARD,

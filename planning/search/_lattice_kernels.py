@@ -10,7 +10,8 @@ import math
 from heapq import heappop, heappush
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 DIAGONAL = math.sqrt(2.0)
 STEP, EXIT, EXPANDED = 7, 8, 16  # parts of the state of a node: number of the step to it, flags

@@ -8,7 +8,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 BORDER = 1e-6  # cells: tolerance of rounding at the border of a cell
 

@@ -6,7 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 WIDEST = math.radians(80.0)  # ours: largest direction from the robot's heading that is searched
 

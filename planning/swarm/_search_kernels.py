@@ -6,7 +6,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 from ._objective_kernels import (
     WIDEST,

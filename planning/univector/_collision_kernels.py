@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 NONE = (math.nan, math.nan)
 ROUNDS = 4  # iterations for a root whose radius depends on it, to below a millimetre

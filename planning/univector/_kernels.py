@@ -10,7 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 RUN = 64
 K_ALPHA, K_BETA = 1.0, -1.0  # ours: the field depends on the position alone, a dipole field

@@ -32,6 +32,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose3
 
+from .. import bullet
 from ..scene import Scene
 from .painting import Painted, paint_scene
 
@@ -73,8 +74,7 @@ class Pictures:
         self._folder = tempfile.TemporaryDirectory(prefix="surefoot-")
         still, moving_objects = paint_scene(scene)
         with silenced_output():
-            import pybullet
-
+            pybullet = bullet.library()
             self._bullet: Any = pybullet
             self._client = pybullet.connect(pybullet.DIRECT)
             self._plugin = -1

@@ -1,8 +1,8 @@
-"""Before anything is installed: is this the right Python, and are the shared libraries there?
+"""Checks before the installation: the version of Python and the shared libraries that Open3D needs.
 
-Open3D's wheel needs four libraries that a bare machine lacks, and says so only when it is imported. This
-looks first, installs them where that is allowed, and otherwise prints the one command that does. It runs
-with nothing but the standard library, as `python surefoot/bootstrap.py`.
+Open3D's wheel needs four libraries that a minimal system lacks, and fails only when it is imported. This script checks
+first, installs them where that is allowed, and otherwise prints the one command that does. It needs the standard
+library only: `python surefoot/cli/bootstrap.py`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,14 @@ LIBRARIES = {
     "libX11.so.6": "libx11-6",
     "libusb-1.0.so.0": "libusb-1.0-0",
 }
-"""Shared library to the Debian package that brings it."""
+"""Shared library to its Debian package."""
+
+OLDEST, NEWEST = (3, 11), (3, 13)
+"""Versions of Python that are tested; gtsam 4.3 begins at 3.11."""
+
+LAST_WITH_PYBULLET = (3, 11)
+LOCKED = (3, 11)
+"""The version of Python that requirements.lock is for."""
 
 
 def missing_libraries() -> list[str]:
@@ -35,7 +42,7 @@ def missing_libraries() -> list[str]:
 
 
 def missing_packages() -> list[str]:
-    """Debian packages that are needed and absent."""
+    """Debian packages that are needed and not installed."""
     packages = [LIBRARIES[library] for library in missing_libraries()]
     if importlib.util.find_spec("ensurepip") is None:
         packages.append(f"python{sys.version_info[0]}.{sys.version_info[1]}-venv")
@@ -43,12 +50,12 @@ def missing_packages() -> list[str]:
 
 
 def install_command(packages: list[str]) -> list[str]:
-    """What installs them."""
+    """Command that installs Debian packages."""
     return ["apt-get", "install", "-y", "--no-install-recommends", *packages]
 
 
 def privilege() -> list[str] | None:
-    """What to put before a command so that it may install: nothing, sudo, or None if neither works."""
+    """Prefix of a command that installs: nothing as root, or sudo; None if neither is allowed."""
     if shutil.which("apt-get") is None:
         return None
     if os.geteuid() == 0:
@@ -60,15 +67,21 @@ def privilege() -> list[str] | None:
 
 
 def main() -> int:
-    """Check, install, and say what is left to do; 0 if set-up can go on."""
-    if sys.version_info[:2] != (3, 11):
-        found = ".".join(map(str, sys.version_info[:3]))
+    """Check and install; 0 if the set-up can continue, else 2 after one line with what to do."""
+    found = ".".join(map(str, sys.version_info[:3]))
+    if not OLDEST <= sys.version_info[:2] <= NEWEST:
         print(
-            f"surefoot: this is Python {found}, but PyBullet has wheels up to 3.11 only; install 3.11 "
+            f"surefoot: this is Python {found}, but 3.11 to 3.13 are supported; install 3.11 "
             "(apt-get install python3.11 python3.11-venv) and run: make PYTHON=python3.11 setup",
             file=sys.stderr,
         )
         return 2
+    if sys.version_info[:2] > LAST_WITH_PYBULLET:
+        print(
+            f"surefoot: PyBullet has no wheel for Python {found}: recordings are processed and evaluated, but `surefoot "
+            "simulate` needs Python 3.11 (make PYTHON=python3.11 setup)",
+            file=sys.stderr,
+        )
     packages = missing_packages()
     if not packages:
         return 0

@@ -1,7 +1,8 @@
-"""What this machine has, and what each missing piece costs."""
+"""Report of this machine: what is installed, what each missing part costs, and the command that installs it."""
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import importlib.util
 import os
@@ -14,16 +15,64 @@ from pathlib import Path
 
 from . import bootstrap
 
-PACKAGES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "opencv-python-headless",
-    "gtsam",
-    "filterpy",
-    "pybullet",
-    "mcap",
-)
+ROOT = Path(__file__).resolve().parents[2]
+CHECKOUT = (ROOT / "pyproject.toml").is_file()
+"""Whether this is a checkout of the repository; else an installed wheel."""
+
+REQUIRED = {
+    "numpy": "nothing runs without it",
+    "scipy": "nothing runs without it",
+    "numba": "nothing runs without it",
+    "opencv-python-headless": "nothing runs without it",
+    "jaxtyping": "nothing runs without it",
+    "click": "there is no command line without it",
+    "tomli-w": "no run can be written",
+    "mcap": "no recording is read or written",
+    "mcap-protobuf-support": "no recording is read or written",
+    "foxglove-schemas-protobuf": "no recording is read or written",
+    "protobuf": "no recording is read or written",
+    "rosbags": "no ROS bag is read",
+    "open3d": "no point clouds, no simulated time-of-flight camera",
+    "gtsam": "no smoothing, no panorama, no map of a recording without poses",
+    "filterpy": "the UKF backend filterpy is missing; ours is the default",
+    "matplotlib": "no figures and no report",
+    "pybullet": "no simulation of camera images and of the dynamic body",
+}
+"""Distribution that surefoot requires, to what does not work without it."""
+
+EXTRAS = {
+    "viz": ("viser",),
+    "batch": ("dask", "distributed"),
+    "bench": (
+        "octomap-python",
+        "pyastar2d",
+        "pyransac3d",
+        "pyswarms",
+        "scikit-fuzzy",
+        "scikit-image",
+        "small_gicp",
+    ),
+    "dev": (
+        "beartype",
+        "hypothesis",
+        "import-linter",
+        "mypy",
+        "networkx",
+        "pytest",
+        "pytest-xdist",
+        "ruff",
+        "scipy-stubs",
+    ),
+}
+"""Extra of surefoot to the distributions that it installs."""
+
+COSTS = {
+    "viz": "no live page (simulate --view, view --live)",
+    "batch": "recordings are processed one at a time",
+    "bench": "`surefoot bench` runs without these comparisons",
+    "dev": "the tests or `make lint` do not run",
+}
+
 EGL_TRIAL = (
     "import importlib.util, pybullet as p\n"
     "c = p.connect(p.DIRECT)\n"
@@ -36,14 +85,15 @@ EGL_TRIAL = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked for.
+    """Result of one check.
 
     Args:
-        name: Of the thing.
-        found: Whether it is there.
-        detail: Version or place, or what is wrong.
-        cost: What is lost without it; "" where nothing is missing.
-        mend: How to get it; "" where nothing is missing.
+        name: Name of the part.
+        found: Whether it is there and works.
+        detail: Version or path, or the fault.
+        cost: What does not work without it; "" if found.
+        mend: Command or action that provides it; "" if found.
+        optional: Whether surefoot's main functions work without it.
     """
 
     name: str
@@ -51,17 +101,19 @@ class Finding:
     detail: str
     cost: str = ""
     mend: str = ""
+    optional: bool = False
 
 
 def examine() -> list[Finding]:
-    """Look at everything that a run may use; nothing is changed."""
+    """Check everything that a run may use; nothing is changed."""
     checks: tuple[Callable[[], list[Finding]], ...] = (
         _python,
-        _packages,
-        _open3d,
-        _renderer,
+        _required,
+        _pybullet,
+        _open3d_libraries,
         _kernels,
         _extras,
+        _browser,
         _data,
         _machine,
     )
@@ -71,173 +123,208 @@ def examine() -> list[Finding]:
 def render(findings: list[Finding]) -> str:
     """The findings as lines for the terminal."""
     width = max(len(finding.name) for finding in findings)
-    shown = []
+    lines = []
     for finding in findings:
-        mark = "ok     " if finding.found else "missing"
-        shown.append(f"{mark}  {finding.name:<{width}}  {finding.detail}")
+        mark = "ok" if finding.found else "absent" if finding.optional else "missing"
+        lines.append(f"{mark:<7}  {finding.name:<{width}}  {finding.detail}")
         if not finding.found:
-            shown += [f"         {line}" for line in (finding.cost, finding.mend) if line]
-    absent = sum(not finding.found for finding in findings)
-    shown.append("everything is here" if absent == 0 else f"{absent} missing, as said above")
-    return "\n".join(shown)
+            lines += [f"         {line}" for line in (finding.cost, finding.mend) if line]
+    missing = sum(not finding.found and not finding.optional for finding in findings)
+    absent = sum(not finding.found and finding.optional for finding in findings)
+    lines.append(
+        f"{missing or 'no'} required part{'s' * (missing != 1)} missing, {absent or 'no'} optional absent"
+    )
+    return "\n".join(lines)
+
+
+def _finding(
+    name: str, found: bool, detail: str, cost: str, mend: str, optional: bool = False
+) -> Finding:
+    """A finding that names cost and remedy only where something is missing."""
+    return Finding(name, found, detail, *(("", "") if found else (cost, mend)), optional)
 
 
 def _python() -> list[Finding]:
-    right = sys.version_info[:2] == (3, 11)
+    right = (3, 11) <= sys.version_info[:2] <= bootstrap.NEWEST
     return [
-        Finding(
+        _finding(
             "Python",
             right,
             f"{sys.version.split()[0]} at {sys.executable}",
-            "" if right else "PyBullet has no wheel for it: no simulation",
-            "" if right else "make PYTHON=python3.11 setup",
+            "tested are 3.11 to {}.{}".format(*bootstrap.NEWEST),
+            "make PYTHON=python3.11 setup" if CHECKOUT else "install surefoot under Python 3.11",
         )
     ]
 
 
-def _packages() -> list[Finding]:
-    found = []
-    for name in PACKAGES:
+def _version(distribution: str) -> str:
+    """Version of an installed distribution; "" if it is not installed."""
+    names = (distribution, "open3d-cpu") if distribution == "open3d" else (distribution,)
+    for name in names:
         try:
-            found.append(Finding(name, True, importlib.metadata.version(name)))
-        except importlib.metadata.PackageNotFoundError:
-            found.append(
-                Finding(name, False, "not installed", "nothing runs without it", "make setup")
-            )
-    if importlib.util.find_spec("pybullet"):
-        code = "import pybullet; print(pybullet.isNumpyEnabled())"
-        numpy = _output(code).endswith("1")
-        found.append(
-            Finding(
-                "PyBullet with NumPy",
-                numpy,
-                "yes" if numpy else "no",
-                "" if numpy else "camera images come a hundred times slower",
-                "" if numpy else "install the wheel: make setup",
-            )
-        )
-    return found
-
-
-def _open3d() -> list[Finding]:
-    absent = bootstrap.missing_libraries()
-    found = []
-    for name in ("open3d-cpu", "open3d"):
-        try:
-            version = importlib.metadata.version(name)
+            return importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
             continue
-        found.append(Finding("Open3D", True, f"{version} ({name})"))
-        break
-    else:
-        found.append(
-            Finding("Open3D", False, "not installed", "no clouds, no TOF camera", "make setup")
+    return ""
+
+
+def _pip(words: str) -> str:
+    """Command that installs something into this environment."""
+    locked = CHECKOUT and sys.version_info[:2] == bootstrap.LOCKED
+    return f"{sys.executable} -m pip install {f'-c {ROOT}/requirements.lock ' * locked}{words}"
+
+
+def _required() -> list[Finding]:
+    wheel = sys.version_info[:2] <= bootstrap.LAST_WITH_PYBULLET
+    findings = []
+    for name, cost in REQUIRED.items():
+        version = _version(name)
+        mend = "make setup" if CHECKOUT else _pip(name)
+        if name == "pybullet" and not wheel:
+            mend = "it has no wheel for this Python; install surefoot under Python 3.11 to simulate"
+        optional = name == "filterpy" or (name == "pybullet" and not wheel)
+        findings.append(
+            _finding(name, bool(version), version or "not installed", cost, mend, optional)
         )
+    return findings
+
+
+def _pybullet() -> list[Finding]:
+    if importlib.util.find_spec("pybullet") is None:
+        return []
+    arrays = _output("import pybullet; print(pybullet.isNumpyEnabled())").endswith("1")
+    renderer = "renderer works" in _output(EGL_TRIAL)
+    return [
+        _finding(
+            "PyBullet with NumPy",
+            arrays,
+            "yes" if arrays else "no",
+            "camera images take a hundred times as long",
+            f"install its wheel: {_pip('--force-reinstall --only-binary :all: pybullet')}",
+        ),
+        _finding(
+            "EGL renderer",
+            renderer,
+            "works (for colour and stereo)" if renderer else "does not start",
+            "the software renderer takes three times as long and draws no shadows",
+            "sudo apt-get install libegl1 libgl1-mesa-dri",
+            optional=True,
+        ),
+    ]
+
+
+def _open3d_libraries() -> list[Finding]:
+    absent = bootstrap.missing_libraries()
     packages = [bootstrap.LIBRARIES[library] for library in absent]
-    found.append(
-        Finding(
+    return [
+        _finding(
             "Open3D's libraries",
             not absent,
-            ", ".join(absent) or ", ".join(bootstrap.LIBRARIES),
-            "Open3D cannot be loaded: no clouds, no simulated TOF camera" if absent else "",
-            "sudo " + " ".join(bootstrap.install_command(packages)) if absent else "",
-        )
-    )
-    return found
-
-
-def _renderer() -> list[Finding]:
-    works = "renderer works" in _output(EGL_TRIAL)
-    return [
-        Finding(
-            "EGL renderer",
-            works,
-            "works (used for colour and stereo)" if works else "does not start",
-            "" if works else "the software renderer takes three times as long, without shadows",
-            "" if works else "sudo apt-get install libegl1 libgl1-mesa-dri",
+            ", ".join(absent or bootstrap.LIBRARIES),
+            "Open3D cannot be loaded: no point clouds, no simulated time-of-flight camera",
+            "sudo " + " ".join(bootstrap.install_command(packages)),
         )
     ]
 
 
 def _kernels() -> list[Finding]:
-    root = Path(__file__).resolve().parents[2]
-    caches = [
-        p
-        for package in ("perception", "mapping", "planning")
-        for p in (root / package).rglob("*.nbi")
-    ]
+    if importlib.util.find_spec("numba") is None:
+        return []
+    from perception.primitives import compiled  # imports Numba
+
+    folders = []
+    for package in ("perception", "mapping", "planning", "sim", "surefoot"):
+        importlib.import_module(package)
+        folders.append(compiled.cache_folder(package))
+    number = sum(len(list(folder.glob("**/*.nbi"))) for folder in folders if folder is not None)
+    first = folders[0]
+    if first is None:
+        return [
+            Finding(
+                "compiled kernels",
+                False,
+                "no folder is writable",
+                "every start compiles for about a minute",
+                "set NUMBA_CACHE_DIR to a folder that you can write",
+            )
+        ]
     return [
-        Finding(
+        _finding(
             "compiled kernels",
-            bool(caches),
-            f"{len(caches)} kept" if caches else "none kept yet",
-            "" if caches else "the first run compiles for about half a minute",
-            "" if caches else "python -m surefoot.cli.warmup",
+            number > 0,
+            f"{number} in {first}" + " and the like" * (number > 0),
+            "the first run compiles for about a minute",
+            f"{sys.executable} -m surefoot.cli.warmup",
+            optional=True,
         )
     ]
 
 
 def _extras() -> list[Finding]:
-    viser = importlib.util.find_spec("viser") is not None
-    browser = next(
-        (
-            path
-            for name in ("chromium", "chromium-browser", "google-chrome")
-            if (path := shutil.which(name))
-        ),
-        None,
-    )
+    findings = []
+    for extra, names in EXTRAS.items():
+        if extra == "dev" and not CHECKOUT:
+            continue
+        versions = {name: _version(name) for name in names}
+        absent = [name for name, version in versions.items() if not version]
+        present = [f"{name} {version}" for name, version in versions.items() if version]
+        target = f"-e '{ROOT}[{extra}]'" if CHECKOUT else f"'surefoot[{extra}]'"
+        detail = [", ".join(present)] * bool(present)
+        detail += ["not installed: " + ", ".join(absent)] * bool(absent)
+        findings.append(
+            _finding(
+                f"extra {extra}", not absent, "; ".join(detail), COSTS[extra], _pip(target), True
+            )
+        )
+    return findings
+
+
+def _browser() -> list[Finding]:
+    names = ("chromium", "chromium-browser", "google-chrome")
+    browser = next((path for name in names if (path := shutil.which(name))), None)
     return [
-        Finding(
-            "viser (extra viz)",
-            viser,
-            importlib.metadata.version("viser") if viser else "not installed",
-            ""
-            if viser
-            else "no live page (simulate --view, view --live); reports are not affected",
-            "" if viser else ".venv/bin/pip install -c requirements.lock -e '.[viz]'",
-        ),
-        Finding(
+        _finding(
             "Chromium",
             browser is not None,
             browser or "not found",
-            "" if browser else "the test that renders the report page is left out",
-            "" if browser else "sudo apt-get install chromium",
-        ),
-    ]
+            "the test that renders the report page is skipped",
+            "sudo apt-get install chromium",
+            optional=True,
+        )
+    ] * CHECKOUT
 
 
 def _data() -> list[Finding]:
     folder = Path(os.environ.get("SUREFOOT_DATA", "../shared/data"))
     there = folder.is_dir()
     return [
-        Finding(
+        _finding(
             "real recordings",
             there,
             str(folder.resolve()) if there else f"not at {folder}",
-            "" if there else "tests and experiments on real data are left out, aloud",
-            "" if there else "set SUREFOOT_DATA to their folder",
+            "tests and experiments on real recordings are skipped",
+            "set SUREFOOT_DATA to their folder",
+            optional=True,
         )
     ]
 
 
 def _machine() -> list[Finding]:
     free = shutil.disk_usage(Path.cwd()).free / 1e9
-    enough = free > 1.0
     return [
         Finding("processor cores", True, str(os.cpu_count())),
-        Finding(
-            "free disk here",
-            enough,
+        _finding(
+            "free disk space here",
+            free > 1.0,
             f"{free:.1f} GB",
-            "" if enough else "a recorded walk takes about 0.2 GB",
-            "" if enough else "free some space or choose another --out",
+            "a recorded walk takes about 0.2 GB",
+            "free some space or choose another --out",
         ),
     ]
 
 
 def _output(code: str) -> str:
-    """What a snippet prints, run apart because it may crash; "" if it does."""
+    """Output of a snippet, run in another process because it may crash; "" if it does."""
     try:
         done = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False

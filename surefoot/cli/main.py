@@ -37,6 +37,8 @@ def main(debug: bool) -> None:
     logging.basicConfig(level=logging.WARNING)
     for package in ("perception", "mapping", "planning", "sim", "surefoot"):
         logging.getLogger(package).setLevel(logging.DEBUG if debug else logging.WARNING)
+    # Matplotlib warns about a home that it cannot write
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
 
 
 for _verb in (

@@ -43,6 +43,10 @@ class Progress:
             click.echo(text, err=True)
             self._last_s = time.monotonic()
 
+    def notice(self, text: str) -> None:
+        """Print a line at once; the progress line continues below it."""
+        click.echo(("\r" if self._live else "") + text.ljust(self._width), err=True)
+
     def done(self) -> None:
         """End the line."""
         if self._live and self._width:
@@ -89,9 +93,23 @@ def exit_code(error: SurefootError) -> int:
 
 @contextlib.contextmanager
 def progress() -> Iterator[Progress]:
-    """A progress line for the length of a block."""
+    """A progress line for the length of a block; a notice says when kernels are compiled."""
+    from numba.core import event  # slow to load
+
+    class Notice(event.Listener):
+        given = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.given:
+                say.notice("compiling kernels for this machine: once, about a minute")
+            self.given = True
+
+        def on_end(self, event: Any) -> None:
+            pass
+
     say = Progress()
     try:
-        yield say
+        with event.install_listener("numba:compile", Notice()):
+            yield say
     finally:
         say.done()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from perception.primitives.compiled import njit
 
-@numba.njit(cache=True)
+
+@njit(cache=True)
 def lzf_decompress(packed: np.ndarray, size: int) -> np.ndarray:
     """Decompress uint8 data of known size; returns an array of length 0 for damaged data.
 

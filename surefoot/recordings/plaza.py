@@ -49,7 +49,8 @@ def read_plaza(path: Path) -> RangeLog:
         odometry, ranges, beacons, truth = (
             np.asarray(tables[name], float) for name in ("DR", "TD", "TL", "GT")
         )
-    except (OSError, ValueError, KeyError, MatReadError) as error:
+    except (OSError, ValueError, KeyError, IndexError, MatReadError) as error:
+        # IndexError comes from scipy before 1.16, for a file that is no MATLAB file
         raise RecordingError(
             f"{path}: {error}; expected a MATLAB file with tables DR, TD, TL and GT"
         ) from error

@@ -89,13 +89,17 @@ def simulate(
     Raises:
         InputError: Unknown scene or planner.
         OutputError: The folder cannot be written.
+        SurefootError: PyBullet, which the robot needs, is not installed.
     """
+    from sim import bullet
     from sim.robot import SimulatedRobot
     from sim.scenes import catalogue  # loaded only for simulation
     from sim.world import World
 
     from ..results.ground_truth_log import TruthLog
 
+    if config.robot.needs_pybullet:
+        bullet.require()
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")

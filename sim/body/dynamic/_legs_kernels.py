@@ -7,7 +7,8 @@ roll, hip pitch, knee, ankle pitch to ankle roll. A foot is the frame of its ank
 import math
 
 import numpy as np
-from numba import njit
+
+from perception.primitives.compiled import njit
 
 from ..gait import GRAVITY_MPS2
 

@@ -23,6 +23,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from perception.primitives.pose import Pose2, Pose3
 
+from ... import bullet
 from ...rendering.pictures import silenced_output
 from ...shapes import Box, Cylinder, Shape, Solid
 from ..gait import GRAVITY_MPS2
@@ -59,8 +60,7 @@ class Physics:
             up: Unit vector against gravity, world frame.
         """
         with silenced_output():
-            import pybullet
-
+            pybullet = bullet.library()
             self._bullet: Any = pybullet
             self.client = pybullet.connect(pybullet.DIRECT)
         b, c = pybullet, self.client

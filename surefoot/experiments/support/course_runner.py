@@ -18,6 +18,7 @@ from planning.planners.planner import Decision
 from planning.planners.search_planner import SearchPlanner
 from planning.safety.step_filter import StepFilter
 from planning.world_model import WorldModel
+from sim import bullet
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
@@ -100,6 +101,8 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
         perfect: Error-free perception instead of simulated detections.
         stepper: Checks every step; None: the guard.
     """
+    if config.robot.needs_pybullet:
+        bullet.require()
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
     result, touch = CourseWalk(), Touch()
     images = config.robot.tof

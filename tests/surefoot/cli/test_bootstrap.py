@@ -12,6 +12,7 @@ from surefoot.cli import bootstrap
 @pytest.fixture
 def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine that lacks a library, and where nothing may be installed."""
+    monkeypatch.setattr(sys, "version_info", (3, 11, 7, "final", 0))
     monkeypatch.setattr(bootstrap, "LIBRARIES", {"libnot-there.so.9": "libnot-there9"})
     monkeypatch.setattr(bootstrap, "privilege", lambda: None)
 
@@ -28,15 +29,24 @@ def test_without_the_right_to_install_one_line_says_what_to_run(bare, capsys):
     assert "sudo apt-get install -y --no-install-recommends libnot-there9" in said[0]
 
 
-def test_another_python_is_refused_with_the_way_out(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "version_info", (3, 13, 1, "final", 0))
+@pytest.mark.parametrize("version", [(3, 10, 4), (3, 14, 0)])
+def test_an_unsupported_python_is_refused_with_the_command_that_helps(monkeypatch, capsys, version):
+    monkeypatch.setattr(sys, "version_info", (*version, "final", 0))
     assert bootstrap.main() == 2
     said = capsys.readouterr().err
-    assert "3.13.1" in said
-    assert "PYTHON=python3.11" in said
+    assert ".".join(map(str, version)) in said
+    assert "make PYTHON=python3.11 setup" in said
+
+
+def test_a_python_without_pybullet_is_accepted_with_a_warning(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "version_info", (3, 13, 1, "final", 0))
+    monkeypatch.setattr(bootstrap, "LIBRARIES", {"libc.so.6": "libc6"})
+    assert bootstrap.main() == 0
+    assert "`surefoot simulate` needs Python 3.11" in capsys.readouterr().err
 
 
 def test_where_nothing_is_missing_nothing_is_done(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "version_info", (3, 11, 7, "final", 0))
     monkeypatch.setattr(bootstrap, "LIBRARIES", {"libc.so.6": "libc6"})
     assert bootstrap.main() == 0
     assert capsys.readouterr().err == ""

@@ -12,6 +12,7 @@ import sys
 from pathlib import Path
 
 import cv2
+import numba
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -19,7 +20,7 @@ from click.testing import CliRunner
 from perception.primitives.errors import OutputError
 from surefoot.cli import study_verbs
 from surefoot.cli.main import main
-from surefoot.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Progress, exit_code
+from surefoot.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Progress, exit_code, progress
 from surefoot.config import toml
 from surefoot.config.schema import Config
 
@@ -194,6 +195,17 @@ def test_doctor_says_what_each_missing_piece_costs():
     findings = json.loads(shown)
     assert code == 0
     assert {"python", "open3d"} <= {finding["name"].split()[0].lower() for finding in findings}
+
+
+def test_a_compilation_is_announced_once_and_a_compiled_kernel_is_not(capsys):
+    double = numba.njit(lambda x: 2 * x)
+    with progress():
+        double(1)
+        double(1.5)
+    assert capsys.readouterr().err.count("compiling kernels") == 1
+    with progress():
+        double(2)
+    assert capsys.readouterr().err == ""
 
 
 def test_progress_into_a_file_is_sparse_and_never_among_the_results(capsys, monkeypatch):

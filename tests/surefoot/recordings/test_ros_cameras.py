@@ -116,12 +116,12 @@ def test_a_rational_lens_with_zero_denominator_has_five_coefficients(tmp_path):
         "/cam/depth/sw_registered/image_rect",
     ],
 )
-def test_a_rectified_image_is_not_undistorted_again(tmp_path, kind, topic):
+def test_a_rectified_image_is_not_undistorted_again(tmp_path, undistort, kind, topic):
     """OpenCV rectifies the distorted image; P alone gives the points back."""
     camera = camera_of(write(tmp_path / "walk", kind, topic, lens("plumb_bob", PLUMB_BOB)))
     raw = seen_by_opencv(PLUMB_BOB).reshape(-1, 1, 2)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
-    rectified = cv2.undistortPoints(raw, K, np.array(PLUMB_BOB), None, np.eye(3), P, stop)
+    rectified = undistort(raw, K, np.array(PLUMB_BOB), np.eye(3), P, stop)
     assert camera.distortion == (0.0,) * 5
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (26.0, 27.5, 16.1, 11.3)
     back = camera.back_project(rectified.reshape(-1, 2), POINTS[:, 2])
@@ -227,13 +227,12 @@ def test_depth_registered_to_colour_keeps_its_pixels(tmp_path, topic):
 @pytest.mark.parametrize(
     ("model", "d"), [("plumb_bob", PLUMB_BOB), ("rational_polynomial", RATIONAL)]
 )
-def test_raw_colours_of_a_rectified_depth_image_are_undistorted(tmp_path, model, d):
+def test_raw_colours_of_a_rectified_depth_image_are_undistorted(tmp_path, undistort, model, d):
     """A scene whose red and green increase with the slope of the ray, distorted by OpenCV."""
     v, u = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float64)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
-    slopes = cv2.undistortPoints(
-        np.stack([u, v], -1).reshape(-1, 1, 2), K, np.array(d), None, None, None, stop
-    ).reshape(HEIGHT, WIDTH, 2)
+    pixels = np.stack([u, v], -1).reshape(-1, 1, 2)
+    slopes = undistort(pixels, K, np.array(d), None, None, stop).reshape(HEIGHT, WIDTH, 2)
 
     def scene(x, y):
         return np.rint(np.stack([120 + 140 * x, 120 + 140 * y, 0 * x], -1)).astype(np.uint8)
