@@ -24,7 +24,7 @@ def load(
 
     Args:
         path: TOML file; None for the defaults.
-        overrides: Single values such as "grid.cell_m=0.02".
+        overrides: Single values such as "reach.tof.farthest_m=2.5".
         scene: Name of the scene; None: as configured.
         seed: Of everything random; None: as configured.
 

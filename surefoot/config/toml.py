@@ -96,7 +96,7 @@ def override(config: C, assignments: Sequence[str]) -> C:
         keys = [key.strip() for key in name.split(".")]
         if not sign or not all(keys):
             raise ConfigError(
-                f"{assignment!r} sets nothing; expected KEY=VALUE, such as grid.cell_m=0.02"
+                f"{assignment!r} sets nothing; expected KEY=VALUE, such as reach.tof.farthest_m=2.5"
             )
         try:
             value: Any = tomllib.loads(f"value = {text}")["value"]
