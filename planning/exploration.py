@@ -259,7 +259,8 @@ def _lattice(index: Int[np.ndarray, "rows columns"], cell_m: float) -> sparse.cs
         both = (a >= 0) & (b >= 0)
         ends.append(np.stack([a[both], b[both]]))
         weights.append(np.full(int(both.sum()), cell_m * math.hypot(i, j)))
-    (first, second), weight = np.concatenate(ends, axis=1), np.concatenate(weights)
+    first, second = np.concatenate(ends, axis=1).astype(np.int32)  # all that scipy 1.11 accepts
+    weight = np.concatenate(weights)
     count = int(index.max()) + 1
     graph = sparse.coo_array((weight, (first, second)), shape=(count, count))
     return (graph + graph.T).tocsr()
