@@ -10,6 +10,7 @@ import importlib.abc
 import importlib.util
 import os
 import pkgutil
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
@@ -73,6 +74,14 @@ if "sim" not in BLOCKED and importlib.util.find_spec("pybullet") is None:
             pytest.skip(str(error))
 
     bullet.require = _require_or_skip
+
+
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Python's usual answer to Ctrl-C, also where the test run was started with SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")

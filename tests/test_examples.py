@@ -232,7 +232,7 @@ def test_a_planner_of_ones_own_stands_in_the_table_of_the_experiment():
 
 def test_a_gaze_policy_of_ones_own_walks_in_the_experiment(monkeypatch):
     monkeypatch.setattr(gaze_coupling, "LIMIT_S", 10.0)
-    walked = gaze_coupling.look(0, GAZE)
+    walked = gaze_coupling.walk_with_gaze(0, GAZE)
     assert walked.time_s >= 10.0
     assert walked.sigma_m > 0.0
 

@@ -33,7 +33,7 @@ from ..support.walks import walk
 
 SCENES = ("corridor", "robots_room", "boxes", "home")
 ORDER = ("field", "search", "swarm", "avoidance")
-MADE_FOR = {
+INTENDED_SCENES = {
     "field": ("robots_room",),  # seed 001: discs, standing or moving; a hollow is a trap
     "search": SCENES,  # seeds 003 and 001 together
     "swarm": ("corridor", "robots_room", "boxes"),  # seed 000: a floor of one kind
@@ -106,7 +106,7 @@ def compare(
         "   time s  computing s"
     ]
     for planner in dict.fromkeys((*ORDER, *(config.mission.planner for config in configs))):
-        own = MADE_FOR.get(planner, ())
+        own = INTENDED_SCENES.get(planner, ())
         groups = {"all": SCENES, "own": own, **{kind: (kind,) for kind in SCENES}}
         for name, kinds in groups.items():
             walks = [

@@ -56,7 +56,7 @@ BEARING_RAD = 0.0071  # the same of a bearing
 
 
 @dataclass(frozen=True)
-class Looked:
+class GazeWalk:
     """What came of one walk, means over its steps.
 
     Args:
@@ -126,7 +126,9 @@ class LocalisedPerception(GeometricPerception):
         return math.acos(min(across, 1.0))
 
 
-def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE) -> Looked:
+def walk_with_gaze(
+    seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE
+) -> GazeWalk:
     """One walk with one way of looking."""
     base = on_body(course_config(scene_name, seed), body)
     config = replace(base, gaze=replace(base.gaze, mode=mode))
@@ -152,7 +154,7 @@ def look(seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE)
                     _measures(perception, cycle.world, true, len(scene.moving_objects), config)
                 )
         sigma, mover, stale = np.array(found or [(math.nan,) * 3]).T
-        return Looked(
+        return GazeWalk(
             float(sigma.mean()),
             float(np.nanmean(mover)) if np.isfinite(mover).any() else math.nan,
             float(stale.mean()),
@@ -201,14 +203,14 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
         plugins.load(own, POLICIES, "gaze policy", ("next",))  # refused before anything walks
         modes.append(own)
     todo = [(seed, mode, body) for seed in range(seeds) for mode in modes]
-    found: dict[str, list[Looked]] = {mode: [] for mode in modes}
-    for (_, mode, _), one in zip(todo, run_trials(look, todo), strict=True):
+    found: dict[str, list[GazeWalk]] = {mode: [] for mode in modes}
+    for (_, mode, _), one in zip(todo, run_trials(walk_with_gaze, todo), strict=True):
         found[mode].append(one)
         say(f"{sum(map(len, found.values()))} of {len(todo)} walks")
     mean = {
         mode: {
             name: float(np.nanmean([getattr(one, name) for one in walks]))
-            for name in Looked.__dataclass_fields__
+            for name in GazeWalk.__dataclass_fields__
         }
         for mode, walks in found.items()
     }

@@ -13,7 +13,6 @@ from perception.depth.rectification import rectification, rectified
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Frame, StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from perception.primitives.stopwatch import Stopwatch
 from planning.commands import WalkCommand
 from sim.body.head import HeadConfig
 from sim.body.kinematic import SlipConfig, SwayConfig
@@ -134,7 +133,7 @@ def test_the_pipeline_rectifies_a_distorted_pair():
     pipeline = Pipeline(Config(), RecordingInfo("test", "simulation"))
     for pair, camera in zip(pairs, (PLAIN.camera, BENT.camera), strict=True):
         frame = Frame(0.0, stereo=StereoView(*pair, 0.04, camera))
-        ((sensor, depth),) = pipeline._depths(frame, Stopwatch())
+        ((sensor, depth),) = pipeline.depth_sources.images(frame)
         assert (sensor, depth.camera.is_distorted) == ("stereo", False)
         u, v = 20, 20  # upper left tag, where the distortion is greatest
         patch = depth.z[v : v + 100, u : u + 100]

@@ -167,7 +167,7 @@ def test_an_experiment_prints_its_table_or_one_object():
     assert json.loads(shown[shown.index("{") :])["passed"] is True
     code, shown = call("experiment", "004-E2", "--body", "dynamic")
     assert code == 2
-    assert "nothing walks" in shown
+    assert "no robot walks" in shown
 
 
 def test_experiments_are_listed_with_their_titles():
@@ -300,7 +300,9 @@ def test_ignored_poses_are_compared_with_the_estimate_at_the_end(recordings, tmp
     assert (tmp_path / "run" / "truth" / "trajectory.txt").is_file()
 
 
-def test_ctrl_c_ends_with_exit_code_130_and_the_command_that_continues(tmp_path, monkeypatch):
+def test_ctrl_c_ends_with_exit_code_130_and_the_command_that_continues(
+    tmp_path, monkeypatch, ctrl_c
+):
     count = 0
 
     def press(self, text):

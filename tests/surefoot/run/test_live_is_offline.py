@@ -51,7 +51,7 @@ WALKS = {
     ),
     "avoidance": ("home", 10.0, ["mission.planner=avoidance", "robot.stereo=false"]),
     "fall-back": ("plain_room", 8.0, ["robot.tof=false"]),
-    "recovery": (SLOT, 25.0, ["robot.stereo=false"]),
+    "recovery": (SLOT, 45.0, ["robot.stereo=false"]),
 }
 """Name to scene, time limit in s, and settings."""
 

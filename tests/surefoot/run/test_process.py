@@ -78,7 +78,7 @@ def test_a_walking_body_keeps_its_planar_trajectory(tmp_path):
     assert json.loads((tmp_path / "run" / "summary.json").read_text())["trajectory"] == "body"
 
 
-def test_after_ctrl_c_the_run_can_be_opened_and_resumes_to_the_same_bits(kitchen, tmp_path):
+def test_after_ctrl_c_the_run_can_be_opened_and_resumes_to_the_same_bits(kitchen, tmp_path, ctrl_c):
     process(kitchen, None, Config(), tmp_path / "whole", quiet)
 
     def press(text):
@@ -114,7 +114,7 @@ def press_twice():
         signal.raise_signal(signal.SIGINT)
 
 
-def test_a_second_ctrl_c_interrupts_at_once():
+def test_a_second_ctrl_c_interrupts_at_once(ctrl_c):
     with pytest.raises(KeyboardInterrupt):
         press_twice()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from perception.planar.config import PlanarConfig
+from perception.planar.planar import filter_journey
 from perception.primitives.gaussian import Gaussian
 from surefoot.experiments.real.planar_smoother import smooth_journey
 from surefoot.experiments.real.range_only import follow_ranges
@@ -113,14 +114,14 @@ def test_the_first_minutes_of_a_real_robot_are_accurate(recordings):
         run.start_s, run.start_s + 250.0,
     )  # fmt: skip
     instants = short.instants()
-    found = follow(short.journey(instants, 0.2))
+    found = filter_journey(short.journey(instants, 0.2))
     errors = run_errors(short, instants, found.means, found.covariances)
     assert errors.rmse_m < 0.15
     assert errors.heading_deg < 2.0
     assert short.dead_reckoning() > 0.5
     seconds = short.seconds()
     journey = short.journey(seconds, 0.2)
-    means, covariances = smooth_journey(journey, follow(journey), PlanarConfig())
+    means, covariances = smooth_journey(journey, filter_journey(journey), PlanarConfig())
     assert short.rmse_between(seconds, means) < errors.rmse_m
     np.linalg.cholesky(covariances)
 
