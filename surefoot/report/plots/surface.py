@@ -10,12 +10,13 @@ from jaxtyping import Float, UInt8
 from mapping.io.clouds import load_ply
 
 from ...results.run_folder import RunFolder
-from .style import ESTIMATE, Drawn, sheet
+from .style import ESTIMATE, WIDTH_IN, Drawn, sheet
 
 PIXELS = 520  # along the longer side of a view, as large as the page shows
 PIXEL_M = 0.02  # smallest pixel, as the voxels: a finer image would have gaps between points
 OBLIQUE_DEG = 35.0  # depression angle of the oblique view
 BACKGROUND = 255
+MARGIN_IN, MOST_IN = 0.7, 6.5  # room for title and labels; largest height of the figure
 
 
 def surface(run: RunFolder) -> Drawn | None:
@@ -31,9 +32,11 @@ def surface(run: RunFolder) -> Drawn | None:
     if colours is None:
         colours = _height_colours(points[:, 2], float(low[2]), float(high[2]))
     path = run.read_trajectory("trajectory.txt")
-    figure, axes = sheet(1, 2, 3.6)
-    for one, view, words in zip(axes, _views(), ("from above", "oblique view"), strict=True):
-        picture, extent = splat(points[near] @ view.T, colours[near])
+    images = [splat(points[near] @ view.T, colours[near]) for view in _views()]
+    tallest = max(picture.shape[0] / picture.shape[1] for picture, _ in images)
+    figure, axes = sheet(1, 2, min(MARGIN_IN + tallest * WIDTH_IN / 2, MOST_IN))
+    titles = ("from above", "oblique view")
+    for one, view, (picture, extent), words in zip(axes, _views(), images, titles, strict=True):
         one.imshow(picture, origin="lower", extent=extent, interpolation="nearest", aspect="equal")
         if path is not None:
             seen = path.positions @ view.T
