@@ -1,12 +1,11 @@
-"""Planning: what shall we do.
+"""Planning: the next footstep and gaze, from a world model.
 
-Read in this order: `commands` (what is asked of a body), `search` (the terrain map to via points),
-`route` (the via points kept from cycle to cycle, detours), `univector` (the field that walks to a via
-point), `footsteps` (a desired heading and speed as a step that the gait can make), `guard` (lets only
-steps pass that stay clear of what stands and of what may move, by `hypotheses` and `prediction`), `gaze`
-(where to look meanwhile), `swarm` (the best pixel of a picture, without a map), `avoidance` (which of seven
-motions leads past what blocks the way), `exploration` (where nobody has looked yet). `dynamic_window` and `velocity_obstacles` are peers of the guard, behind the
-interface of `stepping`.
+Read in this order: `commands` (what a body is asked to do), `footsteps` (a heading and a speed as one step of the
+gait), `world_model` (what planning reads), `planners` (four planners and what they share), `search` (via points on the
+grid), `univector` (the field that leads to a via point), `safety` (the guard and its baselines), `gaze` (where to look
+meanwhile), `swarm` (the best pixel of an image, without a map), `avoidance` (seven motions past obstacles),
+`exploration` (places that were not seen yet).
 
-Sources: seed 003 (search), seed 001 (field, gaze), seed 000 (footsteps, swarm), seed 004 (avoidance); route and guard are ours.
+Sources: seed 003 (search), seed 001 (field, gaze), seed 000 (footsteps, swarm), seed 004 (avoidance); guard, recovery
+and fall-back are ours.
 """

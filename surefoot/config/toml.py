@@ -170,7 +170,7 @@ def _merge(
 
 
 def _default(kind: type[Any], key: str) -> Any:
-    """What a field holds when nobody says; None if it must be given."""
+    """The default of a field; None if it has none."""
     for item in dataclasses.fields(kind):
         if item.name == key:
             if item.default_factory is not dataclasses.MISSING:

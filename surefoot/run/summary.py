@@ -25,7 +25,7 @@ class Summary:
         reached: Goals reached, and of how many; None for a recording.
         seconds: Length in the recording's clock.
         fell_at_s: When the robot fell, which ends a run; None if it stood to the end.
-        body: Who walked, "kinematic" or "dynamic", which alone can fall; None for a recording.
+        body: Body that walked, "kinematic" or "dynamic" (only this one can fall); None for a recording.
         notes: Anything else the user should know.
         interrupted: Whether Ctrl-C ended the run before its last frame.
     """

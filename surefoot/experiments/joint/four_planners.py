@@ -1,10 +1,11 @@
-"""Four planners on the same fifty scenes: the field alone, search and field, the swarm, stop and avoid.
+"""Four planners on the same fifty scenes: field alone, search and field, swarm, and stop-and-avoid.
 
-Corridors with cartons and a robot, the room of seed 000 with its three robots, boxes with a gap, and furnished
-homes, by turns. Everybody has the same body, gait and guard; the swarm sees by its colour camera alone, the
-others by time of flight. A walk succeeds if it arrives without any contact. Everyone walks everywhere; the
-table tells kinds of scene apart, and a star marks those that a planner's own source is about. One picture
-per scene shows the four ways.
+The scenes alternate between corridors with cartons and a robot, the room of seed 000 with three robots, boxes with a
+gap, and furnished homes. All planners have the same body, gait and guard; the swarm planner uses the colour camera
+alone, the others time of flight. A walk succeeds if it reaches the goal without contact. The table has a row per kind
+of scene; a star marks the kinds that a planner's paper addresses. One plot per scene shows the four paths.
+
+Source: specification, INT-4.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,28 +31,25 @@ from ...report.plots import style
 from ...results.run_folder import RunFolder
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
-from ..support.walks import walk
+from ..support.walks import column, walk
 
 SCENES = ("corridor", "robots_room", "boxes", "home")
 ORDER = ("field", "search", "swarm", "avoidance")
 INTENDED_SCENES = {
-    "field": ("robots_room",),  # seed 001: discs, standing or moving; a hollow is a trap
+    "field": ("robots_room",),  # seed 001: static or moving discs; concave obstacles trap the field
     "search": SCENES,  # seeds 003 and 001 together
-    "swarm": ("corridor", "robots_room", "boxes"),  # seed 000: a floor of one kind
-    "avoidance": (
-        "corridor",
-        "boxes",
-    ),  # seed 004: one thing after the other, with room to look at it
+    "swarm": ("corridor", "robots_room", "boxes"),  # seed 000: a floor of one colour
+    "avoidance": ("corridor", "boxes"),  # seed 004: single obstacles with space to see them
 }
-"""The kinds of scene that each planner's source promises."""
-LIMIT_S = 180.0  # ours: the longest way takes 95 s without any obstacle
+"""The kinds of scene that each planner's paper addresses."""
+LIMIT_S = 180.0  # ours: the longest path takes 95 s without any obstacle
 PICTURES = Path("runs") / "INT-4"
 
-Walked = tuple[dict[str, Any], np.ndarray]
+WalkResult = tuple[dict[str, Any], np.ndarray]
 
 
 def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
-    """One planner in one scene, with this body."""
+    """Configuration of a walk with a planner, in the scene with this number."""
     scene, seed = SCENES[number % len(SCENES)], number // len(SCENES)
     config = Config(scene=scene, seed=seed)
     robot = replace(
@@ -61,13 +60,13 @@ def config_of(planner: str, number: int, body: str = "kinematic") -> Config:
 
 
 def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome:
-    """Scenes 0 to n - 1, every planner in each; four of them make one of each kind.
+    """Scenes 0 to n - 1 with every planner; four consecutive scenes are one of each kind.
 
     Args:
         seeds: Number of scenes.
-        say: Progress.
-        body: That walks.
-        own: A planner of the user's, "package.module:Class", beside ours; empty: none.
+        say: Takes lines of progress.
+        body: Body that walks.
+        own: The user's own planner, "package.module:Class", beside ours; empty: none.
     """
     planners = [name for name in ORDER if name in PLANNERS]
     ours = len(planners)
@@ -75,7 +74,7 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
         plugins.load(own, PLANNERS, "planner", MEMBERS)  # refused before anything walks
         planners.append(own)
     todo = [config_of(planner, number, body) for number in range(seeds) for planner in planners]
-    found: list[Walked] = []
+    found: list[WalkResult] = []
     for walked in run_trials(_walk, [(config,) for config in todo]):
         found.append(walked)
         say(f"{len(found)} of {len(todo)} walks")
@@ -85,8 +84,8 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
     figures: dict[str, float] = {"scenes": float(seeds), "planners": float(ours)}
     more, table = compare(todo, [metrics for metrics, _ in found])
     table.append(
-        "length, clearance (least of a walk), time, computing (perceiving and deciding): medians; "
-        f"pictures: {PICTURES}/"
+        "length, clearance (minimum of a walk), time, computing (perception and planning): medians; "
+        f"plots: {PICTURES}/"
     )
     return Outcome(figures | more, table)
 
@@ -94,11 +93,11 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
 def compare(
     configs: Sequence[Config], found: Sequence[dict[str, Any]]
 ) -> tuple[dict[str, float], list[str]]:
-    """Figures and table lines by planner: over all scenes, over those it is made for, and by kind.
+    """Figures and table rows by planner: over all scenes, over those of its paper, and by kind of scene.
 
     Args:
-        configs: Of each walk.
-        found: Its metrics.
+        configs: Configuration of each walk.
+        found: Metrics of each walk.
     """
     figures: dict[str, float] = {}
     table = [
@@ -132,24 +131,24 @@ def _line(planner: str, label: str, row: dict[str, float]) -> str:
     )
 
 
-def _walk(config: Config) -> Walked:
-    """Metrics and true way of one walk."""
-    way: list[np.ndarray] = []
+def _walk(config: Config) -> WalkResult:
+    """Metrics and true path of one walk."""
+    path: list[np.ndarray] = []
 
     def keep(folder: RunFolder, config: Config) -> dict[str, float]:
         walked = folder.read_trajectory("truth/trajectory.txt")
         if walked is not None:
-            way.append(walked.positions[:, :2])
+            path.append(walked.positions[:, :2])
         return {"computing_s": computing_s(folder)}
 
     metrics = walk(config, keep)
-    return metrics, way[0] if way else np.empty((0, 2))
+    return metrics, path[0] if path else np.empty((0, 2))
 
 
 def computing_s(folder: RunFolder) -> float:
-    """Wall time that a run spent on perceiving and deciding, every stage of every frame; NaN if it kept no times.
+    """Wall time of perception and planning over all frames of a run, s; NaN if the run has no timing.
 
-    Rendering, the body, the journal and the report are not among the stages.
+    Rendering, body simulation, recording and report are not included.
     """
     times = folder.read_csv("timing.csv")
     if times is None:
@@ -159,9 +158,7 @@ def computing_s(folder: RunFolder) -> float:
 
 
 def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
-    def all_of(name: str) -> np.ndarray:
-        return np.array([metrics.get(name, np.nan) for metrics in found], dtype=float)
-
+    all_of = partial(column, found)
     arrived, free = all_of("goals_missed") == 0, all_of("contacts") == 0
     return {
         "walks": float(len(found)),
@@ -175,8 +172,10 @@ def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
     }
 
 
-def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], number: int) -> None:
-    """The scene from above, the ways of all planners in it."""
+def _draw(
+    config: Config, planners: Sequence[str], found: Sequence[WalkResult], number: int
+) -> None:
+    """Plot the scene from above with the paths of all planners."""
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
     with style.styled():
         x0, y0, x1, y1 = scene.extent
@@ -187,11 +186,11 @@ def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], numb
         for mover in scene.moving_objects:
             line = np.array([mover.start, mover.end])
             axes.plot(*line.T, color=style.WRONG, linewidth=4.0, alpha=0.35)
-        for planner, colour, (metrics, way) in zip(planners, style.SERIES, found, strict=False):
+        for planner, colour, (metrics, path) in zip(planners, style.SERIES, found, strict=False):
             words = "arrived" if metrics.get("goals_missed") == 0 else "did not arrive"
             contacts = int(metrics.get("contacts", 0))
             axes.plot(
-                *way.T,
+                *path.T,
                 color=colour,
                 label=f"{plugins.label(planner)}: {words}, contacts {contacts}",
             )
@@ -203,10 +202,7 @@ def _draw(config: Config, planners: Sequence[str], found: Sequence[Walked], numb
         axes.set_xlabel("x, m")
         axes.set_ylabel("y, m")
         style.legend(axes, columns=2)
-        PICTURES.mkdir(parents=True, exist_ok=True)
-        (PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png").write_bytes(
-            style.png(figure, dpi=110)
-        )
+    style.save(figure, PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png")
 
 
 EXPERIMENT = Experiment(

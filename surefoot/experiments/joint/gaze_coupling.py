@@ -1,13 +1,13 @@
-"""Does it pay to choose where to look: evaluations, a fixed sweep and a fixed head on the same courses.
+"""The benefit of gaze control: gaze by evaluations, a fixed sweep and a fixed head on the same courses.
 
-Sixteen obstacles, four of them moving, and tags on the walls: the first legs of the course of seed 001. Tracker,
-terrain map, localiser and planner are the product's; only pictures are left out (`course_senses`), and the
-robot finds itself by the tags that its colour camera would show, with the deviations that sightings in
-pictures claim. After every footstep that is walked: the deviation of the robot's place, that of each mover within
-two metres (of one without a track, what the tracker gives up at), and the share of stale ground in the seed's
+The courses are the first legs of those of seed 001: sixteen obstacles, four of them moving, and tags on the walls.
+Tracker, egocentric grid, localiser and planner are the product's; only images are replaced by geometry
+(`support/geometric_perception.py`), and the localiser uses the tags that the colour camera would show, with the noise of
+sightings in images. Measured after every footstep: the standard deviation of the robot's position, that of each moving
+obstacle within two metres (for one without a track, the tracker's limit), and the share of outdated cells in the
 sampling region.
 
-Source: the integration experiment INT-2; seed 001, section 3.
+Source: specification, INT-2; Yoo and Kim 2010 (seed 001), section 3.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from sim.world import World
 
 from ...config.presets import on_body
 from ...config.schema import Config
+from ...evaluation.metrics.contacts import BODY_RADIUS_M
 from ...run.bodies import LiveBody
 from ...run.loop import cycles
 from ...run.simulate import START_COVARIANCE
@@ -47,26 +48,25 @@ from ..support.trials import run_trials
 SCENE = "course"
 LEGS = 3  # of the course, about 9 m
 LIMIT_S = 240.0
-NEAR_M = 2.0  # movers nearer than this should be known
-BODY_M = 0.15  # S_r: a contact is the study's
-REACH_M = 3.5  # of a tag, side of 0.22 m
-ASLANT_RAD = math.radians(65.0)  # more, and the tag cannot be read
-RANGE_PER_M = 0.0033  # deviation of a range by its square: what sightings in pictures claim
-BEARING_RAD = 0.0071  # the same of a bearing
+NEAR_M = 2.0  # moving obstacles within this distance are evaluated
+REACH_M = 3.5  # greatest range of a tag with a side of 0.22 m
+OBLIQUE_RAD = math.radians(65.0)  # greatest viewing angle at which a tag is decoded
+RANGE_PER_M = 0.0033  # standard deviation of a range divided by its square, as in images
+BEARING_RAD = 0.0071  # standard deviation of a bearing, likewise
 
 
 @dataclass(frozen=True)
 class GazeWalk:
-    """What came of one walk, means over its steps.
+    """Result of one walk, means over its steps.
 
     Args:
-        sigma_m: Deviation of the robot's place along its worst axis.
-        mover_sigma_m: The same of the movers near; NaN if none came near.
-        stale: Share of the sampling region.
-        contacts: With anything.
-        time_s: When it ended.
-        arrived: Whether all legs were walked.
-        fell: Whether the robot fell, which ends a walk.
+        sigma_m: Standard deviation of the robot's position along its worst axis.
+        mover_sigma_m: The same of moving obstacles nearby; NaN if none came near.
+        stale: Share of outdated cells in the sampling region.
+        contacts: Number of contacts.
+        time_s: Duration.
+        arrived: Whether the robot completed all legs.
+        fell: Whether the robot fell, which ends the walk.
     """
 
     sigma_m: float
@@ -79,7 +79,7 @@ class GazeWalk:
 
 
 class LocalisedPerception(GeometricPerception):
-    """Geometric perception whose pose comes from the localiser, by odometry, gyro and the tags in view."""
+    """Geometric perception with the pose of the localiser, by odometry, gyro and visible tags."""
 
     def __init__(self, config: Config, robot: SimulatedRobot, seed: int) -> None:
         super().__init__(config, robot, seed, perfect=False)
@@ -98,7 +98,7 @@ class LocalisedPerception(GeometricPerception):
         return self.localiser.pose
 
     def _look_for_tags(self, true: Pose2) -> list[Sighting]:
-        """The tags that the colour camera shows, not hidden and not too aslant."""
+        """Sightings of the tags in the colour camera's field of view, neither occluded nor too oblique."""
         half = math.radians(COLOUR_DEG) / 2
         pan, _ = self._head(true)
         found = []
@@ -109,7 +109,7 @@ class LocalisedPerception(GeometricPerception):
             if away > REACH_M or off > half - 0.11 / away:
                 continue
             ray = np.array([[true.x, true.y, true.yaw + bearing]])
-            if self._aslant(np.array(mark.position[:2]), ray[0, 2]) > ASLANT_RAD:
+            if self._viewing_angle(np.array(mark.position[:2]), ray[0, 2]) > OBLIQUE_RAD:
                 continue
             if self._sensor.rays(self.discs, self._walls, ray)[0][0] < away - 0.1:
                 continue
@@ -118,7 +118,7 @@ class LocalisedPerception(GeometricPerception):
             found.append(Sighting(mark.identity, measured, np.diag(sigmas**2)))
         return found
 
-    def _aslant(self, place: Float[np.ndarray, "2"], direction_rad: float) -> float:
+    def _viewing_angle(self, place: Float[np.ndarray, "2"], direction_rad: float) -> float:
         """Angle between the line of sight and the normal of the wall that a tag hangs on."""
         x0, y0, x1, y1 = self._walls
         gaps = np.array([place[0] - x0, x1 - place[0], place[1] - y0, y1 - place[1]])
@@ -129,14 +129,14 @@ class LocalisedPerception(GeometricPerception):
 def walk_with_gaze(
     seed: int, mode: str, body: str = "kinematic", scene_name: str = SCENE
 ) -> GazeWalk:
-    """One walk with one way of looking."""
+    """Simulate one walk with one gaze policy."""
     base = on_body(course_config(scene_name, seed), body)
     config = replace(base, gaze=replace(base.gaze, mode=mode))
     scene = catalogue.load(scene_name, seed)
     goals = scene.goals[:LEGS]
     config = replace(config, mission=replace(config.mission, goals=LEGS, time_limit_s=LIMIT_S))
     found: list[tuple[float, float, float]] = []
-    contacts, touching = 0, set[int]()
+    contacts, touched = 0, set[int]()
     with (
         World(scene, "tiny", seed) as world,
         SimulatedRobot(world, config.robot, seed) as robot,
@@ -146,9 +146,9 @@ def walk_with_gaze(
         for cycle in cycles(LiveBody(robot), perception, planner):
             true = perception.truth.robot_pose()
             gaps = np.hypot(perception.discs[:, 0] - true.x, perception.discs[:, 1] - true.y)
-            now = set(np.flatnonzero(gaps - perception.discs[:, 2] - BODY_M <= 0.0).tolist())
-            contacts += len(now - touching)
-            touching = now
+            now = set(np.flatnonzero(gaps - perception.discs[:, 2] - BODY_RADIUS_M <= 0.0).tolist())
+            contacts += len(now - touched)
+            touched = now
             if cycle.decision is not None and cycle.decision.why != "survey":
                 found.append(
                     _measures(perception, cycle.world, true, len(scene.moving_objects), config)
@@ -168,7 +168,7 @@ def walk_with_gaze(
 def _measures(
     perception: LocalisedPerception, world: WorldModel, true: Pose2, movers: int, config: Config
 ) -> tuple[float, float, float]:
-    """Deviation of the place, mean of those of the movers near, stale share."""
+    """Standard deviations of the robot and of the moving obstacles nearby, and the share of outdated cells."""
     assert world.pose is not None
     assert perception.grid is not None
     assert perception.confidence is not None
@@ -190,17 +190,17 @@ def _measures(
 
 
 def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome:
-    """Three walks a seed; about ten seconds of one core each.
+    """One walk per gaze policy and seed; about ten seconds of one core each.
 
     Args:
         seeds: Number of courses.
-        say: Progress.
-        body: That walks.
-        own: A gaze policy of the user's, "package.module:Class", beside ours; empty: none.
+        say: Takes lines of progress.
+        body: Body that walks.
+        own: The user's own gaze policy, "package.module:Class", beside ours; empty: none.
     """
     modes = [*POLICIES]
     if own:
-        plugins.load(own, POLICIES, "gaze policy", ("next",))  # refused before anything walks
+        plugins.load(own, POLICIES, "gaze policy", ("next",))  # refused before the first walk
         modes.append(own)
     todo = [(seed, mode, body) for seed in range(seeds) for mode in modes]
     found: dict[str, list[GazeWalk]] = {mode: [] for mode in modes}
@@ -221,7 +221,7 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
             less = 1.0 - mean["evaluations"][key] / mean[other][key]
             figures[f"{name}_reduction{ending}_pct"] = 100.0 * less
     table = [
-        "             sigma mm  movers mm  stale %  contacts  falls  free %  arrived %  time s"
+        "             sigma mm  moving obstacles mm  outdated %  contacts  falls  free %  arrived %  time s"
     ]
     for policy, values in mean.items():
         walks, mode = found[policy], plugins.label(policy)
@@ -231,8 +231,8 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
         figures[f"arrived_share_{mode}"] = values["arrived"]
         figures[f"time_s_{mode}"] = values["time_s"]
         table.append(
-            f"{mode:<12.12} {1e3 * values['sigma_m']:8.1f}  {1e3 * values['mover_sigma_m']:9.0f}"
-            f"  {100 * values['stale']:7.1f}  {figures[f'contacts_{mode}']:8.0f}"
+            f"{mode:<12.12} {1e3 * values['sigma_m']:8.1f}  {1e3 * values['mover_sigma_m']:19.0f}"
+            f"  {100 * values['stale']:10.1f}  {figures[f'contacts_{mode}']:8.0f}"
             f"  {figures[f'falls_{mode}']:5.0f}"
             f"  {100 * figures[f'contact_free_share_{mode}']:6.0f}  {100 * values['arrived']:9.0f}"
             f"  {values['time_s']:6.1f}"
@@ -244,7 +244,7 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
 
 EXPERIMENT = Experiment(
     id="INT-2",
-    title="Gaze by the evaluations against a fixed sweep and a fixed head, on the same courses",
+    title="Gaze by evaluations (Yoo and Kim 2010) against a fixed sweep and a fixed head, on the same courses",
     run=run,
     body="kinematic",
     plug_in="gaze",
