@@ -39,7 +39,7 @@ class Blocker(importlib.abc.MetaPathFinder):
     ) -> ModuleSpec | None:
         """Nothing for packages that are not blocked."""
         if fullname.partition(".")[0] in BLOCKED:
-            raise ImportError(f"{fullname} is blocked in this test run")
+            raise ModuleNotFoundError(f"{fullname} is blocked in this test run", name=fullname)
         return None
 
 

@@ -198,10 +198,10 @@ def test_a_pair_in_the_wrong_order_is_refused():
 
 
 def test_the_colour_floor_is_the_depth_floor_of_a_real_recording(recordings):
-    from surefoot.offline.monocular import colour_floors
+    offline = pytest.importorskip("surefoot.offline.monocular", reason="reads a recording")
     from surefoot.recordings.open import open_recording
 
     floors = []
-    for floor in colour_floors(open_recording(recordings / "realsense_low_boxes")):
+    for floor in offline.colour_floors(open_recording(recordings / "realsense_low_boxes")):
         floors.append(floor.iou)
     assert np.mean(floors) >= 0.75

@@ -183,10 +183,11 @@ def test_an_unknown_aligner_is_refused() -> None:
 
 
 def test_a_real_living_room_is_tracked_to_five_millimetres(recordings: Path) -> None:
-    from surefoot.recordings.open import open_recording
-
+    reader = pytest.importorskip("surefoot.recordings.open", reason="reads a recording")
     odometry, found, true = Odometry(), [], []
-    for number, frame in enumerate(open_recording(recordings / "redwood_livingroom").frames()):
+    for number, frame in enumerate(
+        reader.open_recording(recordings / "redwood_livingroom").frames()
+    ):
         assert frame.depth is not None
         assert frame.colour is not None
         assert frame.T_world_camera is not None
