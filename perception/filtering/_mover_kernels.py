@@ -47,7 +47,7 @@ def step_movers(
     polar: bool,
     sigma_points: tuple[float, np.ndarray, np.ndarray],
 ) -> np.ndarray:
-    """Predict all movers and update each with one position; returns the status of each as in `corrected`.
+    """Predict all moving obstacles and update each with one position; returns the status of each as in `corrected`.
 
     Args:
         means, roots: (k, 4) and (k, 4, 4), changed: x, y, vx, vy.

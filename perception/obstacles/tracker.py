@@ -51,9 +51,7 @@ class TrackerConfig:
     misses_to_die: int = setting(
         5, "", "frames without detection, though visible, that end a track", "ours"
     )
-    oldest_s: float = (
-        12.0  # ours: a mover may be anywhere by then; time without detection that ends a track
-    )
+    oldest_s: float = 12.0  # ours: a moving obstacle may be anywhere by then; time without detection that ends a track
     max_radius_m: float = setting(
         0.35, "m", "radius above which a detection is not tracked", "ours: furniture is in the map"
     )

@@ -39,7 +39,7 @@ from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
 from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
-from .panorama_obstacles import REACH_M, STOP_M, things_of
+from .panorama_obstacles import REACH_M, STOP_M, obstacle_table
 from .planner import Decision
 from .settings import PlanningConfig
 
@@ -244,7 +244,7 @@ class AvoidancePlanner(GoalSeeker):
         around = surroundings(panorama, self._views)
         reach = min(REACH_M, float(np.hypot(goal[0] - robot.x, goal[1] - robot.y)))
         closers = [robot.inverse().apply(points) for points in self._closers]
-        things = things_of(panorama, around, reach, closers)
+        things = obstacle_table(panorama, around, reach, closers)
         ahead = np.repeat(things.distance_m[:, None], 2, axis=1)
         faces = np.stack([ahead, things.edges_m], axis=-1)
         self._faces = robot.apply(faces.reshape(-1, 2)).reshape(-1, 2, 2)

@@ -32,7 +32,7 @@ from .planner import Decision
 from .settings import PlanningConfig
 
 NEAR_M = 0.8  # ours: farther cells do not reach into the field here
-BESIDE_M = 0.05  # ours: a cell this near to a mover's disc is the mover's own
+BESIDE_M = 0.05  # ours: a cell this near to a moving obstacle's disc belongs to it
 
 
 class FieldPlanner(GoalSeeker):
@@ -104,7 +104,7 @@ class FieldPlanner(GoalSeeker):
 
 
 def _cells(grid: EgocentricGrid, movers: Sequence[Obstacle]) -> Float[np.ndarray, "n 2"]:
-    """Middles of occupied cells that no mover accounts for, world frame, m."""
+    """Middles of occupied cells that no moving obstacle accounts for, world frame, m."""
     cells = grid.centres()[grid.known & (grid.probability >= OCCUPIED)]
     free = np.ones(len(cells), dtype=bool)
     for mover in movers:

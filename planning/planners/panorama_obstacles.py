@@ -23,7 +23,7 @@ OPEN_M = 2.0  # ours: lateral limit of known ground
 CLOSER_HEIGHT_M = 0.1  # ours: assumed height of what blocked a passage
 
 
-def things_of(
+def obstacle_table(
     panorama: Panorama,
     around: Surroundings,
     reach_m: float = REACH_M,

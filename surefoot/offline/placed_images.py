@@ -30,7 +30,7 @@ from ..config.schema import Config
 from ..recordings.recording import Recording
 from ..results.camera_trajectory import CameraTrajectory, write_poses
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
-from ..results.trajectory_uncertainty import write_claims
+from ..results.trajectory_uncertainty import write_covariances
 from ..run.pipeline import Pipeline
 from .g2o import write_g2o
 from .job import Say
@@ -176,7 +176,7 @@ class OdometryCamera(PlacedImages):
             known = PoseUncertainty(
                 uncertainty.from_start[self._found], uncertainty.aligned[self._found]
             )
-            write_claims(folder, list(self._poses), list(self._poses.values()), known)
+            write_covariances(folder, list(self._poses), list(self._poses.values()), known)
         if self._solution is not None and self._odometer.back_end is not None:
             factors = self._odometer.back_end.factors
             write_g2o(folder.path("graph.g2o"), factors, self._solution)

@@ -38,7 +38,7 @@ SMOOTHED, SMOOTHED_COVARIANCE = "smoothed.txt", "smoothed_covariance.csv"
 
 
 @dataclass(frozen=True)
-class Walked:
+class WalkData:
     """The measurements of a walk.
 
     Args:
@@ -81,7 +81,7 @@ def smooth_run(folder: RunFolder, lag_s: float | None = None) -> list[tuple[floa
     return stamped
 
 
-def smooth_walk(walked: Walked, config: Config, lag_s: float | None = None) -> list[Gaussian]:
+def smooth_walk(walked: WalkData, config: Config, lag_s: float | None = None) -> list[Gaussian]:
     """The smoothed poses of a walk, one per frame, with the noise parameters of its localiser."""
     raw = walked.instants
     longest = config.prior.longest_step_m
@@ -99,7 +99,7 @@ def smooth_walk(walked: Walked, config: Config, lag_s: float | None = None) -> l
     return smooth_fixed_lag(frames, walked.start, systematics, SmootherConfig(lag_s=lag_s))
 
 
-def read_walk(folder: RunFolder, config: Config) -> Walked:
+def read_walk(folder: RunFolder, config: Config) -> WalkData:
     """The measurements of a run: from its tables, else from its recording.
 
     Raises:
@@ -115,7 +115,7 @@ def read_walk(folder: RunFolder, config: Config) -> Walked:
     )
 
 
-def _from_tables(folder: RunFolder, config: Config) -> Walked:
+def _from_tables(folder: RunFolder, config: Config) -> WalkData:
     summary = folder.read_json("summary.json") or {}
     if summary.get("start") is None:
         raise InputError(
@@ -145,7 +145,7 @@ def _from_tables(folder: RunFolder, config: Config) -> Walked:
         )
     covariance = summary.get("start_covariance")
     start = np.array(summary["start"], dtype=float)
-    return Walked(
+    return WalkData(
         instants,
         Gaussian(
             start, _start_covariance(None if covariance is None else np.array(covariance), config)
@@ -154,7 +154,7 @@ def _from_tables(folder: RunFolder, config: Config) -> Walked:
     )
 
 
-def _from_recording(folder: RunFolder, config: Config) -> Walked:
+def _from_recording(folder: RunFolder, config: Config) -> WalkData:
     """The measurements, with landmarks detected in the recorded pictures."""
     recording = open_recording(folder.path(RECORDING))
     info = recording.info
@@ -171,7 +171,7 @@ def _from_recording(folder: RunFolder, config: Config) -> Walked:
             else []
         )
         instants.append(Instant(frame.stamp_s, frame.odometry, frame.imu, tuple(sightings)))
-    return Walked(
+    return WalkData(
         instants,
         Gaussian(info.start.vector, _start_covariance(info.start_covariance, config)),
         {mark.identity: (mark.position[0], mark.position[1]) for mark in info.landmarks},

@@ -24,7 +24,7 @@ EXACT = 1e-4
 """Standard deviation of the first pose, m and rad; it defines the map frame."""
 
 
-def write_claims(
+def write_covariances(
     folder: RunFolder, stamps: Sequence[float], poses: Sequence[Pose3], claims: PoseUncertainty
 ) -> None:
     """Write both tables.

@@ -15,7 +15,7 @@ import numpy as np
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import stitch
 from planning.avoidance.choice import choose
-from planning.planners.panorama_obstacles import things_of
+from planning.planners.panorama_obstacles import obstacle_table
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
@@ -74,7 +74,7 @@ def draw_panes(scene: Scene, config: Config) -> bool:
     views, _ = nine_views(scene, rng)
     panorama = stitch(views, rng)
     around = surroundings(panorama, views)
-    choice = choose(things_of(panorama, around), config.avoidance, config.robot_model)
+    choice = choose(obstacle_table(panorama, around), config.avoidance, config.robot_model)
     picture = None if frame.colour is None else frame.colour.rgb
     figure = avoidance.four_panes(picture, views, panorama, around, choice)
     style.save(figure, PICTURES / f"{scene.name}-{config.seed}-panes.png")

@@ -27,7 +27,7 @@ from surefoot.evaluation.metrics.gauge_alignment import (
 )
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from surefoot.results.tables import Trajectory
-from surefoot.results.trajectory_uncertainty import planar_gaussian, write_claims
+from surefoot.results.trajectory_uncertainty import planar_gaussian, write_covariances
 
 POSES = 30
 STEP = np.diag(np.square([0.004, 0.003, 0.003, 0.004, 0.003, 0.005]))
@@ -274,7 +274,7 @@ def test_a_map_is_compared_with_a_truth_in_other_axes_but_not_of_another_body(tm
     found, covariances, path = solved[0]
     folder = RunFolder.create(tmp_path / "map")
     stamps = [0.1 * k for k in range(POSES)]
-    write_claims(folder, stamps, found, covariances)
+    write_covariances(folder, stamps, found, covariances)
     folder.write_json("summary.json", {})
 
     def written(name: str, poses: list[Pose3]) -> None:

@@ -12,7 +12,7 @@ from mapping.panorama.segments import observed_sector, outline_segments
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from planning.avoidance.choice import choose
-from planning.planners.panorama_obstacles import things_of
+from planning.planners.panorama_obstacles import obstacle_table
 from sim.scene import Scene
 from sim.scenes import catalogue
 from sim.scenes.avoidance_scenes import MOTIONS
@@ -38,7 +38,7 @@ def _span(scene: Scene, name: str) -> tuple[float, float]:
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_each_arena_asks_for_its_motion(motion):
     _, panorama, around = _look(motion, 3)
-    choice = choose(things_of(panorama, around))
+    choice = choose(obstacle_table(panorama, around))
     assert choice is not None
     assert choice.motion == motion
 
@@ -46,7 +46,7 @@ def test_each_arena_asks_for_its_motion(motion):
 @pytest.mark.parametrize("motion", ["SS", "RF", "TS"])  # in RF much hangs together with a wall
 def test_the_gap_is_that_between_the_cartons(motion):
     scene, panorama, around = _look(motion, 3)
-    choice = choose(things_of(panorama, around))
+    choice = choose(obstacle_table(panorama, around))
     assert choice is not None
     carton, neighbour = _span(scene, "carton"), _span(scene, "neighbour")
     gap = neighbour[1] - carton[0] if choice.side > 0 else carton[1] - neighbour[0]
@@ -64,17 +64,17 @@ def test_walls_that_hang_together_are_cut_where_the_outline_leaps_and_bound_the_
 
 def test_what_stands_beyond_the_reach_is_left_out():
     _, panorama, around = _look("SF", 3)
-    things = things_of(panorama, around, 1.0)
+    things = obstacle_table(panorama, around, 1.0)
     assert np.all(things.distance_m <= 1.0)
 
 
 def test_cells_that_closed_a_passage_block_it():
     _, panorama, around = _look("SF", 3)
-    before = choose(things_of(panorama, around))
+    before = choose(obstacle_table(panorama, around))
     assert before is not None
     at = before.pivot.y_m
     closer = np.array([[1.4, at + 0.1], [1.4, at - 0.1]])
-    after = choose(things_of(panorama, around, closers=[closer]))
+    after = choose(obstacle_table(panorama, around, closers=[closer]))
     assert after is not None
     assert (after.motion, after.side) != (before.motion, before.side)
 
