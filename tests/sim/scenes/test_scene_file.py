@@ -210,7 +210,8 @@ def test_a_sufficient_gap_is_passable_at_any_position(tmp_path):
         low, high = 1.9 + shift, 4.0 - 1.9 - shift - 0.17
         text = WALL.format(middle=low / 2, thick=0.1, length=low, above=0.0)
         text += f"[[box]]\nat = [2.5, {4.0 - high / 2}]\nsize = [0.1, {high}, 0.4]\ntags = 0\n"
-        load(tmp_path, text.replace("tags = 0\n", "").replace("start", "tags = 0\nstart"))
+        scene = load(tmp_path, text.replace("tags = 0\n", "").replace("start", "tags = 0\nstart"))
+        assert scene.goals[1] == (4.0, 2.0)
 
 
 def test_objects_may_touch_walls_and_each_other(tmp_path):
