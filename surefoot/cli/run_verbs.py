@@ -118,7 +118,10 @@ def simulate(
 @click.option("--workers", type=click.IntRange(min=1), help="Processes for many recordings.")
 @click.option("--scheduler", metavar="ADDRESS", help="Dask scheduler for many recordings.")
 @click.option(
-    "--resume", is_flag=True, help="Continue an interrupted or killed run into the same --out."
+    "--resume",
+    is_flag=True,
+    help="Continue an interrupted or killed run into the same --out. Resume only your own runs: "
+    "loading a checkpoint can execute code.",
 )
 @out_option
 @config_option

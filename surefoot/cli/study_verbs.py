@@ -91,7 +91,12 @@ def view(run: Path, live: bool) -> None:
     "--planner", metavar="NAME", help="Your own package.module:Class beside ours (INT-4)."
 )
 @click.option("--gaze", metavar="NAME", help="Your own gaze policy beside ours (INT-2).")
-@click.option("--resume", is_flag=True, help="Continue the same study after it was killed.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Continue the same study after it was killed. Resume only your own studies: loading stored "
+    "results can execute code.",
+)
 @json_option
 def experiment(
     identity: str | None,
