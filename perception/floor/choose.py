@@ -102,7 +102,7 @@ def find(
     config = config or FloorConfig()
     if len(points) < LEAST_POINTS:
         return None
-    points = _thinned(points, MOST_POINTS)
+    points = thinned(points, MOST_POINTS)
     searched = gate(prior, GATE_SIGMAS, math.radians(MOST_TILT_DEG), LEAST_HEIGHT_M)
     sample = draw(points, prior, searched, rng, config.sample)
     for _ in range(PLANES):
@@ -136,7 +136,7 @@ def _verified(
     return Floor(plane, fit.share, fit.below_share, fit.among_points)
 
 
-def _thinned(points: Points, most: int) -> Points:
+def thinned(points: Points, most: int) -> Points:
     """Every k-th point, k odd so that every image column is used."""
     if len(points) <= most:
         return points

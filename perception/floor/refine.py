@@ -210,7 +210,7 @@ def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:
     """
     tangents = measured.tangents
     W_measured = np.linalg.inv(measured.covariance)
-    P_prior = _turned(prior.covariance, prior.tangents, tangents)
+    P_prior = turned(prior.covariance, prior.tangents, tangents)
     W_prior = np.linalg.inv(P_prior)
     tilt = tangents @ prior.normal / max(float(measured.normal @ prior.normal), 1e-9)
     e = np.array([tilt[0], tilt[1], prior.offset_m - measured.offset_m])
@@ -219,12 +219,12 @@ def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:
     normal = measured.normal + a * tangents[0] + b * tangents[1]
     normal /= np.linalg.norm(normal)
     fused = Plane(normal, measured.offset_m + float(c))
-    turned = _turned(P, tangents, fused.tangents)
+    P = turned(P, tangents, fused.tangents)
     distance = float(e @ np.linalg.solve(measured.covariance + P_prior, e))
-    return Plane(normal, fused.offset_m, turned), distance
+    return Plane(normal, fused.offset_m, P), distance
 
 
-def _turned(
+def turned(
     P: Float[np.ndarray, "3 3"],
     source: Float[np.ndarray, "2 3"],
     target: Float[np.ndarray, "2 3"],
