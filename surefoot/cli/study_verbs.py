@@ -17,8 +17,30 @@ from .terminal import FAILED, progress
 
 
 @click.command()
-@click.argument("run", type=PATH)
-@click.option("--truth", type=PATH, help="True trajectory as TUM text; default the run's truth/.")
+@click.argument("run", type=PATH, required=False)
+@click.option(
+    "--truth", type=PATH, help="True trajectory (TUM, KITTI, EuRoC); default the run's truth/."
+)
+@click.option(
+    "--trajectory",
+    type=PATH,
+    help="Judge this trajectory (TUM, KITTI, EuRoC) of any system, not a RUN.",
+)
+@click.option(
+    "--covariance",
+    type=PATH,
+    help="With --trajectory: its covariances, CSV or g2o (docs/evaluate.md).",
+)
+@click.option(
+    "--same-axes",
+    is_flag=True,
+    help="With --trajectory: its axes are those of the truth; do not align.",
+)
+@click.option(
+    "--body-axes",
+    is_flag=True,
+    help="With --covariance: covariances are in the axes of each pose, not of the world.",
+)
 @click.option(
     "--surface",
     type=PATH,
@@ -32,29 +54,80 @@ from .terminal import FAILED, progress
     metavar="M DEG",
     help="Standard deviations of the given truth: position in m, rotation in deg.",
 )
+@click.option("--out", type=PATH, help="With --trajectory: output folder; default runs/NAME-N.")
 @json_option
 def evaluate(
-    run: Path,
+    run: Path | None,
     truth: Path | None,
+    trajectory: Path | None,
+    covariance: Path | None,
+    same_axes: bool,
+    body_axes: bool,
     surface: Path | None,
     truth_sigma: tuple[float, float],
+    out: Path | None,
     as_json: bool,
 ) -> None:
-    """Compare RUN with its ground truth: errors, consistency, map, contacts; writes metrics.json and the report."""
+    """Compare RUN, or the trajectory of any system, with its ground truth.
+
+    \b
+    A RUN: errors, consistency, map, contacts; writes metrics.json and the report.
+      surefoot evaluate runs/home-1
+    Anybody's SLAM: ATE and RPE, and whether its covariances hold (docs/evaluate.md).
+      surefoot evaluate --trajectory est.txt --covariance cov.csv --truth truth.txt
+    """
+    metres, degrees = truth_sigma
+    sigma = (metres, math.radians(degrees))
+    if trajectory is not None:
+        if run is not None or surface is not None or truth is None:
+            raise click.UsageError(
+                "--trajectory needs --truth, and takes neither a RUN nor --surface"
+            )
+        _judge(trajectory, covariance, truth, same_axes, body_axes, sigma, out, as_json)
+        return
+    if run is None or covariance is not None or same_axes or body_axes or out is not None:
+        raise click.UsageError(
+            "give the folder of a RUN, or --trajectory FILE --truth FILE; --covariance, --same-axes, --body-axes "
+            "and --out belong to --trajectory"
+        )
     from ..evaluation.evaluate import evaluate as measure
     from ..evaluation.targets import closing_table
     from ..report.page import write_report
     from ..results.run_folder import RunFolder
 
     folder = RunFolder.open(run)
-    metres, degrees = truth_sigma
-    metrics = measure(folder, truth, surface, (metres, math.radians(degrees)))
+    metrics = measure(folder, truth, surface, sigma)
     report = write_report(folder)
     if as_json:
         click.echo(json.dumps(metrics, indent=2))
     else:
         click.echo(closing_table(metrics))
         click.echo(f"report: {report}")
+
+
+def _judge(
+    trajectory: Path,
+    covariance: Path | None,
+    truth: Path,
+    same_axes: bool,
+    body_axes: bool,
+    truth_sigma: tuple[float, float],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Judge a foreign trajectory and write its page."""
+    from ..evaluation.referee import judge_files
+    from ..report.referee_page import lines, write_page
+    from ..results.formats import plain_json
+    from ..results.run_folder import RunFolder
+
+    verdict = judge_files(trajectory, covariance, truth, same_axes, body_axes, truth_sigma)
+    folder = RunFolder.create(out, name=f"{trajectory.stem}-evaluate", reads=trajectory)
+    page = write_page(folder, verdict, ["surefoot", *sys.argv[1:]])
+    if as_json:
+        click.echo(json.dumps(plain_json(verdict.metrics), indent=2))
+    else:
+        click.echo("\n".join([*lines(verdict.metrics), f"report: {page}"]))
 
 
 @click.command()

@@ -25,8 +25,9 @@ from ..results.run_folder import (
     PANORAMA,
     RunFolder,
 )
-from ..results.tables import Table, Trajectory, read_tum
+from ..results.tables import Table, Trajectory
 from ..results.trajectory_uncertainty import SPACE, read_aligned_covariances
+from .foreign_trajectory import read_trajectory
 from .metrics.consistency import consistency_metrics, whitened
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
 from .metrics.floor import floor_metrics
@@ -73,7 +74,7 @@ def evaluate(
 
     Args:
         run: A run of any kind; of a batch, every run is evaluated.
-        truth: Trajectory in TUM text, used instead of the run's own truth/. Its axes and its body point may
+        truth: Trajectory in TUM or EuRoC text, used instead of the run's own truth/. Its axes and its body point may
             differ from those of the run, so only errors after alignment are measured, and the consistency of
             the covariances only if the truth is a trajectory of the same camera.
         surface: True surface (mesh or cloud) to compare the surface of the run with: in the frame of the run,
@@ -94,7 +95,11 @@ def evaluate(
         return _evaluate_batch(run, truth, surface)
     summary = run.read_json("summary.json") or {}
     estimate = run.read_trajectory("trajectory.txt")
-    true = run.read_trajectory("truth/trajectory.txt") if truth is None else read_tum(truth)
+    true = (
+        run.read_trajectory("truth/trajectory.txt")
+        if truth is None
+        else read_trajectory(truth).poses
+    )
     if truth is not None and true is not None:
         _check_common_stamps(run, estimate, truth, true)
     run.path(ERRORS).unlink(missing_ok=True)

@@ -20,6 +20,7 @@ from perception.odometry.pose_uncertainty import error_transport, rigid_alignmen
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import turned_covariance
 
+from .gauge import without_gauge
 from .run_folder import SPACE_HEADER, RunFolder
 from .trajectory_uncertainty import SPACE
 
@@ -97,9 +98,6 @@ def aligned_covariances(
 ) -> Float[np.ndarray, "n 6 6"]:
     """Covariances that remain after the best rigid motion of the whole trajectory.
 
-    Two poses are assumed to share all of the accumulated error of the more certain one: errors of odometry
-    steps are independent, and a pose relative to an older one inherits the error of that.
-
     Args:
         positions: Of the poses, map axes, m.
         shared: Covariances of the accumulated errors, map axes.
@@ -107,29 +105,8 @@ def aligned_covariances(
     """
     if len(positions) < 3 or np.linalg.matrix_rank(positions - positions.mean(axis=0), 1e-9) < 2:
         return shared + own  # the alignment is not determined
-    moves, best = rigid_alignment(positions)
-    common = sum(G @ D @ G.T for G, D in zip(best, own, strict=True))
-    left = np.empty_like(own)
-    for i, (A, D, G) in enumerate(zip(moves, own, best, strict=True)):
-        with_common = D @ G.T
-        left[i] = D - A @ with_common.T - with_common @ A.T + A @ common @ A.T
-
-    at_origin = np.stack([error_transport(-position) for position in positions])
-    accumulated = at_origin @ shared @ at_origin.transpose(0, 2, 1)
-    order = np.argsort(np.trace(accumulated, axis1=1, axis2=2), kind="stable")
-    accumulated, moves, best = accumulated[order], moves[order], best[order]
-    carry = np.stack([error_transport(position) for position in positions[order]])
-    parts = best @ carry
-    until = np.cumsum(accumulated @ parts.transpose(0, 2, 1), axis=0)
-    later = np.cumsum(parts[::-1], axis=0)[::-1] - parts
-    cross = until + accumulated @ later.transpose(0, 2, 1)
-    common = np.einsum("nij,njk->ik", parts, cross)
-    for i, (A, C) in enumerate(zip(moves, carry, strict=True)):
-        with_common = C @ cross[i]
-        left[order[i]] += (
-            shared[order[i]] - A @ with_common.T - with_common @ A.T + A @ common @ A.T
-        )
-    return np.asarray((left + left.transpose(0, 2, 1)) / 2.0)
+    carry = np.stack([error_transport(position) for position in positions])
+    return without_gauge(*rigid_alignment(positions), shared, carry, own)
 
 
 def _full(upper: Float[np.ndarray, "21"]) -> Float[np.ndarray, "6 6"]:

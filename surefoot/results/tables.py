@@ -93,7 +93,7 @@ def read_table(path: Path, unfinished: bool = False) -> Table:
         InputError: The file cannot be opened.
         RecordingError: It has no header, or a row has too few or too many cells.
     """
-    lines = _lines(path)
+    lines = text_lines(path)
     if unfinished and lines and not path.read_bytes().endswith(b"\n"):
         lines.pop()
     rows = list(csv.reader(lines))
@@ -120,7 +120,7 @@ def read_tum(path: Path) -> Trajectory:
         RecordingError: A line is not eight finite numbers, a quaternion is zero, or there are no poses.
     """
     rows = []
-    for number, line in enumerate(_lines(path), start=1):
+    for number, line in enumerate(text_lines(path), start=1):
         words = line.split("#", 1)[0].replace(",", " ").split()
         if not words:
             continue
@@ -142,7 +142,12 @@ def read_tum(path: Path) -> Trajectory:
     return Trajectory(table[:, 0], table[:, 1:4], quats)
 
 
-def _lines(path: Path) -> list[str]:
+def text_lines(path: Path) -> list[str]:
+    """The lines of a text file, also gzipped.
+
+    Raises:
+        InputError: It does not exist, or is not text.
+    """
     try:
         data = path.read_bytes()
         text = gzip.decompress(data) if path.suffix == ".gz" else data

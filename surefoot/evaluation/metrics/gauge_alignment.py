@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from perception.floor.levelling import UP, rotation_between
 from perception.odometry.pose_uncertainty import TURN_M, rigid_alignment
 
+from ...results.gauge import without_gauge
 from ...results.tables import Table, Trajectory
 from .consistency import consistency_metrics, whitened
 from .trajectory import associate, wrapped
@@ -79,9 +80,16 @@ def floor_gauge(
     positions: Float[np.ndarray, "n 2"],
 ) -> tuple[Float[np.ndarray, "n 3 3"], Float[np.ndarray, "n 3 3"]]:
     """The planar counterpart of `perception.odometry.pose_uncertainty.gauge`."""
-    moves = np.stack([_adjoint(arm) for arm in positions - positions.mean(axis=0)])
+    moves = floor_transport(positions - positions.mean(axis=0))
     weighed = moves.transpose(0, 2, 1) * np.array([1.0, 1.0, TURN_M**2])
     return moves, np.linalg.solve(np.einsum("nij,njk->ik", weighed, moves), weighed)
+
+
+def floor_transport(arms: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3 3"]:
+    """The planar counterpart of `perception.odometry.pose_uncertainty.error_transport`, of each arm."""
+    lever = np.tile(np.eye(3), (len(arms), 1, 1))
+    lever[:, 0, 2], lever[:, 1, 2] = -arms[:, 1], arms[:, 0]
+    return lever
 
 
 def aligned_on_floor(
@@ -94,25 +102,7 @@ def aligned_on_floor(
         covariances: Covariances of (x, y, yaw) relative to the start. Two poses are assumed to share the
             whole error of the more certain one, because the errors of odometry steps are independent.
     """
-    back = np.stack([_adjoint(-position) for position in positions])
-    walked = (
-        back @ covariances @ back.transpose(0, 2, 1)
-    )  # moved to a common point, where covariances only grow
-    order = np.argsort(np.trace(walked, axis1=1, axis2=2), kind="stable")
-    positions, covariances, walked = positions[order], covariances[order], walked[order]
-    moves, best = floor_gauge(positions)
-    carry = np.stack([_adjoint(position) for position in positions])
-    parts = best @ carry  # share of each pose in the alignment
-    until = np.cumsum(walked @ parts.transpose(0, 2, 1), axis=0)
-    later = np.cumsum(parts[::-1], axis=0)[::-1] - parts
-    shared = until + walked @ later.transpose(0, 2, 1)
-    common = np.einsum("nij,njk->ik", parts, shared)
-    left = np.empty_like(covariances)
-    for i, (A, C) in enumerate(zip(moves, carry, strict=True)):
-        with_common = C @ shared[i]
-        one = covariances[i] - A @ with_common.T - with_common @ A.T + A @ common @ A.T
-        left[order[i]] = (one + one.T) / 2.0
-    return left
+    return without_gauge(*floor_gauge(positions), covariances, floor_transport(positions))
 
 
 def up_in_truth(floors: Table, true: Trajectory) -> Float[np.ndarray, "3"] | None:
@@ -198,10 +188,6 @@ def aligned_consistency(
         keys = (f"pose_{name}_{figure}" for figure in PER_COMPONENT)
         figures |= {key: found[key] for key in keys if key in found}
     return figures
-
-
-def _adjoint(arm: Float[np.ndarray, "2"]) -> Float[np.ndarray, "3 3"]:
-    return np.array([[1.0, 0.0, -arm[1]], [0.0, 1.0, arm[0]], [0.0, 0.0, 1.0]])
 
 
 def _rotation(angle_rad: float) -> Float[np.ndarray, "2 2"]:

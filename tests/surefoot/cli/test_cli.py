@@ -349,3 +349,53 @@ def test_a_report_is_opened_quietly_and_only_on_a_desktop(tmp_path, monkeypatch)
     ((words, given),) = started
     assert words == ["/usr/bin/xdg-open", str(tmp_path / "report.html")]
     assert given["stderr"] == study_verbs.subprocess.DEVNULL
+
+
+def test_evaluate_judges_a_foreign_trajectory_and_says_the_factor(tmp_path):
+    rng = np.random.default_rng(0)
+    n = 300
+    stamps = 0.1 * np.arange(n)
+    true = np.column_stack([np.cumsum(rng.normal(size=(n, 3)), axis=0) * 0.1])
+    quats = np.tile([0.0, 0.0, 0.0, 1.0], (n, 1))
+    np.savetxt(tmp_path / "true.txt", np.column_stack([stamps, true, quats]))
+    found = true + 0.03 * rng.normal(size=(n, 3))
+    np.savetxt(tmp_path / "found.txt", np.column_stack([stamps, found, quats]))
+    np.savetxt(tmp_path / "cov.csv", np.tile(1e-4 * np.eye(3).ravel(), (n, 1)), delimiter=",")
+    files = ("--trajectory", tmp_path / "found.txt", "--truth", tmp_path / "true.txt")
+    claims = ("--covariance", tmp_path / "cov.csv", "--out", tmp_path / "out")
+    code, shown = call("evaluate", *files, *claims)
+    assert code == 0
+    assert "claims: too sure by a factor of 3." in shown or "by a factor of 2.9" in shown
+    assert "errors are taken to be independent" in shown
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    assert metrics["sigma_factor"] == pytest.approx(3.0, rel=0.1)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "too sure by a factor of" in page
+    assert page.count("<svg") == 3 or page.count("image/svg+xml") == 3
+    code, shown = call("evaluate", *files, "--out", tmp_path / "plain")
+    assert (code, "accuracy only" in shown) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--trajectory", "a.txt"), "needs --truth"),
+        (("run", "--trajectory", "a.txt", "--truth", "b.txt"), "neither a RUN"),
+        (("run", "--covariance", "c.csv"), "belong to --trajectory"),
+        ((), "give the folder of a RUN"),
+    ],
+)
+def test_evaluate_refuses_options_that_do_not_go_together(words, message):
+    code, shown = call("evaluate", *words)
+    assert (code, message in shown) == (BAD_INPUT, True)
+
+
+def test_evaluate_of_trajectories_of_different_times_is_bad_input(tmp_path):
+    for name, start in (("found.txt", 0.0), ("true.txt", 50.0)):
+        rows = [[start + k, 0.1 * k, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0] for k in range(9)]
+        np.savetxt(tmp_path / name, rows)
+    code, shown = call(
+        "evaluate", "--trajectory", tmp_path / "found.txt", "--truth", tmp_path / "true.txt"
+    )
+    assert code == BAD_INPUT
+    assert "50.000 to 58.000 s, the trajectory 0.000 to 8.000 s" in shown

@@ -1,0 +1,336 @@
+"""Covariances of foreign trajectories: CSV tables, and pose graphs as g2o text.
+
+CSV: one line per pose, row by row, with or without a header and a first column of stamps (s or ns). The count tells
+what a line holds: 36 a full 6x6 matrix, 21 its upper triangle, over (x, y, z, rotation vector); 9 and 6 the same of a
+3x3 matrix, over (x, y, yaw) if a name of the header contains "yaw" or "theta", else over (x, y, z). Units are m and
+rad. Of a table with other columns, those count whose names begin with "P", "cov" or "aligned_".
+
+g2o: vertices VERTEX_SE3:QUAT or VERTEX_SE2 with edges EDGE_SE3:QUAT or EDGE_SE2. The joint covariance of all vertices
+follows from the information of the edges.
+
+Source: Dellaert and Kaess (2006) (marginals of a graph); the rules for tables are ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from perception.odometry.pose_uncertainty import error_transport, rigid_alignment
+from perception.primitives.errors import InputError
+
+from ..results.gauge import without_gauge
+from ..results.tables import Trajectory, text_lines
+from .foreign_graph import PoseGraph, read_g2o
+from .foreign_trajectory import ForeignTrajectory, data_lines, numbers_of, seconds
+from .metrics.gauge_alignment import floor_gauge, floor_transport
+from .metrics.trajectory import MAX_DIFFERENCE_S, associate
+
+SPACE, PLANAR, POSITION = "space", "planar", "position"
+GROWING, INDEPENDENT, ALIGNED, GRAPH = "growing", "independent", "aligned", "graph"
+GROWS = 0.1  # ours: of a localiser the first covariance is as large as the others, of odometry it is nearly zero
+_SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
+_SAME_M = 1e-3  # ours: a vertex is at the pose of the trajectory that is this close
+
+WORDS = {
+    GROWING: "covariances grow from the start: errors are taken to be accumulated, as of odometry",
+    INDEPENDENT: "covariances do not grow from the start: errors are taken to be independent from pose to pose",
+    ALIGNED: "covariances are those of the error after rigid alignment",
+    GRAPH: "covariances of all poses together follow from the pose graph",
+}
+
+
+@dataclass(frozen=True)
+class Claims:
+    """Covariances of some poses of a trajectory.
+
+    Args:
+        kind: `SPACE` (6x6 over x, y, z, rotation vector), `PLANAR` (x, y, yaw) or `POSITION` (x, y, z).
+        shared: How the errors of two poses belong together: `GROWING`, `INDEPENDENT`, `ALIGNED` or `GRAPH`.
+        rows: Which poses of the trajectory have a covariance, increasing.
+        covariances: One per row, world axes, m and rad; of a graph relative to its first pose.
+        graph: The pose graph, if the covariances come from one.
+    """
+
+    kind: str
+    shared: str
+    rows: Int[np.ndarray, "n"]
+    covariances: Float[np.ndarray, "n k k"]
+    graph: PoseGraph | None = None
+
+    def left(self, poses: Trajectory, chosen: Int[np.ndarray, "m"]) -> Float[np.ndarray, "m k k"]:
+        """Covariances of the errors that remain after rigid alignment over some of the rows.
+
+        Args:
+            poses: The trajectory.
+            chosen: Indices into `rows`.
+        """
+        covariances = self.covariances[chosen]
+        if self.shared == ALIGNED:
+            return covariances
+        if self.graph is not None:
+            return self.graph.covariances(chosen, aligned=True)
+        positions = poses.positions[self.rows[chosen]]
+        if self.shared == INDEPENDENT:
+            return without_gauge(*self.gauge(positions), own=covariances)
+        return without_gauge(*self.gauge(positions), covariances, self.carry(positions))
+
+    def gauge(
+        self, positions: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n k g"], Float[np.ndarray, "n g k"]]:
+        """Jacobians of the rigid alignment, as `rigid_alignment` gives them."""
+        if self.kind == PLANAR:
+            return floor_gauge(positions[:, :2])
+        return (rigid_alignment if self.kind == SPACE else position_gauge)(positions)
+
+    def together(
+        self, poses: Trajectory, chosen: Int[np.ndarray, "m"], aligned: bool
+    ) -> Float[np.ndarray, "m k m k"] | None:
+        """Covariance of the errors of some poses together; None if the file does not tell.
+
+        Args:
+            poses: The trajectory.
+            chosen: Indices into `rows`, at most some hundred.
+            aligned: After the rigid alignment over these poses.
+        """
+        if self.shared not in (GROWING, INDEPENDENT):
+            return None
+        positions, own = poses.positions[self.rows[chosen]], self.covariances[chosen]
+        n, k = own.shape[:2]
+        joint = np.zeros((n, k, n, k))
+        if self.shared == INDEPENDENT:
+            joint[np.arange(n), :, np.arange(n), :] = own
+        else:
+            carry = self.carry(positions)
+            back = np.linalg.inv(carry)
+            grown = back @ own @ back.transpose(0, 2, 1)
+            rank = np.argsort(np.argsort(np.trace(grown, axis1=1, axis2=2), kind="stable"))
+            lesser = np.where(rank[:, None] <= rank, np.arange(n)[:, None], np.arange(n))
+            blocks = carry[:, None] @ grown[lesser] @ carry.transpose(0, 2, 1)[None]
+            joint = blocks.transpose(0, 2, 1, 3).copy()
+        if aligned:
+            moves, best = self.gauge(positions)
+            kept = np.eye(n * k) - moves.reshape(n * k, -1) @ best.transpose(1, 0, 2).reshape(
+                -1, n * k
+            )
+            joint = (kept @ joint.reshape(n * k, n * k) @ kept.T).reshape(n, k, n, k)
+        return joint
+
+    def carry(self, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n k k"]:
+        """Maps from an error at the origin to the error at each position; one for positions alone."""
+        if self.kind == PLANAR:
+            return floor_transport(positions[:, :2])
+        if self.kind == POSITION:
+            return np.tile(np.eye(3), (len(positions), 1, 1))
+        return np.stack([error_transport(position) for position in positions])
+
+    def between(
+        self,
+        poses: Trajectory,
+        chosen: Int[np.ndarray, "m"],
+        errors: Float[np.ndarray, "m k"],
+        lag: int,
+        truth: Float[np.ndarray, "k k"],
+    ) -> tuple[Float[np.ndarray, "j k"], Float[np.ndarray, "j k k"]] | None:
+        """Errors of the motions between poses `lag` apart, one after the other, and their covariances.
+
+        None if the file does not tell how the errors of two poses belong together.
+
+        Args:
+            poses: The trajectory.
+            chosen: Indices into `rows`.
+            errors: Errors of these poses; what alignment removed cancels.
+            lag: Number of poses from one to the next.
+            truth: Covariance of a true pose.
+        """
+        if self.shared not in (GROWING, INDEPENDENT):
+            return None
+        at = np.arange(0, len(chosen), lag)
+        carry = self.carry(poses.positions[self.rows[chosen[at]]])
+        moved = carry[1:] @ np.linalg.inv(carry[:-1])
+        covariances = self.covariances[chosen[at]]
+        before = moved @ covariances[:-1] @ moved.transpose(0, 2, 1)
+        both = covariances[1:] + (before if self.shared == INDEPENDENT else -before)
+        own = truth + moved @ truth @ moved.transpose(0, 2, 1)
+        relative = errors[at[1:]] - np.einsum("nij,nj->ni", moved, errors[at[:-1]])
+        return relative, (both + both.transpose(0, 2, 1)) / 2.0 + own
+
+
+def position_gauge(
+    positions: Float[np.ndarray, "n 3"],
+) -> tuple[Float[np.ndarray, "n 3 6"], Float[np.ndarray, "n 6 3"]]:
+    """`rigid_alignment` by positions alone; what they do not determine, such as the roll of a straight line, is zero."""
+    moves = np.stack([error_transport(arm)[:3] for arm in positions - positions.mean(axis=0)])
+    back = moves.transpose(0, 2, 1)
+    return moves, np.linalg.pinv(np.einsum("nij,njk->ik", back, moves), hermitian=True) @ back
+
+
+def read_claims(path: Path, trajectory: ForeignTrajectory, body_axes: bool = False) -> Claims:
+    """Read the covariances of a trajectory.
+
+    Args:
+        path: CSV or g2o.
+        trajectory: Whose poses they belong to.
+        body_axes: The covariances are in the axes of each pose, not in those of the world.
+
+    Raises:
+        InputError: The file is in neither format, does not belong to the trajectory, or a matrix is no covariance.
+    """
+    if any(line.startswith(("VERTEX_", "EDGE_")) for line in text_lines(path)):
+        return _of_graph(path, trajectory)
+    stamps, names, values = _table(path)
+    size, upper = _SIZES[values.shape[1]]
+    planar = any(word in name for name in names for word in ("yaw", "theta"))
+    kind = SPACE if size == 6 else PLANAR if planar else POSITION
+    covariances = _matrices(values, size, upper)
+    mine, theirs = _rows(path, stamps, len(values), trajectory)
+    covariances = covariances[mine]
+    _check(path, covariances)
+    if body_axes:
+        covariances = _turned(kind, covariances, trajectory.poses, theirs)
+    if any(name.startswith("aligned_") for name in names):
+        return Claims(kind, ALIGNED, theirs, covariances)
+    sizes = np.trace(covariances, axis1=1, axis2=2)
+    shared = GROWING if sizes[0] < GROWS * np.median(sizes) else INDEPENDENT
+    return Claims(kind, shared, theirs, covariances)
+
+
+def _of_graph(path: Path, trajectory: ForeignTrajectory) -> Claims:
+    graph = read_g2o(path)
+    positions = graph.positions
+    poses = trajectory.poses.positions
+    if len(positions) == trajectory.lines:
+        rows = np.arange(len(poses))
+        graph = replace(graph, numbers=graph.numbers[trajectory.rows])
+    else:
+        away = np.linalg.norm(poses[None, :, :] - positions[:, None, :], axis=2)
+        rows = np.argmin(away, axis=1)
+        far = float(away[np.arange(len(rows)), rows].max())
+        if far > _SAME_M or np.any(np.diff(rows) <= 0):
+            raise InputError(
+                f"{path} has {len(positions)} vertices and the trajectory {len(poses)} poses, and not every vertex "
+                f"is at a pose of the trajectory in the same order (farthest {far:.3g} m); give the poses of the vertices"
+            )
+    kind = PLANAR if graph.planar else SPACE
+    every = np.arange(len(rows))
+    return Claims(kind, GRAPH, rows, graph.covariances(every, aligned=False), graph)
+
+
+def _table(
+    path: Path,
+) -> tuple[Float[np.ndarray, "n"] | None, list[str], Float[np.ndarray, "n c"]]:
+    """Stamps if there are any, names of the columns if there are any, and the covariances' numbers."""
+    lines = data_lines(path)
+    if not lines:
+        raise InputError(f"{path} holds no covariances; expected CSV or g2o")
+    width = len(lines[0][1])
+    rows = []
+    for number, words, _ in lines:
+        row = numbers_of(words)
+        if len(row) != width:
+            raise InputError(
+                f"{path}, line {number}: {len(row) or 'no'} numbers; expected {width} as in the lines before"
+            )
+        rows.append(row)
+    table = np.array(rows)
+    names = _names(path, width)
+    chosen = [i for i, name in enumerate(names) if name.startswith("aligned_")] or [
+        i for i, name in enumerate(names) if name.startswith(("p", "cov"))
+    ]
+    if len(chosen) in _SIZES:
+        first = names[0]
+        timed = 0 not in chosen and ("stamp" in first or "time" in first or first in ("t", "t_s"))
+        picked = [names[i] for i in chosen]
+        return (seconds(table[:, 0]) if timed else None), picked, table[:, chosen]
+    if width in _SIZES:
+        return None, names, table
+    if width - 1 in _SIZES:
+        return seconds(table[:, 0]), names[1:], table[:, 1:]
+    raise InputError(
+        f"{path}: {width} numbers per line; expected a stamp or none, and 36 (6x6), 21 (its upper triangle), "
+        "9 (3x3) or 6 (its upper triangle)"
+    )
+
+
+def _names(path: Path, width: int) -> list[str]:
+    """Names of the columns in small letters: a line of words above the numbers, a comment or not."""
+    for line in text_lines(path):
+        words = line.strip().lstrip("#").replace(";", ",").split(",")
+        names = [word.strip().lower() for word in words]
+        if len(names) == width and not numbers_of(names):
+            return names
+        if numbers_of(names):
+            break
+    return []
+
+
+def _matrices(
+    values: Float[np.ndarray, "n c"], size: int, upper: bool
+) -> Float[np.ndarray, "n k k"]:
+    if not upper:
+        return values.reshape(-1, size, size)
+    found = np.zeros((len(values), size, size))
+    rows, columns = np.triu_indices(size)
+    found[:, rows, columns] = found[:, columns, rows] = values
+    return found
+
+
+def _rows(
+    path: Path, stamps: Float[np.ndarray, "n"] | None, count: int, trajectory: ForeignTrajectory
+) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
+    """Lines of the table, and the poses that they belong to."""
+    poses = trajectory.poses
+    if stamps is None or not trajectory.has_stamps:
+        if count != trajectory.lines:
+            raise InputError(
+                f"{path} has {count} covariances and {trajectory.source} {trajectory.lines} poses; without stamps "
+                "in both the numbers must be equal"
+            )
+        return trajectory.rows, np.arange(len(poses))
+    order = np.argsort(stamps, kind="stable")
+    mine, theirs = associate(stamps[order], poses.stamps)
+    if len(mine) == 0:
+        raise InputError(
+            f"{path} has no stamp within {MAX_DIFFERENCE_S:g} s of a pose of {trajectory.source}: it covers "
+            f"{stamps.min():.3f} to {stamps.max():.3f} s, the trajectory {poses.stamps[0]:.3f} to "
+            f"{poses.stamps[-1]:.3f} s; give the covariances of this trajectory"
+        )
+    return order[mine], theirs
+
+
+def _check(path: Path, covariances: Float[np.ndarray, "n k k"]) -> None:
+    """Refuse what is no covariance; a first pose without error is one."""
+    scale = np.abs(covariances).max(axis=(1, 2))
+    uneven = np.abs(covariances - covariances.transpose(0, 2, 1)).max(axis=(1, 2))
+    bad = ~np.isfinite(scale) | (uneven > 1e-4 * scale)
+    if not bad.any():
+        least = np.linalg.eigvalsh(covariances)[:, 0]
+        bad = least < -1e-6 * scale
+    if bad.any():
+        raise InputError(
+            f"{path}: covariance {int(np.flatnonzero(bad)[0])} (counted from 0) is not finite, symmetric and "
+            "positive; expected numbers row by row, m and rad"
+        )
+
+
+def _turned(
+    kind: str,
+    covariances: Float[np.ndarray, "n k k"],
+    poses: Trajectory,
+    rows: Int[np.ndarray, "n"],
+) -> Float[np.ndarray, "n k k"]:
+    """Covariances in world axes from those in the axes of each pose."""
+    turns = np.zeros_like(covariances)
+    if kind == PLANAR:
+        yaws = poses.yaws[rows]
+        turns[:, :3, :3] = Rotation.from_euler("z", yaws).as_matrix()
+    else:
+        R = Rotation.from_quat(poses.quats_xyzw[rows]).as_matrix()
+        turns[:, :3, :3] = R
+        if kind == SPACE:
+            turns[:, 3:, 3:] = R
+    return np.asarray(turns @ covariances @ turns.transpose(0, 2, 1))

@@ -1,0 +1,184 @@
+"""Trajectories as other systems write them: TUM, KITTI and EuRoC, recognised by what the file holds.
+
+| format | a line | stamps |
+|---|---|---|
+| TUM | stamp tx ty tz qx qy qz qw | s, or ns as ORB-SLAM3 writes them |
+| KITTI | the 12 numbers of a 3x4 matrix, row by row | none: the number of the line |
+| EuRoC | stamp, tx, ty, tz, qw, qx, qy, qz and further columns, with commas | ns |
+
+Source: Sturm et al. 2012 (TUM), Geiger et al. 2012 (KITTI), Burri et al. 2016 (EuRoC).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from perception.primitives.errors import InputError
+
+from ..results.tables import Trajectory, text_lines
+from .metrics.trajectory import MAX_DIFFERENCE_S, associate
+
+TUM, KITTI, EUROC = "TUM", "KITTI", "EuRoC"
+NANOSECONDS = 1e14  # ours: a stamp in s beyond this is three million years after 1970
+_ORDER = {TUM: (4, 5, 6, 7), EUROC: (5, 6, 7, 4)}  # columns of qx, qy, qz, qw
+_TOLERANCE = 0.01  # ours: of lengths of quaternions and of R R^T; four printed digits leave 1e-4
+
+
+@dataclass(frozen=True)
+class ForeignTrajectory:
+    """A trajectory and how it was written.
+
+    Args:
+        source: Path of the file.
+        format: `TUM`, `KITTI` or `EUROC`.
+        poses: In order of time; without stamps in the file these are the numbers of the lines.
+        rows: Which line of data each pose is.
+        lines: Number of lines of data.
+    """
+
+    source: str
+    format: str
+    poses: Trajectory
+    rows: Int[np.ndarray, "n"]
+    lines: int
+
+    @property
+    def has_stamps(self) -> bool:
+        """Whether the file holds stamps."""
+        return self.format != KITTI
+
+
+def read_trajectory(path: Path) -> ForeignTrajectory:
+    """Read a trajectory in any of the three formats.
+
+    Raises:
+        InputError: The file cannot be read, is in none of the formats, or a line is not a pose.
+    """
+    lines = data_lines(path)
+    if not lines:
+        raise InputError(f"{path} holds no poses; expected lines of TUM, KITTI or EuRoC")
+    number, words, commas = lines[0]
+    kind = _kind(path, number, words, commas)
+    width = 12 if kind == KITTI else 8
+    rows = []
+    for line, found, _ in lines:
+        row = numbers_of(found)
+        right = len(row) >= width if kind == EUROC else len(row) == width
+        if not right or not np.all(np.isfinite(row[:width])):
+            raise InputError(
+                f"{path}, line {line}: {' '.join(found)[:60]!r} is not a pose; "
+                f"expected {width} finite numbers as in the lines before ({kind})"
+            )
+        rows.append(row[:width])
+    table = np.array(rows)
+    if kind == KITTI:
+        return ForeignTrajectory(
+            str(path), kind, _of_matrices(path, table, lines), np.arange(len(table)), len(table)
+        )
+    stamps = seconds(table[:, 0])
+    quats = table[:, _ORDER[kind]]
+    lengths = np.linalg.norm(quats, axis=1)
+    wrong = np.flatnonzero(np.abs(lengths - 1.0) > _TOLERANCE)
+    if len(wrong):
+        raise InputError(
+            f"{path}, line {lines[wrong[0]][0]}: the quaternion has length {lengths[wrong[0]]:.3f}, not 1; "
+            f"read as {kind} ({'qw qx qy qz' if kind == EUROC else 'qx qy qz qw'} after the position)"
+        )
+    order = np.unique(stamps, return_index=True)[1]
+    poses = Trajectory(stamps, table[:, 1:4], quats / lengths[:, None])
+    return ForeignTrajectory(str(path), kind, _picked(poses, order), order, len(table))
+
+
+def data_lines(path: Path) -> list[tuple[int, list[str], bool]]:
+    """Number, words, and whether there are commas, of each line that is no comment or header.
+
+    A first line of names is a header. Raises InputError if the file cannot be read.
+    """
+    found: list[tuple[int, list[str], bool]] = []
+    for number, line in enumerate(text_lines(path), start=1):
+        text = line.split("#", 1)[0].strip().rstrip(",;")
+        words = text.replace(",", " ").replace(";", " ").split()
+        if words and (found or numbers_of(words)):
+            found.append((number, words, "," in text or ";" in text))
+    return found
+
+
+def numbers_of(words: list[str]) -> list[float]:
+    """The words as numbers; empty if one of them is none."""
+    try:
+        return [float(word) for word in words]
+    except ValueError:
+        return []
+
+
+def seconds(stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """Stamps in s from stamps in s or ns."""
+    return stamps * 1e-9 if np.median(np.abs(stamps)) > NANOSECONDS else stamps
+
+
+def pairs(
+    estimate: ForeignTrajectory, truth: ForeignTrajectory
+) -> tuple[Int[np.ndarray, "k"], Int[np.ndarray, "k"]]:
+    """Indices of the poses of both at the same instants.
+
+    Raises:
+        InputError: Their stamps do not overlap, or one has no stamps and their numbers of poses differ.
+    """
+    if not (estimate.has_stamps and truth.has_stamps):
+        if len(estimate.poses) != len(truth.poses):
+            raise InputError(
+                f"{estimate.source} ({estimate.format}) has {len(estimate.poses)} poses and {truth.source} "
+                f"({truth.format}) has {len(truth.poses)}; without stamps in both, pose by pose, "
+                "the numbers must be equal: give TUM or EuRoC files"
+            )
+        every = np.arange(len(estimate.poses))
+        return every, every
+    mine, theirs = associate(estimate.poses.stamps, truth.poses.stamps)
+    if len(mine) == 0:
+        a, b = estimate.poses.stamps, truth.poses.stamps
+        raise InputError(
+            f"{truth.source} has no stamp within {MAX_DIFFERENCE_S:g} s of a stamp of {estimate.source}: "
+            f"it covers {b[0]:.3f} to {b[-1]:.3f} s, the trajectory {a[0]:.3f} to {a[-1]:.3f} s; "
+            "give a truth of the same recording and clock"
+        )
+    return mine, theirs
+
+
+def _kind(path: Path, number: int, words: list[str], commas: bool) -> str:
+    row = numbers_of(words)
+    if commas and len(row) >= 8 and abs(row[0]) > NANOSECONDS:
+        return EUROC
+    if len(row) == 8:
+        return TUM
+    if len(row) == 12:
+        return KITTI
+    raise InputError(
+        f"{path}, line {number}: {len(row) or 'no'} numbers; expected 8 (TUM: stamp tx ty tz qx qy qz qw), "
+        "12 (KITTI: rows of a 3x4 matrix), or at least 8 with commas and a stamp in ns "
+        "(EuRoC: stamp, tx, ty, tz, qw, qx, qy, qz)"
+    )
+
+
+def _of_matrices(
+    path: Path, table: Float[np.ndarray, "n 12"], lines: list[tuple[int, list[str], bool]]
+) -> Trajectory:
+    matrices = table.reshape(-1, 3, 4)
+    rotations = matrices[:, :, :3]
+    faults = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = np.flatnonzero((faults > _TOLERANCE) | (np.linalg.det(rotations) < 0.0))
+    if len(wrong):
+        raise InputError(
+            f"{path}, line {lines[wrong[0]][0]}: the first three columns of the 3x4 matrix are no rotation; "
+            "12 numbers were read as KITTI"
+        )
+    quats = Rotation.from_matrix(rotations).as_quat()
+    return Trajectory(np.arange(len(table), dtype=np.float64), matrices[:, :, 3], quats)
+
+
+def _picked(poses: Trajectory, order: Int[np.ndarray, "k"]) -> Trajectory:
+    return Trajectory(poses.stamps[order], poses.positions[order], poses.quats_xyzw[order])

@@ -1,0 +1,92 @@
+"""How far claims can be trusted: direction and factor, CRPS, inflation and conformal regions.
+
+Source: Gneiting and Raftery 2007, eq. (21) (CRPS of a Gaussian); Vovk et al. 2005, Lei et al. 2018 (split conformal
+prediction); Bar-Shalom et al. 2001, section 5.4 (NEES).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+
+from perception.filtering.consistency import chi_square_quantile
+
+from .consistency import squared
+
+SHARE = 0.90
+TOO_SURE, TOO_CAREFUL, IN_BAND = "too sure", "too careful", "as good as claimed"
+
+
+def crps(
+    errors: Float[np.ndarray, "*n"], sigmas: Float[np.ndarray, "*n"]
+) -> Float[np.ndarray, "*n"]:
+    """Continuous ranked probability score of Gaussian claims, in the unit of the errors; small is good.
+
+    sigma (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)) with z = error / sigma; the absolute error where sigma is 0.
+    """
+    known = sigmas > 0.0
+    sigma = np.where(known, sigmas, 1.0)
+    z = errors / sigma
+    density = np.exp(-0.5 * z**2) / math.sqrt(2.0 * math.pi)
+    score = sigma * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * density - 1.0 / math.sqrt(math.pi))
+    return np.asarray(np.where(known, score, np.abs(errors)))
+
+
+def verdict(mean: float, low: float, high: float, dof: int) -> tuple[str, float]:
+    """Direction of a mean NEES against its band, and the factor between errors and claimed sigmas, at least 1.
+
+    Args:
+        mean: Mean NEES.
+        low, high: Its band.
+        dof: Its degrees of freedom, the mean if the claims are exact.
+    """
+    ratio = math.sqrt(mean / dof)
+    if mean > high:
+        return TOO_SURE, ratio
+    if mean < low:
+        return TOO_CAREFUL, 1.0 / max(ratio, 1e-12)
+    return IN_BAND, max(ratio, 1.0 / max(ratio, 1e-12))
+
+
+def conformal_radius(scores: Float[np.ndarray, "n"], share: float = SHARE) -> float:
+    """Radius that holds a new score with at least this probability, if the scores are exchangeable.
+
+    The ceil((n + 1) share)-th smallest score; infinite with too few of them.
+    """
+    rank = math.ceil((len(scores) + 1) * share)
+    return float(np.sort(scores)[rank - 1]) if rank <= len(scores) else math.inf
+
+
+def by_halves(whitened: Float[np.ndarray, "n k"]) -> dict[str, float]:
+    """What is fitted on the first half of a series and tested on the second.
+
+    Args:
+        whitened: Whitened errors in order of time, finite.
+
+    Returns:
+        inflation: factor for the claimed sigmas that makes the mean NEES of the first half right.
+        conformal_radius: radius of the 90 % region, in claimed sigmas, by split conformal prediction.
+        gaussian_radius: the same by the chi-square distribution of exact claims.
+        coverage_claimed, coverage_inflated, coverage_conformal: shares of the second half inside the 90 % regions.
+        Empty with fewer than 20 samples in each half.
+    """
+    half = len(whitened) // 2
+    if half < 20:
+        return {}
+    dof = whitened.shape[1]
+    scores = np.sqrt(squared(whitened))
+    first, second = scores[:half], scores[half:]
+    inflation = float(np.sqrt(np.mean(first**2) / dof))
+    exact = math.sqrt(chi_square_quantile(SHARE, dof))
+    radius = conformal_radius(first)
+    return {
+        "inflation": inflation,
+        "conformal_radius": radius,
+        "gaussian_radius": exact,
+        "coverage_claimed": float(np.mean(second <= exact)),
+        "coverage_inflated": float(np.mean(second <= exact * inflation)),
+        "coverage_conformal": float(np.mean(second <= radius)),
+    }

@@ -1,0 +1,327 @@
+"""Judges anybody's trajectory: accuracy as evo prints it, and whether the claimed covariances hold.
+
+Errors and covariances are compared after rigid alignment with the truth, both without the part that alignment
+removes (see `results.gauge`), or as they stand if the estimate has the axes of the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from perception.filtering.consistency import calibration
+from perception.primitives.errors import InputError
+
+from ..results.tables import Trajectory
+from .foreign_covariance import PLANAR, POSITION, SPACE, WORDS, Claims, read_claims
+from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
+from .metrics import calibration as scores
+from .metrics.consistency import band, consistency_metrics, effective_samples, squared, whitened
+from .metrics.gauge_alignment import errors_in_space, errors_on_floor
+from .metrics.trajectory import align, pick, relative_errors, rms, trajectory_metrics, wrapped
+
+MIN_POSES = 5  # ours: with fewer poses an alignment leaves hardly any error
+MOTIONS = (
+    200  # between poses; each is long against the time over which errors of images are correlated
+)
+TOGETHER = 120  # poses of which the joint covariance is made
+BINS = 5  # of the distance travelled, with equally many poses
+COMPONENTS = {
+    SPACE: ("x", "y", "z", "turn_x", "turn_y", "turn_z"),
+    PLANAR: ("x", "y", "yaw"),
+    POSITION: ("x", "y", "z"),
+}
+_LENGTHS = {SPACE: 3, PLANAR: 2, POSITION: 3}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Result of `judge`.
+
+    Args:
+        metrics: Figures by name, see docs/evaluate.md.
+        estimate: The trajectory in the axes of the truth, at the matching stamps.
+        truth: The truth at the same stamps.
+        errors: Errors of the poses that have a covariance; None without covariances.
+        covariances: Theirs, with the covariance of the truth.
+        rows: Which of the matching poses these are.
+        travelled: Distance travelled until then, m.
+    """
+
+    metrics: dict[str, Any]
+    estimate: Trajectory
+    truth: Trajectory
+    errors: Float[np.ndarray, "n k"] | None = None
+    covariances: Float[np.ndarray, "n k k"] | None = None
+    rows: Int[np.ndarray, "n"] | None = None
+    travelled: Float[np.ndarray, "n"] | None = None
+
+
+def judge_files(
+    trajectory: Path,
+    covariance: Path | None,
+    truth: Path,
+    same_axes: bool = False,
+    body_axes: bool = False,
+    truth_sigma: tuple[float, float] = (0.0, 0.0),
+) -> Verdict:
+    """Judge the files of a foreign system.
+
+    Args:
+        trajectory: TUM, KITTI or EuRoC.
+        covariance: CSV or g2o; None: accuracy only.
+        truth: TUM, KITTI or EuRoC.
+        same_axes: Estimate and truth have the same axes: nothing is aligned.
+        body_axes: The covariances are in the axes of each pose.
+        truth_sigma: Standard deviations of the truth, m and rad.
+
+    Raises:
+        InputError: A file cannot be read, or they do not belong together.
+    """
+    estimate, true = read_trajectory(trajectory), read_trajectory(truth)
+    claims = None if covariance is None else read_claims(covariance, estimate, body_axes)
+    return judge(estimate, claims, true, same_axes, truth_sigma)
+
+
+def judge(
+    estimate: ForeignTrajectory,
+    claims: Claims | None,
+    truth: ForeignTrajectory,
+    same_axes: bool = False,
+    truth_sigma: tuple[float, float] = (0.0, 0.0),
+) -> Verdict:
+    """Judge a trajectory; arguments as for `judge_files`."""
+    mine, theirs = pairs(estimate, truth)
+    found = pick(estimate.poses, mine)
+    true = replace(pick(truth.poses, theirs), stamps=found.stamps)
+    metrics: dict[str, Any] = {
+        "format": estimate.format,
+        "truth_format": truth.format,
+        **accuracy(found, true),
+    }
+    shown = _in_truth(found, true, same_axes)
+    if claims is None:
+        metrics["note"] = "no covariances given: accuracy only"
+        return Verdict(metrics, shown, true)
+    rows, chosen = _common(mine, claims)
+    if len(rows) < MIN_POSES:
+        raise InputError(
+            f"only {len(rows)} poses have both a covariance and a true pose; at least {MIN_POSES} are needed"
+        )
+    errors = errors_of(claims.kind, pick(found, rows), pick(true, rows), same_axes)
+    covariances = claims.covariances[chosen] if same_axes else claims.left(estimate.poses, chosen)
+    lengths = _LENGTHS[claims.kind]
+    own = [truth_sigma[0]] * lengths + [truth_sigma[1]] * (errors.shape[1] - lengths)
+    covariances = covariances + np.diag(np.square(own))
+    between = claims.between(
+        estimate.poses, chosen, errors, max(1, len(rows) // MOTIONS), np.diag(np.square(own))
+    )
+    steps = np.linalg.norm(np.diff(true.positions, axis=0), axis=1)
+    travelled = np.concatenate([[0.0], np.cumsum(steps)])[rows]
+    metrics["covariances"] = (
+        "estimate and truth have the same axes: covariances as given"
+        if same_axes
+        else WORDS[claims.shared]
+    )
+    some = np.unique(np.linspace(0, len(chosen) - 1, min(len(chosen), TOGETHER)).astype(np.int64))
+    joint = claims.together(estimate.poses, chosen[some], not same_axes)
+    known = None if joint is None else _Joint(some, joint)
+    metrics |= honesty(errors, covariances, claims.kind, travelled, known)
+    metrics |= _in_parts(between, whitened(errors, covariances))
+    return Verdict(metrics, shown, true, errors, covariances, rows, travelled)
+
+
+def accuracy(estimate: Trajectory, truth: Trajectory) -> dict[str, float]:
+    """ATE and RPE as evo prints them, of poses at the same instants.
+
+    `trajectory_metrics`, and the RPE from pose to pose (evo's default): rpe_frame_m, rpe_frame_deg.
+    """
+    figures = trajectory_metrics(estimate, truth)
+    if len(estimate) > 1:
+        every = np.arange(len(estimate) - 1)
+        lengths, angles = relative_errors(estimate, truth, (every, every + 1))
+        figures |= {
+            "rpe_frame_m": rms(lengths),
+            "rpe_frame_deg": float(np.degrees(rms(angles))),
+        }
+    return figures
+
+
+def errors_of(
+    kind: str, estimate: Trajectory, truth: Trajectory, same_axes: bool
+) -> Float[np.ndarray, "n k"]:
+    """Errors of poses at the same instants, axes of the estimate, after rigid alignment or as they stand."""
+    if kind == PLANAR:
+        mine, theirs = (
+            np.column_stack([one.positions[:, :2], one.yaws]) for one in (estimate, truth)
+        )
+        if not same_axes:
+            return errors_on_floor(mine, theirs)
+        return np.column_stack([(mine - theirs)[:, :2], wrapped(mine[:, 2] - theirs[:, 2])])
+    if kind == POSITION:
+        moved = None if same_axes else align(truth.positions, estimate.positions)
+        if moved is None and not same_axes:
+            raise InputError(
+                "the poses lie on a line, so that positions alone do not determine the alignment; "
+                "give 6x6 covariances, or axes that are those of the truth (--same-axes)"
+            )
+        return estimate.positions - (
+            truth.positions if moved is None else moved.apply(truth.positions)
+        )
+    if not same_axes:
+        return errors_in_space(estimate, truth)
+    turned = Rotation.from_quat(estimate.quats_xyzw) * Rotation.from_quat(truth.quats_xyzw).inv()
+    return np.column_stack([estimate.positions - truth.positions, turned.as_rotvec()])
+
+
+def honesty(
+    errors: Float[np.ndarray, "n k"],
+    covariances: Float[np.ndarray, "n k k"],
+    kind: str,
+    travelled: Float[np.ndarray, "n"],
+    joint: _Joint | None = None,
+) -> dict[str, Any]:
+    """Figures of claimed covariances; a pose whose covariance is zero, such as the first one, is left out.
+
+    Returns:
+        `consistency_metrics` with the prefix pose; pose_dof; verdict, factor and sigma_factor; the same of each
+        component; crps_m and crps_deg; reliability (levels and shares); by_distance; and `metrics.calibration.by_halves`.
+    """
+    names, lengths = COMPONENTS[kind], _LENGTHS[kind]
+    dof = errors.shape[1]
+    white = whitened(errors, covariances)
+    usable = np.isfinite(squared(white))
+    if np.count_nonzero(usable) < MIN_POSES:
+        raise InputError("hardly any covariance is positive definite; nothing can be judged")
+    figures: dict[str, Any] = {"pose_dof": float(dof), "poses_judged": float(usable.sum())}
+    errors, covariances, white = errors[usable], covariances[usable], white[usable]
+    every = np.flatnonzero(usable)
+    figures |= consistency_metrics(white, "pose")
+    figures |= _direction(white, _most(joint, every))
+    figures["pose_consistent"] = figures["verdict"] == scores.IN_BAND
+    for name in ("anees_low", "anees_high", "effective_samples"):
+        figures[f"pose_{name}"] = figures.pop(name)
+    sigmas = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
+    figures["by_component"] = {
+        name: _direction((errors[:, i] / sigmas[:, i])[:, None], _most(joint, every, i))
+        for i, name in enumerate(names)
+    }
+    parts = (("m", slice(0, lengths), 1.0), ("deg", slice(lengths, dof), 180.0 / np.pi))
+    for unit, part, size in parts:
+        if errors[:, part].size:
+            score = scores.crps(errors[:, part], sigmas[:, part])
+            figures[f"crps_{unit}"] = float(size * score.mean())
+    levels, shares = calibration(squared(white), dof)
+    figures["reliability"] = {"levels": levels.tolist(), "shares": shares.tolist()}
+    figures["by_distance"] = _by_distance(white, travelled[usable], joint, every)
+    return figures
+
+
+def _direction(white: Float[np.ndarray, "n k"], most: float = np.inf) -> dict[str, Any]:
+    """Verdict in words, factor, what the sigmas should be multiplied by, and the band behind it.
+
+    Args:
+        white: Whitened errors in order of time.
+        most: Number of independent samples by the claims themselves.
+    """
+    dof = white.shape[1]
+    mean = float(np.mean(squared(white)))
+    effective = min(effective_samples(white), most)
+    low, high = band(dof, effective)
+    words, factor = scores.verdict(mean, low, high, dof)
+    return {
+        "verdict": words,
+        "factor": factor,
+        "sigma_factor": float(np.sqrt(mean / dof)),
+        "anees_low": low,
+        "anees_high": high,
+        "effective_samples": effective,
+    }
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """Covariance of the errors of some poses together."""
+
+    rows: Int[np.ndarray, "m"]
+    covariance: Float[np.ndarray, "m k m k"]
+
+
+def _most(joint: _Joint | None, rows: Int[np.ndarray, "n"], component: int | None = None) -> float:
+    """Number of independent samples among some poses if the claims are exact; infinite if they do not tell.
+
+    The variance of the mean of n squared normalised errors is 2 / n^2 times the squared Frobenius norm of the
+    correlation of all of them (Isserlis 1918).
+    """
+    if joint is None:
+        return np.inf
+    picked = np.flatnonzero(np.isin(joint.rows, rows))
+    whole = joint.covariance[picked][:, :, picked]
+    if component is not None:
+        whole = whole[:, component : component + 1][:, :, :, component : component + 1]
+    n, k = whole.shape[:2]
+    if n < 2:
+        return np.inf
+    blocks = whole[np.arange(n), :, np.arange(n), :]
+    values, vectors = np.linalg.eigh(blocks)
+    floor = 1e-12 * np.maximum(values[:, -1:], 1e-300)
+    white = vectors / np.sqrt(np.maximum(values, floor))[:, None, :]
+    correlation = np.einsum("iab,iajc,jcd->ibjd", white, whole, white, optimize=True)
+    return float(max(k * n**2 / np.sum(correlation**2), 1.0))
+
+
+def _in_parts(
+    between: tuple[Float[np.ndarray, "j k"], Float[np.ndarray, "j k k"]] | None,
+    poses: Float[np.ndarray, "n k"],
+) -> dict[str, Any]:
+    """Verdict on the motions between poses, and what is fitted on the first half and tested on the second.
+
+    Errors of motions are nearly independent, those of poses are not. Without the covariances of motions (`between`)
+    the whitened errors of the poses are taken.
+    """
+    figures: dict[str, Any] = {}
+    white = poses if between is None else whitened(*between)
+    usable = white[np.isfinite(squared(white))]
+    if between is not None and len(usable) >= MIN_POSES:
+        figures["motions"] = {"number": float(len(usable)), **_direction(usable)}
+    return figures | scores.by_halves(usable)
+
+
+def _by_distance(
+    white: Float[np.ndarray, "n k"],
+    travelled: Float[np.ndarray, "n"],
+    joint: _Joint | None,
+    rows: Int[np.ndarray, "n"],
+) -> list[dict[str, Any]]:
+    """Verdict in each of `BINS` parts of the distance travelled, with equally many poses."""
+    parts = np.array_split(np.arange(len(white)), min(BINS, max(1, len(white) // 10)))
+    return [
+        {
+            "from_m": float(travelled[part[0]]),
+            "to_m": float(travelled[part[-1]]),
+            **_direction(white[part], _most(joint, rows[part])),
+        }
+        for part in parts
+    ]
+
+
+def _common(
+    mine: Int[np.ndarray, "k"], claims: Claims
+) -> tuple[Int[np.ndarray, "m"], Int[np.ndarray, "m"]]:
+    """Matching poses with a covariance: indices among the matches, and among the claims."""
+    _, rows, chosen = np.intersect1d(mine, claims.rows, assume_unique=True, return_indices=True)
+    return rows, chosen
+
+
+def _in_truth(estimate: Trajectory, truth: Trajectory, same_axes: bool) -> Trajectory:
+    """The estimate in the axes of the truth, for pictures."""
+    moved = None if same_axes else align(estimate.positions, truth.positions)
+    if moved is None:
+        return estimate
+    turned = Rotation.from_matrix(moved.rotation) * Rotation.from_quat(estimate.quats_xyzw)
+    return Trajectory(estimate.stamps, moved.apply(estimate.positions), turned.as_quat())

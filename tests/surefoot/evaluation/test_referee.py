@@ -1,0 +1,360 @@
+"""The referee for foreign trajectories: known claims are judged as they are, and every format gives the same verdict."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+from scipy.spatial.transform import Rotation
+
+from perception.odometry.pose_uncertainty import compounded
+from perception.primitives.errors import InputError
+from perception.primitives.pose import Pose3
+from perception.smoothing.factors import Motion, Placement
+from perception.smoothing.smoother import Solution
+from surefoot.evaluation.foreign_covariance import ALIGNED, GRAPH, GROWING, read_claims
+from surefoot.evaluation.foreign_trajectory import read_trajectory
+from surefoot.evaluation.metrics.calibration import (
+    IN_BAND,
+    TOO_CAREFUL,
+    TOO_SURE,
+    by_halves,
+    conformal_radius,
+    crps,
+    verdict,
+)
+from surefoot.evaluation.metrics.trajectory import align
+from surefoot.evaluation.referee import judge_files
+from surefoot.offline.g2o import write_g2o
+
+UPPER = np.triu_indices(6)
+ELSEWHERE = Pose3.from_rotation(
+    Rotation.from_rotvec([0.3, 1.0, 2.0]).as_matrix(), np.array([3.0, 4.0, 5.0])
+)
+
+
+class Walk:
+    """An odometry with independent errors of known covariance, and its truth."""
+
+    def __init__(self, seed: int, claim: float = 1.0, n: int = 240) -> None:
+        rng = np.random.default_rng(seed)
+        sigma = np.array([0.004] * 3 + [0.002] * 3)
+        self.true, self.found = [Pose3()], [Pose3()]
+        self.covariances, self.motions = [np.zeros((6, 6))], []
+        self.step = np.diag(sigma**2) / claim**2
+        for k in range(n):
+            turn = Rotation.from_rotvec([0.01 * np.sin(k / 9), 0.0, 0.05 * np.cos(k / 15)])
+            e = rng.normal(size=6) * sigma
+            motion = Pose3.from_rotation(
+                turn.as_matrix(), np.array([0.05, 0.0, 0.01 * np.cos(k / 7)])
+            )
+            measured = Pose3.from_rotation(
+                Rotation.from_rotvec(e[3:]).as_matrix() @ motion.rotation, motion.position + e[:3]
+            )
+            here = self.found[-1]
+            self.covariances.append(compounded(self.covariances[-1], here, measured, self.step))
+            self.motions.append(measured)
+            self.true.append(self.true[-1] @ motion)
+            self.found.append(here @ measured)
+        self.stamps = 100.0 + 0.1 * np.arange(n + 1)
+
+    def write(self, folder: Path, offset_s: float = 0.0) -> tuple[Path, Path, Path]:
+        """Estimate, covariances and truth; the truth in axes of its own."""
+        table = [[t, *P[UPPER]] for t, P in zip(self.stamps, self.covariances, strict=True)]
+        np.savetxt(folder / "cov.csv", np.array(table), delimiter=",", fmt="%.17g")
+        return (
+            tum(folder / "found.txt", self.stamps, self.found),
+            folder / "cov.csv",
+            tum(folder / "true.txt", self.stamps + offset_s, [ELSEWHERE @ p for p in self.true]),
+        )
+
+
+def tum(path: Path, stamps: np.ndarray, poses: list[Pose3]) -> Path:
+    rows = [[t, *p.translation, *p.quat_xyzw] for t, p in zip(stamps, poses, strict=True)]
+    np.savetxt(path, np.array(rows), fmt="%.17g")
+    return path
+
+
+# --- verdicts on known claims ---
+
+
+@pytest.mark.parametrize(
+    ("claim", "words"), [(1.0, IN_BAND), (3.0, TOO_SURE), (1.0 / 3.0, TOO_CAREFUL)]
+)
+def test_claims_that_are_wrong_by_a_factor_of_three_are_called_so(tmp_path, claim, words):
+    found = [
+        judge_files(*walk.write(tmp_path)).metrics
+        for walk in (Walk(s, claim, 120) for s in range(3))
+    ]
+    factor = math.sqrt(np.mean([one["motions"]["sigma_factor"] ** 2 for one in found]))
+    assert factor == pytest.approx(claim, rel=0.05)
+    assert all(one["motions"]["verdict"] == words for one in found)
+    assert sum(one["verdict"] == words for one in found) >= 2  # each is right in 95 %
+    squares = [one["sigma_factor"] ** 2 for one in found]
+    low, high = (found[0][f"pose_anees_{end}"] / 6 * claim**2 for end in ("low", "high"))
+    assert low < np.mean(squares) < high  # a trajectory has few independent samples
+
+
+def test_exact_claims_of_growing_errors_stay_exact_after_the_alignment(tmp_path):
+    ratios = [
+        judge_files(*Walk(seed, n=24).write(tmp_path)).metrics["sigma_factor"] ** 2
+        for seed in range(20)
+    ]
+    assert np.mean(ratios) == pytest.approx(1.0, abs=3.5 * np.std(ratios) / math.sqrt(20))
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_independent_claims_of_three_components_stay_exact_after_the_alignment(tmp_path, planar):
+    rng = np.random.default_rng(3)
+    factors = []
+    for _ in range(12):
+        n = 30
+        true = np.column_stack([np.cumsum(rng.normal(size=(n, 2)), axis=0), np.zeros(n)])
+        if not planar:
+            true[:, 2] = rng.normal(size=n)
+        yaws = rng.uniform(-3.0, 3.0, n)
+        e = rng.normal(size=(n, 3)) * 0.02
+        moved = Rotation.from_euler("z", 0.7)
+        level = np.diag([1.0, 1.0, 0.0 if planar else 1.0])
+        tail = np.column_stack([np.zeros((n, 2)), np.sin(yaws / 2), np.cos(yaws / 2)])
+        turned = (moved * Rotation.from_quat(tail)).as_quat()
+        off = yaws + e[:, 2] * planar
+        mine = np.column_stack([np.zeros((n, 2)), np.sin(off / 2), np.cos(off / 2)])
+        stamps = np.arange(n)
+        np.savetxt(tmp_path / "true.txt", np.column_stack([stamps, moved.apply(true), turned]))
+        np.savetxt(tmp_path / "found.txt", np.column_stack([stamps, true + e @ level, mine]))
+        last = "yaw" if planar else "z"
+        names = ["stamp", "P_xx", "P_xy", f"P_x{last}", "P_yy", f"P_y{last}", f"P_{last}{last}"]
+        cov = np.tile([4e-4, 0.0, 0.0, 4e-4, 0.0, 4e-4], (n, 1))
+        np.savetxt(
+            tmp_path / "cov.csv", np.column_stack([stamps, cov]), delimiter=",",
+            header=",".join(names), comments="",
+        )  # fmt: skip
+        found = judge_files(tmp_path / "found.txt", tmp_path / "cov.csv", tmp_path / "true.txt")
+        assert found.metrics["pose_dof"] == 3
+        assert ("yaw" in found.metrics["by_component"]) == planar
+        factors.append(found.metrics["pose_anees"] / 3.0)
+    # NEES after the alignment loses the six (three) fitted numbers, and the covariance the same
+    assert np.mean(factors) == pytest.approx(1.0, abs=0.12)
+
+
+def test_poses_in_the_axes_of_the_truth_are_not_aligned(tmp_path):
+    rng = np.random.default_rng(0)
+    n = 400
+    poses = [Pose3((0.1 * k, 0.0, 0.0)) for k in range(n)]  # a straight line determines no roll
+    off = [
+        Pose3((0.1 * k + e[0], e[1], e[2])) for k, e in enumerate(rng.normal(size=(n, 3)) * 0.03)
+    ]
+    truth = tum(tmp_path / "t.txt", np.arange(n), poses)
+    found = tum(tmp_path / "f.txt", np.arange(n), off)
+    np.savetxt(tmp_path / "c.csv", np.tile((0.01**2 * np.eye(3)).ravel(), (n, 1)), delimiter=",")
+    judged = judge_files(found, tmp_path / "c.csv", truth, same_axes=True).metrics
+    assert judged["verdict"] == TOO_SURE
+    assert judged["factor"] == pytest.approx(3.0, rel=0.1)
+    with_truth = judge_files(
+        found, tmp_path / "c.csv", truth, same_axes=True, truth_sigma=(math.sqrt(8) * 0.01, 0.0)
+    ).metrics
+    assert with_truth["verdict"] == IN_BAND  # the truth's own doubt explains the rest
+
+
+def test_covariances_in_the_axes_of_the_poses_are_turned_into_those_of_the_world(tmp_path):
+    walk = Walk(1, n=40)
+    found, cov, _ = walk.write(tmp_path)
+    local = []
+    for pose, P in zip(walk.found, walk.covariances, strict=True):
+        R = np.kron(np.eye(2), pose.rotation)
+        local.append((R.T @ P @ R).ravel())
+    np.savetxt(tmp_path / "local.csv", np.array(local), delimiter=",", fmt="%.17g")
+    world = read_claims(cov, read_trajectory(found))
+    turned = read_claims(tmp_path / "local.csv", read_trajectory(found), body_axes=True)
+    np.testing.assert_allclose(turned.covariances, world.covariances, atol=1e-15)
+
+
+def test_a_pose_graph_gives_the_covariances_of_the_odometry_that_it_holds(tmp_path):
+    walk = Walk(2, n=50)
+    found, cov, _ = walk.write(tmp_path)
+    factors = [Motion(k, k + 1, motion, walk.step) for k, motion in enumerate(walk.motions)]
+    poses = {k: Placement(pose, np.eye(6)) for k, pose in enumerate(walk.found)}
+    write_g2o(tmp_path / "g.g2o", factors, Solution(poses))
+    estimate = read_trajectory(found)
+    table, graph = read_claims(cov, estimate), read_claims(tmp_path / "g.g2o", estimate)
+    assert (table.shared, graph.shared) == (GROWING, GRAPH)
+    np.testing.assert_allclose(graph.covariances, table.covariances, rtol=1e-5, atol=1e-10)
+    every = np.arange(51)
+    np.testing.assert_allclose(
+        graph.left(estimate.poses, every), table.left(estimate.poses, every), rtol=1e-4, atol=1e-9
+    )
+    (tmp_path / "cut.g2o").write_text("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nEDGE_SE3:QUAT 0 1 1 0\n")
+    with pytest.raises(InputError, match=r"line 2: 4 numbers after EDGE_SE3:QUAT; expected 30"):
+        read_claims(tmp_path / "cut.g2o", estimate)
+
+
+def test_a_planar_pose_graph_gives_planar_covariances(tmp_path):
+    lines = [f"VERTEX_SE2 {k} {k}.0 0.0 0.0" for k in range(4)]
+    lines += [f"EDGE_SE2 {k} {k + 1} 1.0 0.0 0.0 10000 0 0 10000 0 1000000" for k in range(3)]
+    (tmp_path / "g.g2o").write_text("\n".join(lines))
+    found = tum(tmp_path / "f.txt", np.arange(4), [Pose3((float(k), 0.0, 0.0)) for k in range(4)])
+    claims = read_claims(tmp_path / "g.g2o", read_trajectory(found))
+    assert claims.covariances.shape == (4, 3, 3)
+    # x: three steps of 1 cm; y: the same and headings of 1 mrad over 2 m and 1 m; yaw: three times 1 mrad
+    expected = [3e-4, 3e-4 + 1e-6 * (4 + 1), 3e-6]
+    np.testing.assert_allclose(np.diag(claims.covariances[3]), expected, rtol=1e-4)
+
+
+# --- formats ---
+
+
+def test_tum_kitti_and_euroc_files_of_one_trajectory_give_one_verdict(tmp_path):
+    walk = Walk(5, n=80)
+    found, _, truth = walk.write(tmp_path)
+    square = np.array([P.ravel() for P in walk.covariances])
+    np.savetxt(tmp_path / "full.csv", square, delimiter=",", fmt="%.17g")
+    matrices = [pose.matrix[:3].ravel() for pose in walk.found]
+    np.savetxt(tmp_path / "kitti.txt", np.array(matrices), fmt="%.17g")
+    lines = ["#timestamp [ns], p_x [m], p_y [m], p_z [m], q_w [], q_x [], q_y [], q_z [], v_x"]
+    for t, pose in zip(walk.stamps, walk.found, strict=True):
+        x, y, z, w = pose.quat_xyzw
+        numbers = (*pose.translation, w, x, y, z, 0.0)
+        lines.append(f"{round((t + 1.4e9) * 1e9)}," + ",".join(f"{v:.17g}" for v in numbers))
+    (tmp_path / "euroc.csv").write_text("\n".join(lines))
+    late = tum(tmp_path / "late.txt", walk.stamps + 1.4e9, [ELSEWHERE @ p for p in walk.true])
+    judged = [
+        judge_files(found, tmp_path / "full.csv", truth).metrics,
+        judge_files(tmp_path / "kitti.txt", tmp_path / "full.csv", truth).metrics,
+        judge_files(tmp_path / "euroc.csv", tmp_path / "full.csv", late).metrics,
+    ]
+    assert [one["format"] for one in judged] == ["TUM", "KITTI", "EuRoC"]
+    for name in ("ate_m", "ate_aligned_m", "rpe_frame_m", "rpe_frame_deg", "pose_anees"):
+        assert judged[1][name] == pytest.approx(judged[0][name], rel=1e-6)
+        assert judged[2][name] == pytest.approx(judged[0][name], rel=1e-6)
+
+
+def test_relative_errors_from_pose_to_pose_are_those_of_the_evo_package(recordings):
+    folder = recordings / "tum_trajectories"
+    found = judge_files(
+        folder / "freiburg1_xyz-rgbdslam.txt", None, folder / "freiburg1_xyz-groundtruth.txt"
+    ).metrics
+    # evo 1.38.1: evo_rpe and evo_ape tum, RMSE as printed by default and with -r angle_deg
+    expected = {"rpe_frame_m": 0.005764370848928, "rpe_frame_deg": 0.3536131610448}
+    expected |= {"ate_m": 0.020079418378507, "matched_poses": 785}
+    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-9)
+    assert found["note"] == "no covariances given: accuracy only"
+
+
+def test_covariances_of_a_run_of_our_own_are_taken_as_those_after_alignment(tmp_path):
+    walk = Walk(6, n=20)
+    found, _, _ = walk.write(tmp_path)
+    pairs = [f"{i}{j}" for i in range(6) for j in range(i, 6)]
+    names = ["stamp_s"] + [f"start_{p}" for p in pairs] + [f"aligned_{p}" for p in pairs]
+    rows = [[t, *np.zeros(21), *np.eye(6)[UPPER]] for t in walk.stamps]
+    np.savetxt(tmp_path / "s.csv", rows, delimiter=",", header=",".join(names), comments="")
+    claims = read_claims(tmp_path / "s.csv", read_trajectory(found))
+    assert claims.shared == ALIGNED
+    np.testing.assert_array_equal(claims.covariances, np.tile(np.eye(6), (21, 1, 1)))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1 2 3\n", r"line 1: 3 numbers; expected 8 \(TUM"),
+        ("a picture\n", "holds no poses"),
+        ("0 0 0 0 0 0 0 1\n1 0 0 0 0 0 1\n", "line 2: .* is not a pose; expected 8"),
+        ("0 0 0 0 1 1 0 1\n", r"length 1.732, not 1; read as TUM \(qx qy qz qw"),
+        ("2 0 0 0 0 2 0 0 0 0 2 0\n", "no rotation; 12 numbers were read as KITTI"),
+    ],
+)
+def test_files_that_hold_no_trajectory_are_refused_with_the_reason(tmp_path, text, message):
+    (tmp_path / "bad.txt").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_trajectory(tmp_path / "bad.txt")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("1,2,3,4,5\n" * 21, "5 numbers per line; expected"),
+        (("1,0,0,1,0,1\n") * 20, "20 covariances and .* 21 poses"),
+        (("1,2,2,1,2,1\n") * 21, "covariance 0 .* not finite, symmetric and positive"),
+        (
+            "".join(f"{k},1,0,0,1,0,1\n" for k in range(21)),
+            "covers 0.000 to 20.000 s, the trajectory 100.000",
+        ),
+        ("", "holds no covariances"),
+    ],
+)
+def test_covariances_that_do_not_belong_are_refused_with_the_reason(tmp_path, text, message):
+    found, _, _ = Walk(0, n=20).write(tmp_path)
+    (tmp_path / "bad.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_claims(tmp_path / "bad.csv", read_trajectory(found))
+
+
+def test_a_truth_of_another_time_is_refused_with_both_ranges(tmp_path):
+    found, cov, truth = Walk(0, n=20).write(tmp_path, offset_s=500.0)
+    with pytest.raises(
+        InputError, match=r"covers 600.000 to 602.000 s, the trajectory 100.000 to 102.000 s"
+    ):
+        judge_files(found, cov, truth)
+
+
+def test_poses_without_stamps_need_as_many_true_poses(tmp_path):
+    _, _, truth = Walk(0, n=20).write(tmp_path)
+    np.savetxt(tmp_path / "k.txt", np.tile(np.eye(4)[:3].ravel(), (7, 1)))
+    with pytest.raises(InputError, match=r"has 7 poses .* has 21; without stamps"):
+        judge_files(tmp_path / "k.txt", None, truth)
+
+
+# --- formulas ---
+
+
+@pytest.mark.parametrize(("error", "sigma"), [(0.0, 1.0), (0.7, 0.3), (-2.0, 0.5), (1.0, 4.0)])
+def test_crps_is_the_integral_that_defines_it(error, sigma):
+    def gap(x: float) -> float:
+        return (stats.norm.cdf(x, 0.0, sigma) - (x >= error)) ** 2
+
+    low, high = -12 * sigma - abs(error), 12 * sigma + abs(error)
+    exact = integrate.quad(gap, low, error)[0] + integrate.quad(gap, error, high)[0]
+    assert crps(np.array([error]), np.array([sigma]))[0] == pytest.approx(exact, rel=1e-6)
+    assert crps(np.array([error]), np.array([0.0]))[0] == abs(error)
+
+
+def test_a_conformal_radius_holds_a_new_score_as_often_as_promised():
+    rng = np.random.default_rng(0)
+    # heavy tails, so that the Gaussian region would fail; expected coverage: ceil(0.9 * 101) / 101
+    inside = [
+        rng.standard_cauchy() <= conformal_radius(rng.standard_cauchy(100)) for _ in range(4000)
+    ]
+    assert np.mean(inside) == pytest.approx(91 / 101, abs=3.5 * math.sqrt(0.09 / 4000))
+    assert conformal_radius(np.arange(8.0)) == math.inf
+
+
+def test_what_is_fitted_on_the_first_half_mends_the_second():
+    found = by_halves(3.0 * np.random.default_rng(1).normal(size=(4000, 6)))
+    assert found["inflation"] == pytest.approx(3.0, rel=0.03)
+    assert found["coverage_claimed"] < 0.3
+    for name in ("coverage_inflated", "coverage_conformal"):
+        assert found[name] == pytest.approx(0.9, abs=0.025)
+    assert by_halves(np.zeros((30, 6))) == {}
+
+
+def test_the_verdict_names_direction_and_factor():
+    assert verdict(54.0, 5.0, 7.0, 6) == (TOO_SURE, pytest.approx(3.0))
+    assert verdict(1.5, 5.0, 7.0, 6) == (TOO_CAREFUL, pytest.approx(2.0))
+    assert verdict(6.0, 5.0, 7.0, 6) == (IN_BAND, pytest.approx(1.0))
+
+
+def test_the_scale_of_a_mirrored_estimate_respects_the_sign_of_the_mirror():
+    rng = np.random.default_rng(4)
+    reference = rng.normal(size=(200, 3)) * [3.0, 2.0, 1.0]
+    estimate = reference * [1.0, 1.0, -1.0]  # no rotation undoes a mirror
+    found = align(estimate, reference, with_scale=True)
+    rotated = estimate - estimate.mean(axis=0)
+    aligned = rotated @ found.rotation.T
+    wanted = reference - reference.mean(axis=0)
+    best = np.sum(aligned * wanted) / np.sum(rotated**2)  # least squares for this rotation
+    assert np.linalg.det(found.rotation) == pytest.approx(1.0)
+    assert found.scale == pytest.approx(best, rel=1e-12)
+    assert found.scale < 0.95
