@@ -135,6 +135,7 @@ def statistics(
     is_open: np.ndarray,
     n: np.ndarray,
     rho: float,
+    bend: np.ndarray,
     base: float,
     sigmas: float,
     narrow: float,
@@ -142,33 +143,31 @@ def statistics(
     A: np.ndarray,
     g: np.ndarray,
     B: np.ndarray,
-    C: np.ndarray,
-    D: np.ndarray,
+    cells: np.ndarray,
 ) -> tuple[int, int, int]:
     """The normal equations as in `moments`, the terms of the covariance, and the number of points below.
 
     Args:
+        bend: (n,) relative distortion of depth of each point, one standard deviation.
         A, g: (3, 3), (3,), written, as in `moments`.
         B: (3, 3), written: sum over image cells of the outer product of the cell's gradient. Its expectation
             is A where the noise of neighbours is independent, and larger where it is correlated.
-        C: (3, 3), written: sum of w r r^T / z, the response to an error of depth scale.
-        D: (3, 3), written: sum of w r r^T s, s the standard deviation in inverse depth: the response to an
-            error of one standard deviation common to all points.
+        cells: (CELLS^2, 9), zeros, written: sums over the points of each image cell, with the weight w of inverse
+            depth: gradient (3), number, w r (3), w / z, w sigma / z^2.
 
     Returns:
-        Points within tau = base + sigmas * noise, points below -2 tau, image cells with points.
+        Points within tau = base + sigmas * noise, points below -2 tau and the bend, image cells with points.
     """
     a, b, c = n[0], n[1], n[2]
     ground = (rough / rho) ** 2
     limit = (narrow * rho) ** 2
-    cells = np.zeros((CELLS * CELLS, 4))
-    A[:], B[:], C[:], D[:], g[:] = 0.0, 0.0, 0.0, 0.0, 0.0
+    A[:], B[:], g[:] = 0.0, 0.0, 0.0
     near = below = 0
     for i in range(xyz.shape[0]):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
         d = a * x + b * y + c * z + rho
         tau_z = base * z + sigmas * sigma[i] * rho
-        below += d * z < -2.0 * tau_z
+        below += d * z < -2.0 * (tau_z + bend[i] * rho * z)
         near += abs(d) * z < tau_z
         z2 = z * z
         variance = sigma[i] * sigma[i] + ground * z2
@@ -177,19 +176,6 @@ def statistics(
         W = z2 / variance
         q = 1.0 / z
         wx, wy, wz = W * x, W * y, W * z
-        C[0, 0] += wx * x * q
-        C[0, 1] += wx * y * q
-        C[0, 2] += wx
-        C[1, 1] += wy * y * q
-        C[1, 2] += wy
-        C[2, 2] += wz
-        share = sigma[i] * q * q
-        D[0, 0] += wx * x * share
-        D[0, 1] += wx * y * share
-        D[0, 2] += wx * z * share
-        D[1, 1] += wy * y * share
-        D[1, 2] += wy * z * share
-        D[2, 2] += wz * z * share
         A[0, 0] += wx * x
         A[0, 1] += wx * y
         A[0, 2] += wx * z
@@ -203,6 +189,11 @@ def statistics(
         cells[cell, 1] += wy * d
         cells[cell, 2] += wz * d
         cells[cell, 3] += 1.0
+        cells[cell, 4] += wx * z
+        cells[cell, 5] += wy * z
+        cells[cell, 6] += wz * z
+        cells[cell, 7] += wz
+        cells[cell, 8] += W * sigma[i]
     used = 0
     for cell in range(CELLS * CELLS):
         if cells[cell, 3] > 0.0:
@@ -213,7 +204,7 @@ def statistics(
                     B[j, k] += cells[cell, j] * cells[cell, k] / (rho * rho)
     for j in range(3):
         for k in range(j):
-            A[j, k], C[j, k], D[j, k] = A[k, j], C[k, j], D[k, j]
+            A[j, k] = A[k, j]
     return near, below, used
 
 

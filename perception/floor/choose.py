@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.special import gammaincinv
 
+from ..depth.distortion import DistortionConfig
 from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
@@ -51,6 +52,7 @@ class FloorConfig:
     sample: ScoreConfig = field(default_factory=ScoreConfig)
     hough: HoughConfig = field(default_factory=HoughConfig)
     refine: RefineConfig = field(default_factory=RefineConfig)
+    distortion: DistortionConfig = field(default_factory=DistortionConfig)
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -91,7 +93,7 @@ def find(
         prior: Predicted floor, camera frame, with covariance; see `prior`.
         rng: Draws the sample and the triples.
         config: Method.
-        sensor: "tof", "stereo" or "depth", which sets the errors common to all points; None if unknown.
+        sensor: "tof", "stereo" or "depth", which sets the distortion of depth; None if unknown.
 
     Returns:
         The floor, fused with the prior; None if no plane agrees with the prior, has enough points on it, and
@@ -127,7 +129,8 @@ def _verified(
     """The plane fitted to all points, if it is a floor and agrees with the prior."""
     tilt_sigma_rad = math.sqrt(float(np.linalg.eigvalsh(prior.covariance[:2, :2])[-1]))
     settle = _is_height_known(prior) and tilt_sigma_rad <= math.radians(KNOWN_TILT_DEG)
-    fit = refine(points, start, config.sample, config.refine, sensor, settle)
+    distortion = config.distortion.of(sensor)
+    fit = refine(points, start, config.sample, config.refine, distortion, settle)
     if fit is None or not _is_floor(fit, prior):
         return None
     plane, distance = fuse(fit.plane, prior)

@@ -5,8 +5,8 @@ The fit runs a few passes in inverse depth (see `_search_kernels`). Its covarian
 - the inverse of the normal matrix, for independent noise of the points;
 - times a factor for correlated noise of neighbouring pixels, measured on the residuals: gradients summed over
   image cells of about 5 deg vary by that factor more than independent ones would;
-- plus the effect of errors common to all points of a view, which turn the floor into another plane and leave
-  no residuals: constant, or growing across the image. Their size depends on the sensor (`SharedError`).
+- plus the effect of distortion, an error common to all points of a view, which turns the floor into another plane
+  (`common_error`).
 
 Source: seed 003, section 3 (least squares, one repeat); covariance ours, its factor after White 1980.
 """
@@ -15,17 +15,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from ..depth.distortion import Distortion
 from ..depth.points import Points
-from ..primitives import plugins
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
-from ..primitives.settings import setting
 from . import _fit_kernels as kernels
+from .common_error import common_covariance
 from .sample import ScoreConfig
 
 PASSES = 3  # seed 003: least squares, one repeat; ours: one more, as the band narrows
@@ -36,41 +35,16 @@ TIGHT_SIGMAS = 1.5  # begins nearby must not take part
 LEAST_POINTS = 100  # ours: fewer are no floor
 MANY_CELLS = 30  # ours: from here on the factor of correlated noise may be below 1
 LEAST_FACTOR = 0.05  # ours
-
-
-class SharedError(NamedTuple):
-    """Errors common to all points of one view, as standard deviations.
-
-    Args:
-        scale: Relative error of depth, everywhere the same: focal length or baseline.
-        bend: Relative error of depth per unit of ray slope, to the right and downwards each: stray light,
-            residual lens distortion.
-        sigmas: In standard deviations of each point, for all three shapes: an offset of disparity.
-    """
-
-    scale: float = 0.0
-    bend: float = 0.0
-    sigmas: float = 0.0
+LEAST_EDGE = (
+    0.3  # ours: ray slope of the edge of a narrow camera, where few of its pixels have depth
+)
+NONE = Distortion()
 
 
 @dataclass(frozen=True)
 class RefineConfig:
-    """Bands of the fit and common errors of each sensor."""
+    """Bands of the fit."""
 
-    tof_scale: float = (
-        0.015  # ours: stray light, SR-4000 model; relative depth error common to a TOF view
-    )
-    tof_bend: float = 0.035  # ours: wiggling error, SR-4000 model; the same per unit of ray slope
-    stereo_sigmas: float = (
-        0.11  # ours: NEES of 003-E1, own matcher; depth error common to a stereo view
-    )
-    depth_share: float = setting(
-        0.01,
-        "",
-        "relative depth error common to an RGB-D view, also per unit of ray slope",
-        "ours: Kinects against motion capture",
-    )
-    unknown_share: float = 0.003  # ours: the same where the sensor is not known
     rough_m: float = 0.003  # ours: carpet, joints of tiles
     wide_sigmas: float = (
         5.0  # ours: band of the first pass, standard deviations of noise and roughness
@@ -84,25 +58,10 @@ class RefineConfig:
                 f"floor: narrow_sigmas={self.narrow_sigmas} must be positive and below "
                 f"wide_sigmas={self.wide_sigmas}"
             )
-        for name in ("tof_scale", "tof_bend", "stereo_sigmas", "depth_share", "unknown_share",
-                     "rough_m", "foot_m"):  # fmt: skip
+        for name in ("rough_m", "foot_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):
                 raise ConfigError(f"floor: {name}={value} must not be negative, and finite")
-
-    def shared(self, sensor: str | None) -> SharedError:
-        """Common errors of a sensor; ConfigError for an unknown name."""
-        errors = {
-            "tof": SharedError(self.tof_scale, self.tof_bend),
-            "stereo": SharedError(sigmas=self.stereo_sigmas),
-            "depth": SharedError(self.depth_share, self.depth_share),
-            None: SharedError(self.unknown_share, self.unknown_share),
-        }
-        if sensor is not None and plugins.is_reference(sensor):  # a depth source of the user's
-            return errors[None]
-        if sensor not in errors:
-            raise ConfigError(f"floor: sensor={sensor!r} is unknown; choose tof, stereo, depth")
-        return errors[sensor]
 
 
 @dataclass(frozen=True)
@@ -128,7 +87,7 @@ def refine(
     start: Plane,
     scoring: ScoreConfig,
     config: RefineConfig,
-    sensor: str | None = None,
+    distortion: Distortion = NONE,
     settle: bool = False,
 ) -> Fit | None:
     """Fit the plane to all points near it.
@@ -137,8 +96,8 @@ def refine(
         points: Camera frame, m.
         start: Within a few centimetres of the result.
         scoring: Threshold tau.
-        config: Bands and common errors.
-        sensor: "tof", "stereo" or "depth"; None if unknown.
+        config: Bands.
+        distortion: Error of depth common to all points.
         settle: Narrow the band further and widen it once at the end. This excludes surfaces at a small angle
             to the floor, but needs a start close to the result.
 
@@ -146,8 +105,10 @@ def refine(
         The plane, the camera on its positive side; None if too few points are near, or if they are collinear.
     """
     normal, rho = start.normal, start.offset_m
-    A, B, C, D = np.zeros((4, 3, 3))
+    bend = distortion.size(points.xyz[:, 2], points.sigma)
+    A, B = np.zeros((2, 3, 3))
     g = np.zeros(3)
+    sums = np.zeros((kernels.CELLS**2, 9))
     is_open = np.ones(len(points), dtype=np.bool_)
     near = below = cells = 0
     bands = list(np.linspace(config.wide_sigmas, config.narrow_sigmas, PASSES))
@@ -171,6 +132,7 @@ def refine(
         else:
             near, below, cells = kernels.statistics(
                 *common,
+                bend,
                 scoring.base_m,
                 scoring.sigmas,
                 config.narrow_sigmas,
@@ -178,12 +140,12 @@ def refine(
                 A,
                 g,
                 B,
-                C,
-                D,
+                sums,
             )
         if not _is_regular(A):
             return None
-        slope = -normal / rho + np.linalg.solve(A, g)
+        before, change = rho, np.linalg.solve(A, g)
+        slope = -normal / rho + change
         rho = 1.0 / float(np.linalg.norm(slope))
         normal = -slope * rho
     if near < LEAST_POINTS:
@@ -191,12 +153,10 @@ def refine(
     inverse = np.linalg.inv(A)
     factor = float(np.trace(inverse @ B)) / 3.0 * cells / max(cells - 3, 1)
     factor = max(factor, 1.0 if cells < MANY_CELLS else LEAST_FACTOR)
-    shared = config.shared(sensor)
-    M = inverse @ C @ np.diag([shared.bend, shared.bend, shared.scale])
-    N = shared.sigmas * inverse @ D
     J = _jacobian(Plane(normal, rho))
     own = J @ (factor * inverse) @ J.T
-    common = J @ (M @ M.T + N @ N.T) @ J.T
+    edge = max(float(np.max(np.abs(points.xyz[:, 0] / points.xyz[:, 2]))), LEAST_EDGE)
+    common = J @ common_covariance(sums, inverse, change, before, distortion, edge) @ J.T
     plane = Plane(normal, rho, own + common)
     return Fit(plane, Plane(normal, rho, own), near / len(points), below / len(points))
 

@@ -25,6 +25,8 @@ from perception.primitives.settings import note_of
 
 C = TypeVar("C")
 INTERNAL = "internal"
+RETIRED = (("floor", "refine", "depth_share"),)
+"""Settings of earlier versions, whose recordings must stay readable; floor.distortion took over."""
 WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a text in quotes"}
 
 
@@ -52,6 +54,7 @@ def read(kind: type[C], path: Path, base: C | None = None, parts: Collection[str
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"configuration {path} is not TOML: {error}") from error
+    _drop_retired(values)
     if parts:
         internal = values.get(INTERNAL, {})
         kept = {name: v for name, v in internal.items() if name.partition(".")[0] in parts}
@@ -61,6 +64,14 @@ def read(kind: type[C], path: Path, base: C | None = None, parts: Collection[str
         return _merge_all(kind, base, values, "")
     except ConfigError as error:
         raise ConfigError(f"configuration {path}: {error}") from error
+
+
+def _drop_retired(values: dict[str, Any]) -> None:
+    """Remove settings that earlier versions wrote beside recordings."""
+    for table, part, key in RETIRED:
+        inner = values.get(table, {}).get(part)
+        if isinstance(inner, dict) and inner.pop(key, None) is not None and not inner:
+            del values[table][part]
 
 
 def parse(kind: type[C], values: Mapping[str, Any], where: str = "") -> C:

@@ -139,7 +139,7 @@ class OdometryCamera(PlacedImages):
     def __init__(self, recording: Recording, config: Config, say: Say) -> None:
         super().__init__(recording, config)
         rng = np.random.default_rng(config.seed)
-        self._odometer = Odometer(rng, config.odometer, config.floor)
+        self._odometer = Odometer(rng, config.odometer, config.floor_of(recording.info.calibrated))
         stamps = []
         of = f" of {recording.info.frames}" if recording.info.frames else ""
         for frame in recording.frames():

@@ -184,6 +184,7 @@ def info_to_json(info: RecordingInfo) -> dict[str, Any]:
         "start_covariance": _list(info.start_covariance),
         "gravity_up_world": info.gravity_up_world,
         "floor_height_world_m": info.floor_height_world_m,
+        "calibrated": info.calibrated,
     }
 
 
@@ -204,6 +205,7 @@ def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingIn
         scene=values["scene"],
         gravity_up_world=None if up is None else (up[0], up[1], up[2]),
         floor_height_world_m=values["floor_height_world_m"],
+        calibrated=values.get("calibrated", True),  # without the key: the simulated robot's
     )
 
 

@@ -31,6 +31,7 @@ class RecordingInfo:
         scene: Name or description of the place; may be empty.
         gravity_up_world: Vertical unit vector in the world of the given poses; None if unknown.
         floor_height_world_m: Height of the floor along `gravity_up_world`, m; None if unknown.
+        calibrated: Whether the bend of the depth cameras was calibrated, as in the robot that recorded it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class RecordingInfo:
     scene: str = ""
     gravity_up_world: tuple[float, float, float] | None = None
     floor_height_world_m: float | None = None
+    calibrated: bool = False
 
 
 class SkippedFrame(NamedTuple):

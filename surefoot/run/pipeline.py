@@ -66,6 +66,7 @@ class Pipeline:
         self.depth_sources = DepthSources(
             config.tof, config.structured_light, config.stereo, config.depth_sources
         )
+        self.floor_config = config.floor_of(info.calibrated)
         self.pose_source = make_pose_source(config, info, self.depth_sources)
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
@@ -163,7 +164,7 @@ class Pipeline:
         reach = self.config.reach.of(sensor)
         cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
         expected = self.pose_source.expected_floor(depth.T_body_camera)
-        floor = choose.find(cloud, expected, self.rng, self.config.floor, sensor)
+        floor = choose.find(cloud, expected, self.rng, self.floor_config, sensor)
         placed = self.pose_source.place(depth.T_body_camera, None if floor is None else floor.plane)
         if placed is None:
             return None
@@ -309,7 +310,7 @@ def make_pose_source(config: Config, info: RecordingInfo, sources: DepthSources)
     if info.start is None:
         alone = replace(config.odometer, loops=False)  # loop closure needs the whole recording
         rng = np.random.default_rng(config.seed)
-        return OdometryPoses(rng, alone, config.floor, sources)
+        return OdometryPoses(rng, alone, config.floor_of(info.calibrated), sources)
     covariance = (
         np.diag(np.square([config.prior.start_m] * 2 + [np.radians(config.prior.start_deg)]))
         if info.start_covariance is None

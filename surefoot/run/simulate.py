@@ -162,6 +162,7 @@ def known_beforehand(scene: Scene, robot: SimulatedRobot, config: Config) -> Rec
         start_covariance=start_covariance(config.robot),
         floor_height_world_m=0.0,
         gravity_up_world=robot.up,
+        calibrated=True,
     )
 
 

@@ -16,6 +16,7 @@ from perception.depth import points, stereo
 from perception.floor import choose
 from perception.floor.choose import FloorConfig
 
+from ...config.schema import CALIBRATED_DISTORTION
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.floor_views import FLOOR_REACH_M, HEADER, Score, render, row, score, summary
 
@@ -31,7 +32,7 @@ def run(seeds: int, say: Say) -> Outcome:
         images = render(number)
         cloud = points.from_depth(stereo.depth(images.pair), NEAREST_M, FLOOR_REACH_M)
         for method in METHODS:
-            config = FloorConfig(method=method)
+            config = FloorConfig(method=method, distortion=CALIBRATED_DISTORTION)
             rng = np.random.default_rng([number, 32])
             began = time.perf_counter()
             found = choose.find(cloud, images.view.prior, rng, config, "stereo")

@@ -10,6 +10,10 @@ from perception.primitives.camera import Camera
 from perception.primitives.pose import Pose3
 from sim.world import World
 
+FOCAL_BASELINE_PX_M = 43.5  # Kinect: 580 px, 75 mm
+BEND_PX = 0.2  # Herrera 2012 and Boehm 2014: disparity errors of Kinects before calibration
+FOCAL_SHARE = 0.005  # of an uncalibrated focal length
+
 
 def true_depth(world: World, camera: Camera, T_world_camera: Pose3) -> Float[np.ndarray, "h w"]:
     """Depth of the surface that each pixel's ray meets, along the optical axis, m."""
@@ -17,6 +21,22 @@ def true_depth(world: World, camera: Camera, T_world_camera: Pose3) -> Float[np.
     rays = (camera.rays / length[..., None]).reshape(-1, 3) @ T_world_camera.rotation.T
     hits = world.rays.cast(T_world_camera.position, rays.astype(np.float32))
     return np.asarray(hits.distance_m.reshape(length.shape) / length, dtype=np.float64)
+
+
+def structured_light_bend(
+    z: Float[np.ndarray, "h w"], rays: Float[np.ndarray, "h w 3"], rng: np.random.Generator
+) -> Float[np.ndarray, "h w"]:
+    """Random relative error of structured-light depth: focal length, and a disparity error of second order.
+
+    Args:
+        z: True depth, m.
+        rays: Slopes (right, down, 1) of the pixels.
+        rng: Draws the seven coefficients.
+    """
+    u, v = (rays[..., axis] / float(np.max(np.abs(rays[..., 0]))) for axis in (0, 1))
+    shapes = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
+    disparity_px = shapes @ (BEND_PX * rng.normal(size=6))
+    return np.asarray(FOCAL_SHARE * rng.normal() + z * disparity_px / FOCAL_BASELINE_PX_M)
 
 
 def structured_light_sigma(z: np.ndarray) -> np.ndarray:

@@ -89,6 +89,12 @@ def test_a_file_that_is_not_toml_is_named(tmp_path):
         load(path)
 
 
+def test_a_file_of_an_earlier_version_is_read_without_its_retired_settings(tmp_path):
+    path = tmp_path / "config.toml"
+    path.write_text("seed = 7\n[floor.refine]\ndepth_share = 0.01\n")
+    assert toml.read(Config, path) == Config(seed=7)
+
+
 def test_an_error_in_a_file_begins_with_the_file(tmp_path):
     path = tmp_path / "mine.toml"
     path.write_text("[tracker]\nhits_to_show = 0\n")
