@@ -139,12 +139,13 @@ def statistics(
     base: float,
     sigmas: float,
     narrow: float,
+    sharp: float,
     rough: float,
     A: np.ndarray,
     g: np.ndarray,
     B: np.ndarray,
     cells: np.ndarray,
-) -> tuple[int, int, int]:
+) -> tuple[int, int, int, int]:
     """The normal equations as in `moments`, the terms of the covariance, and the number of points below.
 
     Args:
@@ -156,19 +157,20 @@ def statistics(
             depth: gradient (3), number, w r (3), w / z, w sigma / z^2.
 
     Returns:
-        Points within tau = base + sigmas * noise, points below -2 tau and the bend, image cells with points.
+        Points within tau = base + sigmas * noise, those within tau / sharp, points below -2 tau and the bend, image cells with points.
     """
     a, b, c = n[0], n[1], n[2]
     ground = (rough / rho) ** 2
     limit = (narrow * rho) ** 2
     A[:], B[:], g[:] = 0.0, 0.0, 0.0
-    near = below = 0
+    near = core = below = 0
     for i in range(xyz.shape[0]):
         x, y, z = xyz[i, 0], xyz[i, 1], xyz[i, 2]
         d = a * x + b * y + c * z + rho
         tau_z = base * z + sigmas * sigma[i] * rho
         below += d * z < -2.0 * (tau_z + bend[i] * rho * z)
         near += abs(d) * z < tau_z
+        core += sharp * abs(d) * z < tau_z
         z2 = z * z
         variance = sigma[i] * sigma[i] + ground * z2
         if not is_open[i] or d * d * z2 >= limit * variance:
@@ -205,7 +207,7 @@ def statistics(
     for j in range(3):
         for k in range(j):
             A[j, k] = A[k, j]
-    return near, below, used
+    return near, core, below, used
 
 
 @njit(cache=True)

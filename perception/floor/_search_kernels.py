@@ -59,13 +59,14 @@ def score(
     rho: float,
     base: float,
     penalty: float,
+    flank: float,
     sharp2: float,
     least: float,
 ) -> float:
     """Floor score of a plane: points on it count for it, points below it against it.
 
-    With tau = base + slack rho, a point at signed distance d counts max(1 - sharp2 (d / tau)^2, 0), and
-    -penalty below -2 tau. Returns -inf as soon as `least` cannot be reached.
+    With tau = base + slack rho, a point at signed distance d counts max(1 - sharp2 (d / tau)^2, 0), -penalty
+    below -2 tau, and -flank within tau where the first term is 0. Returns -inf as soon as `least` cannot be reached.
     """
     x, y, z, slack = sample
     count = x.shape[0]
@@ -76,7 +77,9 @@ def score(
         for i in range(start, stop):
             tau = base + slack[i] * rho
             t = (a * x[i] + b * y[i] + c * z[i] + rho) / tau
-            part += max(1.0 - sharp2 * t * t, 0.0) - (penalty if t < -2.0 else 0.0)
+            on = 1.0 - sharp2 * t * t
+            part += max(on, 0.0) - (penalty if t < -2.0 else 0.0)
+            part -= flank if on < 0.0 and abs(t) < 1.0 else 0.0
         total += part
         if total + (count - stop) < least:
             return -np.inf
@@ -204,6 +207,7 @@ def msac(
     gate: tuple[np.ndarray, float, float, float, float],
     base: float,
     penalty: float,
+    flank: float,
     sharp: float,
     seed: np.uint64,
 ) -> tuple[float, float, float, float, float]:
@@ -225,7 +229,7 @@ def msac(
             continue
         if a * up[0] + b * up[1] + c * up[2] < least_cosine:
             continue
-        value = score(sample, a, b, c, rho, base, penalty, sharp * sharp, best)
+        value = score(sample, a, b, c, rho, base, penalty, flank, sharp * sharp, best)
         if value <= best:
             continue
         for wide in (3.0, 1.5, 1.0, 1.0 / sharp, 1.0 / sharp):  # local optimisation, coarse to fine
@@ -235,7 +239,7 @@ def msac(
                 continue
             if fa * up[0] + fb * up[1] + fc * up[2] < least_cosine:
                 continue
-            better = score(sample, fa, fb, fc, frho, base, penalty, sharp * sharp, 0.0)
+            better = score(sample, fa, fb, fc, frho, base, penalty, flank, sharp * sharp, 0.0)
             if better > value:
                 a, b, c, rho, value = fa, fb, fc, frho, better
         best_a, best_b, best_c, best_rho, best = a, b, c, rho, value

@@ -39,6 +39,8 @@ MOST_BELOW = 0.02  # ours: points below per point on it; kitchen floors 0.001, t
 KNOWN_HEIGHT_M = 0.15  # ours: with a height prior this precise, points below are holes
 KNOWN_TILT_DEG = 2.0  # ours: with a tilt prior as precise, nearby ramps are excluded from the fit
 PLANES = 4  # ours: planes tried one after the other: ramp, landing, table, floor
+LEAST_CORE = 0.45  # ours: of a plane's points; noise of thrice the model leaves .49, ramps through stairs .32-.41
+FLANK = 0.5  # ours: what a point on the flanks costs once stairs are suspected; a ramp then scores below zero
 CONFIDENCE = 0.999  # ours: of the chi-square test against the prior
 
 
@@ -107,31 +109,40 @@ def find(
     points = thinned(points, MOST_POINTS)
     searched = gate(prior, GATE_SIGMAS, math.radians(MOST_TILT_DEG), LEAST_HEIGHT_M)
     sample = draw(points, prior, searched, rng, config.sample)
+    flank = 0.0
     for _ in range(PLANES):
         if sample.size < 3:
             return None
         if config.method == "hough":
-            start = hough.propose(sample, searched, rng, config.hough, config.sample)
+            start = hough.propose(sample, searched, rng, config.hough, config.sample, flank)
         else:
-            start = ransac.propose(sample, searched, rng, config.sample)
+            start = ransac.propose(sample, searched, rng, config.sample, flank)
         if start is None:
             return None
-        found = _verified(points, start, prior, config, sensor)
-        if found is not None:
-            return found
-        sample = sample.without(start, config.sample)
+        fit = _fitted(points, start, prior, config, sensor)
+        floor = None if fit is None or fit.core_share < LEAST_CORE else _verified(fit, prior)
+        if floor is not None:
+            return floor
+        if fit is not None and fit.core_share < LEAST_CORE and flank == 0.0:
+            flank = FLANK  # stairs: again, for one of their treads
+        else:
+            sample = sample.without(start, config.sample)
     return None
 
 
-def _verified(
+def _fitted(
     points: Points, start: Plane, prior: Plane, config: FloorConfig, sensor: str | None
-) -> Floor | None:
-    """The plane fitted to all points, if it is a floor and agrees with the prior."""
+) -> Fit | None:
+    """The plane fitted to all points."""
     tilt_sigma_rad = math.sqrt(float(np.linalg.eigvalsh(prior.covariance[:2, :2])[-1]))
     settle = _is_height_known(prior) and tilt_sigma_rad <= math.radians(KNOWN_TILT_DEG)
     distortion = config.distortion.of(sensor)
-    fit = refine(points, start, config.sample, config.refine, distortion, settle)
-    if fit is None or not _is_floor(fit, prior):
+    return refine(points, start, config.sample, config.refine, distortion, settle)
+
+
+def _verified(fit: Fit, prior: Plane) -> Floor | None:
+    """The floor, if the fitted plane is one and agrees with the prior."""
+    if not _is_floor(fit, prior):
         return None
     plane, distance = fuse(fit.plane, prior)
     if distance > 2.0 * float(gammaincinv(1.5, CONFIDENCE)):  # chi-square, 3

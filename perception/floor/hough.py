@@ -86,6 +86,7 @@ def propose(
     rng: np.random.Generator,
     config: HoughConfig,
     scoring: ScoreConfig,
+    flank: float = 0.0,
 ) -> Plane | None:
     """The plane with the best floor score; None if no cell gets enough votes."""
     best, best_score = None, 0.0
@@ -95,11 +96,11 @@ def propose(
             break
         strict = number == 0 and gate.tilt_rad <= math.radians(JOINTS_TILT_DEG)
         least = config.least if strict else RUNNER_UP
-        planes = _candidates(rest, gate, rng, config, scoring, least)
+        planes = _candidates(rest, gate, rng, config, scoring, least, flank)
         if not planes:
             break
         for plane in planes:
-            value = score(sample, plane, scoring)
+            value = score(sample, plane, scoring, flank=flank)
             if value > best_score:
                 best, best_score = plane, value
         inliers = [score(rest, plane, scoring, penalty=0.0) for plane in planes]
@@ -114,6 +115,7 @@ def _candidates(
     config: HoughConfig,
     scoring: ScoreConfig,
     least: int,
+    flank: float,
 ) -> list[Plane]:
     """Means of the fullest cells, the fullest first, refined by least squares on the sample."""
     first, second = Plane(gate.up, 0.0).tangents
@@ -142,14 +144,16 @@ def _candidates(
         one, two, distance = sums[slot] / votes[slot]
         normal = gate.up + math.tan(one) * first + math.tan(two) * second
         normal /= np.linalg.norm(normal)
-        planes.append(_refined(sample, normal, distance - float(normal @ origin), scoring))
+        planes.append(_refined(sample, normal, distance - float(normal @ origin), scoring, flank))
     return planes
 
 
-def _refined(sample: Sample, normal: np.ndarray, rho: float, scoring: ScoreConfig) -> Plane:
+def _refined(
+    sample: Sample, normal: np.ndarray, rho: float, scoring: ScoreConfig, flank: float
+) -> Plane:
     """Least squares on the points within a shrinking band, kept while the score rises."""
     best = Plane(normal, float(rho))
-    best_score = score(sample, best, scoring)
+    best_score = score(sample, best, scoring, flank=flank)
     for wide in (3.0, 1.5, 1.0, 1.0 / SHARP, 1.0 / SHARP):
         a, b, c, offset, good = kernels.fit(
             sample, best.normal, best.offset_m, wide, wide * scoring.base_m
@@ -157,7 +161,7 @@ def _refined(sample: Sample, normal: np.ndarray, rho: float, scoring: ScoreConfi
         if not good:
             continue
         plane = Plane(np.array([a, b, c]), float(offset))
-        value = score(sample, plane, scoring)
+        value = score(sample, plane, scoring, flank=flank)
         if value > best_score:
             best, best_score = plane, value
     return best

@@ -19,9 +19,13 @@ from .sample import PENALTY, SHARP, Sample, ScoreConfig
 
 
 def propose(
-    sample: Sample, gate: Gate, rng: np.random.Generator, scoring: ScoreConfig
+    sample: Sample,
+    gate: Gate,
+    rng: np.random.Generator,
+    scoring: ScoreConfig,
+    flank: float = 0.0,
 ) -> Plane | None:
     """The plane with the best floor score; None if no triple gives a plane within the gate."""
     seed = rng.integers(0, 2**63, dtype=np.uint64)
-    a, b, c, rho, value = kernels.msac(sample, gate, scoring.base_m, PENALTY, SHARP, seed)
+    a, b, c, rho, value = kernels.msac(sample, gate, scoring.base_m, PENALTY, flank, SHARP, seed)
     return Plane(np.array([a, b, c]), rho) if value > 0.0 else None

@@ -25,7 +25,7 @@ from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from . import _fit_kernels as kernels
 from .common_error import common_covariance
-from .sample import ScoreConfig
+from .sample import SHARP, ScoreConfig
 
 PASSES = 3  # seed 003: least squares, one repeat; ours: one more, as the band narrows
 TIGHT_WIDE_SIGMAS = (
@@ -74,12 +74,15 @@ class Fit:
             errors: the reference for heights of points above the floor.
         share: Share of all points that lie on it.
         below_share: Share of all points that lie clearly below it.
+        core_share: Share of its points that lie within a third of their band. Noise puts two thirds there and more,
+            a ramp through stairs one third.
     """
 
     plane: Plane
     among_points: Plane
     share: float
     below_share: float
+    core_share: float
 
 
 def refine(
@@ -110,7 +113,7 @@ def refine(
     g = np.zeros(3)
     sums = np.zeros((kernels.CELLS**2, 9))
     is_open = np.ones(len(points), dtype=np.bool_)
-    near = below = cells = 0
+    near = core = below = cells = 0
     bands = list(np.linspace(config.wide_sigmas, config.narrow_sigmas, PASSES))
     if settle:
         tight = np.linspace(TIGHT_WIDE_SIGMAS, TIGHT_SIGMAS, PASSES + 1)
@@ -130,12 +133,13 @@ def refine(
         if number < len(bands) - 1:
             kernels.moments(*common, wide, config.rough_m, A, g)
         else:
-            near, below, cells = kernels.statistics(
+            near, core, below, cells = kernels.statistics(
                 *common,
                 bend,
                 scoring.base_m,
                 scoring.sigmas,
                 config.narrow_sigmas,
+                SHARP,
                 config.rough_m,
                 A,
                 g,
@@ -158,7 +162,7 @@ def refine(
     edge = max(float(np.max(np.abs(points.xyz[:, 0] / points.xyz[:, 2]))), LEAST_EDGE)
     common = J @ common_covariance(sums, inverse, change, before, distortion, edge) @ J.T
     plane = Plane(normal, rho, own + common)
-    return Fit(plane, Plane(normal, rho, own), near / len(points), below / len(points))
+    return Fit(plane, Plane(normal, rho, own), near / len(points), below / len(points), core / near)
 
 
 def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:

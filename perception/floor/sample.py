@@ -80,9 +80,15 @@ def draw(
     return Sample(*kernels.take(points.xyz, points.sigma, index, config.sigmas))
 
 
-def score(sample: Sample, plane: Plane, config: ScoreConfig, penalty: float = PENALTY) -> float:
-    """Number of points on the plane, minus the number of points below it times the penalty."""
+def score(
+    sample: Sample,
+    plane: Plane,
+    config: ScoreConfig,
+    penalty: float = PENALTY,
+    flank: float = 0.0,
+) -> float:
+    """Points on the plane, minus `penalty` for each one below it and `flank` for each one on its flanks."""
     a, b, c = (float(v) for v in plane.normal)
     return float(
-        kernels.score(sample, a, b, c, plane.offset_m, config.base_m, penalty, SHARP**2, -math.inf)
+        kernels.score(sample, a, b, c, plane.offset_m, config.base_m, penalty, flank, SHARP**2, -math.inf)
     )

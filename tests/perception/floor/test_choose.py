@@ -13,6 +13,7 @@ from perception.depth.points import Points
 from perception.floor.choose import FloorConfig, find
 from perception.floor.prior import handheld_prior, kinematic_prior
 from perception.primitives.errors import ConfigError
+from perception.primitives.plane import Plane
 
 METHODS = ("ransac", "hough")
 CRATES = ((0.9, 1.2, -0.5, -0.1, 0.0, 0.25), (1.4, 1.7, 0.2, 0.6, 0.0, 0.45))
@@ -282,3 +283,34 @@ def test_an_error_common_to_all_points_does_not_change_their_heights(look):
     assert np.trace(among) < 0.1 * np.trace(whole)
     rest = found.among_points.distance(room.points.xyz)[room.height < 1e-9]
     assert abs(np.median(rest)) < 1e-3
+
+
+def staircase(riser_m, tread_m, first_m, steps=8):
+    """Boxes of a straight staircase across the whole width, going up ahead."""
+    last = first_m + steps * tread_m + 3.0
+    return tuple(
+        (first_m + k * tread_m, last, -5.0, 5.0, 0.0, (k + 1) * riser_m) for k in range(steps)
+    )
+
+
+@pytest.mark.parametrize("noise", [1.0, 3.0])
+@pytest.mark.parametrize(("riser_m", "tread_m"), [(0.17, 0.29), (0.15, 0.32), (0.18, 0.25)])
+def test_stairs_are_treads_and_never_a_ramp(look, config, riser_m, tread_m, noise):
+    floors = 0
+    for height_m, pitch_deg, first_m in ((0.45, 20.0, 0.4), (1.0, 35.0, 0.8), (1.4, 20.0, 1.5),
+                                         (1.4, 50.0, 0.8)):  # fmt: skip
+        steps = staircase(riser_m, tread_m, first_m)
+        room = look(1, height_m=height_m, pitch_deg=pitch_deg, boxes=steps, noise=noise)
+        points = Points(room.points.xyz, noise * room.points.sigma, room.points.pixels)
+        found = find(points, handheld_prior(None), np.random.default_rng(3), config, "depth")
+        if found is None:  # it may be unsure which tread is the floor
+            continue
+        floors += 1
+        angle, _ = off(found.plane, room.floor)
+        assert angle < 4.0
+        steps_up = (room.floor.offset_m - found.plane.offset_m) / riser_m
+        assert abs(steps_up - round(steps_up)) < 0.3
+        tread = Plane(room.floor.normal, room.floor.offset_m - round(steps_up) * riser_m)
+        e = found.plane.error_to(tread)
+        assert float(e @ np.linalg.solve(found.plane.covariance, e)) < stats.chi2.ppf(0.999, 3)
+    assert floors >= 1
