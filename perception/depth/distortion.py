@@ -87,9 +87,16 @@ class Distortion:
             z, sigma: Depth and its noise, m.
             edge: Ray slope of the image's left and right edge.
         """
-        shapes = np.stack([(u / edge) ** i * (v / edge) ** j for i, j in ORDERS], axis=1)
+        shapes = quadric(u, v, edge)
         sizes = self.parts(z, sigma)
         return np.asarray((sizes[:, :, None] * shapes[:, None, :]).reshape(len(z), -1))
+
+
+def quadric(
+    u: Float[np.ndarray, "n"], v: Float[np.ndarray, "n"], edge: float
+) -> Float[np.ndarray, "n 6"]:
+    """The shapes of the distortion at ray slopes u, v: 1 at most up to the slope `edge`."""
+    return np.stack([(u / edge) ** i * (v / edge) ** j for i, j in ORDERS], axis=1)
 
 
 @dataclass(frozen=True)

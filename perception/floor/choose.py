@@ -23,7 +23,7 @@ from ..primitives.settings import setting
 from . import hough, ransac
 from .hough import HoughConfig
 from .prior import gate
-from .refine import LEAST_POINTS, Fit, RefineConfig, fuse, refine
+from .refine import LEAST_POINTS, Fit, RefineConfig, core_without_bend, fuse, refine
 from .sample import ScoreConfig, draw
 
 METHODS = ("ransac", "hough")
@@ -120,10 +120,11 @@ def find(
         if start is None:
             return None
         fit = _fitted(points, start, prior, config, sensor)
-        floor = None if fit is None or fit.core_share < LEAST_CORE else _verified(fit, prior)
+        explained = fit is not None and _explains(points, fit, config)
+        floor = _verified(fit, prior) if fit is not None and explained else None
         if floor is not None:
             return floor
-        if fit is not None and fit.core_share < LEAST_CORE and flank == 0.0:
+        if fit is not None and not explained and flank == 0.0:
             flank = FLANK  # stairs: again, for one of their treads
         else:
             sample = sample.without(start, config.sample)
@@ -138,6 +139,13 @@ def _fitted(
     settle = _is_height_known(prior) and tilt_sigma_rad <= math.radians(KNOWN_TILT_DEG)
     distortion = config.distortion.of(sensor)
     return refine(points, start, config.sample, config.refine, distortion, settle)
+
+
+def _explains(points: Points, fit: Fit, config: FloorConfig) -> bool:
+    """Whether noise, and the bend of the sensor, explain the residuals of a plane; stairs are not explained."""
+    if fit.core_share >= LEAST_CORE:
+        return True
+    return core_without_bend(points, fit.among_points, config.sample) >= LEAST_CORE
 
 
 def _verified(fit: Fit, prior: Plane) -> Floor | None:

@@ -193,8 +193,9 @@ def _fit_in_view(view: FloorView, start: Plane, config: FloorConfig) -> _WorldFi
     """The plane fitted to the points of a view near the start; None if the view does not show it."""
     T = view.T_world_camera
     expected = start.moved(T.inverse())
+    distortion = config.distortion.of(view.sensor)
     fit: Fit | None = refine(
-        view.points, expected, config.sample, config.refine, view.sensor, settle=True
+        view.points, expected, config.sample, config.refine, distortion, settle=True
     )
     if fit is None or fit.share < LEAST_KNOWN_SHARE:
         return None

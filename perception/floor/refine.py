@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..depth.distortion import Distortion
+from ..depth.distortion import Distortion, quadric
 from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
@@ -38,6 +38,7 @@ LEAST_FACTOR = 0.05  # ours
 LEAST_EDGE = (
     0.3  # ours: ray slope of the edge of a narrow camera, where few of its pixels have depth
 )
+BENT_BAND = 3.0  # ours: in tau; a floor that bends reaches this far from its plane
 NONE = Distortion()
 
 
@@ -163,6 +164,23 @@ def refine(
     common = J @ common_covariance(sums, inverse, change, before, distortion, edge) @ J.T
     plane = Plane(normal, rho, own + common)
     return Fit(plane, Plane(normal, rho, own), near / len(points), below / len(points), core / near)
+
+
+def core_without_bend(points: Points, plane: Plane, scoring: ScoreConfig) -> float:
+    """Share of a plane's points in the core of their band once a smooth bend of the sensor is taken off.
+
+    The bend is a least-squares quadric of the ray slopes. It straightens a floor that a sensor bends, and leaves
+    stairs as they are.
+    """
+    z = points.xyz[:, 2]
+    tau = scoring.base_m + scoring.sigmas * points.sigma * plane.offset_m / z
+    units = plane.distance(points.xyz) / tau
+    near = np.abs(units) < BENT_BAND
+    u, v = points.xyz[near, 0] / z[near], points.xyz[near, 1] / z[near]
+    shapes = quadric(u, v, 1.0) / tau[near, None]
+    rest = units[near] - shapes @ np.linalg.lstsq(shapes, units[near], rcond=None)[0]
+    on = np.abs(rest) < 1.0
+    return float(np.sum(SHARP * np.abs(rest) < 1.0) / max(np.sum(on), 1))
 
 
 def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:

@@ -90,5 +90,7 @@ def score(
     """Points on the plane, minus `penalty` for each one below it and `flank` for each one on its flanks."""
     a, b, c = (float(v) for v in plane.normal)
     return float(
-        kernels.score(sample, a, b, c, plane.offset_m, config.base_m, penalty, flank, SHARP**2, -math.inf)
+        kernels.score(
+            sample, a, b, c, plane.offset_m, config.base_m, penalty, flank, SHARP**2, -math.inf
+        )
     )

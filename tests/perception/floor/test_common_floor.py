@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from perception.depth.distortion import DistortionConfig
 from perception.floor.common_floor import find_common, floor_view
 from perception.floor.levelling import UP
-from perception.floor.refine import RefineConfig
 from perception.primitives.camera import Camera
 from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
@@ -66,7 +66,7 @@ def test_a_plane_above_a_camera_is_no_floor(look):
 
 
 def test_the_covariance_is_consistent_with_errors_that_all_views_share(look):
-    share = RefineConfig().depth_share
+    share = DistortionConfig().depth.share
     squares = []
     for seed in range(30):
         bent = tuple(share * np.random.default_rng(seed).standard_normal(3))
