@@ -5,8 +5,9 @@ and the same from frame to frame, so it does not average out. Its size has three
 a share of depth (focal length, baseline), and growing with depth (triangulation: an error of disparity).
 
 Sources: Teichman, Miller and Thrun 2013, Herrera et al. 2012 (smooth distortion that grows with depth, structured
-light); Boehm 2014 (18 sensors of that kind differ by centimetres); data sheets of the Intel D400 (2 % at 2 m) and of
-the Azure Kinect (11 mm + 0.1 %); the shape of second order ours.
+light); Boehm 2014 (18 sensors of that kind differ by centimetres); Sturm et al. 2012
+(depth scales of three Kinects: 0 to 3.5 %); data sheets of the Intel D400 (2 % at 2 m) and of the Azure Kinect (11 mm
++ 0.1 %); the shape of second order ours.
 """
 
 from __future__ import annotations
@@ -39,7 +40,10 @@ class Distortion:
         "SR-4000 10 mm; Azure Kinect 11 mm",
     )
     share: float = setting(
-        0.0, "", "common error of depth as a share of depth", "Azure Kinect .1 %; ours: RGB-D .5 %"
+        0.0,
+        "",
+        "common error of depth as a share of depth",
+        "Azure Kinect .1 %; three Kinects 0 to 3.5 %",
     )
     share_per_m: float = setting(
         0.0,
@@ -105,9 +109,7 @@ class DistortionConfig:
 
     tof: Distortion = Distortion(offset_m=0.011, share=0.001)  # Azure Kinect; SR-4000: 10 mm
     stereo: Distortion = Distortion(noises=1.0)  # calibrated rigs: .1 to .3 px, as noise of a match
-    depth: Distortion = Distortion(
-        share=0.005, share_per_m=0.005
-    )  # D400: 2 % at 2 m at most; Kinect .2 px
+    depth: Distortion = Distortion(share=0.01, share_per_m=0.005)  # Kinect scales; D400 2 % at 2 m
 
     def of(self, sensor: str | None) -> Distortion:
         """That of a sensor; None or a source of the user's: as an RGB-D camera. ConfigError for an unknown name."""

@@ -23,7 +23,7 @@ from ..primitives.settings import setting
 from . import hough, ransac
 from .hough import HoughConfig
 from .prior import gate
-from .refine import LEAST_POINTS, Fit, RefineConfig, core_without_bend, fuse, refine
+from .refine import LEAST_POINTS, Fit, RefineConfig, core_without_bend, fuse, mixed, refine
 from .sample import ScoreConfig, draw
 
 METHODS = ("ransac", "hough")
@@ -68,7 +68,8 @@ class Floor:
     """The floor measured in one depth image.
 
     Args:
-        plane: Camera frame; normal up, offset the camera height in m, with covariance.
+        plane: Camera frame; normal up, offset the camera height in m, with covariance. A plane with few points may
+            be a ledge; then it is the mean of the fit and the prior, weighted by its chance to be the floor.
         share: Share of all points that lie on it.
         below_share: Share of all points that lie clearly below it.
         among_points: The plane by the points alone, with its covariance relative to them: errors common to
@@ -155,7 +156,8 @@ def _verified(fit: Fit, prior: Plane) -> Floor | None:
     plane, distance = fuse(fit.plane, prior)
     if distance > 2.0 * float(gammaincinv(1.5, CONFIDENCE)):  # chi-square, 3
         return None
-    return Floor(plane, fit.share, fit.below_share, fit.among_points)
+    doubted = mixed(plane, prior, min(1.0, fit.share / LEAST_SHARE))
+    return Floor(doubted, fit.share, fit.below_share, fit.among_points)
 
 
 def thinned(points: Points, most: int) -> Points:

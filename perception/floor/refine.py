@@ -206,6 +206,22 @@ def fuse(measured: Plane, prior: Plane) -> tuple[Plane, float]:
     return Plane(normal, fused.offset_m, P), distance
 
 
+def mixed(measured: Plane, prior: Plane, chance: float) -> Plane:
+    """Mean and covariance of a plane that is the measured one with a probability, and else as the prior expects."""
+    if chance >= 1.0:
+        return measured
+    tangents = measured.tangents
+    P_prior = turned(prior.covariance, prior.tangents, tangents)
+    tilt = tangents @ prior.normal / max(float(measured.normal @ prior.normal), 1e-9)
+    apart = np.array([tilt[0], tilt[1], prior.offset_m - measured.offset_m])
+    a, b, c = (1.0 - chance) * apart
+    normal = measured.normal + a * tangents[0] + b * tangents[1]
+    mean = Plane(normal / np.linalg.norm(normal), measured.offset_m + float(c))
+    P = chance * measured.covariance + (1.0 - chance) * P_prior
+    P = P + chance * (1.0 - chance) * np.outer(apart, apart)
+    return Plane(mean.normal, mean.offset_m, turned(P, tangents, mean.tangents))
+
+
 def turned(
     P: Float[np.ndarray, "3 3"],
     source: Float[np.ndarray, "2 3"],

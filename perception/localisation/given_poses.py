@@ -29,7 +29,7 @@ class GivenPoses:
     """Poses of the recording, turned upright.
 
     The map frame is the recording's world frame levelled by its known gravity direction, or else by the first
-    detected floor. Its height zero is the running mean of the detected floors.
+    detected floor. Heights are measured from the floor of each image.
     """
 
     def __init__(self, up_world: tuple[float, float, float] | None, config: PriorConfig) -> None:
@@ -37,7 +37,7 @@ class GivenPoses:
         self._R_map_world = None if up_world is None else rotation_between(np.array(up_world), UP)
         self._T_map_camera: Pose3 | None = None
         self._given: Pose3 | None = None
-        self._floors, self._floor_height_m = 0, 0.0  # number of floors and their mean height
+        self._floor: Plane | None = None  # the latest detected floor, map frame
 
     @property
     def pose(self) -> Gaussian | None:
@@ -79,18 +79,22 @@ class GivenPoses:
         return None
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
-        """Horizontal, at the mean height of the floors so far."""
+        """Horizontal, at the height of the floor detected last.
+
+        That floor may be tilted against the given vertical: it is continued to the present camera.
+        """
         if self._T_map_camera is None:
             return handheld_prior(None)
         up_camera = self._T_map_camera.rotation.T @ UP
         tilt = math.radians(TILT_DEG)
-        if not self._floors:
+        if self._floor is None:
             weak = handheld_prior(up_camera)
             covariance = weak.covariance.copy()
             covariance[:2, :2] = np.eye(2) * tilt**2
             return Plane(up_camera, weak.offset_m, covariance)
-        height = self._T_map_camera.translation[2] - self._floor_height_m
-        return Plane(up_camera, height, np.diag([tilt**2, tilt**2, HEIGHT_M**2]))
+        here = self._floor.moved(self._T_map_camera.inverse())
+        variance = HEIGHT_M**2 + float(here.covariance[2, 2])
+        return Plane(up_camera, here.offset_m, np.diag([tilt**2, tilt**2, variance]))
 
     def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> PlacedCamera | None:
         """The camera at its given pose, height measured from the detected floor."""
@@ -103,9 +107,7 @@ class GivenPoses:
             upright = Pose3.from_rotation(self._R_map_world, np.zeros(3))
             self._T_map_camera = upright @ self._given
         if floor is not None:
-            height = float(self._T_map_camera.translation[2]) - floor.offset_m
-            self._floors += 1
-            self._floor_height_m += (height - self._floor_height_m) / self._floors
-        elif not self._floors:
+            self._floor = floor.moved(self._T_map_camera)
+        elif self._floor is None:
             return None
         return PlacedCamera(self._T_map_camera, floor or self.expected_floor(T_body_camera))
