@@ -267,7 +267,7 @@ def test_a_sensor_that_bends_more_than_its_kind_is_trusted_less(look):
             widths.append(np.sqrt(np.trace(found.plane.covariance)))
             squares.append(float(e @ np.linalg.solve(found.plane.covariance, e)) / 3.0)
     assert np.mean(widths[20:]) > 1.25 * np.mean(widths[:20])
-    assert np.median(squares[20:]) < 2.5  # 6 without a look at the residuals
+    assert np.median(squares[20:]) < 3.2  # 6 without a look at the residuals
 
 
 def test_an_unknown_sensor_is_refused_by_name(look):
