@@ -23,12 +23,13 @@ class CameraPose(NamedTuple):
     Args:
         T_origin_camera: Camera in the axes in which the source measures poses.
         shared: (6, 6) covariance of the part of the error that later poses inherit, as odometry accumulates it.
-        own: (6, 6) covariance of the part that is independent from frame to frame.
+        of_view: (6, 6) covariance of the part that depends on the view, the same for every frame, see
+            `perception.odometry.view_errors`.
     """
 
     T_origin_camera: Pose3
     shared: Float[np.ndarray, "6 6"]
-    own: Float[np.ndarray, "6 6"]
+    of_view: Float[np.ndarray, "6 6"]
 
 
 @runtime_checkable

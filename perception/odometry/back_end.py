@@ -27,6 +27,7 @@ from .odometry import FIRST, LOST, RESTARTED, Step
 from .place_recognition import Place, PlacesConfig, describe, motion_between, similarity
 from .pose_uncertainty import AttachedImage, PoseUncertainty, pose_uncertainty
 from .pyramid import Pyramid
+from .view_errors import view_error_covariances
 
 ANCHOR_M = 1e-4  # the first pose defines the world frame and is no unknown
 ANCHOR_RAD = 1e-4
@@ -131,26 +132,36 @@ class BackEnd:
         return poses
 
     def uncertainty(self, solution: Solution | None) -> PoseUncertainty | None:
-        """Covariance of every pose of `trajectory`; NaN for lost and restarted images, None without a solution."""
-        if solution is None:
+        """Covariance of every pose of `trajectory`; NaN for lost and restarted images, None without two poses."""
+        if sum(step.state not in (LOST, RESTARTED) for step in self._steps) < 2:
             return None
-        rejected = {id(factor) for factor in solution.rejected}
-        kept = [one for one in self.factors if id(one) not in rejected] + self._floor_factors()
-        poses = {n: one.pose for n, one in solution.poses.items() if isinstance(one, Placement)}
+        kept: list[Factor] = []
+        if solution is None:  # every image is attached to the first one
+            poses = {n: self.T_world_start @ pose for n, pose in self._at.items()}
+        else:
+            rejected = {id(factor) for factor in solution.rejected}
+            kept = [one for one in self.factors if id(one) not in rejected]
+            kept += self._floor_factors()
+            poses = {n: one.pose for n, one in solution.poses.items() if isinstance(one, Placement)}
         images, placed = [], []
-        distortion = self.config.distortion
         for number, (step, pose) in enumerate(
             zip(self._steps, self.trajectory(solution), strict=True)
         ):
             if step.state in (LOST, RESTARTED):
                 continue
             own = number in poses
-            covariance = distortion if own else distortion + step.covariance
+            covariance = np.zeros((6, 6)) if own else step.covariance
             images.append(AttachedImage(pose, number if own else step.reference, covariance))
             placed.append(number)
         found = pose_uncertainty(kept, poses, images)
+        views = view_error_covariances(
+            np.array([one.pose.position for one in images]),
+            np.array([one.pose.rotation for one in images]),
+            self.config.distortion,
+        )
         whole = np.full((2, len(self._steps), 6, 6), np.nan)
-        whole[0, placed], whole[1, placed] = found.from_start, found.aligned
+        whole[0, placed] = found.from_start + views.from_start
+        whole[1, placed] = found.aligned + views.aligned
         return PoseUncertainty(whole[0], whole[1])
 
     def _floor_factors(self) -> list[FloorSeen]:

@@ -26,6 +26,7 @@ from ..smoothing.factors import turned_covariance
 from .odometry import FIRST, LOST, RESTARTED, Step
 from .pose_uncertainty import compounded
 from .rgbd_odometry import Odometer, OdometerConfig
+from .view_errors import since_start, view_correlation
 
 FLOOR_TILT_DEG = 3.0  # ours: tilt of a floor against earlier floors and the odometry between them
 FLOOR_HEIGHT_M = 0.08  # ours: its height, likewise
@@ -96,12 +97,19 @@ class OdometryPoses:
         mean = np.array([T.translation[0], T.translation[1], math.atan2(ahead[1], ahead[0])])
         start = self.odometer.T_world_start
         assert start is not None
-        # the distortion of this image; that of the first image is in the propagated covariance
-        distortion = self.odometer.config.back_end.distortion
-        covariance = turned_covariance(self._covariance + distortion, start.rotation)
+        covariance = turned_covariance(self._covariance + self._view_error(), start.rotation)
         planar = np.ix_([0, 1, 5], [0, 1, 5])
         floor = np.diag([1e-4**2, 1e-4**2, 1e-4**2])  # the origin is known by definition
         return Gaussian(mean, covariance[planar] + floor)
+
+    def _view_error(self) -> Float[np.ndarray, "6 6"]:
+        """Covariance of the view error of this image relative to the first one, axes of the first one."""
+        assert self._step is not None
+        T = self._step.T_start_camera
+        alike = view_correlation(
+            T.position[None], T.rotation[None], np.zeros((1, 3)), np.eye(3)[None]
+        )
+        return since_start(self.odometer.config.back_end.distortion, T.position, float(alike[0, 0]))
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Track the camera; a frame without depth leaves the pose unchanged."""
@@ -110,8 +118,7 @@ class OdometryPoses:
             return None
         number = len(self.odometer.states)
         step = self._step = self.odometer.track_images(image.depth, image.rgb, image.sensor)
-        first = self.odometer.config.back_end.distortion
-        before = self._covariances.get(step.reference, first)
+        before = self._covariances.get(step.reference, np.zeros((6, 6)))
         reference = step.T_start_camera @ step.motion.inverse()
         self._covariance = compounded(before, reference, step.motion, step.covariance)
         self._covariances[number] = self._covariance

@@ -8,7 +8,7 @@ again at the solution, and one column of the inverse is solved for each pose.
 
 Lens and depth distortion are the same wherever a scene is seen in the same way: aligned images agree to 3 mm and
 0.1 deg, while their trajectory errs by 4 to 25 mm and 0.3 to 1.1 deg (three recordings). The graph cannot observe
-this error, so each image gets a standard deviation of its own for it (`BackEndConfig.image_m`).
+this error; `view_errors` adds it.
 
 Source: Dellaert and Kaess (2006), section 3 (square root SAM); Baarda (1973) (covariance of a free network after
 a change of gauge).
@@ -75,8 +75,8 @@ class AttachedImage:
     Args:
         pose: T_world_camera.
         reference: Number of the pose in the graph; its own number if the image is a variable.
-        own: Covariance of the errors that no other image shares, axes of the reference: of the step from the
-            reference, and of the image's distortion.
+        own: Covariance of the errors that no other image shares, those of the step from the reference, in
+            its axes.
     """
 
     pose: Pose3

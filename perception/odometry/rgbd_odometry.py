@@ -120,7 +120,7 @@ class Odometer:
         return self.back_end.trajectory(solution), solution
 
     def uncertainty(self, solution: Solution | None) -> PoseUncertainty | None:
-        """Covariance of every pose of `trajectory`; None without a solution."""
+        """Covariance of every pose of `trajectory`; None without two poses."""
         return None if self.back_end is None else self.back_end.uncertainty(solution)
 
     def _floor(self, depth: Depth, sensor: str) -> Plane | None:

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from perception.localisation.camera_pose import CameraPose
 from perception.odometry.pose_uncertainty import error_transport, rigid_alignment
+from perception.odometry.view_errors import view_error_covariances
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import turned_covariance
 
@@ -25,14 +26,15 @@ from .run_folder import SPACE_HEADER, RunFolder
 from .trajectory_uncertainty import SPACE
 
 UPPER = np.triu_indices(6)
-WIDTH = 1 + 7 + 2 * len(UPPER[0])  # stamp, pose, two covariances
+WIDTH = 1 + 7 + len(UPPER[0])  # stamp, pose, covariance
 
 
 class CameraTrajectory:
-    """Poses of one camera, about 400 bytes a frame."""
+    """Poses of one camera, about 230 bytes a frame."""
 
     def __init__(self) -> None:
         self._rows = array("d")
+        self._of_view = np.zeros((6, 6))
 
     def __len__(self) -> int:
         return len(self._rows) // WIDTH
@@ -41,8 +43,8 @@ class CameraTrajectory:
         """Add the camera of one frame."""
         T = pose.T_origin_camera
         self._rows.extend((stamp_s, *T.translation, *T.quat_xyzw))
-        for covariance in (pose.shared, pose.own):
-            self._rows.extend(covariance[UPPER].tolist())
+        self._rows.extend(pose.shared[UPPER].tolist())
+        self._of_view = pose.of_view
 
     def write(self, folder: RunFolder, T_map_origin: Pose3 | None) -> None:
         """Write trajectory.txt and space_covariance.csv; nothing if there is no pose.
@@ -57,15 +59,16 @@ class CameraTrajectory:
         turn = T_map_origin or Pose3()
         poses = [turn @ Pose3(tuple(row[1:4]), tuple(row[4:8])) for row in table.tolist()]
         write_poses(folder, "trajectory.txt", zip(table[:, 0].tolist(), poses, strict=True))
-        half = len(UPPER[0])
-        shared, own = (
-            np.array([turned_covariance(_full(row), turn.rotation) for row in part])
-            for part in (table[:, 8 : 8 + half], table[:, 8 + half :])
-        )
+        shared = np.array([turned_covariance(_full(row), turn.rotation) for row in table[:, 8:]])
         positions = np.array([pose.position for pose in poses])
-        start = shared + own
-        start[0] = 0.0
-        aligned = aligned_covariances(positions, shared, own)
+        own = turned_covariance(self._of_view, turn.rotation)
+        views = view_error_covariances(positions, np.array([p.rotation for p in poses]), own)
+        start = shared + views.from_start
+        aligned = (
+            aligned_covariances(positions, shared) + views.aligned
+            if _determines_alignment(positions)
+            else shared + own
+        )
         folder.write_csv(
             SPACE,
             SPACE_HEADER,
@@ -91,22 +94,24 @@ def write_poses(folder: RunFolder, name: str, poses: Iterable[tuple[float, Pose3
     folder.write_text(name, "".join(lines))
 
 
+def _determines_alignment(positions: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether three positions at least are not on one line."""
+    return len(positions) >= 3 and bool(
+        np.linalg.matrix_rank(positions - positions.mean(axis=0), 1e-9) >= 2
+    )
+
+
 def aligned_covariances(
-    positions: Float[np.ndarray, "n 3"],
-    shared: Float[np.ndarray, "n 6 6"],
-    own: Float[np.ndarray, "n 6 6"],
+    positions: Float[np.ndarray, "n 3"], shared: Float[np.ndarray, "n 6 6"]
 ) -> Float[np.ndarray, "n 6 6"]:
-    """Covariances that remain after the best rigid motion of the whole trajectory.
+    """Covariances of accumulated errors that remain after the best rigid motion of the whole trajectory.
 
     Args:
         positions: Of the poses, map axes, m.
         shared: Covariances of the accumulated errors, map axes.
-        own: Covariances of the errors that are independent from frame to frame.
     """
-    if len(positions) < 3 or np.linalg.matrix_rank(positions - positions.mean(axis=0), 1e-9) < 2:
-        return shared + own  # the alignment is not determined
     carry = np.stack([error_transport(position) for position in positions])
-    return without_gauge(*rigid_alignment(positions), shared, carry, own)
+    return without_gauge(*rigid_alignment(positions), shared, carry)
 
 
 def _full(upper: Float[np.ndarray, "21"]) -> Float[np.ndarray, "6 6"]:
