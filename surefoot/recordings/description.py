@@ -10,20 +10,24 @@ import difflib
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
+from perception.primitives.pose import CAMERA_IN_BODY_AXES
 
 from .folder import camera_of
-from .images import DepthUnit
+from .images import UNSTATED, DepthUnit
 from .recording import RecordingInfo
 
-FILE_NAME = "recording.toml"
 EXAMPLE = """\
 rate_hz = 30.0              # or: stamps = "stamps.txt" (one time in s per line), stamps = "name" (file names)
+scale_checked = false       # true: the scene is nearer than 0.1 m or farther than 20 m, the scale is right
 [camera]
 width = 640
 height = 480
@@ -36,11 +40,14 @@ distortion = [0, 0, 0, 0, 0]  # k1, k2, p1, p2, k3, and k4, k5, k6 of a rational
 folder = "depth"            # optional, as is pattern = "*.png"
 scale_per_metre = 1000      # 1000: millimetres, 5000: TUM
 none = [0, 65535]           # values of pixels without depth
+encoding = "depth"          # optional; "rotated": SUN RGB-D, "kinect-disparity": raw values of the first Kinect
 [colour]                    # optional
 folder = "color"
 [poses]                     # optional
 file = "groundtruth.txt"    # timestamp tx ty tz qx qy qz qw
 convention = "camera-to-world"
+axes = "optical"            # of the camera: "optical" (x right, y down, z ahead), "y-up" (x right, y up, z back: T265,
+                            # OpenGL, ARKit), "body" (x ahead, y left, z up: ROS base_link)
 [world]                     # optional
 up = [0, 0, 1]
 floor_height = 0.0
@@ -48,19 +55,36 @@ floor_height = 0.0
 
 _CAMERA_KEYS = ("width", "height", "fx", "fy", "cx", "cy", "distortion")
 _KEYS: dict[str, tuple[str, ...]] = {
-    "": ("name", "scene", "rate_hz", "stamps", "camera", "depth", "colour", "poses", "world"),
+    "": (
+        "name",
+        "scene",
+        "rate_hz",
+        "stamps",
+        "scale_checked",
+        "camera",
+        "depth",
+        "colour",
+        "poses",
+        "world",
+    ),
     "camera": _CAMERA_KEYS,
-    "depth": ("folder", "pattern", "scale_per_metre", "none"),
+    "depth": ("folder", "pattern", "scale_per_metre", "none", "encoding"),
     "colour": ("folder", "pattern", "camera"),
     "colour.camera": _CAMERA_KEYS,
-    "poses": ("file", "convention"),
+    "poses": ("file", "convention", "axes"),
     "world": ("up", "floor_height"),
 }
-_BESIDE_A_LAYOUT = ("name", "scene", "camera", "world")
+_BESIDE_A_LAYOUT = ("name", "scene", "scale_checked", "camera", "world")
 _CONVENTIONS = ("camera-to-world", "world-to-camera")
+AXES = {
+    "optical": np.eye(3),
+    "y-up": np.diag([1.0, -1.0, -1.0]),
+    "body": CAMERA_IN_BODY_AXES,
+}
+"""Rotation from optical axes to the camera axes of the poses."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Description:
     """Checked content of a recording.toml; absent values are None.
 
@@ -69,6 +93,10 @@ class Description:
         rate_hz, stamps: Frame rate, or source of the stamps: a file, or "name" for the file names.
         colour_camera: Intrinsics of the colour images, if they differ.
         world_to_camera: Whether the poses are T_camera_world.
+        R_given_optical: Rotation from optical axes to the camera axes of the poses.
+        scale_checked: The depth scale is right, however near or far the scene is.
+        mirrored: fy is printed negative, so that the y axes of camera and world point the other way, as in
+            ICL-NUIM; `camera` has the positive one.
         up: Vertical unit vector in the world of the poses.
         keys: Keys at the top level of the file.
     """
@@ -87,6 +115,9 @@ class Description:
     colour_camera: Camera | None = None
     poses_file: str | None = None
     world_to_camera: bool = False
+    R_given_optical: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
+    scale_checked: bool = False
+    mirrored: bool = False
     up: tuple[float, float, float] | None = None
     floor_height_m: float | None = None
     keys: tuple[str, ...] = ()
@@ -108,6 +139,12 @@ def read_description(path: Path) -> Description:
         raise RecordingError(
             f"{path}: poses.convention = {convention!r}; expected one of {', '.join(_CONVENTIONS)}"
         )
+    axes = reader.text(poses, "poses.axes") or "optical"
+    if axes not in AXES:
+        raise RecordingError(f"{path}: poses.axes = {axes!r}; expected one of {', '.join(AXES)}")
+    checked = table.get("scale_checked", False)
+    if not isinstance(checked, bool):
+        raise RecordingError(f"{path}: scale_checked = {checked!r} must be true or false")
     if "poses" in table and "file" not in poses:
         raise RecordingError(f"{path}: [poses] needs file = a text file of TUM lines")
     rate = reader.number(table, "rate_hz")
@@ -128,6 +165,9 @@ def read_description(path: Path) -> Description:
         colour_camera=reader.camera(colour.get("camera"), "colour.camera"),
         poses_file=reader.text(poses, "poses.file"),
         world_to_camera=convention == _CONVENTIONS[1],
+        R_given_optical=AXES[axes],
+        scale_checked=checked,
+        mirrored=(reader.number(table.get("camera", {}), "camera.fy") or 0.0) < 0.0,
         up=reader.up(world),
         floor_height_m=reader.number(world, "world.floor_height"),
         keys=tuple(table),
@@ -142,6 +182,11 @@ def complete(info: RecordingInfo, description: Description | None) -> RecordingI
     """
     if description is None:
         return info
+    if description.mirrored and info.kind != "icl_nuim":
+        raise RecordingError(
+            f"{description.path}: camera.fy is negative; the poses of this folder ({info.kind}) have y down in the "
+            "image, so fy must be positive"
+        )
     beyond = [key for key in description.keys if key not in _BESIDE_A_LAYOUT]
     if beyond:
         raise RecordingError(
@@ -238,6 +283,7 @@ class _Reader:
             if values[key] != int(values[key]):
                 raise RecordingError(f"{self._path}: {prefix}.{key} = {values[key]} must be whole")
             values[key] = int(values[key])
+        values["fy"] = abs(values["fy"])  # negative: see `Description.mirrored`
         if "distortion" in table:
             rational = isinstance(table["distortion"], list) and len(table["distortion"]) == 8
             values["distortion"] = self.numbers(table, f"{prefix}.distortion", 8 if rational else 5)
@@ -248,6 +294,8 @@ class _Reader:
         if table is None:
             return None
         scale = self.number(table, "depth.scale_per_metre")
+        if scale is None and table.get("encoding") == "kinect-disparity":
+            return DepthUnit(1.0, (), "kinect-disparity")
         if scale is None:
             raise RecordingError(
                 f"{self._path}: depth.scale_per_metre is missing; 1000 for millimetres, 5000 for TUM"
@@ -258,7 +306,11 @@ class _Reader:
             )
         marks = self.numbers(table, "depth.none", None)
         try:
-            return DepthUnit(scale, tuple(int(mark) for mark in marks))
+            return DepthUnit(
+                scale,
+                tuple(int(mark) for mark in marks),
+                self.text(table, "depth.encoding") or UNSTATED,
+            )
         except ConfigError as error:
             raise RecordingError(f"{self._path}: [depth] {error}") from error
 

@@ -15,11 +15,11 @@ from perception.primitives.frame import ColourView, DepthView, Frame
 from perception.primitives.pose import Pose3
 
 from .images import DepthUnit, read_colour, read_depth
-from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
+from .recording import DESCRIPTION_FILE, FrameError, RecordingInfo, SkipLog, SkippedFrame
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pgm", ".ppm", ".bmp")
 KINECT_HZ = 30.0  # of Kinect, Xtion and rendered data sets, for layouts without stamps
-PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside suggests a wrong depth scale
+PLAUSIBLE_M = (0.1, 20.0)  # ours: a median depth outside means a wrong depth scale, or no room
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,7 @@ class FolderRecording:
         unit: Depth scale, and values without depth.
         colour_camera: Camera of the colour images, if it differs.
         remarks: Remarks for the user.
+        scale_checked: The user says that the depth scale is right, however far or near the scene is.
 
     Raises:
         RecordingError: There is no frame.
@@ -65,11 +66,14 @@ class FolderRecording:
         unit: DepthUnit,
         colour_camera: Camera | None = None,
         remarks: Sequence[str] = (),
+        scale_checked: bool = False,
     ) -> None:
         if not files:
             raise RecordingError(f"{path}: no depth image found; at least one frame was expected")
         self.info = info
-        self.remarks = list(remarks)
+        self._remarks = list(remarks)
+        self._without_colour: list[SkippedFrame] = []
+        self._scale_checked = scale_checked
         self._path = path
         self._files = files
         self._camera = camera
@@ -82,13 +86,26 @@ class FolderRecording:
         """Frames skipped so far by the latest `frames()`."""
         return self._skips.skipped
 
+    @property
+    def remarks(self) -> list[str]:
+        """Remarks for the user, with the colour images that the latest `frames()` could not use."""
+        if not self._without_colour:
+            return list(self._remarks)
+        first = self._without_colour[0]
+        return [
+            *self._remarks,
+            f"{len(self._without_colour)} colour images cannot be used, their depth is "
+            f"(first: {first.name}, {first.reason})",
+        ]
+
     def frames(self) -> Iterator[Frame]:
         """The readable frames, one in memory at a time.
 
         Raises:
-            RecordingError: No frame can be read.
+            RecordingError: No frame can be read, or the depth of the first one is not that of a room.
         """
         skips = self._skips = SkipLog()
+        self._without_colour = []
         for files in self._files:
             try:
                 skips.check_stamp(files.stamp_s)
@@ -104,24 +121,32 @@ class FolderRecording:
             raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
 
     def _check_scale(self, frame: Frame) -> None:
-        """Remark on an implausible depth of the first frame."""
+        """Ask about an implausible depth of the first frame."""
         assert frame.depth is not None
         median_m = float(np.nanmedian(frame.depth.depth))
         low, high = PLAUSIBLE_M
-        remark = (
-            f"median depth of the first frame is {median_m:.3g} m at {self._unit.per_metre:g} units per metre; "
-            "check the depth scale"
-        )
-        if not low <= median_m <= high and remark not in self.remarks:
-            self.remarks.append(remark)
+        if not low <= median_m <= high and not self._scale_checked:
+            raise RecordingError(
+                f"{self._path}: half of the first depth image is {'nearer' if median_m < low else 'farther'} "
+                f"than {median_m:.3g} m at {self._unit.per_metre:g} units per metre; {low:g} to {high:g} m were "
+                f"expected. Give the right scale ([depth] scale_per_metre in a {DESCRIPTION_FILE}), or, if the scene "
+                "is that near or far, say so there: scale_checked = true"
+            )
 
     def _read(self, files: FrameFiles) -> Frame:
         pose = None if files.pose is None else files.pose()
         depth = DepthView(read_depth(files.depth, self._camera, self._unit), self._camera)
-        colour = None
-        if files.colour is not None:
-            colour = ColourView(read_colour(files.colour, self._colour_camera), self._colour_camera)
-        return Frame(files.stamp_s, depth=depth, colour=colour, T_world_camera=pose)
+        return Frame(files.stamp_s, depth=depth, colour=self._colour(files), T_world_camera=pose)
+
+    def _colour(self, files: FrameFiles) -> ColourView | None:
+        """The colour image of a frame; None if there is none, or if it cannot be used."""
+        if files.colour is None:
+            return None
+        try:
+            return ColourView(read_colour(files.colour, self._colour_camera), self._colour_camera)
+        except FrameError as error:
+            self._without_colour.append(SkippedFrame(files.colour.name, str(error)))
+            return None
 
 
 def pictures(folder: Path, pattern: str = "*") -> list[Path]:
@@ -144,41 +169,89 @@ def is_stamp(path: Path) -> bool:
 
 
 def pair(
-    depths: Sequence[Path], colours: Sequence[Path], where: Path, remarks: list[str]
+    images: Sequence[Path],
+    others: Sequence[Path],
+    where: Path,
+    remarks: list[str],
+    what: str = "colour image",
 ) -> list[Path | None]:
     """The colour image of each depth image, by the numbers in their names, else by their order.
 
     Args:
-        depths, colours: Image files in order.
+        images: Depth images, or left images, in order.
+        others: Their colour images, or right images.
         where: Folder, for messages.
-        remarks: Gets the number of depth images without a colour image.
+        remarks: Gets the number of images without a match.
+        what: "colour image" or "right image".
 
     Returns:
-        None for each depth image without a colour image.
+        None for each image without a match. Colour images that cannot be matched are left out with a remark.
 
     Raises:
-        RecordingError: The names have no unique numbers in common and the counts differ.
+        RecordingError: Right images whose names have no unique numbers in common with those of the left ones,
+            and whose number differs.
     """
-    if not colours:
-        return [None] * len(depths)
-    by_number = {number_in(path): path for path in colours}
-    wanted = [number_in(path) for path in depths]
-    unique = len(by_number) == len(colours) and len(set(wanted)) == len(wanted)
+    if not others:
+        return [None] * len(images)
+    by_number = {number_in(path): path for path in others}
+    wanted = [number_in(path) for path in images]
+    unique = len(by_number) == len(others) and len(set(wanted)) == len(wanted)
     if unique and None not in by_number and None not in wanted:
-        unmatched = [path.name for path in depths if number_in(path) not in by_number]
-        if len(unmatched) < len(depths):
+        unmatched = [path.name for path in images if number_in(path) not in by_number]
+        if len(unmatched) < len(images):
             if unmatched:
-                first = f" (first {unmatched[0]})"
                 remarks.append(
-                    f"{len(unmatched)} of {len(depths)} depth images have no colour image{first}"
+                    f"{len(unmatched)} of {len(images)} images have no {what} (first {unmatched[0]})"
                 )
             return [by_number.get(number) for number in wanted]
-    if len(colours) == len(depths):
-        return list(colours)
-    raise RecordingError(
-        f"{where}: {len(depths)} depth images but {len(colours)} colour images, and their names do not match "
-        "by number; complete the pairs, or move the colour folder away to use depth only"
+    if len(others) == len(images):
+        return list(others)
+    fault = (
+        f"{len(images)} images but {len(others)} {what}s, and their names do not match by number"
     )
+    if what != "colour image":
+        raise RecordingError(f"{where}: {fault}; complete the pairs")
+    remarks.append(f"{fault}: colour left out")
+    return [None] * len(images)
+
+
+def pose_lines(
+    images: Sequence[Path], count: int, where: Path, stamps: Sequence[float] = ()
+) -> list[int]:
+    """The line, from 0, of a file of poses that belongs to each image.
+
+    As many lines as images: in their order. Else the number K in the name of an image is the stamp of its line,
+    if the stamps are whole numbers; or it counts the lines from 0, or from 1 if no image has the number 0 and one
+    has the number of the last line.
+
+    Args:
+        images: Image files in order.
+        count: Number of lines.
+        where: File of the poses, for messages.
+        stamps: Stamp of each line, if the lines have stamps.
+
+    Raises:
+        RecordingError: An image has no line.
+    """
+    if count == len(images):
+        return list(range(count))
+    numbers = [number_in(image) for image in images]
+    found: list[int | None] = [n if n is not None and n < count else None for n in numbers]
+    at = {int(stamp): line for line, stamp in enumerate(stamps) if stamp == int(stamp)}
+    if len(at) == count and all(n in at for n in numbers):
+        found = [at[n] for n in numbers if n is not None]
+    elif 0 not in numbers and max((n or 0 for n in numbers), default=0) == count:
+        found = [None if n is None else n - 1 for n in numbers]
+    lines = [line for line in found if line is not None]
+    if len(set(lines)) < len(images):
+        lost = next(
+            (i.name for i, n in zip(images, found, strict=True) if n is None), images[0].name
+        )
+        raise RecordingError(
+            f"{where}: {count} poses for {len(images)} images, none for {lost}; one line per image was "
+            "expected, or names that number the lines, or lists of files with stamps"
+        )
+    return lines
 
 
 def camera_of(

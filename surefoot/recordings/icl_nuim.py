@@ -13,8 +13,6 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
@@ -22,7 +20,7 @@ from perception.primitives.pose import Pose3
 from .description import Description, complete
 from .folder import KINECT_HZ, FolderRecording, FrameFiles
 from .images import DepthUnit
-from .poses import pose_of_row, read_lines, read_tum
+from .poses import mirrored, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
 
 UNIT = DepthUnit(5000.0, (0,))
@@ -30,7 +28,6 @@ CAMERA = Camera(640, 480, 481.2, 480.0, 319.5, 239.5)
 """From the data set's page, with positive fy."""
 
 _LIST = "associations.txt"
-_FLIP_Y = np.diag([1.0, -1.0, 1.0])
 
 
 def is_icl_nuim(path: Path) -> bool:
@@ -84,7 +81,15 @@ def open_icl_nuim(path: Path, description: Description | None = None) -> FolderR
         frames=len(files),
         gravity_up_world=(0.0, -1.0, 0.0),
     )
-    return FolderRecording(path, complete(info, description), files, camera, UNIT, remarks=remarks)
+    return FolderRecording(
+        path,
+        complete(info, description),
+        files,
+        camera,
+        UNIT,
+        remarks=remarks,
+        scale_checked=description is not None and description.scale_checked,
+    )
 
 
 def _trajectory(path: Path) -> Path | None:
@@ -104,5 +109,4 @@ def _rows(truth: Path) -> dict[int, tuple[float, ...]]:
 
 
 def _flipped(row: tuple[float, ...]) -> Pose3:
-    pose = pose_of_row(row)
-    return Pose3.from_rotation(_FLIP_Y @ pose.rotation @ _FLIP_Y, _FLIP_Y @ pose.position)
+    return mirrored(pose_of_row(row))

@@ -1,4 +1,11 @@
-"""Reading of image files, with checks: present, complete, of the right type and size, not empty."""
+"""Reading of image files, with checks: present, complete, of the right type and size, not empty.
+
+Some data sets do not store depth but something to convert first. SUN RGB-D rotates the bits of millimetres by 3 to
+the left. The first Kinect's raw values are disparities of 11 bits; 2047 means none. Values that look like either are
+refused unless the description names the encoding.
+
+Source: SUN RGB-D toolbox, read3dPoints.m; Burrus (2010), Kinect calibration (disparity to depth).
+"""
 
 from __future__ import annotations
 
@@ -7,13 +14,21 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, UInt8, UInt16
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 
 from .codec import metres
-from .recording import FrameError
+from .recording import DESCRIPTION_FILE, FrameError
+
+ENCODINGS = ("depth", "rotated", "kinect-disparity")
+UNSTATED = ""
+_ROTATED_BITS = 3
+_DISPARITY_NONE = 2047
+_MOST_DISPARITY = 1092  # the formula's depth is infinite at 1084.6
+_OTHERS = 0.05  # ours: share of rotated values that are no multiples of 8, those beyond 8.2 m
+_LEAST_VALUES = 50  # ours: fewer different values tell nothing
 
 _PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
 _JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
@@ -26,12 +41,19 @@ class DepthUnit:
     Args:
         per_metre: Units per metre.
         none: Values of pixels without depth.
+        encoding: "depth"; "rotated", as in SUN RGB-D; or "kinect-disparity", the raw values of the first Kinect,
+            for which the scale is ignored. Unstated: depth, unless the values look like one of the others.
     """
 
     per_metre: float
     none: tuple[int, ...]
+    encoding: str = UNSTATED
 
     def __post_init__(self) -> None:
+        if self.encoding not in (UNSTATED, *ENCODINGS):
+            raise ConfigError(
+                f"depth encoding {self.encoding!r} is unknown; expected one of {', '.join(ENCODINGS)}"
+            )
         if not (np.isfinite(self.per_metre) and self.per_metre > 0.0):
             raise ConfigError(
                 f"depth scale {self.per_metre} units per metre must be positive and finite; "
@@ -56,11 +78,49 @@ def read_depth(path: Path, camera: Camera, unit: DepthUnit) -> Float32[np.ndarra
             "of uint16 was expected (an 8-bit picture has no depth)"
         )
     _check_size("depth", image, camera)
-    depth = metres(image, unit.per_metre, unit.none)
+    if unit.encoding == "kinect-disparity":
+        depth = _of_disparity(image)
+    elif unit.encoding == "rotated":
+        depth = metres(_rotated_back(image), unit.per_metre, unit.none)
+    else:
+        if unit.encoding == UNSTATED:
+            _refuse_encoded(image)
+        depth = metres(image, unit.per_metre, unit.none)
     if not np.isfinite(depth).any():
         marks = " or ".join(str(mark) for mark in unit.none)
         raise FrameError(f"depth image has no valid pixel: every value is {marks}")
     return depth
+
+
+def _rotated_back(image: UInt16[np.ndarray, "h w"]) -> UInt16[np.ndarray, "h w"]:
+    """Undo the rotation of SUN RGB-D."""
+    return np.asarray((image >> _ROTATED_BITS) | (image << (16 - _ROTATED_BITS)), np.uint16)
+
+
+def _of_disparity(image: UInt16[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
+    """Depth of the first Kinect's raw disparity, m."""
+    with np.errstate(divide="ignore"):
+        depth = 1.0 / (3.3309495161 - 0.0030711016 * image.astype(np.float64))
+    depth[(image == 0) | (image >= _DISPARITY_NONE) | (depth <= 0.0)] = np.nan
+    return depth.astype(np.float32)
+
+
+def _refuse_encoded(image: UInt16[np.ndarray, "h w"]) -> None:
+    """Raise a FrameError for values that are no depth yet."""
+    if int(image.max()) == _DISPARITY_NONE and int(
+        image[image < _DISPARITY_NONE].max(initial=0)
+    ) <= (_MOST_DISPARITY):
+        raise FrameError(
+            "depth image holds raw Kinect disparity (up to 1092, and 2047 for none), no depth; write "
+            f'encoding = "kinect-disparity" under [depth] of a {DESCRIPTION_FILE}'
+        )
+    seen = image[image > 0]
+    rotated = np.count_nonzero(seen & ((1 << _ROTATED_BITS) - 1)) <= _OTHERS * len(seen)
+    if rotated and len(np.unique(seen)) >= _LEAST_VALUES:
+        raise FrameError(
+            "depth image holds multiples of 8 almost only, as the rotated millimetres of SUN RGB-D do; write "
+            f'encoding = "rotated" under [depth] of a {DESCRIPTION_FILE}, or encoding = "depth" if they are depth'
+        )
 
 
 def read_colour(path: Path, camera: Camera) -> UInt8[np.ndarray, "h w 3"]:

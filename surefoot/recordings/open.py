@@ -8,24 +8,26 @@ from pathlib import Path
 from perception.primitives import plugins
 from perception.primitives.errors import InputError, RecordingError
 
-from .description import FILE_NAME, Description, read_description
+from .description import Description, read_description
 from .euroc import is_euroc, open_euroc
 from .folder import pictures
 from .icl_nuim import is_icl_nuim, open_icl_nuim
 from .mcap_format import McapRecording
 from .pcd import PcdRecording
 from .plain import needs_description, open_plain
-from .recording import Recording
+from .recording import DESCRIPTION_FILE, Recording
 from .redwood import is_redwood, open_redwood
 from .replica import is_replica, open_replica
 from .rosbag import RosbagRecording, is_rosbag
 from .seven_scenes import is_seven_scenes, open_seven_scenes
+from .stereo_pairs import is_stereo, open_stereo
 from .tum import is_tum, open_tum
 
 MCAP_NAME = "recording.mcap"
 KINDS = (
     "a run folder or .mcap file of `surefoot simulate --record`, a ROS 1 .bag, a ROS 2 bag (folder, .mcap or "
-    ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D or Replica folder, an organised .pcd file, "
+    ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D or Replica folder, a folder of rectified stereo "
+    "pairs with the yaml files of ROS or OpenCV, an organised .pcd file, "
     "or a folder of depth images with a recording.toml"
 )
 
@@ -63,7 +65,7 @@ def _open_with(reader: str, path: Path) -> Recording:
 
 
 def _open_file(path: Path, description: Path | None) -> Recording:
-    if path.name == FILE_NAME:
+    if path.name == DESCRIPTION_FILE:
         return _open_folder(path.parent, read_description(path))
     if is_rosbag(path):
         return RosbagRecording(path, None if description is None else read_description(description))
@@ -100,6 +102,8 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
         return open_redwood(path, description)
     if is_tum(path):
         return open_tum(path, description)
+    if is_stereo(path):
+        return open_stereo(path, description)
     if description is not None:
         return open_plain(path, description)  # its error names the missing table
     raise _nothing_known(path)
@@ -108,7 +112,7 @@ def _open_folder(path: Path, description: Description | None) -> Recording:
 def _description(path: Path, given: Path | None) -> Description | None:
     if given is not None:
         return read_description(given)
-    beside = path / FILE_NAME
+    beside = path / DESCRIPTION_FILE
     return read_description(beside) if beside.is_file() else None
 
 
@@ -135,8 +139,17 @@ def holds_recording(path: Path) -> bool:
     """Whether the names in a file or folder look like a recording; no content is read."""
     if path.is_file():
         return path.suffix in (".mcap", ".pcd", ".bag", ".db3")
-    known = (is_rosbag, is_euroc, is_icl_nuim, is_seven_scenes, is_replica, is_redwood, is_tum)
-    ours = (path / MCAP_NAME).is_file() or (path / FILE_NAME).is_file()
+    known = (
+        is_rosbag,
+        is_euroc,
+        is_icl_nuim,
+        is_seven_scenes,
+        is_replica,
+        is_redwood,
+        is_tum,
+        is_stereo,
+    )
+    ours = (path / MCAP_NAME).is_file() or (path / DESCRIPTION_FILE).is_file()
     return ours or any(test(path) for test in known)
 
 

@@ -15,7 +15,7 @@ from perception.primitives.pose import Pose3
 
 from .description import EXAMPLE, Description
 from .folder import FolderRecording, FrameFiles, is_stamp, pair, pictures
-from .poses import ASSOCIATION_S, associate, numbers, pose_of_row, read_lines, read_tum
+from .poses import ASSOCIATION_S, associate, mirrored, numbers, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
 
 _DEPTH_FOLDERS = ("depth", ".")
@@ -55,12 +55,27 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
         poses_given=any(pose is not None for pose in poses),
         frames=len(files),
         scene=description.scene,
-        gravity_up_world=description.up,
+        gravity_up_world=_up(description),
         floor_height_world_m=description.floor_height_m,
     )
     return FolderRecording(
-        path, info, files, camera, unit, description.colour_camera, remarks=remarks
+        path,
+        info,
+        files,
+        camera,
+        unit,
+        description.colour_camera,
+        remarks,
+        description.scale_checked,
     )
+
+
+def _up(description: Description) -> tuple[float, float, float] | None:
+    """The vertical in the world of the poses, mirrored as these are."""
+    if description.up is None or not description.mirrored:
+        return description.up
+    x, y, z = description.up
+    return x, -y, z
 
 
 def needs_description(path: Path, found: list[Path]) -> RecordingError:
@@ -93,7 +108,7 @@ def _colours(
     folders = (named,) if named is not None else (*_COLOUR_FOLDERS, *(["."] * same_place))
     for name in folders:
         found = [p for p in pictures(path / name, description.colour_pattern) if p not in depths]
-        if found and description.stamps == "name" and all(map(is_stamp, [*found, *depths])):
+        if found and all(map(is_stamp, [*found, *depths])):
             depth_s, colour_s = (np.array([float(p.stem) for p in f]) for f in (depths, found))
             return [found[i] if i >= 0 else None for i in associate(depth_s, colour_s)]
         if found:
@@ -159,9 +174,14 @@ def _poses(
             f"{source}: {len(rows)} poses for {len(stamps)} depth images; one per image was expected, or "
             "stamps to associate them by time"
         )
-    read = _inverted if description.world_to_camera else pose_of_row
-    return [partial(read, rows[i]) if i >= 0 else None for i in matches]
+    return [partial(_pose, description, rows[i]) if i >= 0 else None for i in matches]
 
 
-def _inverted(row: tuple[float, ...]) -> Pose3:
-    return pose_of_row(row).inverse()
+def _pose(description: Description, row: tuple[float, ...]) -> Pose3:
+    """T_world_camera of optical axes."""
+    given = pose_of_row(row)
+    if description.world_to_camera:
+        given = given.inverse()
+    if description.mirrored:
+        given = mirrored(given)
+    return given @ Pose3.from_rotation(description.R_given_optical, np.zeros(3))

@@ -15,6 +15,7 @@ from .recording import FrameError
 
 _NORM_TOLERANCE = 0.01  # ours: four printed digits leave 1e-4
 _ROTATION_TOLERANCE = 0.01  # ours: KinectFusion's printed matrices are orthogonal to 1e-3
+_FLIP_Y = np.diag([1.0, -1.0, 1.0])
 ASSOCIATION_S = 0.02  # TUM's associate.py
 
 
@@ -126,6 +127,11 @@ def pose_of_matrix(matrix: Float[np.ndarray, "4 4"]) -> Pose3:
     if np.abs(matrix[3] - [0.0, 0.0, 0.0, 1.0]).max() > 1e-6:
         raise FrameError("pose is invalid: its last row is not 0 0 0 1")
     return Pose3.from_matrix(matrix)
+
+
+def mirrored(pose: Pose3) -> Pose3:
+    """A pose whose camera and world both have the y axis the other way, as renderings in left-handed axes."""
+    return Pose3.from_rotation(_FLIP_Y @ pose.rotation @ _FLIP_Y, _FLIP_Y @ pose.position)
 
 
 def associate(

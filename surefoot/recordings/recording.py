@@ -14,6 +14,9 @@ from perception.primitives.frame import Frame
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2
 
+DESCRIPTION_FILE = "recording.toml"
+"""What a user tells about a folder, see `description`."""
+
 
 @dataclass(frozen=True, eq=False)
 class RecordingInfo:

@@ -1,17 +1,20 @@
-"""Redwood and Open3D folders: `color/`, `depth/`, intrinsics as Open3D's JSON, optional `trajectory.log`.
+"""Redwood, Open3D and RealSense folders: `color/`, `depth/`, intrinsics as JSON, optional `trajectory.log`.
 
-Depth is in millimetres unless the JSON has a `depth_scale`; 0 means no depth. The matrix in the JSON is
-column-major, the log has camera-to-world matrices, and the frame rate is 30 Hz.
+The JSON is Open3D's (`intrinsic_matrix`, column-major, also inside `intrinsic`) or RealSense's (`fx`, `fy`, `ppx`,
+`ppy`, `width`, `height`, `coeffs`, also inside `depth` or `color`). Depth is in millimetres unless the JSON has a
+`depth_scale`, in units per metre as Open3D has it or in metres per unit as RealSense has it; 0 means no depth. The
+log has camera-to-world matrices, and the frame rate is 30 Hz.
 
 The vertical axis depends on the data set. Rendered rooms (after ICL-NUIM) have y up; they are recognised by cameras
 that never roll about it. For others a recording.toml may give it.
 
-Source: Choi et al., CVPR 2015; open3d.org, RGBD data sets and PinholeCameraIntrinsic.
+Source: Choi et al., CVPR 2015; open3d.org, RGBD data sets and PinholeCameraIntrinsic; librealsense, rs2_intrinsics.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,12 +25,16 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
 
 from .description import Description, complete
-from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, pair, pictures
+from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, pair, pictures, pose_lines
 from .images import DepthUnit
 from .poses import pose_of_matrix, read_log
 from .recording import RecordingInfo
 
 _COLOUR_FOLDERS = ("color", "image", "rgb", "colour")
+_INTRINSICS = re.compile(r'"(?:intrinsic_matrix|ppx)"')
+_PARTS = ("depth", "intrinsic", "intrinsics", "color", "colour")
+Lens = tuple[float, float, float, float, float]
+NO_LENS: Lens = (0.0, 0.0, 0.0, 0.0, 0.0)
 _NO_ROLL = 1e-6  # sine of the roll of a rendered camera, printed with 16 digits
 
 
@@ -44,7 +51,9 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
     """
     source = _intrinsics_file(path)
     if source is None:
-        raise RecordingError(f"{path}: no JSON file with an intrinsic_matrix next to depth/")
+        raise RecordingError(
+            f"{path}: no JSON file with an intrinsic_matrix, or fx and ppx, next to depth/"
+        )
     camera, unit = _intrinsics(source)
     if description is not None and description.camera is not None:
         camera = description.camera
@@ -53,18 +62,15 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
     remarks: list[str] = []
     matches = pair(depths, colours, path, remarks)
     matrices = read_log(path / "trajectory.log") if (path / "trajectory.log").is_file() else []
-    if matrices and len(matrices) != len(depths):
-        raise RecordingError(
-            f"{path}: {len(depths)} depth images but {len(matrices)} poses in trajectory.log; "
-            "one pose per frame was expected"
-        )
+    source = path / "trajectory.log"
+    lines = pose_lines(depths, len(matrices), source) if matrices else []
     files = [
         FrameFiles(
             depth.name,
             i / KINECT_HZ,
             depth,
             colour,
-            partial(pose_of_matrix, matrices[i]) if matrices else None,
+            partial(pose_of_matrix, matrices[lines[i]]) if matrices else None,
         )
         for i, (depth, colour) in enumerate(zip(depths, matches, strict=True))
     ]
@@ -75,13 +81,22 @@ def open_redwood(path: Path, description: Description | None = None) -> FolderRe
         frames=len(files),
         gravity_up_world=(0.0, 1.0, 0.0) if _rendered_upright(matrices) else None,
     )
-    return FolderRecording(path, complete(info, description), files, camera, unit, remarks=remarks)
+    return FolderRecording(
+        path,
+        complete(info, description),
+        files,
+        camera,
+        unit,
+        remarks=remarks,
+        scale_checked=description is not None and description.scale_checked,
+    )
 
 
 def _intrinsics_file(path: Path) -> Path | None:
+    """The first JSON file with intrinsics."""
     for candidate in sorted(path.glob("*.json")):
         try:
-            if '"intrinsic_matrix"' in candidate.read_text(encoding="utf-8"):
+            if _INTRINSICS.search(candidate.read_text(encoding="utf-8")):
                 return candidate
         except (OSError, UnicodeDecodeError):
             continue
@@ -90,22 +105,54 @@ def _intrinsics_file(path: Path) -> Path | None:
 
 def _intrinsics(source: Path) -> tuple[Camera, DepthUnit]:
     try:
-        values: dict[str, Any] = json.loads(source.read_text(encoding="utf-8"))
-        k = [float(value) for value in values["intrinsic_matrix"]]
+        whole: dict[str, Any] = json.loads(source.read_text(encoding="utf-8"))
+        values = _part(whole)
+        (fx, fy, cx, cy), lens = (
+            _of_open3d(values) if "intrinsic_matrix" in values else _of_realsense(values)
+        )
         width, height = int(values["width"]), int(values["height"])
-        scale = float(values.get("depth_scale", 1000.0))
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
+        scale = float(values.get("depth_scale", whole.get("depth_scale", 1000.0)))
+    except (json.JSONDecodeError, AttributeError, KeyError, TypeError, ValueError) as error:
         raise RecordingError(
-            f"{source}: cannot be read as intrinsics of Open3D ({error}); width, height and a list "
-            "intrinsic_matrix of 9 numbers were expected"
+            f"{source}: cannot be read as intrinsics of Open3D or RealSense ({error}); width, height, and a list "
+            "intrinsic_matrix of 9 numbers or fx, fy, ppx, ppy were expected"
         ) from error
-    if len(k) != 9:
-        raise RecordingError(f"{source}: intrinsic_matrix has {len(k)} numbers, 9 were expected")
-    camera = camera_of(source, width=width, height=height, fx=k[0], fy=k[4], cx=k[6], cy=k[7])
+    if 0.0 < scale < 1.0:  # metres per unit
+        scale = 1.0 / scale
     try:
-        return camera, DepthUnit(scale, (0,))
+        return camera_of(source, width, height, fx, fy, cx, cy, lens), DepthUnit(scale, (0,))
     except ConfigError as error:
         raise RecordingError(f"{source}: {error}") from error
+
+
+def _part(values: dict[str, Any]) -> dict[str, Any]:
+    """The table with the intrinsics of the depth images: the whole one, or one inside it."""
+    inside = [values.get(name) for name in _PARTS]
+    tables = [values, *(one for one in inside if isinstance(one, dict))]
+    return next((one for one in tables if "intrinsic_matrix" in one or "ppx" in one), values)
+
+
+def _of_open3d(values: dict[str, Any]) -> tuple[tuple[float, ...], Lens]:
+    """(fx, fy, cx, cy) of a list of columns, or of three rows."""
+    matrix = values["intrinsic_matrix"]
+    if len(matrix) == 3:
+        matrix = [row[column] for column in range(3) for row in matrix]
+    if len(matrix) != 9:
+        raise ValueError(f"intrinsic_matrix has {len(matrix)} numbers, 9 were expected")
+    k = [float(value) for value in matrix]
+    return (k[0], k[4], k[6], k[7]), NO_LENS
+
+
+def _of_realsense(values: dict[str, Any]) -> tuple[tuple[float, ...], Lens]:
+    """(fx, fy, cx, cy), and the coefficients where they are those of a lens."""
+    k = tuple(float(values[key]) for key in ("fx", "fy", "ppx", "ppy"))
+    model = str(values.get("model", "")).lower().replace("_", " ")
+    lens = tuple(float(value) for value in values.get("coeffs", NO_LENS))
+    if any(lens) and "inverse" not in model and "none" not in model:
+        if len(lens) != 5:
+            raise ValueError(f"coeffs has {len(lens)} numbers, 5 were expected")
+        return k, (lens[0], lens[1], lens[2], lens[3], lens[4])
+    return k, NO_LENS
 
 
 def _rendered_upright(matrices: list[np.ndarray]) -> bool:

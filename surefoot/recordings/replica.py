@@ -17,7 +17,16 @@ import numpy as np
 from perception.primitives.errors import ConfigError, RecordingError
 
 from .description import Description, complete
-from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, number_in, pair, pictures
+from .folder import (
+    KINECT_HZ,
+    FolderRecording,
+    FrameFiles,
+    camera_of,
+    number_in,
+    pair,
+    pictures,
+    pose_lines,
+)
 from .images import DepthUnit
 from .poses import numbers, pose_of_matrix, read_lines
 from .recording import RecordingInfo
@@ -56,15 +65,17 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
         np.array(numbers(path / "traj.txt", line, words, 16, meaning)).reshape(4, 4)
         for line, words in read_lines(path / "traj.txt")
     ]
-    files = []
-    for depth, colour in zip(depths, matches, strict=True):
-        number = number_in(depth)
-        if number is None or number >= len(rows):
-            raise RecordingError(
-                f"{path}: {depth.name} has no pose; traj.txt has {len(rows)} lines, line k for frame k"
-            )
-        pose = partial(pose_of_matrix, rows[number])
-        files.append(FrameFiles(depth.name, number / KINECT_HZ, depth, colour, pose))
+    lines = pose_lines(depths, len(rows), path / "traj.txt")
+    files = [
+        FrameFiles(
+            depth.name,
+            (number_in(depth) or 0) / KINECT_HZ,
+            depth,
+            colour,
+            partial(pose_of_matrix, rows[line]),
+        )
+        for depth, colour, line in zip(depths, matches, lines, strict=True)
+    ]
     info = RecordingInfo(
         name=path.resolve().name,
         kind="replica",
@@ -75,7 +86,15 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
     camera = camera_of(source, width, height, fx, fy, cx, cy)
     if description is not None and description.camera is not None:
         camera = description.camera
-    return FolderRecording(path, complete(info, description), files, camera, unit, remarks=remarks)
+    return FolderRecording(
+        path,
+        complete(info, description),
+        files,
+        camera,
+        unit,
+        remarks=remarks,
+        scale_checked=description is not None and description.scale_checked,
+    )
 
 
 def _parameters_file(path: Path) -> Path | None:

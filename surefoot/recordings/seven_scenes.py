@@ -52,7 +52,15 @@ def open_seven_scenes(path: Path, description: Description | None = None) -> Fol
         frames=len(files),
         gravity_up_world=_up(path),
     )
-    return FolderRecording(path, complete(info, description), files, camera, UNIT, remarks=remarks)
+    return FolderRecording(
+        path,
+        complete(info, description),
+        files,
+        camera,
+        UNIT,
+        remarks=remarks,
+        scale_checked=description is not None and description.scale_checked,
+    )
 
 
 def _frame(depth: Path, index: int) -> FrameFiles:

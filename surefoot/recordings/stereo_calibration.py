@@ -1,8 +1,10 @@
-"""Calibration files of stereo rigs: EuRoC (raw cameras on a body) and ROS (a rectified pair).
+"""Calibration files of stereo rigs: EuRoC (raw cameras on a body), ROS and OpenCV (a rectified pair).
 
-Both are simple YAML: a key, and a list of numbers after it or after `data:` below it. Nothing else is read.
+Those of EuRoC and ROS are simple YAML: a key, and a list of numbers after it or after `data:` below it. Nothing
+else is read.
 
-Source: Burri et al., IJRR 2016; ROS camera_info (P of the right camera holds -f times the baseline).
+Source: Burri et al., IJRR 2016; ROS camera_info (P of the right camera holds -f times the baseline); OpenCV,
+stereoRectify (P1 and P2, likewise).
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 from jaxtyping import Float
 
@@ -21,6 +24,7 @@ from perception.primitives.pose import Pose3
 from .folder import camera_of
 
 _DISTORTIONS = ("radial-tangential", "radtan", "plumb_bob")
+MOST_BASELINE_M = 5.0  # ours: longer ones were calibrated in mm or in squares of the board
 _ORTHOGONAL = 1e-3  # ours: with ten printed digits, rotations are orthogonal to 1e-9
 
 
@@ -82,16 +86,66 @@ def read_rectified_pair(left: Path, right: Path) -> tuple[Camera, float]:
         for path in (left, right)
     )
     width, height = (_whole(left, text, key) for key in ("image_width", "image_height"))
-    if not np.allclose(P[:, :3], Q[:, :3], rtol=1e-6):
+    return _rectified(left, right, width, height, P, Q)
+
+
+def has_opencv_pair(path: Path) -> bool:
+    """Whether a file of OpenCV's FileStorage holds P1 and P2."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return bool(re.search(r"^P1:|<P1\b", text, re.M) and re.search(r"^P2:|<P2\b", text, re.M))
+
+
+def read_opencv_pair(path: Path, width: int, height: int) -> tuple[Camera, float]:
+    """Camera and baseline, m, of a rectified pair: P1 and P2 of OpenCV's stereoRectify.
+
+    Args:
+        path: YAML or XML as OpenCV's FileStorage writes it.
+        width, height: Of the images, which the file does not tell.
+
+    Raises:
+        RecordingError: A matrix is missing, the two do not match, or the baseline is not positive.
+    """
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        matrices = [storage.getNode(name).mat() for name in ("P1", "P2")]
+        storage.release()
+    except (cv2.error, SystemError) as error:
+        raise RecordingError(f"{path}: cannot be read as a file of OpenCV ({error})") from error
+    for name, matrix in zip(("P1", "P2"), matrices, strict=True):
+        if matrix is None or matrix.shape != (3, 4) or not np.isfinite(matrix).all():
+            raise RecordingError(f"{path}: {name} is no 3x4 matrix of finite numbers")
+    P, Q = (np.asarray(matrix, np.float64) for matrix in matrices)
+    return _rectified(path, path, width, height, P, Q)
+
+
+def _rectified(
+    left: Path,
+    right: Path,
+    width: int,
+    height: int,
+    P: Float[np.ndarray, "3 4"],
+    Q: Float[np.ndarray, "3 4"],
+) -> tuple[Camera, float]:
+    """Camera and baseline, m, by the projection matrices of both sides."""
+    if not np.allclose(P[:2, :2], Q[:2, :2], rtol=1e-6) or not np.isclose(P[1, 2], Q[1, 2]):
         raise RecordingError(
-            f"{right}: its projection_matrix has other intrinsics than {left.name}; those of a "
-            "rectified pair are equal"
+            f"{right}: its projection matrix has other intrinsics than that of the left camera; those of "
+            "a rectified pair are equal"
+        )
+    if not np.isclose(P[0, 2], Q[0, 2]):
+        raise RecordingError(
+            f"{right}: cx is {Q[0, 2]:.2f} px, that of the left camera {P[0, 2]:.2f} px; pairs whose "
+            "disparity does not vanish at infinity are not read, rectify with CALIB_ZERO_DISPARITY"
         )
     baseline = float(-Q[0, 3] / Q[0, 0])
-    if not baseline > 0.0:
+    if not 0.0 < baseline < MOST_BASELINE_M:
         raise RecordingError(
-            f"{right}: projection_matrix gives a baseline of {baseline} m; -f times a positive "
-            "baseline was expected in its fourth number; left and right may be exchanged"
+            f"{right}: its projection matrix gives a baseline of {baseline:g} m; -f times a positive "
+            f"baseline in m, below {MOST_BASELINE_M:g}, was expected in its fourth number; left and right "
+            "may be exchanged, or the unit of the calibration board was not m"
         )
     return camera_of(left, width, height, P[0, 0], P[1, 1], P[0, 2], P[1, 2]), baseline
 

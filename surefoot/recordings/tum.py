@@ -2,10 +2,9 @@
 
 Complete: `depth.txt` and `rgb.txt` list stamps and files (without these lists the file names are the stamps),
 `groundtruth.txt` has the poses; all are associated by time.
-Thinned: only `depth/` and `rgb/`; line K of `groundtruth.txt` belongs to image K, or, with as many lines as images,
-the lines are in the order of the images. Depth has 5000 units per metre, and 0 without depth. The intrinsics are
-those of the benchmark's page for its three cameras; the folder name selects the camera (freiburg1, fr1, ...), or a
-recording.toml gives the intrinsics. World z is up.
+Thinned: only `depth/` and `rgb/`, and a line of `groundtruth.txt` for each image, see `folder.pose_lines`.
+Depth has 5000 units per metre, and 0 without depth. The intrinsics are those of the benchmark's page for its three
+cameras; the folder name selects the camera (freiburg1, fr1, ...), or a recording.toml gives them. World z is up.
 
 Source: Sturm et al., IROS 2012; cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
 """
@@ -22,7 +21,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 
 from .description import EXAMPLE, Description, complete
-from .folder import FolderRecording, FrameFiles, is_stamp, number_in, pair, pictures
+from .folder import FolderRecording, FrameFiles, is_stamp, pair, pictures, pose_lines
 from .images import DepthUnit
 from .poses import ASSOCIATION_S, associate, pose_of_row, read_lines, read_tum
 from .recording import RecordingInfo
@@ -59,7 +58,15 @@ def open_tum(path: Path, description: Description | None = None) -> FolderRecord
         frames=len(files),
         gravity_up_world=(0.0, 0.0, 1.0),
     )
-    return FolderRecording(path, complete(info, description), files, camera, UNIT, remarks=remarks)
+    return FolderRecording(
+        path,
+        complete(info, description),
+        files,
+        camera,
+        UNIT,
+        remarks=remarks,
+        scale_checked=description is not None and description.scale_checked,
+    )
 
 
 def _camera(path: Path, description: Description | None, remarks: list[str]) -> Camera:
@@ -143,24 +150,8 @@ def _counted(path: Path, remarks: list[str]) -> list[FrameFiles]:
     depths = pictures(path / "depth")
     colours = pair(depths, pictures(path / "rgb"), path, remarks)
     stamps, rows = read_tum(path / "groundtruth.txt")
-    lines = [number_in(depth) for depth in depths]
-    if len(rows) == len(depths) or None in lines or len(set(lines)) < len(lines):
-        lines = list(range(len(depths)))
-    beyond = [
-        depth.name for depth, line in zip(depths, lines, strict=True) if (line or 0) >= len(rows)
-    ]
-    if beyond:
-        raise RecordingError(
-            f"{path}: {len(depths)} depth images but {len(rows)} poses in groundtruth.txt (none for "
-            f"{beyond[0]}); one line per frame was expected, or lists depth.txt and rgb.txt with stamps"
-        )
+    lines = pose_lines(depths, len(rows), path / "groundtruth.txt", stamps.tolist())
     return [
-        FrameFiles(
-            depth.name,
-            float(stamps[line or 0]),
-            depth,
-            colour,
-            partial(pose_of_row, rows[line or 0]),
-        )
+        FrameFiles(depth.name, float(stamps[line]), depth, colour, partial(pose_of_row, rows[line]))
         for depth, colour, line in zip(depths, colours, lines, strict=True)
     ]

@@ -31,7 +31,10 @@ def test_an_unknown_tum_camera_is_refused(tum, tmp_path):
     ("old", "new", "message"),
     [
         ("fx = 14.0", "fx = 0.0", "recording.toml: camera: fx=0.0 px must be positive and finite"),
-        ("fy = 14.0", "fy = -480.0", "camera: fy=-480.0 px must be positive"),
+        ("fx = 14.0", "fx = -480.0", "camera: fx=-480.0 px must be positive"),
+        ("rate_hz", "scale_checked = 1\nrate_hz", "scale_checked = 1 must be true or false"),
+        ("[depth]", '[poses]\nfile = "p"\naxes = "t265"\n[depth]', "poses.axes = 't265'; expected one of optical, y-up"),
+        ("none =", 'encoding = "turned"\nnone =', "depth encoding 'turned' is unknown; expected one of depth, rot"),
         ("cx = 7.5", "cx = 7500", "camera: cx=7500.0 px lies far outside the image of 16 px"),
         ("width = 16", "width = 0", "camera: image 0x12 px must be at least 1x1"),
         ("width = 16", "width = 16.5", r"camera.width = 16.5 must be whole"),
@@ -114,9 +117,9 @@ def test_poses_of_another_clock_are_refused(plain):
     ("content", "message"),
     [
         ('{"intrinsic_matrix": [1, 2], "width": 16, "height": 12}', "has 2 numbers, 9 were expected"),
-        ('{"intrinsic_matrix": [1, 2]', "cannot be read as intrinsics of Open3D"),
+        ('{"intrinsic_matrix": [1, 2]', "cannot be read as intrinsics of Open3D or RealSense"),
         ('{"intrinsic_matrix": [0,0,0,0,0,0,0,0,0], "width": 16, "height": 12}', "fx=0.0 px must be positive"),
-        ('{"intrinsic_matrix": [1,0,0,0,1,0,1,1,1]}', r"cannot be read as intrinsics of Open3D \('width'\)"),
+        ('{"intrinsic_matrix": [1,0,0,0,1,0,1,1,1]}', r"cannot be read as intrinsics of Open3D or RealSense \('width'\)"),
     ],
 )  # fmt: skip
 def test_invalid_intrinsics_of_open3d_are_refused(redwood, content, message):

@@ -145,29 +145,33 @@ def test_a_bad_depth_image_skips_its_frame(plain, damage):
 
 
 @pytest.mark.parametrize("damage", ["empty", "truncated", "text"])
-def test_a_bad_colour_image_skips_its_frame(plain, damage):
+def test_a_bad_colour_image_costs_the_colour_of_its_frame_alone(plain, damage):
     spoil, reason = DAMAGE[damage]
     spoil(plain / "color/2.png")
     recording = open_recording(plain)
-    assert [frame.stamp_s for frame in recording.frames()] == [0.0, 0.1]
-    assert recording.skipped == [("2.png", reason.replace("depth", "colour"))]
+    frames = list(recording.frames())
+    assert [frame.colour is not None for frame in frames] == [True, True, False]
+    assert all(frame.depth is not None for frame in frames)
+    assert recording.skipped == []
+    fault = f"1 colour images cannot be used, their depth is (first: 2.png, {reason})"
+    assert recording.remarks[-1] == fault.replace("depth image", "colour image")
 
 
-def test_a_colour_image_of_another_size_skips_its_frame(plain):
+def test_a_colour_image_of_another_size_costs_the_colour_of_its_frame_alone(plain):
     _write(plain / "color/0.png", np.zeros((24, 32, 3), np.uint8))
     recording = open_recording(plain)
-    assert len(list(recording.frames())) == 2
-    assert recording.skipped[0].reason.startswith("colour image is 32x24 px; 16x12 px was expected")
+    assert [frame.colour is not None for frame in recording.frames()] == [False, True, True]
+    assert "colour image is 32x24 px; 16x12 px was expected" in recording.remarks[-1]
 
 
-def test_a_truncated_jpeg_is_skipped(plain):
+def test_a_truncated_jpeg_costs_the_colour_of_its_frame_alone(plain):
     noise = np.random.default_rng(0).integers(0, 256, (12, 16, 3), dtype=np.uint8)
     (plain / "color/0.png").unlink()
     _write(plain / "color/0.jpg", noise)
     _truncate(plain / "color/0.jpg")
     recording = open_recording(plain)
-    assert len(list(recording.frames())) == 2
-    assert recording.skipped == [("0.png", "colour image is truncated")]
+    assert [frame.colour is not None for frame in recording.frames()] == [False, True, True]
+    assert "(first: 0.jpg, colour image is truncated)" in recording.remarks[-1]
 
 
 def test_a_recording_without_a_usable_frame_is_refused_with_the_first_reason(plain):
@@ -196,34 +200,36 @@ def test_a_frame_without_its_colour_image_keeps_its_depth(redwood):
     (redwood / "color/00001.png").unlink()
     recording = open_recording(redwood)
     assert [frame.colour is not None for frame in recording.frames()] == [True, False, True]
-    assert recording.remarks == ["1 of 3 depth images have no colour image (first 00001.png)"]
+    assert recording.remarks == ["1 of 3 images have no colour image (first 00001.png)"]
 
 
-def test_colour_images_with_other_numbers_and_count_are_refused(redwood):
+def test_colour_images_that_match_no_depth_image_are_left_out_with_a_remark(redwood):
     (redwood / "color/00001.png").unlink()
     for name in ("00000.png", "00002.png"):
         (redwood / "color" / name).rename(redwood / "color" / f"9{name}")
-    with pytest.raises(RecordingError, match="3 depth images but 2 colour images, and their names"):
-        open_recording(redwood)
+    recording = open_recording(redwood)
+    assert [frame.colour for frame in recording.frames()] == [None] * 3
+    assert recording.remarks[0].startswith("3 images but 2 colour images, and their names do not")
 
 
-def test_a_missing_depth_image_with_poses_is_refused(redwood):
-    (redwood / "depth/00002.png").unlink()
-    with pytest.raises(RecordingError, match="2 depth images but 3 poses"):
-        open_recording(redwood)
+def test_poses_are_found_by_the_number_of_an_image_if_images_are_missing(redwood):
+    (redwood / "depth/00001.png").unlink()
+    poses = [frame.T_world_camera for frame in open_recording(redwood).frames()]
+    assert [pose.translation[0] for pose in poses if pose is not None] == [0.0, 2.0]
 
 
-def test_an_implausible_depth_scale_is_remarked(plain):
+@pytest.mark.parametrize(("scale", "word"), [(10, "farther"), (100_000, "nearer")])
+def test_an_implausible_depth_is_asked_about(plain, scale, word):
     text = (plain / "recording.toml").read_text()
     assert "scale_per_metre = 1000" in text
-    (plain / "recording.toml").write_text(
-        text.replace("scale_per_metre = 1000", "scale_per_metre = 10")
-    )
-    recording = open_recording(plain)
-    list(recording.frames())
-    assert any(
-        "at 10 units per metre; check the depth scale" in remark for remark in recording.remarks
-    )
+    text = text.replace("scale_per_metre = 1000", f"scale_per_metre = {scale}")
+    (plain / "recording.toml").write_text(text)
+    with pytest.raises(
+        RecordingError, match=rf"half of the first depth image is {word} .* at {scale:g}"
+    ):
+        play(plain)
+    (plain / "recording.toml").write_text("scale_checked = true\n" + text)
+    assert len(play(plain)) == 3
 
 
 def test_a_thinned_tum_folder_may_number_its_images_from_any_number(tum):
@@ -237,7 +243,9 @@ def test_a_thinned_tum_folder_may_number_its_images_from_any_number(tum):
 def test_a_redwood_log_with_too_few_poses_is_refused(redwood):
     log = redwood / "trajectory.log"
     log.write_text("\n".join(log.read_text().splitlines()[:10]))
-    with pytest.raises(RecordingError, match=r"3 depth images but 2 poses in trajectory.log"):
+    with pytest.raises(
+        RecordingError, match=r"trajectory.log: 2 poses for 3 images, none for 00002.png"
+    ):
         open_recording(redwood)
 
 
@@ -252,14 +260,16 @@ def test_a_thinned_tum_folder_with_too_few_poses_is_refused(tum):
     lines = (tum / "groundtruth.txt").read_text().splitlines()
     (tum / "groundtruth.txt").write_text("\n".join(lines[:4]))
     with pytest.raises(
-        RecordingError, match=r"4 depth images but 3 poses in groundtruth.txt \(none for 0003.png\)"
+        RecordingError, match=r"groundtruth.txt: 3 poses for 4 images, none for 0003.png"
     ):
         open_recording(tum)
 
 
 def test_a_replica_frame_without_a_pose_is_refused(replica):
     np.savetxt(replica / "traj.txt", np.eye(4).reshape(1, 16))
-    with pytest.raises(RecordingError, match=r"depth000001.png has no pose; traj.txt has 1 lines"):
+    with pytest.raises(
+        RecordingError, match=r"traj.txt: 1 poses for 2 images, none for depth000001"
+    ):
         open_recording(replica)
 
 

@@ -1,0 +1,184 @@
+"""Folders of rectified stereo pairs with the calibration files of ROS or OpenCV.
+
+Images are in `left/` and `right/` (or `image_0/` and `image_1/`), or in one folder with `left` and `right` in their
+names. Calibration: `left.yaml` and `right.yaml`, or `NAME_left.yaml` and `NAME_right.yaml`, as ROS
+camera_calibration writes them; or one `.yaml`, `.yml` or `.xml` file of OpenCV with P1 and P2, as stereoRectify
+gives them. The calibration is in the folder or one folder up.
+
+Stamps are the file names where these are times, in s with a fraction or in ns; else 30 Hz are assumed.
+
+Source: ROS sensor_msgs/CameraInfo; OpenCV, samples/cpp/stereo_calib.cpp (extrinsics.yml).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import RecordingError
+from perception.primitives.frame import Frame, StereoView
+
+from .description import Description, complete
+from .folder import KINECT_HZ, is_stamp, pair, pictures
+from .images import image_size, read_colour
+from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
+from .stereo_calibration import has_opencv_pair, read_opencv_pair, read_rectified_pair
+
+_FOLDERS = (("left", "right"), ("image_0", "image_1"), ("image_left", "image_right"))
+_SUFFIXES = (".yaml", ".yml")
+_NS_DIGITS = 16  # a name of this many digits or more is a time in ns
+
+
+def is_stereo(path: Path) -> bool:
+    """Whether the folder has images of both sides, and a calibration."""
+    left, right = _images(path)
+    return bool(left) and bool(right) and (_ros(path) or _opencv(path)) is not None
+
+
+def open_stereo(path: Path, description: Description | None = None) -> StereoRecording:
+    """Open a folder of rectified pairs.
+
+    Raises:
+        RecordingError: The calibration cannot be read, or images do not match.
+    """
+    lefts, rights = _images(path)
+    remarks: list[str] = []
+    camera, baseline_m, source = _calibration(path, lefts)
+    matches = pair(lefts, rights, path, remarks, "right image")
+    pairs = [(a, b) for a, b in zip(lefts, matches, strict=True) if b is not None]
+    remarks.append(f"taken as rectified, baseline {baseline_m:.4f} m by {source.name}")
+    stamps = [_stamp(left) for left, _ in pairs]
+    if None in stamps and len(pairs) > 1:
+        remarks.append(
+            f"no times in the names of the images: {KINECT_HZ:.0f} pairs a second assumed"
+        )
+    known = None not in stamps
+    first = min((s for s in stamps if s is not None), default=0.0)
+    files = [
+        ((s - first) if known and s is not None else k / KINECT_HZ, *one)
+        for k, (s, one) in enumerate(zip(stamps, pairs, strict=True))
+    ]
+    info = RecordingInfo(name=path.resolve().name, kind="stereo", frames=len(files))
+    return StereoRecording(path, complete(info, description), files, camera, baseline_m, remarks)
+
+
+class StereoRecording:
+    """Rectified stereo pairs.
+
+    Args:
+        path: Folder, for messages.
+        info: Information about the recording.
+        files: Stamp, s, left and right image of every pair, in order of time.
+        camera: The left camera.
+        baseline_m: Distance of the right camera.
+        remarks: Remarks for the user.
+
+    Raises:
+        RecordingError: There is no pair.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        info: RecordingInfo,
+        files: list[tuple[float, Path, Path]],
+        camera: Camera,
+        baseline_m: float,
+        remarks: list[str],
+    ) -> None:
+        if not files:
+            raise RecordingError(
+                f"{path}: no left image matches a right one; equal numbers in their names were expected"
+            )
+        self.info, self.remarks = info, remarks
+        self._path, self._files, self._camera, self._baseline_m = path, files, camera, baseline_m
+        self._skips = SkipLog()
+
+    @property
+    def skipped(self) -> list[SkippedFrame]:
+        """Pairs skipped so far by the latest `frames()`."""
+        return self._skips.skipped
+
+    def frames(self) -> Iterator[Frame]:
+        """The readable pairs, one in memory at a time.
+
+        Raises:
+            RecordingError: No pair can be read.
+        """
+        skips = self._skips = SkipLog()
+        for stamp_s, left, right in self._files:
+            try:
+                skips.check_stamp(stamp_s)
+                grey = [_grey(file, self._camera) for file in (left, right)]
+            except FrameError as error:
+                skips.skip(left.name, str(error))
+                continue
+            skips.note(stamp_s)
+            view = StereoView(grey[0], grey[1], self._baseline_m, self._camera)
+            yield Frame(stamp_s, stereo=view)
+        if skips.returned == 0:
+            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+
+
+def _images(path: Path) -> tuple[list[Path], list[Path]]:
+    """Images of the left and of the right camera."""
+    for names in _FOLDERS:
+        left, right = (pictures(path / name / "data") or pictures(path / name) for name in names)
+        if left and right:
+            return left, right
+    return pictures(path, "*left*"), pictures(path, "*right*")
+
+
+def _ros(path: Path) -> tuple[Path, Path] | None:
+    """The two calibration files of ROS."""
+    for place in (path, path.resolve().parent):
+        for suffix in _SUFFIXES:
+            for left in sorted(place.glob(f"*left{suffix}")):
+                right = left.with_name(left.name.replace("left", "right"))
+                if right.is_file():
+                    return left, right
+    return None
+
+
+def _opencv(path: Path) -> Path | None:
+    """The calibration file of OpenCV."""
+    for place in (path, path.resolve().parent):
+        for suffix in (*_SUFFIXES, ".xml"):
+            found = [file for file in sorted(place.glob(f"*{suffix}")) if has_opencv_pair(file)]
+            if found:
+                return found[0]
+    return None
+
+
+def _calibration(path: Path, lefts: list[Path]) -> tuple[Camera, float, Path]:
+    """Camera, baseline in m, and the file that gives them."""
+    ros = _ros(path)
+    if ros is not None:
+        return *read_rectified_pair(*ros), ros[0]
+    source = _opencv(path)
+    if source is None:
+        raise RecordingError(
+            f"{path}: no left.yaml and right.yaml of ROS, and no file of OpenCV with P1 and P2"
+        )
+    for left in lefts:
+        try:
+            return *read_opencv_pair(source, *image_size(left)), source
+        except FrameError:
+            continue
+    raise RecordingError(f"{path}: no left image can be read")
+
+
+def _stamp(path: Path) -> float | None:
+    """The time in a file name, s; None if the name is not a time."""
+    if is_stamp(path):
+        return float(path.stem)
+    is_ns = path.stem.isascii() and path.stem.isdigit() and len(path.stem) >= _NS_DIGITS
+    return 1e-9 * int(path.stem) if is_ns else None
+
+
+def _grey(path: Path, camera: Camera) -> np.ndarray:
+    return np.asarray(cv2.cvtColor(read_colour(path, camera), cv2.COLOR_RGB2GRAY), np.uint8)
