@@ -27,7 +27,7 @@ def cards(metrics: dict[str, Any], summary: dict[str, Any], kind: str) -> list[C
         summary: Content of summary.json.
         kind: Kind of the run.
     """
-    listed = _trajectory(metrics) + _perception(metrics) + _walk(metrics)
+    listed = _trajectory(metrics) + _perception(metrics) + _obstacles(metrics) + _walk(metrics)
     if kind == MAP:
         listed += _plain(
             summary,
@@ -67,9 +67,11 @@ def verdict(metrics: dict[str, Any]) -> tuple[str, str]:
     judged = verdicts(metrics)
     if not judged:
         return "none", "no ground truth: no targets checked"
-    good = sum(met for _, _, met in judged)
-    text = f"{good} of {len(judged)} targets met"
-    return ("good" if good == len(judged) else "bad"), text
+    missed = [f"{one.target.words} ({one.miss})" for one in judged if not one.met]
+    text = f"{len(judged) - len(missed)} of {len(judged)} targets met"
+    if not missed:
+        return "good", text
+    return "bad", f"{text}; missed: {', '.join(missed)}"
 
 
 def skipped(summary: dict[str, Any]) -> dict[str, int]:
@@ -88,7 +90,7 @@ def _plain(values: dict[str, Any], *wanted: tuple[str, str, str, str]) -> list[C
 
 
 def _met(metrics: dict[str, Any], figure: str) -> bool | None:
-    return {target.figure: good for target, _, good in verdicts(metrics)}.get(figure)
+    return {one.target.figure: one.met for one in verdicts(metrics)}.get(figure)
 
 
 def _trajectory(metrics: dict[str, Any]) -> list[Card]:
@@ -134,6 +136,25 @@ def _perception(metrics: dict[str, Any]) -> list[Card]:
         for camera in ("tof", "depth", "stereo"):
             figure = f"floor_{camera}_seen_share"
             listed += _plain(metrics, (figure, f"Floor seen ({camera})", "{:.0%}", "of the frames"))
+    return listed
+
+
+def _obstacles(metrics: dict[str, Any]) -> list[Card]:
+    listed = []
+    if metrics.get("moving_obstacle_anees") is not None:
+        low, high = (metrics[f"moving_obstacle_anees_{side}"] for side in ("low", "high"))
+        shown = f"{metrics['moving_obstacle_anees']:.2f}"
+        met = _met(metrics, "moving_obstacle_consistent")
+        note = f"consistent: {low:.2f} to {high:.2f}"
+        listed.append(Card("Mean NEES of moving obstacles", shown, note, met))
+    for figure, name, shown, note in (
+        ("moving_obstacle_tracked_share", "Moving obstacles tracked", "{:.0%}", "of the instants; at least 80 %"),
+        ("ospa_m", "Moving obstacles, OSPA", "{:.2f} m", "at most 0.25 m of 0.5 m"),
+        ("poses_in_footprints", "Own poses in footprints", "{:.0f}", "of obstacles; none"),
+        ("footprint_iou_median", "Footprints, IoU", "{:.2f}", "median, seen from two sides"),
+    ):  # fmt: skip
+        if metrics.get(figure) is not None:
+            listed.append(Card(name, shown.format(metrics[figure]), note, _met(metrics, figure)))
     return listed
 
 

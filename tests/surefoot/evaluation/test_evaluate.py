@@ -46,6 +46,7 @@ from surefoot.evaluation.metrics.trajectory import (
     trajectory_metrics,
 )
 from surefoot.evaluation.targets import TARGETS, closing_table, verdicts
+from surefoot.report.cards import verdict
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from surefoot.results.tables import Trajectory, read_tum
 
@@ -463,7 +464,7 @@ def test_falls_are_reported_only_for_a_dynamic_body(tmp_path, summary, falls):
     found = evaluate(run)
     assert found.get("falls") == falls
     shown = [line for line in closing_table(found).splitlines() if line.startswith("falls")]
-    assert [line.endswith("MISSED") for line in shown] == ([] if falls is None else [falls > 0.0])
+    assert ["MISSED" in line for line in shown] == ([] if falls is None else [falls > 0.0])
 
 
 def test_figures_without_truth_are_absent(tmp_path):
@@ -671,12 +672,41 @@ def test_times_are_reported_per_stage_and_in_total_without_the_first_frame(tmp_p
     assert found["total"]["p50"] == pytest.approx(52.0)
 
 
+@pytest.mark.parametrize(
+    ("anees", "words"),
+    [
+        (16.0, "MISSED, too sure: errors 2.00 times the claimed ones"),
+        (1.0, "MISSED, too careful: errors 0.50 times the claimed ones"),
+    ],
+)
+def test_a_missed_consistency_names_its_direction_and_factor(anees, words):
+    figures = {"anees": anees, "anees_low": 3.3, "anees_high": 4.7, "consistent": False}
+    metrics = {f"moving_obstacle_{name}": value for name, value in figures.items()}
+    assert words in closing_table(metrics)
+    assert words.removeprefix("MISSED, ") in verdict(metrics)[1]
+
+
+def test_verdicts_count_moving_obstacles_and_footprints():
+    metrics = {
+        "position_rmse_m": 0.02,
+        "moving_obstacle_tracked_share": 0.4,
+        "ospa_m": 0.3,
+        "poses_in_footprints": 3.0,
+    }
+    kind, text = verdict(metrics)
+    assert kind == "bad"
+    assert text.startswith("1 of 4 targets met; missed: ")
+    assert "share of instants tracked (0.4 too little)" in text
+    assert "OSPA (cut-off 0.5 m) (0.05 m too much)" in text
+    assert "inside footprints of obstacles (3 too much)" in text
+
+
 def test_the_closing_table_lists_met_and_missed_targets(tmp_path):
     table = closing_table({"position_rmse_m": 0.02, "contacts": 2.0, "min_clearance_m": -0.01})
     lines = table.splitlines()
     assert lines[0].endswith("ok")
     assert lines[1].startswith("contacts")
-    assert lines[1].endswith("MISSED")
+    assert lines[1].endswith("MISSED, 2 too much")
     assert "smallest clearance" in lines[2]
     assert "nothing to compare" in closing_table({})
     assert "no ground truth" in closing_table({"path_m": 1.0})
@@ -684,7 +714,7 @@ def test_the_closing_table_lists_met_and_missed_targets(tmp_path):
 
 def test_a_target_at_its_bound_is_met():
     metrics = {target.figure: target.bound for target in TARGETS}
-    assert all(met for _, _, met in verdicts(metrics))
+    assert all(one.met and not one.miss for one in verdicts(metrics))
     assert len(verdicts(metrics)) == len(TARGETS)
 
 
