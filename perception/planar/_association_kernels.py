@@ -12,6 +12,8 @@ from ..primitives.compiled import njit
 from ._planar_kernels import (
     BEARING,
     DEPTH,
+    GAIN,
+    OFFSET,
     SIZE,
     YAW,
     Scratch,
@@ -72,7 +74,8 @@ def linear_density(
         dx, dy = -root[X, j], -root[Y, j]
         if entry >= 0:
             dx, dy = dx + root[entry, j], dy + root[entry + 1, j]
-        a = p.scale * (c * dx + s * dy + left * root[YAW, j]) + sigmas[0] * root[DEPTH, j]
+        a = (p.scale + mean[GAIN]) * (c * dx + s * dy + left * root[YAW, j]) + root[OFFSET, j]
+        a += (c * x + s * y) * root[GAIN, j] + sigmas[0] * root[DEPTH, j]
         b = (x * dy - y * dx) / square - root[YAW, j] + root[BEARING, j]
         aa, ab, bb = aa + a * a, ab + a * b, bb + b * b
     if entry < 0:

@@ -35,12 +35,16 @@ class Scratch(NamedTuple):
     noise: np.ndarray
     noise_seen: np.ndarray
     innovation: np.ndarray
+    measured: np.ndarray
     angles: np.ndarray
     angles_seen: np.ndarray
 
 
-SIZE = 10
-X, Y, YAW, ODOMETRY_SCALE, TURN_SCALE, DRIFT, DEPTH, BEARING, LENS_EVEN, LENS_ODD = range(SIZE)
+SIZE = 12
+X, Y, YAW, ODOMETRY_SCALE, TURN_SCALE, DRIFT, GAIN, OFFSET = range(8)
+DEPTH, BEARING, LENS_EVEN, LENS_ODD = range(8, SIZE)
+NO_BEARING = 1.0 / math.sqrt(2.0 * math.pi)
+"""Deviation of the bearing, always 0, of a range alone: its factor of the density is 1."""
 
 
 @njit(cache=True)
@@ -56,6 +60,7 @@ def scratch_space(size: int) -> Scratch:
         np.empty((size + 2, size + 2)),
         np.empty((size, size)),
         np.zeros((2, 2)),
+        np.zeros(2),
         np.zeros(2),
         angles,
         np.array([False, True]),
@@ -106,6 +111,7 @@ def move(
     noise[ODOMETRY_SCALE, ODOMETRY_SCALE] = p.odometry_scale_walk * second
     noise[TURN_SCALE, TURN_SCALE] = p.turn_scale_walk * second
     noise[DRIFT, DRIFT] = p.drift_walk * second
+    noise[GAIN, GAIN] = p.gain_walk * second
     noise[DEPTH, DEPTH] = p.depth_shared * math.sqrt(1.0 - keep_depth**2)
     noise[BEARING, BEARING] = p.bearing_shared * math.sqrt(1.0 - keep_bearing**2)
     noise[LENS_EVEN, LENS_EVEN] = noise[LENS_ODD, LENS_ODD] = p.lens_walk * second
@@ -133,18 +139,26 @@ def deviations(depth: float, rate: float, p: Parameters) -> tuple[float, float]:
 
 @njit(cache=True)
 def expected(
-    state: np.ndarray, place: np.ndarray, slot: int, sigma_depth: float, p: Parameters
+    state: np.ndarray,
+    place: np.ndarray,
+    slot: int,
+    sigma_depth: float,
+    p: Parameters,
+    bearing_seen: bool = True,
 ) -> tuple[float, float]:
-    """Expected depth and bearing of a landmark; slot: entry of its displacement, or -1."""
+    """Expected depth and bearing of a landmark, or range and 0; slot: entry of its displacement, or -1."""
     x, y = place[0] - state[X], place[1] - state[Y]
     if slot >= 0:
         x, y = x + state[slot], y + state[slot + 1]
+    common = p.offset + state[OFFSET] + sigma_depth * state[DEPTH]
+    if not bearing_seen:
+        return common + (p.scale + state[GAIN]) * math.hypot(x, y), 0.0
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, left = c * x + s * y, c * y - s * x
     bearing = math.atan2(left, ahead)
     side = 2.0 * bearing  # 1 at half a radian
     lens = side * side * (state[LENS_EVEN] + side * state[LENS_ODD])
-    depth = p.offset + p.scale * ahead + sigma_depth * state[DEPTH]
+    depth = common + (p.scale + state[GAIN]) * ahead
     return depth, wrapped(bearing + state[BEARING] + lens)
 
 
@@ -164,11 +178,15 @@ def correct(
     """Update with one sighting of a known landmark; (status, log density) as `corrected`."""
     points, seen, noise = scratch.points, scratch.seen, scratch.noise_seen
     noise[0, 0], noise[1, 1] = deviations(measured[0], rate, p)
+    bearing_seen = not math.isnan(measured[1])
+    scratch.measured[0], scratch.measured[1] = measured[0], measured[1]
+    if not bearing_seen:
+        scratch.measured[1], noise[1, 1] = 0.0, NO_BEARING
     draw(mean, root, weights.reach, points)
     for k in range(points.shape[0]):
-        seen[k, 0], seen[k, 1] = expected(points[k], place, slot, noise[0, 0], p)
+        seen[k, 0], seen[k, 1] = expected(points[k], place, slot, noise[0, 0], p, bearing_seen)
     return corrected(
-        points, seen, weights.mean, weights.covariance, measured, noise,
+        points, seen, weights.mean, weights.covariance, scratch.measured, noise,
         scratch.angles, scratch.angles_seen, gate, mean, root,
         scratch.innovation, scratch.wide, scratch.away, scratch.work,
     )  # fmt: skip
@@ -271,7 +289,7 @@ def update(
 
     `trust` holds the number of rejections in a row and of recoveries so far, and is changed.
     """
-    if not (math.isfinite(measured[0]) and math.isfinite(measured[1])):
+    if not math.isfinite(measured[0]) or math.isinf(measured[1]):
         return -1, -math.inf
     entry = occupy(mean, root, slot_of(mark, held, used), mark, time_s, held, used, p, scratch.wide)
     status, density = correct(mean, root, place, entry, measured, rate, p.gate, p, weights, scratch)
@@ -315,7 +333,7 @@ def filter_journey(
         mean, root: Of the start; changed to those of the end.
         steps: (n, 3) dt, path and turn before each instant.
         first_row: (n + 1,) the sightings of instant i are first_row[i] to first_row[i + 1].
-        marks, seen: (r,) index of the landmark; (r, 2) depth and bearing.
+        marks, seen: (r,) index of the landmark; (r, 2) depth and bearing, or range and NaN.
         places: (l, 2).
 
     Returns:

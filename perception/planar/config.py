@@ -23,6 +23,7 @@ class PlanarConfig:
     odometry_scale_walk: float = 1e-4  # ours: per root of a second; wheels are nearly constant
     turn_scale_walk: float = 1e-4  # ours: likewise
     drift_walk: float = 1e-5  # ours: rad/s per root of a second
+    gain_walk: float = 1e-5  # ours: per root of a second; scale of the depths
     lens_walk: float = 1e-5  # ours: rad per root of a second; a lens is nearly constant
     offset: float = 0.04  # ours: m, measured depth of a tag at the body's centre
     scale: float = 1.01  # ours: measured depth per true depth

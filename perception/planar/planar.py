@@ -7,7 +7,8 @@ be overconfident. So they are states: the errors of odometry, depth, bearing and
 each of the landmarks seen last.
 
 A sighting is (depth, bearing): the distance along the optical axis, not along the ray, because the size of a
-tag depends on it. Its noise grows with the square of the depth.
+tag depends on it. Its noise grows with the square of the depth. A radio beacon gives a range without a bearing:
+(range, NaN).
 
 Tuning needs no ground truth: `filter_journey` returns the likelihood of all innovations, and `planar_fit.fit`
 maximises it.
@@ -41,6 +42,8 @@ class PlanarPrior:
     odometry_scale_sigma: float = 0.05  # ours: true distance per odometry distance, around 1
     turn_scale_sigma: float = 0.05  # ours: true turn per odometry turn, around 1
     drift_sigma: float = 0.005  # ours: rad/s
+    gain_sigma: float = 0.0  # of the scale of depths, around that of the configuration
+    offset_sigma: float = 0.0  # m, likewise of their offset
     lens_sigma: float = 0.02  # ours: rad at half a radian from the axis, about 1 deg
     slots: int = 4  # ours: landmarks in view at a time; the cost is cubic and more hardly help
 
@@ -50,23 +53,27 @@ class PlanarPrior:
                 raise ConfigError(f"planar: {name}={value} must not be negative")
 
     def state(self, pose: Gaussian, config: PlanarConfig) -> Gaussian:
-        """The initial state, from a pose (x, y, yaw)."""
-        if pose.mean.shape != (3,) or not np.all(np.isfinite(pose.mean)):
+        """The initial state, from a pose (x, y, yaw), or from the first entries of a state, up to `OFFSET`."""
+        known = len(pose.mean)
+        if known not in (3, kernels.OFFSET + 1) or not np.all(np.isfinite(pose.mean)):
             raise ConfigError(f"planar: start {pose.mean} must be a finite (x, y, yaw)")
         size = kernels.SIZE + 2 * self.slots
         mean, sigma = np.zeros(size), np.full(size, config.place)
-        mean[:3], mean[kernels.ODOMETRY_SCALE], mean[kernels.TURN_SCALE] = pose.mean, 1.0, 1.0
+        mean[kernels.ODOMETRY_SCALE], mean[kernels.TURN_SCALE] = 1.0, 1.0
+        mean[:known] = pose.mean
         sigma[3 : kernels.SIZE] = (
             self.odometry_scale_sigma,
             self.turn_scale_sigma,
             self.drift_sigma,
+            self.gain_sigma,
+            self.offset_sigma,
             config.depth_shared,
             config.bearing_shared,
             self.lens_sigma,
             self.lens_sigma,
         )
         covariance = np.diag(sigma**2)
-        covariance[:3, :3] = pose.covariance
+        covariance[:known, :known] = pose.covariance
         return Gaussian(mean, positive(covariance))
 
 
@@ -79,7 +86,7 @@ class Journey:
         steps: (n, 3) time, s, path length, m, and turn, rad, since the previous instant.
         first_row: (n + 1,) the sightings of instant i are rows first_row[i] to first_row[i + 1].
         marks: (r,) index of the landmark into `places`.
-        seen: (r, 2) depth along the optical axis, m, and bearing, rad, left positive.
+        seen: (r, 2) depth along the optical axis, m, and bearing, rad, left positive; or range, m, and NaN.
         places: (l, 2) positions of the landmarks, m, world frame.
     """
 
@@ -184,6 +191,16 @@ class PlanarFilter:
         """Over (x, y, yaw), m and rad, world frame; yaw in [-pi, pi)."""
         return Gaussian(self._mean[:3].copy(), self._root[:3, :3] @ self._root[:3, :3].T)
 
+    @property
+    def state(self) -> Float[np.ndarray, "s"]:
+        """Mean of the whole state, entries as in the kernels; a copy."""
+        return self._mean.copy()
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared of the last finite sighting, used or not."""
+        return float(self._scratch.innovation @ self._scratch.innovation)
+
     def predict(self, dt: float, path: float, turn: float) -> bool:
         """Advance; False without any change if an argument is not finite or time runs backwards.
 
@@ -209,7 +226,7 @@ class PlanarFilter:
 
         Args:
             mark: Number of the landmark; unknown ones are rejected.
-            measured: Depth, m, and bearing, rad, left positive.
+            measured: Depth, m, and bearing, rad, left positive; or range, m, and NaN.
         """
         place = self._places.get(mark)
         if place is None:

@@ -118,3 +118,42 @@ def fit(
     start = np.append(np.zeros(len(FITTED)), delay_s)
     best = compass_search(cost, start, [*FITTED.values(), 0.03], sweeps)
     return config(best), float(best[-1])
+
+
+SIZES = (
+    ("along", "across"),
+    ("turn_per_path", "turn_per_turn", "turn_per_time"),
+    ("depth_near", "depth_far"),
+    ("bearing_sigma", "bearing_turning", "bearing_shared"),
+    ("place",),
+)
+"""Fields with one common factor each: noise of path and turn, of distances and bearings, and of the map."""
+
+FLOOR = PlanarConfig()
+"""A path is never trusted more than this: wheels slip for a while, and a good first part promises nothing."""
+
+
+def fit_sizes(
+    journey_at: Callable[[float], Journey],
+    guess: PlanarConfig,
+    delay_s: float,
+    prior: PlanarPrior,
+    sweeps: int = 5,
+) -> tuple[PlanarConfig, float]:
+    """As `fit`, for a short log: one factor for each group of `SIZES`, and the delay."""
+
+    def config(point: np.ndarray) -> PlanarConfig:
+        factors = np.exp(np.clip(point[:-1], -9.0, 9.0)).tolist()
+        pairs = zip(SIZES, factors, strict=True)
+        sizes = {name: getattr(guess, name) * factor for names, factor in pairs for name in names}
+        wide = {name: max(sizes[name], getattr(FLOOR, name)) for name in SIZES[0]}
+        return dataclasses.replace(guess, **sizes | wide)
+
+    def cost(point: np.ndarray) -> float:
+        journey = journey_at(float(point[-1]))
+        likelihood = filter_journey(journey, config(point), prior).log_likelihood
+        return -likelihood + float(point[:-1] @ point[:-1]) / (2.0 * 3.0**2)
+
+    steps = [0.7] * len(SIZES) + [0.1]
+    best = compass_search(cost, np.append(np.zeros(len(SIZES)), delay_s), steps, sweeps)
+    return config(best), float(best[-1])

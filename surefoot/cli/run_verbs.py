@@ -144,8 +144,9 @@ def process(
     \b
     It reads recordings of `simulate --record`, ROS 1 and ROS 2 bags, TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC,
     Redwood / Open3D and Replica folders, RealSense folders, organised PCD files, and any folder of depth images
-    with a recording.toml. Many recordings are processed in parallel; the same command continues an unfinished
-    batch.
+    with a recording.toml. It also reads logs of wheeled robots, and localises them: MRCLAM folders (or one robot's
+    Robot<n>_Odometry.dat) and Plaza .mat files. Many recordings are processed in parallel; the same command
+    continues an unfinished batch.
     Examples:
       surefoot process data/walk
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
@@ -205,10 +206,13 @@ def smooth(run: Path, lag_s: float | None) -> None:
 
 
 def _holds_more(place: Path) -> bool:
-    """Whether a subfolder is a recording."""
+    """Whether a subfolder is a recording, or the folder holds the logs of several robots."""
     from ..recordings.open import holds_recording
+    from ..recordings.robot_log import robot_files
 
-    return any(holds_recording(child) for child in place.rglob("*") if child.is_dir())
+    return len(robot_files(place)) > 1 or any(
+        holds_recording(child) for child in place.rglob("*") if child.is_dir()
+    )
 
 
 def _process_all(

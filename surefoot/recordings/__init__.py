@@ -8,7 +8,7 @@ bags, with `ros_messages` and `ros_transforms`. Our own recordings are MCAP file
 `mcap_messages` maps it to Foxglove schemas, `mcap_format` writes and reads the file, even a truncated one.
 
 `mrclam` (robots among landmarks) and `plaza` (a mower among radio beacons) read logs without depth, for
-localisation only.
+localisation only; `robot_log` gives both the same form.
 
 Two rules hold for all readers. Depth scale and values without depth come from the format or the recording, never
 from a silent default. An error of the whole recording raises a `RecordingError`; an error of one frame skips

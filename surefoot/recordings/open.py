@@ -18,6 +18,7 @@ from .plain import needs_description, open_plain
 from .recording import DESCRIPTION_FILE, Recording
 from .redwood import is_redwood, open_redwood
 from .replica import is_replica, open_replica
+from .robot_log import robot_files
 from .rosbag import RosbagRecording, is_rosbag
 from .seven_scenes import is_seven_scenes, open_seven_scenes
 from .stereo_pairs import is_stereo, open_stereo
@@ -27,8 +28,9 @@ MCAP_NAME = "recording.mcap"
 KINDS = (
     "a run folder or .mcap file of `surefoot simulate --record`, a ROS 1 .bag, a ROS 2 bag (folder, .mcap or "
     ".db3), a TUM RGB-D, ICL-NUIM, 7-Scenes, EuRoC, Redwood/Open3D or Replica folder, a folder of rectified stereo "
-    "pairs with the yaml files of ROS or OpenCV, an organised .pcd file, "
-    "or a folder of depth images with a recording.toml"
+    "pairs with the yaml files of ROS or OpenCV, an organised .pcd file, a folder of depth images with a "
+    "recording.toml, or (process only) the log of a wheeled robot: an MRCLAM folder or Robot<n>_Odometry.dat of one, "
+    "or a Plaza .mat file"
 )
 
 
@@ -138,7 +140,7 @@ def _nothing_known(path: Path) -> RecordingError:
 def holds_recording(path: Path) -> bool:
     """Whether the names in a file or folder look like a recording; no content is read."""
     if path.is_file():
-        return path.suffix in (".mcap", ".pcd", ".bag", ".db3")
+        return path.suffix in (".mcap", ".pcd", ".bag", ".db3") or bool(robot_files(path))
     known = (
         is_rosbag,
         is_euroc,

@@ -24,7 +24,7 @@ class RangeLog:
         beacons: (m,) index into `places`.
         ranges_m: (m,) measured ranges from the antenna to the beacon; they have a positive bias.
         places: (b, 2) positions of the beacons, m, world frame.
-        truth: (k, 4) stamp, s, x, y, m, heading, rad.
+        truth: (k, 4) stamp, s, x, y, m, heading, rad; empty without a table GT.
     """
 
     odometry: Float[np.ndarray, "n 3"]
@@ -46,13 +46,12 @@ def read_plaza(path: Path) -> RangeLog:
 
     try:
         tables = loadmat(path)
-        odometry, ranges, beacons, truth = (
-            np.asarray(tables[name], float) for name in ("DR", "TD", "TL", "GT")
-        )
+        odometry, ranges, beacons = (np.asarray(tables[name], float) for name in ("DR", "TD", "TL"))
+        truth = np.asarray(tables.get("GT", np.empty((0, 4))), float)
     except (OSError, ValueError, KeyError, IndexError, MatReadError) as error:
         # IndexError comes from scipy before 1.16, for a file that is no MATLAB file
         raise RecordingError(
-            f"{path}: {error}; expected a MATLAB file with tables DR, TD, TL and GT"
+            f"{path}: {error}; expected a MATLAB file with tables DR, TD and TL"
         ) from error
     order = np.argsort(ranges[:, 0], kind="stable")
     ranges = ranges[order]

@@ -34,6 +34,7 @@ FILES = {
     "recording.mcap": "sensor data; Foxglove and Rerun open it",
     "trajectory.txt": "estimated poses, TUM text (evo reads it)",
     "trajectory_covariance.csv": "x, y, yaw with covariance",
+    "states.csv": "tracked or lost at every instant of a robot's log, with standard deviations",
     "space_covariance.csv": "6x6 covariances of the camera poses: from the start, and after alignment",
     "aligned_errors.csv": "errors after alignment with a given truth, with standard deviations",
     "mesh.ply": "surface mesh (MeshLab, CloudCompare, Open3D)",

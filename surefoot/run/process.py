@@ -9,6 +9,7 @@ from perception.localisation.camera_pose import CameraPoseSource
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
+from ..recordings.robot_log import robot_files
 from ..recordings.without_poses import WithoutPoses, open_input
 from ..results.camera_trajectory import CameraTrajectory, write_poses
 from ..results.run_folder import RunFolder
@@ -18,6 +19,7 @@ from .checkpoint import State
 from .interrupt import stop_requested
 from .loop import cycles
 from .pipeline import Pipeline
+from .process_log import process_log
 from .run_recorder import RunRecorder
 from .summary import Say, Summary, _count, _reasons
 
@@ -31,6 +33,8 @@ def process(
     resume: bool = False,
 ) -> Summary:
     """Process a recording.
+
+    The log of a wheeled robot goes to `process_log`.
 
     After Ctrl-C the run folder holds the results up to the last frame, and `resume` continues from there.
 
@@ -46,6 +50,8 @@ def process(
         InputError, RecordingError: The recording as a whole cannot be read, or its checkpoint cannot.
         OutputError: The folder cannot be written.
     """
+    if not config.reader and description is None and robot_files(path):
+        return process_log(path, config, out, say)
     recording = open_input(path, description, config.ignore_poses, config.reader)
     state = checkpoint.load(out, config) if resume and out is not None else None
     if state is None or out is None:

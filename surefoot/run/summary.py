@@ -28,6 +28,7 @@ class Summary:
         body: Body that walked, "kinematic" or "dynamic" (only this one can fall); None for a recording.
         notes: Anything else the user should know.
         interrupted: Whether Ctrl-C ended the run before its last frame.
+        lost: Whether the log of a robot never left a single pose.
     """
 
     folder: Path
@@ -39,12 +40,13 @@ class Summary:
     fell_at_s: float | None = None
     body: str | None = None
     interrupted: bool = False
+    lost: bool = False
 
     @property
     def succeeded(self) -> bool:
-        """Whether the run reached its end and every goal, if there were any, without a fall."""
+        """Whether the run reached its end and every goal, if there were any, without a fall, and had any pose."""
         arrived = self.reached is None or self.reached[0] == self.reached[1]
-        return arrived and self.fell_at_s is None and not self.interrupted
+        return arrived and self.fell_at_s is None and not self.interrupted and not self.lost
 
     def as_dict(self) -> dict[str, Any]:
         """For machines."""

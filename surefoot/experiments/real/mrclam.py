@@ -13,6 +13,9 @@ truth. It changes the error by a few per cent and the consistency by a factor of
 Consistency (ANEES) is evaluated on the position: the motion-capture heading of robot 1 jumps by more than two degrees
 while its wheels stand still, which no covariance should explain; `pose_anees` includes the heading.
 
+The same logs are then localised without start and without fitted parameters, as `surefoot process` does, and broken on
+purpose (`perturbed_logs`).
+
 Source: ours; data sets MRCLAM, Plaza and EuRoC.
 """
 
@@ -27,14 +30,17 @@ import numpy as np
 
 from perception.planar.association import filter_unknown
 from perception.planar.config import PlanarConfig
+from perception.planar.log_localiser import localise
 from perception.planar.planar import FilteredJourney, filter_journey
 from perception.planar.planar_fit import fit
 from perception.primitives.gaussian import Gaussian
 
 from ...recordings import mrclam
 from ...recordings.plaza import read_plaza
+from ...recordings.robot_log import open_robot_log, robot_files
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target
+from .perturbed_logs import HEADER, perturbed, simulated, worst
 from .planar_smoother import smooth_journey
 from .range_only import follow_ranges
 from .robot_run import RobotRun, RunErrors, rms, run_errors
@@ -134,7 +140,23 @@ def run(seeds: int, say: Say) -> Outcome:
         f"accelerometer bias {np.round(up.force_bias, 3)} m/s^2",
         *(f"fitted on robot {robot}: {parameters}" for robot, parameters in fitted.items()),
     ]
+    for found, lines in (untuned(folder, fitted[ROBOTS[0]].config, say), simulated(say)):
+        figures.update(found)
+        table += lines
     return Outcome(figures, table)
+
+
+def untuned(folder: Path, of_robots: PlanarConfig, say: Say) -> tuple[dict[str, float], list[str]]:
+    """Robots and mower localised as logs that nobody tuned, and with each perturbation; figures and table lines."""
+    mower = open_robot_log(real_data.folder("plaza1_range"))
+    of_mower = localise(mower.log).config or PlanarConfig()
+    reads = [*(open_robot_log(robot) for robot in robot_files(folder)), mower]
+    table, logs = [HEADER], {}
+    for read in reads:
+        other = of_robots if read is mower else of_mower
+        logs[read.name], lines = perturbed(read, other, say)
+        table += lines
+    return worst(logs), table
 
 
 def smoothed(
@@ -208,6 +230,13 @@ EXPERIMENT = Experiment(
         "robot_track_rmse_m": Target("<=", 0.16),
         "plaza1_rmse_m": Target("<=", 0.35),
         "euroc_tilt_deg": Target("<=", 1.0),
+        "perturbed_ratio_max": Target("<=", 2.0),
+        "beyond_5sigma_longest_s": Target("<=", 10.0),
+        "perturbed_lost_share_max": Target("<=", 0.1),
+        "simulated_ranges_beyond_5sigma_s": Target("<=", 10.0),
+        "simulated_tags_beyond_5sigma_s": Target("<=", 10.0),
+        "simulated_ranges_recovered_share": Target(">=", 1.0),
+        "simulated_tags_recovered_share": Target(">=", 1.0),
     },
     seeds=1,
 )

@@ -1,0 +1,231 @@
+"""Localisation of a log that nobody tuned: start, biases and noise come from the log, and a lost robot is lost.
+
+No start is believed: the robot is lost until `fix` finds its pose from the sightings. Then a planar filter
+follows it, with the scales and the drift of the odometry, and scale and offset of the distances, as states; the
+sizes of the noise maximise the likelihood of the part of the log after the fix. If more than half of the last
+sightings are rejected, the filter is locked out: the robot is lost again and waits for the next fix.
+
+The claim is at least as wide as the innovations: the covariance is multiplied by their median NIS, where that is
+above its expectation.
+
+Source: ours.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..filtering.consistency import chi_square_quantile
+from ..primitives.gaussian import Gaussian
+from .config import PlanarConfig
+from .fix import Fix, find_fix
+from .planar import Journey, PlanarFilter, PlanarPrior
+from .planar_fit import fit_sizes
+from .planar_log import PlanarLog
+
+WINDOW = 20  # ours: last sightings that tell whether the filter is locked out
+LOCKED_OUT = 0.4  # ours: share of them that is rejected; 20 % of outliers exceed it once in a hundred windows
+TOO_SURE = 4.0  # ours: median NIS of them over its expectation: errors twice the claim
+LONGEST_S = 120.0  # ours: stretch of odometry that a fix bridges
+FIRST_PART = 600  # ours: sightings after a fix that tell the noise
+FIT_INTERVAL_S = 0.5  # ours: longest step of the odometry there; a longer one would cut corners
+MARGIN = 2.0  # ours: on the fitted noise of sightings; errors common to a direction show in no innovation
+OUTLIER = 0.05  # ours: share of outliers that is expected
+GATE = chi_square_quantile(0.9997, 2)  # ours: four standard deviations
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class LocalisedLog:
+    """The pose at every instant of a log.
+
+    Args:
+        stamps_s: (n,) the instants.
+        means: (n, 3) x, y, yaw; of a lost robot the middle of the map.
+        covariances: Of these; of a lost robot as wide as the map, heading open.
+        lost: Whether the pose is unknown.
+        rejected: (n,) share of the last sightings that the filter rejected; 0 while lost.
+        fixes: Number of times that the pose was found.
+        config: Noise after the last fix; None without one.
+        delay_s: Of the motion after its odometry.
+        final: Last state of the filter, entries as in the kernels; None without a fix.
+    """
+
+    stamps_s: Float[np.ndarray, "n"]
+    means: Float[np.ndarray, "n 3"]
+    covariances: Float[np.ndarray, "n 3 3"]
+    lost: Bool[np.ndarray, "n"]
+    rejected: Float[np.ndarray, "n"]
+    fixes: int
+    config: PlanarConfig | None
+    delay_s: float
+    final: Float[np.ndarray, "s"] | None
+
+
+def localise(
+    log: PlanarLog, guess: PlanarConfig | None = None, say: Say | None = None
+) -> LocalisedLog:
+    """The pose of a robot at every instant of its log.
+
+    Args:
+        log: Odometry and sightings.
+        guess: Noise, which the log corrects; the defaults if None.
+        say: Takes lines of progress.
+    """
+    return _Localiser(log, guess or PlanarConfig(), say or (lambda _: None)).run()
+
+
+def log_prior(log: PlanarLog) -> PlanarPrior:
+    """Systematic errors of a robot that nobody calibrated.
+
+    Odometry: scales within tenths, a drift of a degree per second. Radio ranges: scale and offset within tenths
+    of the distance. A camera is calibrated, and sits near the middle of the body.
+    """
+    ranged = bool(np.all(np.isnan(log.seen[:, 1])))
+    return PlanarPrior(
+        odometry_scale_sigma=0.1,
+        turn_scale_sigma=0.1,
+        drift_sigma=math.radians(1.0),
+        gain_sigma=0.1 if ranged else 0.02,
+        offset_sigma=0.1 * float(np.median(log.seen[:, 0])) if ranged else 0.05,
+    )
+
+
+class _Localiser:
+    """Walks through the log, lost or with a filter."""
+
+    def __init__(self, log: PlanarLog, guess: PlanarConfig, say: Say) -> None:
+        self.log, self.guess, self.say = log, guess, say
+        self.prior = log_prior(log)
+        self.delay_s, self.fixes = 0.0, 0
+        self.config: PlanarConfig | None = None
+        self.journey = log.journey()
+        self.stamps = log.instants()
+        self.filter: PlanarFilter | None = None
+        self.places = {mark: (float(x), float(y)) for mark, (x, y) in enumerate(log.places)}
+        self.nowhere = _nowhere(log)
+        self._forget()
+        self.since = 0
+        self.next_try_s = 0.0
+
+    def run(self) -> LocalisedLog:
+        """The whole log."""
+        n = len(self.stamps)
+        means, covariances = np.empty((n, 3)), np.empty((n, 3, 3))
+        lost, rejected = np.zeros(n, bool), np.zeros(n)
+        for i in range(n):
+            if self.filter is None:
+                self._seek(i)
+            else:
+                self._follow(i)
+            pose = self.nowhere if self.filter is None else self.filter.pose
+            lost[i] = self.filter is None
+            means[i], covariances[i] = pose.mean, pose.covariance * max(1.0, self.inflation)
+            rejected[i] = self.rejected
+        final = None if self.filter is None else self.filter.state
+        return LocalisedLog(
+            self.stamps, means, covariances, lost, rejected, self.fixes, self.config, self.delay_s, final
+        )  # fmt: skip
+
+    def _follow(self, i: int) -> None:
+        """One instant of the filter."""
+        assert self.filter is not None
+        self.filter.predict(*self.journey.steps[i].tolist())
+        for row in range(self.journey.first_row[i], self.journey.first_row[i + 1]):
+            seen = self.journey.seen[row]
+            used = self.filter.update(int(self.journey.marks[row]), seen)
+            nis = self.filter.nis / chi_square_quantile(0.5, 1 if math.isnan(seen[1]) else 2)
+            self.marks.append((i, used, nis))
+        if self.journey.first_row[i] < self.journey.first_row[i + 1]:
+            self.rejected = float(np.mean([not used for _, used, _ in self.marks]))
+            enough = len(self.marks) >= WINDOW // 2
+            self.inflation = float(np.median([nis for _, _, nis in self.marks])) if enough else 1.0
+        locked_out = self.rejected > LOCKED_OUT or self.inflation > TOO_SURE
+        wide = (
+            float(np.max(np.diag(self.filter.pose.covariance)[:2]))
+            > self.nowhere.covariance[0, 0] / 4.0
+        )
+        if (len(self.marks) >= WINDOW // 2 and locked_out) or wide:
+            self.say(f"locked out at {self.stamps[i] - self.stamps[0]:.0f} s")
+            self.filter, self.since = None, self.marks[0][0] if self.marks else i
+            self.next_try_s = 0.0
+            self._forget()
+
+    def _seek(self, i: int) -> None:
+        """Look for the pose from the sightings since the robot is lost."""
+        now = float(self.stamps[i])
+        while now - self.stamps[self.since] > LONGEST_S:
+            self.since += 1
+        if now < self.next_try_s or self.journey.first_row[i] == self.journey.first_row[i + 1]:
+            return
+        self.next_try_s = now + max(1.0, 0.2 * (now - float(self.stamps[self.since])))
+        fix = find_fix(self.journey, self.since, i + 1, self.prior)
+        if fix is None:
+            return
+        self.fixes += 1
+        self.say(f"found at {now - self.stamps[0]:.0f} s")
+        self._fit(fix, i + 1)
+        self.filter = PlanarFilter(fix.state, self.places, self.config, self.prior)
+
+    def _fit(self, fix: Fix, first: int) -> None:
+        """Noise by the part of the log after a fix; the delay by the first."""
+        guess = self._guess(fix)
+        now = self.stamps[first - 1]
+        later = self.log.seen_s[np.searchsorted(self.log.seen_s, now) :][:FIRST_PART]
+        later = np.append(now, later[later <= self.stamps[-1]])
+        instants = np.unique(np.append(np.arange(now, later[-1], FIT_INTERVAL_S), later))
+
+        def part(delay_s: float) -> Journey:
+            delay_s = delay_s if self.fixes == 1 else self.delay_s
+            return dataclasses.replace(self.log.journey(delay_s, instants), start=fix.state)
+
+        config, delay_s = fit_sizes(part, guess, self.delay_s, self.prior)
+        if self.fixes == 1:
+            self.delay_s, self.journey = delay_s, self.log.journey(delay_s)
+        names = ("depth_near", "depth_far", "bearing_sigma", "place")
+        self.config = dataclasses.replace(
+            config, **{name: MARGIN * getattr(config, name) for name in names}
+        )
+
+    def _guess(self, fix: Fix) -> PlanarConfig:
+        """The guess with noise of sightings as large as the residuals of a fix, and no recovery of its own."""
+        distances = np.abs(self.log.seen[:, 0])
+        far, guess = float(np.median(distances)), self.guess
+        ranged = math.isnan(fix.sigma_rad)
+        depth = (
+            guess.depth_near if ranged else math.hypot(guess.depth_near, guess.depth_far * far**2)
+        )
+        bearing = math.hypot(guess.bearing_sigma, guess.bearing_shared)
+        by_depth, by_bearing = fix.sigma_m / depth, 1.0 if ranged else fix.sigma_rad / bearing
+        return dataclasses.replace(
+            guess,
+            depth_near=guess.depth_near * by_depth,
+            depth_far=1e-9 if ranged else guess.depth_far * by_depth,
+            bearing_sigma=guess.bearing_sigma * by_bearing,
+            bearing_shared=guess.bearing_shared * by_bearing,
+            outlier=OUTLIER,
+            outlier_density=1.0 / float(distances.max()),
+            gate=GATE,
+            recover_after=10**9,
+        )
+
+    def _forget(self) -> None:
+        """Begin to judge the filter anew."""
+        self.marks: deque[tuple[int, bool, float]] = deque(maxlen=WINDOW)
+        self.rejected, self.inflation = 0.0, 1.0
+
+
+def _nowhere(log: PlanarLog) -> Gaussian:
+    """The claim of a lost robot: anywhere on the map."""
+    far = float(np.median(np.abs(log.seen[:, 0])))
+    size = float(np.linalg.norm(np.ptp(log.places, axis=0))) + far
+    sigmas = np.array([size / 2.0, size / 2.0, math.pi / math.sqrt(3.0)])
+    return Gaussian(np.append(log.places.mean(axis=0), 0.0), np.diag(sigmas**2))

@@ -1,0 +1,81 @@
+"""The log of a wheeled robot: odometry, and sightings of known landmarks or ranges to known beacons.
+
+Source: ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..primitives.errors import InputError
+from ..primitives.gaussian import Gaussian
+from .planar import Journey
+
+INTERVAL_S = 0.1  # ours: longest time between two instants
+UNKNOWN = Gaussian(np.zeros(3), np.eye(3))
+"""Start of a journey whose start nobody uses."""
+
+
+@dataclass(frozen=True)
+class PlanarLog:
+    """A log without any pose.
+
+    Args:
+        stamps_s: (n,) of the odometry, increasing.
+        totals: (n, 2) path, m, and turn, rad, since the first stamp.
+        seen_s: (r,) stamps of the sightings, increasing.
+        marks: (r,) index of the landmark into `places`.
+        seen: (r, 2) depth, m, and bearing, rad; or range, m, and NaN.
+        places: (l, 2) positions of the landmarks, m, world frame.
+    """
+
+    stamps_s: Float[np.ndarray, "n"]
+    totals: Float[np.ndarray, "n 2"]
+    seen_s: Float[np.ndarray, "r"]
+    marks: Int[np.ndarray, "r"]
+    seen: Float[np.ndarray, "r 2"]
+    places: Float[np.ndarray, "l 2"]
+
+    def __post_init__(self) -> None:
+        if len(self.stamps_s) < 2 or len(self.seen_s) == 0:
+            raise InputError(
+                f"log: {len(self.stamps_s)} rows of odometry and {len(self.seen_s)} sightings of known "
+                "landmarks; at least two and one are needed"
+            )
+        if np.any(np.diff(self.stamps_s) < 0.0) or np.any(np.diff(self.seen_s) < 0.0):
+            raise InputError(
+                "log: stamps go back in time; sort odometry and sightings by their stamps"
+            )
+
+    def instants(self) -> Float[np.ndarray, "k"]:
+        """Stamps of the sightings during the odometry, and of a regular grid."""
+        start, end = float(self.stamps_s[0]), float(self.stamps_s[-1])
+        inside = self.seen_s[(self.seen_s >= start) & (self.seen_s <= end)]
+        return np.unique(np.append(inside, np.arange(start, end, INTERVAL_S)))
+
+    def journey(
+        self, delay_s: float = 0.0, instants: Float[np.ndarray, "k"] | None = None
+    ) -> Journey:
+        """Input of the filter.
+
+        Args:
+            delay_s: The body moves this many seconds after its odometry.
+            instants: Stamps, with those of all sightings between the first and the last; None: `instants`.
+        """
+        instants = self.instants() if instants is None else instants
+        at = np.append(instants[0], instants)
+        moved = [np.interp(at - delay_s, self.stamps_s, total) for total in self.totals.T]
+        steps = np.stack([np.diff(at), *(np.diff(total) for total in moved)], axis=-1)
+        inside = (self.seen_s >= instants[0]) & (self.seen_s <= instants[-1])
+        first = np.append(np.searchsorted(self.seen_s[inside], instants), int(np.sum(inside)))
+        return Journey(
+            UNKNOWN,
+            steps,
+            first.astype(np.int64),
+            self.marks[inside].astype(np.int64),
+            np.ascontiguousarray(self.seen[inside]),
+            self.places,
+        )

@@ -1,0 +1,128 @@
+"""Process the log of a wheeled robot: where it was at every instant, with covariance, or that it was lost."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from perception.planar._planar_kernels import DRIFT, ODOMETRY_SCALE, TURN_SCALE
+from perception.planar.log_localiser import LocalisedLog, localise
+from perception.primitives.gaussian import Gaussian
+
+from ..config import toml
+from ..config.schema import Config
+from ..recordings.robot_log import RobotLog, open_robot_log
+from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from .summary import Say, Summary
+
+STATES_HEADER = ("stamp_s", "state", "sigma_position_m", "sigma_yaw_rad", "rejected_share")
+
+
+def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summary:
+    """Localise a robot in its log and write a run folder.
+
+    Instants at which the robot is lost have no row in the trajectory, and "lost" in states.csv.
+
+    Args:
+        path: As for `open_robot_log`.
+        config: Is kept in the folder; noise and biases come from the log.
+        out: Run folder; None takes the next free one below runs/.
+        say: Progress.
+
+    Raises:
+        RecordingError: The log cannot be read.
+        OutputError: The folder cannot be written.
+    """
+    from ..report.page import write_report
+
+    read = open_robot_log(path)
+    folder = RunFolder.create(out, name=read.name, reads=path)
+    folder.write_text("config.toml", toml.dumps(config))
+    found = localise(read.log, say=say)
+    _write(folder, found)
+    truth = _truth(read, found.stamps_s)
+    if len(truth):
+        folder.write_trajectory(
+            "truth/trajectory.txt",
+            [(row[0], row[1], row[2], 0.0, row[3]) for row in truth.tolist()],
+        )
+    lost = int(np.sum(found.lost))
+    summary = Summary(
+        folder.root,
+        len(found.stamps_s) - lost,
+        float(found.stamps_s[-1] - found.stamps_s[0]),
+        skipped={"the robot was lost": lost} if lost else {},
+        notes=_notes(found),
+        lost=lost == len(found.stamps_s),
+    )
+    places = zip(read.identities, read.log.places.tolist(), strict=True)
+    entries = {
+        "kind": read.kind,
+        "name": read.name,
+        "recording": str(path),
+        "version": importlib.metadata.version("surefoot"),
+        "command": shlex.join(["surefoot", "process", str(path)]),
+        "trajectory": "body",
+        "landmarks": [[identity, x, y, 0.0, 0.0] for identity, (x, y) in places],
+    }
+    folder.write_json("summary.json", summary.as_dict() | entries)
+    write_report(folder)
+    return summary
+
+
+def _write(folder: RunFolder, found: LocalisedLog) -> None:
+    """Trajectory with covariance, and the state at every instant."""
+    poses = [
+        estimate_row(stamp, Gaussian(mean, covariance))
+        for stamp, mean, covariance, lost in zip(
+            found.stamps_s.tolist(), found.means, found.covariances, found.lost, strict=True
+        )
+        if not lost
+    ]
+    if poses:
+        folder.write_csv("trajectory_covariance.csv", COVARIANCE_HEADER, poses)
+        folder.write_planar_trajectory()
+    variances = np.diagonal(found.covariances, axis1=1, axis2=2)
+    states = zip(
+        found.stamps_s.tolist(),
+        ["lost" if lost else "tracked" for lost in found.lost],
+        np.sqrt(variances[:, :2].sum(axis=1)).tolist(),
+        np.sqrt(variances[:, 2]).tolist(),
+        found.rejected.tolist(),
+        strict=True,
+    )
+    folder.write_csv("states.csv", STATES_HEADER, list(states))
+
+
+def _notes(found: LocalisedLog) -> tuple[str, ...]:
+    """When the robot was lost, and what its odometry and sightings turned out to be."""
+    if found.fixes == 0:
+        return ("LOST throughout: the sightings never left a single pose",)
+    steps = np.append(np.diff(found.stamps_s), 0.0)
+    again = found.fixes - 1
+    notes = [
+        f"lost for {float(steps[found.lost].sum()):.0f} s"
+        + (f"; locked out and found again {again} times" if again else "")
+    ]
+    if found.lost[-1]:
+        notes.append("LOST at the end")
+    if found.final is not None and found.config is not None:
+        state, config = found.final, found.config
+        notes.append(
+            f"odometry: path x {state[ODOMETRY_SCALE]:.3f}, turn x {state[TURN_SCALE]:.3f}, drift "
+            f"{np.degrees(state[DRIFT]):.3f} deg/s, {found.delay_s:.2f} s before the motion; distances: noise "
+            f"{config.depth_near:.3f} m near by"
+        )
+    return tuple(notes)
+
+
+def _truth(read: RobotLog, stamps_s: np.ndarray) -> np.ndarray:
+    """True (stamp, x, y, heading) at the instants that it covers, linearly interpolated."""
+    if len(read.truth) == 0:
+        return read.truth
+    inside = stamps_s[(stamps_s >= read.truth[0, 0]) & (stamps_s <= read.truth[-1, 0])]
+    columns = [np.interp(inside, read.truth[:, 0], read.truth[:, c]) for c in (1, 2, 3)]
+    return np.stack([inside, *columns], axis=-1)

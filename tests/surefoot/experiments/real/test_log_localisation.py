@@ -1,0 +1,63 @@
+"""Logs that nobody tuned, simulated: followed within the claims, or lost and said so."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from perception.planar._planar_kernels import DRIFT
+from perception.planar.log_localiser import localise
+from surefoot.experiments.real.perturbed_logs import LogErrors
+from surefoot.experiments.real.simulated_logs import simulated_log, with_drift, with_outliers
+
+
+@pytest.fixture(scope="module")
+def ranged():
+    drawn = simulated_log(20, ranges=True, seconds=80.0)
+    return drawn, localise(drawn.log)
+
+
+@pytest.fixture(scope="module")
+def tagged():
+    drawn = simulated_log(21, ranges=False, seconds=80.0)
+    return drawn, localise(drawn.log)
+
+
+@pytest.mark.parametrize("kind", ["ranged", "tagged"])
+def test_a_log_that_nobody_tuned_is_followed_within_its_covariance(kind, request):
+    drawn, found = request.getfixturevalue(kind)
+    errors = LogErrors.of(found, drawn.truth)
+    assert errors.lost_share < 0.5
+    assert 0.05 < errors.anees < 2.0
+    assert errors.beyond_s < 1.0
+
+
+def test_a_kidnapped_robot_is_lost_and_found_again():
+    drawn = simulated_log(22, ranges=False, seconds=100.0, kidnapped=True)
+    found = localise(drawn.log)
+    errors = LogErrors.of(found, drawn.truth)
+    assert found.fixes >= 2
+    assert errors.beyond_s <= 10.0
+    assert errors.lost[(errors.stamps_s > 50.0)].any()
+    assert errors.squared[errors.stamps_s > 90.0].max() < 25.0
+
+
+def test_a_drifting_gyro_becomes_a_state(ranged):
+    drawn, found = ranged
+    rate = math.radians(0.5)
+    drifting = localise(with_drift(drawn.log, rate))
+    assert found.final[DRIFT] - drifting.final[DRIFT] == pytest.approx(rate, abs=0.25 * rate)
+
+
+def test_without_true_sightings_the_robot_is_lost_and_claims_nothing():
+    drawn = simulated_log(23, ranges=True, seconds=30.0)
+    log = with_outliers(drawn.log, 1.0, np.random.default_rng(0))
+    shuffled = dataclasses.replace(log, marks=np.random.default_rng(1).permutation(log.marks))
+    found = localise(shuffled)
+    assert found.lost.all()
+    assert found.config is None
+    errors = LogErrors.of(found, drawn.truth)
+    assert errors.squared.max() < 9.0
