@@ -80,7 +80,7 @@ def localise(
         guess: Noise, which the log corrects; the defaults if None.
         say: Takes lines of progress.
     """
-    return _Localiser(log, guess or PlanarConfig(), say or (lambda _: None)).run()
+    return _Localiser(log.without_jumps(), guess or PlanarConfig(), say or (lambda _: None)).run()
 
 
 def log_prior(log: PlanarLog) -> PlanarPrior:

@@ -5,16 +5,21 @@ Source: ours.
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.ndimage import median_filter
 
 from ..primitives.errors import InputError
 from ..primitives.gaussian import Gaussian
 from .planar import Journey
 
 INTERVAL_S = 0.1  # ours: longest time between two instants
+JUMP = 2.0  # ours: speed of a jump over the speeds of the log
+AROUND = 7  # ours: steps whose median replaces a jump
+LEAST_S = 1e-3  # ours: a shorter step has no speed
 UNKNOWN = Gaussian(np.zeros(3), np.eye(3))
 """Start of a journey whose start nobody uses."""
 
@@ -49,6 +54,22 @@ class PlanarLog:
             raise InputError(
                 "log: stamps go back in time; sort odometry and sightings by their stamps"
             )
+
+    def without_jumps(self) -> PlanarLog:
+        """The log with every jump of its odometry replaced by the median of the steps around it.
+
+        A jump is faster than `JUMP` times all but a hundredth of the steps in motion.
+        """
+        dt, moved = np.diff(self.stamps_s), np.diff(self.totals, axis=0)
+        rates = moved / np.maximum(dt, LEAST_S)[:, None]
+        for column, speeds in enumerate(np.abs(rates).T):
+            if not np.any(speeds > 0.0):
+                continue
+            jumps = speeds > JUMP * np.percentile(speeds[speeds > 0.0], 99.0)
+            usual = median_filter(rates[:, column], AROUND)
+            moved[jumps, column] = (usual * dt)[jumps]
+        totals = np.cumsum(np.vstack([self.totals[:1], moved]), axis=0)
+        return dataclasses.replace(self, totals=totals)
 
     def instants(self) -> Float[np.ndarray, "k"]:
         """Stamps of the sightings during the odometry, and of a regular grid."""

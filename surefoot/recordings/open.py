@@ -50,6 +50,10 @@ def open_recording(path: Path, description: Path | None = None, reader: str = ""
         raise RecordingError(f"{path}: no such file or folder{_nearest(path)}; expected {KINDS}")
     if reader:
         return _open_with(reader, path)
+    if description is None and robot_files(path):
+        raise RecordingError(
+            f"{path}: the log of a wheeled robot has no pictures; only `surefoot process` reads it"
+        )
     if path.is_file():
         return _open_file(path, description)
     return _open_folder(path, _description(path, description))

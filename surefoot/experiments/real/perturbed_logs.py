@@ -39,6 +39,7 @@ DRIFT_RADPS = math.radians(0.5)
 OUTLIERS = 0.1
 FACTOR = 5.0
 TURNED_AFTER = 200  # sightings
+TURN_S = 5.0  # at a rate that the robots drive themselves
 RECOVERY_S = 60.0
 FAR = 5.0  # standard deviations
 SIMULATED = 6  # seeds of each kind
@@ -188,7 +189,7 @@ def simulated(say: Say) -> tuple[dict[str, float], list[str]]:
 def _turned(log: PlanarLog, at_s: float) -> PlanarLog:
     """The log with half a turn of the odometry that the robot does not make."""
     totals = log.totals.copy()
-    totals[log.stamps_s > at_s, 1] += math.pi
+    totals[:, 1] += math.pi * np.clip((log.stamps_s - at_s) / TURN_S, 0.0, 1.0)
     return dataclasses.replace(log, totals=totals)
 
 

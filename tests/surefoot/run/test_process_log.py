@@ -9,6 +9,7 @@ from scipy.io import savemat
 from perception.primitives.errors import RecordingError
 from surefoot.config.schema import Config
 from surefoot.experiments.real.simulated_logs import simulated_log
+from surefoot.recordings.open import open_recording
 from surefoot.recordings.robot_log import open_robot_log, robot_files
 from surefoot.results.run_folder import RunFolder
 from surefoot.run.process import process
@@ -70,6 +71,11 @@ def test_the_robots_of_a_folder_are_logs_of_their_own(tmp_path):
     assert names == ["Robot1_Odometry.dat", "Robot3_Odometry.dat.gz"]
     with pytest.raises(RecordingError, match="give one of these"):
         open_robot_log(tmp_path)
+
+
+def test_a_log_is_no_recording_with_pictures(beacons):
+    with pytest.raises(RecordingError, match="only `surefoot process` reads it"):
+        open_recording(beacons)
 
 
 def test_real_logs_keep_their_sightings(recordings):
