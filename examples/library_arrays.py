@@ -33,10 +33,11 @@ def obstacles_of_a_depth_image():
 
 
 def footprints_of_a_point_cloud():
-    """Rectangles on the floor."""
+    """Outlines on the floor, and the rectangle of a box."""
     points = np.mgrid[1.0:1.51:0.02, 0.0:0.31:0.02, 0.02:0.4:0.02].reshape(3, -1).T
     found = sf.find_footprints(points)  # (n, 3), z above the floor
-    print(f"{found[0].length_m:.2f} x {found[0].width_m:.2f} m about {found[0].centre}")
+    box = found[0].box
+    print(f"{box.length_m:.2f} x {box.width_m:.2f} m about {box.centre}")
     return found
 
 

@@ -20,6 +20,7 @@ from .scene import StaticObject
 from .scenes.free_space import ROBOT_TOP_M
 from .shapes import Cylinder, Shape, distance, outline
 
+ON_SURFACE_M = 0.03  # ours: a ray that ends this close to a point shows it
 FIRST_STATIC_ID = 101  # ids of static objects start here, of moving objects at 1
 
 ObstacleTruth = tuple[int, float, float, float, float, float, float]
@@ -71,6 +72,32 @@ class Truth:
             height = max(part.top_m for part in item.parts)
             found.append((FIRST_STATIC_ID + k, x, y, 0.0, 0.0, radius, height))
         return found
+
+    def outlines(self) -> list[tuple[int, str, float, list[Float[np.ndarray, "k 2"]]]]:
+        """(id, name, height, convex outlines of the parts below 0.5 m) of the static obstacles, world frame, m."""
+        found = []
+        for k, item in enumerate(self._scene.obstacles):
+            parts = [outline(part) for part in item.parts if part.bottom_m < ROBOT_TOP_M]
+            height = max(part.top_m for part in item.parts)
+            found.append((FIRST_STATIC_ID + k, item.name, height, parts))
+        return found
+
+    def in_view(self, points: Float[np.ndarray, "n 3"], farthest_m: float) -> Bool[np.ndarray, "n"]:
+        """Whether points on surfaces are in the image of a depth camera now, in reach, and not hidden."""
+        seen = np.zeros(len(points), np.bool_)
+        config = self._robot.config
+        cameras = {"tof": config.tof_camera.camera, "stereo": config.stereo_camera.camera}
+        for name in set(self.cameras()) & set(cameras):
+            pose = self.camera_pose(name)
+            ahead = pose.inverse().apply(points)
+            near = (ahead[:, 2] > 0.0) & (ahead[:, 2] < farthest_m) & ~seen
+            near[near] = cameras[name].contains(cameras[name].project(ahead[near]))
+            away = points[near] - pose.position
+            distance_m = np.linalg.norm(away, axis=1)
+            rays = (away / distance_m[:, None]).astype(np.float32)
+            hits = self._world.rays.cast(pose.position, rays)
+            seen[near] = np.abs(hits.distance_m - distance_m) < ON_SURFACE_M
+        return seen
 
     def clearance_m(self) -> tuple[float, str]:
         """Distance from the robot's solid to the nearest object, m, and the object's name.

@@ -32,6 +32,7 @@ def rebuild_table(keys: np.ndarray, used: int, table: np.ndarray) -> None:
 def add_to_voxels(
     points: np.ndarray,
     colours: np.ndarray,
+    values: np.ndarray,
     per_m: float,
     call: int,
     start: int,
@@ -48,13 +49,14 @@ def add_to_voxels(
     Args:
         points: (n, 3), m; NaN and points beyond `REACH` are skipped.
         colours: (n, 3) uint8, or (0, 3) without colours.
+        values: (n, k) float64, further numbers to average.
         per_m: Voxels per metre.
         call: Number of this addition (frame), to count the frames in which a voxel was hit.
         start: First point to add.
         used: Voxels in use.
         keys: (capacity,) int64, packed index of each voxel.
         table: Hash table of voxel numbers, -1 where free.
-        sums: (capacity, 6) float64 of x, y, z, red, green, blue.
+        sums: (capacity, 6 + k) float64 of x, y, z, red, green, blue, and the values.
         counts: (capacity,) int64, points in each voxel.
         calls: (capacity,) int64, frames that hit it.
         last: (capacity,) int64, the last such frame.
@@ -91,6 +93,8 @@ def add_to_voxels(
         if coloured:
             for channel in range(3):
                 sums[voxel, 3 + channel] += colours[i, channel]
+        for channel in range(values.shape[1]):
+            sums[voxel, 6 + channel] += values[i, channel]
         counts[voxel] += 1
         if last[voxel] != call:
             last[voxel] = call

@@ -49,8 +49,9 @@ class CloudConfig:
 class CloudBuilder:
     """Averages points per voxel; voxels are ordered by their first hit."""
 
-    def __init__(self, config: CloudConfig | None = None) -> None:
-        """An empty cloud."""
+    def __init__(self, config: CloudConfig | None = None, values: int = 0) -> None:
+        """An empty cloud, which averages this many further numbers per voxel."""
+        self._values = values
         self.config = config or CloudConfig()
         self.voxel_m = self.config.voxel_m  # grows when the voxels run out
         self._coloured = False
@@ -66,12 +67,23 @@ class CloudBuilder:
         self,
         points_world: Float[np.ndarray, "n 3"],
         colours: UInt8[np.ndarray, "n 3"] | None = None,
+        values: Float[np.ndarray, "n k"] | None = None,
     ) -> None:
-        """Add the points of one frame, world frame, m, with their colours, RGB; NaN is ignored.
+        """Add the points of one frame, world frame, m, with their colours, RGB, and further numbers.
+
+        Points that are NaN are ignored.
 
         Raises:
-            InputError: The number of colours differs from the number of points.
+            InputError: The number of colours or values differs from the number of points.
         """
+        if (0 if values is None else values.shape[1]) != self._values or (
+            values is not None and len(values) != len(points_world)
+        ):
+            shape = None if values is None else values.shape
+            raise InputError(
+                f"cloud: values of shape {shape} for {len(points_world)} points; expected "
+                f"{self._values} a point"
+            )
         if colours is not None and len(colours) != len(points_world):
             raise InputError(
                 f"cloud: {len(points_world)} points but {len(colours)} colours; give one a point"
@@ -79,11 +91,13 @@ class CloudBuilder:
         self._coloured = self._coloured or colours is not None
         tints = np.zeros((0, 3), np.uint8) if colours is None else np.ascontiguousarray(colours)
         points = np.ascontiguousarray(points_world)
+        numbers = np.zeros((len(points), 0)) if values is None else np.ascontiguousarray(values)
         done = 0
         while done < len(points):
             done, self._used = _voxel_kernels.add_to_voxels(
                 points,
                 tints,
+                numbers,
                 1.0 / self.voxel_m,
                 self._calls,
                 done,
@@ -103,8 +117,13 @@ class CloudBuilder:
         """Mean point of each voxel, world frame, m, and its mean colour; None without colours."""
         counts = self._counts[: self._used, np.newaxis]
         means = self._sums[: self._used] / counts
-        colours = np.rint(means[:, 3:]).astype(np.uint8) if self._coloured else None
+        colours = np.rint(means[:, 3:6]).astype(np.uint8) if self._coloured else None
         return means[:, :3].copy(), colours
+
+    @property
+    def values(self) -> Float[np.ndarray, "n k"]:
+        """Means of the further numbers of each voxel, in the order of `cloud`."""
+        return np.asarray(self._sums[: self._used, 6:] / self._counts[: self._used, np.newaxis])
 
     @property
     def sightings(self) -> Int[np.ndarray, "n"]:
@@ -113,7 +132,7 @@ class CloudBuilder:
 
     def _allocate(self, capacity: int) -> None:
         self._keys = np.zeros(capacity, np.int64)
-        self._sums = np.zeros((capacity, 6))
+        self._sums = np.zeros((capacity, 6 + self._values))
         self._counts = np.zeros(capacity, np.int64)
         self._hits = np.zeros(capacity, np.int64)
         self._last = np.full(capacity, -1, np.int64)

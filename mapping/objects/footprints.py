@@ -1,34 +1,40 @@
-"""Footprints: the rectangles that obstacles cover on the floor, from the accumulated obstacle cloud.
+"""Footprints: the ground that obstacles cover, as outlines, from the accumulated obstacle cloud.
 
-Points that are connected on the floor plane are one obstacle. Parts much lower than the obstacle they touch
-(floor misclassified as obstacle, a low object beside a high one) are separated as its skirt. The footprint is
-the rectangle whose four sides hold most of the outline. Each side lies at the median reach of the outline
-along it, so that outliers at silhouettes, and a face displaced in one frame out of ten, do not move it.
+Points that are connected on the floor plane are one part. Parts much lower than the obstacle they touch (floor
+misclassified as obstacle, a low object beside a high one) are separated as its skirt. Straight faces are found in what
+is left (`faces`); those that meet at convex corners are one object. Everything else joins the object that it lies
+behind, or is an object of its own. `outlines` gives the shape. Every side of it is either seen, with the deviation of
+its place, or not.
 
-Source: ours; the rectangle of least area after Freeman and Shapira 1975.
+Source: ours.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.settings import setting
 
-CELL_M = 0.02  # ours: resolution of the outline, that of the cloud's voxels
+from . import faces as straight
+from . import outlines
+from .columns import CELL_M, Columns, Voxels, connected, stack
+from .faces import BAND_M, CONVEX_M, TAKEN_M, Face
+from .free_cells import FreeCells, Ring
+from .pixels import inside
+from .sides import EDGE_SIGMA_M, Box, box_of, sides_of
+
 SKIRT = 0.3  # ours: columns lower than this share of the obstacle's height are its skirt
 LEAST_NEIGHBOURS = 4  # ours: voxels with fewer neighbours within the gap are outliers
-FRINGE_M = 0.05  # ours: distance of outlier voxels from a face
-FRINGE = 0.25  # ours: columns with a smaller share of a neighbour's voxels are its fringe
-EDGE_SIGMA_M = 0.01  # ours: standard deviation of the bias of a face in fused depth
+LEAST_STAY = (
+    0.45  # ours: half of the frames, less some that miss it; what was seen in fewer came or went
+)
+HEIGHT_SIGMA_M = 0.01  # ours: of the top of an obstacle, half a voxel
 
 
 @dataclass(frozen=True)
@@ -58,76 +64,87 @@ class FootprintConfig:
             raise ConfigError(f"footprints: least_points={self.least_points} must be at least 3")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Footprint:
-    """The footprint of one obstacle: a rectangle, with the covariance of its centre.
+    """The footprint of one obstacle.
 
     Args:
-        centre: (2,), centre of the rectangle, world frame, m.
-        length_m: The longer side.
-        width_m: The shorter side.
-        yaw_rad: Direction of the longer side, in [-pi/2, pi/2).
-        height_m: Height of its top above the floor.
-        covariance: (2, 2) of the centre, m^2.
+        outline: Corners counter-clockwise, world frame, m; side k runs from corner k to the next one.
+        seen: Whether each side was seen; one that was not only bounds what may be there.
+        sigma_m: Standard deviation of the place of each side along its normal; NaN where it was not seen.
+        height_m: Height of the highest point seen.
+        sigma_height_m: Its standard deviation.
+        probability: That an obstacle covers this ground, by the map; NaN without a map.
+        several: Whether it is probably more than one thing: heights and colours change along it.
         points: Number of voxels.
+        box: The rectangle, where the object is a box; else None.
     """
 
-    centre: Float[np.ndarray, "2"]
-    length_m: float
-    width_m: float
-    yaw_rad: float
+    outline: Ring
+    seen: Bool[np.ndarray, "k"]
+    sigma_m: Float[np.ndarray, "k"]
     height_m: float
-    covariance: Float[np.ndarray, "2 2"]
+    sigma_height_m: float
+    probability: float
+    several: bool
     points: int
+    box: Box | None
 
 
 def find(
-    points_world: Float[np.ndarray, "n 3"],
-    config: FootprintConfig | None = None,
-    sightings: Int[np.ndarray, "n"] | None = None,
+    voxels: Voxels, config: FootprintConfig | None = None, free: FreeCells | None = None
 ) -> list[Footprint]:
     """Footprints of all obstacles on the floor, those with most points first.
 
     Args:
-        points_world: Obstacle points, averaged per voxel, world frame with z the height above the floor,
-            m; NaN is ignored.
+        voxels: Of obstacles; NaN places are ignored.
         config: Thresholds.
-        sightings: Number of frames in which each voxel was seen; None: unknown.
+        free: Cells seen free: no footprint lies over one. None: not known.
 
     Returns:
-        One footprint per obstacle.
-
-    Raises:
-        InputError: The number of sightings differs from the number of points.
+        At least one footprint per obstacle; more if free cells cut it in pieces.
     """
     config = config or FootprintConfig()
-    keep = np.isfinite(points_world).all(axis=1)
-    if sightings is not None and len(sightings) != len(points_world):
-        raise InputError(
-            f"footprints: {len(points_world)} points but {len(sightings)} sightings; give one a point"
-        )
-    keep[keep] = _has_neighbours(points_world[keep].astype(np.float64), config)
-    points = points_world[keep].astype(np.float64)
-    weights = np.ones(len(points)) if sightings is None else sightings[keep].astype(np.float64)
-    objects: list[np.ndarray] = []
-    for part in _parts(points, config):
-        if np.quantile(weights[part], 0.9) >= 2 * config.least_sightings:  # a well-seen part
-            part = part[weights[part] >= config.least_sightings]
-        trunk = _trunk(points[part])
-        objects += [part[trunk][sub] for sub in _parts(points[part[trunk]], config)]
-        objects += [part[~trunk][sub] for sub in _parts(points[part[~trunk]], config)]
-    objects = [one for one in objects if len(one) >= config.least_points]
-    objects.sort(key=lambda one: (-len(one), *points[one[0]].tolist()))
-    return [_footprint(points[one], weights[one]) for one in objects]
+    free = free or FreeCells(np.zeros((0, 0), np.bool_), np.zeros(2), 0.05)
+    keep = np.isfinite(voxels.xyz).all(axis=1)
+    keep[keep] = _has_neighbours(voxels.xyz[keep], config)
+    voxels = voxels.of(keep)
+    found: list[Footprint] = []
+    for part in connected(voxels.xyz[:, :2], config.gap_m):
+        sightings = voxels.sightings[part]
+        if np.quantile(sightings, 0.9) >= 2 * config.least_sightings:  # a well-seen part
+            part = part[sightings >= config.least_sightings]
+        if len(part) >= config.least_points:
+            found += _of_part(voxels.of(part), config, free)
+    found.sort(key=lambda one: (-one.points, *one.outline[0].tolist()))
+    return found
 
 
-def _cells(
-    points: Float[np.ndarray, "n 3"],
-) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, "n"]]:
-    """The cells of the floor plane that hold points, and the index of each point's cell."""
-    lattice = np.floor(points[:, :2] / CELL_M).astype(np.int64)
-    cells, cell = np.unique(lattice, axis=0, return_inverse=True)
-    return cells, cell.reshape(-1)
+def voxels_of(
+    xyz: Float[np.ndarray, "n 3"],
+    sightings: Int[np.ndarray, "n"] | None = None,
+    sensor: Float[np.ndarray, "n 2"] | None = None,
+) -> Voxels:
+    """Voxels of which only places, sightings and sensor positions are known, if at all.
+
+    Raises:
+        InputError: The numbers of points, sightings and sensor positions differ.
+    """
+    n = len(xyz)
+    for name, values in (("sightings", sightings), ("sensor positions", sensor)):
+        if values is not None and len(values) != n:
+            raise InputError(f"footprints: {n} points but {len(values)} {name}; give one a point")
+    nothing = np.full(n, np.nan)
+    return Voxels(
+        xyz.astype(np.float64),
+        np.ones(n) if sightings is None else sightings.astype(np.float64),
+        nothing,
+        np.full((n, 2), np.nan) if sensor is None else sensor.astype(np.float64),
+        np.zeros(n),
+        np.zeros(n),
+        np.full((n, 3), np.nan),
+        nothing,
+    )
 
 
 def _has_neighbours(
@@ -140,116 +157,136 @@ def _has_neighbours(
     return np.asarray(near) - 1 >= LEAST_NEIGHBOURS
 
 
-def _parts(points: Float[np.ndarray, "n 3"], config: FootprintConfig) -> list[Int[np.ndarray, "k"]]:
-    """Indices of the points of each part connected on the floor plane."""
-    if not len(points):
-        return []
-    cells, cell = _cells(points)
-    pairs = cKDTree(cells).query_pairs(config.gap_m / CELL_M + 1e-9, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), np.int8), tuple(pairs.T)), shape=(len(cells),) * 2)
-    count, label = connected_components(links, directed=False)
-    of_point = label[cell]
-    return [np.flatnonzero(of_point == k) for k in range(count)]
+def _of_part(voxels: Voxels, config: FootprintConfig, free: FreeCells) -> list[Footprint]:
+    """Footprints of one connected part."""
+    columns = stack(voxels)
+    faces = straight.find(columns, config.gap_m)
+    found: list[Footprint] = []
+    for numbers, members in _things(columns, faces, config):
+        own = columns.of(members)
+        if int(own.count.sum()) < config.least_points or _is_floor(own) or _has_moved(own):
+            continue
+        if any(inside(one.outline, own.xy).mean() > 0.5 for one in found):
+            continue  # a part of the top of what stands there
+        found += _footprints(own, [faces[k] for k in numbers], free)
+    return found
 
 
-def _trunk(points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-    """Points in columns high enough to belong to the main body of a part."""
-    cells, cell = _cells(points)
-    top = np.full(len(cells), -np.inf)
-    np.maximum.at(top, cell, points[:, 2])
-    return top[cell] >= SKIRT * np.quantile(points[:, 2], 0.95)
+def _things(
+    columns: Columns, faces: list[Face], config: FootprintConfig
+) -> list[tuple[list[int], Int[np.ndarray, "m"]]]:
+    """Faces and columns of each object of a part, those with faces first.
+
+    A column without a face joins the object whose face it lies behind, the nearest, unless it is much lower: then it is floor
+    misclassified as obstacle, or a low object beside a high one.
+    """
+    groups = straight.group(faces)
+    owner = np.full(len(columns), -1)
+    for number, group in enumerate(groups):
+        for k in group:
+            owner[faces[k].columns] = number
+    rest = np.flatnonzero(owner < 0)
+    nearest, chosen_owner = np.full(len(rest), np.inf), np.full(len(rest), -1)
+    for number, group in enumerate(groups):
+        high = float(np.quantile(columns.top[owner == number], 0.95))
+        places, tops = columns.xy[rest], columns.top[rest]
+        behind, depth = np.ones(len(rest), np.bool_), np.full(len(rest), np.inf)
+        for face in (faces[k] for k in group):
+            off = face.offset_m - places @ face.normal
+            along = places @ face.tangent
+            beside = (along > face.span[0] - BAND_M) & (along < face.span[1] + BAND_M)
+            behind &= off >= -CONVEX_M
+            within = beside & ((tops >= SKIRT * high) | (np.abs(off) <= TAKEN_M))
+            depth = np.where(within, np.minimum(depth, np.maximum(off, 0.0)), depth)
+        closer = behind & (depth < nearest)
+        nearest[closer] = depth[closer]
+        chosen_owner[closer] = number
+    owner[rest] = chosen_owner
+    things = [(group, np.flatnonzero(owner == number)) for number, group in enumerate(groups)]
+    alone = np.flatnonzero(owner < 0)
+    for chosen in connected(columns.xy[alone], config.gap_m):
+        piece = alone[chosen]
+        trunk = columns.top[piece] >= SKIRT * np.quantile(columns.top[piece], 0.95)
+        for part in (piece[trunk], piece[~trunk]):
+            things += [([], part[sub]) for sub in connected(columns.xy[part], config.gap_m)]
+    return things
 
 
-def _footprint(points: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"]) -> Footprint:
-    centroid = points[:, :2].mean(axis=0)
-    outline = _columns(points, weights) - centroid
-    yaw = _orientation(outline)
-    axes = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-    sides = _sides(outline @ axes.T)
-    edges = np.array([side.edge for side in sides])  # -x, +x, -y, +y; outward
-    variances = np.array([side.sigma**2 for side in sides]) + EDGE_SIGMA_M**2
-    size = edges[::2] + edges[1::2]
-    centre = centroid + (edges[1::2] - edges[::2]) / 2 @ axes
-    covariance = axes.T @ np.diag((variances[::2] + variances[1::2]) / 4) @ axes
-    if size[0] < size[1]:
-        size, yaw = size[::-1], yaw + math.pi / 2
-    return Footprint(
-        centre,
-        float(size[0]),
-        float(size[1]),
-        (yaw + math.pi / 2) % math.pi - math.pi / 2,
-        float(np.quantile(points[:, 2], 0.95)),
-        covariance,
-        len(points),
+def _is_floor(columns: Columns) -> bool:
+    """Whether an object is not told from the floor by the noise of its points."""
+    noise = float(np.average(columns.noise_variance, weights=columns.weight))
+    return float(np.quantile(np.abs(columns.top), 0.9)) < 3.0 * math.sqrt(noise)
+
+
+def _has_moved(columns: Columns) -> bool:
+    """Whether an object was seen in too few of the frames that saw its place, in nine of ten columns."""
+    return float(np.quantile(columns.stay, 0.9)) < LEAST_STAY  # never if it is not known
+
+
+def _footprints(columns: Columns, faces: list[Face], free: FreeCells) -> list[Footprint]:
+    """Footprints of one object, by the simplest shape that the map does not contradict."""
+    whole, is_box = _shape(columns, faces, free)
+    places = outlines.on_faces(columns, faces)
+    if whole is None:
+        rings = outlines.region(places, faces, free)
+    else:
+        rings = outlines.cut(whole, free, EDGE_SIGMA_M)
+    box = box_of(whole, sides_of(whole, columns)) if whole is not None and is_box else None
+    found = []
+    for number, ring in enumerate(rings):
+        mine = columns
+        if len(rings) > 1:
+            mine = columns.of(inside(_grown(ring), places))
+        if len(mine):
+            found.append(_footprint(ring, mine, faces, None if number else box))
+    return found
+
+
+def _shape(columns: Columns, faces: list[Face], free: FreeCells) -> tuple[Ring | None, bool]:
+    """The convex shape of an object, None if none is believable, and whether it is a box."""
+    box = outlines.rectangle(columns, faces) if faces else None
+    if box is not None and not outlines.believable(box, columns, faces, free):
+        box = None
+    if (found := outlines.circle(columns)) is not None:
+        ring, rough = found
+        best = (
+            outlines.ROUGH_M
+            if box is None
+            else min(outlines.ROUGH_M, outlines.misfit(box, columns))
+        )
+        if rough < best and outlines.share_free(ring, free) <= outlines.FREE_SHARE:
+            return ring, False
+    if box is not None:
+        return box, True
+    hull = outlines.hull(outlines.on_faces(columns, faces))
+    known = bool(np.isfinite(columns.sensor).all())
+    if hull is not None and known and outlines.share_free(hull, free) <= outlines.FREE_SHARE:
+        return hull, False
+    return None, False
+
+
+def _grown(ring: Ring) -> Ring:
+    """The outline, larger by the smear of its columns."""
+    middle = ring.mean(axis=0)
+    away = ring - middle
+    return np.asarray(
+        middle + away * (1.0 + CONVEX_M / np.maximum(np.linalg.norm(away, axis=1), 1e-3))[:, None]
     )
 
 
-def _columns(
-    points: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"]
-) -> Float[np.ndarray, "k 2"]:
-    """Mean positions of the columns of voxels that form the outline, without fringes.
-
-    A vertical face stacks many voxels on few columns, and its outliers form columns of few voxels beside
-    them. A horizontal face has few voxels on all of its columns, and keeps them.
-    """
-    _, cell = _cells(points)
-    weight = np.bincount(cell, weights)
-    count = np.bincount(cell)
-    places = np.stack([np.bincount(cell, points[:, axis]) / count for axis in range(2)], axis=1)
-    around = cKDTree(places).query_pairs(FRINGE_M, output_type="ndarray")
-    densest = weight.copy()
-    np.maximum.at(densest, around[:, 0], weight[around[:, 1]])
-    np.maximum.at(densest, around[:, 1], weight[around[:, 0]])
-    return places[weight >= FRINGE * densest]
-
-
-def _orientation(outline: Float[np.ndarray, "k 2"]) -> float:
-    """Yaw in [0, pi/2) at which most of the outline lies on the four sides of a rectangle, rad."""
-
-    def support(yaw: float) -> float:
-        c, s = math.cos(yaw), math.sin(yaw)
-        return sum(side.support for side in _sides(outline @ np.array([[c, -s], [s, c]])))
-
-    step = math.radians(2.0)
-    best = max((k * step for k in range(45)), key=support)
-    while step > math.radians(0.1):
-        step /= 3
-        best = max((best + k * step for k in (0, -1, 1, -2, 2)), key=support)
-    return best % (math.pi / 2)
-
-
-class _Side(NamedTuple):
-    """One side of the rectangle: distance outward and its standard deviation, m; strips of outline on it."""
-
-    edge: float
-    sigma: float
-    support: float
-
-
-def _sides(local: Float[np.ndarray, "k 2"]) -> list[_Side]:
-    """The sides towards -x, +x, -y, +y of an outline in the rectangle's axes, m.
-
-    The outline is cut into strips perpendicular to a side; the reach of the outline in each strip locates
-    the side. If only two faces were seen, the other two sides are touched by the ends of these faces alone.
-    Hence only strips that reach as far as the farthest few columns count, whether many or few.
-    """
-    sides = []
-    for axis in range(2):
-        along = local[:, 1 - axis]
-        strip = np.floor((along - along.min()) / CELL_M).astype(np.int64)
-        for sign in (-1.0, 1.0):
-            reach = np.full(int(strip.max()) + 1, -np.inf)
-            outward = sign * local[:, axis]
-            np.maximum.at(reach, strip, outward)
-            few = min(len(outward), max(3, len(outward) // 50))
-            farthest = float(np.partition(outward, -few)[-few])
-            sides.append(_side(reach[reach >= farthest - FRINGE_M]))
-    return sides
-
-
-def _side(reach: Float[np.ndarray, "strips"]) -> _Side:
-    """The side located by the reach of the outline, m, in each strip that touches it."""
-    edge = float(np.median(reach))
-    residual = reach - edge
-    sigma = 1.48 * float(np.median(np.abs(residual))) / math.sqrt(len(reach))
-    return _Side(edge, sigma, float(np.exp(-0.5 * (residual / CELL_M) ** 2).sum()))
+def _footprint(ring: Ring, columns: Columns, faces: list[Face], box: Box | None) -> Footprint:
+    sides, weights = sides_of(ring, columns), columns.weight
+    top = float(np.quantile(columns.top, 0.9))
+    noise = float(np.average(columns.noise_variance, weights=weights))
+    several = any(any(straight.differ(a, b)) for k, a in enumerate(faces) for b in faces[:k])
+    return Footprint(
+        ring,
+        sides.seen,
+        sides.sigma_m,
+        top,
+        math.hypot(HEIGHT_SIGMA_M, math.sqrt(noise)),
+        float(np.average(columns.occupancy, weights=weights)),
+        several,
+        int(columns.count.sum()),
+        box,
+    )

@@ -27,6 +27,7 @@ from ..results.run_folder import (
 )
 from ..results.tables import Table, Trajectory
 from ..results.trajectory_uncertainty import SPACE, read_aligned_covariances
+from .footprints import footprint_figures
 from .foreign_trajectory import read_trajectory
 from .metrics.consistency import consistency_metrics, whitened
 from .metrics.contacts import contact_metrics, goal_metrics, walk_metrics
@@ -121,7 +122,7 @@ def evaluate(
         metrics |= _goals(true, summary)
     if summary.get("body") == "dynamic":
         metrics["falls"] = float(summary.get("fell_at_s") is not None)
-    metrics |= _against_tables(run)
+    metrics |= _against_tables(run) | footprint_figures(run, None if own_axes else true)
     if surface is not None:
         moved = None
         if truth is not None and estimate is not None and true is not None:

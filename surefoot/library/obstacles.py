@@ -91,23 +91,29 @@ def find_obstacles(
     )
 
 
-def find_footprints(points_m: ArrayLike, sightings: ArrayLike | None = None) -> list[Footprint]:
-    """Ground plans of the objects in a point cloud, those of most points first.
+def find_footprints(
+    points_m: ArrayLike,
+    sightings: ArrayLike | None = None,
+    sensor_m: ArrayLike | None = None,
+) -> list[Footprint]:
+    """Outlines of the objects in a point cloud on the floor, those of most points first.
 
     Args:
         points_m: (n, 3), points of obstacles without the floor, z the height above it, m; best one point a voxel
             of about 2 cm. Rows with NaN are left out.
         sightings: (n,), integers, in how many images each point was seen; None if not known. Points seen once
             do not count where others were seen more often.
+        sensor_m: (n, 2), where the camera stood when it saw each point; None if not known. It tells the outside of
+            a box from the corner of a room: without it only what is seen from three sides is filled.
 
     Returns:
-        Rectangles: `centre` (2,), `length_m` and `width_m`, `yaw_rad` of the longer side, `height_m`, and
-        `covariance` (2, 2) of the centre, in the frame of the points.
+        Footprints with `outline` (k, 2), whether each side was `seen` and its `sigma_m`, `height_m`, and, where the
+        object is a box, `box` with `centre`, `length_m`, `width_m` and `yaw_rad`; in the frame of the points.
 
     Raises:
-        InputError: The points are not (n, 3) numbers, or there is not one number of sightings a point.
+        InputError: The points are not (n, 3) numbers, or there is not one number of sightings or one place a point.
 
-    Source: ours; rectangle of least area after Freeman and Shapira 1975.
+    Source: ours.
     """
     cloud = np.asarray(points_m)
     if cloud.ndim != 2 or cloud.shape[1] != 3 or cloud.dtype.kind not in "fui":
@@ -119,4 +125,9 @@ def find_footprints(points_m: ArrayLike, sightings: ArrayLike | None = None) -> 
         raise InputError(
             f"sightings is {counts.dtype} of shape {counts.shape}; expected ({len(cloud)},) of integers"
         )
-    return footprints.find(cloud.astype(np.float64), None, counts)
+    sensor = None if sensor_m is None else np.asarray(sensor_m)
+    if sensor is not None and (sensor.shape != (len(cloud), 2) or sensor.dtype.kind not in "fui"):
+        raise InputError(
+            f"sensor_m is {sensor.dtype} of shape {sensor.shape}; expected ({len(cloud)}, 2) of numbers, m"
+        )
+    return footprints.find(footprints.voxels_of(cloud, counts, sensor))

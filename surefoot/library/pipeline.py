@@ -204,7 +204,7 @@ class Pipeline:
         return self._world
 
     def footprints(self) -> list[Footprint]:
-        """Ground plans of the static obstacles mapped so far, map frame; those of most points first."""
+        """Outlines of the static obstacles mapped so far, map frame; those of most points first."""
         return [] if self._pipeline is None else self._pipeline.footprints()
 
     def _check(self, frame: Frame) -> None:

@@ -16,6 +16,7 @@ from mapping.io import grid_file, nav2
 from mapping.io.nav2 import OccupancyMap
 from mapping.objects.footprints import Footprint
 
+from ..results.footprint_entries import footprint_of
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder
 from ..results.tables import Trajectory
 
@@ -177,20 +178,9 @@ class Run:
 
     @cached_property
     def footprints(self) -> list[Footprint]:
-        """Ground plans of the static obstacles, map frame; those of most points first."""
+        """Outlines of the static obstacles on the floor, map frame; those of most points first."""
         rows = (self._files.read_json("obstacles.json") or {}).get("footprints", [])
-        return [
-            Footprint(
-                np.array(row["centre_m"], np.float64),
-                row["length_m"],
-                row["width_m"],
-                row["yaw_rad"],
-                row["height_m"],
-                np.array(row["covariance"], np.float64),
-                row["points"],
-            )
-            for row in rows
-        ]
+        return [footprint_of(row) for row in rows]
 
     @cached_property
     def floor(self) -> FloorTable | None:

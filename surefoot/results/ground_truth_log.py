@@ -6,9 +6,12 @@ are rendered and before the planner decides; neither the pipeline nor a planner 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull
 
 from mapping.io.nav2 import save as save_map
 
@@ -19,6 +22,9 @@ if TYPE_CHECKING:
     from sim.scene import Scene
 
 MAP_CELL_M = 0.05
+BORDER_M = 0.05  # distance of the points of an outline that are checked for having been seen
+HEIGHTS = (0.2, 0.5, 0.8, 0.98)  # of these points, as shares of the height below 0.5 m
+REACH_M = 3.0  # range up to which a depth camera sees a side
 SAMPLES = 5  # a cell is occupied if an object covers any of its 5 x 5 sample points
 
 
@@ -34,6 +40,7 @@ class TruthLog:
         self._obstacles: list[tuple[object, ...]] = []
         self._floors: list[tuple[object, ...]] = []
         self._clearances: list[tuple[object, ...]] = []
+        self._borders = [_Border(*one) for one in self._truth.outlines()]
 
     def note(self, stamp_s: float) -> None:
         """Record the ground truth of this frame."""
@@ -44,6 +51,12 @@ class TruthLog:
         for camera in self._truth.cameras():
             floor = self._truth.floor(camera)
             self._floors.append((stamp_s, camera, *floor.normal.tolist(), floor.offset_m))
+        for border in self._borders:
+            unseen = np.flatnonzero(~border.seen)
+            points = border.points[unseen].reshape(-1, 3)
+            if len(points):
+                in_view = self._truth.in_view(points, REACH_M).reshape(len(unseen), -1)
+                border.seen[unseen] = in_view.any(axis=1)
         clearance, nearest = self._truth.clearance_m()
         self._clearances.append((stamp_s, clearance, nearest))
 
@@ -65,6 +78,7 @@ class TruthLog:
         folder.write_csv(
             "truth/clearance.csv", ("stamp_s", "clearance_m", "object"), self._clearances
         )
+        folder.write_json("truth/outlines.json", [border.entry() for border in self._borders])
         x_min, y_min, x_max, y_max = self._scene.extent
         origin = np.array([x_min, y_min]) - 0.5
         columns = int(np.ceil((x_max - x_min + 1.0) / MAP_CELL_M))
@@ -82,3 +96,49 @@ class TruthLog:
             origin,
             MAP_CELL_M,
         )
+
+
+class _Border:
+    """The outline of a static obstacle, and which of its points a depth camera has seen.
+
+    Its four sides are the directions of its longest straight side, to a quarter turn; a round thing has four too.
+    """
+
+    def __init__(
+        self, identity: int, name: str, height_m: float, parts: list[Float[np.ndarray, "k 2"]]
+    ) -> None:
+        self._head = {"identity": identity, "name": name, "height_m": height_m}
+        self._parts = parts
+        corners = np.concatenate(parts)
+        ring = corners[ConvexHull(corners).vertices]
+        steps = np.roll(ring, -1, axis=0) - ring
+        lengths = np.linalg.norm(steps, axis=1)
+        longest = steps[int(np.argmax(lengths))]
+        first = math.atan2(longest[1], longest[0])
+        turns = np.arctan2(steps[:, 1], steps[:, 0]) - first
+        side = np.rint(turns / (math.pi / 2.0)).astype(int) % 4
+        flat, self._side = [], []
+        for corner, step, length, number in zip(ring, steps, lengths, side, strict=True):
+            count = max(1, round(float(length) / BORDER_M))
+            flat.append(corner + (np.arange(count)[:, None] + 0.5) / count * step)
+            self._side += [(int(number), float(length) / count)] * count
+        places = np.concatenate(flat)
+        levels = np.array(HEIGHTS) * min(height_m, 0.5)
+        self.points = np.concatenate(
+            [
+                np.repeat(places[:, None], len(levels), axis=1),
+                np.broadcast_to(levels[None, :, None], (len(places), len(levels), 1)),
+            ],
+            axis=2,
+        )
+        self.seen = np.zeros(len(places), np.bool_)
+
+    def entry(self) -> dict[str, Any]:
+        """Of truth/outlines.json."""
+        sides = []
+        for number in range(4):
+            own = [(s, m) for s, (k, m) in zip(self.seen, self._side, strict=True) if k == number]
+            length = sum(m for _, m in own)
+            seen = sum(m for s, m in own if s) / length if own else 0.0
+            sides.append({"length_m": length, "seen": seen})
+        return self._head | {"parts_m": [part.tolist() for part in self._parts], "sides": sides}

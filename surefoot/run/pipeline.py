@@ -18,8 +18,8 @@ from mapping.grid.dynamic_traces import DynamicTraces
 from mapping.grid.egocentric_grid import EgocentricGrid
 from mapping.grid.world_map import WorldMap
 from mapping.io.clouds import CloudBuilder
-from mapping.objects import footprints
 from mapping.objects.footprints import Footprint
+from mapping.objects.obstacle_cloud import ObstacleCloud
 from perception.depth import points
 from perception.depth.health import DepthHealth
 from perception.depth.sources import DepthSources
@@ -71,7 +71,7 @@ class Pipeline:
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
         self.cloud = CloudBuilder(config.cloud)
-        self.obstacle_cloud = CloudBuilder(config.cloud)
+        self.obstacle_cloud = ObstacleCloud(config.cloud, config.world_map.cell_m)
         self.health = DepthHealth(config.depth_health)
         flow = config.swarm.as_walked.prediction == "flow"
         self.colour_floor = ColourFloorFinder(config.monocular, flow)
@@ -147,17 +147,8 @@ class Pipeline:
         return self.config.mission.planner == "swarm" or not self.health.healthy
 
     def footprints(self) -> list[Footprint]:
-        """Footprints of static obstacles, from the obstacle points in occupied cells of the world map."""
-        points, _ = self.obstacle_cloud.cloud()
-        sightings, probability = self.obstacle_cloud.sightings, self.world.probability
-        if not len(points) or not probability.size:
-            return []
-        rows, columns = self.world.cell_of(points[:, :2]).T
-        inside = (rows >= 0) & (columns >= 0)
-        inside &= (rows < probability.shape[0]) & (columns < probability.shape[1])
-        occupied = np.zeros(len(points), dtype=bool)
-        occupied[inside] = probability[rows[inside], columns[inside]] > 0.5
-        return footprints.find(points[occupied], self.config.footprints, sightings[occupied])
+        """Footprints of the static obstacles of the world map."""
+        return self.obstacle_cloud.footprints(self.world, self.config.footprints)
 
     def _segment(self, sensor: str, depth: Depth) -> SegmentedView | None:
         """Points, floor and classes of one depth image; None if the floor is neither visible nor expected."""
@@ -300,7 +291,15 @@ class Pipeline:
         )
         colours = colours_of(view, frame.colour)
         self.cloud.add(view.upright, colours)
-        self.obstacle_cloud.add(upright[is_obstacle & ~is_moving], None)
+        self.obstacle_cloud.add(
+            upright,
+            is_obstacle,
+            is_moving,
+            view.points.sigma[used],
+            camera,
+            pose,
+            None if colours is None else colours[used],
+        )
 
 
 def make_pose_source(config: Config, info: RecordingInfo, sources: DepthSources) -> PoseSource:

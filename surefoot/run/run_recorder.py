@@ -28,6 +28,7 @@ from planning.world_model import WorldModel
 from ..config import toml
 from ..config.schema import Config
 from ..recordings.recording import RecordingInfo
+from ..results.footprint_entries import footprint_entry
 from ..results.measurement_log import (
     ODOMETRY,
     ODOMETRY_HEADER,
@@ -213,7 +214,9 @@ class RunRecorder:
         self._poses.close(keep_empty=False)
         if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
             self._folder.write_planar_trajectory()
-        self._tracks.close_into("tracks", {"footprints": _footprints(pipeline)})
+        self._tracks.close_into(
+            "tracks", {"footprints": [footprint_entry(one) for one in pipeline.footprints()]}
+        )
         times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
         for row in zip(self._times, *(self._stages[n] for n in sorted(self._stages)), strict=True):
             times.append(row)
@@ -259,21 +262,6 @@ def _stages(estimate: Estimate, decision: Decision | None) -> UInt8[np.ndarray, 
     target = decision.image_target
     result = replace(estimate.colour_floor.result, movable=target.movable)
     return np.asarray(cv2.cvtColor(stages(result, chosen_px=target.pixel), cv2.COLOR_RGB2BGR))
-
-
-def _footprints(pipeline: Pipeline) -> list[dict[str, Any]]:
-    return [
-        {
-            "centre_m": footprint.centre.tolist(),
-            "length_m": footprint.length_m,
-            "width_m": footprint.width_m,
-            "yaw_rad": footprint.yaw_rad,
-            "height_m": footprint.height_m,
-            "covariance": footprint.covariance.tolist(),
-            "points": footprint.points,
-        }
-        for footprint in pipeline.footprints()
-    ]
 
 
 def _floor_row(stamp_s: float, view: SegmentedView) -> tuple[object, ...]:

@@ -31,6 +31,9 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         "floor_deg": float(np.median(all_of("floor_tof_angle_deg_median"))),
         "floor_mm": float(np.median(all_of("floor_tof_height_mm_median"))),
         "path_m_mean": float(np.mean(all_of("path_m"))),
+        "poses_in_footprints": float(np.sum(all_of("poses_in_footprints"))),
+        "footprints_over_free_share": float(np.max(all_of("footprints_over_free_share"))),
+        "footprint_iou_median": float(np.nanmedian(all_of("footprint_iou_median"))),
     }
     table = [
         "seed  contacts  clearance  missed  fell  rmse cm  deg   NEES  grid %  floor deg mm   time s"
@@ -66,5 +69,8 @@ EXPERIMENT = Experiment(
         "grid_correct_share": Target(">=", 0.95),
         "floor_deg": Target("<=", 0.5),
         "floor_mm": Target("<=", 5.0),
+        "poses_in_footprints": Target("==", 0.0),
+        "footprints_over_free_share": Target("==", 0.0),
+        "footprint_iou_median": Target(">=", 0.8),
     },
 )

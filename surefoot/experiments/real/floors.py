@@ -55,15 +55,16 @@ def cabinet(say: Say) -> tuple[dict[str, float], list[str]]:
         pairs += [(view.floor, truth) for view in estimate.views if view.seen is not None]
     assert last is not None
     angle, height = errors(pairs)
-    boxes = last.footprints()
-    largest = max(boxes, key=lambda box: box.points)
+    found = last.footprints()
+    largest = max((one for one in found if one.box is not None), key=lambda one: one.points).box
+    assert largest is not None
     figures = {
         "tum_fr3_cabinet_deg": float(np.median(angle)),
         "tum_fr3_cabinet_mm": float(np.median(np.abs(height))),
         "tum_fr3_cabinet_found_share": len(pairs) / len(known),
         "cabinet_length_error_m": abs(largest.length_m - CABINET_M[0]),
         "cabinet_width_error_m": abs(largest.width_m - CABINET_M[1]),
-        "cabinet_obstacles": float(len(boxes)),
+        "cabinet_obstacles": float(len(found)),
     }
     row = (
         f"tum_fr3_cabinet      {len(pairs):3d}/{len(known)} floors  median {np.median(angle):.2f} deg"

@@ -203,20 +203,23 @@ def _tracks(axes: Axes, run: RunFolder) -> None:
     obstacles = run.read_json("obstacles.json")
     if not obstacles:
         return
-    from matplotlib.patches import Rectangle
+    from matplotlib.colors import to_rgba
+    from matplotlib.patches import Polygon
 
     for footprint in obstacles.get("footprints", []):
-        length, width = footprint["length_m"], footprint["width_m"]
-        x, y = footprint["centre_m"][:2]
+        ring = np.array(footprint["outline_m"], dtype=np.float64)
         axes.add_patch(
-            Rectangle(
-                (x - length / 2, y - width / 2), length, width, rotation_point="center",
-                angle=float(np.degrees(footprint["yaw_rad"])), fill=False, edgecolor=SERIES[1],
-                lw=1.1, zorder=3,
-            )
-        )  # fmt: skip
+            Polygon(ring, facecolor=to_rgba(SERIES[1], 0.18), edgecolor="none", zorder=3)
+        )
+        for k, side in enumerate(footprint["sides"]):
+            ends = ring[[k, (k + 1) % len(ring)]]
+            style = {"lw": 1.2} if side["seen"] else {"lw": 0.7, "ls": (0, (1.5, 1.5))}
+            axes.plot(*ends.T, color=SERIES[1], zorder=3, solid_capstyle="butt", **style)
     if obstacles.get("footprints"):
-        axes.plot([], [], "s", mfc="none", mec=SERIES[1], ms=7, label="footprint, measured")
+        axes.plot([], [], color=SERIES[1], lw=1.2, label="footprint, side seen")
+        axes.plot(
+            [], [], color=SERIES[1], lw=0.7, ls=(0, (1.5, 1.5)), label="footprint, side not seen"
+        )
     by_track: dict[int, list[dict[str, Any]]] = {}
     for entry in obstacles["tracks"]:
         if float(entry["moving"]) >= MOVING:
