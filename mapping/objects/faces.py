@@ -80,21 +80,24 @@ def find(columns: Columns, gap_m: float) -> list[Face]:
         gap_m: Wider gaps along a line separate two faces.
     """
     towards, left = columns.to_sensor, columns.upright.copy()
-    if not np.isfinite(
-        towards
-    ).all():  # as if it was seen from all around: its border, outward of its middle
+    if not np.isfinite(towards).all():  # its border, as if seen from outside all around
         away = columns.xy - columns.xy.mean(axis=0)
         towards = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
         left &= on_border(columns.xy, gap_m)
+    upright = left.copy()
     strength = np.sqrt(columns.count.astype(np.float64))
     faces: list[Face] = []
     while left.sum() * CELL_M >= LEAST_M and len(faces) < MOST_FACES:
         candidate = _strongest(columns.xy, towards, strength, left)
         if candidate is None:
             break
-        run, normal, offset, straight = _refined(columns, towards, left, candidate, gap_m)
+        run, normal, offset, straight = _refined(
+            columns, towards, (upright, left), candidate, gap_m
+        )
         if not straight:
-            left[run] = False  # not on a face
+            off = np.abs(columns.xy @ candidate[0] - candidate[1])
+            line = left & (off <= CELL_M / 2)
+            left &= ~line if line.any() else off > 1.5 * CELL_M  # not on a face
             continue
         along = columns.xy @ np.array([-normal[1], normal[0]])
         span = float(along[run].min()), float(along[run].max())
@@ -103,7 +106,7 @@ def find(columns: Columns, gap_m: float) -> list[Face]:
         taken = inside & (np.abs(off) <= TAKEN_M)
         left &= ~taken
         if not any(_same(face, normal, offset, columns.xy[run]) for face in faces):
-            faces += _split_by_top(columns, run, normal, offset, along)
+            faces += _split_by_top(columns, run, normal, offset)
     return faces
 
 
@@ -135,20 +138,24 @@ def _strongest(
 def _refined(
     columns: Columns,
     towards: Float[np.ndarray, "n 2"],
-    left: Bool[np.ndarray, "n"],
+    usable: tuple[Bool[np.ndarray, "n"], Bool[np.ndarray, "n"]],
     candidate: tuple[Float[np.ndarray, "2"], float],
     gap_m: float,
 ) -> tuple[Int[np.ndarray, "k"], Float[np.ndarray, "2"], float, bool]:
-    """The densest run of columns along a line, the line through it, and whether it is long and straight."""
-    normal, offset = candidate
-    run = np.flatnonzero(left & (np.abs(columns.xy @ normal - offset) <= 1.5 * CELL_M))
+    """The densest run of columns along a line, the line through it, and whether it is long and straight.
+
+    Usable are upright columns; those that are left are on no face yet.
+    """
+    (upright, left), (normal, offset) = usable, candidate
+    run = np.flatnonzero(left & (np.abs(columns.xy @ normal - offset) <= BAND_M))
     for band in (2.0 * BAND_M, 1.5 * BAND_M, BAND_M):
-        near = left & (np.abs(columns.xy @ normal - offset) <= band)
+        reach = np.where(left, band, BAND_M)  # at a corner it may share the columns of another face
+        near = upright & (np.abs(columns.xy @ normal - offset) <= reach)
         near &= towards @ normal > OBLIQUE
-        if not near.any():
+        if not (near & left).any():
             return run, normal, offset, False
         run = _longest_run(columns, np.flatnonzero(near), normal, gap_m)
-        if len(run) * CELL_M < LEAST_M:
+        if left[run].sum() * CELL_M < LEAST_M / 2:
             return run, normal, offset, False
         weight = columns.weight[run]
         middle = np.average(columns.xy[run], axis=0, weights=weight)
@@ -196,12 +203,12 @@ def _split_by_top(
     run: Int[np.ndarray, "k"],
     normal: Float[np.ndarray, "2"],
     offset: float,
-    along: Float[np.ndarray, "n"],
 ) -> list[Face]:
     """A face, cut where the height of the top behind its upper edge changes.
 
     The upper edge of a face may be that of the picture. Only a flat top behind it shows that the object ends there.
     """
+    along = columns.xy @ np.array([-normal[1], normal[0]])
     order = run[np.argsort(along[run], kind="stable")]
     first = float(along[order[0]])
     strip = np.floor((along[order] - first) / STRIP_M).astype(np.int64)

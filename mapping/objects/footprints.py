@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.errors import ConfigError
 from perception.primitives.settings import setting
 
 from . import faces as straight
@@ -125,15 +125,8 @@ def voxels_of(
     sightings: Int[np.ndarray, "n"] | None = None,
     sensor: Float[np.ndarray, "n 2"] | None = None,
 ) -> Voxels:
-    """Voxels of which only places, sightings and sensor positions are known, if at all.
-
-    Raises:
-        InputError: The numbers of points, sightings and sensor positions differ.
-    """
+    """Voxels of which only places, sightings and sensor positions are known, if at all."""
     n = len(xyz)
-    for name, values in (("sightings", sightings), ("sensor positions", sensor)):
-        if values is not None and len(values) != n:
-            raise InputError(f"footprints: {n} points but {len(values)} {name}; give one a point")
     nothing = np.full(n, np.nan)
     return Voxels(
         xyz.astype(np.float64),
@@ -166,7 +159,7 @@ def _of_part(voxels: Voxels, config: FootprintConfig, free: FreeCells) -> list[F
         own = columns.of(members)
         if int(own.count.sum()) < config.least_points or _is_floor(own) or _has_moved(own):
             continue
-        if any(inside(one.outline, own.xy).mean() > 0.5 for one in found):
+        if any(inside(_grown(one.outline), own.xy).mean() > 0.5 for one in found):
             continue  # a part of the top of what stands there
         found += _footprints(own, [faces[k] for k in numbers], free)
     return found

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-Ring = Float[np.ndarray, "k 2"]
+Ring = Float[np.ndarray, "_ 2"]
 PIXEL_M = 0.01  # ours
 
 

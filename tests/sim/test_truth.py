@@ -81,3 +81,21 @@ def test_an_absent_camera_is_named(truth):
     assert truth.cameras() == ("tof",)
     with pytest.raises(InputError, match=r"'stereo' is not on this robot; it has tof"):
         truth.camera_pose("stereo")
+
+
+def test_only_the_near_sides_of_a_carton_are_in_view(truth):
+    """Of the points half way up its four sides, those towards the camera."""
+    identity, _, height, parts = truth.outlines()[0]
+    assert identity == 101
+    ring = parts[0]
+    middles = (ring + np.roll(ring, -1, axis=0)) / 2
+    centre = ring.mean(axis=0)
+    stand(truth, float(centre[0]) - 1.0, float(centre[1]), 0.0)
+    points = np.column_stack([middles, np.full(len(middles), height / 2)])
+    seen = truth.in_view(points, 3.0)
+    away = truth.camera_pose("tof").position[:2] - middles
+    outward = middles - centre
+    facing = (away * outward).sum(axis=1) > 0.0
+    assert seen.any()
+    assert not seen[~facing].any()
+    assert not truth.in_view(points, 0.3).any()  # out of reach

@@ -115,11 +115,29 @@ def test_the_footprint_of_a_block_is_its_rectangle():
         np.arange(1, 1.51, 0.02), np.arange(0, 0.31, 0.02), np.arange(0.02, 0.4, 0.02)
     )
     (found,) = surefoot.find_footprints(np.stack([x, y, z], axis=-1).reshape(-1, 3))
-    np.testing.assert_allclose(found.centre, [1.25, 0.15], atol=0.02)
-    assert found.length_m == pytest.approx(0.5, abs=0.03)
-    assert found.width_m == pytest.approx(0.3, abs=0.03)
+    assert found.box is not None
+    np.testing.assert_allclose(found.box.centre, [1.25, 0.15], atol=0.02)
+    assert found.box.length_m == pytest.approx(0.5, abs=0.03)
+    assert found.box.width_m == pytest.approx(0.3, abs=0.03)
+    assert found.seen.all()
     with pytest.raises(surefoot.InputError, match=r"\(n, 3\)"):
         surefoot.find_footprints(np.zeros((5, 2)))
+    with pytest.raises(surefoot.InputError, match=r"expected \(5, 2\)"):
+        surefoot.find_footprints(np.zeros((5, 3)), sensor_m=np.zeros((4, 2)))
+
+
+def test_two_faces_are_a_box_from_outside_and_a_corner_from_inside():
+    along, height = np.arange(0, 1.0, 0.02), np.arange(0.02, 0.4, 0.02)
+    one = np.array([(x, 0.0, z) for x in along for z in height])
+    other = np.array([(0.0, y, z) for y in along for z in height])
+    points = np.concatenate([one, other])
+    outside, within = (np.tile([s, s], (len(points), 1)) for s in (-1.5, 0.8))
+    (box,) = surefoot.find_footprints(points, sensor_m=outside)
+    assert box.box is not None
+    assert box.seen.sum() == 2
+    corner = surefoot.find_footprints(points, sensor_m=within)
+    assert len(corner) == 2
+    assert all(one.box.width_m < 0.05 for one in corner)
 
 
 def test_stereo_depth_is_that_of_a_textured_plane_within_its_sigma():

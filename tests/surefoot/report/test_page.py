@@ -136,8 +136,9 @@ def _obstacles(
     run.write_csv("truth/obstacles.csv", header, truth)
     run.write_csv("truth/clearance.csv", ("stamp_s", "clearance_m", "object"), clearances)
     standing = [
-        {"centre_m": [(b[0] + b[1]) / 2, (b[2] + b[3]) / 2], "length_m": b[1] - b[0], "width_m": b[3] - b[2],
-         "yaw_rad": 0.02, "height_m": 0.5, "covariance": np.eye(4).tolist(), "points": 900}
+        {"outline_m": [[b[0], b[2]], [b[1], b[2]], [b[1], b[3]], [b[0], b[3]]],
+         "sides": [{"seen": k < 2, "sigma_m": 0.01 if k < 2 else None} for k in range(4)],
+         "height_m": 0.5, "sigma_height_m": 0.01, "probability": 0.9, "several": False, "points": 900, "box": None}
         for b in _boxes()[4:]
     ]  # fmt: skip
     run.write_json("obstacles.json", {"tracks": tracks, "footprints": standing})
