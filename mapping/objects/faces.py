@@ -154,7 +154,7 @@ def _refined(
         near &= towards @ normal > OBLIQUE
         if not (near & left).any():
             return run, normal, offset, False
-        run = _longest_run(columns, np.flatnonzero(near), normal, gap_m)
+        run = _longest_run(columns, np.flatnonzero(near), left, normal, gap_m)
         if left[run].sum() * CELL_M < LEAST_M / 2:
             return run, normal, offset, False
         weight = columns.weight[run]
@@ -175,14 +175,20 @@ def _refined(
 
 
 def _longest_run(
-    columns: Columns, chosen: Int[np.ndarray, "k"], normal: Float[np.ndarray, "2"], gap_m: float
+    columns: Columns,
+    chosen: Int[np.ndarray, "k"],
+    left: Bool[np.ndarray, "n"],
+    normal: Float[np.ndarray, "2"],
+    gap_m: float,
 ) -> Int[np.ndarray, "m"]:
-    """The columns between two gaps along a line with the most voxels."""
+    """The columns between two gaps along a line with the most voxels that are on no face yet."""
     along = columns.xy[chosen] @ np.array([-normal[1], normal[0]])
     order = np.argsort(along, kind="stable")
     cuts = np.flatnonzero(np.diff(along[order]) > gap_m) + 1
-    runs = np.split(chosen[order], cuts)
-    return max(runs, key=lambda run: float(np.sqrt(columns.count[run]).sum()))
+    strength = np.where(left, np.sqrt(columns.count), 0.0)
+    return max(
+        np.split(chosen[order], cuts), key=lambda run: (float(strength[run].sum()), len(run))
+    )
 
 
 def _same(

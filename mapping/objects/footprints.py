@@ -242,12 +242,8 @@ def _shape(columns: Columns, faces: list[Face], free: FreeCells) -> tuple[Ring |
         box = None
     if (found := outlines.circle(columns)) is not None:
         ring, rough = found
-        best = (
-            outlines.ROUGH_M
-            if box is None
-            else min(outlines.ROUGH_M, outlines.misfit(box, columns))
-        )
-        if rough < best and outlines.share_free(ring, free) <= outlines.FREE_SHARE:
+        rounder = box is None or rough < outlines.misfit(box, columns)
+        if rounder and outlines.share_free(ring, free) <= outlines.FREE_SHARE:
             return ring, False
     if box is not None:
         return box, True

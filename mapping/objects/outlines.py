@@ -32,7 +32,7 @@ CLOSE_M = 0.04  # ours: gaps between seen cells that are closed
 LEAST_ON_CIRCLE = 12  # ours: columns
 LEAST_ARC = 12  # ours: sectors of 10 deg that must hold columns
 WIDEST_M = 0.6  # ours: radius of the widest round thing
-ROUGH_M = 0.015  # ours: columns about the circle through them
+ROUGH_M = 0.025  # ours: columns about the circle through them, at most; and a quarter of its radius
 CIRCLE_SIDES = 24  # ours: a polygon within 1 % of the radius
 EXTREME = 0.02  # ours: share of columns beyond a side that no face shows
 
@@ -111,8 +111,8 @@ def circle(columns: Columns) -> tuple[Ring, float] | None:
         return None
     angle = 2.0 * math.pi * np.arange(CIRCLE_SIDES) / CIRCLE_SIDES
     ring = middle + centre + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    off = np.linalg.norm(away, axis=1) - radius
-    return ring, float(1.48 * np.median(np.abs(off)))
+    rough = 1.48 * float(np.median(np.abs(np.linalg.norm(away, axis=1) - radius)))
+    return (ring, rough) if rough <= max(0.5 * CELL_M, min(ROUGH_M, 0.25 * radius)) else None
 
 
 def misfit(ring: Ring, columns: Columns) -> float:

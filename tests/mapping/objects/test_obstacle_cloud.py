@@ -31,7 +31,7 @@ def walk(frames: list[tuple[float, float] | None]) -> tuple[ObstacleCloud, World
     cloud, world = ObstacleCloud(CloudConfig(), 0.05), WorldMap()
     x, y = np.meshgrid(np.arange(-0.5, 3.5, 0.02), np.arange(0.0, 0.49, 0.02))
     ground = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-    behind = ground + [0.0, 0.5, 0.0]
+    behind = ground + np.array([0.0, 0.5, 0.0])
     for number, place in enumerate(frames):
         floor, things = [ground, behind[behind[:, 0] < 1.9]], [face(rng, 2.0, 3.0)]
         if place is not None:
