@@ -81,8 +81,6 @@ TARGETS = (
     Target("footprints_over_free_share", "share of the footprints over free cells", "==", 0.0),
     Target("goals_missed", "goals not reached", "==", 0.0),
     Target("contacts", "contacts", "==", 0.0),
-    Target("poses_in_footprints", "own poses inside a footprint", "==", 0.0),
-    Target("footprints_over_free_share", "share of footprints over free cells", "==", 0.0),
     Target("footprint_iou_median", "footprints seen from two sides, IoU, median", ">=", 0.8),
     Target("falls", "falls", "==", 0.0),
 )

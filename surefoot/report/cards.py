@@ -151,7 +151,7 @@ def _obstacles(metrics: dict[str, Any]) -> list[Card]:
         ("moving_obstacle_tracked_share", "Moving obstacles tracked", "{:.0%}", "of the instants; at least 80 %"),
         ("ospa_m", "Moving obstacles, OSPA", "{:.2f} m", "at most 0.25 m of 0.5 m"),
         ("poses_in_footprints", "Own poses in footprints", "{:.0f}", "of obstacles; none"),
-        ("footprint_iou_median", "Footprints, IoU", "{:.2f}", "median, seen from two sides"),
+        ("footprint_iou_median", "Footprints, IoU", "{:.2f}", "median, seen from two sides; at least 0.8"),
     ):  # fmt: skip
         if metrics.get(figure) is not None:
             listed.append(Card(name, shown.format(metrics[figure]), note, _met(metrics, figure)))
