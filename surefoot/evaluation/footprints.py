@@ -10,7 +10,7 @@ from .metrics.maps import read_map
 
 
 def footprint_figures(run: RunFolder, true: Trajectory | None) -> dict[str, float]:
-    """Figures of a run, as far as its files go.
+    """Figures of a run, as far as its files go; none without footprints.
 
     Args:
         run: The run.
@@ -21,7 +21,7 @@ def footprint_figures(run: RunFolder, true: Trajectory | None) -> dict[str, floa
         true; a camera in the hand may be above an obstacle) and the figures of `outline_metrics`.
     """
     found = (run.read_json("obstacles.json") or {}).get("footprints")
-    if found is None:
+    if not found:
         return {}
     figures = {"footprints": float(len(found))}
     if run.has("map.yaml"):

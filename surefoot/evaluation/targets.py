@@ -79,9 +79,9 @@ TARGETS = (
     Target("ospa_m", "moving obstacles: OSPA (cut-off 0.5 m)", "<=", 0.25, "m"),
     Target("poses_in_footprints", "own poses inside footprints of obstacles", "==", 0.0),
     Target("footprints_over_free_share", "share of the footprints over free cells", "==", 0.0),
+    Target("footprint_iou_median", "footprints seen from two sides, IoU, median", ">=", 0.8),
     Target("goals_missed", "goals not reached", "==", 0.0),
     Target("contacts", "contacts", "==", 0.0),
-    Target("footprint_iou_median", "footprints seen from two sides, IoU, median", ">=", 0.8),
     Target("falls", "falls", "==", 0.0),
 )
 
