@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
@@ -60,18 +61,31 @@ def aligner(name: str) -> Aligner:
 def _open3d(
     target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig, method: str
 ) -> Alignment | None:
+    found = open3d_motion(target.levels[0], source.levels[0], starts[0], method)
+    return None if found is None else evaluate(target, source, found, config)
+
+
+def open3d_motion(
+    target: Level, source: Level, start: Pose3, method: str = "Hybrid"
+) -> Float[np.ndarray, "4 4"] | None:
+    """T_target_source by Open3D's RGB-D odometry; None if too few pixels correspond.
+
+    Args:
+        target, source: Images at full resolution.
+        start: Initial value.
+        method: "Hybrid", "Intensity" or "PointToPlane".
+    """
     import open3d
 
     core: Any = open3d.core
     odometry: Any = open3d.t.pipelines.odometry
-    to, of = target.levels[0], source.levels[0]
     criteria = [odometry.OdometryConvergenceCriteria(n) for n in (10, 5, 3)]  # Open3D's defaults
     try:
         found = odometry.rgbd_odometry_multi_scale(
-            rgbd_image(of),
-            rgbd_image(to),
-            core.Tensor(to.camera.matrix),
-            core.Tensor(starts[0].matrix),
+            rgbd_image(source),
+            rgbd_image(target),
+            core.Tensor(target.camera.matrix),
+            core.Tensor(start.matrix),
             1.0,
             DEPTH_LIMIT_M,
             criteria,
@@ -80,7 +94,48 @@ def _open3d(
         )
     except RuntimeError:  # too few corresponding pixels
         return None
-    return evaluate(target, source, found.transformation.numpy().copy(), config)
+    return np.asarray(found.transformation.numpy().copy())
+
+
+def open3d_covariance(
+    target: Level, source: Level, T: Float[np.ndarray, "4 4"]
+) -> Float[np.ndarray, "6 6"] | None:
+    """Covariance of a motion by the information matrix that Open3D's pose graphs take; as `Alignment.covariance`."""
+    import open3d
+
+    core: Any = open3d.core
+    found = open3d.t.pipelines.odometry.compute_odometry_information_matrix(
+        rgbd_image(source).depth,
+        rgbd_image(target).depth,
+        core.Tensor(target.camera.matrix),
+        core.Tensor(T),
+        JUMP_M,
+        1.0,
+        DEPTH_LIMIT_M,
+    )
+    return _covariance(found.numpy(), np.eye(3), T[:3, 3])
+
+
+def _covariance(
+    information: Float[np.ndarray, "6 6"],
+    turn: Float[np.ndarray, "3 3"],
+    arm: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "6 6"] | None:
+    """Covariance of (position, rotation vector), axes of the target, by an information with the rotation first.
+
+    Args:
+        information: About (rotation vector, position) in the axes of the library.
+        turn: From these axes to those of the target.
+        arm: From the point that the library moves to the source's origin, axes of the target.
+    """
+    swapped = information[np.ix_([3, 4, 5, 0, 1, 2], [3, 4, 5, 0, 1, 2])]
+    if not np.isfinite(swapped).all() or np.linalg.eigvalsh(swapped)[0] <= 0.0:
+        return None
+    x, y, z = arm
+    lever = np.eye(6)
+    lever[:3, 3:] = -np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    lever = lever @ np.kron(np.eye(2), turn)
+    return np.asarray(lever @ np.linalg.inv(swapped) @ lever.T)
 
 
 def rgbd_image(level: Level) -> Any:
@@ -100,24 +155,37 @@ def rgbd_image(level: Level) -> Any:
 def _small_gicp(
     target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig
 ) -> Alignment | None:
+    found = small_gicp_motion(target.levels[0], source.levels[0], starts[0])
+    return None if found is None else evaluate(target, source, found[0], config)
+
+
+def small_gicp_motion(
+    target: Level, source: Level, start: Pose3
+) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "6 6"] | None] | None:
+    """T_target_source by small_gicp, and its covariance by the inverse of its Hessian, as `Alignment.covariance`.
+
+    None with too few points.
+    """
     import small_gicp  # type: ignore[import-not-found, unused-ignore]
 
     library: Any = small_gicp
-    clouds = [_cloud(pyramid.levels[0]) for pyramid in (target, source)]
-    if min(len(cloud) for cloud in clouds) < 100:
+    clouds = [cloud(level) for level in (target, source)]
+    if min(len(one) for one in clouds) < 100:
         return None
     found = library.align(
         *clouds,
-        init_T_target_source=starts[0].matrix,
+        init_T_target_source=start.matrix,
         registration_type="GICP",
         downsampling_resolution=GICP_VOXEL_M,
         max_correspondence_distance=GICP_REACH_M,
         num_threads=1,
     )
-    return evaluate(target, source, np.array(found.T_target_source), config)
+    T = np.array(found.T_target_source)
+    return T, _covariance(np.array(found.H), T[:3, :3], np.zeros(3))
 
 
-def _cloud(level: Level) -> np.ndarray:
+def cloud(level: Level) -> Float[np.ndarray, "n 3"]:
+    """Points of a level, camera frame, m."""
     x, y = level.slopes
     keep = np.isfinite(level.z)
     z = level.z.astype(np.float64)

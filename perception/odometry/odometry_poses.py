@@ -57,6 +57,7 @@ class OdometryPoses:
         """
         self._sources = sources or DepthSources()
         self.odometer = Odometer(rng, config, floor, self._sources.structured_light)
+        self.stamps: list[float] = []  # of the depth images, s
         self._step: Step | None = None
         self._covariances: dict[int, Float[np.ndarray, "6 6"]] = {}  # of references and the latest
         self._covariance = np.zeros((6, 6))
@@ -80,6 +81,11 @@ class OdometryPoses:
             return None
         distortion = self.odometer.config.back_end.distortion
         return CameraPose(step.T_start_camera, self._covariance, distortion)
+
+    @property
+    def step(self) -> Step | None:
+        """The latest step of the odometry; None before the first depth image."""
+        return self._step
 
     @property
     def _unrelated(self) -> bool:
@@ -117,6 +123,7 @@ class OdometryPoses:
         if image is None:
             return None
         number = len(self.odometer.states)
+        self.stamps.append(frame.stamp_s)
         step = self._step = self.odometer.track_images(image.depth, image.rgb, image.sensor)
         before = self._covariances.get(step.reference, np.zeros((6, 6)))
         reference = step.T_start_camera @ step.motion.inverse()

@@ -23,6 +23,7 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from ..primitives.settings import setting
 from ..smoothing.smoother import Solution
+from .alarm import Alarm, AlarmConfig
 from .alignment import AlignConfig
 from .back_end import BackEnd, BackEndConfig
 from .odometry import LOST, Odometry, OdometryConfig, Step
@@ -41,6 +42,7 @@ class OdometerConfig:
     align: AlignConfig = field(default_factory=AlignConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     back_end: BackEndConfig = field(default_factory=BackEndConfig)
+    alarm: AlarmConfig = field(default_factory=AlarmConfig)
     loops: bool = setting(
         True,
         "",
@@ -54,6 +56,7 @@ class Odometer:
 
     Attributes:
         states: State of every frame so far, see `odometry.Step`.
+        failures: Probability that the pose of the frame is wrong, see `alarm`.
     """
 
     def __init__(
@@ -76,6 +79,8 @@ class Odometer:
         self.odometry = Odometry(replace(self.config.odometry, reuse=not loops), self.config.align)
         self.back_end = BackEnd(rng, self.config.back_end, self.config.align) if loops else None
         self.states: list[str] = []
+        self.failures: list[float] = []
+        self._alarm = Alarm()
         self._rng = rng
         self._floor_config, self._noise = floor, noise
         self._T_world_start: Pose3 | None = None
@@ -110,6 +115,7 @@ class Odometer:
             self.back_end.take(step, image, is_reference)
         self._level(image, step)
         self.states.append(step.state)
+        self.failures.append(self._alarm.note(step, image))
         return step
 
     def trajectory(self) -> tuple[list[Pose3], Solution | None]:

@@ -44,6 +44,7 @@ EXTRAS = {
     "viz": ("viser",),
     "batch": ("dask", "distributed"),
     "bench": (
+        "kiss-icp",
         "octomap-python",
         "pyastar2d",
         "pyransac3d",

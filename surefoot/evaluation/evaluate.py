@@ -26,6 +26,7 @@ from ..results.run_folder import (
     RunFolder,
 )
 from ..results.tables import Table, Trajectory
+from ..results.tracking import TRACKING, tracking_metrics
 from ..results.trajectory_uncertainty import SPACE, read_aligned_covariances
 from .footprints import footprint_figures
 from .foreign_trajectory import read_trajectory
@@ -341,6 +342,7 @@ def _against_tables(run: RunFolder) -> dict[str, float | bool]:
     floor, true_floor = run.read_csv("floor.csv"), run.read_csv("truth/floor.csv")
     if floor is not None:
         figures |= floor_metrics(floor, true_floor)
+    figures |= tracking_metrics(run.read_csv(TRACKING))
     innovations = run.read_csv("innovations.csv")
     if innovations is not None:
         figures |= innovation_metrics(innovations)

@@ -3,7 +3,7 @@
 CSV: one line per pose, row by row, with or without a header and a first column of stamps (s or ns). The count tells
 what a line holds: 36 a full 6x6 matrix, 21 its upper triangle, over (x, y, z, rotation vector); 9 and 6 the same of a
 3x3 matrix, over (x, y, yaw) if a name of the header contains "yaw" or "theta", else over (x, y, z). Units are m and
-rad. Of a table with other columns, those count whose names begin with "P", "cov" or "aligned_".
+rad. Of a table with other columns, those count whose names begin with "P_", P and a digit, "cov" or "aligned_".
 
 g2o: vertices VERTEX_SE3:QUAT or VERTEX_SE2 with edges EDGE_SE3:QUAT or EDGE_SE2. The joint covariance of all vertices
 follows from the information of the edges.
@@ -13,6 +13,7 @@ Source: Dellaert and Kaess (2006) (marginals of a graph); the rules for tables a
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -34,6 +35,7 @@ SPACE, PLANAR, POSITION = "space", "planar", "position"
 GROWING, INDEPENDENT, ALIGNED, GRAPH = "growing", "independent", "aligned", "graph"
 GROWS = 0.1  # ours: of a localiser the first covariance is as large as the others, of odometry it is nearly zero
 _SIZES = {36: (6, False), 21: (6, True), 9: (3, False), 6: (3, True)}
+_COVARIANCE = re.compile(r"P[_\d]|(?i:cov)")
 _SAME_M = 1e-3  # ours: a vertex is at the pose of the trajectory that is this close
 
 WORDS = {
@@ -184,7 +186,7 @@ def read_claims(path: Path, trajectory: ForeignTrajectory, body_axes: bool = Fal
         return _of_graph(path, trajectory)
     stamps, names, values = _table(path)
     size, upper = _SIZES[values.shape[1]]
-    planar = any(word in name for name in names for word in ("yaw", "theta"))
+    planar = any(word in name.lower() for name in names for word in ("yaw", "theta"))
     kind = SPACE if size == 6 else PLANAR if planar else POSITION
     covariances = _matrices(values, size, upper)
     mine, theirs = _rows(path, stamps, len(values), trajectory)
@@ -239,10 +241,10 @@ def _table(
     table = np.array(rows)
     names = _names(path, width)
     chosen = [i for i, name in enumerate(names) if name.startswith("aligned_")] or [
-        i for i, name in enumerate(names) if name.startswith(("p", "cov"))
+        i for i, name in enumerate(names) if _COVARIANCE.match(name)
     ]
     if len(chosen) in _SIZES:
-        first = names[0]
+        first = names[0].lower()
         timed = 0 not in chosen and ("stamp" in first or "time" in first or first in ("t", "t_s"))
         picked = [names[i] for i in chosen]
         return (seconds(table[:, 0]) if timed else None), picked, table[:, chosen]
@@ -257,10 +259,10 @@ def _table(
 
 
 def _names(path: Path, width: int) -> list[str]:
-    """Names of the columns in small letters: a line of words above the numbers, a comment or not."""
+    """Names of the columns: a line of words above the numbers, a comment or not."""
     for line in text_lines(path):
         words = line.strip().lstrip("#").replace(";", ",").split(",")
-        names = [word.strip().lower() for word in words]
+        names = [word.strip() for word in words]
         if len(names) == width and not numbers_of(names):
             return names
         if numbers_of(names):

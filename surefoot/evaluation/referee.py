@@ -22,7 +22,12 @@ from .foreign_covariance import PLANAR, POSITION, SPACE, WORDS, Claims, read_cla
 from .foreign_trajectory import ForeignTrajectory, pairs, read_trajectory
 from .metrics import calibration as scores
 from .metrics.consistency import band, consistency_metrics, effective_samples, squared, whitened
-from .metrics.gauge_alignment import errors_in_space, errors_on_floor
+from .metrics.gauge_alignment import (
+    MAX_BODY_ROTATION_DEG,
+    body_rotation_deg,
+    errors_in_space,
+    errors_on_floor,
+)
 from .metrics.trajectory import align, pick, relative_errors, rms, trajectory_metrics, wrapped
 
 MIN_POSES = 5  # ours: with fewer poses an alignment leaves hardly any error
@@ -114,6 +119,8 @@ def judge(
             f"only {len(rows)} poses have both a covariance and a true pose; at least {MIN_POSES} are needed"
         )
     errors = errors_of(claims.kind, pick(found, rows), pick(true, rows), same_axes)
+    if claims.kind == SPACE and not same_axes:
+        _check_body(pick(found, rows), pick(true, rows))
     covariances = claims.covariances[chosen] if same_axes else claims.left(estimate.poses, chosen)
     lengths = _LENGTHS[claims.kind]
     own = [truth_sigma[0]] * lengths + [truth_sigma[1]] * (errors.shape[1] - lengths)
@@ -316,6 +323,16 @@ def _common(
     """Matching poses with a covariance: indices among the matches, and among the claims."""
     _, rows, chosen = np.intersect1d(mine, claims.rows, assume_unique=True, return_indices=True)
     return rows, chosen
+
+
+def _check_body(estimate: Trajectory, truth: Trajectory) -> None:
+    """Refuse the truth of a body that is rotated against that of the estimate."""
+    rotation_deg = body_rotation_deg(estimate, truth)
+    if rotation_deg is not None and rotation_deg > MAX_BODY_ROTATION_DEG:
+        raise InputError(
+            f"the truth is the trajectory of a body that is rotated by {rotation_deg:.0f} deg against that of the "
+            "estimate; give the truth of the same body, or covariances of the positions alone (3x3)"
+        )
 
 
 def _in_truth(estimate: Trajectory, truth: Trajectory, same_axes: bool) -> Trajectory:

@@ -101,6 +101,7 @@ _UNTARGETED = (  # words, figure, format
     ("mean NEES of the pose ({dof:.0f} if consistent)", "pose_anees", "{:.2f}"),
     ("mean NIS of landmarks (2 if consistent)", "landmark_anis", "{:.2f}"),
     ("mean NIS of tracks (2 if consistent)", "track_anis", "{:.2f}"),
+    ("frames in which the odometry is doubtful (alarm)", "odometry_alarms", "{:.0f}"),
     ("views placed", "views_placed", "{:.0f}"),
     ("obstacles listed", "obstacles", "{:.0f}"),
     ("frames", "frames", "{:.0f}"),

@@ -96,7 +96,7 @@ def map_recording(job: Job, say: Say) -> MapSummary:
         source.closures,
         len(mesh.vertices),
         float(walkable.sum()) * layers.cell_m**2,
-        tuple(recording.remarks),
+        (*recording.remarks, *([source.remark] if source.remark else [])),
     )
     figures: dict[str, Any] = asdict(mapped)
     for name in ("folder", "notes"):

@@ -30,6 +30,7 @@ from ..config.schema import Config
 from ..recordings.recording import Recording
 from ..results.camera_trajectory import CameraTrajectory, write_poses
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from ..results.tracking import write_tracking
 from ..results.trajectory_uncertainty import write_covariances
 from ..run.pipeline import Pipeline
 from .g2o import write_g2o
@@ -55,6 +56,7 @@ class PlacedImages(ABC):
         lost: Frames whose pose could not be found.
         doubtful: Frames whose pose is uncertain.
         closures: Closed loops.
+        remark: What the summary should say about the poses, known after `write`.
     """
 
     def __init__(self, recording: Recording, config: Config) -> None:
@@ -64,6 +66,7 @@ class PlacedImages(ABC):
             config.tof, config.structured_light, config.stereo, config.depth_sources
         )
         self.frames = self.with_depth = self.lost = self.doubtful = self.closures = 0
+        self.remark = ""
 
     @abstractmethod
     def images(self) -> Iterator[PlacedImage]:
@@ -153,7 +156,7 @@ class OdometryCamera(PlacedImages):
         states = self._odometer.states
         found = [state not in (LOST, RESTARTED) for state in states]
         self._poses = {s: p for s, p, known in zip(stamps, poses, found, strict=True) if known}
-        self._found = found
+        self._found, self._stamps = found, stamps
         self.lost = len(found) - sum(found)
         self.doubtful = states.count("doubtful")
         if self._odometer.back_end is not None:
@@ -169,7 +172,15 @@ class OdometryCamera(PlacedImages):
                 yield from self._of_camera(frame, pose)
 
     def write(self, folder: RunFolder) -> None:
-        """Write trajectory.txt, the two tables of covariances, and graph.g2o."""
+        """Write trajectory.txt, the two tables of covariances, tracking.csv and graph.g2o."""
+        odometer = self._odometer
+        self.remark = write_tracking(
+            folder,
+            self._stamps,
+            odometer.states,
+            odometer.failures,
+            odometer.config.alarm.threshold,
+        )
         write_poses(folder, "trajectory.txt", self._poses.items())
         uncertainty = self._odometer.uncertainty(self._solution)
         if uncertainty is not None:

@@ -36,6 +36,7 @@ FILES = {
     "trajectory_covariance.csv": "x, y, yaw with covariance",
     "states.csv": "tracked or lost at every instant of a robot's log, with standard deviations",
     "space_covariance.csv": "6x6 covariances of the camera poses: from the start, and after alignment",
+    "tracking.csv": "state of the odometry in every frame, and the probability that its pose is wrong",
     "aligned_errors.csv": "errors after alignment with a given truth, with standard deviations",
     "mesh.ply": "surface mesh (MeshLab, CloudCompare, Open3D)",
     "layers.npz": "height, slope, step and traversability of the floor (NumPy)",

@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 from perception.localisation.camera_pose import CameraPoseSource
+from perception.odometry.odometry_poses import OdometryPoses
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
@@ -13,6 +14,7 @@ from ..recordings.robot_log import robot_files
 from ..recordings.without_poses import WithoutPoses, open_input
 from ..results.camera_trajectory import CameraTrajectory, write_poses
 from ..results.run_folder import RunFolder
+from ..results.tracking import write_tracking
 from . import checkpoint
 from .bodies import Playback
 from .checkpoint import State
@@ -89,12 +91,19 @@ def process(
     in_space = isinstance(source, CameraPoseSource)
     if isinstance(source, CameraPoseSource):
         camera.write(folder, source.T_map_origin)
+    notes = [*recorder.notes(), *recording.remarks]
+    if isinstance(source, OdometryPoses):
+        odometer = source.odometer
+        threshold = odometer.config.alarm.threshold
+        notes.append(
+            write_tracking(folder, source.stamps, odometer.states, odometer.failures, threshold)
+        )
     summary = Summary(
         folder.root,
         recorder.frames,
         recorder.seconds,
         skipped=_count(recording),
-        notes=(*recorder.notes(), *recording.remarks),
+        notes=tuple(note for note in notes if note),
         interrupted=interrupted,
     )
     words = ["surefoot", "process", str(path), "--config", str(folder.path("config.toml"))]

@@ -52,9 +52,9 @@ class ReplicaRoom:
             len(self.mesh.triangles), bool
         )  # triangles seen by any pixel, without noise
 
-    def frames(self, rng: np.random.Generator, every: int = 1) -> Iterator[Frame]:
-        """Frames with noisy depth and colour at every `every`-th pose."""
-        for number in range(0, len(self.poses), every):
+    def frames(self, rng: np.random.Generator, every: int = 1, first: int = 0) -> Iterator[Frame]:
+        """Frames with noisy depth and colour at every `every`-th pose from the `first` on."""
+        for number in range(first, len(self.poses), every):
             z, rgb = self._look(self.poses[number], rng)
             yield Frame(
                 stamp_s=number / HZ,

@@ -61,6 +61,7 @@ FILES = {
     "real-panorama": "real.panorama",
     "real-planes": "real.labelled_floors",
     "real-stereo": "real.stereo",
+    "referee": "real.referee",
 }
 """Id of the specification to module, sorted by room."""
 

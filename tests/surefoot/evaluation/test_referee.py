@@ -300,6 +300,20 @@ def test_a_truth_of_another_time_is_refused_with_both_ranges(tmp_path):
         judge_files(found, cov, truth)
 
 
+def test_a_truth_of_a_rotated_body_is_refused(tmp_path):
+    rng = np.random.default_rng(0)
+    poses = [
+        Pose3.from_rotation(Rotation.random(random_state=rng).as_matrix(), rng.normal(size=3))
+        for _ in range(30)
+    ]
+    found = tum(tmp_path / "found.txt", np.arange(30), poses)
+    np.savetxt(tmp_path / "cov.csv", np.tile(1e-4 * np.eye(6)[UPPER], (30, 1)), delimiter=",")
+    mount = Pose3.from_rotation(Rotation.from_euler("x", 90, degrees=True).as_matrix(), np.zeros(3))
+    body = tum(tmp_path / "body.txt", np.arange(30), [pose @ mount for pose in poses])
+    with pytest.raises(InputError, match=r"rotated by 90 deg against"):
+        judge_files(found, tmp_path / "cov.csv", body)
+
+
 def test_poses_without_stamps_need_as_many_true_poses(tmp_path):
     _, _, truth = Walk(0, n=20).write(tmp_path)
     np.savetxt(tmp_path / "k.txt", np.tile(np.eye(4)[:3].ravel(), (7, 1)))

@@ -1,0 +1,130 @@
+"""The referee on RGB-D odometry: a leaderboard of accuracy and honesty, conformal regions, and our failure alarm.
+
+Leaderboard: `leaderboard`, on the shared recordings and on Replica's office rendered with sensor noise.
+
+Conformal: the score of a frame is the error of its motion since the frame before, whitened by the claimed covariance
+(by that of the errors in the first halves, where a method claims none). The first halves of all recordings give the
+radius of the 90 % region of each method, the second halves test it. Motions are taken because their errors are nearly
+independent; those of poses are not, and no region fitted to a part of a trajectory would hold on the rest.
+
+Alarm: weights and threshold were chosen on the first half of Replica's trajectory and on 7-Scenes' sweep
+(`perception.odometry.alarm`); this reports on its second half, 7-Scenes' pan and TUM's cabinet, with other breaks.
+
+Source: ours; Lei et al. 2018 (split conformal prediction).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.filtering.consistency import chi_square_quantile
+from perception.primitives.errors import InputError
+from perception.primitives.frame import Frame
+
+from ...evaluation.metrics.calibration import SHARE, conformal_radius
+from ...evaluation.metrics.consistency import squared, whitened
+from ...recordings.open import open_recording
+from ..support import real_data
+from ..support.experiment import Experiment, Outcome, Part, Say, Target, combined
+from .leaderboard import METHODS, Track, row, tracked
+from .odometry import SETS
+from .odometry_alarm import Broken, alarms
+from .replica_room import ReplicaRoom
+
+REPLICA_EVERY = 2  # of the 2000 poses; all of them would take the peers an hour
+LEAST = 200  # motions in the second halves, so that chance moves the coverage by 3 % or less
+
+
+def run(seeds: int, say: Say) -> Outcome:
+    """The recordings once; Replica with the noise of every seed."""
+    frames: dict[str, list[Frame]] = {}
+    missing = []
+    for name, folder in SETS.items():
+        try:
+            frames[name] = list(open_recording(real_data.folder(folder)).frames())
+        except InputError as error:
+            missing.append(f"{name:<16} {error}")
+    room = ReplicaRoom(real_data.folder("replica_office0"))
+    tracks: dict[str, list[Track]] = {name: [] for name in METHODS}
+    parts: list[Part] = [({}, missing)]
+    for seed in range(seeds):
+        rendered = list(room.frames(np.random.default_rng(seed), REPLICA_EVERY))
+        sets = {"replica": rendered} if seed else {**frames, "replica": rendered}
+        for recording, given in sets.items():
+            for method in METHODS:
+                say(f"{recording}: {method}")
+                track = tracked(method, given)
+                figures, line = row(recording, method, track)
+                parts.append((figures, [line]))
+                if track is not None:
+                    tracks[method].append(track)
+    parts.append(conformal(tracks))
+    rng = np.random.default_rng(1)
+    parts.append(alarms(_to_break(frames, room), rng, say))
+    return combined(*parts)
+
+
+def conformal(tracks: dict[str, list[Track]]) -> Part:
+    """Coverage of the 90 % regions on the second halves, by method."""
+    figures: dict[str, float] = {}
+    table = []
+    exact = math.sqrt(chi_square_quantile(SHARE, 6))
+    for method, found in tracks.items():
+        halves = [_halves(track) for track in found]
+        if not halves:
+            continue
+        first, second = (np.concatenate([pair[i] for pair in halves]) for i in (0, 1))
+        radius = conformal_radius(first)
+        inside, claimed = (float(np.mean(second <= r)) for r in (radius, exact))
+        table.append(
+            f"{method:<12} 90 % regions of {len(second)} motions: {inside:.1%} inside the conformal radius "
+            f"{radius:.2f}, {claimed:.1%} inside that of exact claims ({exact:.2f})"
+        )
+        if len(second) >= LEAST:
+            figures[f"{method}_conformal_90"] = inside
+            figures[f"{method}_claimed_90"] = claimed
+    held = [value for name, value in figures.items() if name.endswith("_conformal_90")]
+    figures["conformal_90_min"] = min(held, default=float("nan"))
+    figures["conformal_90_max"] = max(held, default=float("nan"))
+    return figures, table
+
+
+def _halves(track: Track) -> tuple[Float[np.ndarray, "a"], Float[np.ndarray, "b"]]:
+    """Whitened lengths of the errors of the motions of the first and of the second half."""
+    errors, claims = track.steps()
+    half = len(errors) // 2
+    if not track.claims:
+        claims = np.broadcast_to(errors[:half].T @ errors[:half] / half, claims.shape)
+    scores = np.sqrt(squared(whitened(errors, claims)))
+    first, second = scores[:half], scores[half:]
+    return first[np.isfinite(first)], second[np.isfinite(second)]
+
+
+def _to_break(frames: dict[str, list[Frame]], room: ReplicaRoom) -> list[Broken]:
+    """The recordings that the alarm was not chosen on."""
+    listed = [
+        Broken(name, frames[name], 8, 10, longest)
+        for name, longest in (("sevenscenes_pan", 8), ("tum_fr3_cabinet", 6))
+        if name in frames
+    ]
+    for every, apart in ((1, 250), (2, 60), (5, 30)):
+        shown = list(room.frames(np.random.default_rng(100 + every), every, len(room.poses) // 2))
+        listed.append(Broken(f"replica 1/{every}", shown, 20, apart, 10))
+    return listed
+
+
+EXPERIMENT = Experiment(
+    id="referee",
+    title="RGB-D odometry of Surefoot and its peers: accuracy, honesty, conformal regions, failure alarm",
+    run=run,
+    targets={
+        "conformal_90_min": Target(">=", 0.87),
+        "conformal_90_max": Target("<=", 0.93),
+        "alarm_recall": Target(">=", 0.9),
+        "alarm_false_per_1000": Target("<=", 2.0),
+    },
+    seeds=1,
+)

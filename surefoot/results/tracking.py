@@ -1,0 +1,56 @@
+"""How well the odometry of a camera without poses tracked: tracking.csv, and one sentence on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .run_folder import RunFolder
+from .tables import Table
+
+TRACKING = "tracking.csv"
+TRACKING_HEADER = ("stamp_s", "state", "failure_probability", "alarm")
+
+
+def write_tracking(
+    folder: RunFolder,
+    stamps: Sequence[float],
+    states: Sequence[str],
+    failures: Sequence[float],
+    threshold: float,
+) -> str:
+    """Write the table.
+
+    Args:
+        folder: Run folder.
+        stamps: Of the depth images, s.
+        states: Of `perception.odometry.odometry.Step`.
+        failures: Probability that the pose is wrong, of each image.
+        threshold: Probability from which an image raises the alarm.
+
+    Returns:
+        The sentence for the summary; empty without images.
+    """
+    alarms = [failure >= threshold for failure in failures]
+    folder.write_csv(
+        TRACKING, TRACKING_HEADER, list(zip(stamps, states, failures, alarms, strict=True))
+    )
+    if not alarms:
+        return ""
+    if not any(alarms):
+        return f"odometry doubtful in none of {len(alarms)} frames"
+    first = stamps[alarms.index(True)] - stamps[0]
+    return f"odometry doubtful in {sum(alarms)} of {len(alarms)} frames, from {first:.1f} s on"
+
+
+def tracking_metrics(table: Table | None) -> dict[str, float]:
+    """Empty without a table; odometry_frames, odometry_alarms (frames with an alarm), odometry_lost (frames without a pose)."""
+    if table is None:
+        return {}
+    states = table.words("state")
+    return {
+        "odometry_frames": float(len(states)),
+        "odometry_alarms": float(np.sum(table.numbers("alarm"))),
+        "odometry_lost": float(sum(state in ("lost", "restarted") for state in states)),
+    }
