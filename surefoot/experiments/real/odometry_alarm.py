@@ -10,7 +10,7 @@ Source: ours.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,7 +136,7 @@ def _event(name: str, kind: str, before: list[Shot], shots: list[Shot]) -> Event
     return Event(name, kind, ringing[0] if ringing else None, first, silent)
 
 
-def alarms(sequences: Sequence[Broken], rng: np.random.Generator, say: Say) -> Part:
+def alarms(sequences: Iterable[Broken], rng: np.random.Generator, say: Say) -> Part:
     """Recall and false alarms over all recordings."""
     events: list[Event] = []
     false = frames = 0

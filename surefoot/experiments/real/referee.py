@@ -16,6 +16,7 @@ Source: ours; Lei et al. 2018 (split conformal prediction).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float
@@ -103,17 +104,14 @@ def _halves(track: Track) -> tuple[Float[np.ndarray, "a"], Float[np.ndarray, "b"
     return first[np.isfinite(first)], second[np.isfinite(second)]
 
 
-def _to_break(frames: dict[str, list[Frame]], room: ReplicaRoom) -> list[Broken]:
+def _to_break(frames: dict[str, list[Frame]], room: ReplicaRoom) -> Iterator[Broken]:
     """The recordings that the alarm was not chosen on."""
-    listed = [
-        Broken(name, frames[name], 8, 10, longest)
-        for name, longest in (("sevenscenes_pan", 8), ("tum_fr3_cabinet", 6))
-        if name in frames
-    ]
-    for every, apart in ((1, 250), (2, 60), (5, 30)):
+    for name, longest in (("sevenscenes_pan", 8), ("tum_fr3_cabinet", 6)):
+        if name in frames:
+            yield Broken(name, frames[name], 8, 10, longest)
+    for every, apart in ((5, 40), (2, 80), (1, 250)):
         shown = list(room.frames(np.random.default_rng(100 + every), every, len(room.poses) // 2))
-        listed.append(Broken(f"replica 1/{every}", shown, 20, apart, 10))
-    return listed
+        yield Broken(f"replica 1/{every}", shown, 20, apart, 10)
 
 
 EXPERIMENT = Experiment(
