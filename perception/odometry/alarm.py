@@ -23,7 +23,7 @@ import numpy as np
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from ..primitives.settings import setting
-from .odometry import FIRST, LOST, RELOCALISED, RESTARTED, Step
+from .odometry import FIRST, LOST, RESTARTED, Step
 from .pyramid import Pyramid
 
 OFFSET, INNOVATION, MISFIT, RESIDUAL = -1.7, 1.8, 1.5, 1.0  # logistic regression, see above
@@ -59,9 +59,9 @@ class Alarm:
     def note(self, step: Step, image: Pyramid) -> float:
         """Probability that the pose of this image is wrong."""
         before, self._image = self._image, _fingerprint(image)
-        if step.state in (LOST, RESTARTED, RELOCALISED):
+        if step.state in (LOST, RESTARTED):
             self._poses.clear()
-        if step.state not in (LOST, RESTARTED):
+        else:
             self._poses.append(step.T_start_camera)
         if step.state == FIRST:
             return 0.0
