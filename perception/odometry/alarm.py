@@ -1,8 +1,9 @@
 """Failure alarm of the odometry: the probability that the pose of an image is wrong.
 
 Three signs are weighed: the innovation (how far the camera jumped from its own motion, in units of what it did lately),
-the overlap (outliers and contradicting points of the alignment), and the residual of the inliers. A lost image and one
-that repeats the image before it, as a frozen driver delivers, have probability one: neither measures anything.
+the overlap (outliers and contradicting points of the alignment), and the residual of the inliers. Probability one have lost
+images, relocalised ones (they could not be tracked, and no motion confirms where they were found), and images that
+repeat the one before, as a frozen driver delivers them: they measure nothing.
 
 The weights are a logistic regression with a normal prior on standardised signs, from 775 images of two sequences broken
 on purpose (the first half of Replica's office and 7-Scenes' sweep; experiment `referee`, which reports on others): there
@@ -23,7 +24,7 @@ import numpy as np
 from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from ..primitives.settings import setting
-from .odometry import FIRST, LOST, RESTARTED, Step
+from .odometry import FIRST, LOST, RELOCALISED, RESTARTED, Step
 from .pyramid import Pyramid
 
 OFFSET, INNOVATION, MISFIT, RESIDUAL = -1.7, 1.8, 1.5, 1.0  # logistic regression, see above
@@ -66,7 +67,7 @@ class Alarm:
         if step.state == FIRST:
             return 0.0
         innovation = self._innovation()
-        if step.aligned is None or self._image == before:
+        if step.aligned is None or step.state == RELOCALISED or self._image == before:
             return 1.0
         aligned = step.aligned
         misfit = 1.0 - aligned.fitting + aligned.contradicting + LEAST_MISFIT

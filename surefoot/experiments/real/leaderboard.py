@@ -24,6 +24,11 @@ from perception.odometry.odometry_poses import OdometryPoses
 from perception.odometry.pose_uncertainty import compounded, error_transport
 from perception.odometry.pyramid import Level, PyramidConfig, build
 from perception.odometry.rgbd_odometry import OdometerConfig
+from perception.odometry.view_errors import (
+    since_start,
+    view_correlation,
+    view_error_covariances,
+)
 from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
 
@@ -47,24 +52,23 @@ class Track:
     Args:
         found, true: T_start_camera and T_world_camera of each frame.
         shared: Covariance of the error that later poses inherit, axes of the start; NaN where the pose is unknown.
-        own: That of the error of each image alone.
         reference: Frame that each frame was aligned with.
         lost: Frames without a pose.
+        of_view: Covariance of the error that depends on the view, see `perception.odometry.view_errors`.
     """
 
     found: list[Pose3] = field(default_factory=list)
     true: list[Pose3] = field(default_factory=list)
     shared: list[Float[np.ndarray, "6 6"]] = field(default_factory=list)
-    own: list[Float[np.ndarray, "6 6"]] = field(default_factory=list)
     reference: list[int] = field(default_factory=list)
     lost: int = 0
+    of_view: Float[np.ndarray, "6 6"] = field(default_factory=lambda: np.zeros((6, 6)))
 
-    def add(self, found: Pose3, true: Pose3, shared: np.ndarray, own: np.ndarray, to: int) -> None:
+    def add(self, found: Pose3, true: Pose3, shared: np.ndarray, to: int) -> None:
         """Add a frame."""
         self.found.append(found)
         self.true.append(true)
         self.shared.append(shared)
-        self.own.append(own)
         self.reference.append(to)
 
     @property
@@ -91,7 +95,9 @@ class Track:
             )
             for poses in (self.found, self.true)
         )
-        left = aligned_covariances(mine.positions, shared[placed], np.array(self.own)[placed])
+        rotations = Rotation.from_quat(mine.quats_xyzw).as_matrix()
+        left = aligned_covariances(mine.positions, shared[placed])
+        left = left + view_error_covariances(mine.positions, rotations, self.of_view).aligned
         return float(np.mean(nees(errors_in_space(mine, theirs), left))) / 6.0
 
     def steps(self) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6 6"]]:
@@ -115,9 +121,12 @@ class Track:
             lever = error_transport(self.found[j].position - self.found[of].position)
             return np.asarray(lever @ covariance @ lever.T)
 
-        whole = (
-            self.shared[j] - moved(base, self.shared[base]) + self.own[j] + moved(i, self.own[i])
+        a, b = self.found[i], self.found[j]
+        alike = view_correlation(
+            b.position[None], b.rotation[None], a.position[None], a.rotation[None]
         )
+        whole = self.shared[j] - moved(base, self.shared[base])
+        whole = whole + since_start(self.of_view, b.position - a.position, float(alike[0, 0]))
         if base != i:
             lever = error_transport(self.found[i].position - self.found[base].position)
             whole = whole + moved(i, self.shared[i] - lever @ self.shared[base] @ lever.T)
@@ -133,9 +142,10 @@ def ours(frames: Iterable[Frame]) -> Track:
         step = source.step
         assert step is not None
         camera = source.camera
-        shared, own = (unknown, unknown) if camera is None else (camera.shared, camera.own)
+        shared = unknown if camera is None else camera.shared
+        track.of_view = track.of_view if camera is None else camera.of_view
         track.lost += step.state in (LOST, RESTARTED)
-        track.add(step.T_start_camera, true, shared, own, step.reference)
+        track.add(step.T_start_camera, true, shared, step.reference)
     return track
 
 
@@ -157,7 +167,7 @@ def by_steps(frames: Iterable[Frame], match: Matcher) -> Track:
                 shared = compounded(shared, here, motion, step)
                 here = here @ motion
         before = image
-        track.add(here, true, shared, np.zeros((6, 6)), max(number - 1, 0))
+        track.add(here, true, shared, max(number - 1, 0))
     return track
 
 
@@ -192,7 +202,7 @@ def kiss_icp(frames: Iterable[Frame]) -> Track:
         points = baselines.cloud(_image(frame))
         odometry.register_frame(points, np.zeros(0))
         found = Pose3.from_matrix(np.array(odometry.last_pose))
-        track.add(found, true, unknown, np.zeros((6, 6)), max(number - 1, 0))
+        track.add(found, true, unknown, max(number - 1, 0))
     return track
 
 

@@ -75,12 +75,12 @@ def test_worse_overlap_makes_a_failure_more_probable():
     assert found[-1] > 5 * found[0]
 
 
-def test_lost_images_have_no_pose_and_after_them_the_jump_back_is_no_alarm():
+def test_lost_and_relocalised_images_raise_the_alarm_and_the_next_ones_do_not():
     poses = swing(30)
     states = [FIRST] + [TRACKED] * 9 + [LOST] * 3 + [RESTARTED, RELOCALISED] + [TRACKED] * 15
     found = heard([step(pose, state) for pose, state in zip(poses, states, strict=True)])
-    assert found[10:14] == [1.0] * 4
-    assert max(found[14:]) < 0.5
+    assert found[10:15] == [1.0] * 5
+    assert max(found[15:]) < 0.5
 
 
 def test_a_picture_that_repeats_the_one_before_raises_the_alarm():

@@ -79,7 +79,7 @@ def track(seed: int, claim: float = 1.0, n: int = 200, keep: int = 1) -> Track:
         shared.append(compounded(shared[reference], found[reference], measured, step))
         found.append(found[reference] @ measured)
         to.append(reference)
-    return Track(found, true, shared, [np.zeros((6, 6))] * n, to)
+    return Track(found, true, shared, to)
 
 
 @pytest.mark.parametrize("keep", [1, 7])
