@@ -23,6 +23,7 @@ ANCHOR_SIGMA = 1e-4  # ours: rad, m; fixes the first view if no view has a prior
 WEAK_PRIOR = np.diag([3.0**2] * 3 + [30.0**2] * 3)
 """Covariance for a view without prior, rad^2 and m^2 (ours): keeps the graph solvable without links."""
 MOST_SIGMA_RAD = 0.5  # ours: a view with a larger rotation sigma is not placed
+EVIDENCE = ("features", "surfaces", "alignment")  # kinds of links, the best first
 CAUCHY = 2.0  # ours: scale of the robust kernel, in standard deviations
 
 
@@ -41,7 +42,7 @@ class Placed:
     Args:
         T_base_camera: Its pose.
         covariance: Rotation (rad^2), then translation (m^2), axes of the camera.
-        by: Its evidence: "features", "surfaces", or "encoders" if it has no link.
+        by: Its best evidence: "features", "surfaces", "alignment" of whole images, or "encoders" without a link.
         links: Number of its links.
         yaws: Covariance of its rotation about the base's vertical with that of every view, rad^2; 0 for a
             view that is not placed. The relative yaw of two views with a common encoder error is more
@@ -67,12 +68,13 @@ def adjust(
 
     Returns:
         One per view; None for a view without a prior and without a chain of links to a view with one. If no
-        view has a prior, the first one defines the base: at its origin, looking along its x axis.
+        view has a prior, the first of the largest linked set defines the base: at its origin, looking along
+        its x axis.
     """
     given = list(priors)
     if given and all(prior is None for prior in given):
         straight = Pose3.from_rotation(CAMERA_IN_BODY_AXES, np.zeros(3))
-        given[0] = Prior(straight, ANCHOR_SIGMA**2 * np.eye(6))
+        given[min(largest_set(linked_sets(links, len(given))))] = anchor(straight)
     start = _initial_poses(given, links)
     reached = [number for number, pose in enumerate(start) if pose is not None]
     if not reached:
@@ -84,11 +86,30 @@ def adjust(
         if pose is None or np.diag(covariances[number])[:3].max() > MOST_SIGMA_RAD**2:
             placed.append(None)
             continue
-        by = "features" if any(link.by == "features" for link in mine) else "encoders"
-        if by == "encoders" and mine:
-            by = "surfaces"
+        evidence = {link.by for link in mine}
+        by = next((one for one in EVIDENCE if one in evidence), "encoders")
         placed.append(Placed(pose, covariances[number], by, len(mine), yaws[number]))
     return placed
+
+
+def anchor(pose: Pose3) -> Prior:
+    """The prior of a view that defines the base."""
+    return Prior(pose, ANCHOR_SIGMA**2 * np.eye(6))
+
+
+def linked_sets(links: Sequence[Link], count: int) -> list[int]:
+    """For each view the first view of the set that links connect it with."""
+    first = list(range(count))
+    for link in links:
+        one, other = sorted((first[link.first], first[link.second]))
+        first = [one if number == other else number for number in first]
+    return first
+
+
+def largest_set(first: Sequence[int]) -> set[int]:
+    """The largest set of views in the result of `linked_sets`; of equal ones the first."""
+    best = max(first, key=lambda one: (first.count(one), -one))
+    return {number for number, own in enumerate(first) if own == best}
 
 
 def _initial_poses(priors: Sequence[Prior | None], links: Sequence[Link]) -> list[Pose3 | None]:

@@ -72,7 +72,7 @@ class Link:
         T_first_second: Pose of the second camera in the first; a rotation has zero translation.
         covariance: Rotation (rad^2), then translation (m^2), axes of the second camera.
         inliers, matches: n_i and n_f.
-        by: "features" or "surfaces".
+        by: "features", "surfaces", or "alignment" of whole images.
     """
 
     first: int

@@ -1,9 +1,10 @@
 """Stitching: features, pairs, pose graph of all views, and rendering on a sphere.
 
 Each view reports its evidence: features, aligned surfaces, or the encoders alone. A view without enough
-matches keeps its prior. A view without a prior and without matches is left out.
+matches keeps its prior. Views without priors that features do not connect are aligned as whole images
+(`dense_links`); one that cannot be aligned either is left out, with the reason.
 
-Source: Kang 2013 (seed 004), Table 1 as reconstructed (Brown and Lowe 2007); surfaces are ours.
+Source: Kang 2013 (seed 004), Table 1 as reconstructed (Brown and Lowe 2007); surfaces and whole images are ours.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +22,7 @@ from perception.primitives.pose import Pose3
 from perception.primitives.settings import setting
 
 from .adjustment import Placed, Prior, adjust
+from .dense_links import ALIGNMENT, DenseViews, connect, stiffened
 from .pairs import (
     GUIDED_RAD,
     Link,
@@ -75,6 +78,20 @@ class Panorama:
     drawing: Drawing | None
 
 
+class Placement(NamedTuple):
+    """Where the views are.
+
+    Args:
+        placed: Pose, covariance and evidence of each view; None for a view left out.
+        links: The pairs in use.
+        reasons: Of each view left out, by its number.
+    """
+
+    placed: list[Placed | None]
+    links: list[Link]
+    reasons: dict[int, str]
+
+
 def stitch(
     views: Sequence[View], rng: np.random.Generator, config: StitchConfig | None = None
 ) -> Panorama:
@@ -86,14 +103,18 @@ def stitch(
         config: The steps.
     """
     config = config or StitchConfig()
-    placed, links = place(views, rng, config)
+    placed, links, _ = place(views, rng, config)
     return Panorama(placed, links, render(views, placed, config.px_per_deg))
 
 
-def place(
-    views: Sequence[View], rng: np.random.Generator, config: StitchConfig
-) -> tuple[list[Placed | None], list[Link]]:
-    """The poses of the views, and the pairs in use."""
+def place(views: Sequence[View], rng: np.random.Generator, config: StitchConfig) -> Placement:
+    """Estimate the poses of the views.
+
+    Args:
+        views: In any order; if their positions are estimated, those without priors in order of time.
+        rng: Random numbers of the searches.
+        config: The steps.
+    """
     features = [extract_features(view, config.pairs) for view in views]
     priors = [
         None
@@ -104,10 +125,39 @@ def place(
     links = _links(views, features, rng, config)
     links = _best_links(links, len(views), config.partners)
     known_places = all(view.prior is not None for view in views)
+    reasons: dict[int, str] = {}
     if config.surfaces and (config.moving or known_places):
         links = _align_surfaces(views, links, config)
-        return adjust(priors, links, rotations_only=False), links
-    return adjust(priors, links, rotations_only=not config.moving), links
+        if config.moving and not any(priors):
+            links, reasons = _by_whole_images(views, features, links, priors, rng)
+        placed = adjust(priors, links, rotations_only=False)
+    else:
+        placed = adjust(priors, links, rotations_only=not config.moving)
+    left_out = [number for number, one in enumerate(placed) if one is None]
+    return Placement(
+        placed, links, {n: reasons.get(n, "no pair with a placed view") for n in left_out}
+    )
+
+
+def _by_whole_images(
+    views: Sequence[View],
+    features: Sequence[ViewFeatures],
+    links: list[Link],
+    priors: Sequence[Prior | None],
+    rng: np.random.Generator,
+) -> tuple[list[Link], dict[int, str]]:
+    """The links that depth does not contradict, those of whole images where features fail, and what is left out."""
+    images = DenseViews(views, rng)
+    links = [link for link in links if not images.contradicts(link)]
+    links, failed = connect(images, links, len(views))
+    if any(link.by == ALIGNMENT for link in links):
+        placed = adjust(priors, links, rotations_only=False)
+        poses = [None if one is None else one.T_base_camera for one in placed]
+        links = stiffened(images, links, poses)
+    return links, {
+        number: f"{len(features[number].bearings)} features, too few agree with another view; {why}"
+        for number, why in failed.items()
+    }
 
 
 def _links(

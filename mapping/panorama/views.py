@@ -29,12 +29,14 @@ class View:
         pictures: Grey images of the same pixels: range, amplitude, or colour as grey.
         prior: T_base_camera by encoders and localisation; None if unknown.
         stamp_s: Time of the view, s.
+        grey: Amplitude, or colour as grey, of the same pixels, for the alignment of whole images; None without it.
     """
 
     depth: Depth
     pictures: tuple[UInt8[np.ndarray, "h w"], ...]
     prior: Pose3 | None = None
     stamp_s: float = 0.0
+    grey: UInt8[np.ndarray, "h w"] | None = None
 
     def __post_init__(self) -> None:
         for picture in self.pictures:
@@ -115,4 +117,4 @@ def view_of_depth(
     """
     visible = range_picture(depth.z, farthest_m)
     pictures = (visible,) if picture is None else (visible, picture)
-    return View(depth, pictures, prior, stamp_s)
+    return View(depth, pictures, prior, stamp_s, picture)

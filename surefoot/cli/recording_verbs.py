@@ -19,7 +19,7 @@ from .options import (
     set_option,
     settings,
 )
-from .terminal import progress
+from .terminal import DONE, FAILED, progress
 
 
 @click.command(name="map")
@@ -105,7 +105,7 @@ def panorama(
     depth that `surefoot process` reads.
     """
     from ..offline.job import Job
-    from ..offline.panorama import run_panorama
+    from ..offline.panorama import panorama_lines, run_panorama
 
     if views is not None:
         overrides = (*overrides, f"panorama.most_views={views}")
@@ -117,15 +117,11 @@ def panorama(
         content = run_panorama(job, say)
     if as_json:
         click.echo(json.dumps(content, indent=2))
-        return
-    placed = sum(view["placed"] for view in content["views"])
-    unseen = (
-        "" if content["floor_seen"] else ", floor not seen (heights refer to the expected floor)"
-    )
-    click.echo(
-        f"{placed} of {len(content['views'])} views, {len(content['obstacles'])} obstacles{unseen}: "
-        f"{job.folder.root}"
-    )
+        click.get_current_context().exit(FAILED if content["failed"] else DONE)
+    click.echo("\n".join([*panorama_lines(content), f"panorama folder: {job.folder.root}"]))
+    if content["failed"]:
+        click.echo(f"surefoot: {job.recording.info.name}: {content['failed']}", err=True)
+        click.get_current_context().exit(FAILED)
 
 
 @click.command()

@@ -178,7 +178,8 @@ def _kind_metrics(run: RunFolder, kind: str) -> dict[str, Any]:
             "views": float(len(views)),
             "views_placed": float(sum(bool(view.get("placed")) for view in views)),
             "obstacles": float(len(content.get("obstacles", []))),
-            "note": "a panorama has no ground truth: its views, obstacles and gaps are not judged; "
+            "note": content.get("failed")
+            or "a panorama has no ground truth: its views, obstacles and gaps are not judged; "
             "panorama.json has their standard deviations",
         }
     if kind == MONOCULAR:

@@ -102,9 +102,17 @@ def panorama_section(run: RunFolder) -> str:
             for number, gap in enumerate(content.get("gaps", []))
         ],
     )
+    views = content.get("views", [])
+    missing = [view for view in views if not view["placed"]]
+    if missing:
+        body += table(
+            ("frame that is not placed", "reason"),
+            [(view["frame"], view.get("reason", "")) for view in missing],
+        )
     sentence = (
         "Range from the centre of the panorama, with the edges of each obstacle. Azimuth is positive to the left; "
-        "distance is measured straight ahead, width across; ± is one standard deviation."
+        "distance is measured straight ahead, width across; ± is one standard deviation. "
+        f"{len(views) - len(missing)} of {len(views)} views are placed."
     )
     return _section("panorama", "Panorama", sentence, body)
 

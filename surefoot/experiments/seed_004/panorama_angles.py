@@ -93,7 +93,7 @@ def run(seeds: int, say: Say) -> Outcome:
             views, true = room_views(room, seed)
             rng = np.random.default_rng([seed, 51])
             panorama = stitch(views, rng)
-            by_features, _ = place(views, rng, replace(StitchConfig(), surfaces=False))
+            by_features, _, _ = place(views, rng, replace(StitchConfig(), surfaces=False))
             poses = [p.T_base_camera for p in panorama.placed if p is not None]
             only = [p.T_base_camera for p in by_features if p is not None]
             priors = [view.prior for view in views if view.prior is not None]

@@ -34,7 +34,7 @@ def rotations(placed):
 @pytest.mark.parametrize(("scene", "seed"), [("boxes", 0), ("home", 0), ("corridor", 1)])
 def test_stitching_corrects_encoder_errors_of_half_a_degree(look_round, scene, seed):
     views, true = look_round(scene, seed, 0.5)
-    placed, _ = place(views, np.random.default_rng(0), StitchConfig())
+    placed, _, _ = place(views, np.random.default_rng(0), StitchConfig())
     truth = [pose.rotation for pose in true]
     assert rms_deg([v.prior.rotation for v in views], truth) > 0.45
     assert rms_deg(rotations(placed), truth) <= 0.3
@@ -44,7 +44,7 @@ def test_rotation_errors_are_consistent_with_their_covariances(look_round):
     squares, count = 0.0, 0
     for seed in range(3):
         views, true = look_round("boxes", seed, 0.5)
-        placed, _ = place(views, np.random.default_rng(0), StitchConfig())
+        placed, _, _ = place(views, np.random.default_rng(0), StitchConfig())
         for p, t in zip(placed, true, strict=True):
             error = Rotation.from_matrix(p.T_base_camera.rotation.T @ t.rotation).as_rotvec()
             squares += float(error @ np.linalg.solve(p.covariance[:3, :3], error))
@@ -56,7 +56,7 @@ def test_rotation_errors_are_consistent_with_their_covariances(look_round):
 
 def test_known_motion_between_views_is_compensated(look_round):
     views, true = look_round("boxes", 1, 0.5, walk_m=0.03)
-    placed, _ = place(views, np.random.default_rng(0), StitchConfig())
+    placed, _, _ = place(views, np.random.default_rng(0), StitchConfig())
     assert rms_deg(rotations(placed), [pose.rotation for pose in true]) <= 0.3
 
 
@@ -70,7 +70,7 @@ def test_views_without_matches_keep_the_encoders(look_round):
         )
         for v in views
     ]
-    placed, links = place(empty, np.random.default_rng(0), StitchConfig())
+    placed, links, _ = place(empty, np.random.default_rng(0), StitchConfig())
     assert links == []
     for p, v in zip(placed, views, strict=True):
         assert p.by == "encoders"
@@ -80,7 +80,7 @@ def test_views_without_matches_keep_the_encoders(look_round):
 
 def test_features_alone_are_not_much_worse_than_the_encoders(look_round):
     views, true = look_round("home", 1, 0.5)
-    placed, _ = place(views, np.random.default_rng(0), StitchConfig(surfaces=False))
+    placed, _, _ = place(views, np.random.default_rng(0), StitchConfig(surfaces=False))
     truth = [pose.rotation for pose in true]
     assert rms_deg(rotations(placed), truth) <= 1.1 * rms_deg(
         [v.prior.rotation for v in views], truth
@@ -95,7 +95,7 @@ def test_a_view_without_prior_and_matches_is_left_out(look_round):
         Depth(np.full_like(blind.z, np.nan), blind.sigma, blind.camera),
         (np.full_like(views[3].pictures[0], 90),),
     )
-    placed, _ = place([views[0], alone], np.random.default_rng(0), StitchConfig())
+    placed, _, _ = place([views[0], alone], np.random.default_rng(0), StitchConfig())
     assert placed[0] is not None
     assert placed[1] is None
 
@@ -153,8 +153,8 @@ def test_a_real_kitchen_is_stitched_without_encoders(recordings):
         true.append(np.loadtxt(str(name).replace("depth.png", "pose.txt"))[:3, :3])
     pairs = PairConfig(sift=SiftConfig(upsample=False), travel_m=0.05)
     still = StitchConfig(pairs=pairs)
-    placed, links = place(views, np.random.default_rng(0), still)
+    placed, links, _ = place(views, np.random.default_rng(0), still)
     assert rms_deg(rotations(placed), true) <= 1.8  # seven of the forty views
     assert all(link.inliers > 8.0 + 0.3 * link.matches for link in links)
-    placed, _ = place(views, np.random.default_rng(0), replace(still, moving=True))
+    placed, _, _ = place(views, np.random.default_rng(0), replace(still, moving=True))
     assert rms_deg(rotations(placed), true) <= 0.9

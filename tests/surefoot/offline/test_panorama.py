@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mapping.io import clouds
 from mapping.panorama.view_selection import ViewSelectionConfig
@@ -21,7 +22,7 @@ from sim.world import World
 from surefoot.config.schema import Config
 from surefoot.experiments.seed_003.stereo_range import true_depth
 from surefoot.offline.job import Job
-from surefoot.offline.panorama import run_panorama
+from surefoot.offline.panorama import panorama_lines, run_panorama
 from surefoot.recordings.recording import RecordingInfo
 
 CAMERA = Camera.from_view(200, 150, math.radians(60.0), math.radians(46.8))
@@ -62,6 +63,11 @@ def scene():
     return catalogue.load("boxes", 0)
 
 
+@pytest.fixture(scope="module")
+def carried(scene):
+    return Carried(scene)
+
+
 def quiet(text):
     pass
 
@@ -79,15 +85,17 @@ def edges(scene, name):
 
 @pytest.mark.parametrize("by_pictures", [False, True])
 def test_rows_of_boxes_and_the_gap_between_them_are_found_at_their_true_edges(
-    scene, by_pictures, tmp_path
+    scene, carried, by_pictures, tmp_path
 ):
     out = tmp_path / "run"
-    content = run_panorama(job(Carried(scene), out, by_pictures=by_pictures), quiet)
+    wanted = job(carried, out, by_pictures=by_pictures, turn_deg=11.0)  # 6 deg a frame
+    content = run_panorama(wanted, quiet)
     assert content["floor_seen"]
     assert all(view["placed"] for view in content["views"])
     (low_right, low_left), (high_right, high_left) = edges(scene, "low"), edges(scene, "high")
-    # base: on the floor below the first camera, turned as it was, or as all are in the mean
-    base = Pose2(0.6, 1.5, math.radians(36.0) if by_pictures else 0.0)
+    base = Pose2(
+        0.6, 1.5, 0.0
+    )  # on the floor below the first camera, turned as all are in the mean
     found = [
         base.apply(np.array([one["left_edge_m"], one["right_edge_m"]]))[:, 1]
         for one in content["obstacles"]
@@ -106,14 +114,66 @@ def test_rows_of_boxes_and_the_gap_between_them_are_found_at_their_true_edges(
     assert 0.2 < floor.mean() < 0.8  # the floor is at height 0, boxes and walls are not
 
 
-def test_a_frame_becomes_a_view_when_the_camera_has_turned_or_moved(scene, tmp_path):
-    content = run_panorama(job(Carried(scene), tmp_path / "a", turn_deg=20.0, step_m=9.0), quiet)
+def test_a_frame_becomes_a_view_when_the_camera_has_turned_or_moved(carried, tmp_path):
+    content = run_panorama(job(carried, tmp_path / "a", turn_deg=20.0, step_m=9.0), quiet)
     assert [view["frame"] for view in content["views"]] == [0, 4, 8, 12]  # 6 deg a frame
-    content = run_panorama(job(Carried(scene), tmp_path / "b", radius_m=0.1), quiet)
+    content = run_panorama(job(carried, tmp_path / "b", radius_m=0.1), quiet)
     assert content["left_out"] > 0
     assert max(view["frame"] for view in content["views"]) <= 5  # 2 cm a frame
 
 
+class Moved(Carried):
+    """The same recording with its world turned and shifted, and no word about gravity."""
+
+    def __init__(self, carried, T_new_world):
+        self.info = dataclasses.replace(carried.info, gravity_up_world=None)
+        self.skipped, self.remarks = [], []
+        self._seen = [(T_new_world @ pose, *images) for pose, *images in carried._seen]
+
+
+class Interrupted(Carried):
+    """The same recording, of which all but some frames show a blank wall."""
+
+    def __init__(self, carried, shown):
+        self.info, self.skipped, self.remarks = carried.info, [], []
+        blank = np.full(carried._seen[0][1].shape, 1.0, np.float32)
+        self._seen = [
+            one if k in shown else (one[0], blank, np.full_like(one[2], 90))
+            for k, one in enumerate(carried._seen)
+        ]
+
+
+def test_the_floor_in_the_pictures_decides_whatever_the_axes_of_the_poses(carried, tmp_path):
+    turned = Rotation.random(random_state=5).as_matrix()
+    moved = Moved(carried, Pose3.from_rotation(turned, np.array([30.0, -20.0, 9.0])))
+    contents = [
+        run_panorama(job(one, tmp_path / name, turn_deg=20.0, step_m=9.0), quiet)
+        for one, name in ((carried, "as it was"), (moved, "moved"))
+    ]
+    for content in contents:
+        heights = [view["T_base_camera"][2][3] for view in content["views"]]
+        np.testing.assert_allclose(heights, 0.40, atol=0.005)  # in truth
+        assert abs(content["floor"]["camera_height_m"] - 0.40) < 3.0 * content["floor"]["sigma_m"]
+    poses = [np.array([v["T_base_camera"] for v in content["views"]]) for content in contents]
+    np.testing.assert_allclose(poses[0], poses[1], atol=0.003)  # the base does not know the axes
+
+
+def test_a_panorama_of_fewer_than_half_of_its_views_has_failed_and_says_why(carried, tmp_path):
+    few = Interrupted(carried, shown=(0, 1, 2, 3))
+    content = run_panorama(job(few, tmp_path / "few", by_pictures=True, most_views=7), quiet)
+    assert [view["frame"] for view in content["views"] if view["placed"]] == [0, 2]
+    assert content["failed"].startswith("only 2 of 7 views")
+    assert all("features" in view["reason"] for view in content["views"] if not view["placed"])
+    assert any("frame 4 not placed" in line for line in panorama_lines(content))
+
+
+def test_one_bad_view_is_no_gap_in_a_panorama_by_pictures(carried, tmp_path):
+    most = Interrupted(carried, shown=[k for k in range(13) if k != 6])
+    content = run_panorama(job(most, tmp_path / "most", by_pictures=True, most_views=7), quiet)
+    assert content["failed"] is None
+    assert [view["frame"] for view in content["views"] if not view["placed"]] == [6]
+
+
 def test_a_recording_without_valid_depth_is_refused(scene, tmp_path):
-    with pytest.raises(RecordingError, match="carried: none of its frames"):
+    with pytest.raises(RecordingError, match="carried: none of its frames has a depth image"):
         run_panorama(job(Carried(scene, nothing=True), tmp_path / "run"), quiet)
