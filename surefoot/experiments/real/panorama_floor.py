@@ -24,7 +24,7 @@ from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
 
 from ...config.schema import Config
-from ...offline.panorama import gather
+from ...offline.panorama_views import gather
 from ...recordings.open import open_recording
 from ...recordings.recording import Recording, RecordingInfo, SkippedFrame
 from ..support import real_data

@@ -29,7 +29,7 @@ from perception.depth import structured_light
 from perception.primitives.frame import Depth
 from perception.primitives.pose import Pose3
 
-from ...offline.panorama import FARTHEST_M
+from ...offline.panorama_views import FARTHEST_M
 from ...recordings.open import open_recording
 from ..support import real_data
 from ..support.experiment import Say
