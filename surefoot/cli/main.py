@@ -10,7 +10,7 @@ import os
 
 import click
 
-from .recording_verbs import map_verb, monocular, panorama
+from .recording_verbs import calibrate_noise, map_verb, monocular, panorama
 from .run_verbs import process, simulate, smooth
 from .study_verbs import bench, completion, doctor, evaluate, experiment, settings, view
 from .terminal import Verbs
@@ -42,7 +42,7 @@ def main(debug: bool) -> None:
 
 
 for _verb in (
-    simulate, process, smooth, map_verb, panorama, monocular,
+    simulate, process, smooth, map_verb, panorama, monocular, calibrate_noise,
     evaluate, view, experiment, bench, settings, doctor, completion,
 ):  # fmt: skip
     main.add_command(_verb)

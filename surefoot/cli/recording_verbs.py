@@ -1,4 +1,4 @@
-"""Verbs on a whole recording: map, panorama, monocular."""
+"""Verbs on a whole recording: map, panorama, monocular, calibrate-noise."""
 
 from __future__ import annotations
 
@@ -169,3 +169,45 @@ def monocular(
         else "no depth to compare with"
     )
     click.echo(f"{content['frames']} frames, {compared}: {job.folder.root}")
+
+
+@click.command(name="calibrate-noise")
+@click.argument("recording", type=PATH)
+@description_option
+@ignore_poses_option
+@click.option("--out", type=PATH, help="TOML file to write; default NAME-noise.toml.")
+@config_option
+@set_option
+@json_option
+def calibrate_noise(
+    recording: Path,
+    description: Path | None,
+    ignore_poses: bool,
+    out: Path | None,
+    config_path: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Estimate noise and bend of the depth sensor of RECORDING, and write them as settings.
+
+    \b
+    RECORDING shows a flat floor, or any static room with bare walls, best from 0.5 to 3 m. Every verb takes the
+    file with --config. Noise comes from the scatter about the surfaces, bend from what is left of them over the
+    picture; scale and tilt only where the recording has poses.
+    Examples:
+      surefoot calibrate-noise ~/floor.bag --out sensor.toml
+      surefoot process ~/walk.bag --config sensor.toml
+    """
+    from ..offline.calibrate_noise import calibrate
+    from ..recordings.without_poses import open_input
+
+    config = settings(recording, config_path, overrides, ignore_poses)
+    opened = open_input(recording, description, config.ignore_poses, config.reader)
+    path = Path(f"{opened.info.name}-noise.toml") if out is None else out
+    with progress() as say:
+        found = calibrate(opened, config, say)
+    found.write(path)
+    if as_json:
+        click.echo(json.dumps(found.content(), indent=2))
+        return
+    click.echo("\n".join([*found.lines(), f"settings: {path}"]))

@@ -31,6 +31,7 @@ VERBS = (
     "map",
     "panorama",
     "monocular",
+    "calibrate-noise",
     "evaluate",
     "experiment",
     "bench",

@@ -1,0 +1,191 @@
+"""Calibrate the depth sensor of a recording: noise and bend, as settings that every verb takes.
+
+Source: ours; see `perception.floor.depth_calibration`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from perception.depth import points
+from perception.depth.distortion import Distortion
+from perception.depth.sources import DepthSources
+from perception.depth.time_of_flight import SIGMA_AT_M
+from perception.floor.depth_calibration import Calibrator, DepthCalibration
+from perception.primitives.errors import InputError, OutputError
+
+from ..config.schema import Config
+from ..recordings.recording import Recording
+from ..run.summary import Say
+
+MOST_VIEWS = 60  # ours: views of a recording, evenly spaced
+SHAPES = ("scale", "right", "down", "right^2", "right down", "down^2")
+LEAST_SIGMA_M = 0.0005  # ours: of a setting
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """Calibration of one sensor.
+
+    Args:
+        sensor: "tof", "stereo" or "depth".
+        frames, surfaces: Number of views used and of flat surfaces in them.
+        calibration: Estimates with their uncertainty.
+        settings: Nested tables of a configuration.
+        remarks: What the recording did not tell.
+    """
+
+    sensor: str
+    frames: int
+    surfaces: int
+    calibration: DepthCalibration
+    settings: dict[str, Any]
+    remarks: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """For the terminal, and as comments of the file."""
+        found = self.calibration
+        rows = [
+            f"sensor {self.sensor}: {self.surfaces} flat surfaces in {self.frames} views, "
+            f"{found.views} different ones{', related by poses' if found.posed else ''}"
+        ]
+        rows += [
+            f"noise at {one.z:.1f} m: {1e3 * one.sigma:.1f} +- {1e3 * one.error:.1f} mm "
+            f"(model so far {1e3 * one.claimed:.1f} mm)"
+            for one in found.noise
+        ]
+        rows.append("bend at the edge of the picture, 1 = the published size:")
+        for name, value, sigma, known in zip(
+            SHAPES, found.bend, found.sigma, found.known, strict=True
+        ):
+            rows.append(
+                f"  {name:<10} {value:+.2f} +- {sigma:.2f}" if known else f"  {name:<10} not told"
+            )
+        rows.append(f"size of the distortion: {found.size:.2f} of the published one")
+        return rows + list(self.remarks)
+
+    def content(self) -> dict[str, Any]:
+        """For --json."""
+        found = self.calibration
+        return {
+            "sensor": self.sensor,
+            "frames": self.frames,
+            "surfaces": self.surfaces,
+            "views": found.views,
+            "posed": found.posed,
+            "noise": [one._asdict() for one in found.noise],
+            "bend": found.bend.tolist(),
+            "bend_sigma": found.sigma.tolist(),
+            "bend_known": found.known.tolist(),
+            "size": found.size,
+            "settings": self.settings,
+            "remarks": list(self.remarks),
+        }
+
+    def write(self, path: Path) -> None:
+        """Write the settings as TOML.
+
+        Raises:
+            OutputError: The file exists or cannot be written.
+        """
+        comments = "".join(f"# {line}\n" for line in self.lines())
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                file.write(comments + tomli_w.dumps(self.settings))
+        except FileExistsError as error:
+            raise OutputError(f"{path} exists; choose another file with --out") from error
+        except OSError as error:
+            raise OutputError(f"{path} cannot be written: {error.strerror}") from error
+
+
+def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
+    """Noise and bend of the depth sensor of a recording; of the first one with flat surfaces if it has several.
+
+    Args:
+        recording: Of a flat floor or a static room.
+        config: Depth sources and their noise models so far.
+        say: Receives lines of progress.
+
+    Raises:
+        InputError: There is no depth, or no surface that is flat and large enough.
+    """
+    sources = DepthSources(config.tof, config.structured_light, config.stereo, config.depth_sources)
+    calibrators: dict[str, Calibrator] = {}
+    frames: dict[str, int] = {}
+    surfaces: dict[str, int] = {}
+    every = max(1, (recording.info.frames or 1) // MOST_VIEWS)
+    for number, frame in enumerate(recording.frames()):
+        if number % every:
+            continue
+        for sensor, depth in sources.images(frame):
+            if sensor not in calibrators:
+                rng = np.random.default_rng(config.seed)
+                published = type(config.floor.distortion)().of(sensor)
+                calibrators[sensor] = Calibrator(published, rng, config.floor)
+                frames[sensor] = surfaces[sensor] = 0
+            reach = config.reach.of(sensor)
+            cloud = points.from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
+            frames[sensor] += 1
+            surfaces[sensor] += calibrators[sensor].add(cloud, frame.T_world_camera)
+            say(f"frame {number}: {surfaces[sensor]} flat surfaces of {sensor}")
+    if not calibrators:
+        raise InputError("the recording has no depth images; there is no depth sensor to calibrate")
+    sensor = max(calibrators, key=lambda name: surfaces[name])
+    found = calibrators[sensor].solve()
+    settings, remarks = _settings(sensor, found, config)
+    return NoiseSettings(sensor, frames[sensor], surfaces[sensor], found, settings, remarks)
+
+
+def _settings(
+    sensor: str, found: DepthCalibration, config: Config
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The calibration as tables of a configuration, and what the recording did not tell."""
+    remarks = []
+    if not found.noise:
+        raise InputError(
+            "the flat surfaces are too small to tell the noise at any depth; record a bare floor or a wall that "
+            "fills a third of the picture"
+        )
+    published: Distortion = type(config.floor.distortion)().of(sensor)
+    size = found.size
+    bend = {name: round(size * value, 6) for name, value in vars(published).items()}
+    tables: dict[str, Any] = {"floor": {"distortion": {sensor: bend}}}
+    z = np.array([one.z for one in found.noise])
+    sigma = np.array([one.sigma for one in found.noise])
+    if sensor == "depth":
+        model = config.structured_light
+        constant, growth, _ = found.growth((z - model.start_m) ** 2)
+        if math.isnan(growth):
+            ratio = float(np.median([one.sigma / one.claimed for one in found.noise]))
+            constant, growth = ratio * model.floor_m, ratio * model.growth_per_m
+            remarks.append(
+                f"growth of noise not told: all surfaces are between {z.min():.1f} and {z.max():.1f} m; both "
+                "terms are scaled alike. Record them from 0.5 to 3 m"
+            )
+        tables["structured_light"] = {
+            "floor_m": round(max(constant, LEAST_SIGMA_M), 6),
+            "growth_per_m": round(growth, 6),
+            "start_m": model.start_m,
+        }
+    elif sensor == "tof":
+        varying = np.maximum(sigma**2 - config.tof.fixed_m**2, LEAST_SIGMA_M**2)
+        white = np.sqrt(varying) / (z / SIGMA_AT_M) ** 2
+        tables["tof"] = {"sigma_m": round(float(np.median(white)), 6)}
+    elif sensor == "stereo":
+        ratio = float(np.median([one.sigma / one.claimed for one in found.noise]))
+        tables["stereo"] = {"sigma_px": round(ratio * config.stereo.sigma_px, 6)}
+    if not found.known.any():
+        remarks.append(
+            "bend not told: the surfaces fill too little of the picture, or are not flat; the published size is kept"
+        )
+    if not found.posed:
+        remarks.append(
+            "scale and tilt not told: the recording has no poses of one surface from several places"
+        )
+    return tables, tuple(remarks)

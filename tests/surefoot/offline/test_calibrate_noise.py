@@ -1,0 +1,88 @@
+"""calibrate-noise writes settings that the other verbs take, and says what a recording does not tell."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from surefoot.cli.main import main
+from surefoot.config.load import load
+
+CAMERA = "[camera]\nwidth = 160\nheight = 120\nfx = 140.0\nfy = 140.0\ncx = 79.5\ncy = 59.5\n"
+DEPTH = "[depth]\nscale_per_metre = 10000\nnone = [0]\n"
+SHARE = 2.0  # of the published noise
+
+
+def call(*words):
+    """Exit code and output of the program."""
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    return result.exit_code, result.output
+
+
+@pytest.fixture(scope="module")
+def bare_floor(tmp_path_factory):
+    """A recording of a bare floor from 0.6 to 1.5 m, with twice the published noise and no bend."""
+    folder = tmp_path_factory.mktemp("floor")
+    (folder / "depth").mkdir()
+    rng = np.random.default_rng(0)
+    v = np.mgrid[0:120, 0:160][0]
+    for number in range(8):
+        height, pitch = 0.6 + 0.13 * number, np.radians(35.0 + 4.0 * number)
+        down = (v - 59.5) / 140.0 * np.cos(pitch) + np.sin(pitch)
+        z = np.where(down > 0.05, height / np.maximum(down, 0.05), np.inf)
+        z = z + SHARE * (0.0012 + 0.0019 * (z - 0.4) ** 2) * rng.normal(size=z.shape)
+        units = np.where(np.isfinite(z) & (z < 4.0), 1e4 * z, 0.0)
+        cv2.imwrite(str(folder / "depth" / f"{number:06d}.png"), np.rint(units).astype(np.uint16))
+    (folder / "recording.toml").write_text("rate_hz = 30.0\n" + CAMERA + DEPTH)
+    return folder
+
+
+def test_the_file_has_the_noise_of_the_sensor_and_every_verb_takes_it(bare_floor, tmp_path):
+    out = tmp_path / "sensor.toml"
+    code, shown = call("calibrate-noise", bare_floor, "--out", out, "--json")
+    assert code == 0, shown
+    content = json.loads(shown[shown.index("{") :])
+    assert content["sensor"] == "depth"
+    assert content["views"] == 8
+    noise = tomllib.loads(out.read_text())["structured_light"]
+    assert noise["growth_per_m"] == pytest.approx(SHARE * 0.0019, rel=0.1)
+    assert noise["floor_m"] == pytest.approx(SHARE * 0.0012, rel=0.25)
+    config = load(out)
+    assert config.structured_light.growth_per_m == noise["growth_per_m"]
+    assert config.floor.distortion.depth.share < 0.7 * load(None).floor.distortion.depth.share
+    assert config.floor_of(True) == config.floor  # what the user measured holds for a robot too
+    code, shown = call("process", bare_floor, "--config", out, "--out", tmp_path / "run")
+    assert code == 0, shown
+
+
+def test_what_the_recording_does_not_tell_is_said(bare_floor, tmp_path):
+    code, shown = call("calibrate-noise", bare_floor, "--out", tmp_path / "sensor.toml")
+    assert code == 0
+    assert "scale and tilt not told" in shown
+
+
+def test_an_existing_file_is_not_overwritten(bare_floor, tmp_path):
+    out = tmp_path / "sensor.toml"
+    out.write_text("seed = 1\n")
+    code, shown = call("calibrate-noise", bare_floor, "--out", out)
+    assert code != 0
+    assert "exists; choose another file with --out" in shown
+    assert out.read_text() == "seed = 1\n"
+
+
+def test_a_recording_without_flat_surfaces_is_refused_with_advice(tmp_path):
+    folder = tmp_path / "clutter"
+    (folder / "depth").mkdir(parents=True)
+    units = np.random.default_rng(0).integers(5000, 30000, (120, 160)).astype(np.uint16)
+    cv2.imwrite(str(folder / "depth" / "000000.png"), units)
+    (folder / "recording.toml").write_text("rate_hz = 30.0\n" + CAMERA + DEPTH)
+    code, shown = call("calibrate-noise", folder, "--out", tmp_path / "sensor.toml")
+    assert code != 0
+    assert "no flat surface" in shown
+    assert "record a bare floor or a wall" in shown
+    assert not (tmp_path / "sensor.toml").exists()
