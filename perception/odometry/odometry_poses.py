@@ -61,6 +61,7 @@ class OdometryPoses:
         self._step: Step | None = None
         self._covariances: dict[int, Float[np.ndarray, "6 6"]] = {}  # of references and the latest
         self._covariance = np.zeros((6, 6))
+        self._floor: Plane | None = None  # the latest detected floor, map frame
 
     @property
     def T_map_camera(self) -> Pose3 | None:
@@ -138,16 +139,19 @@ class OdometryPoses:
         return None
 
     def expected_floor(self, T_body_camera: Pose3 | None) -> Plane:
-        """Horizontal, at height zero of the map; the weak prior of a hand-held camera without a pose."""
+        """Horizontal, at the height of the floor detected last; the weak prior of a hand-held camera without a pose.
+
+        The first floor defines the vertical, with the errors of the sensor: the floor is tilted against it.
+        """
         T = self.T_map_camera
         if T is None or self._unrelated or not T.translation[2] > 0.0:
             return handheld_prior(None)
         tilt = math.radians(FLOOR_TILT_DEG)
-        return Plane(
-            T.rotation.T @ UP,
-            T.translation[2],
-            np.diag([tilt**2, tilt**2, FLOOR_HEIGHT_M**2]),
-        )
+        height, variance = float(T.translation[2]), FLOOR_HEIGHT_M**2
+        if self._floor is not None:
+            here = self._floor.moved(T.inverse())
+            height, variance = here.offset_m, variance + float(here.covariance[2, 2])
+        return Plane(T.rotation.T @ UP, height, np.diag([tilt**2, tilt**2, variance]))
 
     def place(self, T_body_camera: Pose3 | None, floor: Plane | None) -> PlacedCamera | None:
         """The camera at the pose of odometry; None while it is lost."""
@@ -156,4 +160,6 @@ class OdometryPoses:
         T = self.T_map_camera
         if T is None or self._step is None or self._step.state in (LOST, RESTARTED):
             return None
+        if floor is not None:
+            self._floor = floor.moved(T)
         return PlacedCamera(T, floor or self.expected_floor(T_body_camera))

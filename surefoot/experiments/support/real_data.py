@@ -40,11 +40,19 @@ def kinect2_view(name: str) -> DepthView:
     Raises:
         InputError: The image cannot be read.
     """
-    path = folder("sunrgbd_kinect2") / f"{name}.depth.png"
+    return depth_view(folder("sunrgbd_kinect2") / f"{name}.depth.png", KINECT2_PER_M, KINECT2)
+
+
+def depth_view(path: Path, per_m: float, camera: Camera) -> DepthView:
+    """A depth image of 16 bits in which 0 means no depth.
+
+    Raises:
+        InputError: The image cannot be read.
+    """
     raw = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if raw is None:
         raise InputError(f"image {path} cannot be read; is the data set complete?")
-    return DepthView(np.where(raw == 0, np.nan, raw / KINECT2_PER_M).astype(np.float32), KINECT2)
+    return DepthView(np.where(raw == 0, np.nan, raw / per_m).astype(np.float32), camera)
 
 
 def floors(path: Path) -> dict[str, Plane]:

@@ -12,6 +12,7 @@ from perception.depth.points import Points
 from perception.floor.choose import FloorConfig, find
 from perception.floor.prior import handheld_prior
 from perception.primitives.camera import Camera
+from perception.primitives.plane import Plane
 
 XTION = Camera(640, 480, 535.4, 539.2, 320.1, 247.6)
 KITCHEN = Camera(640, 480, 585.0, 585.0, 320.0, 240.0)
@@ -72,6 +73,56 @@ def test_in_the_kitchen_the_floor_is_found_and_not_the_larger_table(
             angles.append(angle)
     assert due >= 3
     assert np.median(angles) < 2.5
+
+
+@pytest.mark.parametrize("wrong_deg", [2.0, 5.0, 8.0])
+def test_a_given_up_that_is_degrees_wrong_neither_loses_nor_exchanges_the_floor(
+    recordings, read_floors, read_points, wrong_deg
+):
+    folder = recordings / "sevenscenes_redkitchen"
+    known = read_floors(folder / "floor.csv")
+    asked = 0
+    for path in kitchen_frames(folder, "sweep", 6):
+        points = read_points(path, KITCHEN, 1000.0)
+        truth = known[path.name[6:12]]
+        if np.mean(np.abs(truth.distance(points.xyz)) < 0.05) < 0.10:
+            continue
+        for towards in (0.0, 120.0, 240.0):
+            asked += 1
+            c, s = np.cos(np.radians(towards)), np.sin(np.radians(towards))
+            aside = np.tan(np.radians(wrong_deg)) * (np.array([c, s]) @ truth.tangents)
+            prior = handheld_prior(truth.normal + aside)
+            angle, height = off(
+                find(points, prior, np.random.default_rng(0), sensor="depth"), truth
+            )
+            assert abs(height) < 100.0  # the table is 730 mm above the floor
+            assert angle < 4.0  # the truth is known to 2 deg
+    assert asked >= 9
+
+
+def test_a_floor_of_less_than_two_percent_of_the_points_is_in_doubt(
+    recordings, read_floors, read_points
+):
+    folder = recordings / "sevenscenes_redkitchen"
+    known = read_floors(folder / "floor.csv")
+    found = []
+    for path in kitchen_frames(folder, "sweep", 1)[36:50:2]:
+        truth = known[path.name[6:12]]
+        expected = np.diag([np.radians(4.0) ** 2, np.radians(4.0) ** 2, 0.10**2])
+        prior = Plane(truth.normal, truth.offset_m + 0.03, expected)
+        points = read_points(path, KITCHEN, 1000.0)
+        on_floor = np.abs(truth.distance(points.xyz)) < 0.15
+        kept = ~on_floor | (np.random.default_rng(0).random(len(points)) < 0.3)
+        few = Points(points.xyz[kept], points.sigma[kept], points.pixels[kept])
+        floor = find(few, prior, np.random.default_rng(0), sensor="depth")
+        if floor is None or floor.share > 0.02:
+            continue
+        found.append(floor)
+        tilt_a, tilt_b, height = np.sqrt(np.diag(floor.plane.covariance))
+        assert min(tilt_a, tilt_b) > np.radians(2.0)
+        assert height > 0.05
+        assert abs(floor.plane.offset_m - truth.offset_m) < 2.0 * height
+    assert found
 
 
 def test_without_floor_in_view_the_kitchen_has_none(recordings, read_floors, read_points):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from perception.depth.distortion import Distortion
 from perception.depth.points import Points
 from perception.floor import _fit_kernels as kernels
-from perception.floor.refine import RefineConfig, fuse, refine
+from perception.floor.refine import RefineConfig, fuse, mixed, refine
 from perception.floor.sample import PENALTY, SHARP, Sample, ScoreConfig, score
 from perception.primitives.errors import ConfigError
 from perception.primitives.plane import Plane
@@ -118,6 +118,42 @@ def test_fusing_is_the_product_of_two_gaussians(seed):
     assert np.trace(fused.covariance) <= np.trace(measured.covariance) + 1e-12
     expected = e @ np.linalg.solve(measured.covariance + prior.covariance, e)
     assert distance == pytest.approx(expected, rel=1e-9)
+
+
+def test_fusing_turns_the_prior_into_the_axes_of_the_measurement():
+    """Two planes a hair apart whose tangents differ by a quarter turn: each knows one tilt only."""
+    one = np.array([0.3, -0.9, 0.3 + 1e-6])
+    other = np.array([0.3 + 1e-6, -0.9, 0.3])
+    measured_normal, prior_normal = (n / np.linalg.norm(n) for n in (one, other))
+    first = Plane(measured_normal, 1.0).tangents
+    second = Plane(prior_normal, 1.0).tangents
+    assert abs(float(first[0] @ second[0])) < 0.9  # else nothing is to be turned
+    known, unknown = 1e-3**2, 0.1**2
+    measured = Plane(measured_normal, 1.0, np.diag([known, unknown, 1e-4]))
+    across = second @ first.T  # (second, first)
+    tilts = across @ np.diag([unknown, known]) @ across.T  # the prior knows the other tilt
+    P = np.zeros((3, 3))
+    P[:2, :2], P[2, 2] = tilts, 1e-4
+    fused, _ = fuse(measured, Plane(prior_normal, 1.0, P))
+    assert np.sqrt(np.diag(fused.covariance)[:2]) == pytest.approx([1e-3, 1e-3], rel=0.01)
+
+
+def test_a_plane_that_may_be_a_ledge_has_the_moments_of_the_mixture():
+    up = np.array([0.2, -0.9, -0.3])
+    up /= np.linalg.norm(up)
+    measured = Plane(up, 1.1, np.diag([0.01**2, 0.02**2, 0.01**2]))
+    aside = up + 0.03 * measured.tangents[0]
+    prior = Plane(aside / np.linalg.norm(aside), 1.2, np.diag([0.07**2, 0.07**2, 0.1**2]))
+    rng, chance = np.random.default_rng(0), 0.4
+    true = rng.random(200_000) < chance
+    one = rng.multivariate_normal(np.zeros(3), measured.covariance, 200_000)
+    apart = measured.error_to(prior)
+    other = apart + rng.multivariate_normal(np.zeros(3), prior.covariance, 200_000)
+    drawn = np.where(true[:, None], one, other)
+    found = mixed(measured, prior, chance)
+    np.testing.assert_allclose(measured.error_to(found), drawn.mean(axis=0), atol=1e-3)
+    np.testing.assert_allclose(found.covariance, np.cov(drawn.T), atol=3e-4)
+    assert mixed(measured, prior, 1.0) is measured
 
 
 def test_the_compiled_score_equals_that_of_numpy():

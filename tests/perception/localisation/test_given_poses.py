@@ -1,0 +1,53 @@
+"""The floor that a pose source expects: fused over a whole recording, and with a given vertical that is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from perception.floor.refine import fuse
+from perception.localisation.given_poses import GivenPoses
+from perception.localisation.pose_source import PriorConfig
+from perception.primitives.frame import Frame
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose3, head_rotation
+
+LEVEL = Plane(np.array([0.0, 0.0, 1.0]), 0.0)
+SIGMA = np.diag([np.radians(1.0) ** 2, np.radians(1.0) ** 2, 0.02**2])
+
+
+def walk(up_world, bias=(0.0, 0.0, 0.0), steps=40):
+    """Expected, true and fused floor of each frame of a walk of 8 m; every floor has the same error `bias`."""
+    source = GivenPoses(up_world, PriorConfig())
+    for k in range(steps):
+        turn = head_rotation(0.1 * np.sin(0.3 * k), np.radians(35.0))
+        pose = Pose3.from_rotation(turn, np.array([0.2 * k, 0.0, 1.2]))
+        source.update(Frame(float(k), T_world_camera=pose), ())
+        expected = source.expected_floor(None)
+        true = LEVEL.moved(pose.inverse())
+        normal = true.normal + np.array(bias[:2]) @ true.tangents
+        seen = Plane(normal / np.linalg.norm(normal), true.offset_m + bias[2], SIGMA)
+        fused, _ = fuse(seen, expected)
+        assert source.place(None, fused) is not None
+        yield expected, true, fused
+
+
+@pytest.mark.parametrize("wrong_deg", [2.0, 5.0, 8.0])
+def test_the_expected_height_follows_the_floor_and_not_a_wrong_vertical(wrong_deg):
+    angle = np.radians(wrong_deg)
+    floors = list(walk((float(np.sin(angle)), 0.0, float(np.cos(angle)))))
+    for expected, true, _ in floors[1:]:
+        off = abs(expected.offset_m - true.offset_m)
+        assert off < 0.05  # the vertical alone is 1.1 m off after 8 m at 8 deg
+        assert off < 3.0 * np.sqrt(expected.covariance[2, 2])
+
+
+def test_an_error_common_to_all_frames_does_not_shrink_over_a_recording():
+    bias = (np.radians(1.2), np.radians(-1.0), 0.02)
+    squares = []
+    for _, true, fused in walk((0.0, 0.0, 1.0), bias):
+        assert np.all(np.sqrt(np.diag(fused.covariance) / np.diag(SIGMA)) > 0.9)
+        error = fused.error_to(true)
+        squares.append(float(error @ np.linalg.solve(fused.covariance, error)) / 3.0)
+    assert max(squares) < 2.0
+    assert squares[-1] == pytest.approx(squares[1], rel=0.3)
