@@ -140,7 +140,7 @@ class Claims:
     ) -> tuple[Float[np.ndarray, "j k"], Float[np.ndarray, "j k k"]] | None:
         """Errors of the motions between poses `lag` apart, one after the other, and their covariances.
 
-        None if the file does not tell how the errors of two poses belong together.
+        None unless errors accumulate: only then are those of motions independent, and their covariances known.
 
         Args:
             poses: The trajectory.
@@ -149,17 +149,17 @@ class Claims:
             lag: Number of poses from one to the next.
             truth: Covariance of a true pose.
         """
-        if self.shared not in (GROWING, INDEPENDENT):
+        if self.shared != GROWING:
             return None
         at = np.arange(0, len(chosen), lag)
         carry = self.carry(poses.positions[self.rows[chosen[at]]])
         moved = carry[1:] @ np.linalg.inv(carry[:-1])
         covariances = self.covariances[chosen[at]]
         before = moved @ covariances[:-1] @ moved.transpose(0, 2, 1)
-        both = covariances[1:] + (before if self.shared == INDEPENDENT else -before)
+        grown = covariances[1:] - before
         own = truth + moved @ truth @ moved.transpose(0, 2, 1)
         relative = errors[at[1:]] - np.einsum("nij,nj->ni", moved, errors[at[:-1]])
-        return relative, (both + both.transpose(0, 2, 1)) / 2.0 + own
+        return relative, (grown + grown.transpose(0, 2, 1)) / 2.0 + own
 
 
 def position_gauge(

@@ -288,8 +288,8 @@ def _in_parts(
 ) -> dict[str, Any]:
     """Verdict on the motions between poses, and what is fitted on the first half and tested on the second.
 
-    Errors of motions are nearly independent, those of poses are not. Without the covariances of motions (`between`)
-    the whitened errors of the poses are taken.
+    Errors that accumulate are independent from motion to motion, not from pose to pose. Without motions (`between`) the
+    whitened errors of the poses are taken.
     """
     figures: dict[str, Any] = {}
     white = poses if between is None else whitened(*between)

@@ -56,7 +56,7 @@ def errors(verdict: Verdict) -> Drawn:
     for axes in np.atleast_2d(grid)[-1]:
         axes.set_xlabel("distance travelled, m")
     sentence = (
-        "Errors after the alignment (vermilion) and two claimed standard deviations (green). If the claims are exact, "
+        "Errors, after the alignment if there is one (vermilion), and two claimed standard deviations (green). If the claims are exact, "
         "95 % of the errors lie in the band."
     )
     return Drawn(figure, sentence)
