@@ -27,7 +27,7 @@ from ..primitives.gaussian import Gaussian
 from .config import PlanarConfig
 from .fix import Fix, find_fix
 from .planar import Journey, PlanarFilter, PlanarPrior
-from .planar_fit import fit_sizes
+from .planar_fit import SIZES, fit_sizes
 from .planar_log import PlanarLog
 
 WINDOW = 20  # ours: last sightings that tell whether the filter is locked out
@@ -77,10 +77,11 @@ def localise(
 
     Args:
         log: Odometry and sightings.
-        guess: Noise, which the log corrects; the defaults if None.
+        guess: Sizes of the noise, which the log corrects; its other fields are not used. None: the defaults.
         say: Takes lines of progress.
     """
-    return _Localiser(log.without_jumps(), guess or PlanarConfig(), say or (lambda _: None)).run()
+    sizes = {name: getattr(guess or PlanarConfig(), name) for names in SIZES for name in names}
+    return _Localiser(log.without_jumps(), PlanarConfig(**sizes), say or (lambda _: None)).run()
 
 
 def log_prior(log: PlanarLog) -> PlanarPrior:

@@ -5,7 +5,7 @@ Of each log the localiser knows odometry, sightings and map; start, noise and bi
 - `heading`: after its 200th sighting the odometry makes half a turn that the robot does not make. No start is ever
   believed, so a wrong start heading changes nothing; this is the same error in a filter that is sure of its heading.
 - `drift`: the gyro drifts by 0.5 deg/s.
-- `noise`: the guess of the noise is what another kind of log was fitted to.
+- `noise`: the guess of the sizes of the noise is what another kind of log was fitted to.
 - `large`, `small`: the guess of all noise is 5 times too large, or too small.
 - `outliers`: one sighting in ten is exchanged for another.
 
