@@ -35,11 +35,10 @@ from .adjustment import largest_set, linked_sets
 from .pairs import Link
 from .views import View
 
-SKIPPED = 2  # ours: a view is aligned with the next and the next but one, so that one bad view is no gap; more would
-# find a place that only looks the same, as the other side of a box
-NEIGHBOURS = (
-    4  # ours: views before and after in time that a chain is stiffened with, from known poses
-)
+# Ours: a view is aligned with the next and the next but one, so that one bad view is no gap. Farther in time, a view
+# fits a place that only looks the same, as the other side of a box.
+SKIPPED = 2
+NEIGHBOURS = 4  # ours: views before and after in time that stiffen a chain, from known poses
 BOTH_WAYS = float(chi2.ppf(0.999, 6))  # ours: the two directions agree within this
 NEAR_RAD = math.radians(5.0)  # ours: the alignment converges from within 5 deg
 NEAR_M = 0.15  # ours: and from half its first gate

@@ -174,9 +174,11 @@ def _kind_metrics(run: RunFolder, kind: str) -> dict[str, Any]:
     if kind == PANORAMA:
         content = run.read_json("panorama.json") or {}
         views = content.get("views", [])
+        placed = float(sum(bool(view.get("placed")) for view in views))
         return {
             "views": float(len(views)),
-            "views_placed": float(sum(bool(view.get("placed")) for view in views)),
+            "views_placed": placed,
+            "views_placed_share": placed / max(len(views), 1),
             "obstacles": float(len(content.get("obstacles", []))),
             "note": content.get("failed")
             or "a panorama has no ground truth: its views, obstacles and gaps are not judged; "

@@ -80,6 +80,7 @@ TARGETS = (
     Target("poses_in_footprints", "own poses inside footprints of obstacles", "==", 0.0),
     Target("footprints_over_free_share", "share of the footprints over free cells", "==", 0.0),
     Target("footprint_iou_median", "footprints seen from two sides, IoU, median", ">=", 0.8),
+    Target("views_placed_share", "panorama: share of the views placed", ">=", 0.5),
     Target("goals_missed", "goals not reached", "==", 0.0),
     Target("contacts", "contacts", "==", 0.0),
     Target("falls", "falls", "==", 0.0),

@@ -122,8 +122,12 @@ def gather(recording: Recording, config: Config, say: Say) -> Gathered:
         found.add(seen, config)
         say(f"frame {seen.number}: view {len(kept)}")
     if kept:
-        up = UP if not recording.info.poses_given else recording.info.gravity_up_world
-        T_base_world = found_base(found, kept, None if up is None else np.asarray(up), config)
+        info = recording.info
+        if info.poses_given:
+            up = None if info.gravity_up_world is None else np.asarray(info.gravity_up_world)
+            T_base_world = found_base(found, kept, up, config)
+        else:  # the map of the pipeline is upright
+            T_base_world = found_base(found, kept, UP, config, expected=Pose3())
         found.views = [
             replace(view, prior=T_base_world @ pose)
             for view, pose in zip(found.views, kept, strict=True)
@@ -178,14 +182,28 @@ def _images(recording: Recording, config: Config) -> Iterator[Seen]:
 
 
 def found_base(
-    found: Gathered, poses: list[Pose3], up: Float[np.ndarray, "3"] | None, config: Config
+    found: Gathered,
+    poses: list[Pose3],
+    up: Float[np.ndarray, "3"] | None,
+    config: Config,
+    expected: Pose3 | None = None,
 ) -> Pose3:
-    """T_base_world by the floor of all views; without a floor, by the vertical and the usual camera height."""
+    """T_base_world by the floor of all views.
+
+    Args:
+        found: The views; their floor is entered.
+        poses: T_world_camera of each.
+        up: Approximate vertical of the world; None if unknown.
+        config: Settings of the floor search.
+        expected: T_level_world without a floor in view; None: by the vertical and the usual height of a camera.
+    """
     floor = find_common(found.shown, up, np.random.default_rng(SEED), config.floor)
     if floor is not None:
         T_base_world = base_of(floor.T_level_world, poses)
         found.floor = replace(floor, plane=floor.plane.moved(T_base_world))
         return T_base_world
+    if expected is not None:
+        return base_of(expected, poses)
     if up is None:
         up = np.mean([pose.rotation @ HAND_UP for pose in poses], axis=0)
         up /= np.linalg.norm(up)
