@@ -253,3 +253,70 @@ def _join(parent: np.ndarray, one: int, other: int) -> int:
         return one
     parent[one] = other
     return other
+
+
+@njit(cache=True, nogil=True)
+def depths_seen(
+    flat: np.ndarray,
+    height: np.ndarray,
+    labels: np.ndarray,
+    columns: np.ndarray,
+    label: int,
+    drop: np.ndarray,
+    top_m: float,
+    camera_m: float,
+    px_rad: float,
+    limits: tuple[float, float, float, float, float],
+    out_seen: np.ndarray,
+    out_most: np.ndarray,
+) -> None:
+    """How deep an obstacle is seen to be in each column, and how deep it can be at most.
+
+    Args:
+        flat: (h, w) horizontal range, m; NaN where unknown.
+        height: (h, w) above the floor, m.
+        labels: (h, w) obstacle of each pixel.
+        columns: Columns of the obstacle.
+        label: Its number.
+        drop: (h,) tangent of the angle by which the upper border of each row looks down.
+        top_m: Height of the obstacle.
+        camera_m: Height of the sphere's centre.
+        px_rad: Angle of a pixel.
+        limits: Height error of a top; height error of a pixel of the top face; tangent of the flattest angle at
+            which a surface is seen; depth beyond its front that shows a top face; greatest depth. m.
+        out_seen, out_most: (columns,), horizontal range, m.
+    """
+    error_m, face_m, graze, shown_m, deepest_m = limits
+    for k in range(columns.size):
+        c = columns[k]
+        top, front, far = -1, np.inf, 0.0
+        for row in range(labels.shape[0]):
+            if labels[row, c] == label:
+                top = row if top < 0 else top
+                front, far = min(front, flat[row, c]), max(far, flat[row, c])
+        edge = height[top, c]
+        if top_m - edge < flat[top, c] * px_rad + error_m:
+            edge = top_m
+        last, now, faces = top, flat[top, c], 0
+        most = np.inf
+        for row in range(top - 1, -1, -1):
+            r = flat[row, c]
+            unknown = not np.isfinite(r)
+            if unknown and not ((now - front > shown_m or faces >= 2) and last - row >= 2):
+                continue  # it may be the obstacle, too dark
+            own = not unknown and (labels[row, c] == 0 or labels[row, c] == label)
+            as_high = own and height[row, c] >= edge - face_m and r <= front + deepest_m
+            own = own and r <= now * (1.0 + px_rad / graze * min(last - row, 2))
+            if (own or as_high) and height[row, c] <= edge + face_m:  # not yet the background
+                if abs(height[row, c] - edge) <= min(face_m, (camera_m - edge) / 3.0):
+                    last, now, faces = row, max(now, r), faces + 1
+                continue
+            if not unknown:
+                most = r
+            if drop[row] > 0.0:
+                most = min(most, (camera_m - edge + error_m) / drop[row])
+            break
+        if faces >= 2:
+            far = max(far, now)
+        out_seen[k] = far
+        out_most[k] = max(min(most, front + deepest_m), far)

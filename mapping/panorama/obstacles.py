@@ -17,6 +17,8 @@ from dataclasses import dataclass
 
 from perception.primitives.errors import InputError
 
+SEEN_M = 0.03  # ours: a corner known to within this is seen; its standard deviation is then 7 mm
+
 
 @dataclass(frozen=True)
 class PanoramaObstacle:
@@ -25,7 +27,7 @@ class PanoramaObstacle:
     Args:
         left_rad, right_rad: Azimuth of its left and right edge, left positive; left_rad >= right_rad.
         distance_m: Forward distance d of its nearest part from the base's origin, along x.
-        width_m: Lateral distance of its edges, along y.
+        width_m: Lateral distance of its seen edges, along y.
         height_m: Height of its top above the floor.
         sigma_left_rad, sigma_right_rad, sigma_distance_m, sigma_width_m, sigma_height_m: Standard
             deviations.
@@ -33,6 +35,8 @@ class PanoramaObstacle:
         label: Its label in the panorama, from 1.
         levels: First and last level set it lies in, from 1; the nearest part lies in the first.
         pixels: Number of its pixels in the panorama.
+        hidden_left_m, hidden_right_m: How far it may extend at most beyond that edge, along y, behind what is
+            seen of it; 0 for a corner that is seen (see `hidden_corners`).
         cut_left, cut_right: Whether a nearer obstacle or the end of the panorama cuts that edge: the
             width is then a lower bound.
         cut_top: Whether its top is beyond the panorama or above the highest obstacle height.
@@ -53,6 +57,8 @@ class PanoramaObstacle:
     label: int = 0
     levels: tuple[int, int] = (0, 0)
     pixels: int = 0
+    hidden_left_m: float = 0.0
+    hidden_right_m: float = 0.0
     cut_left: bool = False
     cut_right: bool = False
     cut_top: bool = False
@@ -73,6 +79,26 @@ class PanoramaObstacle:
     def bearing_rad(self) -> float:
         """Azimuth of its centre, left positive."""
         return 0.5 * (self.left_rad + self.right_rad)
+
+    def expected_edge(self, left: bool) -> tuple[float, float]:
+        """y of the left or right end and its standard deviation, m, with what may be hidden beyond the edge.
+
+        The hidden part has a density that falls linearly to zero at its greatest length.
+        """
+        sign, angle, sigma, edge, hidden = (
+            (1.0, self.left_rad, self.sigma_left_rad, self.left_edge_m, self.hidden_left_m)
+            if left
+            else (
+                -1.0,
+                self.right_rad,
+                self.sigma_right_rad,
+                self.right_edge_m,
+                self.hidden_right_m,
+            )
+        )
+        sideways = edge[0] * sigma / math.cos(angle) ** 2
+        spread = math.hypot(sideways, self.sigma_distance_m * math.tan(angle))
+        return edge[1] + sign * hidden / 3.0, math.hypot(spread, hidden / math.sqrt(18.0))
 
     @staticmethod
     def across(
@@ -97,8 +123,11 @@ class PanoramaGap:
     Args:
         left, right: Index in `Surroundings.obstacles` of the neighbour on that side; None at an end.
         left_rad, right_rad: Azimuths of its sides, left positive.
-        width_m: Passable lateral width, along y; not positive if the neighbours overlap.
-        sigma_width_m: Its standard deviation.
+        width_m: Expected passable width, along y; always positive.
+        sigma_width_m: Its standard deviation, with the doubt of hidden corners.
+        hidden_m: Width that hidden corners take away at most: without them the gap is `hidden_m / 3` wider than
+            `width_m`. They never make it wider.
+        corners_seen: How many of the two corners that bound it are seen, to within `SEEN_M`.
         distance_m: Forward distance of the farther neighbour.
     """
 
@@ -108,6 +137,8 @@ class PanoramaGap:
     right_rad: float
     width_m: float
     sigma_width_m: float
+    hidden_m: float
+    corners_seen: int
     distance_m: float
 
 
@@ -117,7 +148,7 @@ class Surroundings:
 
     Args:
         obstacles: Sorted by falling azimuth of their centres.
-        gaps: One more than the obstacles within the farthest level; `gaps[0]` is the leftmost.
+        gaps: From left to right; neighbours that overlap along y leave none.
     """
 
     obstacles: tuple[PanoramaObstacle, ...]
@@ -137,48 +168,49 @@ def gaps_between(
         ends_rad: Azimuths of the panorama's left and right end.
         farthest_m: Only obstacles up to this distance bound a gap.
 
-    The passable width is the lateral distance of the two edges. The printed width, `d (tan theta_L -
-    tan theta_R)` with the larger d, agrees for neighbours at one distance and is too large for others, as
-    it extends the nearer edge to the farther distance. At the ends it is `d (tan end - tan edge)`.
+    The passable width is the lateral distance of the two edges, less the expected part of hidden corners. The
+    printed width, `d (tan theta_L - tan theta_R)` with the larger d, agrees for neighbours at one distance and
+    is too large for others, as it extends the nearer edge to the farther distance. At the ends it is `d (tan
+    end - tan edge)`.
 
     Source: seed 004, eq. (20).
     """
-    if not obstacles:
-        return ()
     near = [k for k, obstacle in enumerate(obstacles) if obstacle.distance_m <= farthest_m]
+    if not near:
+        return ()
     found = []
     for one, other in zip([None, *near], [*near, None], strict=True):
         left = None if one is None else obstacles[one]
         right = None if other is None else obstacles[other]
-        d = max(o.distance_m for o in (left, right) if o is not None) if near else 0.0
-        if left is not None and right is not None:
-            width = left.right_edge_m[1] - right.left_edge_m[1]
-            sigma = math.hypot(_across(left, False), _across(right, True))
-            ends = left.right_rad, right.left_rad
-        elif right is not None:
-            ends = ends_rad[0], right.left_rad
-            width = right.left_edge_m[0] * (_tangent(ends_rad[0]) - math.tan(right.left_rad))
-            sigma = _across(right, True)
-        elif left is not None:
-            ends = left.right_rad, ends_rad[1]
-            width = left.right_edge_m[0] * (math.tan(left.right_rad) - _tangent(ends_rad[1]))
-            sigma = _across(left, False)
-        else:
+        bounds = [o for o in (left, right) if o is not None]
+        begin = ends_rad[0] if left is None else left.right_rad
+        end = ends_rad[1] if right is None else right.left_rad
+        sides = [
+            (bounds[0].left_edge_m[0] * _tangent(begin), 0.0)
+            if left is None
+            else left.expected_edge(False),
+            (bounds[0].right_edge_m[0] * _tangent(end), 0.0)
+            if right is None
+            else right.expected_edge(True),
+        ]
+        width = sides[0][0] - sides[1][0]
+        if width <= 0.0:
             continue
-        found.append(PanoramaGap(one, other, ends[0], ends[1], width, sigma, d))
+        hidden = [] if left is None else [left.hidden_right_m]
+        hidden += [] if right is None else [right.hidden_left_m]
+        gap = PanoramaGap(
+            one,
+            other,
+            begin,
+            end,
+            width,
+            sigma_width_m=math.hypot(sides[0][1], sides[1][1]),
+            hidden_m=sum(hidden),
+            corners_seen=sum(length <= SEEN_M for length in hidden),
+            distance_m=max(o.distance_m for o in bounds),
+        )
+        found.append(gap)
     return tuple(found)
-
-
-def _across(obstacle: PanoramaObstacle, left: bool) -> float:
-    """Standard deviation of y of one edge, m."""
-    angle, sigma, edge = (
-        (obstacle.left_rad, obstacle.sigma_left_rad, obstacle.left_edge_m)
-        if left
-        else (obstacle.right_rad, obstacle.sigma_right_rad, obstacle.right_edge_m)
-    )
-    return math.hypot(
-        edge[0] * sigma / math.cos(angle) ** 2, obstacle.sigma_distance_m * math.tan(angle)
-    )
 
 
 def _tangent(angle_rad: float) -> float:

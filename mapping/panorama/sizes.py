@@ -24,6 +24,7 @@ from perception.primitives.plane import Plane
 from . import literal_formulas
 from .adjustment import Placed
 from .contours import fronts
+from .hidden_corners import with_hidden_corners
 from .level_sets import LevelConfig, forward_distance, label, levels, merge_parts
 from .obstacles import PanoramaObstacle, Surroundings, gaps_between
 from .rendering import Drawing
@@ -88,7 +89,8 @@ def surroundings(
     measured = (_measured(scene, number, config.levels) for number in range(1, count + 1))
     found = [one for one in measured if one is not None]
     found = [one for one in found if not any(_is_rim(one, other) for other in found)]
-    obstacles = tuple(sorted(found, key=lambda one: -one.bearing_rad))
+    found = sorted(found, key=lambda one: -one.bearing_rad)
+    obstacles = with_hidden_corners(found, drawing, labels, floor)
     sphere = drawing.sphere
     ends = -sphere.left_rad, -(sphere.left_rad + (sphere.width - 1) / sphere.px_per_rad)
     gaps = gaps_between(obstacles, ends, config.levels.farthest_m)

@@ -38,6 +38,12 @@ class AvoidanceConfig:
     other_side: bool = setting(
         True, "", "try the other side before stopping", "ours; seed 004 keeps the side"
     )
+    least_fit: float = setting(
+        0.9,
+        "",
+        "least probability that the body fits through the gap; below it side steps replace walking, and a stop side steps",
+        "ours",
+    )
     fams: FamsConfig = field(default_factory=FamsConfig)
     pivot: PivotConfig = field(default_factory=PivotConfig)
 
@@ -46,6 +52,8 @@ class AvoidanceConfig:
             raise ConfigError(
                 f"avoidance: complexity={self.complexity!r} is unknown; use one of {', '.join(FORMS)}"
             )
+        if not 0.0 <= self.least_fit < 1.0:
+            raise ConfigError(f"avoidance: least_fit={self.least_fit} must lie in [0, 1)")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +62,9 @@ class ObstacleTable:
 
     Args:
         edges_rad: (n, 2) azimuths of left and right edges, left positive.
-        edges_m: (n, 2) lateral positions of left and right edges, left positive, m.
+        edges_m: (n, 2) expected lateral positions of left and right ends, left positive, m.
         distance_m, width_m, height_m: (n,) forward distance, lateral width, height, m.
-        sigma_m: (n,) standard deviation of the lateral position of an edge, m.
+        sigma_m: (n, 2) standard deviations of the lateral positions, with the doubt of hidden corners, m.
         open_m: Lateral positions where the known ground ends on the left and on the right.
     """
 
@@ -65,7 +73,7 @@ class ObstacleTable:
     distance_m: Float[np.ndarray, "n"]
     width_m: Float[np.ndarray, "n"]
     height_m: Float[np.ndarray, "n"]
-    sigma_m: Float[np.ndarray, "n"]
+    sigma_m: Float[np.ndarray, "n 2"]
     open_m: tuple[float, float] = (2.0, -2.0)
 
 
@@ -80,6 +88,7 @@ class Choice:
         total: Sum of the complexity measures, right positive.
         width_m, gap_m, distance_m: w_l, s_l and d_l of the selection.
         fits: Strength of each motion, in the order of `MOTIONS`.
+        passes: Probability that the body fits through the gap with this motion; for a stop, with side steps.
         why: The decision in words.
     """
 
@@ -91,6 +100,7 @@ class Choice:
     gap_m: float
     distance_m: float
     fits: tuple[float, ...]
+    passes: float
     why: str
 
 
@@ -168,14 +178,14 @@ def _gap(obstacles: ObstacleTable, group: np.ndarray, side: int) -> tuple[float,
     beside = ~group & (side * obstacles.edges_m[:, own] > side * edge)
     beside &= obstacles.distance_m <= distance + ALONGSIDE_M
     gaps = side * (obstacles.edges_m[beside, facing] - edge)
-    sigma = float(obstacles.sigma_m[at])
+    sigma = float(obstacles.sigma_m[at, own])
     known = max(side * (obstacles.open_m[own] - edge), 0.0)
     if not beside.any() or known < float(gaps.min()):
         return known, sigma, edge
     nearest = int(np.argmin(gaps))
     return (
         float(gaps[nearest]),
-        math.hypot(sigma, float(obstacles.sigma_m[beside][nearest])),
+        math.hypot(sigma, float(obstacles.sigma_m[beside, facing][nearest])),
         edge,
     )
 
@@ -195,16 +205,36 @@ def _on_side(
     distance = float(obstacles.distance_m[group].min())
     seen = np.array([width]), np.array([free]), config.fams, np.array([sigma]), body_m
     fits, chosen = strengths(*seen)[:, 0], int(select(*seen)[0])
-    motion = MOTIONS[chosen]
+    motion, passes = _that_fits(MOTIONS[chosen], free, sigma, config, body_m)
     at = pivot(motion, side, edge, free, width, distance, config.pivot, body_m)
     word = "left" if side > 0 else "right"
+    gap_text = f"gap there {free:.2f} m (+-{1e3 * sigma:.0f} mm)" if free > 0.0 else "no gap there"
     why = (
         f"blocked at {distance:.2f} m by {width:.2f} m; complexity {total:+.2f}, so {word}; "
-        f"gap there {free:.2f} m (+-{1e3 * sigma:.0f} mm), body {body_m:.2f} m: "
-        f"{motion} ({float(fits[chosen]):.2f})"
+        f"{gap_text}, body {body_m:.2f} m, fits with {passes:.2f}: "
+        f"{motion} ({float(fits[MOTIONS.index(motion)]):.2f})"
     )
     if motion != "ST":
         why += f", pivot {at.distance_m:.2f} m at {math.degrees(at.turn_rad):+.0f} deg"
     return Choice(
-        motion, side, at, total, width, free, distance, tuple(float(f) for f in fits), why
+        motion, side, at, total, width, free, distance, tuple(float(f) for f in fits), passes, why
     )
+
+
+def _that_fits(
+    motion: str, free_m: float, sigma_m: float, config: AvoidanceConfig, body_m: float
+) -> tuple[str, float]:
+    """The motion, replaced by side steps or a stop if it surely enough does not fit, and the probability that it fits."""
+
+    def fit(needed_m: float) -> float:
+        if sigma_m == 0.0:
+            return float(free_m >= needed_m)
+        return 0.5 * math.erfc((needed_m - free_m) / (sigma_m * math.sqrt(2.0)))
+
+    if motion.endswith("F"):
+        forward = fit(body_m)
+        if forward >= config.least_fit:
+            return motion, forward
+        motion = motion[0] + "S"
+    sideways = fit(config.fams.narrowest_m(body_m))
+    return (motion if sideways >= config.least_fit else "ST"), sideways

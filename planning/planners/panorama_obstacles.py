@@ -45,14 +45,15 @@ def obstacle_table(
     found += [_closer(points) for points in closers if np.all(points[:, 0] > 0.0)]
     ahead = [o.distance_m for o in found if o.left_edge_m[1] > -0.25 and o.right_edge_m[1] < 0.25]
     distance = min(ahead, default=STOP_M)
+    ends = [(o.expected_edge(True), o.expected_edge(False)) for o in found]
     left, right = (distance * math.tan(min(max(a, -1.4), 1.4)) for a in observed_sector(panorama))
     return ObstacleTable(
         np.array([[o.left_rad, o.right_rad] for o in found]).reshape(-1, 2),
-        np.array([[o.left_edge_m[1], o.right_edge_m[1]] for o in found]).reshape(-1, 2),
+        np.array([[y for y, _ in both] for both in ends]).reshape(-1, 2),
         np.array([o.distance_m for o in found], dtype=float),
         np.array([o.width_m for o in found], dtype=float),
         np.array([o.height_m for o in found], dtype=float),
-        np.array([o.sigma_left_rad * o.distance_m for o in found], dtype=float),
+        np.array([[sigma for _, sigma in both] for both in ends]).reshape(-1, 2),
         (min(left, OPEN_M), max(right, -OPEN_M)),
     )
 

@@ -3,7 +3,7 @@
 One to five boxes and round bins of random size and heading stand within range, separable from the robot's position and
 inside the field of view of the nine views. Views have encoder errors of half a degree and all errors of the camera
 model. The count is the number of obstacles that the panorama lists; a gap is the free lateral width between two
-neighbours.
+neighbours. A corner hidden behind the face of its own object bounds a gap from one side only.
 
 Source: Kang 2013 (seed 004), section 2.3; the scenes are ours.
 """
@@ -145,13 +145,21 @@ def scene_of(objects: list[PlacedObject], rng: np.random.Generator) -> Scene:
     )
 
 
+class GapError(NamedTuple):
+    """A listed gap: listed less true width, m and in standard deviations, and whether both corners are seen."""
+
+    error_m: float
+    in_sigmas: float
+    seen: bool
+
+
 class Score(NamedTuple):
-    """One scene: objects placed and listed; error of each gap, m and in standard deviations; size errors, m."""
+    """One scene: objects placed and listed; errors of the gaps; true widths of gaps not listed; size errors, m."""
 
     objects: int
     listed: int
-    gaps_m: list[float]
-    gaps_in_sigmas: list[float]
+    gaps: list[GapError]
+    unlisted_m: list[float]
     widths_m: list[float]
     heights_m: list[float]
 
@@ -175,10 +183,15 @@ def compare(objects: list[PlacedObject], found: Surroundings) -> Score:
     errors = Score(len(objects), len(found), [], [], [], [])
     if len(objects) != len(found):
         return errors
-    for k, gap in enumerate(found.gaps[1:-1]):
-        true = objects[k].right_m - objects[k + 1].left_m
-        errors.gaps_m.append(gap.width_m - true)
-        errors.gaps_in_sigmas.append((gap.width_m - true) / gap.sigma_width_m)
+    listed = {(gap.left, gap.right): gap for gap in found.gaps}
+    for k in range(len(objects) - 1):
+        true, gap = objects[k].right_m - objects[k + 1].left_m, listed.get((k, k + 1))
+        if gap is not None:
+            error = gap.width_m - true
+            seen = gap.corners_seen == 2
+            errors.gaps.append(GapError(error, error / gap.sigma_width_m, seen))
+        elif true > 0.0:
+            errors.unlisted_m.append(true)
     for one, obstacle in zip(objects, found.obstacles, strict=True):
         errors.widths_m.append(obstacle.width_m - (one.left_m - one.right_m))
         errors.heights_m.append(obstacle.height_m - one.shape.top_m)

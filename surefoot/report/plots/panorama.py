@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mapping.panorama.key_angles import laws
-from mapping.panorama.obstacles import Surroundings
+from mapping.panorama.obstacles import SEEN_M, Surroundings
 from mapping.panorama.rendering import Drawing
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama
@@ -99,7 +99,7 @@ def _label(axes: Any, along: str, place: float, text: str, colour: str, inside: 
 
 
 def obstacles(drawing: Drawing, found: Surroundings) -> Any:
-    """Each obstacle between its edges, with distance, width and height; gaps below."""
+    """Each obstacle between its edges, with distance, width and height; gaps with their doubt below."""
     figure, axes = style.sheet(height_in=4.0)
     image = _range(axes, drawing)
     sphere = drawing.sphere
@@ -110,8 +110,9 @@ def obstacles(drawing: Drawing, found: Surroundings) -> Any:
 
     for k, one in enumerate(found.obstacles):
         left, right = column(one.left_edge_m), column(one.right_edge_m)
-        for edge in (left, right):
-            axes.axvline(edge, color=WRONG, linewidth=0.9)
+        for edge, hidden_m in ((left, one.hidden_left_m), (right, one.hidden_right_m)):
+            style_of = "-" if hidden_m <= SEEN_M else "--"
+            axes.axvline(edge, color=WRONG, linewidth=0.9, linestyle=style_of)
         text = f"{one.distance_m:.2f} m\n{one.width_m:.2f} x {one.height_m:.2f} m"
         height = 0.90 - 0.10 * (k % 2)
         axes.text(
@@ -124,9 +125,11 @@ def obstacles(drawing: Drawing, found: Surroundings) -> Any:
         ends = found.obstacles[gap.left], found.obstacles[gap.right]
         middle = 0.5 * (column(ends[0].right_edge_m) + column(ends[1].left_edge_m))
         axes.text(
-            middle, 0.04, f"gap {gap.width_m:.2f} m", transform=axes.get_xaxis_transform(),
+            middle, 0.04, f"gap {gap.width_m:.2f} m\n±{gap.sigma_width_m:.2f}", transform=axes.get_xaxis_transform(),
             ha="center", fontsize=6.5, color=ESTIMATE, bbox={"facecolor": "white", "alpha": 0.7, "pad": 1.0},
         )  # fmt: skip
     figure.colorbar(image, ax=axes, label="range, m", shrink=0.8)
-    axes.set_title("obstacles: forward distance, width x height; gaps between neighbours")
+    axes.set_title(
+        "obstacles: forward distance, width x height; gaps ± sigma; dashed: edge with a hidden corner"
+    )
     return figure

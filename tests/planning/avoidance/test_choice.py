@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from perception.primitives.errors import InputError
+from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import GaitLimits
 from planning.avoidance import primitives
@@ -160,7 +160,7 @@ def _things(spans: list[tuple[float, float]], d: float = 1.05) -> ObstacleTable:
         np.full(n, d),
         edges[:, 0] - edges[:, 1],
         np.full(n, 0.32),
-        np.full(n, 0.004),
+        np.full((n, 2), 0.004),
     )
 
 
@@ -185,6 +185,49 @@ def test_the_printed_average_of_labels_decides_on_request():
     assert mean.fits == best.fits
     assert "TS (0.60)" in best.why
     assert "RS (0.00)" in mean.why  # no rule asks for it
+
+
+@pytest.mark.parametrize(
+    ("gap", "sigma", "motion", "passes"),
+    [
+        (0.40, 0.01, "RF", 1.0),
+        (0.40, 0.10, "RS", 0.977),  # forward it fits with 0.84 only
+        (0.28, 0.10, "ST", 0.788),  # the body needs 0.20 m sideways
+        (0.28, 0.00, "RS", 1.0),
+    ],
+)
+def test_the_motion_is_one_that_fits_the_gap_with_the_least_probability(gap, sigma, motion, passes):
+    things = _things([(0.3 + gap, 0.2 + gap), (0.2, -0.5)])
+    things.sigma_m[:] = 0.0
+    things.sigma_m[0, 1] = sigma  # the facing side of the neighbour
+    choice = choose(things, AvoidanceConfig(other_side=False))
+    assert choice is not None
+    assert (choice.motion, choice.side) == (motion, 1)
+    assert choice.passes == pytest.approx(passes, abs=0.001)
+    assert f"fits with {choice.passes:.2f}" in choice.why
+
+
+def test_a_doubtful_gap_is_left_for_a_sure_one_on_the_other_side():
+    things = _things([(0.9, 0.6), (0.2, -0.5)])
+    things.sigma_m[0, 1] = 0.2
+    paper, ours = (choose(things, AvoidanceConfig(other_side=other)) for other in (False, True))
+    assert paper is not None
+    assert ours is not None
+    assert (paper.motion, paper.side) == ("ST", 1)
+    assert (ours.motion, ours.side) == ("RF", -1)
+
+
+def test_neighbours_that_overlap_leave_no_gap_in_words():
+    choice = choose(_things([(0.9, 0.28), (0.3, -1.1)]), AvoidanceConfig(other_side=False))
+    assert choice is not None
+    assert (choice.motion, choice.side) == ("ST", 1)
+    assert "no gap there" in choice.why
+    assert choice.passes == 0.0
+
+
+def test_a_least_probability_of_one_is_refused():
+    with pytest.raises(ConfigError, match="least_fit"):
+        AvoidanceConfig(least_fit=1.0)
 
 
 def test_narrow_gaps_on_both_sides_stop_the_robot_and_a_free_corridor_needs_no_choice():

@@ -148,7 +148,7 @@ def _one_obstacle(open_m: tuple[float, float]) -> ObstacleTable:
         np.array([1.0]),
         np.array([0.5]),
         np.array([0.3]),
-        np.array([0.004]),
+        np.array([[0.004, 0.004]]),
         open_m,
     )
 
@@ -171,7 +171,7 @@ def test_unseen_ground_before_a_neighbour_bounds_the_gap():
         np.array([1.0, 1.0]),
         np.array([0.5, 0.2]),
         np.array([0.3, 0.3]),
-        np.array([0.004, 0.004]),
+        np.full((2, 2), 0.004),
         (0.5, -0.3),
     )
     found = choose(both)

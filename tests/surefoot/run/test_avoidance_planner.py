@@ -154,7 +154,7 @@ def test_the_legs_are_walked_to_their_end_on_open_ground(motion):
 
 
 def _choice(motion, found):
-    return Choice(motion, 1, found, 0.5, 0.5, 0.3, 1.0, (0.0,) * 7, "")
+    return Choice(motion, 1, found, 0.5, 0.5, 0.3, 1.0, (0.0,) * 7, 1.0, "")
 
 
 def test_a_track_on_what_was_scanned_is_no_mover_and_one_in_the_open_may_be():
