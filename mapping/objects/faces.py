@@ -97,7 +97,7 @@ def find(columns: Columns, gap_m: float) -> list[Face]:
         if not straight:
             off = np.abs(columns.xy @ candidate[0] - candidate[1])
             line = left & (off <= CELL_M / 2)
-            left &= ~line if line.any() else off > 1.5 * CELL_M  # not on a face
+            left &= ~line if line.any() else off > 2.0 * CELL_M  # not on a face
             continue
         along = columns.xy @ np.array([-normal[1], normal[0]])
         span = float(along[run].min()), float(along[run].max())

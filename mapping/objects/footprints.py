@@ -170,8 +170,8 @@ def _things(
 ) -> list[tuple[list[int], Int[np.ndarray, "m"]]]:
     """Faces and columns of each object of a part, those with faces first.
 
-    A column without a face joins the object whose face it lies behind, the nearest, unless it is much lower: then it is floor
-    misclassified as obstacle, or a low object beside a high one.
+    A column without a face joins the object whose face it lies behind, the nearest, unless it is much lower: then it
+    is floor misclassified as obstacle, or a low object beside a high one.
     """
     groups = straight.group(faces)
     owner = np.full(len(columns), -1)
@@ -181,6 +181,8 @@ def _things(
     rest = np.flatnonzero(owner < 0)
     nearest, chosen_owner = np.full(len(rest), np.inf), np.full(len(rest), -1)
     for number, group in enumerate(groups):
+        if not (owner == number).any():
+            continue  # all its columns lie at corners, and other faces have them
         high = float(np.quantile(columns.top[owner == number], 0.95))
         places, tops = columns.xy[rest], columns.top[rest]
         behind, depth = np.ones(len(rest), np.bool_), np.full(len(rest), np.inf)
