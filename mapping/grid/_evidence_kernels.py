@@ -1,4 +1,4 @@
-"""Compiled loops of both occupancy maps: count points per cell, update log-odds, keep obstacle heights.
+"""Compiled loops of the terrain map: count points per cell, update log-odds; and the bounds of points in cells.
 
 Arguments are checked by the callers; NumPy versions are in the tests.
 """
@@ -12,7 +12,6 @@ import numpy as np
 from perception.primitives.compiled import njit
 
 BLOCK = 2048  # points indexed at a time: the buffer stays in the first-level cache
-STATIC = 1  # kinds of points: 0 floor, 1 static obstacle, 2 moving obstacle
 
 
 class Weights(NamedTuple):
@@ -25,7 +24,6 @@ class Weights(NamedTuple):
     floor: float
     limit: float
     moving: float
-    tail_share: float
 
 
 @njit(cache=True)
@@ -91,16 +89,6 @@ def lattice_bounds(points: np.ndarray, per_m: float) -> tuple[float, float, floa
 
 
 @njit(cache=True)
-def _most_beside(counts: np.ndarray, row: int, column: int) -> int:
-    """The greatest count of a cell and its eight neighbours."""
-    most = 0
-    for r in range(max(row - 1, 0), min(row + 2, counts.shape[0])):
-        for c in range(max(column - 1, 0), min(column + 2, counts.shape[1])):
-            most = max(most, counts[r, c])
-    return most
-
-
-@njit(cache=True)
 def fold_evidence(
     counts: np.ndarray,
     log_odds: np.ndarray,
@@ -134,8 +122,6 @@ def fold_evidence(
             c = (corner[1] + column) % map_columns
             old = log_odds[r, c]
             if static >= w.obstacle_points:
-                if static < w.tail_share * _most_beside(counts[1], row, column):
-                    continue  # noise alone carries this many points over from the neighbour
                 new = w.first_obstacle if np.isinf(old) else min(old + w.obstacle, w.limit)
                 moving[r, c] = False
             elif static + mobile >= w.obstacle_points:
@@ -147,27 +133,3 @@ def fold_evidence(
                     moving[r, c] = False
             log_odds[r, c] = new
             updated_s[r, c] = stamp_s
-
-
-@njit(cache=True)
-def highest_in_cells(
-    points: np.ndarray,
-    heights: np.ndarray,
-    kinds: np.ndarray,
-    anchor: np.ndarray,
-    per_m: float,
-    first: np.ndarray,
-    top: np.ndarray,
-) -> None:
-    """Raise `top`, (rows, columns) float32, m, to the highest static obstacle point in each cell."""
-    ax, ay, fx, fy = anchor[0], anchor[1], first[0], first[1]
-    rows, columns = top.shape
-    for i in range(points.shape[0]):
-        if kinds[i] != STATIC or np.isnan(heights[i]):
-            continue
-        x = np.floor((points[i, 0] - ax) * per_m) - fx
-        y = np.floor((points[i, 1] - ay) * per_m) - fy
-        if x >= 0.0 and x < columns and y >= 0.0 and y < rows:
-            r, c = int(y), int(x)
-            if not top[r, c] >= heights[i]:  # also true where top is NaN
-                top[r, c] = heights[i]

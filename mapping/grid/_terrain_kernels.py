@@ -73,7 +73,8 @@ def gather(
     anchor: np.ndarray,
     per_m: float,
     first: np.ndarray,
-    side: int,
+    rows: int,
+    columns: int,
     counts: np.ndarray,
     sums: np.ndarray,
 ) -> None:
@@ -87,16 +88,16 @@ def gather(
         flat: (3 n,) float64: x, y, height of each point, m.
         obstacle: (n,) uint8, 1 for an obstacle.
         moving: (n,) uint8, 1 for a moving obstacle; or empty.
-        sigma: (n,) float64, standard deviation of each height, m; or empty.
+        sigma: (n,) float64, standard deviation of each point, m; or empty.
         anchor: (2,), lower left corner of lattice cell (0, 0), m.
         per_m: Cells per metre.
         first: (2,), lattice cell (x, y) of the window's corner.
-        side: Rows and columns of the window.
-        counts: (3 side^2 + 1,) int32, all zero: kinds, rows, columns, then points outside.
-        sums: (3 side^2 + 1, 3) float64, all zero: heights, squared heights, squared sigmas.
+        rows, columns: Size of the window.
+        counts: (3 rows columns + 1,) int32, all zero: kinds, rows, columns, then points outside.
+        sums: (3 rows columns + 1, 3) float64, all zero: heights, squared heights, squared sigmas.
     """
     ax, ay, fx, fy = anchor[0], anchor[1], first[0], first[1]
-    cells = np.int32(side * side)
+    cells = np.int32(rows * columns)
     outside = np.int32(3 * cells)
     block = np.empty(BLOCK, np.int32)
     n = flat.shape[0] // 3
@@ -109,8 +110,8 @@ def gather(
             x = np.floor((part[3 * i] - ax) * per_m) - fx
             y = np.floor((part[3 * i + 1] - ay) * per_m) - fy
             z = part[3 * i + 2]
-            inside = (x >= 0.0) & (x < side) & (y >= 0.0) & (y < side) & (z - z == 0.0)
-            cell = np.int32(y) * np.int32(side) + np.int32(x)
+            inside = (x >= 0.0) & (x < columns) & (y >= 0.0) & (y < rows) & (z - z == 0.0)
+            cell = np.int32(y) * np.int32(columns) + np.int32(x)
             block[i] = cell if inside else outside
         for i in range(size):
             block[i] = min(outside, block[i] + cells * np.int32(rising[i]))
@@ -235,9 +236,9 @@ def fuse_heights(
     """Fuse the heights of a frame into the cells, after `fold_evidence`; clears counts and sums.
 
     Args:
-        counts: (3, side, side) int32.
-        sums: (3 side^2 + 1, 3) float64, of `gather`.
-        log_odds: (side, side) float32, torus as for `fold_evidence`.
+        counts: (3, rows, columns) int32 of the window.
+        sums: (3 rows columns + 1, 3) float64, of `gather`; here the sigmas are those of the heights.
+        log_odds: (map rows, map columns) float32, torus as for `fold_evidence`.
         heights, variances: Same shape, float32, m and m^2; NaN: not measured; changed.
         raised: Same shape, bool: the height is that of an obstacle; changed.
         place: The window.
@@ -245,12 +246,12 @@ def fuse_heights(
         pose_form: (3, 3), variance of a place along one axis at (x, y, 1), m^2.
         rule: How heights are fused.
     """
-    side = counts.shape[1]
-    cells = side * side
-    for row in range(side):
-        r = (place.row + row) % side
-        for column in range(side):
-            flat = row * side + column
+    rows, columns = counts.shape[1], counts.shape[2]
+    cells = rows * columns
+    for row in range(rows):
+        r = (place.row + row) % log_odds.shape[0]
+        for column in range(columns):
+            flat = row * columns + column
             floor, static, mobile = (
                 counts[0, row, column],
                 counts[1, row, column],
@@ -258,7 +259,7 @@ def fuse_heights(
             )
             if floor == 0 and static == 0 and mobile == 0:
                 continue
-            c = (place.column + column) % side
+            c = (place.column + column) % log_odds.shape[1]
             occupied = log_odds[r, c] > 0.0
             if raised[r, c] != occupied:  # the surface measured here has gone
                 heights[r, c] = np.nan

@@ -263,6 +263,7 @@ class EgocentricGrid(Window):
             per_m,
             self._first,
             n,
+            n,
             self._tally,
             self._sums,
         )

@@ -45,7 +45,6 @@ class EvidenceConfig:
     limit: float = setting(
         3.9, "log-odds", "largest magnitude of a cell's log-odds; 3.9 is p = 0.98", "seed 003"
     )
-    tail_share: float = 0.0  # ours: fewer points than this share of a neighbour's are ignored
 
     def __post_init__(self) -> None:
         if not self.floor < 0.0 < self.obstacle:
@@ -54,8 +53,6 @@ class EvidenceConfig:
             )
         if not self.limit >= MOVING_LOG_ODDS:
             raise ConfigError(f"evidence: limit={self.limit} must be at least {MOVING_LOG_ODDS}")
-        if not 0.0 <= self.tail_share < 1.0:
-            raise ConfigError(f"evidence: tail_share={self.tail_share} must lie in [0, 1)")
 
 
 OCCUPIED = 0.5
@@ -100,9 +97,7 @@ def update_cells(
     """Update each cell of a window of the map at most once, by the points counted in it.
 
     `OBSTACLE_POINTS` or more obstacle points are an obstacle observation, even if floor is seen beside them.
-    Otherwise any floor point is a floor observation. Close to the sensor, noise alone carries that many
-    points across the edge of a cell: with `tail_share`, a cell with fewer obstacle points than this share
-    of a neighbour's count keeps its value.
+    Otherwise any floor point is a floor observation.
 
     Args:
         counts: Points of each kind (floor, static, moving) in each cell of the window.
@@ -120,7 +115,6 @@ def update_cells(
         config.floor,
         config.limit,
         MOVING_LOG_ODDS,
-        config.tail_share,
     )
     _evidence_kernels.fold_evidence(counts, *layers, corner, stamp_s, weights)
 

@@ -79,7 +79,7 @@ class Pipeline:
 
     def _reset_maps(self) -> None:
         """Begin with empty maps."""
-        self.world = WorldMap(self.config.world_map, self.config.grid.evidence)
+        self.world = WorldMap(self.config.world_map)
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
         self._mapped_s: float | None = None
@@ -270,7 +270,10 @@ class Pipeline:
         is_obstacle = np.isin(classes, OBSTACLES)
         is_moving = is_obstacle & near_moving_obstacles(upright[:, :2], self.tracker.obstacles)
         camera = view.T_map_camera.position
-        drop = np.abs(upright[:, 2] - view.floor.offset_m) / view.points.xyz[used, 2]
+        floor = view.floor.moved(view.T_map_camera)
+        sigma, depth = view.points.sigma[used], view.points.xyz[used, 2]
+        drop = np.abs(upright[:, 2] - view.floor.offset_m) / depth
+        stretch = np.linalg.norm(view.points.xyz[used], axis=1) / depth
         self.grid.update(
             upright,
             is_obstacle,
@@ -278,16 +281,19 @@ class Pipeline:
             camera[:2],
             is_moving=is_moving,
             sensor_height_m=view.floor.offset_m,
-            sigma_m=view.points.sigma[used] * drop,
-            floor=view.floor.moved(view.T_map_camera),
+            sigma_m=sigma * drop,
+            floor=floor,
             pose=pose,
         )
         self.world.update(
-            upright[:, :2],
+            upright,
             is_obstacle,
             frame.stamp_s,
-            heights_m=upright[:, 2],
+            np.array([*camera[:2], view.floor.offset_m]),
             is_moving=is_moving,
+            sigma_m=sigma * stretch,
+            floor=floor,
+            pose=pose,
         )
         colours = colours_of(view, frame.colour)
         self.cloud.add(view.upright, colours)

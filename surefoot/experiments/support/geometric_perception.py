@@ -73,7 +73,7 @@ class GeometricPerception:
         self.tracker = ObstacleTracker(config.tracker)
         self.grid: EgocentricGrid | None = None
         self.confidence: ConfidenceLayer | None = None
-        self.world = WorldMap(config.world_map, config.grid.evidence)
+        self.world = WorldMap(config.world_map)
         self.truth = Truth(robot)
         self.followed: dict[int, ObservationTimes] = {}
         self.tracking_ms = 0.0
