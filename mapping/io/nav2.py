@@ -1,7 +1,8 @@
-"""Occupancy maps as files for ROS: the yaml and pgm pair of map_server and Nav2.
+"""Occupancy maps as files for ROS: the yaml and image pair of map_server and Nav2.
 
-Image row 0 is the top, the largest y; 254 is free, 0 occupied, 205 unknown. The yaml gives the lower left
-corner of the lower left pixel.
+Image row 0 is the top, the largest y. In a trinary map 254 is free, 0 occupied, 205 unknown. In a map of mode
+"scale" the darkness of a pixel is the probability, and a transparent pixel is unknown. The yaml gives the lower
+left corner of the lower left pixel.
 
 Source: the map_server format, "trinary" and "scale" modes.
 """
@@ -12,6 +13,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
@@ -70,31 +72,75 @@ def save(
         pixels[known & (probability > OCCUPIED_ABOVE)] = OCCUPIED
     with atomic_path(folder / f"{name}.pgm") as path:
         path.write_bytes(f"P5\n{columns} {rows}\n255\n".encode() + pixels[::-1].tobytes())
+    return _save_yaml(
+        folder / f"{name}.yaml",
+        f"{name}.pgm",
+        "trinary",
+        (FREE_BELOW, OCCUPIED_ABOVE),
+        origin,
+        cell_m,
+    )
+
+
+def save_scale(
+    folder: Path,
+    name: str,
+    probability: Float32[np.ndarray, "rows columns"],
+    known: Bool[np.ndarray, "rows columns"],
+    origin: Float[np.ndarray, "2"],
+    cell_m: float,
+) -> Path:
+    """Write `name.png`, then `name.yaml`, of mode "scale"; arguments and errors as for `save`.
+
+    Nav2 reads such a pixel as an occupancy of 100 times its probability.
+    """
+    rows, columns = max(1, probability.shape[0]), max(1, probability.shape[1])
+    pixels = np.zeros((rows, columns, 4), np.uint8)
+    if probability.size:
+        pixels[..., :3] = np.rint(255 * (1 - probability))[..., np.newaxis]
+        pixels[..., 3] = np.where(known, 255, 0)
+    done, data = cv2.imencode(".png", pixels[::-1])
+    assert done
+    with atomic_path(folder / f"{name}.png") as path:
+        path.write_bytes(data.tobytes())
+    return _save_yaml(folder / f"{name}.yaml", f"{name}.png", "scale", (0.0, 1.0), origin, cell_m)
+
+
+def _save_yaml(
+    target: Path,
+    image: str,
+    mode: str,
+    thresholds: tuple[float, float],
+    origin: Float[np.ndarray, "2"],
+    cell_m: float,
+) -> Path:
+    free, occupied = thresholds
     yaml = (
-        f"image: {name}.pgm\n"
-        "mode: trinary\n"
+        f"image: {image}\n"
+        f"mode: {mode}\n"
         f"resolution: {cell_m!r}\n"
         f"origin: [{float(origin[0])!r}, {float(origin[1])!r}, 0.0]\n"
         "negate: 0\n"
-        f"occupied_thresh: {OCCUPIED_ABOVE}\n"
-        f"free_thresh: {FREE_BELOW}\n"
+        f"occupied_thresh: {occupied}\n"
+        f"free_thresh: {free}\n"
     )
-    with atomic_path(folder / f"{name}.yaml") as path:
+    with atomic_path(target) as path:
         path.write_text(yaml, encoding="utf-8")
-    return folder / f"{name}.yaml"
+    return target
 
 
 def load(path: Path) -> OccupancyMap:
     """Read a map by its yaml file, as map_server does.
 
-    Mode "trinary" gives p of 0 (free), 0.5 (unknown) or 1 (occupied); "scale" keeps p between the thresholds.
+    Mode "trinary" gives p of 0 (free), 0.5 (unknown) or 1 (occupied); "scale" keeps p between the thresholds, and
+    transparent pixels of a PNG are unknown.
 
     Raises:
         InputError: A file is missing, truncated or of another format, or the map is rotated.
     """
     entries = _entries(path)
     image = entries["image"].strip("\"'")
-    pixels = _read_pgm(path.parent / image)
+    pixels, opaque = _read_image(path.parent / image)
     cell_m = _number(path, entries, "resolution")
     if not cell_m > 0.0:
         raise InputError(f"{path}: resolution={cell_m} must be positive, metres per pixel")
@@ -109,7 +155,8 @@ def load(path: Path) -> OccupancyMap:
         return OccupancyMap(trinary, origin, cell_m, occupied | free)
     if mode == "scale":
         scaled = np.where(occupied, np.float32(1), np.where(free, np.float32(0), p))
-        return OccupancyMap(scaled, origin, cell_m, np.ones(p.shape, np.bool_))
+        known = opaque[::-1].copy()
+        return OccupancyMap(np.where(known, scaled, np.float32(0.5)), origin, cell_m, known)
     raise InputError(f"{path}: mode {mode!r} is not supported; save the map as trinary or scale")
 
 
@@ -147,6 +194,24 @@ def _origin(path: Path, text: str) -> Float[np.ndarray, "2"]:
             f"{path}: origin is rotated by {yaw} rad; only maps with yaw 0 are supported"
         )
     return np.array([x, y])
+
+
+def _read_image(
+    path: Path,
+) -> tuple[UInt8[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:
+    """Grey values of a PGM or PNG, and which pixels are opaque."""
+    if path.suffix.lower() != ".png":
+        pixels = _read_pgm(path)
+        return pixels, np.ones(pixels.shape, np.bool_)
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
+    if image is None or image.dtype != np.uint8:
+        raise InputError(
+            f"map image {path} cannot be read; expected a PNG with 8 bits beside the yaml"
+        )
+    channels = image if image.ndim == 3 else image[..., np.newaxis]
+    grey = channels[..., : min(3, channels.shape[-1])].mean(axis=-1)
+    opaque = channels[..., 3] == 255 if channels.shape[-1] == 4 else np.ones(grey.shape, np.bool_)
+    return np.rint(grey).astype(np.uint8), opaque
 
 
 def _read_pgm(path: Path) -> UInt8[np.ndarray, "rows columns"]:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from mapping.io import clouds, grid_file, nav2
+from mapping.io import clouds, grid_file, nav2, world_file
 from perception.estimate import Estimate
 from perception.filtering.consistency import Innovation
 from perception.floor.segmented_view import SegmentedView
@@ -161,6 +161,7 @@ class RunRecorder:
         self._close_tables(pipeline)
         world = pipeline.world
         nav2.save(folder.root, "map", world.probability, world.known, world.origin, world.cell_m)
+        world_file.save(folder.root, world)
         if pipeline.grid is not None:
             grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
         points, colours = pipeline.cloud.cloud()

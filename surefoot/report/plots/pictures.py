@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ...results.run_folder import RunFolder
-from . import consistency, surface, time_series, top_view
+from . import consistency, surface, time_series, top_view, world_map
 from .style import Drawn, Picture, styled, svg
 
 _PLOTS: tuple[tuple[str, str, Callable[[RunFolder], Drawn | None]], ...] = (
     ("map", "Trajectory", top_view.trajectory),
     ("surface", "Surface", surface.surface),
     ("layers", "Floor layers", surface.layers),
+    ("world", "Map of the whole run", world_map.world_map),
     ("aligned", "Pose error after alignment", time_series.aligned_errors),
     ("pose", "Pose error", time_series.pose_errors),
     ("nees", "Consistency of the pose covariance", consistency.nees_over_time),

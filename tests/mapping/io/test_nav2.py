@@ -129,3 +129,34 @@ def test_a_failed_write_keeps_the_old_map(tmp_path, monkeypatch):
         )
     assert {f.name: f.read_bytes() for f in tmp_path.iterdir()} == before
     assert nav2.load(path).probability[0, 0] == 1.0
+
+
+def test_a_map_of_probabilities_keeps_them_to_a_grey_value_and_what_was_not_seen(tmp_path):
+    rng = np.random.default_rng(1)
+    p, known = rng.random((6, 9)).astype(np.float32), rng.random((6, 9)) < 0.7
+    loaded = nav2.load(nav2.save_scale(tmp_path, "m", p, known, np.array([-1.0, 2.0]), 0.05))
+    np.testing.assert_array_equal(loaded.known, known)
+    np.testing.assert_allclose(loaded.probability[known], p[known], atol=0.5 / 255 + 1e-6)
+    assert np.all(loaded.probability[~known] == 0.5)
+
+
+def test_nav2_reads_probabilities_as_occupancies_in_percent(tmp_path):
+    """As map_io.cpp does: transparent is -1, else the share between the thresholds times 100."""
+    p = np.array([[0.0, 0.3, 0.8, 1.0]], np.float32)
+    known = np.array([[True, True, True, False]])
+    path = nav2.save_scale(tmp_path, "m", p, known, np.zeros(2), 0.05)
+    entries = dict(line.split(": ") for line in path.read_text().splitlines())
+    free, occupied = float(entries["free_thresh"]), float(entries["occupied_thresh"])
+    image = cv2.imread(str(tmp_path / entries["image"]), cv2.IMREAD_UNCHANGED)
+    darkness = 1.0 - image[0, :, :3].mean(axis=-1) / 255.0
+    cells = np.rint(100.0 * (darkness - free) / (occupied - free))
+    cells[image[0, :, 3] < 255] = -1
+    assert entries["mode"] == "scale"
+    np.testing.assert_array_equal(cells, [0, 30, 80, -1])
+
+
+def test_a_broken_picture_of_a_map_is_refused(tmp_path):
+    (tmp_path / "m.png").write_bytes(b"no picture")
+    (tmp_path / "m.yaml").write_text(GOOD.replace("m.pgm", "m.png"))
+    with pytest.raises(InputError, match=r"m\.png cannot be read"):
+        nav2.load(tmp_path / "m.yaml")
