@@ -7,14 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from mapping.grid.world_map import WorldMap
+from mapping.io import world_file
 from mapping.io.clouds import save_ply
 from mapping.surface.meshes import save_mesh
 from mapping.surface.surface_map import surface_map
 from mapping.surface.traversability import save_layers, save_nav2, traversability
+from perception.depth.points import from_depth
+from perception.floor import classify
+from perception.floor.segmented_view import OBSTACLES
 from perception.primitives.errors import RecordingError
 
+from ..config.schema import Config
 from .job import Job, Say, count_reasons
-from .placed_images import PlacedImages, WalkingBody, placed_images
+from .placed_images import PlacedImage, PlacedImages, WalkingBody, placed_images
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,8 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     """Make the map of a recording.
 
     Writes trajectory.txt (TUM) with its tables of covariances, graph.g2o, mesh.ply, cloud.ply, map.yaml with
-    map.pgm (Nav2), layers.npz (height, slope, step, traversability), summary.json and report.html.
+    map.pgm (Nav2), layers.npz (height, slope, step, traversability), map_probability.yaml and map_layers.tif
+    (occupancy and height of everything seen), summary.json and report.html.
 
     Args:
         job: The recording, with depth of any kind, and the output folder.
@@ -73,8 +80,10 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     source = placed_images(recording, job.config, say)
     surface = surface_map(job.config.surface)
     of = f" of {recording.info.frames}" if recording.info.frames else ""
-    for depth, rgb, T_map_camera in source.images():
-        surface.integrate(depth, T_map_camera, rgb)
+    world = WorldMap(job.config.world_map)
+    for image in source.images():
+        surface.integrate(image.depth, image.T_map_camera, image.rgb)
+        add_to_map(world, image, float(source.frames), job.config)
         say(f"surface: frame {source.frames}{of}")
     if not source.frames:
         raise _nothing_placed(source)
@@ -86,6 +95,7 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     layers = traversability(mesh)
     save_nav2(folder.root, "map", layers)
     save_layers(folder.path("layers.npz"), layers)
+    world_file.save(folder.root, world)
     walkable = layers.known & ~layers.occupied & (np.nan_to_num(layers.probability) > 0.5)
     mapped = MapSummary(
         str(folder.root),
@@ -96,14 +106,34 @@ def map_recording(job: Job, say: Say) -> MapSummary:
         source.closures,
         len(mesh.vertices),
         float(walkable.sum()) * layers.cell_m**2,
-        (*recording.remarks, *([source.remark] if source.remark else [])),
+        (*recording.remarks, *source.remarks),
     )
     figures: dict[str, Any] = asdict(mapped)
-    for name in ("folder", "notes"):
-        del figures[name]
+    del figures["folder"]
     camera = "body" if isinstance(source, WalkingBody) else "camera"
     job.finish(**figures, trajectory=camera)
     return mapped
+
+
+def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Config) -> None:
+    """Add an image to the map of the whole run, as the pipeline does with its views."""
+    reach = config.reach.of(image.sensor)
+    points = from_depth(image.depth, reach.nearest_m, reach.farthest_m, reach.stride)
+    below = image.floor.moved(image.T_map_camera.inverse())
+    classes = classify.classify(points, below, config.classes)
+    used = np.isin(classes, (*OBSTACLES, classify.FLOOR))
+    xyz = points.xyz[used]
+    upright = image.T_map_camera.apply(xyz)
+    upright[:, 2] = below.distance(xyz)
+    world.update(
+        upright,
+        np.isin(classes[used], OBSTACLES),
+        stamp_s,
+        np.array([*image.T_map_camera.position[:2], below.offset_m]),
+        sigma_m=points.sigma[used] * np.linalg.norm(xyz, axis=1) / xyz[:, 2],
+        floor=image.floor,
+        pose=image.pose,
+    )
 
 
 def _nothing_placed(source: PlacedImages) -> RecordingError:

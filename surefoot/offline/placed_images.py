@@ -3,6 +3,9 @@
 A recording with poses needs one pass. A camera without poses needs two: the first finds its trajectory by RGB-D
 odometry and closes loops, the second reads the images again. A walking body is localised by the pipeline, as in
 `surefoot process`.
+
+A camera's map frame is upright, with its height zero on the floor that all its images show, whatever the axes of its
+poses; x and y are theirs.
 """
 
 from __future__ import annotations
@@ -13,18 +16,24 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
+from perception.depth.points import from_depth
 from perception.depth.sources import DepthSources, registered_picture
 from perception.depth.undistortion import undistorted
+from perception.floor.common_floor import FloorView, find_common, floor_view
+from perception.floor.levelling import UP, rotation_between
 from perception.floor.segmented_view import SegmentedView, near_moving_obstacles
-from perception.localisation.camera_pose import CameraPoseSource
+from perception.localisation.given_poses import GivenPoses
 from perception.odometry.odometry import LOST, RESTARTED
 from perception.odometry.pose_uncertainty import PoseUncertainty
 from perception.odometry.rgbd_odometry import Odometer
 from perception.primitives.frame import Depth, Frame
+from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
+from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose3
+from perception.smoothing.factors import turned_covariance
 
 from ..config.schema import Config
 from ..recordings.recording import Recording
@@ -37,14 +46,28 @@ from .g2o import write_g2o
 from .job import Say
 
 ABOVE_FLOOR_M = 0.03  # ours: lower points below a moving obstacle are floor
+FLOOR_VIEWS = 100  # ours: images in which the floor is sought; more take long and tell no more
+NO_FLOOR = "no image shows the floor: height zero is that of the poses"
 
 
 class PlacedImage(NamedTuple):
-    """A depth image without lens distortion, the picture of its pixels if there is one, and its pose."""
+    """A depth image without lens distortion, the picture of its pixels if there is one, and its pose.
 
+    Args:
+        sensor: "tof", "stereo" or "depth".
+        depth: The image.
+        rgb: The picture.
+        T_map_camera: Its pose.
+        pose: (x, y, yaw) of the camera or body in the map, with covariance.
+        floor: The floor below the image in the map, with covariance: errors of the floor and of the pose.
+    """
+
+    sensor: str
     depth: Depth
     rgb: UInt8[np.ndarray, "h w 3"] | None
     T_map_camera: Pose3
+    pose: Gaussian
+    floor: Plane
 
 
 class PlacedImages(ABC):
@@ -56,7 +79,7 @@ class PlacedImages(ABC):
         lost: Frames whose pose could not be found.
         doubtful: Frames whose pose is uncertain.
         closures: Closed loops.
-        remark: What the summary should say about the poses, known after `write`.
+        remarks: For the user, about floor and poses; complete after `write`.
     """
 
     def __init__(self, recording: Recording, config: Config) -> None:
@@ -66,7 +89,7 @@ class PlacedImages(ABC):
             config.tof, config.structured_light, config.stereo, config.depth_sources
         )
         self.frames = self.with_depth = self.lost = self.doubtful = self.closures = 0
-        self.remark = ""
+        self.remarks: list[str] = []
 
     @abstractmethod
     def images(self) -> Iterator[PlacedImage]:
@@ -76,23 +99,94 @@ class PlacedImages(ABC):
     def write(self, folder: RunFolder) -> None:
         """Write the trajectory and its covariances, after the last image."""
 
-    def _of_camera(self, frame: Frame, T_map_camera: Pose3) -> Iterator[PlacedImage]:
-        """The images of a frame, given the pose of the camera that odometry uses.
+
+class CameraImages(PlacedImages):
+    """Images of a camera that moves freely, on the common floor of all of them."""
+
+    def __init__(self, recording: Recording, config: Config) -> None:
+        super().__init__(recording, config)
+        self._views: list[
+            tuple[float, FloorView]
+        ] = []  # stamp, and the pose relative to the main camera
+        self._every = self._offered = 0
+        self.T_map_world = Pose3()
+        self._floor = Plane(UP, 0.0)
+
+    def _seen(self, frame: Frame) -> Iterator[tuple[str, Depth, np.ndarray | None, Pose3]]:
+        """The images of a frame with their poses relative to the camera that odometry uses.
 
         Another camera needs the place of both on the body; without it the image is left out.
         """
         main = self.sources.for_odometry(frame)
         if main is None:
             return
-        self.with_depth += 1
-        self.frames += 1
         for sensor, depth in self.sources.images(frame):
-            T = T_map_camera
+            T = Pose3()
             if sensor != main.sensor:
                 if main.depth.T_body_camera is None or depth.T_body_camera is None:
                     continue
-                T = T @ main.depth.T_body_camera.inverse() @ depth.T_body_camera
-            yield PlacedImage(*undistorted(depth, registered_picture(frame, sensor)), T)
+                T = main.depth.T_body_camera.inverse() @ depth.T_body_camera
+            yield sensor, *undistorted(depth, registered_picture(frame, sensor)), T
+
+    def _look_for_floor(self, frame: Frame) -> None:
+        """Keep the points of a frame for the floor search: of a long recording, those of every k-th frame."""
+        self._offered += 1
+        if self._offered % max(self._every, 1):
+            return
+        if len(self._views) >= FLOOR_VIEWS:
+            self._views, self._every = self._views[1::2], 2 * max(self._every, 1)
+        for sensor, depth, _, T_main_camera in self._seen(frame):
+            reach = self.config.reach.of(sensor)
+            seen = from_depth(depth, reach.nearest_m, reach.farthest_m, reach.stride)
+            self._views.append((frame.stamp_s, floor_view(seen, T_main_camera, sensor)))
+
+    def _level(self, poses: dict[float, Pose3]) -> None:
+        """Find the floor and with it the map frame, from the poses T_world_camera by stamp."""
+        info = self.recording.info
+        up = None if info.gravity_up_world is None else np.array(info.gravity_up_world, float)
+        views = [
+            view._replace(T_world_camera=poses[stamp] @ view.T_world_camera)
+            for stamp, view in self._views
+            if stamp in poses
+        ]
+        self._views = []
+        rng = np.random.default_rng(self.config.seed)
+        found = find_common(views, up, rng, self._floor_config)
+        if found is not None:
+            self.T_map_world = found.T_level_world
+            self._floor = found.plane.moved(self.T_map_world)
+            return
+        if views:
+            self.remarks.append(NO_FLOOR)
+        if up is not None:
+            height = info.floor_height_world_m or 0.0
+            self.T_map_world = Pose3.from_rotation(
+                rotation_between(up, UP), np.array([0.0, 0.0, -height])
+            )
+
+    def _of_camera(
+        self, frame: Frame, T_world_camera: Pose3, covariance: Float[np.ndarray, "6 6"]
+    ) -> Iterator[PlacedImage]:
+        """The images of a frame, given the pose and covariance of the camera that odometry uses."""
+        T_map_camera = self.T_map_world @ T_world_camera
+        turned = turned_covariance(covariance, self.T_map_world.rotation)
+        level = [0, 1, 5]  # x, y and the rotation about the vertical
+        yaw = float(np.arctan2(T_map_camera.rotation[1, 2], T_map_camera.rotation[0, 2]))
+        pose = Gaussian(np.array([*T_map_camera.position[:2], yaw]), turned[np.ix_(level, level)])
+        floor = _floor_below(T_map_camera, self._floor, turned)
+        images = list(self._seen(frame))
+        self.with_depth += bool(images)
+        self.frames += bool(images)
+        for sensor, depth, rgb, T_main_camera in images:
+            yield PlacedImage(sensor, depth, rgb, T_map_camera @ T_main_camera, pose, floor)
+
+
+def _floor_below(T_map_camera: Pose3, floor: Plane, covariance: Float[np.ndarray, "6 6"]) -> Plane:
+    """The floor in the map with the errors of a camera pose: its height and its tilt about the camera."""
+    below = floor.moved(T_map_camera.inverse())
+    tilt = 0.5 * float(covariance[3, 3] + covariance[4, 4])
+    posed = below.covariance + np.diag([tilt, tilt, float(covariance[2, 2])])
+    return Plane(below.normal, below.offset_m, posed).moved(T_map_camera)
 
 
 def placed_images(recording: Recording, config: Config, say: Say) -> PlacedImages:
@@ -104,21 +198,19 @@ def placed_images(recording: Recording, config: Config, say: Say) -> PlacedImage
     return WalkingBody(recording, config)
 
 
-class GivenCamera(PlacedImages):
-    """A camera whose poses came with the recording; without gravity or a floor their axes stay as they are."""
+class GivenCamera(CameraImages):
+    """A camera whose poses came with the recording."""
 
     def __init__(self, recording: Recording, config: Config) -> None:
         super().__init__(recording, config)
         self._trajectory = CameraTrajectory()
-        pipeline = Pipeline(config, recording.info)
-        assert isinstance(pipeline.pose_source, CameraPoseSource)
-        self._source = pipeline.pose_source
-        if self._source.T_map_origin is None:  # without gravity, the first floor seen defines up
-            for frame in recording.frames():
-                pipeline.cycle(frame)
-                if self._source.T_map_origin is not None:
-                    break
-        self._T_map_world = self._source.T_map_origin or Pose3()
+        self._source = GivenPoses(recording.info.gravity_up_world, config.prior)
+        poses = {}
+        for frame in recording.frames():
+            if frame.T_world_camera is not None:
+                poses[frame.stamp_s] = frame.T_world_camera
+                self._look_for_floor(frame)
+        self._level(poses)
 
     def images(self) -> Iterator[PlacedImage]:
         """The images, one after the other."""
@@ -129,14 +221,14 @@ class GivenCamera(PlacedImages):
                 self.with_depth += self.sources.for_odometry(frame) is not None
                 continue
             self._trajectory.append(frame.stamp_s, camera)
-            yield from self._of_camera(frame, self._T_map_world @ camera.T_origin_camera)
+            yield from self._of_camera(frame, camera.T_origin_camera, camera.shared + camera.own)
 
     def write(self, folder: RunFolder) -> None:
         """Write trajectory.txt and space_covariance.csv."""
-        self._trajectory.write(folder, self._T_map_world)
+        self._trajectory.write(folder, self.T_map_world)
 
 
-class OdometryCamera(PlacedImages):
+class OdometryCamera(CameraImages):
     """A camera without poses: odometry, with loops closed over the whole recording."""
 
     def __init__(self, recording: Recording, config: Config, say: Say) -> None:
@@ -151,43 +243,59 @@ class OdometryCamera(PlacedImages):
                 continue
             step = self._odometer.track_images(image.depth, image.rgb, image.sensor)
             stamps.append(frame.stamp_s)
+            self._look_for_floor(frame)
             say(f"trajectory: frame {len(stamps)}{of}, {step.state}")
         poses, self._solution = self._odometer.trajectory() if stamps else ([], None)
         states = self._odometer.states
         found = [state not in (LOST, RESTARTED) for state in states]
         self._poses = {s: p for s, p, known in zip(stamps, poses, found, strict=True) if known}
-        self._found, self._stamps = found, stamps
         self.lost = len(found) - sum(found)
         self.doubtful = states.count("doubtful")
         if self._odometer.back_end is not None:
             self.closures = self._odometer.back_end.closures
+        claims = self._odometer.uncertainty(self._solution)
+        self._claims = (
+            None
+            if claims is None
+            else PoseUncertainty(claims.from_start[found], claims.aligned[found])
+        )
+        self._stamps = stamps
+        self._level(self._poses)
 
     def images(self) -> Iterator[PlacedImage]:
         """The images, one after the other."""
+        order = {stamp: number for number, stamp in enumerate(self._poses)}
         for frame in self.recording.frames():
             pose = self._poses.get(frame.stamp_s)
             if pose is None:
                 self.with_depth += self.sources.for_odometry(frame) is not None
-            else:
-                yield from self._of_camera(frame, pose)
+                continue
+            covariance = np.zeros((6, 6))
+            if self._claims is not None:
+                covariance = np.nan_to_num(self._claims.from_start[order[frame.stamp_s]])
+            yield from self._of_camera(frame, pose, covariance)
 
     def write(self, folder: RunFolder) -> None:
-        """Write trajectory.txt, the two tables of covariances, tracking.csv and graph.g2o."""
+        """Write trajectory.txt, its covariances, tracking.csv, and graph.g2o (in the axes of the odometry)."""
         odometer = self._odometer
-        self.remark = write_tracking(
+        remark = write_tracking(
             folder,
             self._stamps,
             odometer.states,
             odometer.failures,
             odometer.config.alarm.threshold,
         )
-        write_poses(folder, "trajectory.txt", self._poses.items())
-        uncertainty = self._odometer.uncertainty(self._solution)
-        if uncertainty is not None:
-            known = PoseUncertainty(
-                uncertainty.from_start[self._found], uncertainty.aligned[self._found]
+        self.remarks += [remark] if remark else []
+        poses = {stamp: self.T_map_world @ pose for stamp, pose in self._poses.items()}
+        write_poses(folder, "trajectory.txt", poses.items())
+        if self._claims is not None:
+            turned = PoseUncertainty(
+                *(
+                    np.array([turned_covariance(P, self.T_map_world.rotation) for P in claims])
+                    for claims in (self._claims.from_start, self._claims.aligned)
+                )
             )
-            write_covariances(folder, list(self._poses), list(self._poses.values()), known)
+            write_covariances(folder, list(poses), list(poses.values()), turned)
         if self._solution is not None and self._odometer.back_end is not None:
             factors = self._odometer.back_end.factors
             write_g2o(folder.path("graph.g2o"), factors, self._solution)
@@ -213,7 +321,9 @@ class WalkingBody(PlacedImages):
                 depth, rgb = undistorted(
                     static(view, estimate.obstacles), registered_picture(frame, view.sensor)
                 )
-                yield PlacedImage(depth, rgb, view.T_map_camera)
+                floor = view.floor.moved(view.T_map_camera)
+                pose = estimate.pose or Gaussian(np.zeros(3), np.zeros((3, 3)))
+                yield PlacedImage(view.sensor, depth, rgb, view.T_map_camera, pose, floor)
 
     def write(self, folder: RunFolder) -> None:
         """Write trajectory_covariance.csv and trajectory.txt of the body."""
