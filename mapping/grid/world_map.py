@@ -17,6 +17,7 @@ Source: ours; beta-binomial after Skellam 1948; observations of seed 003, sectio
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +37,7 @@ from .heights import GATE_SIGMAS, floor_form, pose_form
 GROWTH = 64  # cells by which the map grows at least, so that it rarely does
 SHARES = Shares(1.9, 0.17, 0.036, 0.35)
 """Ours: the most likely ones for four simulated walks (home, seeds 100 to 103) with their true maps."""
+HIGHEST_M = 0.5  # ours: what is higher does not block a small robot
 RULE = LookRule(
     OBSTACLE_POINTS,
     30.0,  # ours: then a piece of furniture that was taken away is forgotten after 20 looks
@@ -58,6 +60,21 @@ class WorldMapConfig:
             raise ConfigError(
                 f"world map: most_cells={self.most_cells} must be at least {GROWTH * GROWTH}"
             )
+
+
+def low_obstacle(
+    height_m: Float32[np.ndarray, "*cells"], variance_m2: Float32[np.ndarray, "*cells"]
+) -> Float[np.ndarray, "*cells"]:
+    """Probability that a surface of a measured height is an obstacle and not the floor; NaN without a height.
+
+    Both are as likely beforehand, and so are all heights of an obstacle (depths of a hole) from the lowest one to
+    `HIGHEST_M`.
+    """
+    sigma = np.sqrt(variance_m2, dtype=np.float64)
+    off = np.abs(height_m) / sigma
+    obstacle = ndtr(off - LOWEST_OBSTACLE_M / sigma) / (HIGHEST_M - LOWEST_OBSTACLE_M)
+    floor = np.exp(-0.5 * off**2) * math.sqrt(2.0 / math.pi) / sigma
+    return np.asarray(obstacle / (obstacle + floor))
 
 
 class WorldMap:
@@ -92,13 +109,12 @@ class WorldMap:
     def probability(self) -> Float32[np.ndarray, "rows columns"]:
         """p that an obstacle stands in the cell; 0.5 where never seen.
 
-        Either the looks show one, or the surface that they take for the floor is higher than the lowest obstacle.
+        Either the looks show one, or the surface that they take for the floor is that of a low obstacle.
         """
         shown = np.where(self.known, probability_of(self._log_odds), np.float32(0.5))
-        sigma = np.sqrt(self._variance_m2)
-        above = ndtr((np.abs(self._height_m) - LOWEST_OBSTACLE_M) / sigma)
-        above[self._raised | ~np.isfinite(above)] = 0.0
-        return np.asarray(1.0 - (1.0 - shown) * (1.0 - above), np.float32)
+        low = np.where(self._raised, np.nan, self._height_m)
+        missed = np.nan_to_num(low_obstacle(low, self._variance_m2))
+        return np.asarray(1.0 - (1.0 - shown) * (1.0 - missed), np.float32)
 
     @property
     def known(self) -> Bool[np.ndarray, "rows columns"]:

@@ -221,7 +221,8 @@ class GivenCamera(CameraImages):
                 self.with_depth += self.sources.for_odometry(frame) is not None
                 continue
             self._trajectory.append(frame.stamp_s, camera)
-            yield from self._of_camera(frame, camera.T_origin_camera, camera.shared + camera.own)
+            covariance = camera.shared + camera.of_view
+            yield from self._of_camera(frame, camera.T_origin_camera, covariance)
 
     def write(self, folder: RunFolder) -> None:
         """Write trajectory.txt and space_covariance.csv."""

@@ -1,7 +1,8 @@
 """Surface maps and traversable floor of real places, with true poses and with poses by odometry.
 
 Replica's office: the mesh from noisy ray cast depth, compared with the visible part of the true mesh. TUM's cabinet:
-a floor with one box on it, recorded around the box, without given poses.
+a floor with one box on it, recorded around the box, without given poses. The probability map and the kitchen:
+see `probability_map`.
 
 Source: ours.
 """
@@ -28,6 +29,7 @@ from ...recordings.open import open_recording
 from ..support import real_data
 from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from .odometry import depth_and_colour, without_poses
+from .probability_map import kitchen, probabilities
 from .replica_room import ReplicaRoom, scene_of
 
 EVERY = 8  # of Replica's 2000 frames: each surface is still seen about twenty times
@@ -182,8 +184,8 @@ def in_rectangle(
 
 
 def run(seeds: int, say: Say) -> Outcome:
-    """The cabinet once, the office once per seed."""
-    return combined(cabinet(say), office(seeds, say))
+    """Cabinet and kitchen once, the office once per seed."""
+    return combined(cabinet(say), kitchen(say), office(seeds, say), probabilities(seeds, say))
 
 
 EXPERIMENT = Experiment(
@@ -197,6 +199,10 @@ EXPERIMENT = Experiment(
         "completeness_true_poses_5cm": Target(">=", 0.98),
         "cabinet_footprint_iou": Target(">=", 0.85),
         "cabinet_floor_free_share": Target(">=", 0.95),
+        "walkable_ratio": Target(">=", 1.0),
+        "occupied_share_at_080": Target(">=", 0.7),
+        "occupied_share_at_080_min": Target(">=", 0.7),
+        "occupied_share_at_080_max": Target("<=", 0.9),
     },
     seeds=1,
 )

@@ -11,7 +11,7 @@ from scipy.special import betaln, expit
 
 from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
 from mapping.grid.evidence import probability_of
-from mapping.grid.world_map import SHARES, WorldMap, WorldMapConfig
+from mapping.grid.world_map import SHARES, WorldMap, WorldMapConfig, low_obstacle
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
@@ -155,20 +155,37 @@ def test_an_uncertain_pose_blurs_the_edge_of_an_obstacle_and_not_its_inside():
     assert edge < sure_edge - 0.05
 
 
-def test_a_surface_about_as_high_as_the_lowest_obstacle_is_doubtful_by_its_height():
-    """Four floors of known height, seen with a floor that is known to a centimetre."""
-    floor = Plane(np.array([0.0, 0.0, 1.0]), 0.0, np.diag([1e-12, 1e-12, 1e-4]))
-    for height_m, low, high in (
-        (0.0, 0.0, 0.06),
-        (0.02, 0.1, 0.4),
-        (0.03, 0.45, 0.6),
-        (0.05, 0.9, 1.0),
+def test_a_surface_that_may_be_a_low_obstacle_is_one_as_often_as_claimed():
+    """Even odds of floor and of an obstacle of any height up to half a metre, measured with one centimetre."""
+    rng = np.random.default_rng(2)
+    obstacle = rng.random(200_000) < 0.5
+    true = np.where(obstacle, rng.uniform(0.03, 0.5, len(obstacle)), 0.0)
+    measured = np.abs(true + rng.normal(0.0, 0.01, len(true)))
+    p = low_obstacle(measured.astype(np.float32), np.full(len(true), 1e-4, np.float32))
+    for low, high in ((0.0, 0.05), (0.05, 0.3), (0.3, 0.7), (0.7, 0.95), (0.95, 1.01)):
+        chosen = (p >= low) & (p < high)
+        assert chosen.sum() > 300
+        assert np.mean(obstacle[chosen]) == pytest.approx(np.mean(p[chosen]), abs=0.05)
+
+
+def test_the_height_of_what_looks_like_floor_decides_with_its_doubt():
+    sure, unsure = (
+        Plane(np.array([0.0, 0.0, 1.0]), 0.0, np.diag([1e-12, 1e-12, v])) for v in (2.5e-5, 9e-4)
+    )
+    claims = {}
+    for name, floor, height_m in (
+        ("floor", sure, 0.0),
+        ("step", sure, 0.05),
+        ("doubt", unsure, 0.05),
     ):
         world = WorldMap()
         for stamp in range(50):
             xy = np.tile([0.52, 0.52], (5, 1))
             world.update(level(xy, height_m), np.zeros(5, bool), float(stamp), CAMERA, floor=floor)
-        assert low <= world.probability[world.known][0] <= high
+        claims[name] = float(world.probability[world.known][0])
+    assert claims["floor"] < 0.02
+    assert claims["step"] > 0.95
+    assert 0.05 < claims["doubt"] < 0.6
 
 
 def test_heights_are_means_with_the_variance_that_does_not_average_out():

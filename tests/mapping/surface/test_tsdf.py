@@ -80,6 +80,42 @@ def test_the_surface_has_the_colours_of_the_image() -> None:
     assert np.median(colours, axis=0) == pytest.approx((200, 100, 50), abs=3)
 
 
+def flat(z_m: float, sigma_m: float, slope: float = 0.0) -> Depth:
+    """A plane z = z_m + slope x before the camera, with the same standard deviation everywhere."""
+    z = np.broadcast_to(z_m / (1.0 - slope * CAMERA.rays[..., 0]), (120, 160)).astype(np.float32)
+    return Depth(z, np.full(z.shape, sigma_m, np.float32), CAMERA)
+
+
+def fused_depth_m(*images: Depth) -> float:
+    """Median depth of the surface near the optical axis after these images."""
+    surface = Tsdf()
+    for image in images:
+        surface.integrate(image, Pose3())
+    vertices = surface.mesh().vertices
+    return float(np.median(vertices[np.abs(vertices[:, :2]).max(axis=1) < 0.2, 2]))
+
+
+def test_depths_are_weighted_by_their_inverse_variance() -> None:
+    """Deviations of 2 and 4 mm: weights 4 to 1; by inverse deviations it would be 2 to 1, 2.7 mm away."""
+    assert fused_depth_m(flat(1.0, 0.002), flat(1.02, 0.004)) == pytest.approx(1.004, abs=0.001)
+
+
+def test_a_slanted_plane_is_not_shifted_by_the_rounding_to_pixels() -> None:
+    """At 45 deg half a pixel is 5 mm; each voxel takes the nearest pixel, so there is no shift."""
+    surface = Tsdf()
+    for _ in range(3):
+        surface.integrate(flat(1.2, 0.002, slope=1.0), Pose3())
+    x, y, z = surface.mesh().vertices.T
+    inner = (np.abs(x) < 0.2) & (np.abs(y) < 0.2)
+    assert np.mean(z[inner] - 1.2 - x[inner]) == pytest.approx(0.0, abs=0.0015)
+
+
+def test_a_surface_that_moved_is_followed_however_often_the_old_one_was_seen() -> None:
+    """The weight is limited to 1000; without the limit the surface would stay 12 mm from the new place."""
+    many = [flat(1.0, 0.0002)] * 30  # weight 100 each
+    assert fused_depth_m(*many, *[flat(1.02, 0.0002)] * 20) == pytest.approx(1.017, abs=0.002)
+
+
 def test_seeing_a_surface_again_adds_no_blocks_and_storage_grows() -> None:
     surface = Tsdf(TsdfConfig(voxel_m=0.002, band_voxels=3.0))
     surface.integrate(sphere(Pose3()), Pose3())
