@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from mapping.io import geotiff
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
@@ -130,7 +131,7 @@ def test_stereo_pairs_are_mapped_with_and_without_poses(recordings, tmp_path, pa
 class Held:
     """A camera that is carried over a bare floor; its poses are given in a world whose up is unknown."""
 
-    def __init__(self, depth=True, up=None):
+    def __init__(self, depth=True, up=None, T_place_world=None):
         self.info = RecordingInfo("held", "plain", poses_given=True, gravity_up_world=up)
         self.skipped, self.remarks = [], []
         y_down = Pose3.from_rotation(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.zeros(3))
@@ -141,7 +142,7 @@ class Held:
             z = (-0.8 / ray[2]).reshape(72, 96).astype(np.float32)
             view = DepthView(np.where(z > 0, z, np.nan), CAMERA) if depth else None
             colour = ColourView(np.full((72, 96, 3), 90, np.uint8), CAMERA)
-            pose = y_down @ head
+            pose = (T_place_world or Pose3()) @ y_down @ head
             self._frames.append(Frame(0.1 * k, depth=view, colour=colour, T_world_camera=pose))
 
     def frames(self):
@@ -159,6 +160,26 @@ def test_poses_without_gravity_are_turned_upright_by_the_first_floor(tmp_path):
     assert np.linalg.norm(poses.positions[2] - poses.positions[0]) == pytest.approx(0.1, abs=1e-9)
 
 
+def test_the_floor_is_height_zero_in_any_axes_of_the_poses_and_the_map_says_how_sure_it_is(
+    tmp_path,
+):
+    turn = Pose3.from_rotation(head_rotation(0.9, -0.6), np.array([3.0, -1.7, 0.6]))
+    held = Held(T_place_world=turn)
+    mapped = map_recording(Job.of("map", held, Config(), tmp_path / "map"), quiet)
+    height = np.load(tmp_path / "map" / "layers.npz")["elevation"]
+    assert np.nanmedian(height) == pytest.approx(0.0, abs=0.01)
+    assert mapped.walkable_m2 > 0.3
+    layers, origin, cell_m = geotiff.load(tmp_path / "map" / "map_layers.tif")
+    seen = np.isfinite(layers["occupancy"])
+    assert seen.sum() > 100
+    assert np.all(layers["occupancy"][seen] < 0.3)
+    errors = np.abs(layers["height_m"][seen])
+    assert np.all(errors < 3.0 * np.sqrt(layers["height_variance_m2"][seen]))
+    poses = read_tum(tmp_path / "map" / "trajectory.txt").positions
+    assert poses[:, 2] == pytest.approx(0.8, abs=0.01)  # of the camera above the floor
+    assert np.all(np.abs(poses[0, :2] - origin) < cell_m * np.max(seen.shape) + 1.0)
+
+
 def test_the_distortion_of_a_depth_camera_is_removed_before_fusion(tmp_path):
     lens = replace(CAMERA, distortion=(0.05, 0.0, 0.0, 0.0, 0.0))
     held = Held(up=(0.0, -1.0, 0.0))
@@ -168,7 +189,11 @@ def test_the_distortion_of_a_depth_camera_is_removed_before_fusion(tmp_path):
         held._frames[k] = replace(frame, depth=DepthView(np.where(z > 0, z, np.nan), lens))
     map_recording(Job.of("map", held, Config(), tmp_path / "map"), quiet)
     height = np.load(tmp_path / "map" / "layers.npz")["elevation"]
-    assert np.nanmax(np.abs(height[np.isfinite(height)] - np.nanmedian(height))) < 0.02
+    row, column = np.nonzero(np.isfinite(height))
+    places = np.column_stack([row, column, np.ones(len(row))])
+    plane, *_ = np.linalg.lstsq(places, height[row, column], rcond=None)
+    assert np.max(np.abs(height[row, column] - places @ plane)) < 0.02  # flat
+    assert np.hypot(*plane[:2]) / 0.025 < math.radians(0.5)  # and level, cells of 25 mm
 
 
 def test_a_recording_that_cannot_be_mapped_says_why(tmp_path):
