@@ -40,7 +40,7 @@ SHARES = Shares(1.9, 0.17, 0.036, 0.35)
 HIGHEST_M = 0.5  # ours: what is higher does not block a small robot
 RULE = LookRule(
     OBSTACLE_POINTS,
-    30.0,  # ours: then a piece of furniture that was taken away is forgotten after 20 looks
+    12.0,  # ours: a thing that came or went shows after seven looks; more looks make no cell surer
     MOVING_LOG_ODDS,
 )
 

@@ -42,12 +42,12 @@ def walk(frames: list[tuple[float, float] | None]) -> tuple[ObstacleCloud, World
         is_obstacle = np.arange(len(points)) >= sum(len(part) for part in floor)
         still = np.zeros(len(points), np.bool_)
         cloud.add(points, is_obstacle, still, np.full(len(points), 0.005), CAMERA, POSE, None)
-        world.update(points[:, :2], is_obstacle, 0.1 * number, points[:, 2])
+        world.update(points, is_obstacle, 0.1 * number, CAMERA)
     return cloud, world
 
 
 def test_a_thing_that_came_at_the_end_has_no_footprint_and_the_wall_has():
-    cloud, world = walk([None] * 12 + [(0.2, 0.6)] * 4)
+    cloud, world = walk([None] * 24 + [(0.2, 0.6)] * 8)
     row, column = world.cell_of(np.array([0.4, 0.51]))
     assert world.probability[row, column] > 0.5  # the map shows it
     (wall,) = cloud.footprints(world, FootprintConfig())
