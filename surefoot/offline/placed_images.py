@@ -105,6 +105,7 @@ class CameraImages(PlacedImages):
 
     def __init__(self, recording: Recording, config: Config) -> None:
         super().__init__(recording, config)
+        self._floor_config = config.floor_of(recording.info.calibrated)
         self._views: list[
             tuple[float, FloorView]
         ] = []  # stamp, and the pose relative to the main camera
