@@ -24,7 +24,7 @@ from perception.floor.levelling import camera_above_floor
 from perception.floor.prior import handheld_prior
 from perception.odometry import alignment
 from perception.odometry.alignment import AlignConfig, Alignment
-from perception.odometry.back_end import LEAST_VISIBLE
+from perception.odometry.back_end import LEAST_VISIBLE, BackEndConfig
 from perception.odometry.hypotheses import rotation_starts
 from perception.odometry.odometry import LEAST_FITTING, MOST_CONTRADICTING, MOST_SIGMA_M
 from perception.odometry.pyramid import Pyramid, build
@@ -40,6 +40,7 @@ from .views import View
 SKIPPED = 2
 NEIGHBOURS = 4  # ours: views before and after in time that stiffen a chain, from known poses
 BOTH_WAYS = float(chi2.ppf(0.999, 6))  # ours: the two directions agree within this
+DISTORTION = BackEndConfig().distortion  # of an image: a motion is no surer than that
 NEAR_RAD = math.radians(5.0)  # ours: the alignment converges from within 5 deg
 NEAR_M = 0.15  # ours: and from half its first gate
 ALIGNMENT = "alignment"  # how these links are called
@@ -196,19 +197,19 @@ def _fault(found: Alignment | None, target: Pyramid) -> str:
 
 
 def _agree(there: Alignment, back: Alignment) -> bool:
-    """Whether the motions of both directions are inverse to each other within their covariances."""
+    """Whether the motions of both directions are inverse to each other within their covariances and distortion."""
     round_trip = there.motion @ back.motion
     off = np.concatenate(
         [round_trip.position, Rotation.from_matrix(round_trip.rotation).as_rotvec()]
     )
     turn = np.kron(np.eye(2), there.motion.rotation)
-    covariance = there.covariance + turn @ back.covariance @ turn.T
+    covariance = there.covariance + turn @ back.covariance @ turn.T + 2.0 * DISTORTION
     return float(off @ np.linalg.solve(covariance, off)) <= BOTH_WAYS
 
 
 def _in_link_order(found: Alignment) -> Float[np.ndarray, "6 6"]:
-    """Covariance in the order and axes of a link: rotation first, axes of the second camera."""
+    """Covariance with distortion in the order and axes of a link: rotation first, axes of the second camera."""
     back = found.motion.rotation.T
     change = np.zeros((6, 6))
     change[:3, 3:], change[3:, :3] = back, back
-    return np.asarray(change @ found.covariance @ change.T)
+    return np.asarray(change @ (found.covariance + DISTORTION) @ change.T)
