@@ -106,9 +106,8 @@ class CameraImages(PlacedImages):
     def __init__(self, recording: Recording, config: Config) -> None:
         super().__init__(recording, config)
         self._floor_config = config.floor_of(recording.info.calibrated)
-        self._views: list[
-            tuple[float, FloorView]
-        ] = []  # stamp, and the pose relative to the main camera
+        # of each: the stamp, and a view with its pose relative to the main camera
+        self._views: list[tuple[float, FloorView]] = []
         self._every = self._offered = 0
         self.T_map_world = Pose3()
         self._floor = Plane(UP, 0.0)
@@ -144,7 +143,8 @@ class CameraImages(PlacedImages):
     def _level(self, poses: dict[float, Pose3]) -> None:
         """Find the floor and with it the map frame, from the poses T_world_camera by stamp."""
         info = self.recording.info
-        up = None if info.gravity_up_world is None else np.array(info.gravity_up_world, float)
+        gravity = info.gravity_up_world if info.poses_given else None  # of the given poses' axes
+        up = None if gravity is None else np.array(gravity, float)
         views = [
             view._replace(T_world_camera=poses[stamp] @ view.T_world_camera)
             for stamp, view in self._views
