@@ -105,3 +105,19 @@ def test_a_cloud_is_written_and_read_back(tmp_path):
 def test_a_missing_cloud_is_reported(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
         load_ply(tmp_path / "none.ply")
+
+
+def test_further_numbers_are_averaged_per_voxel_and_survive_thinning():
+    rng = np.random.default_rng(3)
+    points = rng.uniform(0.0, 1.0, (20_000, 3))
+    builder = CloudBuilder(CloudConfig(voxel_m=0.02, most_voxels=3000), values=2)
+    for part in np.split(points, 4):
+        builder.add(part, None, np.column_stack([part[:, 0], np.full(len(part), 7.0)]))
+    assert builder.voxel_m > 0.02
+    np.testing.assert_allclose(builder.values[:, 0], builder.cloud()[0][:, 0], atol=1e-12)
+    np.testing.assert_allclose(builder.values[:, 1], 7.0, atol=1e-12)
+
+
+def test_a_wrong_number_of_further_numbers_is_refused():
+    with pytest.raises(InputError, match="expected 2 a point"):
+        CloudBuilder(values=2).add(np.zeros((3, 3)))
