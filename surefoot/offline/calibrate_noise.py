@@ -14,7 +14,7 @@ import numpy as np
 import tomli_w
 
 from perception.depth import points
-from perception.depth.distortion import Distortion
+from perception.depth.distortion import Distortion, DistortionConfig
 from perception.depth.sources import DepthSources
 from perception.depth.time_of_flight import SIGMA_AT_M
 from perception.floor.depth_calibration import Calibrator, DepthCalibration
@@ -105,7 +105,7 @@ class NoiseSettings:
 
 
 def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
-    """Noise and bend of the depth sensor of a recording; of the first one with flat surfaces if it has several.
+    """Noise and bend of the depth sensor of a recording; of the one with the most flat surfaces if it has several.
 
     Args:
         recording: Of a flat floor or a static room.
@@ -126,7 +126,7 @@ def calibrate(recording: Recording, config: Config, say: Say) -> NoiseSettings:
         for sensor, depth in sources.images(frame):
             if sensor not in calibrators:
                 rng = np.random.default_rng(config.seed)
-                published = type(config.floor.distortion)().of(sensor)
+                published = DistortionConfig().of(sensor)
                 calibrators[sensor] = Calibrator(published, rng, config.floor)
                 frames[sensor] = surfaces[sensor] = 0
             reach = config.reach.of(sensor)
@@ -152,7 +152,7 @@ def _settings(
             "the flat surfaces are too small to tell the noise at any depth; record a bare floor or a wall that "
             "fills a third of the picture"
         )
-    published: Distortion = type(config.floor.distortion)().of(sensor)
+    published: Distortion = DistortionConfig().of(sensor)
     size = found.size
     bend = {name: round(size * value, 6) for name, value in vars(published).items()}
     tables: dict[str, Any] = {"floor": {"distortion": {sensor: bend}}}
