@@ -41,7 +41,7 @@ from ..support.floor_views import (
     score,
     summary,
 )
-from ..support.simulated_depth import structured_light_bend, structured_light_sigma
+from ..support.simulated_depth import FOCAL_SHARE, structured_light_bend, structured_light_sigma
 
 VIEWS_A_SEED = 4
 METHODS = ("ransac", "hough")
@@ -56,8 +56,10 @@ def structured(view: FloorView, seen: SensorViews, rng: np.random.Generator) -> 
     full = seen.pair.camera
     camera = Camera(320, 240, full.fx / 2, full.fy / 2, full.cx / 2, full.cy / 2)
     rays = camera.rays
+    stretch = 1.0 + FOCAL_SHARE * rng.normal()  # the focal length is not known better
+    true_rays = rays * np.array([stretch, stretch, 1.0])
     with np.errstate(divide="ignore", invalid="ignore"):
-        z = (height - view.floor.offset_m) / (rays @ view.floor.normal)
+        z = (height - view.floor.offset_m) / (true_rays @ view.floor.normal)
     sigma = structured_light_sigma(z)
     z = z * (1.0 + structured_light_bend(z, rays, rng))
     z = np.where(np.isfinite(z), z + sigma * rng.standard_normal(z.shape), np.nan)

@@ -12,7 +12,8 @@ from sim.world import World
 
 FOCAL_BASELINE_PX_M = 43.5  # Kinect: 580 px, 75 mm
 BEND_PX = 0.2  # Herrera 2012 and Boehm 2014: disparity errors of Kinects before calibration
-FOCAL_SHARE = 0.005  # of an uncalibrated focal length
+SCALE_SHARE = 0.01  # D400: 2 % at most; Sturm 2012: Kinects 0 to 3.5 %
+FOCAL_SHARE = 0.005  # ours: of intrinsics that come with a recording
 
 
 def true_depth(world: World, camera: Camera, T_world_camera: Pose3) -> Float[np.ndarray, "h w"]:
@@ -26,7 +27,7 @@ def true_depth(world: World, camera: Camera, T_world_camera: Pose3) -> Float[np.
 def structured_light_bend(
     z: Float[np.ndarray, "h w"], rays: Float[np.ndarray, "h w 3"], rng: np.random.Generator
 ) -> Float[np.ndarray, "h w"]:
-    """Random relative error of structured-light depth: focal length, and a disparity error of second order.
+    """Random relative error of structured-light depth: scale, and a disparity error of second order.
 
     Args:
         z: True depth, m.
@@ -36,7 +37,7 @@ def structured_light_bend(
     u, v = (rays[..., axis] / float(np.max(np.abs(rays[..., 0]))) for axis in (0, 1))
     shapes = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
     disparity_px = shapes @ (BEND_PX * rng.normal(size=6))
-    return np.asarray(FOCAL_SHARE * rng.normal() + z * disparity_px / FOCAL_BASELINE_PX_M)
+    return np.asarray(SCALE_SHARE * rng.normal() + z * disparity_px / FOCAL_BASELINE_PX_M)
 
 
 def structured_light_sigma(z: np.ndarray) -> np.ndarray:
