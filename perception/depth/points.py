@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Bool, Float, Float32, Int
 
 from ..primitives.errors import InputError
 from ..primitives.frame import Depth
@@ -35,6 +35,10 @@ class Points:
 
     def __len__(self) -> int:
         return len(self.xyz)
+
+    def of(self, mask: Bool[np.ndarray, "n"]) -> Points:
+        """Some of the points."""
+        return Points(self.xyz[mask], self.sigma[mask], self.pixels[mask])
 
 
 def from_depth(depth: Depth, nearest_m: float, farthest_m: float, stride: int = 1) -> Points:

@@ -6,7 +6,7 @@ colour of each point.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -33,6 +33,9 @@ BESIDE_M = 0.04  # distance beside a border point at which another view must hav
 CUT_M = 0.10  # least depth step of an occlusion; distance from the largest depth used
 MOVES = 0.5  # ours: probability from which the map treats an obstacle as moving
 MARGIN_M = 0.06  # ours: position error of a track and noise of the points
+BEHIND_M = 0.05  # ours: beside its noise, how much farther a depth is that shows a point to be free
+ASIDE_M = 0.02  # ours: error of a pose, and width of the mixed pixels at an edge
+ASIDE = ASIDE_M * np.array([[0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float64)
 
 
 @dataclass(frozen=True)
@@ -100,20 +103,67 @@ def _has_depth(
     return found
 
 
-def visibility(views: Sequence[SegmentedView]) -> Callable[[np.ndarray], np.ndarray]:
-    """A predicate: which places (n, 2) of the map have a free line of sight in this frame."""
+@dataclass(frozen=True)
+class _Image:
+    """A depth image and where it was taken.
 
-    def visible(xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+    Args:
+        T_camera_map: The map in the camera frame.
+        floor_m: Height of the floor below the camera in the map.
+    """
+
+    depth: Depth
+    T_camera_map: Pose3
+    floor_m: float
+
+
+class Sight:
+    """What the depth images of one frame say about places of the map: free, occupied, or unknown."""
+
+    def __init__(self, views: Sequence[SegmentedView]) -> None:
+        """Keep the images, not the points."""
+        self._images = [
+            _Image(
+                view.depth,
+                view.T_map_camera.inverse(),
+                float(view.T_map_camera.translation[2]) - view.floor.offset_m,
+            )
+            for view in views
+        ]
+
+    def visible(self, xy: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, "n"]:
+        """Which places of the map have a free line of sight, at the height of a knee."""
         seen = np.zeros(len(xy), dtype=bool)
-        knee = np.column_stack([xy, np.full(len(xy), KNEE_M)])
-        for view in views:
-            camera_points = view.T_map_camera.inverse().apply(knee)
-            inside, u, v = _pixels(view.depth.camera, camera_points)
-            behind = view.depth.z[v, u]  # depth measured in that direction
+        for image in self._images:
+            knee = np.column_stack([xy, np.full(len(xy), image.floor_m + KNEE_M)])
+            camera_points = image.T_camera_map.apply(knee)
+            inside, u, v = _pixels(image.depth.camera, camera_points)
+            behind = image.depth.z[v, u]  # depth measured in that direction
             seen |= inside & (behind > camera_points[:, 2] + BEYOND_M)
         return seen
 
-    return visible
+    def through(self, points: Float[np.ndarray, "n 3"]) -> tuple[int, int]:
+        """How many points of the map are seen through, and how many are known to be occupied.
+
+        A point is seen through if everything within `ASIDE_M` of its line of sight is farther away than the
+        noise explains, so that neither an edge nor a small error of the pose frees it. It is occupied if the depth
+        there is its own. It is neither if it is hidden, outside the images, without depth, or close before something.
+        """
+        free, occupied = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+        for image in self._images:
+            here = image.T_camera_map.apply(points)
+            inside, u, v = _pixels(image.depth.camera, (here + ASIDE[:, None]).reshape(-1, 3))
+            depth, sigma = image.depth.z[v, u], image.depth.sigma[v, u]
+            beyond = (depth.reshape(len(ASIDE), -1) - here[:, 2]) / (
+                BEHIND_M + 3.0 * sigma.reshape(len(ASIDE), -1)
+            )
+            known = inside & np.isfinite(beyond.ravel())
+            least = np.where(known.reshape(beyond.shape), beyond, np.nan).min(
+                axis=0
+            )  # NaN: unknown
+            free |= least > 1.0
+            occupied |= np.abs(least) <= 0.5
+        return int(np.count_nonzero(free & ~occupied)), int(np.count_nonzero(occupied))
 
 
 def near_moving_obstacles(

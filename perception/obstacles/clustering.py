@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import cv2
@@ -49,6 +49,7 @@ SHAPE_PER_M = (
 PLACE_SIGMA_M = 0.004  # ours: error common to all points of an object, at the sensor
 PLACE_SIGMA_PER_M = 0.006  # ours: its growth with range; half a pixel at either edge
 CIRCLE_MOST_M = 1.0  # ours: range up to which a circle is fitted to a truncated object
+SURFACE = 12  # ours: surface points of a cluster
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,7 @@ class Cluster:
         footprint: Rectangle of least area around its visible part.
         whole: Whether it is not truncated.
         circular: Whether it is truncated, but a circle was fitted to its front.
+        surface: Indices of points on its front, away from its edges and its foot.
     """
 
     centre: Float[np.ndarray, "2"]
@@ -108,6 +110,7 @@ class Cluster:
     footprint: Footprint
     whole: bool = True
     circular: bool = False
+    surface: Int[np.ndarray, "k"] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def placed(self) -> bool:
@@ -126,6 +129,7 @@ def cluster(
     sensor_xy: Float[np.ndarray, "2"],
     config: ClusterConfig | None = None,
     truncated: Bool[np.ndarray, "n"] | None = None,
+    floor_band: Float[np.ndarray, "n"] | None = None,
 ) -> list[Cluster]:
     """Separate objects, the nearest to the sensor first.
 
@@ -137,6 +141,8 @@ def cluster(
         config: Sizes.
         truncated: Points at which the visible part of an object ends (`segmented_view.truncated`); None:
             no object is truncated.
+        floor_band: Height at each point up to which it may be floor, with all errors of the plane
+            (`classify.band`), m; a cluster whose top does not exceed it is none. None: the least height alone.
 
     Raises:
         InputError: Points or sigma are not finite.
@@ -169,12 +175,14 @@ def cluster(
         mine = mine[:: max(len(mine) // ENOUGH, 1)]
         members = points[mine]
         height = float(np.quantile(members[:, 2], 0.99))
-        if height < config.least_height_m:
+        band = 0.0 if floor_band is None else float(np.mean(floor_band[mine]))
+        if height < max(config.least_height_m, band):
             continue
         measured = _measure(members, sigma[mine], int(last - first), sensor_xy, height)
         if not whole:
             measured = _with_circle(replace(measured, whole=False), members, sensor_xy)
-        found.append(measured)
+        surface = mine[_front(members, sensor_xy, height)]
+        found.append(replace(measured, surface=surface))
     return sorted(found, key=lambda c: float(np.hypot(*(c.centre - sensor_xy))))
 
 
@@ -284,6 +292,23 @@ def _measure(
         height_m,
         count,
         _rectangle(members[:, :2]),
+    )
+
+
+def _front(
+    members: Float[np.ndarray, "n 3"], sensor_xy: Float[np.ndarray, "2"], height_m: float
+) -> Int[np.ndarray, "k"]:
+    """Points of the upper half of the front, in the middle half of the width, spread over the height."""
+    away = members[:, :2] - sensor_xy
+    middle = away.mean(axis=0)
+    across = away @ np.array([-middle[1], middle[0]])
+    left, right = np.quantile(across, (0.25, 0.75))
+    inner = np.flatnonzero((across >= left) & (across <= right) & (members[:, 2] >= 0.5 * height_m))
+    ordered = inner[np.argsort(members[inner, 2], kind="stable")]
+    return (
+        ordered[np.unique(np.linspace(0, len(ordered) - 1, SURFACE).astype(np.int64))]
+        if len(ordered)
+        else ordered
     )
 
 

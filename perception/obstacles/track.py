@@ -21,7 +21,7 @@ evidence ours.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -41,9 +41,8 @@ VIEW_MEMORY_S = 5.0  # ours: time in which the error of the robot pose decays to
 MEMORY_S = 20.0  # ours: decay of the evidence of having moved
 START_PROBABILITY = 0.001  # ours: per frame, that a static obstacle starts to move
 TURN_PROBABILITY = 0.02  # navigation trials: moving objects turn every 15 to 25 s, 50 frames
-TURN_EVERY_S = 35.0  # ours: unseen; moving objects turn at the ends of their paths, not at random
+TURN_EVERY_S = 20.0  # navigation trials: moving objects turn every 15 to 25 s
 NOTICE_S = 1.0  # ours: delay after which a turn in view is noticed
-UNNOTICED_S = 0.3  # ours: delay in which a turn in view is not noticed yet
 SLOW_MPS = 0.03  # navigation trials: the slowest objects
 TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not moving
 MOST_EVIDENCE = 5.0  # ours: log-odds of having moved that are kept, so that a stop is noticed
@@ -86,12 +85,14 @@ class Detection:
         covariance: Of that position by the sensor alone, m^2.
         radius_m: Of its covering disc.
         height_m: Height of its top above the floor.
+        surface: Points on its front, horizontally in the body frame, z in the map, m; none if not known.
     """
 
     position: Float[np.ndarray, "2"]
     covariance: Float[np.ndarray, "2 2"]
     radius_m: float
     height_m: float = 0.0
+    surface: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 class Track:
@@ -135,7 +136,8 @@ class Track:
         """Probability that it moves, in [0, 1).
 
         The centre of a partly visible obstacle shifts as the robot passes it, by part of its radius, and by
-        as much as the visible part grows; an obstacle that has not travelled farther than that may be
+        as much as the visible part grows or shrinks: less that, the distance is how far both its leading and its
+        trailing edge have moved. An obstacle that has not travelled farther than that may be
         static, however steadily its centre shifts. A slow mover needs time to travel that far; until then
         the probability is at most the prior.
         """
@@ -149,7 +151,7 @@ class Track:
     def state(self) -> Gaussian:
         """Over (x, y, vx, vy), world frame: mixture of static, gone straight, and turned since last seen.
 
-        A turn in view is noticed late, so the last `UNNOTICED_S` count as unseen.
+        A turn in view is noticed late, so the last `NOTICE_S` count as unseen.
         """
         if self._state is None:
             mean, covariance = np.empty(4), np.empty((4, 4))
@@ -158,7 +160,7 @@ class Track:
                 self._static,
                 self._is_static,
                 self._may_move(),
-                self._unseen_s + UNNOTICED_S,
+                self._unseen_s + NOTICE_S,
                 TURN_EVERY_S,
                 mean,
                 covariance,
@@ -238,8 +240,8 @@ class Track:
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         x, y = self._moving.x[:2]
         distance = math.hypot(x - self._first_x, y - self._first_y)
-        grown = max(self.radius_m - self._first_radius_m, 0.0)
-        self._travelled = max(self._travelled, distance - grown)
+        resized = abs(self.radius_m - self._first_radius_m)
+        self._travelled = max(self._travelled, distance - resized)
         self.height_m = max(seen.height_m, self.height_m)
         return Innovation(None, np.array([first, second]))
 

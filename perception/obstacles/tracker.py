@@ -22,7 +22,8 @@ from ..filtering.consistency import Innovation
 from ..primitives import plugins
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
-from ..primitives.obstacle import Obstacle
+from ..primitives.obstacle import MOVING, Obstacle
+from ..primitives.pose import Pose2
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
 from .track import Detection, TrackConfig
@@ -30,12 +31,21 @@ from .track import Detection, TrackConfig
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Which places (n, 2), world frame, m, have a free line of sight in this frame."""
 
+Through = Callable[[Float[np.ndarray, "n 3"]], tuple[int, int]]
+"""How many points of the map, m, this frame sees through, and how many it shows to be occupied (`Sight.through`)."""
+
 MISSES_OF_NEW = (
     2  # ours: frames without detection, though visible, that end a track not yet reported
 )
 OLDEST_NEW_S = 3.0  # ours: time without detection that ends a track not yet reported
 RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
 UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
+UNSURE = 0.5  # largest probability of moving without evidence that space was left or entered
+DISPLACED_SHARE = 0.5  # ours: share of the judged surface points that shows it; the rest is noise
+DISPLACED_POINTS = 3  # ours: least number of judged points
+SNAPSHOTS = 4  # ours: earlier detections of a track that a new one is compared with
+SNAPSHOT_S = 1.0  # ours: time between them
+DISPLACED_FRAMES = 2  # ours: frames that show it; one may have a wrong pose
 SAME_SHARE = 0.5  # ours: tracks closer than this share of their radii are one obstacle
 PART_SHARE = 1.5  # ours: largest radius of a truncated detection, in radii of the track
 PART_M = 0.03  # ours: position error of a truncated detection of the full radius
@@ -77,6 +87,24 @@ class TrackerConfig:
                 raise ConfigError(f"tracker: {name}={value} must be positive and finite")
 
 
+@dataclass(frozen=True)
+class _Snapshot:
+    """The surface points (k, 3) of a detection, map frame, m, and what its frame sees through."""
+
+    stamp_s: float
+    surface: Float[np.ndarray, "k 3"]
+    through: Through | None
+
+    def apart_from(self, other: _Snapshot) -> bool:
+        """Whether one of the two frames sees through the place of the surface in the other frame."""
+        for through, surface in ((self.through, other.surface), (other.through, self.surface)):
+            if through is not None:
+                free, occupied = through(surface)
+                if free >= max(DISPLACED_SHARE * (free + occupied), DISPLACED_POINTS):
+                    return True
+        return False
+
+
 @dataclass
 class _Record:
     """A track and its detection history."""
@@ -87,6 +115,27 @@ class _Record:
     seen_s: float
     hits: int = 1
     misses: int = 0
+    views: list[_Snapshot] = field(default_factory=list)  # earlier detections, the first one first
+    displaced: int = 0  # frames in which it had left a place of these or entered one seen free
+
+    @property
+    def moving(self) -> float:
+        """Probability of moving; unsure until it has left space that it filled or entered space seen free."""
+        sure = not self.views or self.displaced >= DISPLACED_FRAMES
+        return self.track.moving if sure else min(self.track.moving, UNSURE)
+
+    def compare(self, now: _Snapshot) -> None:
+        """Compare the places of its surface points in this frame and in earlier ones."""
+        if now.through is None or not len(now.surface) or self.displaced >= DISPLACED_FRAMES:
+            return
+        if self.track.moving >= MOVING and any(now.apart_from(view) for view in self.views):
+            self.displaced += 1
+        if self.displaced >= DISPLACED_FRAMES:
+            self.views.clear()  # settled
+        elif not self.views or now.stamp_s - self.views[-1].stamp_s >= SNAPSHOT_S:
+            if len(self.views) == SNAPSHOTS:
+                del self.views[1]
+            self.views.append(now)
 
 
 class ObstacleTracker:
@@ -115,7 +164,7 @@ class ObstacleTracker:
                 record.track.radius_m,
                 record.track.height_m,
                 record.number,
-                record.track.moving,
+                record.moving,
                 record.seen_s,
                 record.since_s,
                 record.track.straight,
@@ -131,6 +180,7 @@ class ObstacleTracker:
         robot: Gaussian,
         visible: Visible | None = None,
         truncated: Sequence[Detection] = (),
+        through: Through | None = None,
     ) -> None:
         """Predict to this frame and update with its detections.
 
@@ -141,6 +191,8 @@ class ObstacleTracker:
             visible: Which places have a free line of sight; None: unseen tracks only become more uncertain.
             truncated: Truncated detections, body frame: one that overlaps a track confirms it, and its visible
                 part contains the centre.
+            through: Which points of the map this frame sees through. A track with surface points counts as
+                moving only if these have left their first place or entered one seen free; None: all may move.
         """
         before_s = self._stamp_s
         dt = 0.0 if before_s is None else max(stamp_s - before_s, 0.0)
@@ -156,6 +208,7 @@ class ObstacleTracker:
             innovation = record.track.update(usable[choice])
             self.innovations.append(Innovation(record.number, innovation.whitened))
             record.seen_s, record.hits, record.misses = stamp_s, record.hits + 1, 0
+            record.compare(_snapshot(stamp_s, usable[choice], robot, through))
         confirmed = self._seen_in_part(set(given), truncated, robot)
         for index, part in confirmed.items():
             record = self._records[index]
@@ -163,6 +216,7 @@ class ObstacleTracker:
             if part is not None:
                 record.track.update(_from_part(part, record.track))
                 record.seen_s = stamp_s
+                record.compare(_snapshot(stamp_s, part, robot, through))
         self._miss(given.keys() | confirmed.keys(), visible)
         self._records = [record for record in self._records if self._survives(record, stamp_s)]
         taken = set(given.values())
@@ -170,7 +224,9 @@ class ObstacleTracker:
             if choice not in taken:
                 self._born += 1
                 track = self._model(seen, robot, self.config.track)
-                self._records.append(_Record(track, self._born, stamp_s, stamp_s))
+                record = _Record(track, self._born, stamp_s, stamp_s)
+                record.compare(_snapshot(stamp_s, seen, robot, through))
+                self._records.append(record)
         self._merge()
 
     def _usable(self, seen: Detection) -> bool:
@@ -258,6 +314,13 @@ class ObstacleTracker:
                 kept.append(record)
                 places.append((x, y))
         self._records = kept
+
+
+def _snapshot(
+    stamp_s: float, seen: Detection, robot: Gaussian, through: Through | None
+) -> _Snapshot:
+    x, y, yaw = robot.mean.tolist()
+    return _Snapshot(stamp_s, Pose2(x, y, yaw).lifted().apply(seen.surface), through)
 
 
 def _from_part(part: Detection, track: MotionModel) -> Detection:

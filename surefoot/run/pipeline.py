@@ -29,10 +29,10 @@ from perception.floor.segmented_view import (
     OBSTACLES,
     RISING,
     SegmentedView,
+    Sight,
     colours_of,
     near_moving_obstacles,
     truncated,
-    visibility,
 )
 from perception.localisation import landmarks
 from perception.localisation.filter import PoseFilter
@@ -111,15 +111,19 @@ class Pipeline:
             with watch.stage("floor by colour"):
                 by_colour = self.colour_floor.find(frame.colour, _pose2(pose), frame.stamp_s)
         with watch.stage("obstacles"):
-            found = self._cluster(views, pose)
+            found, detections = self._cluster(views, pose)
+            placed = [d for d, one in zip(detections, found, strict=True) if one.placed]
+            cut = [d for d, one in zip(detections, found, strict=True) if not one.placed]
             if pose is not None:
-                visible = visibility(views)
+                sight = Sight(views)
+                visible = sight.visible
                 self.tracker.update(
                     frame.stamp_s,
-                    self._detections(found, frame, by_colour),
+                    self._detections(placed, frame, by_colour),
                     pose,
                     visible if by_colour is None else seen_by_any(visible, by_colour.shows_free),
-                    [_detection(cluster) for cluster in found if not cluster.placed],
+                    cut,
+                    sight.through,
                 )
         with watch.stage("map"):
             self._update_maps(frame, views, pose)
@@ -196,33 +200,46 @@ class Pipeline:
             for view in views
         ], report
 
-    def _cluster(self, views: Sequence[SegmentedView], pose: Gaussian | None) -> list[Cluster]:
-        """Clusters of the obstacle points of all views, body frame."""
+    def _cluster(
+        self, views: Sequence[SegmentedView], pose: Gaussian | None
+    ) -> tuple[list[Cluster], list[Detection]]:
+        """Clusters of the obstacle points of all views, and each as a detection, body frame."""
         if not views:
-            return []
+            return [], []
         T_body_map = (Pose2() if pose is None else _pose2(pose)).inverse().lifted()
         rising = [np.isin(view.classes, RISING) for view in views]
         obstacle_points = np.concatenate(
             [T_body_map.apply(v.upright[mask]) for v, mask in zip(views, rising, strict=True)]
         )
-        sigma = np.concatenate(
-            [v.points.sigma[mask] for v, mask in zip(views, rising, strict=True)]
-        )
+        own = [v.points.of(mask) for v, mask in zip(views, rising, strict=True)]
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
-        cut = []
-        for view, mask in zip(views, rising, strict=True):
+        cut, bands, in_space = [], [], []
+        for view, mask, chosen in zip(views, rising, own, strict=True):
             reach = self.config.reach.of(view.sensor)
             others = [other for other in views if other is not view]
             cut.append(truncated(view, reach, others)[mask])
-        return clustering.cluster(
-            obstacle_points, sigma, sensor, self.config.clusters, np.concatenate(cut)
+            bands.append(classify.band(chosen, view.floor, self.config.classes))
+            in_space.append((T_body_map @ view.T_map_camera).apply(chosen.xyz))
+        found = clustering.cluster(
+            obstacle_points,
+            np.concatenate([chosen.sigma for chosen in own]),
+            sensor,
+            self.config.clusters,
+            np.concatenate(cut),
+            np.concatenate(bands),
         )
+        points_in_body = np.concatenate(in_space)
+        return found, [
+            Detection(
+                one.centre, one.covariance, one.radius_m, one.height_m, points_in_body[one.surface]
+            )
+            for one in found
+        ]
 
     def _detections(
-        self, found: Sequence[Cluster], frame: Frame, floor: ColourFloor | None
+        self, placed: list[Detection], frame: Frame, floor: ColourFloor | None
     ) -> list[Detection]:
         """Detections for the tracker: clusters with a known centre, and detections by colour that overlap none."""
-        placed = [_detection(cluster) for cluster in found if cluster.placed]
         by_colour = [] if floor is None else list(floor.detections)
         if frame.colour is not None:
             by_colour += colour_detection.detect(frame.colour, self.config.coloured)
@@ -332,7 +349,3 @@ def make_pose_source(config: Config, info: RecordingInfo, sources: DepthSources)
 def _pose2(pose: Gaussian) -> Pose2:
     x, y, yaw = (float(v) for v in pose.mean)
     return Pose2(x, y, yaw)
-
-
-def _detection(cluster: Cluster) -> Detection:
-    return Detection(cluster.centre, cluster.covariance, cluster.radius_m, cluster.height_m)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.filtering.consistency import nees
-from perception.floor.segmented_view import SegmentedView, visibility
+from perception.floor.segmented_view import SegmentedView, Sight
 from perception.localisation.filter import PoseFilter
 from perception.localisation.legged_poses import LeggedLocaliser
 from perception.localisation.static_points import static_points
@@ -171,7 +171,7 @@ class TrackerTrial:
         stamp = instant.frame.stamp_s
         views = [at_pose(view, pose) for view in instant.views]
         true_views = [at_pose(v, Gaussian(instant.pose.vector, np.eye(3))) for v in instant.views]
-        self._tracker.update(stamp, instant.detections, pose, visibility(views))
+        self._tracker.update(stamp, instant.detections, pose, Sight(views).visible)
         tracks = self._tracker.obstacles
         for obstacle in instant.moving:
             track = self._track_of(

@@ -186,7 +186,7 @@ class GeometricPerception:
         return pan, math.atan2(-axis[2], math.hypot(axis[0], axis[1]))
 
     def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
-        """A test like `segmented_view.visibility`: positions whose line of sight the time-of-flight camera sees as free."""
+        """A test like `Sight.visible`: positions whose line of sight the time-of-flight camera sees as free."""
         here, nearest, farthest = pose.mean, *self._sensor.floor_reach(tilt)
         half = math.radians(TOF_ACROSS_DEG) / 2
 
