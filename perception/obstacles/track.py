@@ -45,6 +45,8 @@ TURN_EVERY_S = 20.0  # navigation trials: moving objects turn every 15 to 25 s
 NOTICE_S = 1.0  # ours: delay after which a turn in view is noticed
 SLOW_MPS = 0.03  # navigation trials: the slowest objects
 TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not moving
+UNSURE = 0.5  # largest probability of moving without proof
+PROOF = 3.0  # ours: about log(20), likelihood ratio that proves motion; noise often reaches a lower one for an instant
 MOST_EVIDENCE = 5.0  # ours: log-odds of having moved that are kept, so that a stop is noticed
 STRAY_PER_M2 = 1.0  # ours: density of stray detections
 LAG = 0.7  # ours: decay per frame of the sum of innovations that shows a turn
@@ -104,7 +106,7 @@ class Track:
         self.radius_m = seen.radius_m
         self.height_m = seen.height_m
         self._look_from(robot)
-        self._evidence = -MOST_EVIDENCE
+        self._evidence, self._proven = -MOST_EVIDENCE, False
         self._unseen_s = 0.0
         self._static = Belief(np.zeros(SIZE), np.zeros((SIZE, SIZE)))  # as last seen
         self._is_static = False  # whether `_static` is valid
@@ -139,13 +141,14 @@ class Track:
         as much as the visible part grows or shrinks: less that, the distance is how far both its leading and its
         trailing edge have moved. An obstacle that has not travelled farther than that may be
         static, however steadily its centre shifts. A slow mover needs time to travel that far; until then
-        the probability is at most the prior.
+        the probability is at most the prior. It exceeds `UNSURE` only after a likelihood ratio that noise hardly reaches.
         """
         may = self._may_move()
         far = TRAVEL_SHARE * self.radius_m
         left = min(1.0, self._travelled / max(min(far, SLOW_MPS * self._age_s), 1e-6))
         early = max(1.0 - SLOW_MPS * self._age_s / max(far, 1e-6), 0.0)
-        return may * left + early * min(may, self.config.moving_prior) * (1.0 - left)
+        found = may * left + early * min(may, self.config.moving_prior) * (1.0 - left)
+        return found if self._proven else min(found, UNSURE)
 
     @property
     def state(self) -> Gaussian:
@@ -235,7 +238,9 @@ class Track:
         position, noise = _contiguous(seen.position), _contiguous(seen.covariance)
         _track_kernels.learn(self._moving, self._robot, position, noise)
         self._forget_derived()
-        self._evidence = max(self._evidence_now(), min(self._evidence, MOST_EVIDENCE))
+        now = self._evidence_now()
+        self._proven |= max(now, self._evidence) > PROOF
+        self._evidence = max(now, min(self._evidence, MOST_EVIDENCE))
         self._moves = None
         self.radius_m = max(seen.radius_m, 0.9 * self.radius_m + 0.1 * seen.radius_m)
         x, y = self._moving.x[:2]

@@ -26,7 +26,7 @@ from ..primitives.obstacle import MOVING, Obstacle
 from ..primitives.pose import Pose2
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
-from .track import Detection, TrackConfig
+from .track import UNSURE, Detection, TrackConfig
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Which places (n, 2), world frame, m, have a free line of sight in this frame."""
@@ -40,7 +40,6 @@ MISSES_OF_NEW = (
 OLDEST_NEW_S = 3.0  # ours: time without detection that ends a track not yet reported
 RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
 UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
-UNSURE = 0.5  # largest probability of moving without evidence that space was left or entered
 DISPLACED_SHARE = 0.5  # ours: share of the judged surface points that shows it; the rest is noise
 DISPLACED_POINTS = 3  # ours: least number of judged points
 SNAPSHOTS = 4  # ours: earlier detections of a track that a new one is compared with
