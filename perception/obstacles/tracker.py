@@ -22,17 +22,14 @@ from ..filtering.consistency import Innovation
 from ..primitives import plugins
 from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
-from ..primitives.obstacle import MOVING, Obstacle
-from ..primitives.pose import Pose2
+from ..primitives.obstacle import Obstacle
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
-from .track import UNSURE, Detection, TrackConfig
+from .record import Record, Snapshot, Through, common_velocity
+from .track import Detection, TrackConfig
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
 """Which places (n, 2), world frame, m, have a free line of sight in this frame."""
-
-Through = Callable[[Float[np.ndarray, "n 3"]], tuple[int, int]]
-"""How many points of the map, m, this frame sees through, and how many it shows to be occupied (`Sight.through`)."""
 
 MISSES_OF_NEW = (
     2  # ours: frames without detection, though visible, that end a track not yet reported
@@ -40,11 +37,6 @@ MISSES_OF_NEW = (
 OLDEST_NEW_S = 3.0  # ours: time without detection that ends a track not yet reported
 RADIUS_SIGMA_M = 0.012  # ours: of the radius between two complete views of an obstacle
 UNLIKE_SHARE = 0.001  # ours: share of the likelihood left to a detection of another size
-DISPLACED_SHARE = 0.5  # ours: share of the judged surface points that shows it; the rest is noise
-DISPLACED_POINTS = 3  # ours: least number of judged points
-SNAPSHOTS = 4  # ours: earlier detections of a track that a new one is compared with
-SNAPSHOT_S = 1.0  # ours: time between them
-DISPLACED_FRAMES = 2  # ours: frames that show it; one may have a wrong pose
 SAME_SHARE = 0.5  # ours: tracks closer than this share of their radii are one obstacle
 PART_SHARE = 1.5  # ours: largest radius of a truncated detection, in radii of the track
 PART_M = 0.03  # ours: position error of a truncated detection of the full radius
@@ -86,57 +78,6 @@ class TrackerConfig:
                 raise ConfigError(f"tracker: {name}={value} must be positive and finite")
 
 
-@dataclass(frozen=True)
-class _Snapshot:
-    """The surface points (k, 3) of a detection, map frame, m, and what its frame sees through."""
-
-    stamp_s: float
-    surface: Float[np.ndarray, "k 3"]
-    through: Through | None
-
-    def apart_from(self, other: _Snapshot) -> bool:
-        """Whether one of the two frames sees through the place of the surface in the other frame."""
-        for through, surface in ((self.through, other.surface), (other.through, self.surface)):
-            if through is not None:
-                free, occupied = through(surface)
-                if free >= max(DISPLACED_SHARE * (free + occupied), DISPLACED_POINTS):
-                    return True
-        return False
-
-
-@dataclass
-class _Record:
-    """A track and its detection history."""
-
-    track: MotionModel
-    number: int
-    since_s: float
-    seen_s: float
-    hits: int = 1
-    misses: int = 0
-    views: list[_Snapshot] = field(default_factory=list)  # earlier detections, the first one first
-    displaced: int = 0  # frames in which it had left a place of these or entered one seen free
-
-    @property
-    def moving(self) -> float:
-        """Probability of moving; unsure until it has left space that it filled or entered space seen free."""
-        sure = not self.views or self.displaced >= DISPLACED_FRAMES
-        return self.track.moving if sure else min(self.track.moving, UNSURE)
-
-    def compare(self, now: _Snapshot) -> None:
-        """Compare the places of its surface points in this frame and in earlier ones."""
-        if now.through is None or not len(now.surface) or self.displaced >= DISPLACED_FRAMES:
-            return
-        if self.track.moving >= MOVING and any(now.apart_from(view) for view in self.views):
-            self.displaced += 1
-        if self.displaced >= DISPLACED_FRAMES:
-            self.views.clear()  # settled
-        elif not self.views or now.stamp_s - self.views[-1].stamp_s >= SNAPSHOT_S:
-            if len(self.views) == SNAPSHOTS:
-                del self.views[1]
-            self.views.append(now)
-
-
 class ObstacleTracker:
     """All tracked obstacles."""
 
@@ -148,7 +89,7 @@ class ObstacleTracker:
         """
         self.config = config or TrackerConfig()
         self._model = plugins.load(self.config.motion_model, MODELS, "motion model", MEMBERS)
-        self._records: list[_Record] = []
+        self._records: list[Record] = []
         self._born = 0
         self._stamp_s: float | None = None
         self.innovations: list[Innovation] = []
@@ -207,7 +148,7 @@ class ObstacleTracker:
             innovation = record.track.update(usable[choice])
             self.innovations.append(Innovation(record.number, innovation.whitened))
             record.seen_s, record.hits, record.misses = stamp_s, record.hits + 1, 0
-            record.compare(_snapshot(stamp_s, usable[choice], robot, through))
+            record.compare(Snapshot.of(usable[choice], stamp_s, robot, through))
         confirmed = self._seen_in_part(set(given), truncated, robot)
         for index, part in confirmed.items():
             record = self._records[index]
@@ -215,7 +156,7 @@ class ObstacleTracker:
             if part is not None:
                 record.track.update(_from_part(part, record.track))
                 record.seen_s = stamp_s
-                record.compare(_snapshot(stamp_s, part, robot, through))
+                record.compare(Snapshot.of(part, stamp_s, robot, through))
         self._miss(given.keys() | confirmed.keys(), visible)
         self._records = [record for record in self._records if self._survives(record, stamp_s)]
         taken = set(given.values())
@@ -223,10 +164,16 @@ class ObstacleTracker:
             if choice not in taken:
                 self._born += 1
                 track = self._model(seen, robot, self.config.track)
-                record = _Record(track, self._born, stamp_s, stamp_s)
-                record.compare(_snapshot(stamp_s, seen, robot, through))
+                record = Record(track, self._born, stamp_s, stamp_s)
+                record.compare(Snapshot.of(seen, stamp_s, robot, through))
                 self._records.append(record)
         self._merge()
+        seen_now = [record for record in self._records if record.seen_s == stamp_s]
+        common = common_velocity(seen_now)
+        if common is not None:
+            for record in seen_now:
+                if record.may_have(common):
+                    record.carried_s = stamp_s
 
     def _usable(self, seen: Detection) -> bool:
         numbers = [*seen.position.tolist(), *seen.covariance.ravel().tolist()]
@@ -288,7 +235,7 @@ class ObstacleTracker:
         for i, in_view in zip(unseen, visible(places), strict=True):
             self._records[i].misses += int(in_view)
 
-    def _survives(self, record: _Record, stamp_s: float) -> bool:
+    def _survives(self, record: Record, stamp_s: float) -> bool:
         shown = record.hits >= self.config.hits_to_show
         limit = self.config.misses_to_die if shown else MISSES_OF_NEW
         oldest = self.config.oldest_s if shown else OLDEST_NEW_S
@@ -300,7 +247,7 @@ class ObstacleTracker:
 
     def _merge(self) -> None:
         """Keep the older of two tracks of one obstacle."""
-        kept: list[_Record] = []
+        kept: list[Record] = []
         places: list[tuple[float, float]] = []
         for record in self._records:
             x, y = record.track.state.mean[:2].tolist()
@@ -313,13 +260,6 @@ class ObstacleTracker:
                 kept.append(record)
                 places.append((x, y))
         self._records = kept
-
-
-def _snapshot(
-    stamp_s: float, seen: Detection, robot: Gaussian, through: Through | None
-) -> _Snapshot:
-    x, y, yaw = robot.mean.tolist()
-    return _Snapshot(stamp_s, Pose2(x, y, yaw).lifted().apply(seen.surface), through)
 
 
 def _from_part(part: Detection, track: MotionModel) -> Detection:
