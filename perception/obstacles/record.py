@@ -21,7 +21,7 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import MOVING
 from ..primitives.pose import Pose2
 from .motion_model import MotionModel
-from .track import MEMORY_S, UNSURE, Detection
+from .track import MEMORY_S, UNSURE, VIEW_MEMORY_S, Detection
 
 Through = Callable[[Float[np.ndarray, "n 3"]], tuple[int, int]]
 """How many points of the map, m, a frame sees through, and how many it shows to be occupied (`Sight.through`)."""
@@ -78,6 +78,7 @@ class Record:
         hits, misses: Frames with a detection, and without one although visible.
         earlier: Earlier detections, the first one first.
         displaced: Frames in which it had left the place of one of these, or entered a place seen free then.
+        compared_s: When it was last compared.
         carried_s: When it last had the velocity of most others.
     """
 
@@ -89,6 +90,7 @@ class Record:
     misses: int = 0
     earlier: list[Snapshot] = field(default_factory=list)
     displaced: int = 0
+    compared_s: float = -np.inf
     carried_s: float = -np.inf
 
     @property
@@ -99,9 +101,15 @@ class Record:
         return min(self.track.moving, UNSURE) if doubtful else self.track.moving
 
     def compare(self, now: Snapshot) -> None:
-        """Compare its surface in this frame with that in earlier ones, until it is clear that it has moved."""
+        """Compare its surface in this frame with that in earlier ones, until it is clear that it has moved.
+
+        After a long gap the comparison begins anew: the error of the pose is another one, perhaps even the obstacle.
+        """
         if now.through is None or not len(now.surface) or self.displaced >= DISPLACED_FRAMES:
             return
+        if self.earlier and now.stamp_s - self.compared_s > VIEW_MEMORY_S:
+            self.earlier.clear()
+        self.compared_s = now.stamp_s
         if self.track.moving >= MOVING and any(now.apart_from(one) for one in self.earlier):
             self.displaced += 1
         if self.displaced >= DISPLACED_FRAMES:
