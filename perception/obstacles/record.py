@@ -21,7 +21,7 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import MOVING
 from ..primitives.pose import Pose2
 from .motion_model import MotionModel
-from .track import MEMORY_S, UNSURE, VIEW_MEMORY_S, Detection
+from .track import UNSURE, VIEW_MEMORY_S, Detection
 
 Through = Callable[[Float[np.ndarray, "n 3"]], tuple[int, int]]
 """How many points of the map, m, a frame sees through, and how many it shows to be occupied (`Sight.through`)."""
@@ -79,7 +79,7 @@ class Record:
         earlier: Earlier detections, the first one first.
         displaced: Frames in which it had left the place of one of these, or entered a place seen free then.
         compared_s: When it was last compared.
-        carried_s: When it last had the velocity of most others.
+        carried: Frames of doubt left after it had the velocity of most others.
     """
 
     track: MotionModel
@@ -91,13 +91,12 @@ class Record:
     earlier: list[Snapshot] = field(default_factory=list)
     displaced: int = 0
     compared_s: float = -np.inf
-    carried_s: float = -np.inf
+    carried: int = 0
 
     @property
     def moving(self) -> float:
         """Probability of moving; unsure without displaced points, and with the velocity of most others."""
-        carried = self.seen_s - self.carried_s < MEMORY_S
-        doubtful = carried or bool(self.earlier)
+        doubtful = self.carried > 0 or bool(self.earlier)
         return min(self.track.moving, UNSURE) if doubtful else self.track.moving
 
     def compare(self, now: Snapshot) -> None:
@@ -126,13 +125,21 @@ class Record:
         return own.mahalanobis_squared(velocity) < SURE
 
 
-def common_velocity(records: Sequence[Record]) -> Float[np.ndarray, "2"] | None:
-    """The velocity, m/s, that most of at least three obstacles share; None if there is none, or it may be zero."""
-    if len(records) < COMMON:
-        return None
-    own = [record.track.straight or record.track.state for record in records]
-    common = np.median([state.mean[2:] for state in own], axis=0)
-    sharing = [record for record in records if record.may_have(common)]
-    still = [record for record in sharing if record.may_have(np.zeros(2))]
-    most = 2 * len(sharing) > len(records) and 2 * len(still) < len(sharing)
-    return np.asarray(common) if most else None
+def doubt_carried(records: Sequence[Record]) -> None:
+    """Doubt the motion of obstacles that share a velocity, if they are at least three and more than half of all.
+
+    Then it is the pose of the camera that moves. The doubt lasts twice as long as they share it.
+
+    Args:
+        records: Those detected in this frame.
+    """
+    moving = [record for record in records if not record.may_have(np.zeros(2))]
+    sharing: list[Record] = []
+    if len(moving) >= COMMON and 2 * len(moving) > len(records):
+        own = [record.track.straight or record.track.state for record in moving]
+        common = np.median([state.mean[2:] for state in own], axis=0)
+        sharing = [record for record in moving if record.may_have(common)]
+    shared = len(sharing) >= COMMON and 2 * len(sharing) > len(records)
+    for record in records:
+        is_carried = shared and any(record is one for one in sharing)
+        record.carried = record.carried + 2 if is_carried else max(record.carried - 1, 0)

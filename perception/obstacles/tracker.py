@@ -25,7 +25,7 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.obstacle import Obstacle
 from ..primitives.settings import setting
 from .motion_model import MEMBERS, MODELS, MotionModel
-from .record import Record, Snapshot, Through, common_velocity
+from .record import Record, Snapshot, Through, doubt_carried
 from .track import Detection, TrackConfig
 
 Visible = Callable[[Float[np.ndarray, "n 2"]], Bool[np.ndarray, "n"]]
@@ -168,12 +168,7 @@ class ObstacleTracker:
                 record.compare(Snapshot.of(seen, stamp_s, robot, through))
                 self._records.append(record)
         self._merge()
-        seen_now = [record for record in self._records if record.seen_s == stamp_s]
-        common = common_velocity(seen_now)
-        if common is not None:
-            for record in seen_now:
-                if record.may_have(common):
-                    record.carried_s = stamp_s
+        doubt_carried([one for one in self._records if one.seen_s == stamp_s])
 
     def _usable(self, seen: Detection) -> bool:
         numbers = [*seen.position.tolist(), *seen.covariance.ravel().tolist()]

@@ -8,7 +8,7 @@ import pytest
 from perception.depth.points import from_depth
 from perception.depth.reach import ReachConfig
 from perception.floor.classify import OBSTACLE
-from perception.floor.segmented_view import SegmentedView, truncated
+from perception.floor.segmented_view import SegmentedView, Sight, truncated
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
 from perception.primitives.plane import Plane
@@ -81,3 +81,18 @@ def test_a_partly_occluded_object_is_truncated():
     assert behind.any()
     assert truncated(both, REACH)[behind].any()
     assert not truncated(both, REACH)[np.abs(cloud.xyz[:, 2] - 0.4) < 0.01].any()
+
+
+def test_a_sight_sees_through_places_before_the_measured_depth_and_not_behind_or_at_it():
+    """A post 0.2 m wide at 1 m before a wall at 2.5 m."""
+    sight = Sight([post(WIDE, 0.0, 1.0)])
+
+    def at(x: float, z: float) -> np.ndarray:
+        return np.array([[x, 0.0, z]] * 3)
+
+    assert sight.through(at(0.0, 1.0)) == (0, 3)  # its front
+    assert sight.through(at(0.0, 1.5)) == (0, 0)  # hidden by it
+    assert sight.through(at(0.3, 1.0)) == (3, 0)  # beside it
+    assert sight.through(at(0.11, 1.0)) == (0, 3)  # within an error of the pose of its edge
+    assert sight.through(at(0.3, 2.5)) == (0, 3)  # the wall
+    assert sight.through(at(5.0, 1.0)) == (0, 0)  # outside the image

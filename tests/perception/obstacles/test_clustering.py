@@ -223,3 +223,23 @@ def test_the_rectangle_equals_that_of_opencv():
     (found,) = cluster(points, sigma, SENSOR)
     sides = cv2.minAreaRect(points[:, :2].astype(np.float32))[1]
     assert found.footprint.length_m == pytest.approx(max(sides), abs=0.02)
+
+
+def test_a_cluster_within_the_band_of_the_floor_is_no_obstacle():
+    """A blob 5 cm high: an obstacle on a floor known to 3 cm, noise on one known to 6 cm."""
+    rng = np.random.default_rng(0)
+    blob = rng.uniform([1.0, -0.1, 0.02], [1.2, 0.1, 0.05], (400, 3))
+    sigma = np.full(400, 0.005)
+    for band_m, count in ((0.03, 1), (0.06, 0)):
+        found = cluster(blob, sigma, np.zeros(2), floor_band=np.full(400, band_m))
+        assert len(found) == count
+
+
+def test_surface_points_lie_on_the_upper_front_away_from_the_edges():
+    rng = np.random.default_rng(1)
+    box = rng.uniform([1.5, -0.2, 0.0], [1.52, 0.2, 0.6], (3000, 3))
+    (one,) = cluster(box, np.full(3000, 0.005), np.zeros(2))
+    points = box[one.surface]
+    assert len(points) >= 10
+    assert np.abs(points[:, 1]).max() < 0.11
+    assert points[:, 2].min() >= 0.29
