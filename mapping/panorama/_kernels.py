@@ -295,7 +295,10 @@ def depths_seen(
                 top = row if top < 0 else top
                 front, far = min(front, flat[row, c]), max(far, flat[row, c])
         edge = height[top, c]
-        if top_m - edge < flat[top, c] * px_rad + error_m:
+        on_face = (
+            flat[top, c] - front <= shown_m
+        )  # else on the top face, whose pixels have its height
+        if on_face and top_m - edge < flat[top, c] * px_rad + error_m:
             edge = top_m
         last, now, faces = top, flat[top, c], 0
         most = np.inf

@@ -109,11 +109,12 @@ def _on_side(
     )
     at = int(np.argmax(seen * np.sin(azimuth)))
     corner = float(seen[at] * math.sin(azimuth[at])) + sign * centre[1]
-    beyond = max(corner - sign * y, 0.0)
-    if beyond > 0.0:
+    beyond = corner - sign * y
+    width = one.width_m
+    if beyond > SEEN_M:  # closer, the edge is finer than the columns
         x, y = centre[0] + float(seen[at]) * math.cos(azimuth[at]), sign * corner
+        width += beyond
     hidden = max(reach + sign * centre[1] - sign * y, 0.0)
-    width = one.width_m + (beyond if beyond > SEEN_M else 0.0)  # edges are finer than columns
     if left:
         return replace(one, left_edge_m=(x, y), hidden_left_m=hidden, width_m=width)
     return replace(one, right_edge_m=(x, y), hidden_right_m=hidden, width_m=width)
