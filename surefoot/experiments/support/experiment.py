@@ -56,6 +56,7 @@ FILES = {
     "mrclam": "real.mrclam",
     "real-floor": "real.floors",
     "real-ground": "real.colour_floor",
+    "real-honesty": "real.honesty",
     "real-mapping": "real.surface",
     "real-odometry": "real.odometry",
     "real-panorama": "real.panorama",
