@@ -186,7 +186,8 @@ def test_the_uses_of_arrays_find_what_was_put_in():
     assert box.centre == pytest.approx([1.48, 0.0], abs=0.05)
     assert library_arrays.depth_of_a_stereo_pair() == pytest.approx(1.0, abs=0.02)
     (footprint,) = library_arrays.footprints_of_a_point_cloud()
-    assert footprint.length_m == pytest.approx(0.5, abs=0.03)
+    assert footprint.box is not None
+    assert footprint.box.length_m == pytest.approx(0.5, abs=0.03)
     path = library_arrays.path_over_a_map()
     assert len(path) > 2
     gaze = library_arrays.where_to_look()
