@@ -1,0 +1,48 @@
+"""The search for faces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mapping.objects import faces
+from mapping.objects.columns import Columns
+
+
+def wall(length_m: float) -> Columns:
+    """Upright columns along the y axis, seen from +x."""
+    y = np.arange(0.0, length_m, 0.02)
+    n = len(y)
+    return Columns(
+        np.column_stack([np.zeros(n), y]),
+        np.full(n, 9.0),
+        np.full(n, 20),
+        np.zeros(n),
+        np.full(n, 0.8),
+        np.ones(n),
+        np.tile([2.0, length_m / 2], (n, 1)),
+        np.full(n, 1e-4),
+        np.full(n, 1e-4),
+        np.full((n, 3), np.nan),
+        np.ones(n),
+        np.ones(n, dtype=bool),
+    )
+
+
+def test_a_wall_is_one_face_towards_the_sensor():
+    (face,) = faces.find(wall(2.0), 0.08)
+    np.testing.assert_allclose(face.normal, [1.0, 0.0], atol=1e-6)
+    assert abs(face.length_m - 1.98) < 1e-6
+
+
+def test_the_search_ends_where_a_fit_leaves_its_columns(monkeypatch):
+    calls = 0
+
+    def moved_away(columns, towards, usable, candidate, gap_m):
+        nonlocal calls
+        calls += 1
+        assert calls <= len(columns), "the same columns are tried again and again"
+        run = np.flatnonzero(usable[1])[:6]
+        return run, candidate[0], candidate[1] + 1.0, True
+
+    monkeypatch.setattr(faces, "_refined", moved_away)
+    assert len(faces.find(wall(2.0), 0.08)) <= faces.MOST_FACES
