@@ -46,4 +46,4 @@ def test_the_search_ends_where_a_fit_leaves_its_columns(monkeypatch):
 
     monkeypatch.setattr(faces, "_refined", moved_away)
     monkeypatch.setattr(faces, "_same", lambda *face: True)  # one that is there already
-    assert faces.find(wall(2.0), 0.08) == []
+    assert len(faces.find(wall(2.0), 0.08)) == 1
