@@ -105,9 +105,7 @@ def find(columns: Columns, gap_m: float) -> list[Face]:
         inside = (along > span[0] - BAND_M) & (along < span[1] + BAND_M)
         taken = inside & (np.abs(off) <= TAKEN_M)
         left &= ~taken
-        left[run] = (
-            False  # also where the fit has moved away from its columns, or the search would not end
-        )
+        left[run] = False  # a fit may have moved away from its columns
         if not any(_same(face, normal, offset, columns.xy[run]) for face in faces):
             faces += _split_by_top(columns, run, normal, offset)
     return faces
