@@ -101,8 +101,8 @@ def _on_side(
     if edge <= 0.0 or aside.size == 0:
         return one
     azimuth = azimuth[aside]
-    seen = median_filter(columns.seen[aside], SMOOTH_COLUMNS, mode="nearest")
-    most = median_filter(columns.most[aside], SMOOTH_COLUMNS, mode="nearest")
+    seen = median_filter(columns.seen[aside], SMOOTH_COLUMNS, mode="mirror")
+    most = median_filter(columns.most[aside], SMOOTH_COLUMNS, mode="mirror")
     outermost = np.argsort(-azimuth)[:EDGE_COLUMNS]
     reach = max(
         float((most * np.sin(azimuth)).max()), math.sin(edge) * float(most[outermost].max())
@@ -126,10 +126,10 @@ def _behind_others(one: PanoramaObstacle, others: Sequence[PanoramaObstacle]) ->
     for other in others:
         if other.distance_m >= one.distance_m:
             continue
-        if one.cut_left and other.right_rad <= one.left_rad + TOUCH_RAD < other.left_rad:
+        if one.cut_left and abs(other.right_rad - one.left_rad) <= TOUCH_RAD:
             y = one.left_edge_m[0] * math.tan(min(other.left_rad, STEEPEST_RAD))
             found = replace(found, hidden_left_m=max(found.hidden_left_m, y - one.left_edge_m[1]))
-        if one.cut_right and other.left_rad >= one.right_rad - TOUCH_RAD > other.right_rad:
+        if one.cut_right and abs(other.left_rad - one.right_rad) <= TOUCH_RAD:
             y = one.right_edge_m[0] * math.tan(max(other.right_rad, -STEEPEST_RAD))
             found = replace(
                 found, hidden_right_m=max(found.hidden_right_m, one.right_edge_m[1] - y)

@@ -39,7 +39,7 @@ class AvoidanceConfig:
         True, "", "try the other side before stopping", "ours; seed 004 keeps the side"
     )
     least_fit: float = setting(
-        0.9,
+        0.8,
         "",
         "least probability that the body fits through the gap; below it side steps replace walking, and a stop side steps",
         "ours",
@@ -62,14 +62,16 @@ class ObstacleTable:
 
     Args:
         edges_rad: (n, 2) azimuths of left and right edges, left positive.
-        edges_m: (n, 2) expected lateral positions of left and right ends, left positive, m.
+        edges_m: (n, 2) lateral positions of the seen left and right edges, left positive, m.
+        ends_m: (n, 2) expected lateral positions of the ends, with what may be hidden beyond the edges, m.
         distance_m, width_m, height_m: (n,) forward distance, lateral width, height, m.
-        sigma_m: (n, 2) standard deviations of the lateral positions, with the doubt of hidden corners, m.
+        sigma_m: (n, 2) standard deviations of the ends, m.
         open_m: Lateral positions where the known ground ends on the left and on the right.
     """
 
     edges_rad: Float[np.ndarray, "n 2"]
     edges_m: Float[np.ndarray, "n 2"]
+    ends_m: Float[np.ndarray, "n 2"]
     distance_m: Float[np.ndarray, "n"]
     width_m: Float[np.ndarray, "n"]
     height_m: Float[np.ndarray, "n"]
@@ -169,15 +171,15 @@ def _joined(obstacles: ObstacleTable, group: np.ndarray) -> np.ndarray:
 
 
 def _gap(obstacles: ObstacleTable, group: np.ndarray, side: int) -> tuple[float, float, float]:
-    """Gap beside the group: width, its standard deviation, and lateral position of the edge of the group, m."""
+    """Gap beside the group: expected width, its standard deviation, and lateral position of the end of the group, m."""
     own, facing = (0, 1) if side > 0 else (1, 0)
     index = np.flatnonzero(group)
-    at = index[np.argmax(side * obstacles.edges_m[index, own])]
-    edge = float(obstacles.edges_m[at, own])
+    at = index[np.argmax(side * obstacles.ends_m[index, own])]
+    edge, seen = float(obstacles.ends_m[at, own]), float(obstacles.edges_m[at, own])
     distance = float(obstacles.distance_m[group].min())
-    beside = ~group & (side * obstacles.edges_m[:, own] > side * edge)
+    beside = ~group & (side * obstacles.edges_m[:, own] > side * seen)
     beside &= obstacles.distance_m <= distance + ALONGSIDE_M
-    gaps = side * (obstacles.edges_m[beside, facing] - edge)
+    gaps = side * (obstacles.ends_m[beside, facing] - edge)
     sigma = float(obstacles.sigma_m[at, own])
     known = max(side * (obstacles.open_m[own] - edge), 0.0)
     if not beside.any() or known < float(gaps.min()):

@@ -49,6 +49,7 @@ def obstacle_table(
     left, right = (distance * math.tan(min(max(a, -1.4), 1.4)) for a in observed_sector(panorama))
     return ObstacleTable(
         np.array([[o.left_rad, o.right_rad] for o in found]).reshape(-1, 2),
+        np.array([[o.left_edge_m[1], o.right_edge_m[1]] for o in found]).reshape(-1, 2),
         np.array([[y for y, _ in both] for both in ends]).reshape(-1, 2),
         np.array([o.distance_m for o in found], dtype=float),
         np.array([o.width_m for o in found], dtype=float),

@@ -157,6 +157,7 @@ def _things(spans: list[tuple[float, float]], d: float = 1.05) -> ObstacleTable:
     return ObstacleTable(
         np.arctan2(edges, d),
         edges,
+        edges,
         np.full(n, d),
         edges[:, 0] - edges[:, 1],
         np.full(n, 0.32),
@@ -191,7 +192,7 @@ def test_the_printed_average_of_labels_decides_on_request():
     ("gap", "sigma", "motion", "passes"),
     [
         (0.40, 0.01, "RF", 1.0),
-        (0.40, 0.10, "RS", 0.977),  # forward it fits with 0.84 only
+        (0.38, 0.10, "RS", 0.964),  # forward it fits with 0.79 only
         (0.28, 0.10, "ST", 0.788),  # the body needs 0.20 m sideways
         (0.28, 0.00, "RS", 1.0),
     ],
@@ -209,7 +210,7 @@ def test_the_motion_is_one_that_fits_the_gap_with_the_least_probability(gap, sig
 
 def test_a_doubtful_gap_is_left_for_a_sure_one_on_the_other_side():
     things = _things([(0.9, 0.6), (0.2, -0.5)])
-    things.sigma_m[0, 1] = 0.2
+    things.sigma_m[0, 1] = 0.3  # sideways it fits with 0.75 only
     paper, ours = (choose(things, AvoidanceConfig(other_side=other)) for other in (False, True))
     assert paper is not None
     assert ours is not None

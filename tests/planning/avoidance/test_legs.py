@@ -145,6 +145,7 @@ def _one_obstacle(open_m: tuple[float, float]) -> ObstacleTable:
     return ObstacleTable(
         np.arctan2(edges, 1.0),
         edges,
+        edges,
         np.array([1.0]),
         np.array([0.5]),
         np.array([0.3]),
@@ -167,6 +168,7 @@ def test_unseen_ground_before_a_neighbour_bounds_the_gap():
     edges = np.array([[0.25, -0.25], [1.2, 1.0]])
     both = ObstacleTable(
         np.arctan2(edges, 1.0),
+        edges,
         edges,
         np.array([1.0, 1.0]),
         np.array([0.5, 0.2]),
