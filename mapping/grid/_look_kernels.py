@@ -150,6 +150,7 @@ def fold_looks(
     verdicts: np.ndarray,
     weights: np.ndarray,
     layers: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    frames: tuple[np.ndarray, np.ndarray],
     place: Placement,
     pose_form: np.ndarray,
     stamp_s: float,
@@ -163,18 +164,22 @@ def fold_looks(
         verdicts, weights: Of `judge`.
         layers: Looks, obstacle looks, log-odds (+inf where never seen), time of the last update in s, and
             whether the obstacle in the cell moves; all of the map; changed.
+        frames: int32, number of frames with floor points and with obstacle points in each cell; changed.
         place: The window.
         pose_form: (3, 3), variance of a place along one axis at (x, y, 1), m^2.
         stamp_s: Time of the frame, s.
         rule, shares: See there.
     """
     looks, hits, log_odds, updated_s, moving = layers
+    with_floor, with_obstacle = frames
     for row in range(counts.shape[1]):
         r = place.row + row
         for column in range(counts.shape[2]):
             c = place.column + column
             weight = weights[row, column]
             static, mobile = counts[1, row, column], counts[2, row, column]
+            with_floor[r, c] += counts[0, row, column] > 0
+            with_obstacle[r, c] += static + mobile > 0
             if weight == 0.0 and (
                 static >= rule.obstacle_points or static + mobile < rule.obstacle_points
             ):

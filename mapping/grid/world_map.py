@@ -87,6 +87,8 @@ class WorldMap:
         self._first = np.zeros(2, np.int64)  # lattice cell (x, y) of cell [0, 0]
         self._looks = np.zeros((0, 0), np.float32)
         self._hits = np.zeros((0, 0), np.float32)
+        self._floor_frames = np.zeros((0, 0), np.int32)
+        self._obstacle_frames = np.zeros((0, 0), np.int32)
         self._log_odds = np.zeros((0, 0), np.float32)
         self._updated_s = np.zeros((0, 0))
         self._moving = np.zeros((0, 0), np.bool_)
@@ -120,6 +122,15 @@ class WorldMap:
     def known(self) -> Bool[np.ndarray, "rows columns"]:
         """Whether the cell was ever seen and is not forgotten."""
         return np.isfinite(self._log_odds)
+
+    @property
+    def stay(self) -> Float[np.ndarray, "rows columns"]:
+        """Share of the frames that saw the cell in which an obstacle was there; 0 where never seen.
+
+        Of an obstacle that stood there all the time it is high: the frames that see the floor before it see it too.
+        """
+        frames = self._obstacle_frames + self._floor_frames
+        return np.asarray(self._obstacle_frames / np.maximum(frames, 1))
 
     @property
     def updated_s(self) -> Float[np.ndarray, "rows columns"]:
@@ -205,9 +216,10 @@ class WorldMap:
         verdicts, weights = np.empty((2, rows, columns), np.float32)
         _look_kernels.judge(counts, sums, place, camera.astype(np.float64), RULE, verdicts, weights)
         layers = self._looks, self._hits, self._log_odds, self._updated_s, self._moving
+        frames = self._floor_frames, self._obstacle_frames
         moved = pose_form(pose)
         _look_kernels.fold_looks(
-            counts, verdicts, weights, layers, place, moved, stamp_s, RULE, SHARES
+            counts, verdicts, weights, layers, frames, place, moved, stamp_s, RULE, SHARES
         )
         _terrain_kernels.fuse_heights(
             counts,
@@ -297,7 +309,8 @@ class WorldMap:
         around = ((before[1], after[1]), (before[0], after[0]))
         self._first = self._first - before
         self._log_odds = np.pad(self._log_odds, around, constant_values=np.inf)
-        for name in ("_looks", "_hits", "_updated_s", "_moving", "_raised"):
+        frames = ("_floor_frames", "_obstacle_frames")
+        for name in (*frames, "_looks", "_hits", "_updated_s", "_moving", "_raised"):
             setattr(self, name, np.pad(getattr(self, name), around))
         for name in ("_height_m", "_variance_m2"):
             setattr(self, name, np.pad(getattr(self, name), around, constant_values=np.nan))

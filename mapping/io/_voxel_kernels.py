@@ -14,7 +14,7 @@ def _slot_of(key: np.int64, table: np.ndarray, keys: np.ndarray) -> np.int64:
     """Slot of the hash table that holds the key's voxel, or the free slot for it."""
     mask = table.shape[0] - 1
     h = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing
-    slot = np.int64(h >> np.uint64(20)) & mask
+    slot = np.int64(h >> np.uint64(40)) & mask  # high bits: only they depend on all three indices
     while table[slot] >= 0 and keys[table[slot]] != key:
         slot = (slot + 1) & mask
     return slot

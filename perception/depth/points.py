@@ -36,9 +36,10 @@ class Points:
     def __len__(self) -> int:
         return len(self.xyz)
 
-    def of(self, mask: Bool[np.ndarray, "n"]) -> Points:
+    def of(self, chosen: Int[np.ndarray, "k"] | Bool[np.ndarray, "n"]) -> Points:
         """Some of the points."""
-        return Points(self.xyz[mask], self.sigma[mask], self.pixels[mask])
+        index = np.flatnonzero(chosen) if chosen.dtype == np.bool_ else chosen
+        return Points(self.xyz.take(index, axis=0), self.sigma.take(index), self.pixels.take(index))
 
 
 def from_depth(depth: Depth, nearest_m: float, farthest_m: float, stride: int = 1) -> Points:

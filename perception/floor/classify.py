@@ -84,5 +84,5 @@ def band(points: Points, plane: Plane, config: ClassConfig | None = None) -> Flo
     config = config or ClassConfig()
     noise = points.sigma * plane.offset_m / points.xyz[:, 2]
     lever = np.column_stack([points.xyz @ plane.tangents.T, np.ones(len(points))])
-    variance = np.einsum("ni,ij,nj->n", lever, plane.covariance, lever)
+    variance = ((lever @ plane.covariance) * lever).sum(axis=1)
     return np.asarray(config.base_m + config.sigmas * np.sqrt(noise**2 + variance))

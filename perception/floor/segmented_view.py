@@ -22,8 +22,6 @@ from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from . import classify
 
-OBSTACLES = (classify.OBSTACLE, classify.HOLE)  # not walkable
-RISING = (classify.OBSTACLE, classify.OVERHANG)  # points of obstacles: low part and body above
 KNEE_M = 0.15  # height at which a tracked obstacle is expected: every relevant one reaches it
 BEYOND_M = 0.15  # a depth this far behind a place shows that the place is free
 BORDER_SHARE = 0.02  # of the image width
@@ -62,9 +60,19 @@ class SegmentedView:
     T_map_camera: Pose3
     upright: Float[np.ndarray, "n 3"]
 
+    @property
+    def rising(self) -> Int[np.ndarray, "k"]:
+        """Indices of the points of obstacles: their low part and the body above."""
+        return np.flatnonzero(
+            (self.classes == classify.OBSTACLE) | (self.classes == classify.OVERHANG)
+        )
+
 
 def truncated(
-    view: SegmentedView, reach: ReachConfig, others: Sequence[SegmentedView] = ()
+    view: SegmentedView,
+    points: Points,
+    reach: ReachConfig,
+    others: Sequence[SegmentedView] = (),
 ) -> Bool[np.ndarray, "n"]:
     """Points at which the visible part of an object may end: image border, depth range, occluding edge.
 
@@ -72,22 +80,23 @@ def truncated(
     stereo pair is where its right image ends.
 
     Args:
-        view: The points.
+        view: The view.
+        points: Points of it, camera frame.
         reach: Range of depths used.
         others: Other views of the same frame.
     """
     camera, depth = view.depth.camera, view.depth
-    u, z = view.points.pixels % camera.width, view.points.xyz[:, 2]
+    u, z = points.pixels % camera.width, points.xyz[:, 2]
     margin = BORDER_SHARE * camera.width
     left = u < margin + camera.fx * depth.baseline_m / z
     border = left | (u > camera.width - 1 - margin)
-    beyond = view.points.xyz[border]
+    beyond = points.xyz[border]
     beyond[:, 0] += np.where(left[border], -BESIDE_M, BESIDE_M)
     border[border] = ~_has_depth(view.T_map_camera.apply(beyond), others)
     measured = np.where(np.isfinite(depth.z), depth.z, np.float32(np.inf))
     width = 2 * max(1, round(HIDING_SHARE * camera.width)) + 1
-    nearest = cv2.erode(measured, np.ones((1, width), np.uint8)).ravel()[view.points.pixels]
-    hidden = measured.ravel()[view.points.pixels] - nearest > CUT_M
+    nearest = cv2.erode(measured, np.ones((1, width), np.uint8)).ravel()[points.pixels]
+    hidden = measured.ravel()[points.pixels] - nearest > CUT_M
     ends = (z < reach.nearest_m + NEAR_M) | (z > reach.farthest_m - CUT_M)
     return np.asarray(border | hidden | ends)
 
@@ -187,7 +196,7 @@ def colours_of(view: SegmentedView, colour: ColourView | None) -> UInt8[np.ndarr
         T_colour_depth = colour.T_body_camera.inverse() @ view.depth.T_body_camera
         xyz = T_colour_depth.apply(xyz)
     inside, u, v = _pixels(colour.camera, xyz)
-    colours = colour.rgb[v, u]
+    colours = colour.rgb.reshape(-1, 3).take(v * colour.rgb.shape[1] + u, axis=0)
     colours[~inside] = 128
     return colours
 
@@ -198,5 +207,6 @@ def _pixels(
     """Whether each point (camera frame) is in the image, and its column and row, clipped to the image."""
     pixels = camera.project(xyz)
     inside = camera.contains(pixels)
-    u, v = np.rint(np.where(inside[:, None], pixels, 0.0)).astype(int).T
+    pixels[~inside] = 0.0
+    u, v = np.rint(pixels.T).astype(int)
     return inside, np.clip(u, 0, camera.width - 1), np.clip(v, 0, camera.height - 1)

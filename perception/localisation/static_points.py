@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..floor.segmented_view import RISING, SegmentedView, near_moving_obstacles
+from ..floor.segmented_view import SegmentedView, near_moving_obstacles
 from ..primitives.obstacle import Obstacle
 from ..primitives.pose import Pose3
 
@@ -30,6 +30,7 @@ class StaticPoints:
 
 def static_points(view: SegmentedView, obstacles: Sequence[Obstacle]) -> StaticPoints:
     """The points of a view above the floor, without those near moving obstacles."""
-    rising = np.isin(view.classes, RISING)
-    rising[rising] = ~near_moving_obstacles(view.upright[rising, :2], obstacles)
-    return StaticPoints(view.upright[rising], view.points.sigma[rising], view.T_map_camera)
+    rising = view.rising
+    points, sigma = view.upright.take(rising, axis=0), view.points.sigma.take(rising)
+    still = ~near_moving_obstacles(points[:, :2], obstacles)
+    return StaticPoints(points[still], sigma[still], view.T_map_camera)

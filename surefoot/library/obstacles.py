@@ -11,7 +11,7 @@ from perception.depth.reach import ReachConfig
 from perception.floor import classify
 from perception.floor.classify import ClassConfig
 from perception.floor.levelling import camera_above_floor
-from perception.floor.segmented_view import RISING, SegmentedView, truncated
+from perception.floor.segmented_view import SegmentedView, truncated
 from perception.obstacles import clustering
 from perception.obstacles.clustering import Cluster, ClusterConfig
 from perception.primitives.camera import Camera
@@ -81,13 +81,13 @@ def find_obstacles(
     upright = T_floor_camera.apply(cloud.xyz)
     upright[:, 2] = floor.distance(cloud.xyz)
     view = SegmentedView("depth", depth, cloud, classes, floor, None, T_floor_camera, upright)
-    rising = np.isin(classes, RISING)
+    rising = view.rising
     return clustering.cluster(
         upright[rising],
         cloud.sigma[rising],
         np.zeros(2),
         ClusterConfig(robot_top_m=height_m + HEADROOM_M),
-        truncated(view, reach)[rising],
+        truncated(view, cloud.of(rising), reach),
     )
 
 

@@ -15,7 +15,6 @@ from mapping.surface.surface_map import surface_map
 from mapping.surface.traversability import save_layers, save_nav2, traversability
 from perception.depth.points import from_depth
 from perception.floor import classify
-from perception.floor.segmented_view import OBSTACLES
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
@@ -121,13 +120,13 @@ def add_to_map(world: WorldMap, image: PlacedImage, stamp_s: float, config: Conf
     points = from_depth(image.depth, reach.nearest_m, reach.farthest_m, reach.stride)
     below = image.floor.moved(image.T_map_camera.inverse())
     classes = classify.classify(points, below, config.classes)
-    used = np.isin(classes, (*OBSTACLES, classify.FLOOR))
+    used = classes != classify.OVERHANG
     xyz = points.xyz[used]
     upright = image.T_map_camera.apply(xyz)
     upright[:, 2] = below.distance(xyz)
     world.update(
         upright,
-        np.isin(classes[used], OBSTACLES),
+        classes[used] != classify.FLOOR,
         stamp_s,
         np.array([*image.T_map_camera.position[:2], below.offset_m]),
         sigma_m=points.sigma[used] * np.linalg.norm(xyz, axis=1) / xyz[:, 2],

@@ -26,8 +26,6 @@ from perception.depth.sources import DepthSources
 from perception.estimate import Estimate
 from perception.floor import choose, classify
 from perception.floor.segmented_view import (
-    OBSTACLES,
-    RISING,
     SegmentedView,
     Sight,
     colours_of,
@@ -71,7 +69,7 @@ class Pipeline:
         self.tracker = ObstacleTracker(config.tracker)
         self.rng = np.random.default_rng(config.seed)
         self.cloud = CloudBuilder(config.cloud)
-        self.obstacle_cloud = ObstacleCloud(config.cloud, config.world_map.cell_m)
+        self.obstacle_cloud = ObstacleCloud(config.cloud)
         self.health = DepthHealth(config.depth_health)
         flow = config.swarm.as_walked.prediction == "flow"
         self.colour_floor = ColourFloorFinder(config.monocular, flow)
@@ -207,17 +205,20 @@ class Pipeline:
         if not views:
             return [], []
         T_body_map = (Pose2() if pose is None else _pose2(pose)).inverse().lifted()
-        rising = [np.isin(view.classes, RISING) for view in views]
+        rising = [view.rising for view in views]
         obstacle_points = np.concatenate(
-            [T_body_map.apply(v.upright[mask]) for v, mask in zip(views, rising, strict=True)]
+            [
+                T_body_map.apply(v.upright.take(k, axis=0))
+                for v, k in zip(views, rising, strict=True)
+            ]
         )
-        own = [v.points.of(mask) for v, mask in zip(views, rising, strict=True)]
+        own = [view.points.of(k) for view, k in zip(views, rising, strict=True)]
         sensor = T_body_map.apply(views[0].T_map_camera.position)[:2]
         cut, bands, in_space = [], [], []
-        for view, mask, chosen in zip(views, rising, own, strict=True):
+        for view, chosen in zip(views, own, strict=True):
             reach = self.config.reach.of(view.sensor)
             others = [other for other in views if other is not view]
-            cut.append(truncated(view, reach, others)[mask])
+            cut.append(truncated(view, chosen, reach, others))
             bands.append(classify.band(chosen, view.floor, self.config.classes))
             in_space.append((T_body_map @ view.T_map_camera).apply(chosen.xyz))
         found = clustering.cluster(
@@ -282,15 +283,18 @@ class Pipeline:
     def _add_to_maps(self, frame: Frame, view: SegmentedView, pose: Gaussian | None) -> None:
         """Enter one view into grid, world map and point clouds."""
         assert self.grid is not None
-        used = np.isin(view.classes, (*OBSTACLES, classify.FLOOR))
-        upright, classes = view.upright[used], view.classes[used]
-        is_obstacle = np.isin(classes, OBSTACLES)
-        is_moving = is_obstacle & near_moving_obstacles(upright[:, :2], self.tracker.obstacles)
+        used = np.flatnonzero(view.classes != classify.OVERHANG)
+        upright, points = view.upright.take(used, axis=0), view.points.of(used)
+        is_obstacle = view.classes.take(used) != classify.FLOOR
+        is_moving = is_obstacle.copy()
+        is_moving[is_obstacle] = near_moving_obstacles(
+            upright[is_obstacle, :2], self.tracker.obstacles
+        )
         camera = view.T_map_camera.position
         floor = view.floor.moved(view.T_map_camera)
-        sigma, depth = view.points.sigma[used], view.points.xyz[used, 2]
+        x, y, depth = points.xyz.T
         drop = np.abs(upright[:, 2] - view.floor.offset_m) / depth
-        stretch = np.linalg.norm(view.points.xyz[used], axis=1) / depth
+        stretch = np.sqrt(x * x + y * y + depth * depth) / depth
         self.grid.update(
             upright,
             is_obstacle,
@@ -298,7 +302,7 @@ class Pipeline:
             camera[:2],
             is_moving=is_moving,
             sensor_height_m=view.floor.offset_m,
-            sigma_m=sigma * drop,
+            sigma_m=points.sigma * drop,
             floor=floor,
             pose=pose,
         )
@@ -308,20 +312,19 @@ class Pipeline:
             frame.stamp_s,
             np.array([*camera[:2], view.floor.offset_m]),
             is_moving=is_moving,
-            sigma_m=sigma * stretch,
+            sigma_m=points.sigma * stretch,
             floor=floor,
             pose=pose,
         )
         colours = colours_of(view, frame.colour)
         self.cloud.add(view.upright, colours)
+        still = np.flatnonzero(is_obstacle & ~is_moving)
         self.obstacle_cloud.add(
-            upright,
-            is_obstacle,
-            is_moving,
-            view.points.sigma[used],
+            upright.take(still, axis=0),
+            points.sigma.take(still),
             camera,
             pose,
-            None if colours is None else colours[used],
+            None if colours is None else colours.take(used.take(still), axis=0),
         )
 
 

@@ -22,7 +22,7 @@ from perception.depth import points, time_of_flight
 from perception.floor import choose, classify
 from perception.floor.levelling import level
 from perception.floor.prior import kinematic_prior
-from perception.floor.segmented_view import RISING, SegmentedView, truncated
+from perception.floor.segmented_view import SegmentedView, truncated
 from perception.localisation.landmarks import (
     LandmarkConfig,
     constrained_to_height,
@@ -233,13 +233,13 @@ def segment_frame(
     classes = classify.classify(cloud, plane, config.classes)
     share = None if found is None else found.share
     view = SegmentedView("tof", depth, cloud, classes, plane, share, T_body_camera, upright)
-    rising = np.isin(classes, RISING)
+    rising = view.rising
     clusters = cluster(
         upright[rising],
         cloud.sigma[rising],
         T_body_camera.position[:2],
         config.clusters,
-        truncated(view, reach)[rising],
+        truncated(view, cloud.of(rising), reach),
     )
     return (view,), [
         Detection(one.centre, one.covariance, one.radius_m, one.height_m)

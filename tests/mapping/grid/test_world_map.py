@@ -125,6 +125,17 @@ def test_many_rays_of_one_frame_are_one_look():
     assert many.probability.max() == few.probability[few.known][0]
 
 
+def test_an_obstacle_that_came_stayed_for_its_share_of_the_frames_wherever_the_map_grew():
+    world = WorldMap()
+    for k in range(8):
+        came = k >= 6
+        world.update(level(np.tile([0.52, 0.52], (4, 1))), np.full(4, came), float(k), CAMERA)
+        if k == 4:
+            world.update(level(np.array([[-9.0, -9.0]])), np.zeros(1, bool), float(k), CAMERA)
+    assert world.stay[tuple(world.cell_of(np.array([0.52, 0.52])))] == 2 / 8
+    assert world.stay.max() == 2 / 8
+
+
 def test_looks_that_contradict_each_other_leave_a_doubt_however_many_they_are():
     world = WorldMap()
     for k in range(400):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from mapping.io import _voxel_kernels
 from mapping.io.clouds import CloudBuilder, CloudConfig, load_ply, save_ply
 from perception.primitives.errors import ConfigError, InputError, OutputError
 
@@ -121,3 +122,16 @@ def test_further_numbers_are_averaged_per_voxel_and_survive_thinning():
 def test_a_wrong_number_of_further_numbers_is_refused():
     with pytest.raises(InputError, match="expected 2 a point"):
         CloudBuilder(values=2).add(np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_voxels_in_a_row_along_any_axis_do_not_share_a_place_in_the_table(axis):
+    steps = np.zeros((1000, 3), np.int64)
+    steps[:, axis] = np.arange(1000)
+    x, y, z = (steps + _voxel_kernels.REACH).T
+    free = np.full(1 << 15, -1, np.int64)
+    slots = [
+        _voxel_kernels._slot_of(key, free, np.zeros(1, np.int64))
+        for key in (x << 42) | (y << 21) | z
+    ]
+    assert len(set(slots)) > 900

@@ -28,7 +28,7 @@ def face(rng: np.random.Generator, x0: float, x1: float) -> np.ndarray:
 def walk(frames: list[tuple[float, float] | None]) -> tuple[ObstacleCloud, WorldMap]:
     """Frames of floor in front of a wall from x = 2 to 3, with something else at the given place in some of them."""
     rng = np.random.default_rng(0)
-    cloud, world = ObstacleCloud(CloudConfig(), 0.05), WorldMap()
+    cloud, world = ObstacleCloud(CloudConfig()), WorldMap()
     x, y = np.meshgrid(np.arange(-0.5, 3.5, 0.02), np.arange(0.0, 0.49, 0.02))
     ground = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
     behind = ground + np.array([0.0, 0.5, 0.0])
@@ -40,8 +40,8 @@ def walk(frames: list[tuple[float, float] | None]) -> tuple[ObstacleCloud, World
             things.append(face(rng, *place))
         points = np.concatenate([*floor, *things])
         is_obstacle = np.arange(len(points)) >= sum(len(part) for part in floor)
-        still = np.zeros(len(points), np.bool_)
-        cloud.add(points, is_obstacle, still, np.full(len(points), 0.005), CAMERA, POSE, None)
+        sigma = np.full(np.count_nonzero(is_obstacle), 0.005)
+        cloud.add(points[is_obstacle], sigma, CAMERA, POSE, None)
         world.update(points, is_obstacle, 0.1 * number, CAMERA)
     return cloud, world
 
@@ -81,4 +81,4 @@ def test_no_footprint_lies_over_a_cell_that_the_saved_map_shows_free():
 
 
 def test_an_empty_cloud_has_no_footprints():
-    assert ObstacleCloud(CloudConfig(), 0.05).footprints(WorldMap(), FootprintConfig()) == []
+    assert ObstacleCloud(CloudConfig()).footprints(WorldMap(), FootprintConfig()) == []

@@ -38,7 +38,7 @@ def post(camera, bearing_m, z_m, half_m=0.1, baseline_m=0.0, blank=False):
 def is_whole(view, others=()):
     front = view.points.xyz[:, 2] < 1.5
     assert front.any()
-    return not truncated(view, REACH, others)[front].any()
+    return not truncated(view, view.points.of(front), REACH, others).any()
 
 
 def test_a_post_is_truncated_at_either_side_of_the_image_but_not_in_the_middle():
@@ -79,8 +79,9 @@ def test_a_partly_occluded_object_is_truncated():
     )
     behind = np.abs(cloud.xyz[:, 2] - 0.9) < 0.01
     assert behind.any()
-    assert truncated(both, REACH)[behind].any()
-    assert not truncated(both, REACH)[np.abs(cloud.xyz[:, 2] - 0.4) < 0.01].any()
+    before = np.abs(cloud.xyz[:, 2] - 0.4) < 0.01
+    assert truncated(both, cloud.of(behind), REACH).any()
+    assert not truncated(both, cloud.of(before), REACH).any()
 
 
 def test_a_sight_sees_through_places_before_the_measured_depth_and_not_behind_or_at_it():
