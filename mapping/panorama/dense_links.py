@@ -23,12 +23,13 @@ from perception.floor import choose
 from perception.floor.levelling import camera_above_floor
 from perception.floor.prior import handheld_prior
 from perception.odometry import alignment
-from perception.odometry.alignment import AlignConfig, Alignment
-from perception.odometry.back_end import LEAST_VISIBLE, BackEndConfig
+from perception.odometry.alignment import Alignment
+from perception.odometry.back_end import LEAST_VISIBLE
 from perception.odometry.hypotheses import rotation_starts
 from perception.odometry.odometry import LEAST_FITTING, MOST_CONTRADICTING, MOST_SIGMA_M
 from perception.odometry.pyramid import Pyramid, build
 from perception.odometry.rgbd_odometry import FLOOR_REACH_M, FLOOR_STRIDE
+from perception.odometry.view_errors import ViewErrorSize
 from perception.primitives.pose import Pose3
 
 from .adjustment import largest_set, linked_sets
@@ -40,7 +41,6 @@ from .views import View
 SKIPPED = 2
 NEIGHBOURS = 4  # ours: views before and after in time that stiffen a chain, from known poses
 BOTH_WAYS = float(chi2.ppf(0.999, 6))  # ours: the two directions agree within this
-DISTORTION = BackEndConfig().distortion  # of an image: a motion is no surer than that
 NEAR_RAD = math.radians(5.0)  # ours: the alignment converges from within 5 deg
 NEAR_M = 0.15  # ours: and from half its first gate
 ALIGNMENT = "alignment"  # how these links are called
@@ -89,16 +89,17 @@ class DenseViews:
         fault = _fault(back, source)
         if back is None or fault:
             return Attempt(None, fault)
-        if not _agree(there, back):
+        bend = _view_error(target, source)
+        if not _agree(there, back, bend):
             return Attempt(None, "its alignment differs from that in the other direction")
-        link = Link(first, second, there.motion, _in_link_order(there), 0, 0, ALIGNMENT)
+        link = Link(first, second, there.motion, _in_link_order(there, bend), 0, 0, ALIGNMENT)
         return Attempt(link)
 
     def contradicts(self, link: Link) -> bool:
         """Whether one view has many points where the other saw free space, or hardly any on its surfaces."""
         first, second, pose = self.image(link.first), self.image(link.second), link.T_first_second
         for target, source, motion in ((first, second, pose), (second, first, pose.inverse())):
-            found = alignment.evaluate(target, source, motion.matrix, AlignConfig())
+            found = alignment.evaluate(target, source, motion.matrix)
             if found is None or found.contradicting > MOST_CONTRADICTING:
                 return True
         return False
@@ -196,20 +197,28 @@ def _fault(found: Alignment | None, target: Pyramid) -> str:
     return ""
 
 
-def _agree(there: Alignment, back: Alignment) -> bool:
+def _view_error(target: Pyramid, source: Pyramid) -> Float[np.ndarray, "6 6"]:
+    """Covariance that distortion gives to a motion, which is no surer than that: (x, y, z, rotation vector)."""
+    size = ViewErrorSize()
+    for image in (target, source):
+        size.add(image)
+    return size.covariance
+
+
+def _agree(there: Alignment, back: Alignment, bend: Float[np.ndarray, "6 6"]) -> bool:
     """Whether the motions of both directions are inverse to each other within their covariances and distortion."""
     round_trip = there.motion @ back.motion
     off = np.concatenate(
         [round_trip.position, Rotation.from_matrix(round_trip.rotation).as_rotvec()]
     )
     turn = np.kron(np.eye(2), there.motion.rotation)
-    covariance = there.covariance + turn @ back.covariance @ turn.T + 2.0 * DISTORTION
+    covariance = there.covariance + turn @ back.covariance @ turn.T + 2.0 * bend
     return float(off @ np.linalg.solve(covariance, off)) <= BOTH_WAYS
 
 
-def _in_link_order(found: Alignment) -> Float[np.ndarray, "6 6"]:
+def _in_link_order(found: Alignment, bend: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
     """Covariance with distortion in the order and axes of a link: rotation first, axes of the second camera."""
     back = found.motion.rotation.T
     change = np.zeros((6, 6))
     change[:3, 3:], change[3:, :3] = back, back
-    return np.asarray(change @ (found.covariance + DISTORTION) @ change.T)
+    return np.asarray(change @ (found.covariance + bend) @ change.T)

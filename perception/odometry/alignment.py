@@ -43,7 +43,6 @@ class AlignConfig:
     method: str = setting(
         "hybrid", "", "aligns by depth and grey values (hybrid) or by depth alone (depth)", "ours"
     )
-    bend: float = 0.01  # ours: depth cameras are off by a percent over regions of the image
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -108,7 +107,7 @@ def align(
             refined.append((_overlap(totals), T, light))
         tried = _best(refined, KEPT if number > 1 else 1)
     _, T, light = tried[0]
-    return evaluate(target, source, T, config, light)
+    return evaluate(target, source, T, light)
 
 
 _Try = tuple[float, np.ndarray, np.ndarray]
@@ -129,7 +128,6 @@ def evaluate(
     target: Pyramid,
     source: Pyramid,
     T: Float[np.ndarray, "4 4"],
-    config: AlignConfig,
     light: Float[np.ndarray, "2"] | None = None,
 ) -> Alignment | None:
     """Quality and covariance of a motion on the finest level; None if the images do not determine it."""
@@ -142,9 +140,7 @@ def evaluate(
     information[np.triu_indices(6)] = totals[:21]
     information += np.triu(information, 1).T
     alike = max(error, 1.0) ** 2 * COMMON_PX * information
-    covariance = _covariance(
-        information, T, alike + _depth_bend_scatter(target.levels[0], source.levels[0], T, config)
-    )
+    covariance = _covariance(information, T, alike + _depth_bend_scatter(target, source, T))
     if covariance is None:
         return None
     turned = math.acos(min(1.0, max(-1.0, (float(np.trace(T[:3, :3])) - 1.0) / 2.0)))
@@ -193,13 +189,14 @@ def _overlap(totals: np.ndarray) -> float:
 
 
 def _depth_bend_scatter(
-    to: Level, of: Level, T: Float[np.ndarray, "4 4"], config: AlignConfig
+    target: Pyramid, source: Pyramid, T: Float[np.ndarray, "4 4"]
 ) -> Float[np.ndarray, "6 6"]:
     """Scatter of the gradient caused by depth errors that are common to large regions of the image.
 
     The error is fixed to the pixels: two images from one pose share it and it cancels; it matters where a point
     is seen by other pixels than before.
     """
+    to, of = target.levels[0], source.levels[0]
     side = BEND_SHARE * of.camera.width
     patches = math.ceil(of.camera.width / side) * math.ceil(of.camera.height / side)
     pulls = np.empty((patches, 6))
@@ -207,7 +204,7 @@ def _depth_bend_scatter(
         of.as_source, to.as_target, T, FINEST_GATE_M, side, pulls
     )  # fmt: skip
     unlike = 1.0 - math.exp(-0.5 * (moved / side) ** 2)
-    return np.asarray(2.0 * unlike * config.bend**2 * pulls.T @ pulls)
+    return np.asarray(2.0 * unlike * source.bend**2 * pulls.T @ pulls)
 
 
 def _covariance(

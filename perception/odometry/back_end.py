@@ -17,7 +17,6 @@ import numpy as np
 from jaxtyping import Float
 
 from ..floor.levelling import camera_above_floor
-from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from ..primitives.pose import Pose3
 from ..smoothing.factors import Factor, FloorSeen, LoopClosure, Motion, Placement
@@ -46,22 +45,9 @@ FLOOR_FACTOR = 10.0  # ours: floor errors are correlated over about ten images
 
 @dataclass(frozen=True)
 class BackEndConfig:
-    """Place recognition, and the uncertainty that image distortion adds."""
+    """Place recognition."""
 
     places: PlacesConfig = field(default_factory=PlacesConfig)
-    image_m: float = 0.005  # ours: three recordings with ground truth; standard deviation of a pose by lens and depth distortion, see `pose_uncertainty`
-    image_deg: float = 0.5  # ours: three recordings with ground truth; the same in rotation
-
-    def __post_init__(self) -> None:
-        for name in ("image_m", "image_deg"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise ConfigError(f"back end: {name}={value} must be finite and not negative")
-
-    @property
-    def distortion(self) -> Float[np.ndarray, "6 6"]:
-        """Covariance of (x, y, z, rotation vector) by image distortion, in any axes."""
-        return np.diag([self.image_m**2] * 3 + [math.radians(self.image_deg) ** 2] * 3)
 
 
 class BackEnd:
@@ -131,8 +117,15 @@ class BackEnd:
             poses.append(anchor.pose if own is not None else anchor.pose @ step.motion)
         return poses
 
-    def uncertainty(self, solution: Solution | None) -> PoseUncertainty | None:
-        """Covariance of every pose of `trajectory`; NaN for lost and restarted images, None without two poses."""
+    def uncertainty(
+        self, solution: Solution | None, of_view: Float[np.ndarray, "6 6"]
+    ) -> PoseUncertainty | None:
+        """Covariance of every pose of `trajectory`; NaN for lost and restarted images, None without two poses.
+
+        Args:
+            solution: Of the pose graph.
+            of_view: Covariance of one image's view error, see `view_errors`.
+        """
         if sum(step.state not in (LOST, RESTARTED) for step in self._steps) < 2:
             return None
         kept: list[Factor] = []
@@ -157,7 +150,7 @@ class BackEnd:
         views = view_error_covariances(
             np.array([one.pose.position for one in images]),
             np.array([one.pose.rotation for one in images]),
-            self.config.distortion,
+            of_view,
         )
         whole = np.full((2, len(self._steps), 6, 6), np.nan)
         whole[0, placed] = found.from_start + views.from_start

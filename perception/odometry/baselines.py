@@ -52,17 +52,17 @@ def aligner(name: str) -> Aligner:
         def by_open3d(
             target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig
         ) -> Alignment | None:
-            return _open3d(target, source, starts, config, method[name])
+            return _open3d(target, source, starts, method[name])
 
         return by_open3d
     raise ConfigError(f"odometry: aligner={name!r} is unknown; choose one of {ALIGNERS}")
 
 
 def _open3d(
-    target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig, method: str
+    target: Pyramid, source: Pyramid, starts: Sequence[Pose3], method: str
 ) -> Alignment | None:
     found = open3d_motion(target.levels[0], source.levels[0], starts[0], method)
-    return None if found is None else evaluate(target, source, found, config)
+    return None if found is None else evaluate(target, source, found)
 
 
 def open3d_motion(
@@ -156,7 +156,7 @@ def _small_gicp(
     target: Pyramid, source: Pyramid, starts: Sequence[Pose3], config: AlignConfig
 ) -> Alignment | None:
     found = small_gicp_motion(target.levels[0], source.levels[0], starts[0])
-    return None if found is None else evaluate(target, source, found[0], config)
+    return None if found is None else evaluate(target, source, found[0])
 
 
 def small_gicp_motion(

@@ -80,8 +80,8 @@ class OdometryPoses:
         step = self._step
         if step is None or step.state in (LOST, RESTARTED):
             return None
-        distortion = self.odometer.config.back_end.distortion
-        return CameraPose(step.T_start_camera, self._covariance, distortion)
+        of_view = self.odometer.view_error.covariance
+        return CameraPose(step.T_start_camera, self._covariance, of_view)
 
     @property
     def step(self) -> Step | None:
@@ -116,7 +116,7 @@ class OdometryPoses:
         alike = view_correlation(
             T.position[None], T.rotation[None], np.zeros((1, 3)), np.eye(3)[None]
         )
-        return since_start(self.odometer.config.back_end.distortion, T.position, float(alike[0, 0]))
+        return since_start(self.odometer.view_error.covariance, T.position, float(alike[0, 0]))
 
     def update(self, frame: Frame, sightings: Sequence[Sighting]) -> UpdateReport | None:
         """Track the camera; a frame without depth leaves the pose unchanged."""

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8, UInt16
 
+from ..depth.distortion import Distortion, DistortionConfig
 from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.frame import Depth
@@ -91,10 +92,17 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Pyramid:
-    """The levels of one image, finest first, and the floor in the camera frame if known."""
+    """The levels of one image.
+
+    Args:
+        levels: Finest first.
+        floor: In the camera frame, if known.
+        bend: Relative depth error common to large regions of the image: median of its standard deviation.
+    """
 
     levels: tuple[Level, ...]
     floor: Plane | None = None
+    bend: float = 0.0
 
     @property
     def has_grey(self) -> bool:
@@ -111,6 +119,7 @@ class CompressedImage:
     grey: UInt8[np.ndarray, "a b"]
     camera: Camera
     floor: Plane | None
+    bend: float
     levels: int
 
     def pyramid(self) -> Pyramid:
@@ -118,7 +127,9 @@ class CompressedImage:
         z = self.z.astype(np.float32) * np.float32(1e-4)
         z[self.z == 0] = np.nan
         sigma = self.sigma.astype(np.float32) * np.float32(2e-5)
-        return _levels(z, sigma, self.grey.astype(np.float32), self.camera, self.floor, self.levels)
+        grey = self.grey.astype(np.float32)
+        levels = _levels(z, sigma, grey, self.camera, self.floor, self.levels)
+        return Pyramid(levels, self.floor, self.bend)
 
 
 def compress(image: Pyramid) -> CompressedImage:
@@ -129,7 +140,8 @@ def compress(image: Pyramid) -> CompressedImage:
         z = np.where(near, level.z * 1e4 + 0.5, 0.0).astype(np.uint16)
         sigma = np.where(near, np.clip(level.sigma * 5e4, 1.0, 65535.0), 0.0).astype(np.uint16)
     grey = level.grey.astype(np.uint8)
-    return CompressedImage(z, sigma, grey, level.camera, image.floor, len(image.levels))
+    count = len(image.levels)
+    return CompressedImage(z, sigma, grey, level.camera, image.floor, image.bend, count)
 
 
 def build(
@@ -137,6 +149,7 @@ def build(
     rgb: UInt8[np.ndarray, "h w 3"] | None = None,
     floor: Plane | None = None,
     config: PyramidConfig | None = None,
+    distortion: Distortion | None = None,
 ) -> Pyramid:
     """Build the pyramid of one image.
 
@@ -145,6 +158,7 @@ def build(
         rgb: Colour image registered to the depth; None aligns by depth alone.
         floor: In the camera frame, if known: overlap is measured off it, since a bare floor fits everywhere.
         config: Sizes; the defaults if None.
+        distortion: Of the depth camera; the published one of an RGB-D camera if None.
 
     Raises:
         InputError: The colour image is not as large as the depth image.
@@ -165,7 +179,15 @@ def build(
     if factor > 1:
         z, sigma, light = kernels.downsample(z, sigma, light, factor)
         camera = downsampled(camera, factor)
-    return _levels(z, sigma, light, camera, floor, config.levels)
+    levels = _levels(z, sigma, light, camera, floor, config.levels)
+    return Pyramid(levels, floor, _bend(levels[-1], distortion or DistortionConfig().depth))
+
+
+def _bend(level: Level, distortion: Distortion) -> float:
+    """Median over the image of the relative depth error by distortion; 0 without depth."""
+    z, sigma = level.z.astype(float), level.sigma.astype(float)
+    seen = z > 0.0
+    return float(np.median(distortion.size(z[seen], sigma[seen]))) if seen.any() else 0.0
 
 
 def _levels(
@@ -175,7 +197,7 @@ def _levels(
     camera: Camera,
     floor: Plane | None,
     count: int,
-) -> Pyramid:
+) -> tuple[Level, ...]:
     """The finest level and all smaller ones."""
     levels = []
     for number in range(count):
@@ -185,7 +207,7 @@ def _levels(
         levels.append(Level(z, sigma, light, camera, _off_floor(z, sigma, camera, floor)))
         if min(camera.width, camera.height) < 32:
             break
-    return Pyramid(tuple(levels), floor)
+    return tuple(levels)
 
 
 def downsampled(camera: Camera, factor: int) -> Camera:

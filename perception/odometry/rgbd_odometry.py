@@ -29,6 +29,7 @@ from .back_end import BackEnd, BackEndConfig
 from .odometry import LOST, Odometry, OdometryConfig, Step
 from .pose_uncertainty import PoseUncertainty
 from .pyramid import Pyramid, PyramidConfig, build
+from .view_errors import ViewErrorSize
 
 FLOOR_REACH_M = (0.3, 6.0)  # the range of RGB-D cameras
 FLOOR_STRIDE = 4  # ours: every fourth pixel along each axis determines the floor as well
@@ -57,6 +58,7 @@ class Odometer:
     Attributes:
         states: State of every frame so far, see `odometry.Step`.
         failures: Probability that the pose of the frame is wrong, see `alarm`.
+        view_error: Size of the error that depends on the view, see `view_errors`.
     """
 
     def __init__(
@@ -80,9 +82,10 @@ class Odometer:
         self.back_end = BackEnd(rng, self.config.back_end, self.config.align) if loops else None
         self.states: list[str] = []
         self.failures: list[float] = []
+        self.view_error = ViewErrorSize()
         self._alarm = Alarm()
         self._rng = rng
-        self._floor_config, self._noise = floor, noise
+        self._floor_config, self._noise = floor or FloorConfig(), noise
         self._T_world_start: Pose3 | None = None
 
     @property
@@ -108,7 +111,9 @@ class Odometer:
 
     def track_images(self, depth: Depth, rgb: np.ndarray | None, sensor: str = "depth") -> Step:
         """Estimate the pose of the next depth image, with its registered colour image if there is one."""
-        image = build(depth, rgb, self._floor(depth, sensor), self.config.pyramid)
+        distortion = self._floor_config.distortion.of(sensor)
+        image = build(depth, rgb, self._floor(depth, sensor), self.config.pyramid, distortion)
+        self.view_error.add(image)
         step = self.odometry.track(image)
         if self.back_end is not None:
             is_reference = self.odometry.references[-1].number == len(self.states)
@@ -127,7 +132,9 @@ class Odometer:
 
     def uncertainty(self, solution: Solution | None) -> PoseUncertainty | None:
         """Covariance of every pose of `trajectory`; None without two poses."""
-        return None if self.back_end is None else self.back_end.uncertainty(solution)
+        if self.back_end is None:
+            return None
+        return self.back_end.uncertainty(solution, self.view_error.covariance)
 
     def _floor(self, depth: Depth, sensor: str) -> Plane | None:
         seen = points.from_depth(depth, *FLOOR_REACH_M, FLOOR_STRIDE)

@@ -3,7 +3,8 @@
 Lens and depth distortion displace a pose by an amount that depends on what the camera sees in which part of its
 image. Two images taken from almost the same place share this error, so it cancels between them; two images that
 see different scenes do not. The error is modelled as a Gaussian process over camera poses. Between two images its
-variance grows in proportion to their difference: 0.6 deg at 7 deg and 0.8 deg at 28 deg (tum_fr3_cabinet).
+variance grows in proportion to their difference: 0.6 deg at 7 deg and 0.8 deg at 28 deg (tum_fr3_cabinet). Its size
+follows from the sensor's distortion: a camera without bend has no view error.
 
 Source: ours; the covariance function is the exponential of Rasmussen and Williams 2006, eq. (4.18).
 """
@@ -16,13 +17,42 @@ import numpy as np
 from jaxtyping import Float
 
 from .pose_uncertainty import PoseUncertainty, error_transport, rigid_alignment
+from .pyramid import Pyramid
 
 VIEW_TURN_RAD = math.radians(
     10.0
 )  # ours: errors of tum_fr3_cabinet between images 7 to 28 deg apart
 VIEW_SHIFT_M = 0.35  # ours: moves what is 2 m away by the same angle
+# Ours: the published bend of an RGB-D camera, 1.4 % at 2 m, turns a pose by 0.5 deg and shifts it by 5 mm
+# (three recordings with ground truth)
+TURN_PER_BEND = 0.62  # rad
+SHIFT_PER_BEND = 0.18  # of the distance
 BLOCK = 256  # images correlated with all others at a time; bounds the memory
 MOST_IMAGES = 4000  # ours: sums over longer trajectories take every k-th image
+
+
+class ViewErrorSize:
+    """How large the view error of a camera is: the mean over its images."""
+
+    def __init__(self) -> None:
+        self._sum = np.zeros(2)
+        self._images = 0
+
+    def add(self, image: Pyramid) -> None:
+        """Take one more image; one without depth is left out."""
+        z = image.levels[-1].z
+        seen = z > 0.0
+        if not seen.any():
+            return
+        self._sum += np.square(
+            [SHIFT_PER_BEND * float(np.median(z[seen])) * image.bend, TURN_PER_BEND * image.bend]
+        )
+        self._images += 1
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "6 6"]:
+        """Of one image's view error, (x, y, z, rotation vector), any axes, m and rad; zero without an image."""
+        return np.diag(np.repeat(self._sum / max(self._images, 1), 3))
 
 
 def view_correlation(

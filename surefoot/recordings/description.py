@@ -27,6 +27,7 @@ from .recording import RecordingInfo
 
 EXAMPLE = """\
 rate_hz = 30.0              # or: stamps = "stamps.txt" (one time in s per line), stamps = "name" (file names)
+calibrated = false          # true: depth does not bend, since its bend was calibrated, or it was rendered
 scale_checked = false       # true: the scene is nearer than 0.1 m or farther than 20 m, the scale is right
 [camera]
 width = 640
@@ -60,6 +61,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
         "scene",
         "rate_hz",
         "stamps",
+        "calibrated",
         "scale_checked",
         "camera",
         "depth",
@@ -74,7 +76,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "poses": ("file", "convention", "axes"),
     "world": ("up", "floor_height"),
 }
-_BESIDE_A_LAYOUT = ("name", "scene", "scale_checked", "camera", "world")
+_BESIDE_A_LAYOUT = ("name", "scene", "calibrated", "scale_checked", "camera", "world")
 _CONVENTIONS = ("camera-to-world", "world-to-camera")
 AXES = {
     "optical": np.eye(3),
@@ -94,6 +96,7 @@ class Description:
         colour_camera: Intrinsics of the colour images, if they differ.
         world_to_camera: Whether the poses are T_camera_world.
         R_given_optical: Rotation from optical axes to the camera axes of the poses.
+        calibrated: The depth does not bend; see `RecordingInfo`.
         scale_checked: The depth scale is right, however near or far the scene is.
         mirrored: fy is printed negative, so that the y axes of camera and world point the other way, as in
             ICL-NUIM; `camera` has the positive one.
@@ -116,6 +119,7 @@ class Description:
     poses_file: str | None = None
     world_to_camera: bool = False
     R_given_optical: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
+    calibrated: bool = False
     scale_checked: bool = False
     mirrored: bool = False
     up: tuple[float, float, float] | None = None
@@ -142,9 +146,10 @@ def read_description(path: Path) -> Description:
     axes = reader.text(poses, "poses.axes") or "optical"
     if axes not in AXES:
         raise RecordingError(f"{path}: poses.axes = {axes!r}; expected one of {', '.join(AXES)}")
-    checked = table.get("scale_checked", False)
-    if not isinstance(checked, bool):
-        raise RecordingError(f"{path}: scale_checked = {checked!r} must be true or false")
+    flags = {key: table.get(key, False) for key in ("calibrated", "scale_checked")}
+    for key, value in flags.items():
+        if not isinstance(value, bool):
+            raise RecordingError(f"{path}: {key} = {value!r} must be true or false")
     if "poses" in table and "file" not in poses:
         raise RecordingError(f"{path}: [poses] needs file = a text file of TUM lines")
     rate = reader.number(table, "rate_hz")
@@ -166,7 +171,7 @@ def read_description(path: Path) -> Description:
         poses_file=reader.text(poses, "poses.file"),
         world_to_camera=convention == _CONVENTIONS[1],
         R_given_optical=AXES[axes],
-        scale_checked=checked,
+        **flags,
         mirrored=(reader.number(table.get("camera", {}), "camera.fy") or 0.0) < 0.0,
         up=reader.up(world),
         floor_height_m=reader.number(world, "world.floor_height"),
@@ -198,6 +203,7 @@ def complete(info: RecordingInfo, description: Description | None) -> RecordingI
         info,
         name=description.name or info.name,
         scene=description.scene or info.scene,
+        calibrated=description.calibrated or info.calibrated,
         gravity_up_world=description.up or info.gravity_up_world,
         floor_height_world_m=description.floor_height_m
         if description.floor_height_m is not None

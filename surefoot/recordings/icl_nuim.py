@@ -80,6 +80,7 @@ def open_icl_nuim(path: Path, description: Description | None = None) -> FolderR
         poses_given=without < len(files),
         frames=len(files),
         gravity_up_world=(0.0, -1.0, 0.0),
+        calibrated=True,
     )
     return FolderRecording(
         path,

@@ -56,6 +56,7 @@ def open_plain(path: Path, description: Description) -> FolderRecording:
         frames=len(files),
         scene=description.scene,
         gravity_up_world=_up(description),
+        calibrated=description.calibrated,
         floor_height_world_m=description.floor_height_m,
     )
     return FolderRecording(

@@ -34,7 +34,7 @@ class RecordingInfo:
         scene: Name or description of the place; may be empty.
         gravity_up_world: Vertical unit vector in the world of the given poses; None if unknown.
         floor_height_world_m: Height of the floor along `gravity_up_world`, m; None if unknown.
-        calibrated: Whether the bend of the depth cameras was calibrated, as in the robot that recorded it.
+        calibrated: Whether depth hardly bends: rendered, or by cameras whose bend was calibrated.
     """
 
     name: str

@@ -82,6 +82,7 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
         poses_given=True,
         frames=len(files),
         gravity_up_world=(0.0, 0.0, 1.0),
+        calibrated=True,
     )
     camera = camera_of(source, width, height, fx, fy, cx, cy)
     if description is not None and description.camera is not None:

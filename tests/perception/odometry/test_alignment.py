@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from perception.depth import structured_light
+from perception.depth.distortion import Distortion
 from perception.odometry.alignment import AlignConfig, align
 from perception.odometry.hypotheses import rotation_starts
 from perception.odometry.pyramid import Pyramid, build, compress, downsampled
@@ -39,9 +40,14 @@ def seen(
     return structured_light.depth(DepthView(z.astype(np.float32), camera)), rgb
 
 
-def image(pose: Pose3, rng: np.random.Generator | None = None, grey: bool = True) -> Pyramid:
+def image(
+    pose: Pose3,
+    rng: np.random.Generator | None = None,
+    grey: bool = True,
+    distortion: Distortion | None = None,
+) -> Pyramid:
     depth, rgb = seen(pose, rng)
-    return build(depth, rgb if grey else None)
+    return build(depth, rgb if grey else None, distortion=distortion)
 
 
 def moved(along: tuple[float, float, float], turn_deg: tuple[float, float, float]) -> Pose3:
@@ -73,7 +79,8 @@ def test_errors_by_depth_noise_agree_with_the_covariance() -> None:
     distances = []
     for _ in range(20):
         true = moved(tuple(rng.normal(0.0, 0.03, 3)), tuple(rng.normal(0.0, 1.5, 3)))
-        found = align(image(Pose3(), rng), image(true, rng), config=AlignConfig(bend=0.0))
+        plain = Distortion()
+        found = align(image(Pose3(), rng, distortion=plain), image(true, rng, distortion=plain))
         assert found is not None
         off = found.motion.rotation @ true.rotation.T
         e = np.append(found.motion.position - true.position, Rotation.from_matrix(off).as_rotvec())
@@ -92,13 +99,14 @@ def test_errors_by_depth_distortion_of_image_regions_agree_with_the_covariance()
             for a, b in ((1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (1, -1), (2, 1), (1, 2))
         )
         true = moved(tuple(rng.normal(0.0, 0.05, 3)), tuple(rng.normal(0.0, 5.0, 3)))
-        pair = []
+        shots = []
         for pose in (Pose3(), true):
             depth, rgb = seen(pose, rng)
             z = (depth.z * (1.0 + bend)).astype(np.float32)
-            pair.append(build(structured_light.depth(DepthView(z, CAMERA)), rgb))
-        for config, squares in ((AlignConfig(bend=0.0), without), (AlignConfig(), bent)):
-            found = align(pair[0], pair[1], [true], config)
+            shots.append((structured_light.depth(DepthView(z, CAMERA)), rgb))
+        for distortion, squares in ((Distortion(), without), (Distortion(share=0.01), bent)):
+            pair = [build(depth, rgb, distortion=distortion) for depth, rgb in shots]
+            found = align(pair[0], pair[1], [true])
             assert found is not None
             turn = Rotation.from_matrix(found.motion.rotation @ true.rotation.T).as_rotvec()
             e = np.append(found.motion.position - true.position, turn)

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from perception.depth.distortion import Distortion
 from perception.odometry import view_errors
 from perception.odometry.pose_uncertainty import error_transport, rigid_alignment
-from perception.odometry.view_errors import view_correlation, view_error_covariances
+from perception.odometry.pyramid import build
+from perception.odometry.view_errors import (
+    ViewErrorSize,
+    view_correlation,
+    view_error_covariances,
+)
+from perception.primitives.camera import Camera
+from perception.primitives.frame import Depth
 
 OWN = np.diag(np.square([0.005] * 3 + [0.009] * 3))
 IMAGES = 40
@@ -47,6 +55,36 @@ def test_covariances_are_those_of_drawn_errors(length_m, turn_deg):
         variances = np.diagonal(found, axis1=1, axis2=2)[1:]
         # 3000 draws: a variance has a relative standard deviation of 2.6 %
         np.testing.assert_allclose(sample.var(axis=0)[1:], variances, rtol=0.15, atol=1e-12)
+
+
+def size_of(distortion: Distortion, *distances_m: float) -> np.ndarray:
+    """Variances of the view errors of walls at these distances."""
+    size = ViewErrorSize()
+    for distance_m in distances_m:
+        z = np.full((48, 64), distance_m, np.float32)
+        flat = Depth(z, 0.002 * z, Camera(64, 48, 60.0, 60.0, 31.5, 23.5))
+        size.add(build(flat, distortion=distortion))
+    return np.diag(size.covariance)
+
+
+def test_a_camera_without_distortion_has_no_view_error():
+    assert np.all(size_of(Distortion(), 1.0, 3.0) == 0.0)
+    assert np.all(size_of(Distortion(share=0.01)) == 0.0)  # no image yet
+
+
+def test_view_errors_grow_with_the_distortion_and_with_its_growth_over_distance():
+    share, growing = Distortion(share=0.01), Distortion(share_per_m=0.01)
+    np.testing.assert_allclose(
+        size_of(Distortion(share=0.03), 2.0), 9.0 * size_of(share, 2.0), rtol=1e-6
+    )
+    np.testing.assert_allclose(size_of(share, 3.0)[3:], size_of(share, 1.0)[3:], rtol=1e-6)
+    np.testing.assert_allclose(size_of(share, 3.0)[:3], 9.0 * size_of(share, 1.0)[:3], rtol=1e-5)
+    np.testing.assert_allclose(
+        size_of(growing, 3.0)[3:], 9.0 * size_of(growing, 1.0)[3:], rtol=1e-5
+    )
+    np.testing.assert_allclose(
+        size_of(share, 1.0, 3.0), (size_of(share, 1.0) + size_of(share, 3.0)) / 2.0, rtol=1e-6
+    )
 
 
 def test_nearly_equal_views_share_their_error_and_different_views_do_not():
