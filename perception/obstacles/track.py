@@ -40,16 +40,15 @@ PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
 VIEW_MEMORY_S = 5.0  # ours: time in which the error of the robot pose decays to 1/e
 MEMORY_S = 20.0  # ours: decay of the evidence of having moved
 START_PROBABILITY = 0.001  # ours: per frame, that a static obstacle starts to move
-TURN_PROBABILITY = 0.02  # navigation trials: moving objects turn every 15 to 25 s, 50 frames
-TURN_EVERY_S = 20.0  # navigation trials: moving objects turn every 15 to 25 s
 NOTICE_S = 1.0  # ours: delay after which a turn in view is noticed
-SLOW_MPS = 0.03  # navigation trials: the slowest objects
+SLOW_MPS = 0.03  # seed 001: the slowest obstacles
 TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not moving
 UNSURE = 0.5  # largest probability of moving without proof
 PROOF = 3.0  # ours: about log(20), likelihood ratio that proves motion; noise often reaches a lower one for an instant
 MOST_EVIDENCE = 5.0  # ours: log-odds of having moved that are kept, so that a stop is noticed
 STRAY_PER_M2 = 1.0  # ours: density of stray detections
 LAG = 0.7  # ours: decay per frame of the sum of innovations that shows a turn
+FIRST_TURN_S = 30.0  # ours: time in motion that one turn is worth before any is seen
 
 
 @dataclass(frozen=True)
@@ -103,6 +102,7 @@ class Track:
     def __init__(self, seen: Detection, robot: Gaussian, config: TrackConfig) -> None:
         """Start at the first detection with an unknown velocity."""
         self.config = config
+        self._turns, self._moved_s = 1.0, FIRST_TURN_S
         self.radius_m = seen.radius_m
         self.height_m = seen.height_m
         self._look_from(robot)
@@ -164,12 +164,17 @@ class Track:
                 self._is_static,
                 self._may_move(),
                 self._unseen_s + NOTICE_S,
-                TURN_EVERY_S,
+                self._turn_every_s,
                 mean,
                 covariance,
             )
             self._state = Gaussian(mean, covariance)
         return self._state
+
+    @property
+    def _turn_every_s(self) -> float:
+        """Mean time between turns, s: what this obstacle has shown, and the prior (gamma distribution of the rate)."""
+        return self._moved_s / self._turns
 
     @property
     def straight(self) -> Gaussian:
@@ -230,10 +235,13 @@ class Track:
             self._weigh_turn(seen)
         _, means, covariances = self._expectations()
         first, second = _whitened(seen, means[0], covariances[0])
+        moving, gone_s = self.moving, self._unseen_s
+        self._moved_s += moving * gone_s
         self._unseen_s, self._is_static = 0.0, False
         a, b = self._lag = LAG * self._lag[0] + first, LAG * self._lag[1] + second
-        chance = START_PROBABILITY + self.moving * TURN_PROBABILITY
+        chance = START_PROBABILITY + moving * min(gone_s / self._turn_every_s, 0.5)
         if (1.0 - LAG**2) * (a * a + b * b) > -2.0 * math.log(chance):
+            self._turns += moving
             self._reset_velocity()
         position, noise = _contiguous(seen.position), _contiguous(seen.covariance)
         _track_kernels.learn(self._moving, self._robot, position, noise)
@@ -260,7 +268,7 @@ class Track:
                 self._is_static,
                 self._robot,
                 self._unseen_s,
-                TURN_EVERY_S,
+                self._turn_every_s,
                 means,
                 covariances,
             )
@@ -288,7 +296,8 @@ class Track:
             self._evidence = min(self._evidence, MOST_EVIDENCE) + moved - stood
         weight = math.exp(came - moved)
         turned = Belief(np.empty(SIZE), np.empty((SIZE, SIZE)))
-        _track_kernels.turn(self._moving, self._unseen_s, TURN_EVERY_S, turned)
+        _track_kernels.turn(self._moving, self._unseen_s, self._turn_every_s, turned)
+        self._turns += self.moving * weight
         x, P = self._moving
         apart = turned.x - x
         x += weight * apart

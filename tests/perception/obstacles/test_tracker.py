@@ -455,6 +455,34 @@ def followed() -> Track:
     return track
 
 
+def walked(turn_every_s: float, seed: int) -> tuple[Track, np.ndarray]:
+    """The track of one that walked to and fro before the robot for 100 s, 5 s after it was last seen; and where it is."""
+    rng, dt = np.random.default_rng(seed), 0.4
+    x, v = np.array([2.0, 0.0]), np.array([0.0, 0.08])
+    track = Track(seen_at(*x), SURE, TrackConfig())
+    until = turn_every_s * rng.uniform(0.5, 1.5)
+    for step in range(262):
+        if step * dt > until:
+            v, until = -v, until + turn_every_s * rng.uniform(0.5, 1.5)
+        x = x + v * dt
+        track.predict(dt, SURE)
+        if step < 250:
+            track.update(seen_at(*(x + rng.normal(0.0, NOISE_M, 2))))
+    return track, x
+
+
+def test_one_that_never_turned_is_expected_to_go_on_and_one_that_often_did_is_not():
+    tracks = {every_s: [walked(every_s, seed) for seed in range(12)] for every_s in (7.0, 1e9)}
+    along = {}
+    for every_s, found in tracks.items():
+        errors = [float(x[1] - track.state.mean[1]) for track, x in found]
+        variances = [float(track.state.covariance[1, 1]) for track, _ in found]
+        along[every_s] = np.mean(variances), np.mean(np.square(errors))
+    assert along[1e9][0] < 0.6 * along[7.0][0]  # claimed
+    for claimed, happened in along.values():
+        assert happened < 2.0 * claimed
+
+
 def test_prediction_by_matrices_equals_prediction_by_sigma_points():
     track, dt, keep = followed(), 0.3, math.exp(-0.3 / VIEW_MEMORY_S)
     twin = peer(track, dt, keep)
