@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -84,14 +84,15 @@ def run_panorama(job: Job, say: Say) -> dict[str, Any]:
         OutputError: The folder cannot be written.
     """
     recording, folder = job.recording, job.folder
-    gathered = gather(recording, job.config, say)
+    config = replace(job.config, floor=job.config.floor_of(recording.info.calibrated))
+    gathered = gather(recording, config, say)
     if not gathered.views:
         raise RecordingError(
             f"{recording.info.name}: none of its frames has a depth image with a pose; a panorama needs one, "
             "or --by-pictures, which needs no poses"
         )
     say(f"stitching {len(gathered.views)} views")
-    panorama, placement, around = build(gathered, job.config, np.random.default_rng(SEED))
+    panorama, placement, around = build(gathered, config, np.random.default_rng(SEED))
     drawing = panorama.drawing
     assert drawing is not None, "one view defines the base, so it is placed"
     content = _content(gathered, panorama, placement.reasons, around)
