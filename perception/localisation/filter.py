@@ -2,7 +2,7 @@
 
 The state holds, beside the pose, the errors that are constant within a run (see `filtering.models`), so that
 landmarks estimate them. The gyro measures the turn since the previous frame. The landmarks of one frame are
-used in one update, because they share the pan error of the head. The sigma points are those of `ukf_backends`
+used in one update, because they share the pan error of the head. The sigma points are those of `ukf_engines`
 and the noise that of `localiser_noise`; this module has the gating, the data association and the recovery.
 
 Source: seed 001, section 3, eq. (2) (sigma-point filter).
@@ -27,7 +27,7 @@ from ..primitives.landmark import Landmark, Sighting
 from ..primitives.pose import Pose2
 from .localiser_noise import LocaliserConfig, joint_noise, process_noise, range_sigmas
 from .relocalisation import pose_from_sightings
-from .ukf_backends import ukf_backend
+from .ukf_engines import ukf_engine
 
 log = logging.getLogger(__name__)
 
@@ -75,7 +75,7 @@ class PoseFilter:
         self._positions = {mark.identity: np.array(mark.position[:2]) for mark in landmarks}
         self._gate = chi_square_quantile(GATE_PROBABILITY, 2)
         self._frames_rejected = 0
-        self._ukf = ukf_backend(self.config.backend, self.config.initial_state(start))
+        self._ukf = ukf_engine(self.config.engine, self.config.initial_state(start))
 
     @property
     def pose(self) -> Gaussian:

@@ -35,7 +35,7 @@ from ..primitives.gaussian import Gaussian
 from ..primitives.landmark import Sighting
 from ..primitives.pose import Pose2
 from ..primitives.settings import setting
-from .ukf_backends import BACKENDS
+from .ukf_engines import ENGINES
 
 SLIP_WALK_M = 0.00002  # ours: change of the mean slip per step, almost none
 DRIFT_WALK_RAD = math.radians(0.005)  # ours: change of the drift per step, almost none
@@ -85,7 +85,12 @@ class LocaliserConfig:
     pan_offset_sigma_rad: float = math.radians(0.3)  # walking trials: joint zeros, one per run
     range_offset_sigma: float = 0.7  # ours: rendered tags; common bias, in deviations of a range
     shared_bearing_sigma_rad: float = math.radians(0.4)  # walking trials: neck play, per frame
-    backend: str = "compiled"  # or "filterpy": the same estimates, slower, for reference
+    engine: str = setting(
+        "compiled",
+        "",
+        "runs the filter: compiled, or filterpy (the same estimates, slower, for reference)",
+        "ours; Labbe, filterpy",
+    )
 
     def __post_init__(self) -> None:
         for name in (
@@ -106,9 +111,9 @@ class LocaliserConfig:
                 raise ConfigError(
                     f"localiser: {name}={value} must be positive; give a standard deviation"
                 )
-        if self.backend not in BACKENDS:
+        if self.engine not in ENGINES:
             raise ConfigError(
-                f"localiser: backend={self.backend!r} is unknown; choose one of {BACKENDS}"
+                f"localiser: engine={self.engine!r} is unknown; choose one of {ENGINES}"
             )
         if self.rejected_frames < 1:
             raise ConfigError(

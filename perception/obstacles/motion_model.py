@@ -15,8 +15,12 @@ from ..filtering.consistency import Innovation
 from ..primitives.gaussian import Gaussian
 from .track import Detection
 
-MODELS = {"switching": "perception.obstacles.track:Track"}
-"""Our motion models: name to class. "switching": constant velocity, with stops and reversals as hypotheses."""
+MODELS = {
+    "switching": "perception.obstacles.track:Track",
+    "filterpy": "perception.obstacles.filterpy_track:FilterpyTrack",
+}
+"""Our motion models: name to class. "switching": constant velocity, with stops and reversals as hypotheses; "filterpy":
+the same, updated by filterpy, for reference."""
 
 MEMBERS = ("state", "straight", "moving", "predict", "density", "update")
 

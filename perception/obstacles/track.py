@@ -244,7 +244,7 @@ class Track:
             self._turns += moving
             self._reset_velocity()
         position, noise = _contiguous(seen.position), _contiguous(seen.covariance)
-        _track_kernels.learn(self._moving, self._robot, position, noise)
+        self._learn(position, noise)
         self._forget_derived()
         now = self._evidence_now()
         self._proven |= max(now, self._evidence) > PROOF
@@ -257,6 +257,10 @@ class Track:
         self._travelled = max(self._travelled, distance - resized)
         self.height_m = max(seen.height_m, self.height_m)
         return Innovation(None, np.array([first, second]))
+
+    def _learn(self, position: Float[np.ndarray, "2"], noise: Float[np.ndarray, "2 2"]) -> None:
+        """Sigma-point update of the moving belief by a position in the body frame."""
+        _track_kernels.learn(self._moving, self._robot, position, noise)
 
     def _expectations(self) -> tuple[float, np.ndarray, np.ndarray]:
         """Probability of gone straight; predicted measurements (3, 2), (3, 2, 2): straight, turned, static."""

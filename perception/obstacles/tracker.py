@@ -60,7 +60,7 @@ class TrackerConfig:
     motion_model: str = setting(
         "switching",
         "",
-        "filter of one obstacle: switching (constant velocity, stops, reversals), or package.module:Class",
+        "filter of one obstacle: switching (constant velocity, stops, reversals), filterpy (the same, slower, for reference), or package.module:Class",
         "seed 001; stops and reversals ours",
     )
     track: TrackConfig = field(default_factory=TrackConfig)

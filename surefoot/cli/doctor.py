@@ -34,7 +34,7 @@ REQUIRED = {
     "rosbags": "no ROS bag is read",
     "open3d": "no point clouds, no simulated time-of-flight camera",
     "gtsam": "no smoothing, no panorama, no map of a recording without poses",
-    "filterpy": "the UKF backend filterpy is missing; ours is the default",
+    "filterpy": "the filter engine filterpy is missing; ours is the default",
     "matplotlib": "no figures and no report",
     "pybullet": "no simulation of camera images and of the dynamic body",
 }

@@ -20,7 +20,7 @@ from perception.localisation.localiser_noise import (
     joint_noise,
     process_noise,
 )
-from perception.localisation.ukf_backends import BACKENDS
+from perception.localisation.ukf_engines import ENGINES
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.gaussian import Gaussian
@@ -192,11 +192,11 @@ def test_drift_and_gyro_bias_are_estimated():
         assert abs(state.mean[entry] - true) < 3.5 * sigma
 
 
-@pytest.mark.parametrize("backend", BACKENDS)
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("lateral_slip_m", [-0.001, 0.001])
-def test_landmarks_make_lateral_slip_observable(lateral_slip_m, backend):
+def test_landmarks_make_lateral_slip_observable(lateral_slip_m, engine):
     """A lateral slip must not be mistaken for a heading error."""
-    config = LocaliserConfig(lateral_slip_sigma_m=0.0008, backend=backend)
+    config = LocaliserConfig(lateral_slip_sigma_m=0.0008, engine=engine)
     learnt, errors, covariances = [], [], []
     for seed in range(8):
         walker = Walker(seed)

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from surefoot.config.schema import Config
@@ -16,13 +20,19 @@ WALK = Path(__file__).resolve().parents[3] / "data" / "walk"
 
 
 @pytest.fixture(scope="module")
-def metrics(tmp_path_factory: pytest.TempPathFactory) -> dict[str, float]:
-    """The shipped walk, processed and held against its truth."""
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The shipped walk, processed."""
     out = tmp_path_factory.mktemp("shipped") / "run"
     summary = process.process(WALK, None, Config(), out, lambda text: None)
     assert summary.frames == open_recording(WALK).info.frames
     assert not summary.skipped
-    return evaluate(RunFolder.open(out))
+    return out
+
+
+@pytest.fixture(scope="module")
+def metrics(run: Path) -> dict[str, float]:
+    """The shipped walk, held against its truth."""
+    return evaluate(RunFolder.open(run))
 
 
 def test_the_recording_is_small_enough_to_ship():
@@ -41,3 +51,32 @@ def test_its_floor_is_the_floor(metrics):
 
 def test_its_map_agrees_with_the_room(metrics):
     assert metrics["grid_correct_share"] >= 0.95
+
+
+def test_filterpy_in_place_of_the_compiled_filters_gives_the_same_walk_and_tracks(run, tmp_path):
+    ours = Config()
+    config = replace(
+        ours,
+        localiser=replace(ours.localiser, engine="filterpy"),
+        tracker=replace(ours.tracker, motion_model="filterpy"),
+    )
+    process.process(WALK, None, config, tmp_path / "run", lambda text: None)
+    one, other = (read(folder) for folder in (run, tmp_path / "run"))
+    assert [row["track"] for row in one.tracks] == [row["track"] for row in other.tracks]
+    assert len(one.tracks) > 20
+    np.testing.assert_allclose(one.poses, other.poses, atol=1e-6)
+    for key in ("mean", "covariance", "moving"):
+        values = [np.array([row[key] for row in found.tracks]) for found in (one, other)]
+        np.testing.assert_allclose(*values, atol=1e-6)
+
+
+class Estimates(NamedTuple):
+    """Rows of trajectory_covariance.csv, and the tracks of obstacles.json."""
+
+    poses: np.ndarray
+    tracks: list[dict[str, Any]]
+
+
+def read(folder: Path) -> Estimates:
+    poses = np.loadtxt(folder / "trajectory_covariance.csv", delimiter=",", skiprows=1)
+    return Estimates(poses, json.loads((folder / "obstacles.json").read_text())["tracks"])

@@ -1,4 +1,4 @@
-"""Backends of the walking robot's unscented Kalman filter: compiled, and filterpy.
+"""Engines of the walking robot's unscented Kalman filter: compiled, and filterpy.
 
 Both hold a Gaussian over the state of `filtering.models` and give the same estimates. `filterpy` serves as a
 readable reference; `compiled` is several times faster and its covariance cannot lose its positivity.
@@ -32,11 +32,11 @@ from ..primitives.errors import ConfigError
 from ..primitives.gaussian import Gaussian
 from ..primitives.pose import Pose2
 
-BACKENDS = ("compiled", "filterpy")
+ENGINES = ("compiled", "filterpy")
 
 
 @runtime_checkable
-class UkfBackend(Protocol):
+class UkfEngine(Protocol):
     """A Gaussian over the robot's state, with prediction and update."""
 
     @property
@@ -65,8 +65,8 @@ class UkfBackend(Protocol):
         """Update with (range, bearing, ...) of landmarks at these positions."""
 
 
-def ukf_backend(name: str, start: Gaussian) -> UkfBackend:
-    """The backend of that name, in this state.
+def ukf_engine(name: str, start: Gaussian) -> UkfEngine:
+    """The engine of that name, in this state.
 
     Raises:
         ConfigError: The name is unknown.
@@ -75,11 +75,11 @@ def ukf_backend(name: str, start: Gaussian) -> UkfBackend:
         return CompiledUkf(start)
     if name == "filterpy":
         return FilterpyUkf(start)
-    raise ConfigError(f"localiser: backend={name!r} is unknown; choose one of {BACKENDS}")
+    raise ConfigError(f"localiser: engine={name!r} is unknown; choose one of {ENGINES}")
 
 
 class CompiledUkf:
-    """Backend by `SquareRootFilter`; methods as in `UkfBackend`."""
+    """Engine by `SquareRootFilter`; methods as in `UkfEngine`."""
 
     def __init__(self, start: Gaussian) -> None:
         self._filter = SquareRootFilter(start, angles=(YAW,))
@@ -120,7 +120,7 @@ class CompiledUkf:
 
 
 class FilterpyUkf:
-    """Backend by filterpy, which only this class imports; methods as in `UkfBackend`."""
+    """Engine by filterpy, which only this class imports; methods as in `UkfEngine`."""
 
     def __init__(self, start: Gaussian) -> None:
         from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import

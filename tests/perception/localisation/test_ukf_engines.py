@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from perception.filtering import models
 from perception.localisation.filter import PoseFilter
 from perception.localisation.localiser_noise import LocaliserConfig
-from perception.localisation.ukf_backends import BACKENDS, measure_all, predict_all, ukf_backend
+from perception.localisation.ukf_engines import ENGINES, measure_all, predict_all, ukf_engine
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.gaussian import Gaussian
@@ -28,11 +28,11 @@ UP = np.array([0.0, 0.0, 9.81])
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_both_backends_give_the_same_estimates(seed):
+def test_both_engines_give_the_same_estimates(seed):
     """Turns, sightings, gyro, gaps in all of them and a kidnapping: the same to the last digits."""
     rng = np.random.default_rng(seed)
     start = Gaussian(np.append(rng.normal(size=2) * 0.1, rng.uniform(-3, 3)), np.eye(3) * 1e-3)
-    robots = [PoseFilter(start, MARKS, LocaliserConfig(backend=name)) for name in BACKENDS]
+    robots = [PoseFilter(start, MARKS, LocaliserConfig(engine=name)) for name in ENGINES]
     true = Pose2(*start.mean.tolist())
     for k in range(40):
         step = Pose2(0.03, 0.0, rng.uniform(-0.2, 0.2))
@@ -75,23 +75,23 @@ def test_vectorised_models_agree_with_the_scalar_models(seed, turn, steps):
         assert np.abs(models.sighting_difference(seen, expected)).max() < 1e-12
 
 
-@pytest.mark.parametrize("name", BACKENDS)
+@pytest.mark.parametrize("name", ENGINES)
 def test_the_initial_state_is_returned_unchanged(name):
     mean = np.arange(float(models.WALKER_SIZE)) / 10.0
     P = np.diag(mean + 0.1) * 1e-3
-    believed = ukf_backend(name, Gaussian(mean, P)).state
+    believed = ukf_engine(name, Gaussian(mean, P)).state
     np.testing.assert_allclose(believed.mean, mean)
     np.testing.assert_allclose(believed.covariance, P, rtol=1e-12)
 
 
-def test_an_unknown_backend_is_refused():
-    with pytest.raises(ConfigError, match="backend='fast' is unknown; choose one of"):
-        LocaliserConfig(backend="fast")
+def test_an_unknown_engine_is_refused():
+    with pytest.raises(ConfigError, match="engine='fast' is unknown; choose one of"):
+        LocaliserConfig(engine="fast")
     with pytest.raises(ConfigError, match="unknown"):
-        ukf_backend("fast", Gaussian(np.zeros(models.WALKER_SIZE), np.eye(models.WALKER_SIZE)))
+        ukf_engine("fast", Gaussian(np.zeros(models.WALKER_SIZE), np.eye(models.WALKER_SIZE)))
 
 
-def test_the_compiled_backend_survives_a_nearly_singular_covariance():
+def test_the_compiled_engine_survives_a_nearly_singular_covariance():
     """A thousand noise-free sightings while standing: the covariance stays tiny, positive and finite."""
     robot = PoseFilter(Gaussian(np.zeros(3), np.eye(3) * 1e-4), MARKS)
     exact = [
