@@ -55,6 +55,15 @@ ignore_poses_option = click.option(
 )
 
 
+smooth_option = click.option(
+    "--smooth",
+    "smooth_lag_s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="SECONDS",
+    help="Smooth the poses of the walk by measurements up to this much later; inf: by all (smoothed.txt).",
+)
+
+
 def settings(
     recording: Path | None, config_path: Path | None, overrides: tuple[str, ...], ignore_poses: bool
 ) -> Config:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from dataclasses import asdict
 from pathlib import Path
@@ -22,6 +23,7 @@ from .options import (
     out_option,
     set_option,
     settings,
+    smooth_option,
 )
 from .terminal import FAILED, INTERRUPTED, progress
 
@@ -63,6 +65,7 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     help="Explore for this time instead of walking to a goal.",
 )
+@smooth_option
 @out_option
 @config_option
 @set_option
@@ -77,6 +80,7 @@ def simulate(
     record: bool,
     watch: bool,
     wander: float | None,
+    smooth_lag_s: float | None,
     out: Path | None,
     config_path: Path | None,
     overrides: tuple[str, ...],
@@ -108,6 +112,7 @@ def simulate(
     config = load(config_path, overrides, scene=scene, seed=seed)
     with progress() as say:
         summary = run(config, out, record, say, watch)
+    _smooth(summary, smooth_lag_s)
     _close(summary, as_json, "")
 
 
@@ -123,6 +128,7 @@ def simulate(
     help="Continue an interrupted or killed run into the same --out. Resume only your own runs: "
     "loading a checkpoint can execute code.",
 )
+@smooth_option
 @out_option
 @config_option
 @set_option
@@ -134,6 +140,7 @@ def process(
     workers: int | None,
     scheduler: str | None,
     resume: bool,
+    smooth_lag_s: float | None,
     out: Path | None,
     config_path: Path | None,
     overrides: tuple[str, ...],
@@ -152,6 +159,7 @@ def process(
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --out runs/cabinet
       surefoot process ~/rgbd_dataset_freiburg3_cabinet --ignore-poses
       surefoot process ~/recordings --out runs/all --workers 8
+      surefoot process data/walk --smooth inf          poses smoothed over the whole walk (GTSAM)
     \b
     A recording of `simulate --record` has by default the settings with which it was walked (its config.toml).
     """
@@ -165,12 +173,13 @@ def process(
     config = settings(one if len(recordings) == 1 else None, config_path, overrides, ignore_poses)
     several = one.is_dir() and not holds_recording(one) and description is None and _holds_more(one)
     if len(recordings) > 1 or several or workers or scheduler:
-        if description is not None:
-            raise InputError("--description goes with a single recording")
+        if description is not None or smooth_lag_s is not None:
+            raise InputError("--description and --smooth go with a single recording")
         _process_all(recordings, out, config, workers, scheduler, as_json)
         return
     with progress() as say:
         summary = run(one, description, config, out, say, resume)
+    _smooth(summary, smooth_lag_s)
     words = ["surefoot", "process", str(one), "--out", str(summary.folder), "--resume"]
     words += ["--config", str(summary.folder / "config.toml")]
     if description is not None:
@@ -238,6 +247,15 @@ def _process_all(
         click.echo("\n".join([*batch.lines(rows), f"table: {folder / batch.TABLE}"]))
     if any(row.status == batch.FAILED for row in rows):
         click.get_current_context().exit(FAILED)
+
+
+def _smooth(summary: Summary, lag_s: float | None) -> None:
+    """Smooth the poses of a complete run; nothing if that was not asked for."""
+    from ..offline.smooth import smooth_run
+    from ..results.run_folder import RunFolder
+
+    if lag_s is not None and not summary.interrupted:
+        smooth_run(RunFolder(summary.folder), None if math.isinf(lag_s) else lag_s)
 
 
 def _close(summary: Summary, as_json: bool, resume: str) -> None:

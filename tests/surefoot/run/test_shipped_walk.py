@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from surefoot.cli.main import main
 from surefoot.config.schema import Config
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.recordings.open import open_recording
@@ -23,9 +25,10 @@ WALK = Path(__file__).resolve().parents[3] / "data" / "walk"
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The shipped walk, processed."""
     out = tmp_path_factory.mktemp("shipped") / "run"
-    summary = process.process(WALK, None, Config(), out, lambda text: None)
-    assert summary.frames == open_recording(WALK).info.frames
-    assert not summary.skipped
+    words = ["process", str(WALK), "--out", str(out), "--smooth", "inf", "--json"]
+    summary = json.loads(CliRunner().invoke(main, words, catch_exceptions=False).stdout)
+    assert summary["frames"] == open_recording(WALK).info.frames
+    assert not summary["skipped"]
     return out
 
 
@@ -42,6 +45,11 @@ def test_the_recording_is_small_enough_to_ship():
 def test_where_it_says_it_walked_is_where_it_walked(metrics):
     assert metrics["position_rmse_m"] <= 0.05
     assert metrics["heading_rmse_deg"] <= 2.0
+
+
+def test_poses_smoothed_over_the_walk_are_no_worse_and_within_their_covariance(metrics):
+    assert metrics["smoothed_position_rmse_m"] <= 1.1 * metrics["position_rmse_m"]
+    assert metrics["smoothed_consistent"]
 
 
 def test_its_floor_is_the_floor(metrics):
