@@ -326,7 +326,7 @@ def filter_journey(
     places: np.ndarray,
     p: Parameters,
     weights: Weights,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Filter a whole run with identified landmarks.
 
     Args:
@@ -337,8 +337,8 @@ def filter_journey(
         places: (l, 2).
 
     Returns:
-        Means and covariances of (x, y, yaw) at each instant, status and whitened innovation of each sighting, and
-        the log likelihood of all of them.
+        Means and covariances of (x, y, yaw) at each instant; status, whitened innovation and log density of each
+        sighting.
     """
     count, size = steps.shape[0], mean.shape[0]
     means, covariances = np.empty((count, 3)), np.empty((count, 3, 3))
@@ -346,7 +346,7 @@ def filter_journey(
     slots = (size - SIZE) // 2
     held, used, trust = np.full(slots, -1), np.zeros(slots), np.zeros(2, np.int64)
     scratch = scratch_space(size)
-    total, time_s = 0.0, 0.0
+    densities, time_s = np.zeros(seen.shape[0]), 0.0
     for i in range(count):
         dt, path, turn = steps[i]
         move(mean, root, dt, path, turn, p, weights, scratch)
@@ -359,7 +359,7 @@ def filter_journey(
             )  # fmt: skip
             if status[row] >= 0:
                 whitened[row] = scratch.innovation
-                total += log_mixture(density, p)
+                densities[row] = log_mixture(density, p)
         means[i] = mean[:3]
         pose_covariance(root, covariances[i])
-    return means, covariances, status, whitened, total
+    return means, covariances, status, whitened, densities

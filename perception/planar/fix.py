@@ -49,7 +49,7 @@ class Fix:
     """A pose and its systematic errors at the end of a stretch.
 
     Args:
-        state: Over the first `SIZE` entries of the planar state.
+        state: Over the first `SIZE` entries of the planar state; scale and offset of the distances around 1 and 0.
         sigma_m, sigma_rad: Size of the residuals of distance and bearing; the latter NaN without bearings.
     """
 

@@ -1,12 +1,13 @@
 """Localisation of a log that nobody tuned: start, biases and noise come from the log, and a lost robot is lost.
 
 No start is believed: the robot is lost until `fix` finds its pose from the sightings. Then a planar filter
-follows it, with the scales and the drift of the odometry, and scale and offset of the distances, as states; the
-sizes of the noise maximise the likelihood of the part of the log after the fix. If more than half of the last
-sightings are rejected, the filter is locked out: the robot is lost again and waits for the next fix.
+follows it, with the scales and the drift of the odometry, and scale and offset of the distances, as states; sizes
+and correlation times of the noise maximise the likelihood of the part of the log after the fix. If too many of the
+last sightings are rejected, the filter is locked out: the robot is lost again and waits for the next fix.
 
-The claim is at least as wide as the innovations: the covariance is multiplied by their median NIS, where that is
-above its expectation.
+The claim is at least as wide as the innovations: the covariance is multiplied by their NIS over its expectation, of
+many sightings or of the last three, where that is above one. Stamps of odometry and sightings that disagree make the
+pose unsure along its motion.
 
 Source: ours.
 """
@@ -24,10 +25,11 @@ from jaxtyping import Bool, Float
 
 from ..filtering.consistency import chi_square_quantile
 from ..primitives.gaussian import Gaussian
+from ._planar_kernels import GAIN, OFFSET
 from .config import PlanarConfig
 from .fix import Fix, find_fix
 from .planar import Journey, PlanarFilter, PlanarPrior
-from .planar_fit import SIZES, fit_sizes
+from .planar_fit import fit_sizes
 from .planar_log import PlanarLog
 
 WINDOW = 20  # ours: last sightings that tell whether the filter is locked out
@@ -36,7 +38,10 @@ TOO_SURE = 4.0  # ours: median NIS of them over its expectation: errors twice th
 LONGEST_S = 120.0  # ours: stretch of odometry that a fix bridges
 FIRST_PART = 600  # ours: sightings after a fix that tell the noise
 FIT_INTERVAL_S = 0.5  # ours: longest step of the odometry there; a longer one would cut corners
-MARGIN = 2.0  # ours: on the fitted noise of sightings; errors common to a direction show in no innovation
+MARGIN = 2.0  # ours: on the covariance; errors common to a direction show in no innovation
+RECENT = 3  # ours: last sightings that tell of a slip
+SURPRISE = 0.865  # quantile of one NIS that the median of three exceeds once in twenty triples
+RECOVERY = 0.05  # ours: of the map; the filter that tells the noise goes on after an event
 OUTLIER = 0.05  # ours: share of outliers that is expected
 GATE = chi_square_quantile(0.9997, 2)  # ours: four standard deviations
 
@@ -77,11 +82,10 @@ def localise(
 
     Args:
         log: Odometry and sightings.
-        guess: Sizes of the noise, which the log corrects; its other fields are not used. None: the defaults.
+        guess: Noise, which the log corrects; the defaults if None.
         say: Takes lines of progress.
     """
-    sizes = {name: getattr(guess or PlanarConfig(), name) for names in SIZES for name in names}
-    return _Localiser(log.without_jumps(), PlanarConfig(**sizes), say or (lambda _: None)).run()
+    return _Localiser(log.without_jumps(), guess or PlanarConfig(), say or (lambda _: None)).run()
 
 
 def log_prior(log: PlanarLog) -> PlanarPrior:
@@ -129,12 +133,22 @@ class _Localiser:
                 self._follow(i)
             pose = self.nowhere if self.filter is None else self.filter.pose
             lost[i] = self.filter is None
-            means[i], covariances[i] = pose.mean, pose.covariance * max(1.0, self.inflation)
+            claim = 1.0 if self.filter is None else MARGIN * self.inflation
+            means[i], covariances[i] = pose.mean, claim * pose.covariance
             rejected[i] = self.rejected
+        covariances[~lost] += self._of_clocks(means)[~lost]
         final = None if self.filter is None else self.filter.state
         return LocalisedLog(
             self.stamps, means, covariances, lost, rejected, self.fixes, self.config, self.delay_s, final
         )  # fmt: skip
+
+    def _of_clocks(self, means: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+        """Covariance by the delay between odometry and sightings: nobody knows which of their clocks is right."""
+        totals = np.cumsum(self.journey.steps[:, 1:], axis=0).T
+        before = self.stamps - abs(self.delay_s)
+        path, turn = (total - np.interp(before, self.stamps, total) for total in totals)
+        moved = np.stack([path * np.cos(means[:, 2]), path * np.sin(means[:, 2]), turn], axis=-1)
+        return moved[:, :, None] * moved[:, None, :]
 
     def _follow(self, i: int) -> None:
         """One instant of the filter."""
@@ -143,13 +157,17 @@ class _Localiser:
         for row in range(self.journey.first_row[i], self.journey.first_row[i + 1]):
             seen = self.journey.seen[row]
             used = self.filter.update(int(self.journey.marks[row]), seen)
-            nis = self.filter.nis / chi_square_quantile(0.5, 1 if math.isnan(seen[1]) else 2)
-            self.marks.append((i, used, nis))
+            freedom = 1 if math.isnan(seen[1]) else 2
+            usual, now = (chi_square_quantile(one, freedom) for one in (0.5, SURPRISE))
+            self.marks.append((i, used, self.filter.nis / usual, self.filter.nis / now))
         if self.journey.first_row[i] < self.journey.first_row[i + 1]:
-            self.rejected = float(np.mean([not used for _, used, _ in self.marks]))
+            self.rejected = float(np.mean([not used for _, used, *_ in self.marks]))
             enough = len(self.marks) >= WINDOW // 2
-            self.inflation = float(np.median([nis for _, _, nis in self.marks])) if enough else 1.0
-        locked_out = self.rejected > LOCKED_OUT or self.inflation > TOO_SURE
+            if enough:
+                self.usual = float(np.median([one[2] for one in self.marks]))
+                now = float(np.median([one[3] for one in list(self.marks)[-RECENT:]]))
+                self.inflation = max(1.0, self.usual, now)
+        locked_out = self.rejected > LOCKED_OUT or self.usual > TOO_SURE
         wide = (
             float(np.max(np.diag(self.filter.pose.covariance)[:2]))
             > self.nowhere.covariance[0, 0] / 4.0
@@ -168,15 +186,22 @@ class _Localiser:
         if now < self.next_try_s or self.journey.first_row[i] == self.journey.first_row[i + 1]:
             return
         self.next_try_s = now + max(1.0, 0.2 * (now - float(self.stamps[self.since])))
-        fix = find_fix(self.journey, self.since, i + 1, self.prior)
+        middle = (self.since + i) // 2  # what locked the filter out may be in the first half
+        fix = find_fix(self.journey, self.since, i + 1, self.prior) or find_fix(
+            self.journey, middle, i + 1, self.prior
+        )
         if fix is None:
             return
         self.fixes += 1
         self.say(f"found at {now - self.stamps[0]:.0f} s")
-        self._fit(fix, i + 1)
-        self.filter = PlanarFilter(fix.state, self.places, self.config, self.prior)
+        mean = fix.state.mean.copy()  # the filter counts from the offset and scale of the guess
+        mean[OFFSET] -= self.guess.offset
+        mean[GAIN] -= self.guess.scale - 1.0
+        start = Gaussian(mean, fix.state.covariance)
+        self._fit(fix, start, i + 1)
+        self.filter = PlanarFilter(start, self.places, self.config, self.prior)
 
-    def _fit(self, fix: Fix, first: int) -> None:
+    def _fit(self, fix: Fix, start: Gaussian, first: int) -> None:
         """Noise by the part of the log after a fix; the delay by the first."""
         guess = self._guess(fix)
         now = self.stamps[first - 1]
@@ -186,42 +211,36 @@ class _Localiser:
 
         def part(delay_s: float) -> Journey:
             delay_s = delay_s if self.fixes == 1 else self.delay_s
-            return dataclasses.replace(self.log.journey(delay_s, instants), start=fix.state)
+            return dataclasses.replace(self.log.journey(delay_s, instants), start=start)
 
         config, delay_s = fit_sizes(part, guess, self.delay_s, self.prior)
         if self.fixes == 1:
             self.delay_s, self.journey = delay_s, self.log.journey(delay_s)
-        names = ("depth_near", "depth_far", "bearing_sigma", "place")
-        self.config = dataclasses.replace(
-            config, **{name: MARGIN * getattr(config, name) for name in names}
-        )
+        self.config = dataclasses.replace(config, recover_after=10**9)
 
     def _guess(self, fix: Fix) -> PlanarConfig:
-        """The guess with noise of sightings as large as the residuals of a fix, and no recovery of its own."""
+        """The guess with noise of sightings as large as the residuals of a fix, half by each of its two terms."""
         distances = np.abs(self.log.seen[:, 0])
         far, guess = float(np.median(distances)), self.guess
-        ranged = math.isnan(fix.sigma_rad)
-        depth = (
-            guess.depth_near if ranged else math.hypot(guess.depth_near, guess.depth_far * far**2)
-        )
         bearing = math.hypot(guess.bearing_sigma, guess.bearing_shared)
-        by_depth, by_bearing = fix.sigma_m / depth, 1.0 if ranged else fix.sigma_rad / bearing
+        by_bearing = 1.0 if math.isnan(fix.sigma_rad) else fix.sigma_rad / bearing
+        depth = fix.sigma_m / math.sqrt(2.0)
         return dataclasses.replace(
             guess,
-            depth_near=guess.depth_near * by_depth,
-            depth_far=1e-9 if ranged else guess.depth_far * by_depth,
+            depth_near=depth,
+            depth_far=depth / far**2,
             bearing_sigma=guess.bearing_sigma * by_bearing,
             bearing_shared=guess.bearing_shared * by_bearing,
             outlier=OUTLIER,
             outlier_density=1.0 / float(distances.max()),
             gate=GATE,
-            recover_after=10**9,
+            recovery_m=RECOVERY * float(np.linalg.norm(np.ptp(self.log.places, axis=0))),
         )
 
     def _forget(self) -> None:
         """Begin to judge the filter anew."""
-        self.marks: deque[tuple[int, bool, float]] = deque(maxlen=WINDOW)
-        self.rejected, self.inflation = 0.0, 1.0
+        self.marks: deque[tuple[int, bool, float, float]] = deque(maxlen=WINDOW)
+        self.rejected, self.usual, self.inflation = 0.0, 1.0, 1.0
 
 
 def _nowhere(log: PlanarLog) -> Gaussian:

@@ -119,7 +119,7 @@ class FilteredJourney:
         covariances: Of these.
         status: Of each sighting: 1 used, 0 outside the gate, -1 not finite.
         whitened: Innovation of each sighting; zero where not finite.
-        log_likelihood: Of all sightings by their innovations, outliers included.
+        log_densities: (r,) of each sighting by its innovation, outliers included; zero where not finite.
         final: Mean of the whole state at the end, entries as in the kernels.
     """
 
@@ -127,8 +127,13 @@ class FilteredJourney:
     covariances: Float[np.ndarray, "n 3 3"]
     status: Int8[np.ndarray, "r"]
     whitened: Float[np.ndarray, "r 2"]
-    log_likelihood: float
+    log_densities: Float[np.ndarray, "r"]
     final: Float[np.ndarray, "s"]
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of all sightings."""
+        return float(np.sum(self.log_densities))
 
 
 def sigma_weights(size: int) -> kernels.Weights:
@@ -144,7 +149,7 @@ def filter_journey(
     config, prior = config or PlanarConfig(), prior or PlanarPrior()
     state = prior.state(journey.start, config)
     root = np.linalg.cholesky(state.covariance)
-    means, covariances, status, whitened, likelihood = kernels.filter_journey(
+    means, covariances, status, whitened, densities = kernels.filter_journey(
         state.mean,
         root,
         journey.steps,
@@ -155,7 +160,7 @@ def filter_journey(
         config.parameters,
         sigma_weights(len(state.mean)),
     )
-    return FilteredJourney(means, covariances, status, whitened, float(likelihood), state.mean)
+    return FilteredJourney(means, covariances, status, whitened, densities, state.mean)
 
 
 class PlanarFilter:

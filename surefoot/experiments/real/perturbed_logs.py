@@ -2,15 +2,18 @@
 
 Of each log the localiser knows odometry, sightings and map; start, noise and biases come from the log. Perturbations:
 
-- `heading`: after its 200th sighting the odometry makes half a turn that the robot does not make. No start is ever
+- `heading`: after its 200th sighting the odometry jumps by half a turn that the robot does not make. No start is ever
   believed, so a wrong start heading changes nothing; this is the same error in a filter that is sure of its heading.
+- `turning`: the same half turn within 5 s, at a rate that robots drive, so that the odometry alone does not show it.
 - `drift`: the gyro drifts by 0.5 deg/s.
-- `noise`: the guess of the sizes of the noise is what another kind of log was fitted to.
+- `noise`: the guess of the noise, with all its fields, is what another kind of log was fitted to.
 - `large`, `small`: the guess of all noise is 5 times too large, or too small.
 - `outliers`: one sighting in ten is exchanged for another.
+- `late`: the stamps of all sightings are 0.3 s late.
+- `wheels`: odometry tells 10 % too much of path and turn.
 
-An error is judged while a pose is claimed; for `heading` from a minute after the event, and for the clean log likewise.
-"Beyond 5 sigma" is judged at every instant of every log.
+An error is judged while a pose is claimed; for `heading` and `turning` from a minute after the event, and for the clean
+log likewise. "Beyond 5 sigma" is judged at every instant of every log.
 
 Source: ours; data sets MRCLAM and Plaza, and simulated logs. The constants of the localiser were chosen on simulated
 seeds 100 to 112 and on the clean logs; the simulated figures are of seeds from 0.
@@ -39,7 +42,9 @@ DRIFT_RADPS = math.radians(0.5)
 OUTLIERS = 0.1
 FACTOR = 5.0
 TURNED_AFTER = 200  # sightings
-TURN_S = 5.0  # at a rate that the robots drive themselves
+TURN_S = 5.0  # of the slow half turn
+LATE_S = 0.3
+WHEELS = 1.1
 RECOVERY_S = 60.0
 FAR = 5.0  # standard deviations
 SIMULATED = 6  # seeds of each kind
@@ -111,12 +116,15 @@ def perturbed(read: RobotLog, other: PlanarConfig, say: Say) -> tuple[dict[str, 
     rng = np.random.default_rng(0)
     cases: dict[str, tuple[PlanarLog, PlanarConfig | None]] = {
         "clean": (log, None),
-        "heading": (_turned(log, event), None),
+        "heading": (_turned(log, log.stamps_s > event), None),
+        "turning": (_turned(log, np.clip((log.stamps_s - event) / TURN_S, 0.0, 1.0)), None),
         "drift": (with_drift(log, DRIFT_RADPS), None),
         "noise": (log, other),
         "large": (log, _scaled(FACTOR)),
         "small": (log, _scaled(1.0 / FACTOR)),
         "outliers": (with_outliers(log, OUTLIERS, rng), None),
+        "late": (dataclasses.replace(log, seen_s=log.seen_s + LATE_S), None),
+        "wheels": (dataclasses.replace(log, totals=WHEELS * log.totals), None),
     }
     figures, lines = {}, []
     clean: LogErrors | None = None
@@ -125,7 +133,7 @@ def perturbed(read: RobotLog, other: PlanarConfig, say: Say) -> tuple[dict[str, 
         found = localise(tried, guess)
         errors = LogErrors.of(found, read.truth)
         clean = clean or errors
-        since = event + RECOVERY_S if name == "heading" else -math.inf
+        since = event + RECOVERY_S if name in ("heading", "turning") else -math.inf
         rmse = errors.rmse_m(since)
         ratio = rmse / clean.rmse_m(since)
         lines.append(
@@ -186,10 +194,10 @@ def simulated(say: Say) -> tuple[dict[str, float], list[str]]:
     return figures, lines
 
 
-def _turned(log: PlanarLog, at_s: float) -> PlanarLog:
-    """The log with half a turn of the odometry that the robot does not make."""
+def _turned(log: PlanarLog, share: Float[np.ndarray, "n"]) -> PlanarLog:
+    """The log with half a turn of the odometry that the robot does not make; share of it at each stamp."""
     totals = log.totals.copy()
-    totals[:, 1] += math.pi * np.clip((log.stamps_s - at_s) / TURN_S, 0.0, 1.0)
+    totals[:, 1] += math.pi * share
     return dataclasses.replace(log, totals=totals)
 
 

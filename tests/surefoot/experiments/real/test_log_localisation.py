@@ -52,6 +52,38 @@ def test_a_drifting_gyro_becomes_a_state(ranged):
     assert found.final[DRIFT] - drifting.final[DRIFT] == pytest.approx(rate, abs=0.25 * rate)
 
 
+def test_half_a_turn_that_the_odometry_invents_is_noticed_and_survived(tagged):
+    drawn, found = tagged
+    totals = drawn.log.totals.copy()
+    totals[:, 1] += math.pi * np.clip((drawn.log.stamps_s - 25.0) / 5.0, 0.0, 1.0)
+    broken = localise(dataclasses.replace(drawn.log, totals=totals))
+    errors = LogErrors.of(broken, drawn.truth)
+    end = errors.stamps_s > 60.0
+    assert not errors.lost[end].all()
+    assert errors.squared[end].max() < 25.0
+    assert errors.beyond_s <= 10.0
+    assert errors.rmse_m(60.0) <= 2.0 * LogErrors.of(found, drawn.truth).rmse_m(60.0)
+
+
+@pytest.mark.parametrize("kind", ["ranged", "tagged"])
+def test_the_noise_of_another_log_taken_whole_changes_little(kind, request):
+    drawn, found = request.getfixturevalue(kind)
+    _, other = request.getfixturevalue("tagged" if kind == "ranged" else "ranged")
+    foreign = dataclasses.replace(other.config, depth_memory=100.0, bearing_memory=0.5)
+    errors = LogErrors.of(localise(drawn.log, foreign), drawn.truth)
+    assert errors.rmse_m() <= 1.3 * LogErrors.of(found, drawn.truth).rmse_m()
+    assert errors.beyond_s < 1.0
+
+
+def test_late_stamps_make_the_pose_unsure_along_the_motion(tagged):
+    drawn, found = tagged
+    late = localise(dataclasses.replace(drawn.log, seen_s=drawn.log.seen_s + 0.5))
+    assert late.delay_s - found.delay_s == pytest.approx(0.5, abs=0.2)
+    errors = LogErrors.of(late, drawn.truth)
+    assert errors.anees < 2.0
+    assert errors.beyond_s < 1.0
+
+
 def test_without_true_sightings_the_robot_is_lost_and_claims_nothing():
     drawn = simulated_log(23, ranges=True, seconds=30.0)
     log = with_outliers(drawn.log, 1.0, np.random.default_rng(0))
