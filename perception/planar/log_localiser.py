@@ -32,18 +32,18 @@ from .planar import Journey, PlanarFilter, PlanarPrior
 from .planar_fit import fit_sizes
 from .planar_log import PlanarLog
 
+MARGIN = 2.0  # ours: on the covariance; errors common to a direction show in no innovation
 WINDOW = 20  # ours: last sightings that tell whether the filter is locked out
 LOCKED_OUT = 0.4  # ours: share of them that is rejected; 20 % of outliers exceed it once in a hundred windows
-TOO_SURE = 4.0  # ours: median NIS of them over its expectation: errors twice the claim
+TOO_SURE = 4.0 * MARGIN  # ours: median NIS of them over its expectation: errors twice the claim
 LONGEST_S = 120.0  # ours: stretch of odometry that a fix bridges
 FIRST_PART = 600  # ours: sightings after a fix that tell the noise
 FIT_INTERVAL_S = 0.5  # ours: longest step of the odometry there; a longer one would cut corners
-MARGIN = 2.0  # ours: on the covariance; errors common to a direction show in no innovation
 RECENT = 3  # ours: last sightings that tell of a slip
 SURPRISE = 0.865  # quantile of one NIS that the median of three exceeds once in twenty triples
 RECOVERY = 0.05  # ours: of the map; the filter that tells the noise goes on after an event
 OUTLIER = 0.05  # ours: share of outliers that is expected
-GATE = chi_square_quantile(0.9997, 2)  # ours: four standard deviations
+GATE = MARGIN * chi_square_quantile(0.9997, 2)  # ours: four standard deviations of the claim
 
 Say = Callable[[str], None]
 
