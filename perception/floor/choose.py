@@ -2,7 +2,8 @@
 
 The floor is not the largest plane. It agrees with the prior, has points on it, and has no points below it. `ransac`
 and `hough` propose planes by these criteria. The rest is common to both: a fit to all points, a test against
-the prior with both covariances, and a test for points below.
+the prior with both covariances, and a test for points below. `printed` is the procedure of seed 003 without these
+changes (`flow_chart`).
 
 Source: seed 003, section 3, Fig. 4 steps 5 and 6; the choice among planes is ours.
 """
@@ -20,13 +21,13 @@ from ..depth.points import Points
 from ..primitives.errors import ConfigError
 from ..primitives.plane import Plane
 from ..primitives.settings import setting
-from . import hough, ransac
+from . import flow_chart, hough, ransac
 from .hough import HoughConfig
 from .prior import gate
 from .refine import LEAST_POINTS, Fit, RefineConfig, core_without_bend, fuse, mixed, refine
 from .sample import ScoreConfig, draw
 
-METHODS = ("ransac", "hough")
+METHODS = ("ransac", "hough", "printed")
 MOST_POINTS = 40_000  # ours: more points do not improve the fit
 GATE_SIGMAS = 4.0  # ours: planes farther from the prior are not searched
 MOST_TILT_DEG = 60.0  # ours: steeper planes are walls, however weak the prior
@@ -49,7 +50,10 @@ class FloorConfig:
     """How the floor is searched for."""
 
     method: str = setting(
-        "ransac", "", "plane search: ransac, or hough as in seed 003", "ours: fastest"
+        "ransac",
+        "",
+        "plane search: ransac, hough, or printed: seed 003's flow chart as published",
+        "ours: fastest",
     )
     sample: ScoreConfig = field(default_factory=ScoreConfig)
     hough: HoughConfig = field(default_factory=HoughConfig)
@@ -59,7 +63,7 @@ class FloorConfig:
     def __post_init__(self) -> None:
         if self.method not in METHODS:
             raise ConfigError(
-                f"floor: method={self.method!r} is unknown; choose {' or '.join(METHODS)}"
+                f"floor: method={self.method!r} is unknown; choose {', '.join(METHODS)}"
             )
 
 
@@ -99,8 +103,8 @@ def find(
         sensor: "tof", "stereo" or "depth", which sets the distortion of depth; None if unknown.
 
     Returns:
-        The floor, fused with the prior; None if no plane agrees with the prior, has enough points on it, and
-        has no points below it.
+        The floor, fused with the prior (not by `printed`); None if no plane agrees with the prior, has enough
+        points on it, and has no points below it.
 
     Source: seed 003, section 3, Fig. 4.
     """
@@ -108,6 +112,9 @@ def find(
     if len(points) < LEAST_POINTS:
         return None
     points = thinned(points, MOST_POINTS)
+    if config.method == "printed":
+        printed = flow_chart.find(points, prior, rng, config.distortion.of(sensor))
+        return None if printed is None else _floor(printed, printed.plane)
     searched = gate(prior, GATE_SIGMAS, math.radians(MOST_TILT_DEG), LEAST_HEIGHT_M)
     sample = draw(points, prior, searched, rng, config.sample)
     flank = 0.0
@@ -157,7 +164,12 @@ def _verified(fit: Fit, prior: Plane) -> Floor | None:
     if distance > 2.0 * float(gammaincinv(1.5, CONFIDENCE)):  # chi-square, 3
         return None
     doubted = mixed(plane, prior, min(1.0, fit.share / LEAST_SHARE))
-    return Floor(doubted, fit.share, fit.below_share, fit.among_points)
+    return _floor(fit, doubted)
+
+
+def _floor(fit: Fit, plane: Plane) -> Floor:
+    """A fit as the floor, with the plane that is believed."""
+    return Floor(plane, fit.share, fit.below_share, fit.among_points)
 
 
 def thinned(points: Points, most: int) -> Points:

@@ -158,7 +158,7 @@ def refine(
     inverse = np.linalg.inv(A)
     factor = float(np.trace(inverse @ B)) / 3.0 * cells / max(cells - 3, 1)
     factor = max(factor, 1.0 if cells < MANY_CELLS else LEAST_FACTOR)
-    J = _jacobian(Plane(normal, rho))
+    J = slope_jacobian(Plane(normal, rho))
     own = J @ (factor * inverse) @ J.T
     edge = max(float(np.max(np.abs(points.xyz[:, 0] / points.xyz[:, 2]))), LEAST_EDGE)
     common = J @ common_covariance(sums, inverse, change, before, distortion, edge) @ J.T
@@ -234,7 +234,7 @@ def turned(
     return np.asarray(T @ P @ T.T)
 
 
-def _jacobian(plane: Plane) -> Float[np.ndarray, "3 3"]:
+def slope_jacobian(plane: Plane) -> Float[np.ndarray, "3 3"]:
     """Jacobian of (tilt, tilt, offset) with respect to the slope a = -n / rho."""
     n, rho = plane.normal, plane.offset_m
     first, second = plane.tangents  # dn = -rho (I - n n^T) da, drho = rho^2 n.da

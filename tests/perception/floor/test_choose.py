@@ -193,7 +193,7 @@ def test_too_few_points_give_no_floor(look):
 
 
 def test_an_invalid_configuration_is_refused_with_a_message():
-    with pytest.raises(ConfigError, match="choose ransac or hough"):
+    with pytest.raises(ConfigError, match="choose ransac, hough, printed"):
         FloorConfig(method="least squares")
 
 
