@@ -10,7 +10,8 @@ Source: ours.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -27,23 +28,22 @@ UPRIGHT_M = (
 )
 
 
+Kind = TypeVar("Kind", bound="Seen")
+
+
 @dataclass(frozen=True, eq=False)
-class Voxels:
-    """Voxels of the obstacle cloud.
+class Seen:
+    """How voxels, or columns of them, were seen; means over a column.
 
     Args:
-        xyz: Mean points, world frame, z above the floor, m.
-        sightings: Number of frames that saw each.
-        stay: Share of the frames that saw its cell of the map in which an obstacle stood there; NaN if not known.
-        sensor: Mean position of the sensor that saw it, world frame, m; NaN if not known.
-        pose_variance: Mean variance of its place by the doubt of the pose, per axis, m^2.
-        noise_variance: Mean variance of its points by the noise of the sensor, per axis, m^2.
+        stay: Share of the frames that saw the cell of the map in which an obstacle stood there; NaN if not known.
+        sensor: Mean position of the sensor, world frame, m; NaN if not known.
+        pose_variance: Mean variance of the place by the doubt of the pose, per axis, m^2.
+        noise_variance: Mean variance of the points by the noise of the sensor, per axis, m^2.
         colour: Mean colour, RGB from 0 to 255; NaN without a camera.
-        occupancy: Probability that an obstacle covers its cell of the map; NaN if not known.
+        occupancy: Probability that an obstacle covers the cell of the map; NaN if not known.
     """
 
-    xyz: Float[np.ndarray, "n 3"]
-    sightings: Float[np.ndarray, "n"]
     stay: Float[np.ndarray, "n"]
     sensor: Float[np.ndarray, "n 2"]
     pose_variance: Float[np.ndarray, "n"]
@@ -52,15 +52,28 @@ class Voxels:
     occupancy: Float[np.ndarray, "n"]
 
     def __len__(self) -> int:
-        return len(self.xyz)
+        return len(self.stay)
 
-    def of(self, chosen: Int[np.ndarray, "k"] | Bool[np.ndarray, "n"]) -> Voxels:
-        """Some of the voxels."""
-        return Voxels(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+    def of(self: Kind, chosen: Int[np.ndarray, "k"] | Bool[np.ndarray, "n"]) -> Kind:
+        """Some of them."""
+        return type(self)(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class Voxels(Seen):
+    """Voxels of the obstacle cloud.
+
+    Args:
+        xyz: Mean points, world frame, z above the floor, m.
+        sightings: Number of frames that saw each.
+    """
+
+    xyz: Float[np.ndarray, "n 3"]
+    sightings: Float[np.ndarray, "n"]
+
+
+@dataclass(frozen=True, eq=False)
+class Columns(Seen):
     """Columns of voxels.
 
     Args:
@@ -68,36 +81,18 @@ class Columns:
         weight: Sightings of all its voxels.
         count: Number of voxels.
         low, top: Heights of the lowest and the highest voxel, m.
-        stay: Mean; NaN if not known.
-        sensor: Mean position of the sensor, m; NaN if not known.
-        pose_variance, noise_variance: Means, m^2.
-        colour: Mean, RGB; NaN without a camera.
-        occupancy: Mean; NaN if not known.
         upright: Whether it is part of a vertical face.
     """
 
-    xy: Float[np.ndarray, "k 2"]
-    weight: Float[np.ndarray, "k"]
-    count: Int[np.ndarray, "k"]
-    low: Float[np.ndarray, "k"]
-    top: Float[np.ndarray, "k"]
-    stay: Float[np.ndarray, "k"]
-    sensor: Float[np.ndarray, "k 2"]
-    pose_variance: Float[np.ndarray, "k"]
-    noise_variance: Float[np.ndarray, "k"]
-    colour: Float[np.ndarray, "k 3"]
-    occupancy: Float[np.ndarray, "k"]
-    upright: Bool[np.ndarray, "k"]
-
-    def __len__(self) -> int:
-        return len(self.xy)
-
-    def of(self, chosen: Int[np.ndarray, "m"] | Bool[np.ndarray, "k"]) -> Columns:
-        """Some of the columns."""
-        return Columns(*(getattr(self, name)[chosen] for name in self.__dataclass_fields__))
+    xy: Float[np.ndarray, "n 2"]
+    weight: Float[np.ndarray, "n"]
+    count: Int[np.ndarray, "n"]
+    low: Float[np.ndarray, "n"]
+    top: Float[np.ndarray, "n"]
+    upright: Bool[np.ndarray, "n"]
 
     @property
-    def to_sensor(self) -> Float[np.ndarray, "k 2"]:
+    def to_sensor(self) -> Float[np.ndarray, "n 2"]:
         """Unit direction to the sensor; NaN if not known."""
         away = self.sensor - self.xy
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -111,31 +106,25 @@ def stack(voxels: Voxels) -> Columns:
     cell = cell.reshape(-1)
     count = np.bincount(cell)
 
-    def mean(values: Float[np.ndarray, "n"]) -> Float[np.ndarray, "k"]:
-        return np.asarray(np.bincount(cell, values) / count)
-
-    def means(values: Float[np.ndarray, "n d"]) -> Float[np.ndarray, "k d"]:
+    def mean(values: Float[np.ndarray, "n *d"]) -> Float[np.ndarray, "k *d"]:
+        if values.ndim == 1:
+            return np.asarray(np.bincount(cell, values) / count)
         return np.stack([mean(column) for column in values.T], axis=1)
 
     low, top = np.full(len(count), np.inf), np.full(len(count), -np.inf)
     np.minimum.at(low, cell, voxels.xyz[:, 2])
     np.maximum.at(top, cell, voxels.xyz[:, 2])
-    xy = means(voxels.xyz[:, :2])
+    xy = mean(voxels.xyz[:, :2])
     weight = np.bincount(cell, voxels.sightings)
     high = float(np.quantile(voxels.xyz[:, 2], 0.95))
     found = Columns(
-        xy,
-        weight,
-        count,
-        low,
-        top,
-        mean(voxels.stay),
-        means(voxels.sensor),
-        mean(voxels.pose_variance),
-        mean(voxels.noise_variance),
-        means(voxels.colour),
-        mean(voxels.occupancy),
-        top - low >= min(UPRIGHT_M, 0.5 * high),
+        **{field.name: mean(getattr(voxels, field.name)) for field in fields(Seen)},
+        xy=xy,
+        weight=weight,
+        count=count,
+        low=low,
+        top=top,
+        upright=top - low >= min(UPRIGHT_M, 0.5 * high),
     )
     around = cKDTree(xy).query_pairs(FRINGE_M, output_type="ndarray")
     densest = weight.copy()

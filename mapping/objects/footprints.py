@@ -129,14 +129,14 @@ def voxels_of(
     n = len(xyz)
     nothing = np.full(n, np.nan)
     return Voxels(
-        xyz.astype(np.float64),
-        np.ones(n) if sightings is None else sightings.astype(np.float64),
         nothing,
         np.full((n, 2), np.nan) if sensor is None else sensor.astype(np.float64),
         np.zeros(n),
         np.zeros(n),
         np.full((n, 3), np.nan),
         nothing,
+        xyz.astype(np.float64),
+        np.ones(n) if sightings is None else sightings.astype(np.float64),
     )
 
 

@@ -71,14 +71,14 @@ class ObstacleCloud:
         stay[inside] = world.stay[rows[inside], columns[inside]]
         values = self._obstacles.values
         voxels = Voxels(
-            xyz,
-            self._obstacles.sightings.astype(np.float64),
             stay,
             values[:, :2],
             values[:, 2],
             values[:, 3],
             np.full((len(xyz), 3), np.nan) if colours is None else colours.astype(np.float64),
             occupancy,
+            xyz,
+            self._obstacles.sightings.astype(np.float64),
         )
         free = FreeCells(world.known & (probability < FREE_BELOW), world.origin, world.cell_m)
         return footprints.find(voxels.of(occupancy > OCCUPIED), config, free)

@@ -13,18 +13,18 @@ def wall(length_m: float) -> Columns:
     y = np.arange(0.0, length_m, 0.02)
     n = len(y)
     return Columns(
-        np.column_stack([np.zeros(n), y]),
-        np.full(n, 9.0),
-        np.full(n, 20),
-        np.zeros(n),
-        np.full(n, 0.8),
-        np.ones(n),
-        np.tile([2.0, length_m / 2], (n, 1)),
-        np.full(n, 1e-4),
-        np.full(n, 1e-4),
-        np.full((n, 3), np.nan),
-        np.ones(n),
-        np.ones(n, dtype=bool),
+        stay=np.ones(n),
+        sensor=np.tile([2.0, length_m / 2], (n, 1)),
+        pose_variance=np.full(n, 1e-4),
+        noise_variance=np.full(n, 1e-4),
+        colour=np.full((n, 3), np.nan),
+        occupancy=np.ones(n),
+        xy=np.column_stack([np.zeros(n), y]),
+        weight=np.full(n, 9.0),
+        count=np.full(n, 20),
+        low=np.zeros(n),
+        top=np.full(n, 0.8),
+        upright=np.ones(n, dtype=bool),
     )
 
 
