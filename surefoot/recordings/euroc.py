@@ -12,25 +12,22 @@ Source: Burri et al., IJRR 2016 (file formats).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
-import cv2
 import numpy as np
 from jaxtyping import Float
 
 from perception.depth.rectification import Rectification, rectification
-from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError, RecordingError
-from perception.primitives.frame import Frame, Imu
+from perception.primitives.frame import Frame, Imu, StereoView
 from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
 
 from .description import Description, complete
 from .folder import pictures
-from .images import read_colour
 from .poses import ASSOCIATION_S, pose_of_row
-from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
+from .recording import RecordingInfo
 from .stereo_calibration import RawCamera, read_euroc_camera, read_extrinsics
+from .stereo_pairs import StereoRecording
 
 FIRST_S = 0.05  # ours: the first frame uses the samples within this time around it
 MAX_MEAN_S = 1.0  # ours: longest interval before a frame whose samples are averaged
@@ -83,8 +80,8 @@ def open_euroc(path: Path, description: Description | None = None) -> EurocRecor
     )
 
 
-class EurocRecording:
-    """Rectified stereo pairs, optionally with inertial measurements and poses.
+class EurocRecording(StereoRecording):
+    """Stereo pairs, rectified by the reader, optionally with inertial measurements and poses.
 
     Args:
         path: Folder, for messages.
@@ -107,17 +104,14 @@ class EurocRecording:
         rig: Rectification,
         remarks: list[str],
     ) -> None:
-        if not files:
-            raise RecordingError(
-                f"{path}: no image of cam0 matches one of cam1; equal stamps were expected"
-            )
-        self.info, self.remarks, self.rig = info, remarks, rig
+        self._stamps = [stamp for stamp, _, _ in files]
+        pairs = [(_NS * (stamp - self._stamps[0]), a, b) for stamp, a, b in files]
+        super().__init__(path, info, pairs, left.camera, rig.apply, remarks)
+        self.rig = rig
         self.T_body_rectified = left.T_body_camera @ rig.T_left_rectified
-        self._path, self._files, self._raw = path, files, left.camera
         self._poses: np.ndarray | None = None
         self._samples: np.ndarray | None = None
         self._turn_imu = np.eye(3)
-        self._skips = SkipLog()
 
     def with_tables(
         self,
@@ -131,34 +125,14 @@ class EurocRecording:
         self._turn_imu = CAMERA_IN_BODY_AXES @ T_camera_imu.rotation
         return self
 
-    @property
-    def skipped(self) -> list[SkippedFrame]:
-        """Frames skipped so far by the latest `frames()`."""
-        return self._skips.skipped
-
-    def frames(self) -> Iterator[Frame]:
-        """The readable pairs, rectified, one in memory at a time.
-
-        Raises:
-            RecordingError: No pair can be read.
-        """
-        skips = self._skips = SkipLog()
-        before: int | None = None
-        first = self._files[0][0]
-        for stamp, left, right in self._files:
-            try:
-                pair = [_grey(file, self._raw) for file in (left, right)]
-                pose = self._pose(stamp)
-            except FrameError as error:
-                skips.skip(left.name, str(error))
-                continue
-            skips.note(_NS * (stamp - first))
-            view = self.rig.apply(pair[0], pair[1])
-            imu = self._inertial(before, stamp)
-            before = stamp
-            yield Frame(_NS * (stamp - first), stereo=view, imu=imu, T_world_camera=pose)
-        if skips.returned == 0:
-            raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+    def _frame(self, number: int, before: int | None, view: StereoView) -> Frame:
+        stamp = self._stamps[number]
+        return Frame(
+            self._files[number][0],
+            stereo=view,
+            imu=self._inertial(None if before is None else self._stamps[before], stamp),
+            T_world_camera=self._pose(stamp),
+        )
 
     def _pose(self, stamp: int) -> Pose3 | None:
         """Pose of the rectified left camera in the world; None without a body pose within 20 ms."""
@@ -220,10 +194,6 @@ def _pairs(path: Path) -> list[tuple[int, Path, Path]]:
         {int(p.stem): p for p in _pictures(path, name) if p.stem.isdigit()} for name in _CAMERAS
     )
     return [(stamp, left[stamp], right[stamp]) for stamp in sorted(left) if stamp in right]
-
-
-def _grey(path: Path, camera: Camera) -> np.ndarray:
-    return np.asarray(cv2.cvtColor(read_colour(path, camera), cv2.COLOR_RGB2GRAY), np.uint8)
 
 
 def _table(path: Path | None, columns: int) -> Float[np.ndarray, "n k"] | None:

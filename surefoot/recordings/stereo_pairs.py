@@ -12,11 +12,13 @@ Source: ROS sensor_msgs/CameraInfo; OpenCV, samples/cpp/stereo_calib.cpp (extrin
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
@@ -27,6 +29,8 @@ from .folder import KINECT_HZ, is_stamp, pair, pictures
 from .images import image_size, read_colour
 from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
 from .stereo_calibration import has_opencv_pair, read_opencv_pair, read_rectified_pair
+
+Grey: TypeAlias = UInt8[np.ndarray, "h w"]
 
 _FOLDERS = (("left", "right"), ("image_0", "image_1"), ("image_left", "image_right"))
 _SUFFIXES = (".yaml", ".yml")
@@ -63,18 +67,25 @@ def open_stereo(path: Path, description: Description | None = None) -> StereoRec
         for k, (s, one) in enumerate(zip(stamps, pairs, strict=True))
     ]
     info = RecordingInfo(name=path.resolve().name, kind="stereo", frames=len(files))
-    return StereoRecording(path, complete(info, description), files, camera, baseline_m, remarks)
+    return StereoRecording(
+        path,
+        complete(info, description),
+        files,
+        camera,
+        lambda left, right: StereoView(left, right, baseline_m, camera),
+        remarks,
+    )
 
 
 class StereoRecording:
-    """Rectified stereo pairs.
+    """Stereo pairs, rectified.
 
     Args:
         path: Folder, for messages.
         info: Information about the recording.
         files: Stamp, s, left and right image of every pair, in order of time.
-        camera: The left camera.
-        baseline_m: Distance of the right camera.
+        camera: Of the size of all images.
+        view: The rectified pair of two images.
         remarks: Remarks for the user.
 
     Raises:
@@ -87,7 +98,7 @@ class StereoRecording:
         info: RecordingInfo,
         files: list[tuple[float, Path, Path]],
         camera: Camera,
-        baseline_m: float,
+        view: Callable[[Grey, Grey], StereoView],
         remarks: list[str],
     ) -> None:
         if not files:
@@ -95,7 +106,7 @@ class StereoRecording:
                 f"{path}: no left image matches a right one; equal numbers in their names were expected"
             )
         self.info, self.remarks = info, remarks
-        self._path, self._files, self._camera, self._baseline_m = path, files, camera, baseline_m
+        self._path, self._files, self._camera, self._view = path, files, camera, view
         self._skips = SkipLog()
 
     @property
@@ -110,18 +121,28 @@ class StereoRecording:
             RecordingError: No pair can be read.
         """
         skips = self._skips = SkipLog()
-        for stamp_s, left, right in self._files:
+        before: int | None = None
+        for number, (stamp_s, *files) in enumerate(self._files):
             try:
                 skips.check_stamp(stamp_s)
-                grey = [_grey(file, self._camera) for file in (left, right)]
+                left, right = (_grey(file, self._camera) for file in files)
+                frame = self._frame(number, before, self._view(left, right))
             except FrameError as error:
-                skips.skip(left.name, str(error))
+                skips.skip(files[0].name, str(error))
                 continue
             skips.note(stamp_s)
-            view = StereoView(grey[0], grey[1], self._baseline_m, self._camera)
-            yield Frame(stamp_s, stereo=view)
+            before = number
+            yield frame
         if skips.returned == 0:
             raise RecordingError(f"{self._path}: no frame can be used{skips.why()}")
+
+    def _frame(self, number: int, before: int | None, view: StereoView) -> Frame:
+        """The frame of a pair; `before` is the number of the frame returned last.
+
+        Raises:
+            FrameError: The frame cannot be used.
+        """
+        return Frame(self._files[number][0], stereo=view)
 
 
 def _images(path: Path) -> tuple[list[Path], list[Path]]:
@@ -180,5 +201,5 @@ def _stamp(path: Path) -> float | None:
     return 1e-9 * int(path.stem) if is_ns else None
 
 
-def _grey(path: Path, camera: Camera) -> np.ndarray:
+def _grey(path: Path, camera: Camera) -> Grey:
     return np.asarray(cv2.cvtColor(read_colour(path, camera), cv2.COLOR_RGB2GRAY), np.uint8)

@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 from perception.localisation.camera_pose import CameraPoseSource
+from perception.localisation.pose_source import PoseSource
 from perception.odometry.odometry_poses import OdometryPoses
 from perception.primitives.errors import RecordingError
 
@@ -88,16 +89,8 @@ def process(
         write_poses(folder, "truth/trajectory.txt", recording.poses.items())
     else:
         folder.adopt_truth(path)
-    in_space = isinstance(source, CameraPoseSource)
-    if isinstance(source, CameraPoseSource):
-        camera.write(folder, source.T_map_origin)
-    notes = [*recorder.notes(), *recording.remarks]
-    if isinstance(source, OdometryPoses):
-        odometer = source.odometer
-        threshold = odometer.config.alarm.threshold
-        notes.append(
-            write_tracking(folder, source.stamps, odometer.states, odometer.failures, threshold)
-        )
+    tracked = _write_camera(folder, source, camera)
+    notes = (*recorder.notes(), *recording.remarks, tracked)
     summary = Summary(
         folder.root,
         recorder.frames,
@@ -109,8 +102,20 @@ def process(
     words = ["surefoot", "process", str(path), "--config", str(folder.path("config.toml"))]
     if description is not None:
         words += ["--description", str(description)]
-    entries = {"command": shlex.join(words), "trajectory": "camera" if in_space else "body"}
+    moves = "camera" if isinstance(source, CameraPoseSource) else "body"
+    entries = {"command": shlex.join(words), "trajectory": moves}
     recorder.finish(pipeline, summary.as_dict() | entries)
     if not interrupted:
         keeper.done()
     return summary
+
+
+def _write_camera(folder: RunFolder, source: PoseSource, camera: CameraTrajectory) -> str:
+    """Write the trajectory of a freely moving camera, and how well its odometry held; a note on the latter."""
+    if isinstance(source, CameraPoseSource):
+        camera.write(folder, source.T_map_origin)
+    if not isinstance(source, OdometryPoses):
+        return ""
+    odometer = source.odometer
+    threshold = odometer.config.alarm.threshold
+    return write_tracking(folder, source.stamps, odometer.states, odometer.failures, threshold)
