@@ -137,7 +137,7 @@ def walked(folder: Path, fall_back: bool, limit_s: float) -> dict[str, float]:
         mission=MissionConfig(time_limit_s=limit_s),
         depth_health=DepthHealthConfig(fall_back=fall_back),
     )
-    simulate.simulate(config, folder, False, lambda text: None)
+    simulate.simulate(config, folder, fall_back, lambda text: None)
     run = RunFolder.open(folder)
     way = run.read_trajectory("truth/trajectory.txt")
     assert way is not None
@@ -145,10 +145,15 @@ def walked(folder: Path, fall_back: bool, limit_s: float) -> dict[str, float]:
     return {**evaluate(run), "left_m": float(left)}
 
 
-def test_in_a_room_without_texture_the_robot_walks_on_by_colour_and_touches_nothing(tmp_path):
+def test_in_a_room_without_texture_the_robot_walks_on_by_colour_and_touches_nothing(
+    tmp_path, assert_same_offline
+):
     by_colour = walked(tmp_path / "run", True, 18.0)
     assert by_colour["contacts"] == 0
     assert by_colour["left_m"] < 2.0
+    why = RunFolder.open(tmp_path / "run").read_csv("commands.csv").words("why")
+    assert any(word.startswith(BY_COLOUR) for word in why)
+    assert_same_offline(tmp_path / "run")
 
 
 def test_without_the_fallback_the_robot_makes_no_progress(tmp_path):

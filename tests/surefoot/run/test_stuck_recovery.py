@@ -108,12 +108,12 @@ def test_the_search_planner_has_the_recovery_unless_it_is_switched_off(change, e
     assert isinstance(planner._planner, StuckRecovery) is expected
 
 
-def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path):
+def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path, assert_same_offline):
     """From wall to wall two cartons, 26 cm apart: the search keeps 16 cm to each side of its middle."""
     scene = tmp_path / "slot.toml"
     scene.write_text(SLOT)
     config = replace(CONFIG, scene=str(scene), robot=replace(CONFIG.robot, stereo=False))
-    simulate.simulate(config, tmp_path / "run", False, lambda text: None)
+    simulate.simulate(config, tmp_path / "run", True, lambda text: None)
     run = RunFolder.open(tmp_path / "run")
     found = evaluate(run)
     assert found["contacts"] == 0
@@ -124,3 +124,4 @@ def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path):
     made = run.read_csv("commands.csv")
     assert made is not None
     assert any(word.startswith(RECOVERY) for word in made.words("why"))
+    assert_same_offline(run.root)

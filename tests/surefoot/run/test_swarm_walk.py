@@ -26,8 +26,12 @@ def walked(tmp_path_factory):
         None, ["mission.planner=swarm", "mission.time_limit_s=12"], scene="robots_room", seed=1
     )
     out = tmp_path_factory.mktemp("swarm") / "run"
-    simulate.simulate(config, out, False, lambda text: None)
+    simulate.simulate(config, out, True, lambda text: None)
     return RunFolder.open(out)
+
+
+def test_every_table_and_map_is_the_same_offline(walked, assert_same_offline):
+    assert_same_offline(walked.root)
 
 
 def test_a_track_that_was_seen_lies_where_the_robot_of_that_moment_is(walked):
