@@ -23,6 +23,12 @@ TABLES = (
 
 
 @pytest.fixture
+def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs draw no report, which takes seconds: for tests that look at other files."""
+    monkeypatch.setattr("surefoot.report.page.write_report", lambda run: None)
+
+
+@pytest.fixture
 def assert_same() -> Callable[[Path, Path], None]:
     """Asserts that two run folders hold the same estimates and maps, bit for bit."""
 
@@ -43,12 +49,11 @@ def assert_same() -> Callable[[Path, Path], None]:
 
 @pytest.fixture
 def assert_same_offline(
-    assert_same: Callable[[Path, Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    assert_same: Callable[[Path, Path], None], tmp_path: Path, without_report: None
 ) -> Callable[[Path], None]:
     """Asserts that the recording of a live run, processed with its settings, gives the same."""
 
     def same(live: Path) -> None:
-        monkeypatch.setattr("surefoot.report.page.write_report", lambda run: None)  # not compared
         offline = tmp_path / "offline"
         process.process(live, None, load(live / "config.toml"), offline, lambda text: None)
         assert_same(live, offline)

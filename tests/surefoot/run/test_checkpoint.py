@@ -22,6 +22,7 @@ class Killed(BaseException):
     """As SIGKILL would, without a chance to tidy up."""
 
 
+@pytest.mark.usefixtures("without_report")
 def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, monkeypatch):
     quiet = lambda text: None  # noqa: E731
     process.process(WALK, None, Config(), tmp_path / "whole", quiet)

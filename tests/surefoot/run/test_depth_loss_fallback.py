@@ -156,6 +156,7 @@ def test_in_a_room_without_texture_the_robot_walks_on_by_colour_and_touches_noth
     assert_same_offline(tmp_path / "run")
 
 
+@pytest.mark.usefixtures("without_report")
 def test_without_the_fallback_the_robot_makes_no_progress(tmp_path):
     assert walked(tmp_path / "run", False, 9.0)["left_m"] > 2.3
 

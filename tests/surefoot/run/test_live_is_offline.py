@@ -15,13 +15,13 @@ from surefoot.results.run_folder import RunFolder
 from surefoot.run import simulate
 
 WALKS = {
-    "field": ("home", 6.0, ["mission.planner=field"]),
+    "field": ("home", 8.0, ["mission.planner=field"]),
     "swarm, optical flow": (
         "robots_room",
         5.0,
         ["mission.planner=swarm", "swarm.version=published"],
     ),
-    "avoidance": ("home", 8.0, ["mission.planner=avoidance", "robot.stereo=false"]),
+    "avoidance": ("home", 10.0, ["mission.planner=avoidance", "robot.stereo=false"]),
 }
 """Name to scene, time limit in s, and settings."""
 

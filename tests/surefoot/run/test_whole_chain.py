@@ -45,6 +45,7 @@ def test_a_recording_processed_gives_the_same_to_the_last_bit(walked, assert_sam
     assert_same_offline(walked)
 
 
+@pytest.mark.usefixtures("without_report")
 def test_a_walk_is_processed_with_its_own_settings_unless_others_are_given(tmp_path, assert_same):
     """The localiser of the walking body is another one than that of the kinematic body."""
     walked, ours, plain = (tmp_path / name for name in ("walked", "ours", "plain"))
@@ -60,6 +61,7 @@ def test_a_walk_is_processed_with_its_own_settings_unless_others_are_given(tmp_p
     assert (walked / claimed).read_bytes() != (plain / claimed).read_bytes()
 
 
+@pytest.mark.usefixtures("without_report")
 def test_the_configuration_that_a_run_wrote_runs_again_to_the_same_numbers(
     walked, tmp_path, assert_same
 ):
@@ -69,6 +71,7 @@ def test_the_configuration_that_a_run_wrote_runs_again_to_the_same_numbers(
         assert (walked / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
 
 
+@pytest.mark.usefixtures("without_report")
 def test_no_truth_reaches_an_estimate_or_a_command(walked, tmp_path, monkeypatch, assert_same):
     from sim.truth import Truth
 
@@ -86,12 +89,14 @@ def test_no_truth_reaches_an_estimate_or_a_command(walked, tmp_path, monkeypatch
     assert "99.0" in (tmp_path / "lied" / "truth" / "trajectory.txt").read_text()  # it was asked
 
 
+@pytest.mark.usefixtures("without_report")
 def test_another_seed_is_another_walk(walked, tmp_path):
-    simulate.simulate(short(2.0, seed=1), tmp_path / "other", False, quiet)
+    simulate.simulate(short(1.0, seed=1), tmp_path / "other", False, quiet)
     ours = (walked / "trajectory.txt").read_text().splitlines()[2]
     assert (tmp_path / "other" / "trajectory.txt").read_text().splitlines()[2] != ours
 
 
+@pytest.mark.usefixtures("without_report")
 def test_a_robot_crosses_the_home_without_touching_anything(tmp_path):
     out = tmp_path / "home"
     summary = simulate.simulate(dataclasses.replace(Config(), seed=3), out, False, quiet)
@@ -118,6 +123,7 @@ def test_a_run_leaves_what_other_tools_open(walked, part):
     assert (walked / part).stat().st_size > 0
 
 
+@pytest.mark.usefixtures("without_report")
 def test_a_fall_ends_a_run_and_is_told(tmp_path):
     steep = ("robot.body=dynamic", "robot.dynamic.slope_rad=[0.25, 0.0]", "robot.stereo=false")
     config = load(None, steep, scene="home", seed=3)
