@@ -7,7 +7,7 @@ With the evaluations the head turns to the middle of the highest plateau of the 
 it reaches before the next image, and keeps its direction unless another is clearly better.
 
 Source: Yoo 2010 (seed 001), section 3 (evaluations), section 7 (integration with the gait); the initial survey and
-the other two policies are ours.
+the other policies here are ours; `univector.published_gaze` has that of seed 001 alone.
 """
 
 from __future__ import annotations
@@ -30,18 +30,16 @@ from perception.primitives.settings import setting
 from ..commands import GazeCommand
 from .attention import Attention, AttentionModel, GazeContext
 from .evaluations import EvaluationConfig
-from .selection import GazeMapConfig, select
+from .selection import FIRST_IMAGE_S, GazeMapConfig, select, turned
 from .sweep import TILT_DEG, Sweep
 
 POLICIES = {
     "evaluations": "planning.gaze.policy:EvaluationGaze",
+    "seed": "planning.univector.published_gaze:PublishedGaze",
     "sweep": "planning.gaze.policy:SweepGaze",
     "fixed": "planning.gaze.policy:FixedGaze",
 }
 """Our policies: name to class."""
-
-FIRST_IMAGE_S = 0.45  # T_DS + T_SS - dT of seed 000: from the command to the first image of a step
-REST_S = 0.20  # dT of seed 000: from the first image of a step to the second, and the next decision
 
 LIVE_MAP = GazeMapConfig(
     evaluation=EvaluationConfig(self_sigma_m=0.03),
@@ -60,7 +58,7 @@ class GazeConfig:
     mode: str = setting(
         "evaluations",
         "",
-        "gaze policy: evaluations, sweep, fixed (straight ahead), or package.module:Class",
+        "gaze policy: evaluations, seed (the same as published), sweep, fixed (straight ahead), or package.module:Class",
         "seed 001",
     )
     map: GazeMapConfig = field(default_factory=lambda: LIVE_MAP)
@@ -217,7 +215,7 @@ class EvaluationGaze:
             gaze = select(reached, self._present, self._present, self._model.config)
         if known is not None:
             self._model.decided(stamp_s, gaze, via, obstacles, known.pose)
-        self._present = self._turned(gaze)
+        self._present = turned(self._present, gaze, self._head)
         return gaze
 
     def _within_reach(
@@ -229,12 +227,3 @@ class EvaluationGaze:
         far = np.abs(gaze.pans[:, None] - self._present.pan_rad) > reach
         far = far | (np.abs(gaze.tilts - self._present.tilt_rad) > reach)
         return np.where(far, 0.0, total)
-
-    def _turned(self, gaze: GazeCommand) -> GazeCommand:
-        """Direction of the head at the next decision, with both joints at top speed until then."""
-        most = self._head.speed_radps * (FIRST_IMAGE_S + REST_S)
-        pan = self._present.pan_rad + min(max(gaze.pan_rad - self._present.pan_rad, -most), most)
-        tilt = self._present.tilt_rad + min(
-            max(gaze.tilt_rad - self._present.tilt_rad, -most), most
-        )
-        return GazeCommand(pan, tilt)

@@ -26,6 +26,9 @@ from ..commands import GazeCommand
 from . import _gaze_kernels
 from .evaluations import EvaluationConfig
 
+FIRST_IMAGE_S = 0.45  # T_DS + T_SS - dT of seed 000: from the command to the first image of a step
+REST_S = 0.20  # dT of seed 000: from the first image of a step to the second, and the next decision
+
 
 @dataclass(frozen=True)
 class GazeMapConfig:
@@ -223,3 +226,11 @@ def select(
     ):
         return aimed
     return best
+
+
+def turned(present: GazeCommand, gaze: GazeCommand, head: HeadLimits) -> GazeCommand:
+    """Direction of the head at the next decision, with both joints at top speed until then."""
+    most = head.speed_radps * (FIRST_IMAGE_S + REST_S)
+    pan = present.pan_rad + min(max(gaze.pan_rad - present.pan_rad, -most), most)
+    tilt = present.tilt_rad + min(max(gaze.tilt_rad - present.tilt_rad, -most), most)
+    return GazeCommand(pan, tilt)

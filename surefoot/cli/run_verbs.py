@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 @click.option(
     "--gaze",
     metavar="NAME",
-    help="Gaze policy: evaluations, sweep, fixed, or your own package.module:Class.",
+    help="Gaze policy: evaluations, seed, sweep, fixed, or your own package.module:Class.",
 )
 @click.option(
     "--body",

@@ -136,7 +136,7 @@ def test_a_slow_head_gets_directions_that_it_reaches_in_time():
 
 
 def test_an_unknown_mode_is_refused():
-    with pytest.raises(ConfigError, match="evaluations, sweep, fixed"):
+    with pytest.raises(ConfigError, match="evaluations, seed, sweep, fixed"):
         GazeConfig(mode="stare")
 
 
