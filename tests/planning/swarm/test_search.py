@@ -25,6 +25,7 @@ def camera_on_body(pan_deg):
     )
 
 
+@functools.cache
 def room(seed):
     """A random room, and stones in it that are narrower than the robot: one edge of its way passes on each side."""
     rng = np.random.default_rng([seed, 1])
