@@ -19,6 +19,7 @@ from jaxtyping import Float32, Int16, UInt8
 from ..primitives.errors import ConfigError
 from . import _block_matching_kernels as kernels
 from . import _stereo_trust_kernels as trust_kernels
+from . import published_stereo
 
 GRADIENT_LIMIT = 31  # OpenCV: the x-Sobel is clipped there
 LANES = 8  # disparities searched together
@@ -43,6 +44,7 @@ def match(
     right: UInt8[np.ndarray, "h w"],
     disparities: int,
     given: Float32[np.ndarray, "h w"] | None = None,
+    subpixel: str = "v",
 ) -> Matches:
     """Disparity of every pixel of the left image, or the costs of given disparities.
 
@@ -51,6 +53,7 @@ def match(
         disparities: Number of disparities searched, from 0; rounded up to a multiple of eight.
         given: Disparities to evaluate instead of searching, px; clipped to the search range, NaN counts
             as 0.
+        subpixel: "v", or "parabola" as in seed 003.
 
     Raises:
         ConfigError: There is no disparity to search, or the images are too narrow.
@@ -77,4 +80,7 @@ def match(
         found,
         costs,
     )
-    return Matches(trust_kernels.sub_pixel(found, costs) if given is None else given, costs)
+    if given is not None:
+        return Matches(given, costs)
+    fit = published_stereo.parabola if subpixel == "parabola" else trust_kernels.sub_pixel
+    return Matches(fit(found, costs), costs)

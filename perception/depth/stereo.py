@@ -7,6 +7,8 @@ pixels have the same disparity (mismatches scatter). The last criterion is by fa
 
 The standard deviation of a disparity grows with the ratio of the remaining cost to the slope of the minimum.
 
+Seed 003's own reliability (texture and uniqueness alone) and its parabola are settings (`published_stereo`).
+
 Source: seed 003, section 3 (reliability; sigma_Z = Z^2 sigma_d / (f B)); support by neighbours
 after Park and Yoon, CVPR 2015; Hirschmueller 2008 (SGBM).
 """
@@ -24,9 +26,12 @@ from ..primitives.errors import ConfigError, InputError
 from ..primitives.frame import Depth, StereoView
 from ..primitives.settings import setting
 from . import _stereo_trust_kernels as kernels
+from . import published_stereo
 from .block_matching import GRADIENT_LIMIT, match
 
 METHODS = ("block", "sgbm", "bm")
+SUBPIXEL = ("v", "parabola")
+RELIABILITY = ("ours", "seed")
 SGBM_BLOCK_PX = 5  # OpenCV's advice: 3 to 11
 BM_BLOCK_PX = 15  # OpenCV's advice for 640 x 480
 SIGMA_PER_BLUR = 0.035  # ours: growth of sigma_d with the ratio of remaining cost to slope
@@ -43,6 +48,18 @@ class StereoConfig:
         "matcher: ours (block), or OpenCV's sgbm (three directions, four times slower) or bm",
         "ours: most accurate",
     )
+    subpixel: str = setting(
+        "v",
+        "",
+        "curve through the lowest costs of our matcher: v, or parabola as in seed 003",
+        "ours: smaller error",
+    )
+    reliability: str = setting(
+        "ours",
+        "",
+        "ours, or seed: texture and uniqueness alone, as in seed 003",
+        "ours: larger area under the ROC curve",
+    )
     nearest_m: float = 0.20  # seed 003: distance is reliable from 0.2 m; limits the search
     most_disparity_px: int = setting(128, "px", "largest disparity searched", "seed 003")
     uniqueness: float = setting(
@@ -56,10 +73,15 @@ class StereoConfig:
     )
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise ConfigError(
-                f"stereo: method={self.method!r} is unknown; choose {', '.join(METHODS)}"
-            )
+        for name, known in (
+            ("method", METHODS),
+            ("subpixel", SUBPIXEL),
+            ("reliability", RELIABILITY),
+        ):
+            if getattr(self, name) not in known:
+                raise ConfigError(
+                    f"stereo: {name}={getattr(self, name)!r} is unknown; choose {', '.join(known)}"
+                )
         for name in ("nearest_m", "uniqueness", "sigma_px"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -109,7 +131,7 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
     reach = min(config.most_disparity_px, view.camera.fx * view.baseline_m / config.nearest_m)
     steps = max(16, 16 * math.ceil(reach / 16.0))
     given = None if config.method == "block" else _opencv(view, config.method, steps)
-    matches = match(view.left, view.right, steps, given)
+    matches = match(view.left, view.right, steps, given, config.subpixel)
     found = matches.disparity_px
     reliability, sigma = np.empty_like(found), np.empty_like(found)
     spread = SGBM_SIGMAS if config.method == "sgbm" else 1.0
@@ -123,6 +145,9 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
         reliability,
         sigma,
     )
+    if config.reliability == "seed":
+        by_costs = published_stereo.reliability(matches.costs, config.uniqueness)
+        reliability = np.where(np.isfinite(found), by_costs, np.float32(0.0))
     return Disparity(found, reliability, sigma)
 
 
