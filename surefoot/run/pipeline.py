@@ -269,6 +269,8 @@ class Pipeline:
             self.confidence = ConfidenceLayer(self.grid, self.config.confidence)
         assert self.confidence is not None
         self.grid.move(here)
+        if pose is not None and frame.odometry is not None:
+            self.obstacle_cloud.stand(here)
         self.confidence.decay(elapsed)
         for view in views:
             self._add_to_maps(frame, view, pose)

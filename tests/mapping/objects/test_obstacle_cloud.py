@@ -82,3 +82,21 @@ def test_no_footprint_lies_over_a_cell_that_the_saved_map_shows_free():
 
 def test_an_empty_cloud_has_no_footprints():
     assert ObstacleCloud(CloudConfig()).footprints(WorldMap(), FootprintConfig()) == []
+
+
+def test_where_the_body_has_walked_lies_no_footprint():
+    cloud, world = walk([(0.2, 0.6)] * 16)
+    before = cloud.footprints(world, FootprintConfig())
+    thing = min(before, key=lambda one: float(one.outline[:, 0].min()))
+    place = thing.outline.mean(axis=0)
+    cloud.stand(place)
+    after = cloud.footprints(world, FootprintConfig())
+    assert inside(thing.outline, place)
+    assert not any(inside(one.outline, place) for one in after)
+
+
+def inside(outline: np.ndarray, place: np.ndarray) -> bool:
+    """Whether a ring runs round a place, by its winding."""
+    x, y = (outline - place).T
+    turns = np.diff(np.unwrap(np.arctan2(np.append(y, y[0]), np.append(x, x[0]))))
+    return abs(float(turns.sum())) > 3.0
