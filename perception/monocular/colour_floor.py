@@ -16,8 +16,9 @@ from jaxtyping import Bool, Float
 
 from ..obstacles.track import Detection
 from ..primitives.errors import InputError
-from ..primitives.frame import ColourView
-from ..primitives.pose import Pose2
+from ..primitives.frame import ColourView, Imu
+from ..primitives.pose import Pose2, Pose3
+from . import pair_pose
 from .contact_detections import ContactEdges, detect_discs, find_contact_edges
 from .cycle import Monocular, MonocularConfig
 from .result import MonocularResult, Picture
@@ -67,18 +68,23 @@ class ColourFloorFinder:
         self._monocular = Monocular(config)
         self._flow = flow
         self._previous: Picture | None = None
+        self._T_body_camera: Pose3 | None = None  # of the last frame; None if it had no picture
 
-    def find(self, colour: ColourView | None, robot: Pose2, stamp_s: float) -> ColourFloor | None:
+    def find(
+        self, colour: ColourView | None, robot: Pose2, stamp_s: float, imu: Imu | None = None
+    ) -> ColourFloor | None:
         """The floor in one picture.
 
         Args:
             colour: The picture with its camera in the body frame.
             robot: Pose of the body when the picture was taken, map frame.
             stamp_s: Time of the picture, s.
+            imu: Means since the last frame; None without inertial sensor.
 
         Returns:
             None without a picture, or if the picture does not fit its camera or pose.
         """
+        before, self._T_body_camera = self._T_body_camera, None
         if colour is None or colour.T_body_camera is None:
             return None
         try:
@@ -87,8 +93,14 @@ class ColourFloorFinder:
         except InputError as error:
             LOG.warning("%.1f s: picture not used: %s", stamp_s, error)
             return None
-        result = self._monocular.cycle(self._previous if self._flow else None, picture)
-        self._previous = picture
+        previous, sway = self._previous if self._flow else None, None
+        if previous is not None and before is not None and imu is not None:
+            seconds = stamp_s - previous.stamp_s
+            sway = pair_pose.sway_by_gyro(
+                imu.angular_velocity, seconds, before, colour.T_body_camera, robot.yaw
+            )
+        result = self._monocular.cycle(previous, picture, sway)
+        self._previous, self._T_body_camera = picture, colour.T_body_camera
         contacts = find_contact_edges(result)
         detections = detect_discs(contacts, robot, DETECTION_RANGE_M)
         return ColourFloor(result, contacts, tuple(detections), robot)

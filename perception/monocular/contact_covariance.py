@@ -3,7 +3,8 @@
 The ray of a pixel meets the floor at P = c + d, with c the camera centre and d the vector from it to the floor. If
 the ray changes by dr, because the pixel is displaced or the camera rotates by a small w (dr = w x d) or rises, then
 P moves along the floor by dP = dr - (d_xy / d_z) dr_z. The error of the camera pose is common to all pixels of one
-picture and independent between pictures.
+picture. Those of the two pictures of a pair are
+independent by the joints, and correlated once the texture of the floor has tied them together (`pair_pose`).
 
 Source: ours; floor points are those of seed 000, section 3.
 """
@@ -14,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..primitives.camera import Camera
 from ..primitives.errors import ConfigError
@@ -85,6 +86,26 @@ def pixel_jacobian(
     return np.stack(columns, axis=-1)
 
 
+COMMON = 0.5  # walking trials: of the variance of 0.7 deg, 0.5 deg of sway are half; the rest are offsets of joints
+STATES = 10
+"""Errors of the poses of a pair: pitch, yaw, roll, rad, and height, m, of the previous and of the current camera, as in
+`pose_jacobian`, and the displacement (x, y) of the previous camera, world frame, m."""
+
+
+def prior_covariance(current: Picture, noise: CameraNoise) -> Float[np.ndarray, "10 10"]:
+    """Covariance of the errors of a pair whose poses are given by joints.
+
+    Offsets of joints are common to both pictures. A trunk that sways about its feet displaces the camera by its height
+    times the angle, in each picture.
+    """
+    E = noise.pose_covariance
+    tilt = max(E[0, 0], E[2, 2])
+    P = np.zeros((STATES, STATES))
+    P[:8, :8] = np.kron([[1.0, COMMON], [COMMON, 1.0]], E)
+    P[8:, 8:] = 2.0 * tilt * current.T_world_camera.translation[2] ** 2 * np.eye(2)
+    return P
+
+
 @dataclass(frozen=True, eq=False)
 class CovarianceModel:
     """Error propagation of one cycle.
@@ -93,13 +114,15 @@ class CovarianceModel:
         previous: None in a cycle without optical flow.
         current: Picture in which the obstacles are seen.
         horizon_s: Time from `current` to the prediction, s.
-        noise: Errors of camera pose and edge pixels.
+        errors: Covariance of the errors of the pair's poses, see `STATES`.
+        edge_px: Standard deviation of edge pixels.
     """
 
     previous: Picture | None
     current: Picture
     horizon_s: float
-    noise: CameraNoise
+    errors: Float[np.ndarray, "10 10"]
+    edge_px: float
 
     def of_obstacle(
         self,
@@ -119,35 +142,41 @@ class CovarianceModel:
             measured: Velocities of the obstacle's corners, m/s. Their mean square deviation from `velocity` is
                 added to its covariance: it covers corners that disagree, and a measured speed below the threshold.
         """
-        current, noise, horizon = self.current, self.noise, self.horizon_s
-        E = noise.pose_covariance
+        current, horizon, E = self.current, self.horizon_s, self.errors
         by_pose = pose_jacobian(contact, current.T_world_camera)
         px = pixel_jacobian(edge, contact, current.camera, current.T_world_camera)
-        of_edge = noise.edge_px**2 * px @ px.transpose(0, 2, 1)
-        P_contact = of_edge + by_pose @ E @ by_pose.transpose(0, 2, 1)
+        of_edge = self.edge_px**2 * px @ px.transpose(0, 2, 1)
+        P_contact = of_edge + by_pose @ E[4:8, 4:8] @ by_pose.transpose(0, 2, 1)
         residuals = measured - velocity
         spread = residuals.T @ residuals / max(len(measured), 1)
-        if flow < 0 or self.previous is None:
+        if flow < 0:
             P_velocity = UNKNOWN_SPEED_MPS**2 * np.eye(2) + spread
             return P_contact, P_velocity, P_contact + horizon**2 * P_velocity
-        seconds = current.stamp_s - self.previous.stamp_s
-        now, of_flow = self._of_flow(flows, flow, seconds)
-        own = of_flow + spread
-        P_velocity = now @ E @ now.T + own
-        both = by_pose + horizon * now  # edge and corner share the error of the current camera pose
-        predicted = of_edge + both @ E @ both.transpose(0, 2, 1) + horizon**2 * own
-        return P_contact, P_velocity, predicted
+        by_error, own = self._of_flows(flows, np.array([flow]))
+        P_velocity = by_error[0] @ E @ by_error[0].T + own[0] + spread
+        shared = by_pose @ E[4:8] @ by_error[0].T  # edge and corner share a pose
+        P_predicted = P_contact + horizon**2 * P_velocity
+        return P_contact, P_velocity, P_predicted + horizon * (shared + shared.transpose(0, 2, 1))
 
-    def _of_flow(
-        self, flows: Flows, flow: int, seconds: float
-    ) -> tuple[Float[np.ndarray, "2 4"], Float[np.ndarray, "2 2"]]:
-        """Jacobian of a flow's velocity by the current camera pose, and its covariance by pixel and previous pose."""
-        assert self.previous is not None
-        ends = []
-        for pixels, picture in ((flows.previous, self.previous), (flows.current, self.current)):
-            pixel, pose = pixels[flow : flow + 1], picture.T_world_camera
-            place = floor_points(pixel, picture.camera, pose, math.inf)
-            px = pixel_jacobian(pixel, place, picture.camera, pose)[0]
-            ends.append((pose_jacobian(place, pose)[0] / seconds, px * CORNER_SIGMA_PX / seconds))
-        (before, _), (now, px) = ends
-        return now, px @ px.T + before @ self.noise.pose_covariance @ before.T
+    def of_flows(self, flows: Flows) -> Float[np.ndarray, "n 2 2"]:
+        """Covariance of the velocity of each flow, (m/s)^2; NaN above the horizon."""
+        by_error, own = self._of_flows(flows, np.arange(len(flows)))
+        return np.asarray(by_error @ self.errors @ by_error.transpose(0, 2, 1) + own)
+
+    def _of_flows(
+        self, flows: Flows, which: Int[np.ndarray, "n"]
+    ) -> tuple[Float[np.ndarray, "n 2 10"], Float[np.ndarray, "n 2 2"]]:
+        """Derivatives of the velocities of some flows with respect to the errors, and covariances by their pixels."""
+        previous, current = self.previous, self.current
+        assert previous is not None, "flows have a previous picture"
+        by_error = np.zeros((len(which), 2, STATES))
+        by_error[..., 8:] = -np.eye(2)
+        sides = ((flows.previous, previous, 0, -1.0), (flows.current, current, 4, 1.0))
+        for pixels, picture, first, sign in sides:
+            pose = picture.T_world_camera
+            place = floor_points(pixels[which], picture.camera, pose, math.inf)
+            by_error[..., first : first + 4] = sign * pose_jacobian(place, pose)
+        px = pixel_jacobian(flows.current[which], place, current.camera, pose)
+        seconds = current.stamp_s - previous.stamp_s
+        px = px * CORNER_SIGMA_PX / seconds
+        return by_error / seconds, px @ px.transpose(0, 2, 1)

@@ -10,18 +10,19 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.settings import setting
+from . import pair_pose
 from .adaptation import FloorColourModel
 from .back_projection import FARTHEST_M, nearest_distance_m
-from .contact_covariance import CameraNoise, CovarianceModel
+from .contact_covariance import CameraNoise, CovarianceModel, prior_covariance
 from .edges import find_edges
-from .flow import BAND_PX, track_corners
+from .flow import BAND_PX, track_corners, track_floor
 from .ground import ground_image
 from .movable import predicted_image
-from .obstacles import find_obstacles, floor_flows, speed_thresholds
+from .obstacles import find_obstacles, floor_flows
 from .result import Flows, MonocularResult, Picture
 
 CORNER_PX = 20  # ours: side of the squares tested for S_m; 2.5 cm of floor
@@ -84,12 +85,21 @@ class Monocular:
         self.config = config
         self.colours = FloorColourModel()
 
-    def cycle(self, previous: Picture | None, current: Picture) -> MonocularResult:
+    def cycle(
+        self,
+        previous: Picture | None,
+        current: Picture,
+        sway_world: Float[np.ndarray, "2"] | None = None,
+    ) -> MonocularResult:
         """Process one pair of pictures.
 
         Args:
             previous: Taken at T_SS - dT; None for no optical flow (then all obstacles are static).
             current: Taken at T_SS.
+            sway_world: Tilt between them by the gyro, see `pair_pose.estimate`; None without gyro.
+
+        Returns:
+            Its pictures have the camera poses that the texture of the floor corrected.
 
         Raises:
             InputError: The pictures are not in order of time, or not of one camera.
@@ -102,21 +112,25 @@ class Monocular:
             self.colours.learn(current.rgb, current.T_world_camera)
         ground = self._ground(current)
         edges = find_edges(ground)
-        flows = _no_flows()
-        thresholds = np.zeros(0)
+        flows, errors = _no_flows(), prior_covariance(current, config.camera_noise)
         if previous is not None and edges.groups:
-            begin, end = track_corners(previous.rgb, current.rgb, self._ground(previous), ground)
-            groups = edges.group_below(end, float(BAND_PX))
+            before = self._ground(previous)
+            tracks = track_floor(previous, current, before)
+            pair = pair_pose.estimate(previous, current, *tracks, config.camera_noise, sway_world)
+            previous, current, errors = pair.previous, pair.current, pair.covariance
+            begin, end = track_corners(previous, current, before, ground)
+            groups = edges.group_beside(end, float(BAND_PX))
             flows = floor_flows(begin, end, previous, current, groups, config.farthest_m)
-            thresholds = speed_thresholds(flows, previous, current, config.static_mps)
         obstacles = find_obstacles(
             edges,
             flows,
             current,
             config.farthest_m,
-            thresholds,
+            config.static_mps,
             config.fastest_mps,
-            CovarianceModel(previous, current, config.horizon_s, config.camera_noise),
+            CovarianceModel(
+                previous, current, config.horizon_s, errors, config.camera_noise.edge_px
+            ),
         )
         predicted = predicted_image(ground, obstacles, current)
         movable = cv2.subtract(ground, predicted)

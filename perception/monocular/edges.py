@@ -13,6 +13,7 @@ from jaxtyping import Float, Int, UInt8
 from . import _monocular_kernels as kernels
 
 REACH_PX = 3  # seed 000: grouped 8-connected after a dilation of 3 px
+BESIDE_PX = 4  # ours: two pixels of the half resolution at which corners are found
 MIN_COLUMNS = 5  # ours: narrower edges are noise; 0.1 m at 6 m has eight
 
 
@@ -46,6 +47,17 @@ class Edges:
         kernels.group_below(
             u, v, self.start, self.order, self.rows, self.labels, farthest_px, found
         )
+        return found
+
+    def group_beside(
+        self, pixels: Float[np.ndarray, "k 2"], farthest_px: float
+    ) -> Int[np.ndarray, "k"]:
+        """The same, or else of the nearest columns within `BESIDE_PX`: a corner of an outline lies on its border."""
+        found = self.group_below(pixels, farthest_px)
+        for aside in range(2, BESIDE_PX + 1, 2):
+            for side in (-aside, aside):
+                other = self.group_below(pixels + np.array([side, 0.0]), farthest_px)
+                found = np.where(found < 0, other, found)
         return found
 
 

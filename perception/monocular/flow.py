@@ -1,17 +1,23 @@
-"""Optical flow: corners of obstacles close to the floor, tracked from the previous to the current picture.
+"""Optical flow: corners tracked from the previous to the current picture, of obstacles near the floor and of the floor.
 
-The window of a corner at the foot of a small robot shows more floor than robot. The floor is therefore painted in a
-uniform grey in both pictures, so that only the obstacle and its outline are tracked. Corners are detected at half
-resolution, in a narrow band above the floor.
+The window of a corner at the foot of a small robot shows more floor than robot. For obstacles the floor is therefore
+painted in a uniform grey in both pictures, so that only the obstacle and its outline are tracked. Corners are detected
+at half resolution, in a narrow band above the floor. The search of a corner begins where a point of the floor at its
+pixel has moved by the camera poses: in a turn of a few degrees that is dozens of pixels away.
 
-Source: seed 000, section 3.3 (Shi-Tomasi, pyramidal Lucas-Kanade); painting the floor is ours.
+Source: seed 000, section 3.3 (Shi-Tomasi, pyramidal Lucas-Kanade); painting the floor and the prediction are ours.
 """
 
 from __future__ import annotations
 
+import math
+
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
+
+from .back_projection import floor_points, project
+from .result import Picture
 
 WINDOW_PX = 21  # seed 000
 LEVELS = 3  # seed 000: of the image pyramid
@@ -20,78 +26,112 @@ QUALITY = 0.01  # seed 000: of a corner, relative to the best one
 MIN_DISTANCE_PX = 7.0  # seed 000: between corners
 MAX_RETURN_PX = 1.0  # seed 000: error after tracking forwards and backwards
 BAND_PX = 12  # seed 000: rows above the floor; higher points have parallax
+FLOOR_CORNERS = 150  # ours
+FLOOR_DISTANCE_PX = 24.0  # ours: spreads them over the floor
 CORNER_SIGMA_PX = 0.25  # ours: standard deviation of a tracked corner
+
+Tracks = tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]
+"""Pixels (u, v) in the previous and in the current picture of the corners that pass the forward-backward check."""
 
 
 def track_corners(
-    previous: UInt8[np.ndarray, "h w 3"],
-    current: UInt8[np.ndarray, "h w 3"],
+    previous: Picture,
+    current: Picture,
     ground_previous: UInt8[np.ndarray, "h w"],
     ground_current: UInt8[np.ndarray, "h w"],
-) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
-    """Corners of the previous picture in the band above its floor, tracked into the current one.
+) -> Tracks:
+    """Corners of obstacles in the band above the floor of the previous picture, tracked into the current one.
 
     Args:
-        previous, current: RGB.
+        previous, current: The pair.
         ground_previous, ground_current: I_g of each, 255 on the floor.
-
-    Returns:
-        Pixels (u, v) in both pictures, of the corners that pass the forward-backward check.
 
     Source: seed 000, section 3.3.
     """
-    none = np.zeros((0, 2))
-    band = contact_band(ground_previous)
-    rows = np.flatnonzero(band.any(axis=1))
+    beside = cv2.dilate(contact_band(ground_previous), np.ones((3, 3), np.uint8))
+    rows = np.flatnonzero(beside.any(axis=1))
     if not len(rows):
-        return none, none.copy()
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    first, second = (cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY) for one in (previous, current))
+    tone = int(cv2.mean(first, ground_previous)[0])
+    first[ground_previous > 0] = tone
+    second[ground_current > 0] = tone
     margin = WINDOW_PX * 2 ** (LEVELS - 1)
-    top = max(int(rows[0]) * 2 - margin, 0) // 2 * 2
-    bottom = min(int(rows[-1]) * 2 + 2 + margin, len(previous))
-    grey = []
-    tone: int | None = None
-    for rgb, ground in ((previous, ground_previous), (current, ground_current)):
-        image = cv2.cvtColor(rgb[top:bottom], cv2.COLOR_RGB2GRAY)
-        floor = ground[top:bottom]
-        if tone is None:
-            tone = int(cv2.mean(image, floor)[0])
-        image[floor > 0] = tone
-        grey.append(image)
-    half = cv2.resize(
-        grey[0][: len(grey[0]) // 2 * 2], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA
-    )
-    corners = cv2.goodFeaturesToTrack(
-        half,
-        MAX_CORNERS,
-        QUALITY,
-        MIN_DISTANCE_PX / 2,
-        mask=band[top // 2 : top // 2 + len(half), : half.shape[1]],
-    )
-    if corners is None:
-        return none, none.copy()
-    begin = corners * 2.0 + 0.5  # centre of a half pixel
-    begin = begin.astype(np.float32)
-    end, found = _lucas_kanade(grey[0], grey[1], begin)
-    back, returned = _lucas_kanade(grey[1], grey[0], end)
-    off = np.linalg.norm((back - begin)[:, 0], axis=1)
-    good = found & returned & (off <= MAX_RETURN_PX)
-    shift = np.array([0.0, top])
-    return begin[good, 0].astype(np.float64) + shift, end[good, 0].astype(np.float64) + shift
+    top = max(int(rows[0]) - margin // 2, 0)
+    bottom = int(rows[-1]) + 1 + margin // 2
+    part = np.ascontiguousarray(_halved(first)[top:bottom])
+    corners = _corners(part, beside[top:bottom], MAX_CORNERS, MIN_DISTANCE_PX / 2)
+    return _tracked(first, second, 2.0 * (corners + np.array([0.0, top])) + 0.5, previous, current)
+
+
+def track_floor(
+    previous: Picture, current: Picture, ground_previous: UInt8[np.ndarray, "h w"]
+) -> Tracks:
+    """Corners of the floor's texture, away from what stands on it, tracked into the current picture."""
+    first, second = (cv2.cvtColor(one.rgb, cv2.COLOR_RGB2GRAY) for one in (previous, current))
+    half = _halved(first)
+    floor = cv2.resize(ground_previous, half.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    floor = cv2.erode(floor, np.ones((WINDOW_PX // 2, WINDOW_PX // 2), np.uint8))
+    corners = _corners(half, np.asarray(floor), FLOOR_CORNERS, FLOOR_DISTANCE_PX / 2)
+    return _tracked(first, second, 2.0 * corners + 0.5, previous, current)
+
+
+def _corners(
+    grey: UInt8[np.ndarray, "h w"], mask: UInt8[np.ndarray, "h w"], most: int, distance_px: float
+) -> Float[np.ndarray, "n 2"]:
+    """Shi-Tomasi corners, each the strongest of those in the mask within a distance, the strongest first.
+
+    OpenCV's own function drops a corner whose neighbour outside the mask is stronger, as at the foot of an obstacle.
+    """
+    strength = cv2.cornerMinEigenVal(grey, 3)
+    strength[mask == 0] = 0.0
+    side = 2 * math.ceil(distance_px) + 1
+    peak = strength == cv2.dilate(strength, np.ones((side, side), np.uint8))
+    rows, columns = np.nonzero(peak & (strength > QUALITY * float(strength.max())))
+    order = np.argsort(-strength[rows, columns], kind="stable")[:most]
+    return np.stack([columns[order], rows[order]], axis=1).astype(np.float64)
+
+
+def _tracked(
+    first: np.ndarray, second: np.ndarray, begin: np.ndarray, previous: Picture, current: Picture
+) -> Tracks:
+    """Tracks of the corners that are found again."""
+    if not len(begin):
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    start = begin.astype(np.float32)
+    end, found = _lucas_kanade(first, second, start, _moved(begin, previous, current))
+    back, returned = _lucas_kanade(second, first, end, start)
+    good = found & returned & (np.hypot(*(back - start).T) <= MAX_RETURN_PX)
+    return begin[good], end[good].astype(np.float64)
+
+
+def _moved(pixels: np.ndarray, previous: Picture, current: Picture) -> np.ndarray:
+    """Where floor points at these pixels are in the current picture; unmoved above the horizon."""
+    places = floor_points(pixels, previous.camera, previous.T_world_camera)
+    moved = project(places, current.camera, current.T_world_camera)
+    known = np.isfinite(moved).all(axis=1, keepdims=True)
+    return np.where(known, moved, pixels).astype(np.float32)
 
 
 def _lucas_kanade(
-    first: np.ndarray, second: np.ndarray, begin: np.ndarray
+    first: np.ndarray, second: np.ndarray, begin: np.ndarray, guess: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (n, 1, 2) of the first picture tracked into the second, and which of them were found."""
+    """Corners (n, 2) of the first picture tracked into the second, and which of them were found."""
     end, found, _ = cv2.calcOpticalFlowPyrLK(
         first,
         second,
         begin,
-        begin.copy(),
+        guess.copy(),
         winSize=(WINDOW_PX, WINDOW_PX),
         maxLevel=LEVELS - 1,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
     )
     return np.asarray(end), np.asarray(found)[:, 0] > 0
+
+
+def _halved(grey: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h2 w2"]:
+    size = (max(1, grey.shape[1] // 2), max(1, grey.shape[0] // 2))
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def contact_band(ground: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h2 w2"]:

@@ -8,16 +8,15 @@ Source: seed 000, section 3.4 (minimum flow) and section 3.5 (prediction).
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from jaxtyping import Float, Int
 
 from .back_projection import floor_points
 from .contact_covariance import CovarianceModel
 from .edges import Edges
-from .flow import CORNER_SIGMA_PX
 from .result import Flows, Picture, SeenObstacle
+
+MOVES = 2.296  # ours: one sigma, the 68.3 % quantile of chi-square with two degrees of freedom; the least of several flows
 
 
 def floor_flows(
@@ -41,27 +40,12 @@ def floor_flows(
     return Flows(begin, end, owners, velocity)
 
 
-def speed_thresholds(
-    flows: Flows, previous: Picture, current: Picture, static_mps: float
-) -> Float[np.ndarray, "n"]:
-    """Speed from which each flow counts as motion, m/s; NaN for corners above the horizon.
-
-    It is the larger of `static_mps` and the speed that one standard deviation of a corner, along the column,
-    simulates.
-    """
-    pose, camera = current.T_world_camera, current.camera
-    here = floor_points(flows.current, camera, pose, math.inf)
-    there = floor_points(flows.current + np.array([0.0, CORNER_SIGMA_PX]), camera, pose, math.inf)
-    seconds = current.stamp_s - previous.stamp_s
-    return np.asarray(np.maximum(static_mps, np.hypot(*(there - here).T) / seconds))
-
-
 def find_obstacles(
     edges: Edges,
     flows: Flows,
     current: Picture,
     farthest_m: float,
-    threshold_mps: Float[np.ndarray, "n"],
+    static_mps: float,
     fastest_mps: float,
     covariances: CovarianceModel,
 ) -> tuple[SeenObstacle, ...]:
@@ -72,12 +56,13 @@ def find_obstacles(
         flows: Optical flows with the index of their group.
         current: The picture.
         farthest_m: Maximum length of a ray to the floor.
-        threshold_mps: Speed from which each flow counts as motion.
+        static_mps: Speed from which a flow counts as motion, if it is also significant by its covariance.
         fastest_mps: Faster flows are outliers. If all flows of an obstacle are, it is predicted to stay, with a
             covariance of the velocity that covers them.
         covariances: Error propagation, with the time to the prediction.
     """
     speed = np.hypot(*flows.velocity_world.T)
+    surprise = _surprise(flows, covariances)
     found = []
     for index, edge in enumerate(edges.groups):
         pixels = edge.astype(np.float64)
@@ -85,10 +70,19 @@ def find_obstacles(
         owned = np.flatnonzero((flows.obstacle == index) & np.isfinite(speed))
         plausible = owned[speed[owned] <= fastest_mps]
         least = int(plausible[np.argmin(speed[plausible])]) if len(plausible) else -1
-        moving = least >= 0 and bool(speed[least] >= threshold_mps[least])
+        moving = least >= 0 and bool(speed[least] >= static_mps and surprise[least] >= MOVES)
         velocity = flows.velocity_world[least] if moving else np.zeros(2)
         predicted = contact + velocity * covariances.horizon_s
         measured = flows.velocity_world[plausible if len(plausible) else owned]
         P = covariances.of_obstacle(pixels, contact, flows, least, velocity, measured)
         found.append(SeenObstacle(edge, contact, least, velocity, moving, predicted, *P))
     return tuple(found)
+
+
+def _surprise(flows: Flows, covariances: CovarianceModel) -> Float[np.ndarray, "n"]:
+    """Squared Mahalanobis distance of each flow's velocity from rest; NaN above the horizon."""
+    if not len(flows):
+        return np.zeros(0)
+    v = flows.velocity_world
+    still = np.linalg.solve(covariances.of_flows(flows), v[..., None])[..., 0]
+    return np.asarray(np.einsum("ni,ni->n", v, still))

@@ -65,7 +65,8 @@ class Arrays(NamedTuple):
         blocked: (h, w) uint8, pixels that cannot be walked on.
         integral: (h + 1, w + 1) their number above and left of each corner.
         rows: (h, 2) distance ahead, m, and metres per column of each row; -1 ahead without floor.
-        boxes: (h, 3) first row, end row and half width of the footprint at each row, px.
+        boxes: (h, 4) of the footprint at each row: its first row and the row after its last, and the first and last
+            column with all its corners in the picture, px.
         geometry: Numbers of the picture, robot and goal.
         penalty: Of each violated condition, m.
     """
@@ -141,19 +142,34 @@ def row_of(view: Geometry, ahead: float) -> float:
 
 
 @njit(cache=True, inline="always")
-def footprint_blocked(integral: np.ndarray, boxes: np.ndarray, u: int, v: int) -> bool:
-    """p1: whether the footprint at a pixel leaves the picture or covers a blocked pixel."""
-    top, bottom, half = boxes[v, 0], boxes[v, 1], boxes[v, 2]
-    left, right = u - half, u + half + 1
-    if top < 0 or bottom > integral.shape[0] - 1 or left < 0 or right > integral.shape[1] - 1:
+def footprint_blocked(objective: Arrays, u: int, v: int) -> bool:
+    """p1: whether a corner of the footprint at a pixel leaves the picture, or the footprint covers a blocked pixel.
+
+    On the floor the footprint is a rectangle across the camera's heading; in the picture its near side is wider.
+    """
+    integral, rows, view = objective.integral, objective.rows, objective.geometry
+    top, end, first, last = objective.boxes[v]
+    height, width = integral.shape[0] - 1, integral.shape[1] - 1
+    if top < 0 or end > height or u < first or u > last:
         return True
-    count = (
-        integral[bottom, right]
-        - integral[top, right]
-        - integral[bottom, left]
-        + integral[top, left]
-    )
-    return count > 0
+    left = left_of(view, u, rows[v, 1])
+    begin = math.floor(column_of(view, left + view.half_m, rows[end - 1, 1]) + 0.5)
+    close = math.floor(column_of(view, left - view.half_m, rows[end - 1, 1]) + 0.5)
+    least = min(begin, math.floor(column_of(view, left + view.half_m, rows[top, 1]) + 0.5))
+    most = max(close, math.floor(column_of(view, left - view.half_m, rows[top, 1]) + 0.5))
+    if least >= 0 and most < width:
+        count = integral[end, most + 1] - integral[top, most + 1]
+        if count == integral[end, least] - integral[top, least]:
+            return False  # nothing in the box around it
+    for y in range(top, end):
+        begin = max(math.floor(column_of(view, left + view.half_m, rows[y, 1]) + 0.5), 0)
+        close = min(math.floor(column_of(view, left - view.half_m, rows[y, 1]) + 0.5), width - 1)
+        if (
+            integral[y + 1, close + 1] - integral[y + 1, begin]
+            > integral[y, close + 1] - integral[y, begin]
+        ):
+            return True
+    return False
 
 
 @njit(cache=True, inline="always")
@@ -210,8 +226,7 @@ def value(
 
     From the bound on the value is not exact; it is then any number not below the bound.
     """
-    integral, rows, boxes = objective.integral, objective.rows, objective.boxes
-    view, penalty = objective.geometry, objective.penalty
+    rows, view, penalty = objective.rows, objective.geometry, objective.penalty
     ahead = rows[v, 0]
     if not (v >= view.first_row and ahead > 0.0):
         return 5.0 * penalty + 1e-3 * penalty * (rows.shape[0] - v)
@@ -220,7 +235,7 @@ def value(
     if cost >= bound:
         return cost
     count = 0
-    if footprint_blocked(integral, boxes, u, v):
+    if footprint_blocked(objective, u, v):
         count += 1
     if u < view.first_column or u >= view.end_column:
         count += 1

@@ -177,8 +177,7 @@ def first_feasible(
     stride: int,
 ) -> int:
     """The first column without penalty in row v, from u to `last`; -1 if there is none."""
-    integral, rows, boxes = objective.integral, objective.rows, objective.boxes
-    view, penalty = objective.geometry, objective.penalty
+    rows, view, penalty = objective.rows, objective.geometry, objective.penalty
     ahead, per_px = rows[v, 0], rows[v, 1]
     towards = 1 if last >= u else -1
     while (last - u) * towards >= 0:
@@ -190,10 +189,7 @@ def first_feasible(
             reached = math.floor(u_border) if towards > 0 else math.ceil(u_border)
             u = reached if (reached - u) * towards > 0 else u + towards
             continue
-        if (
-            not footprint_blocked(integral, boxes, u, v)
-            and value(objective, u, v, penalty) < penalty
-        ):
+        if not footprint_blocked(objective, u, v) and value(objective, u, v, penalty) < penalty:
             return u
         u += towards * stride
     return -1
@@ -206,7 +202,7 @@ def search(
     """The pixel (u, v) with the least O without penalty, and O; (-1, -1, inf) if there is none."""
     blocked, rows, boxes = objective.blocked, objective.rows, objective.boxes
     view, penalty = objective.geometry, objective.penalty
-    height, width = blocked.shape
+    height = blocked.shape[0]
     low = max(view.least_rad - view.heading_rad, -WIDEST)
     high = min(view.greatest_rad - view.heading_rad, WIDEST)
     if low >= high:
@@ -237,7 +233,7 @@ def search(
                 down += stride
             ahead, per_px = rows[v, 0], rows[v, 1]
             first = max(view.first_column, float(boxes[v, 2]))
-            end = min(view.end_column, float(width - boxes[v, 2])) - 1.0
+            end = min(view.end_column - 1.0, float(boxes[v, 3]))
             middle = column_of(view, view.goal_left, per_px)
             first = max(first, column_of(view, math.tan(high) * ahead, per_px))
             end = min(end, column_of(view, math.tan(low) * ahead, per_px))

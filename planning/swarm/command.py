@@ -43,12 +43,12 @@ def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> Wa
 def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> WalkCommand:
     """The printed form, for comparison: always 0.04 m, by an angle without the heading of the robot.
 
-    The angle is relative to the y axis, by the arc tangent of a ratio: correct for a heading along y and places ahead.
+    The angle is relative to the y axis, positive to the right in print. Its "atan(x / y)" is read as the arc tangent of
+    two arguments here and in the objective (eq. (7)): that of a ratio takes a place behind for one ahead.
 
-    Source: seed 000, eq. (10) as printed; the angle there is positive to the right.
+    Source: seed 000, eq. (10) as printed.
     """
-    x, y = place[0] - robot.x, place[1] - robot.y
-    turn = -math.atan(x / y) if y != 0.0 else -math.copysign(math.pi / 2, x)
+    turn = -math.atan2(place[0] - robot.x, place[1] - robot.y)
     turn = min(max(turn, -gait.max_turn_rad), gait.max_turn_rad)
     return limited_step(gait, PRINTED_STEP_M / gait.step_s, 0.0, turn)
 

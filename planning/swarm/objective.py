@@ -143,17 +143,23 @@ class Objective:
 
 
 def _footprints(floor: FloorRows, config: ObjectiveConfig, model: RobotModel) -> np.ndarray:
-    """First row, end row and half width of the image of the footprint at each row, px."""
+    """First row, end row, first and last column of the footprint at each row, px, see `kernels.Arrays.boxes`."""
     half_depth = model.depth_m / 2 + config.margin_m
     half_width = model.width_m / 2 + config.margin_m
+    camera = floor.camera
     ahead = np.where(np.isfinite(floor.ahead), floor.ahead, 0.0)
     top = np.floor(floor.row_of(ahead + half_depth) + 0.5)
-    bottom = np.floor(floor.row_of(ahead - half_depth) + 0.5)
-    inside = np.clip(bottom, 0, floor.camera.height - 1).astype(np.intp)
-    per_px = floor.per_px[inside]
-    half = np.where(np.isfinite(per_px), np.ceil(half_width / np.nan_to_num(per_px, nan=1.0)), 0.0)
-    limit = 4.0 * floor.camera.height
-    boxes = np.clip(np.stack([top, bottom + 1, half], axis=1), -1.0, limit)
+    top = np.maximum(top, np.argmax(np.isfinite(floor.ahead)))  # rounding may meet the horizon
+    nearest = floor.row_of(ahead - half_depth)
+    bottom = np.floor(nearest + 0.5)
+    near = 1.0 / (camera.fx * np.maximum(floor.lines[2] + floor.lines[3] * nearest, 1e-9))
+    room = near / np.nan_to_num(
+        floor.per_px, nan=1.0
+    )  # columns of its row per column at the near side
+    first = np.ceil(camera.cx + (half_width / near - 0.5 - camera.cx) * room)
+    last = np.floor(camera.cx + (camera.width - 0.5 - half_width / near - camera.cx) * room)
+    limit = 4.0 * max(camera.height, camera.width)
+    boxes = np.clip(np.stack([top, bottom + 1, first, last], axis=1), -1.0, limit)
     return boxes.astype(np.int64)
 
 

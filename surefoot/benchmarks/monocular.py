@@ -84,8 +84,8 @@ def ours(
     ground = ground_image(current, colours, CONFIG.least_floor_px, core)
     edges = find_edges(ground)
     before = ground_image(previous, colours, CONFIG.least_floor_px, core)
-    begin, end = flow.track_corners(previous.rgb, current.rgb, before, ground)
-    groups = edges.group_below(end, float(flow.BAND_PX))
+    begin, end = flow.track_corners(previous, current, before, ground)
+    groups = edges.group_beside(end, float(flow.BAND_PX))
     flows = floor_flows(begin, end, previous, current, groups, CONFIG.farthest_m)
     speed = np.hypot(*flows.velocity_world.T)
     return [

@@ -107,7 +107,9 @@ class Pipeline:
         by_colour = None
         if pose is not None and self._needs_colour_floor(frame):
             with watch.stage("floor by colour"):
-                by_colour = self.colour_floor.find(frame.colour, _pose2(pose), frame.stamp_s)
+                by_colour = self.colour_floor.find(
+                    frame.colour, _pose2(pose), frame.stamp_s, frame.imu
+                )
         with watch.stage("obstacles"):
             found, detections = self._cluster(views, pose)
             placed = [d for d, one in zip(detections, found, strict=True) if one.placed]

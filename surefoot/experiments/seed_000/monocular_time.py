@@ -33,7 +33,7 @@ from planning.swarm.search import SwarmConfig
 
 from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target
-from .monocular_cycle import image_pairs
+from .image_pairs import image_pairs
 
 FOLDER = Path("runs/experiments/000-E5")
 CYCLES = 12  # per walk
@@ -41,6 +41,7 @@ BUDGET_MS = 35.0  # a tenth of T_DS
 STAGES = {
     "ground": "ground_image",
     "edges": "find_edges",
+    "floor flow": "track_floor",
     "flow": "track_corners",
     "obstacles": "find_obstacles",
     "prediction": "predicted_image",
@@ -167,7 +168,7 @@ def run(seeds: int, say: Say) -> Outcome:
     rows: list[dict[str, float]] = []
     memory = 0.0
     for seed in range(seeds):
-        pairs = [(step[0], step[1]) for step in image_pairs(seed, CYCLES)]
+        pairs = [pair.joints for pair in image_pairs(seed, CYCLES)]
         times = timed_cycles(pairs)
         rows += times
         memory = max(memory, peak_mb(pairs[:3]))

@@ -12,6 +12,7 @@ from perception.monocular.contact_covariance import (
     CovarianceModel,
     pixel_jacobian,
     pose_jacobian,
+    prior_covariance,
 )
 from perception.monocular.cycle import Monocular, MonocularConfig
 from perception.monocular.flow import CORNER_SIGMA_PX
@@ -81,6 +82,13 @@ def test_the_jacobian_is_finite_for_a_camera_that_looks_straight_down():
     np.testing.assert_allclose(slopes[:, [1, 3]], 0.0, atol=1e-9)
 
 
+def model_of(before, now):
+    """The model of two pictures with independent errors, and a displacement that is exact."""
+    errors = np.diag(np.diag(prior_covariance(now, SMALL)))
+    errors[8:, 8:] = 0.0
+    return CovarianceModel(before, now, HORIZON_S, errors, SMALL.edge_px)
+
+
 def sampled(count=5_000):  # the standard error of a ratio of variances is 2 %
     """Samples of a contact point at 1.2 m and of the velocity of a corner beside it, and their true values."""
     rng = np.random.default_rng(6)
@@ -119,7 +127,7 @@ def agreeing(flows):
 
 def test_covariances_match_sampled_pixels_and_camera_poses():
     before, now, edge, foot, flows, contacts, velocities = sampled()
-    model = CovarianceModel(before, now, HORIZON_S, SMALL)
+    model = model_of(before, now)
     contact, velocity, predicted = model.of_obstacle(edge, foot, flows, 0, *agreeing(flows))
     for estimated, samples in (
         (contact[0], contacts),
@@ -131,7 +139,7 @@ def test_covariances_match_sampled_pixels_and_camera_poses():
 
 def test_a_speed_below_the_threshold_enters_the_covariance():
     before, now, edge, foot, flows, _, _ = sampled(2)
-    model = CovarianceModel(before, now, HORIZON_S, SMALL)
+    model = model_of(before, now)
     velocity, measured = agreeing(flows)
     moving = model.of_obstacle(edge, foot, flows, 0, velocity, measured)
     static = model.of_obstacle(edge, foot, flows, 0, np.zeros(2), measured)
@@ -143,7 +151,7 @@ def test_a_speed_below_the_threshold_enters_the_covariance():
 
 def test_the_spread_of_disagreeing_corners_enters_the_covariance():
     before, now, edge, foot, flows, _, _ = sampled(2)
-    model = CovarianceModel(before, now, HORIZON_S, SMALL)
+    model = model_of(before, now)
     velocity, measured = agreeing(flows)
     rng = np.random.default_rng(5)
     many = velocity + rng.multivariate_normal([0, 0], np.diag([0.03**2, 0.01**2]), 4000)
@@ -156,7 +164,7 @@ def test_the_spread_of_disagreeing_corners_enters_the_covariance():
 def test_without_flow_the_velocity_has_the_covariance_of_an_unknown_speed():
     before, now, edge, foot, flows, _, _ = sampled(2)
     for previous, flow in ((before, -1), (None, -1)):
-        model = CovarianceModel(previous, now, HORIZON_S, SMALL)
+        model = model_of(previous, now)
         contact, velocity, predicted = model.of_obstacle(
             edge, foot, flows, flow, np.zeros(2), np.zeros((0, 2))
         )

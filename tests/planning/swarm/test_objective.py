@@ -152,6 +152,30 @@ def test_a_place_whose_footprint_touches_an_obstacle_is_forbidden():
     assert value[0] >= CONFIG.penalty > value[1]
 
 
+@pytest.mark.parametrize("pan", [0.0, 30.0])
+def test_no_allowed_pixel_has_a_corner_of_the_footprint_outside_the_picture(pan):
+    """The near corners are wider in the picture; all four are projected."""
+    T = eye(pan_deg=pan)
+    v, u = np.mgrid[0:160, 0:160]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    wide = replace(CONFIG, window_steps=8)
+    free = pixels[objective(all_floor(), config=wide, T=T).value(pixels) < CONFIG.penalty]
+    assert len(free) > 1000
+    floor = FloorRows.of(CAMERA, T)
+    places = floor.floor_of(free)
+    c, s = math.cos(floor.heading_rad), math.sin(floor.heading_rad)
+    deep, half = DARWIN_OP.depth_m / 2 + CONFIG.margin_m, DARWIN_OP.width_m / 2 + CONFIG.margin_m
+    for ahead in (-deep, deep):
+        for left in (-half, half):
+            corner = places + np.array([c * ahead - s * left, s * ahead + c * left])
+            seen = CAMERA.project(
+                T.inverse().apply(np.column_stack([corner, np.zeros(len(corner))]))
+            )
+            assert seen[:, 0].min() >= -0.51
+            assert seen[:, 0].max() <= 159.51
+            assert seen[:, 1].max() <= 159.51
+
+
 def test_a_place_behind_an_obstacle_is_forbidden():
     behind = CAMERA.project(eye().inverse().apply(np.array([1.8, 0.0, 0.0])))
     pixel = behind[None]

@@ -101,11 +101,19 @@ class Looker:
         for v in np.flatnonzero(np.isfinite(self.ahead)):
             if top[v] < 0 or bottom[v] >= CAMERA.height:
                 continue
+            u = np.arange(CAMERA.width)
+            sides = self.left[v] + self.half, self.left[v] - self.half
             low = int(bottom[v])
-            side = int(np.ceil(self.half / (self.left[low, 0] - self.left[low, 1]) - e))
-            u = np.arange(side, CAMERA.width - side)
-            area = self.count[int(top[v]) : low + 1]
-            hidden[v, u] = np.any(area[:, u + side + 1] > area[:, u - side], axis=0)
+            near = (self.ahead[v] - deep) * self.axis
+            across = np.array([-self.axis[1], self.axis[0]])
+            corners = [np.append(near, 0.0) + np.outer(side, [*across, 0.0]) for side in sides]
+            begin, close = (CAMERA.project(self.T.inverse().apply(c))[:, 0] for c in corners)
+            out = (begin < -0.5 - e) | (close > CAMERA.width - 0.5 + e)
+            for y in range(int(top[v]), low + 1):
+                begin = np.floor(self.column(y, sides[0]) + 0.5 + e)
+                close = np.floor(self.column(y, sides[1]) + 0.5 - e)
+                out |= self.any_blocked(np.full(len(u), y), begin, close)
+            hidden[v] = out
         return hidden
 
     def way(self, pixels):

@@ -60,6 +60,12 @@ def test_the_printed_angle_is_correct_only_for_a_heading_along_y():
     assert command.printed(place, Pose2(yaw=0.3), GAIT).turn_rad == along_y.turn_rad
 
 
+def test_the_printed_angle_tells_behind_from_ahead():
+    """The arc tangent of the ratio would walk straight on for a goal behind the robot."""
+    behind = command.printed(np.array([0.01, -2.0]), Pose2(yaw=math.pi / 2), GAIT)
+    assert abs(behind.turn_rad) == pytest.approx(math.radians(14.0))
+
+
 def test_a_blocked_robot_turns_on_the_spot_towards_the_goal():
     for side in (1.0, -1.0):
         walk = command.turning(np.array([1.0, side]), Pose2(), GAIT)
