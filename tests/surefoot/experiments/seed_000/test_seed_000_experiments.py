@@ -42,6 +42,7 @@ def test_images_of_an_earlier_run_are_not_counted(tmp_path, monkeypatch):
     )
     monkeypatch.setattr(monocular_cycle, "cv2", full)
     monkeypatch.setattr(monocular_cycle, "CYCLES", 2)
+    monkeypatch.setattr(monocular_cycle, "SCENES", ("robots_room",))
     assert monocular_cycle.run(1, lambda text: None).figures["stages"] == 0.0
 
 
