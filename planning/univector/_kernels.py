@@ -30,7 +30,7 @@ class Shape(NamedTuple):
 
 
 class Discs(NamedTuple):
-    """Obstacles: middles (m, 2) and extended radii (m,), m; whether each is virtual (m,)."""
+    """Obstacles: middles (m, 2) and extended radii (m,), m; weight (m,) of each virtual one, 0 for a real one."""
 
     centres: np.ndarray
     radii: np.ndarray
@@ -109,17 +109,21 @@ def _avoid(
     to_goal: np.ndarray,
     sums: np.ndarray,
 ) -> None:
-    """Sum of eq. (9) over the obstacles for one run of places; `to_goal` holds their distances to the goal."""
+    """Weighted sum of eq. (9) over the obstacles, and the largest weight, for one run of places.
+
+    `to_goal` holds the distances of the places to the goal.
+    """
     centres, radii, virtual = discs
     d_e, d_b, k_r, literal = shape.d_e, shape.d_b, shape.k_r, shape.literal
     low_x = high_x = places[first, 0]
     low_y = high_y = places[first, 1]
     for i in range(first, last):
-        sums[i - first, 0] = sums[i - first, 1] = 0.0
+        sums[i - first] = 0.0
         low_x, high_x = min(low_x, places[i, 0]), max(high_x, places[i, 0])
         low_y, high_y = min(low_y, places[i, 1]), max(high_y, places[i, 1])
     for j in range(centres.shape[0]):
         cx, cy, radius = centres[j, 0], centres[j, 1], radii[j]
+        weight = virtual[j] if virtual[j] > 0.0 else 1.0
         reach = radius + d_e + d_b
         away_x, away_y = max(low_x - cx, cx - high_x, 0.0), max(low_y - cy, cy - high_y, 0.0)
         if away_x * away_x + away_y * away_y > reach * reach:
@@ -137,10 +141,11 @@ def _avoid(
             ux, uy = ox * inverse, oy * inverse
             if rho < radius:
                 if not literal:
-                    sums[i - first, 0] += ux
-                    sums[i - first, 1] += uy
+                    sums[i - first, 0] += weight * ux
+                    sums[i - first, 1] += weight * uy
+                    sums[i - first, 2] = max(sums[i - first, 2], weight)
                 continue
-            if not virtual[j]:
+            if virtual[j] == 0.0:
                 if to_goal[i - first] + radius < goal_away:
                     continue  # the obstacle lies beyond the goal
                 if -ox * (goal_x - places[i, 0]) - oy * (goal_y - places[i, 1]) <= 0.0:
@@ -149,8 +154,9 @@ def _avoid(
             c, s = _quarter_turns(share)
             if bx * oy - by * ox >= 0.0:
                 s = -s
-            sums[i - first, 0] += ux * c - uy * s
-            sums[i - first, 1] += ux * s + uy * c
+            sums[i - first, 0] += weight * (ux * c - uy * s)
+            sums[i - first, 1] += weight * (ux * s + uy * c)
+            sums[i - first, 2] = max(sums[i - first, 2], weight)
 
 
 @njit(cache=True)
@@ -179,7 +185,7 @@ def field(
     turn_x, turn_y = math.cos(goal_heading), math.sin(goal_heading)
     w_goal, w_avoid, literal = shape.w_goal, shape.w_avoid, shape.literal
     to_goal = np.empty(RUN)
-    sums = np.zeros((RUN, 2))
+    sums = np.zeros((RUN, 3))
     for first in range(0, places.shape[0], RUN):
         last = min(first + RUN, places.shape[0])
         for i in range(first, last):
@@ -206,5 +212,7 @@ def field(
                 out[i, 0] = weight * mx
                 out[i, 1] = weight * my
             else:
-                out[i, 0] = w_goal * mx + w_avoid * sx / size
-                out[i, 1] = w_goal * my + w_avoid * sy / size
+                most = sums[i - first, 2]
+                to, off = w_goal + (1.0 - most) * (1.0 - w_goal), most * w_avoid / size
+                out[i, 0] = to * mx + off * sx
+                out[i, 1] = to * my + off * sy

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.robot_model import DARWIN_OP
@@ -177,14 +177,16 @@ def total(
     config: FieldConfig,
     headings: Float[np.ndarray, "n"] | None = None,
     literal: bool = False,
-    virtual: Bool[np.ndarray, "m"] | None = None,
+    virtual: Float[np.ndarray, "m"] | None = None,
 ) -> Float[np.ndarray, "n 2"]:
     """u_T = w_muf u_muf + w_auf N(sum u_auf), at any number of places.
 
-    Out of range of all obstacles u_muf counts alone, with weight 1 (with w_muf in `literal`).
+    Out of range of all obstacles u_muf counts alone, with weight 1 (with w_muf in `literal`). Where virtual obstacles
+    count alone, their largest weight leads from there to the weights of eq. (10).
 
     Args: as for `move_to_goal` and `avoid`, and
-        virtual: Whether each obstacle is virtual: it counts also behind the robot or beyond the goal. None: none is.
+        virtual: Weight of each virtual obstacle, in (0, 1], 0 for a real one. A virtual one counts also behind the
+            robot or beyond the goal. None: none is virtual.
 
     Returns:
         Vectors of which only the direction is meaningful.
@@ -218,7 +220,7 @@ def _field(
         _kernels.Discs(
             np.ascontiguousarray(centres, np.float64),
             np.ascontiguousarray(radii, np.float64),
-            np.zeros(len(radii), np.bool_) if virtual is None else np.ascontiguousarray(virtual),
+            np.zeros(len(radii)) if virtual is None else np.ascontiguousarray(virtual, np.float64),
         ),
         _kernels.Shape(config.d_con_m, config.d_e_m, config.d_b_m, K_R_M, *weights, literal),
         out,

@@ -1,7 +1,7 @@
 """Heading and speed of the next step among moving obstacles.
 
 In the order of the paper: the evaluations, the extended radii, for each moving obstacle the change of speed that avoids
-it, virtual obstacles for those that no speed avoids, and the field over all of them. Each addition has a switch in
+it, virtual obstacles for those that come along the way, and the field over all of them. Each addition has a switch in
 `FieldConfig`.
 
 Source: Yoo 2010 (seed 001), section 6; the choice between different speeds for several obstacles is ours.
@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
@@ -23,7 +23,7 @@ from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 from ..gaze import evaluations
 from ..gaze.evaluations import EvaluationConfig
 from . import fields
-from .collision import EXACT, miss_deviation, widened_band
+from .collision import EXACT, Band, miss_deviation, widened_band
 from .fields import FieldConfig
 from .speed import CLEAR, VIRTUAL, Change, change, least_distance
 from .virtual_obstacle import VirtualObstacle, virtual_obstacle
@@ -41,7 +41,8 @@ class Advice:
         speed_mps: Speed at the end of the next step.
         changes: Change of speed for each obstacle, in their order.
         psi: psi_sf + psi_ob of each, in [0, 2]; zeros without gaze coupling.
-        centres, extended_m, virtual: Discs of the field, world frame, m: obstacles, cells, virtual obstacles.
+        centres, extended_m, virtual: Discs of the field, world frame, m: obstacles, cells, virtual obstacles; weight
+            of each virtual one, 0 for the others.
     """
 
     heading_rad: float
@@ -50,12 +51,12 @@ class Advice:
     psi: Float[np.ndarray, "n"]
     centres: Float[np.ndarray, "m 2"]
     extended_m: Float[np.ndarray, "m"]
-    virtual: Bool[np.ndarray, "m"]
+    virtual: Float[np.ndarray, "m"]
 
 
 @dataclass(frozen=True)
 class _Mover:
-    """A moving obstacle in O_R."""
+    """A moving obstacle in O_R, or in the same axes turned."""
 
     place: np.ndarray
     velocity: np.ndarray
@@ -94,7 +95,7 @@ def advise(
     Source: seed 001, section 4 and 6.
     """
     here, yaw = robot.mean[:2], float(robot.mean[2])
-    R = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    R = _rotation(yaw)
     moves = np.array([_moves(o) for o in obstacles], np.bool_)
     velocities = np.array([o.velocity for o in obstacles]).reshape(-1, 2) * moves[:, None]
     centres = np.array([o.position for o in obstacles]).reshape(-1, 2)
@@ -124,11 +125,14 @@ def advise(
         *(extended + _position_sigma(robot, obstacles, config)),
         *fields.extended_radius(still + cell_m / 2, still, still, config, model.radius_m),
     ]
-    for extra in _virtual(movers, changes, speed_mps, config):
-        discs.append(here + R @ extra.place)
+    weights = [0.0] * len(discs)
+    to_goal = fields.move_to_goal(here[None].astype(np.float64), goal, goal_heading, config)[0]
+    turn = math.atan2(to_goal[1], to_goal[0]) - yaw
+    for extra in _virtual([_turned(m, turn) for m in movers], speed_mps, config):
+        discs.append(here + R @ _rotation(turn) @ extra.place)
         sizes.append(extra.radius_m)
-    virtual = np.arange(len(discs)) >= len(obstacles) + len(cells)
-    places = np.array(discs).reshape(-1, 2)
+        weights.append(extra.weight)
+    virtual, places = np.array(weights), np.array(discs).reshape(-1, 2)
     u = fields.total(
         here[None].astype(np.float64),
         goal,
@@ -167,17 +171,47 @@ def relative_covariance(robot: Gaussian, obstacle: Obstacle) -> Float[np.ndarray
 
 
 def _virtual(
-    movers: Sequence[_Mover], changes: Sequence[Change], speed_mps: float, config: FieldConfig
+    movers: Sequence[_Mover], speed_mps: float, config: FieldConfig
 ) -> list[VirtualObstacle]:
-    """Virtual obstacles, in O_R, of the moving obstacles that no change of speed avoids."""
+    """Virtual obstacles of the moving obstacles that come along the way to the goal, rather than across it.
+
+    The obstacle must bring the robot, on its way to the goal, within S_oe + d_e, where its own field would turn the
+    robot aside. By the collision of the present heading the case is over once the robot has turned: it would turn
+    back, and aside again (head-on 205 deg in all, 133 deg by this rule, 163 deg without virtual obstacles).
+
+    Args:
+        movers: In axes whose x leads to the goal; so are the virtual obstacles.
+        speed_mps, config: As in `advise`.
+
+    Source: seed 001, section 4, case (c); the way to the goal in place of the heading is ours.
+    """
     if not config.virtual_obstacles:
         return []
-    found = [
-        virtual_obstacle(m.place, m.velocity, speed_mps, m.radius_m, m.psi, config)
-        for m, one in zip(movers, changes, strict=True)
-        if one.case == VIRTUAL.case
-    ]
+    found = []
+    for m in movers:
+        band = _band(m, m.radius_m + config.d_e_m)
+        along = -m.velocity[0] > abs(m.velocity[1])
+        if along and band is not None and band.contains(speed_mps):
+            found.append(
+                virtual_obstacle(m.place, m.velocity, speed_mps, m.radius_m, m.psi, config)
+            )
     return [one for one in found if one is not None]
+
+
+def _turned(mover: _Mover, angle: float) -> _Mover:
+    """The same in axes turned by an angle, rad."""
+    back = _rotation(-angle)
+    both = np.kron(np.eye(2), back)
+    return replace(
+        mover,
+        place=back @ mover.place,
+        velocity=back @ mover.velocity,
+        covariance=both @ mover.covariance @ both.T,
+    )
+
+
+def _rotation(angle: float) -> np.ndarray:
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
 
 
 def _moves(obstacle: Obstacle) -> bool:
@@ -215,15 +249,9 @@ def _speed(
 ) -> tuple[list[Change], float, float]:
     """Change of speed for each moving obstacle, the acceleration, and the speed at which it ends."""
     cruise = math.copysign(fields.ACCELERATION_MPS2, gait.cruise_mps - speed_mps)
-    if not (config.velocity_change or config.virtual_obstacles):
+    if not config.velocity_change:
         return [CLEAR] * len(movers), cruise, gait.cruise_mps
-    bands = [
-        widened_band(
-            *(mover.place, mover.velocity, mover.radius_m, mover.covariance),
-            *(fields.SIGMAS, fields.MAX_SIGMA_M, fields.HORIZON_S),
-        )
-        for mover in movers
-    ]
+    bands = [_band(mover, mover.radius_m) for mover in movers]
     radii = [mover.radius_m + _miss_sigma(mover, speed_mps, config) for mover in movers]
     changes = [
         change(mover.place, mover.velocity, radius, band, speed_mps, gait.max_speed_mps)
@@ -238,8 +266,6 @@ def _speed(
             if one.case != VIRTUAL.case
         )
 
-    if not config.velocity_change:
-        return [_virtual_or_clear(c) for c in changes], cruise, gait.cruise_mps
     if clear(cruise, gait.cruise_mps):
         return [_virtual_or_clear(c) for c in changes], cruise, gait.cruise_mps
     asked = sorted({0.0, *(c.acceleration_mps2 for c in changes)}, key=abs)
@@ -254,6 +280,14 @@ def _speed(
         -fields.ACCELERATION_MPS2,
         0.0,
     )  # no acceleration avoids all: slow down and turn aside
+
+
+def _band(mover: _Mover, radius_m: float) -> Band | None:
+    """Colliding speeds with a disc of this radius, by the covariance of the mover."""
+    return widened_band(
+        *(mover.place, mover.velocity, radius_m, mover.covariance),
+        *(fields.SIGMAS, fields.MAX_SIGMA_M, fields.HORIZON_S),
+    )
 
 
 def _virtual_or_clear(one: Change) -> Change:

@@ -4,6 +4,10 @@ It lies at the foot of the perpendicular from the robot to the path of the obsta
 the obstacle and vanishes at a distance that grows with the relative speed and the gaze evaluations. The curve between
 is Schlick's rational bias, symmetric and through (xi, xi), which has the printed factor (1 - xi)^2 / xi^2.
 
+Two points are ours. A robot on the path itself, which the printed radius (at most the distance) leaves without a virtual
+obstacle, passes on the side that the sign of eq. (9) takes. The normalisation in eq. (10) gives a disc of any size full
+weight, so the heading jumps by 71 deg as soon as one appears; here its weight grows with its radius.
+
 Source: Yoo 2010 (seed 001), eq. (11) (lost, reconstructed) and the velocity of the foot.
 """
 
@@ -21,6 +25,7 @@ from .fields import FieldConfig
 
 REACH_V_S = 12.0  # w_dist eta_vo; ours: growth of the distance with the relative speed
 REACH_PSI_M = 0.3  # w_dist eta_imp; ours: growth with the gaze evaluations
+ASIDE_M = 1e-6  # ours: distance from the path that a robot exactly on it is given
 
 
 @dataclass(frozen=True)
@@ -30,11 +35,13 @@ class VirtualObstacle:
     Args:
         place: p_vo, in the body frame O_R, m.
         radius_m: R_vo.
+        weight: In the field, in (0, 1]: root of the calculated radius divided by S_oe.
         velocity: Velocity of the foot of the perpendicular while the robot walks, in O_R, m/s.
     """
 
     place: Float[np.ndarray, "2"]
     radius_m: float
+    weight: float
     velocity: Float[np.ndarray, "2"]
 
 
@@ -74,7 +81,7 @@ def virtual_obstacle(
 
     Args:
         place, velocity: Of the obstacle, in axes of O_R, m and m/s; the velocity is that in the world.
-        speed_mps: Forward speed of the robot.
+        speed_mps: Forward speed of the robot, along x.
         extended_m: S_oe.
         psi: psi_sf + psi_ob, in [0, 2]; 0 if not used.
         config: Convexity.
@@ -91,8 +98,12 @@ def virtual_obstacle(
     relative = velocity - np.array([speed_mps, 0.0])
     vanishes = REACH_V_S * float(np.hypot(*relative)) + REACH_PSI_M * psi
     share = ahead / vanishes if vanishes > 0.0 else math.inf
-    foot = place + ahead * along
-    radius = min(shrunken_radius(extended_m, share, config.convexity), float(np.hypot(*foot)))
-    if radius <= 0.0:
+    calculated = shrunken_radius(extended_m, share, config.convexity)
+    if calculated <= 0.0:
         return None
-    return VirtualObstacle(foot, radius, speed_mps * along[0] * along)
+    foot = place + ahead * along
+    if np.hypot(*foot) < ASIDE_M:
+        left = np.array([-along[1], along[0]])
+        foot = left * (-ASIDE_M if left[1] >= 0.0 else ASIDE_M)
+    radius, weight = min(calculated, float(np.hypot(*foot))), math.sqrt(calculated / extended_m)
+    return VirtualObstacle(foot, radius, weight, speed_mps * along[0] * along)

@@ -55,13 +55,38 @@ def walk(config, start, velocity):
     pytest.fail("never arrived")
 
 
-@pytest.mark.parametrize("speed", [0.06, 0.15])
-def test_the_virtual_obstacle_turns_earlier_and_passes_wider(speed):
-    start, velocity = np.array([2.5, 0.02]), np.array([-speed, 0.0])
-    gap, _, first = walk(PLAIN, start, velocity)
-    wider, _, earlier = walk(replace(PLAIN, virtual_obstacles=True), start, velocity)
+@pytest.mark.parametrize("offset", [0.0, 0.02, -0.1])
+@pytest.mark.parametrize("speed", [0.03, 0.06, 0.15])
+def test_the_virtual_obstacle_turns_earlier_less_and_passes_wider(speed, offset):
+    start, velocity = np.array([2.5, offset]), np.array([-speed, 0.0])
+    gap, turning, first = walk(PLAIN, start, velocity)
+    wider, less, earlier = walk(replace(PLAIN, virtual_obstacles=True), start, velocity)
     assert wider > gap + 0.02
+    assert less < turning
     assert earlier > first + 0.2
+
+
+def test_head_on_it_reaches_the_figures_of_the_specification():
+    start, velocity = np.array([2.5, 0.02]), np.array([-0.06, 0.0])
+    gap, turning, first = walk(replace(PLAIN, virtual_obstacles=True), start, velocity)
+    assert gap > 0.235
+    assert math.degrees(turning) < 143.0
+    assert first > 1.43 - STEP_S * (0.06 + 0.0615)  # the turn begins with a step
+
+
+def test_the_virtual_obstacle_begins_without_a_jump():
+    config = replace(PLAIN, virtual_obstacles=True)
+
+    def heading(x):
+        robot = Gaussian(np.zeros(3), SURE)
+        return advise(
+            robot, 0.0615, [mover(x, 0.05, -0.06, 0.0)], GOAL, None, config, SLOW
+        ).heading_rad
+
+    reach = 12.0 * (0.06 + 0.0615)
+    assert heading(reach + 1e-6) == pytest.approx(0.0, abs=1e-9)
+    assert abs(heading(reach - 1e-6)) < math.radians(1.0)
+    assert abs(heading(reach - 0.2)) > math.radians(20.0)
 
 
 def test_a_fast_obstacle_from_the_side_is_let_pass():

@@ -51,6 +51,18 @@ def test_it_lies_at_the_foot_of_the_perpendicular_and_moves_with_it():
     np.testing.assert_allclose((foot - found.place) / dt, found.velocity, atol=1e-9)
 
 
+@pytest.mark.parametrize("speed", [0.06, 0.15])
+def test_exactly_head_on_it_is_that_of_a_robot_just_beside_the_path(speed):
+    on, beside = (
+        virtual_obstacle(np.array([0.8, y]), np.array([-speed, 0.0]), 0.06, 0.3, 0.0, CONFIG)
+        for y in (0.0, -1e-3)
+    )
+    assert on is not None
+    assert beside is not None
+    assert on.weight == beside.weight > 0.5
+    assert on.place[1] < 0.0 < on.radius_m  # the robot passes on its left
+
+
 def test_there_is_none_behind_far_from_or_for_a_static_obstacle():
     place = np.array([0.6, 0.2])
     assert virtual_obstacle(place, np.array([0.1, 0.0]), 0.06, 0.3, 0.0, CONFIG) is None
