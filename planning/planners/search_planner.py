@@ -68,7 +68,7 @@ class SearchPlanner:
             Explorer(config.exploration, self._robot) if config.mission.wander else None
         )
         self._route = Route(config.search, config.route, self._robot)
-        self._gaze = GazeControl(config.gaze, self._robot)
+        self.gaze = GazeControl(config.gaze, self._robot)
         self._speed_mps = 0.0
 
     @property
@@ -101,7 +101,7 @@ class SearchPlanner:
             via = self._route.update(probability, unknown, grid.origin, grid.cell_m, robot, goal)
         with watch.stage("gaze"):
             expected = self._guard.expected(obstacles, world.stamp_s)
-            gaze = self._gaze.next(world.stamp_s, robot, via, expected, GazeContext.of(world))
+            gaze = self.gaze.next(world.stamp_s, robot, via, expected, GazeContext.of(world))
         with watch.stage("field"):
             desired, why = self._wanted(world.pose, via, obstacles)
         with watch.stage("guard"):
@@ -130,14 +130,14 @@ class SearchPlanner:
         visited = self._explorer.visited
         goal = self._explorer.goal(ground, world.pose.mean[:2], world.stamp_s)
         if self._explorer.visited > visited:
-            self._gaze.survey()
+            self.gaze.survey()
         return goal
 
     def _wanted(
         self, pose: Gaussian, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle]
     ) -> tuple[WalkCommand, str]:
         """The step before the guard checks it, and why."""
-        if self._gaze.surveying:
+        if self.gaze.surveying:
             return WalkCommand(), "survey"
         if self._goals.turning and self._goals.heading is not None:
             x, y, yaw = (float(v) for v in pose.mean)

@@ -22,7 +22,7 @@ from perception.localisation.filter import PoseFilter
 from perception.primitives import plugins
 from perception.primitives.frame import Frame
 from perception.primitives.gaussian import Gaussian
-from perception.primitives.landmark import Sighting
+from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.pose import Pose2
 from planning.gaze import evaluations
 from planning.gaze.attention import sample_region
@@ -63,6 +63,9 @@ class GazeWalk:
         sigma_m: Standard deviation of the robot's position along its worst axis.
         mover_sigma_m: The same of moving obstacles nearby; NaN if none came near.
         stale: Share of outdated cells in the sampling region.
+        error_m: Error of the robot's position.
+        mover_error_m: Error of the position of moving obstacles nearby; for one without a track the tracker's limit.
+        travel_rad: Way of the head, pan and tilt together.
         contacts: Number of contacts.
         time_s: Duration.
         arrived: Whether the robot completed all legs.
@@ -72,6 +75,9 @@ class GazeWalk:
     sigma_m: float
     mover_sigma_m: float
     stale: float
+    error_m: float
+    mover_error_m: float
+    travel_rad: float
     contacts: int
     time_s: float
     arrived: bool
@@ -100,23 +106,27 @@ class LocalisedPerception(GeometricPerception):
     def _look_for_tags(self, true: Pose2) -> list[Sighting]:
         """Sightings of the tags in the colour camera's field of view, neither occluded nor too oblique."""
         half = math.radians(COLOUR_DEG) / 2
-        pan, _ = self._head(true)
+        pan, _ = self.head(true)
         found = []
         for mark in self.landmarks:
             x, y = true.inverse().apply(np.array([mark.position[:2]]))[0]
             away, bearing = math.hypot(x, y), math.atan2(y, x)
             off = abs((bearing - pan + math.pi) % (2 * math.pi) - math.pi)
-            if away > REACH_M or off > half - 0.11 / away:
-                continue
-            ray = np.array([[true.x, true.y, true.yaw + bearing]])
-            if self._viewing_angle(np.array(mark.position[:2]), ray[0, 2]) > OBLIQUE_RAD:
-                continue
-            if self._sensor.rays(self.discs, self._walls, ray)[0][0] < away - 0.1:
+            if off > half - 0.11 / away or not self.decodable(mark, true):
                 continue
             sigmas = np.array([RANGE_PER_M * away**2, BEARING_RAD])
             measured = np.array([away, bearing]) + sigmas * self._noise.standard_normal(2)
             found.append(Sighting(mark.identity, measured, np.diag(sigmas**2)))
         return found
+
+    def decodable(self, mark: Landmark, true: Pose2) -> bool:
+        """Whether a look at a tag from here would decode it: near, not too oblique, not hidden."""
+        place = np.array(mark.position[:2])
+        apart = place - (true.x, true.y)
+        away, direction = math.hypot(*apart), math.atan2(apart[1], apart[0])
+        if away > REACH_M or self._viewing_angle(place, direction) > OBLIQUE_RAD:
+            return False
+        return bool(self.free_m(true, place[None])[0] >= away - 0.1)
 
     def _viewing_angle(self, place: Float[np.ndarray, "2"], direction_rad: float) -> float:
         """Angle between the line of sight and the normal of the wall that a tag hangs on."""
@@ -135,7 +145,8 @@ def walk_with_gaze(
     scene = catalogue.load(scene_name, seed)
     goals = scene.goals[:LEGS]
     config = replace(config, mission=replace(config.mission, goals=LEGS, time_limit_s=LIMIT_S))
-    found: list[tuple[float, float, float]] = []
+    found: list[tuple[float, ...]] = []
+    heads: list[tuple[float, float]] = []
     contacts, touched = 0, set[int]()
     with (
         World(scene, "tiny", seed) as world,
@@ -143,21 +154,26 @@ def walk_with_gaze(
     ):
         perception = LocalisedPerception(config, robot, seed)
         planner = SearchPlanner(config.planning, goals)
+        watch = getattr(planner.gaze.policy, "watch", None)
+        if watch is not None:  # an oracle
+            watch(perception)
         for cycle in cycles(LiveBody(robot), perception, planner):
             true = perception.truth.robot_pose()
             gaps = np.hypot(perception.discs[:, 0] - true.x, perception.discs[:, 1] - true.y)
             now = set(np.flatnonzero(gaps - perception.discs[:, 2] - BODY_RADIUS_M <= 0.0).tolist())
             contacts += len(now - touched)
             touched = now
+            if cycle.decision is not None:
+                heads.append(perception.head(true))
             if cycle.decision is not None and cycle.decision.why != "survey":
                 found.append(
                     _measures(perception, cycle.world, true, len(scene.moving_objects), config)
                 )
-        sigma, mover, stale = np.array(found or [(math.nan,) * 3]).T
+        table = np.array(found or [(math.nan,) * 5])
+        sigma, mover, stale, error, off = (_mean(values) for values in table.T)
         return GazeWalk(
-            float(sigma.mean()),
-            float(np.nanmean(mover)) if np.isfinite(mover).any() else math.nan,
-            float(stale.mean()),
+            *(sigma, mover, stale, error, off),
+            float(np.abs(np.diff(heads, axis=0)).sum()),
             contacts,
             world.stamp_s,
             planner.reached == len(goals) and not robot.fallen,
@@ -167,26 +183,35 @@ def walk_with_gaze(
 
 def _measures(
     perception: LocalisedPerception, world: WorldModel, true: Pose2, movers: int, config: Config
-) -> tuple[float, float, float]:
-    """Standard deviations of the robot and of the moving obstacles nearby, and the share of outdated cells."""
+) -> tuple[float, ...]:
+    """The first five figures of `GazeWalk` after one step."""
     assert world.pose is not None
     assert perception.grid is not None
     assert perception.confidence is not None
     lost = config.tracker.largest_sigma_m
-    near = []
+    near, off = [], []
     for x, y, radius in perception.discs[:movers]:
         if math.hypot(x - true.x, y - true.y) > NEAR_M:
             continue
         tracks = [o for o in world.tracks if np.hypot(*(o.position - (x, y))) < 3.0 * radius]
         sigmas = [evaluations.deviation(o.state.covariance[:2, :2]) for o in tracks]
         near.append(min(sigmas, default=lost))
+        off.append(min((float(np.hypot(*(o.position - (x, y)))) for o in tracks), default=lost))
     region = config.gaze.map
     _, confidence = sample_region(perception.grid, perception.confidence, world.pose, region)
     return (
         evaluations.deviation(world.pose.covariance[:2, :2]),
         float(np.mean(near)) if near else math.nan,
         float(np.mean(confidence < config.confidence.stale_below)),
+        math.hypot(*(world.pose.mean[:2] - (true.x, true.y))),
+        float(np.mean(off)) if off else math.nan,
     )
+
+
+def _mean(values: Float[np.ndarray, "n"]) -> float:
+    """Mean of the finite values; NaN without any."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else math.nan
 
 
 def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome:

@@ -94,6 +94,7 @@ class GeometricPerception:
         objects = self.truth.obstacles()
         self.discs = np.array([[x, y, radius] for _, x, y, _, _, radius, _ in objects])
         """True x, y and radius of all objects now, m; moving objects first."""
+        self.movers = len(robot.world.scene.moving_objects)
         self._heights_m = [height for *_, height in objects]
 
     def cycle(self, frame: Frame) -> WorldModel:
@@ -161,7 +162,7 @@ class GeometricPerception:
         """Tracks after an update with the detections of this frame."""
         in_body = self.discs.copy()
         in_body[:, :2] = true.inverse().apply(self.discs[:, :2])
-        pan, tilt = self._head(true)
+        pan, tilt = self.head(true)
         seen = self._sensor.look(in_body, pan, tilt, frame.footstep_due)
         for one in seen:
             self._note(one.index, frame.stamp_s)
@@ -179,11 +180,27 @@ class GeometricPerception:
             record.since_s = stamp_s
         record.seen_s = stamp_s
 
-    def _head(self, true: Pose2) -> tuple[float, float]:
+    def head(self, true: Pose2) -> tuple[float, float]:
         """True pan and tilt of the camera relative to the body, including sway, rad."""
         axis = self._robot.camera_in_world(self._robot.config.tof_mount_m).rotation[:, 2]
         pan = wrap_angle(math.atan2(axis[1], axis[0]) - true.yaw)
         return pan, math.atan2(-axis[2], math.hypot(axis[0], axis[1]))
+
+    def free_m(
+        self, true: Pose2, places: Float[np.ndarray, "n 2"], without: int | None = None
+    ) -> Float[np.ndarray, "n"]:
+        """Length of the free line from the robot towards each place, world frame, m.
+
+        Args:
+            true: Pose of the robot.
+            places: World frame, m.
+            without: Index of a disc that does not count.
+        """
+        apart = places - (true.x, true.y)
+        bearing = np.arctan2(apart[:, 1], apart[:, 0])
+        rays = np.column_stack([np.broadcast_to((true.x, true.y), apart.shape), bearing])
+        discs = self.discs if without is None else np.delete(self.discs, without, axis=0)
+        return self._sensor.rays(discs, self._walls, rays)[0]
 
     def _visible(self, pose: Gaussian, pan: float, tilt: float) -> Visible:
         """A test like `Sight.visible`: positions whose line of sight the time-of-flight camera sees as free."""
@@ -209,7 +226,7 @@ class GeometricPerception:
         assert self.confidence is not None
         self.grid.move(pose.mean[:2])
         self.confidence.decay(elapsed)
-        pan, tilt = self._head(true)
+        pan, tilt = self.head(true)
         nearest, farthest = self._sensor.floor_reach(tilt)
         half = math.radians(TOF_ACROSS_DEG) / 2
         fan = pan + np.linspace(-half, half, RAYS)
