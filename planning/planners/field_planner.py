@@ -4,11 +4,19 @@ Moving obstacles are discs of the field, and so is every occupied cell near the 
 (virtual obstacles, velocity change, gaze coupling, uncertainty) are switches of `univector`. In a local minimum of
 the field, such as a concave obstacle, this planner gets stuck; the search planner does not.
 
+With `univector.mode` "seed" or "printed" it is the walker of seed 001: every tracked obstacle is a disc that grows with
+the evaluations, the speed changes by the printed law, the goals are via points that are passed with a heading, and
+nothing checks the steps. The heading at a via point, which the paper leaves open, is that of the line from the one
+before: eq. (9) ignores obstacles that lie off the direction to the goal, and any other heading leads through them on
+the curve that it asks for (contacts per course of 30 m, six courses: 2.5; heading from the one before to
+the next: 4.2; without headings: 2.3).
+
 Source: seed 001, sections 4 and 6; cells as discs are ours.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,6 +33,7 @@ from ..commands import GazeCommand, WalkCommand
 from ..gaze.attention import GazeContext
 from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
+from ..safety.step_filter import StepFilter, Unfiltered
 from ..univector import motion
 from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
@@ -32,7 +41,7 @@ from .planner import Decision
 from .settings import PlanningConfig
 
 NEAR_M = 0.8  # ours: farther cells do not reach into the field here
-BESIDE_M = 0.05  # ours: a cell this near to a moving obstacle's disc belongs to it
+BESIDE_M = 0.05  # ours: a cell this near to an obstacle's disc belongs to it
 
 
 class FieldPlanner(GoalSeeker):
@@ -49,7 +58,12 @@ class FieldPlanner(GoalSeeker):
         super().__init__(Goals(goals, config.mission, config.mission.headings_deg))
         self._config, self._robot = config, config.robot
         self._gaze = GazeControl(config.gaze, self._robot)
-        self._guard = Guard(config.guard, self._robot)
+        self._field = config.univector.as_walked
+        self._start: Float[np.ndarray, "2"] | None = None
+        self._published = self._field.mode != "ours"
+        self._guard: StepFilter = (
+            Unfiltered() if self._published else Guard(config.guard, self._robot)
+        )
         self._speed_mps = 0.0
 
     def observe(self, world: WorldModel) -> None:
@@ -62,12 +76,12 @@ class FieldPlanner(GoalSeeker):
             return Decision(WalkCommand(), GazeCommand(), "blocked")
         robot = world.pose2
         obstacles = [o.gone_straight() if o.moving >= MOVING else o for o in world.tracks]
-        movers = [o for o in obstacles if o.moving >= MOVING]
-        cells = _cells(world.grid, movers)
+        discs = [o for o in obstacles if self._published or o.moving >= MOVING]
+        cells = _cells(world.grid, discs)
         gaze = self._gaze.next(world.stamp_s, robot, goal, obstacles, GazeContext.of(world))
         desired, why = WalkCommand(), "survey"
         if not self._gaze.surveying:
-            desired = self._desired(world.pose, goal, movers, cells, world.grid.cell_m)
+            desired = self._desired(world.pose, goal, discs, cells, world.grid.cell_m)
             why = "walk"
         walk = self._guard.choose(desired, world.pose, obstacles, cells, goal, world.stamp_s)
         self._speed_mps = walk.forward_m / self._robot.gait.step_s
@@ -77,20 +91,22 @@ class FieldPlanner(GoalSeeker):
         self,
         pose: Gaussian,
         goal: Float[np.ndarray, "2"],
-        movers: Sequence[Obstacle],
+        discs: Sequence[Obstacle],
         cells: Float[np.ndarray, "n 2"],
         cell_m: float,
     ) -> WalkCommand:
         """The field's step, with all the additions that its switches ask for."""
-        field, gait = self._config.univector, self._robot.gait
+        field, gait = self._field, self._robot.gait
         x, y, yaw = (float(v) for v in pose.mean)
         arrival = self._goals.heading
         if arrival is not None and self._goals.turning:
             return footsteps.footstep(arrival, 0.0, Pose2(x, y, yaw), gait)
+        if arrival is None and self._published:
+            arrival = self._along(pose.mean[:2], goal)
         advice = motion.advise(
             pose,
             self._speed_mps,
-            movers,
+            discs,
             goal,
             arrival,
             field,
@@ -102,11 +118,19 @@ class FieldPlanner(GoalSeeker):
         speed = advice.speed_mps if field.velocity_change else gait.cruise_mps
         return footsteps.footstep(advice.heading_rad, speed, Pose2(x, y, yaw), gait)
 
+    def _along(self, here: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"]) -> float:
+        """th_tg at a via point without a given heading: of the line from the via point before."""
+        if self._start is None:
+            self._start = here.copy()
+        last = self._goals.last
+        x, y = goal - (self._start if last is None else last)
+        return math.atan2(y, x)
 
-def _cells(grid: EgocentricGrid, movers: Sequence[Obstacle]) -> Float[np.ndarray, "n 2"]:
-    """Middles of occupied cells that no moving obstacle accounts for, world frame, m."""
+
+def _cells(grid: EgocentricGrid, discs: Sequence[Obstacle]) -> Float[np.ndarray, "n 2"]:
+    """Middles of occupied cells that no disc accounts for, world frame, m."""
     cells = grid.centres()[grid.known & (grid.probability >= OCCUPIED)]
     free = np.ones(len(cells), dtype=bool)
-    for mover in movers:
-        free &= np.hypot(*(cells - mover.position).T) > mover.radius_m + BESIDE_M
+    for disc in discs:
+        free &= np.hypot(*(cells - disc.position).T) > disc.radius_m + BESIDE_M
     return np.asarray(cells[free])

@@ -106,6 +106,11 @@ class Goals:
         return None if math.isnan(heading) else heading
 
     @property
+    def last(self) -> Float[np.ndarray, "2"] | None:
+        """The goal that was reached last, map frame, m; None before the first."""
+        return self._goals[self._reached - 1] if self._reached else None
+
+    @property
     def turning(self) -> bool:
         """Whether the present goal's position is reached, but not yet its heading."""
         return self._there

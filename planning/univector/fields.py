@@ -10,7 +10,7 @@ Source: Yoo 2010 (seed 001), section 4, eq. (7) to (10).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -27,6 +27,8 @@ SIGMAS = 1.0  # ours: standard deviations that uncertainty adds ...
 MAX_SIGMA_M = 0.15  # ours: ... each at most this; more would freeze the robot
 HORIZON_S = 8.0  # ours: later collisions are left to later steps
 
+MODES = ("ours", "seed", "printed")
+
 
 @dataclass(frozen=True)
 class FieldConfig:
@@ -34,8 +36,16 @@ class FieldConfig:
 
     Each addition has a switch. With all four off the field is that of eq. (7) to (10), with radii that grow with the
     speed alone. `motion.advise` applies the additions.
+
+    Args:
+        mode: "ours": the values below. "seed": the motion of seed 001 with its misprints corrected, that is gaze
+            evaluations, virtual obstacles and the printed change of speed, an arrival heading at every via point, and
+            no guard; planner "field" only. "printed": the same with the printed weights.
     """
 
+    mode: str = setting(
+        "ours", "", "ours, seed or printed: which motion the planner field walks by", "ours"
+    )
     w_goal: float = setting(
         0.25, "", "weight w_muf of the direction to the goal", "ours; seed 001: 0.75 hits obstacles"
     )
@@ -71,7 +81,25 @@ class FieldConfig:
         0.7, "", "xi: how fast a virtual obstacle shrinks with distance", "ours; 0.5: linearly"
     )
 
+    @property
+    def as_walked(self) -> FieldConfig:
+        """The settings with those that the mode implies."""
+        if self.mode == "ours":
+            return self
+        goal, avoid = (0.75, 0.25) if self.mode == "printed" else (0.25, 0.75)
+        return replace(
+            self,
+            w_goal=goal,
+            w_avoid=avoid,
+            gaze_coupling=True,
+            virtual_obstacles=True,
+            velocity_change=True,
+            uncertainty=False,
+        )
+
     def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise ConfigError(f"field: mode={self.mode!r} is unknown; choose {', '.join(MODES)}")
         for name in ("d_con_m", "d_e_m"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):

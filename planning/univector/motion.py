@@ -252,6 +252,8 @@ def _speed(
     if not config.velocity_change:
         return [CLEAR] * len(movers), cruise, gait.cruise_mps
     bands = [_band(mover, mover.radius_m) for mover in movers]
+    if config.mode != "ours":
+        return _printed_speed(movers, bands, speed_mps, gait, cruise)
     radii = [mover.radius_m + _miss_sigma(mover, speed_mps, config) for mover in movers]
     changes = [
         change(mover.place, mover.velocity, radius, band, speed_mps, gait.max_speed_mps)
@@ -280,6 +282,24 @@ def _speed(
         -fields.ACCELERATION_MPS2,
         0.0,
     )  # no acceleration avoids all: slow down and turn aside
+
+
+def _printed_speed(
+    movers: Sequence[_Mover],
+    bands: Sequence[Band | None],
+    speed_mps: float,
+    gait: GaitLimits,
+    cruise: float,
+) -> tuple[list[Change], float, float]:
+    """The same by the printed law; of several accelerations the largest, which the paper leaves open."""
+    changes = [
+        change(m.place, m.velocity, m.radius_m, band, speed_mps, gait.max_speed_mps, literal=True)
+        for m, band in zip(movers, bands, strict=True)
+    ]
+    asked = max((c.acceleration_mps2 for c in changes), key=abs, default=0.0)
+    if asked == 0.0:
+        return changes, cruise, gait.cruise_mps
+    return changes, asked, gait.max_speed_mps if asked > 0.0 else 0.0
 
 
 def _band(mover: _Mover, radius_m: float) -> Band | None:

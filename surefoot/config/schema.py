@@ -161,6 +161,10 @@ class Config:
             )
         if self.mission.planner == "swarm" and not self.robot.colour:
             raise ConfigError("mission: planner='swarm' walks by colour; set robot.colour=true")
+        if self.univector.mode != "ours" and self.mission.planner == "search":
+            raise ConfigError(
+                f"univector: mode={self.univector.mode!r} walks without search and guard; set mission.planner='field'"
+            )
         check_difficulty(self.difficulty)
         for name in self.depth_sources:
             problem = plugins.check(name, dict.fromkeys(SENSORS, ""), "depth source")

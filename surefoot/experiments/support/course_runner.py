@@ -13,10 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from perception.primitives.pose import wrap_angle
+from planning.planners.field_planner import FieldPlanner
 from planning.planners.mission import MissionConfig
 from planning.planners.planner import Decision
 from planning.planners.search_planner import SearchPlanner
 from planning.safety.step_filter import StepFilter
+from planning.univector.fields import FieldConfig
 from planning.world_model import WorldModel
 from sim import bullet
 from sim.robot import SimulatedRobot
@@ -83,6 +85,21 @@ def course_config(scene: str, seed: int, config: Config | None = None) -> Config
     )
 
 
+def published(config: Config, mode: str = "seed") -> Config:
+    """The same walked by seed 001 alone: its gaze, its field and its change of speed, without search and guard.
+
+    Args:
+        config: From `course_config` or `image_config`.
+        mode: "seed", or "printed" for the printed weights.
+    """
+    return replace(
+        config,
+        mission=replace(config.mission, planner="field"),
+        univector=FieldConfig(mode=mode),
+        gaze=replace(config.gaze, mode="seed"),
+    )
+
+
 def image_config(scene: str, seed: int, config: Config | None = None) -> Config:
     """Configuration of a walk from images: time of flight for the map, colour for obstacles and tags."""
     one = course_config(scene, seed, config)
@@ -97,9 +114,9 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
     """Walk the course of `config.scene` and `config.seed`.
 
     Args:
-        config: From `course_config`, or from `image_config` for perception from images.
+        config: From `course_config`, or from `image_config` for perception from images; `mission.planner` may be "field".
         perfect: Error-free perception instead of simulated detections.
-        stepper: Checks every step; None: the guard.
+        stepper: Checks every step of the planner "search"; None: the guard.
     """
     if config.robot.needs_pybullet:
         bullet.require()
@@ -114,7 +131,11 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
         perception: PerceptionSource = geometric
         if images:
             perception = Pipeline(config, known_beforehand(scene, robot, config))
-        planner = SearchPlanner(config.planning, scene.goals, stepper)
+        planner: FieldPlanner | SearchPlanner
+        if config.mission.planner == "field":
+            planner = FieldPlanner(config.planning, scene.goals)
+        else:
+            planner = SearchPlanner(config.planning, scene.goals, stepper)
         body = LiveBody(robot)
         for cycle in cycles(body, perception, planner):
             stamp_s, decision = cycle.frame.stamp_s, cycle.decision
