@@ -32,6 +32,7 @@ from perception.odometry.view_errors import (
 from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
 
+from ...config.schema import Config
 from ...evaluation.metrics import calibration as scores
 from ...evaluation.metrics.consistency import nees, squared, whitened
 from ...evaluation.metrics.gauge_alignment import errors_in_space
@@ -133,9 +134,10 @@ class Track:
         return (whole + whole.T) / 2.0
 
 
-def ours(frames: Iterable[Frame]) -> Track:
-    """Our live odometry."""
-    source = OdometryPoses(np.random.default_rng(0), OdometerConfig(loops=False))
+def ours(frames: Iterable[Frame], calibrated: bool = False) -> Track:
+    """Our live odometry; `calibrated` as `RecordingInfo` has it."""
+    floor = Config().floor_of(calibrated)
+    source = OdometryPoses(np.random.default_rng(0), OdometerConfig(loops=False), floor)
     track, unknown = Track(), np.full((6, 6), np.nan)
     for frame, true in without_poses(frames):
         source.update(frame, ())
@@ -214,10 +216,10 @@ METHODS: dict[str, Callable[[Iterable[Frame]], Track]] = {
 }
 
 
-def tracked(name: str, frames: Iterable[Frame]) -> Track | None:
-    """The trajectory of a method; None if it is not installed."""
+def tracked(name: str, frames: Iterable[Frame], calibrated: bool = False) -> Track | None:
+    """The trajectory of a method; None if it is not installed. Only ours knows whether the camera is calibrated."""
     try:
-        return METHODS[name](frames)
+        return ours(frames, calibrated) if name == "ours" else METHODS[name](frames)
     except ImportError:
         return None
 

@@ -62,7 +62,7 @@ def run(seeds: int, say: Say) -> Outcome:
         for recording, given in sets.items():
             for method in METHODS:
                 say(f"{recording}: {method}")
-                track = tracked(method, given)
+                track = tracked(method, given, calibrated=recording == "replica")
                 figures, line = row(recording, method, track)
                 parts.append((figures, [line]))
                 if track is not None:
