@@ -62,7 +62,8 @@ class SwarmPlanner(GoalSeeker):
         super().__init__(TimedGoals(goals, times, mission) if times else Goals(goals, mission))
         self._config, self._settings = config, config.swarm.as_walked
         self._robot = config.robot
-        self._corners = Corners(self._settings.objective.literal)
+        self._published = config.swarm.version != "ours"
+        self._corners = Corners(config.swarm.version)
         react_s = config.guard.react_s + GLANCE_EVERY * self._robot.gait.step_s
         self._guard = Guard(
             replace(config.guard, react_s=react_s, following_cost=FOLLOWING_COST), self._robot
@@ -116,7 +117,8 @@ class SwarmPlanner(GoalSeeker):
         ahead = abs(_pan(result.current, robot)) < GLANCE_RAD
         if ahead:
             unseen_m = result.nearest_m + _ahead_m(result.current, robot)
-            self._corners.update(result.corners_blocked, unseen_m, gait.cruise_mps * gait.step_s)
+            step_m = command.PRINTED_STEP_M if self._published else gait.cruise_mps * gait.step_s
+            self._corners.update(result.corners_blocked, unseen_m, step_m)
         tracks = world.tracks
         movers = [o.gone_straight() for o in tracks if o.moving >= MOVING]
         if self._settings.guarded:
@@ -160,10 +162,12 @@ class SwarmPlanner(GoalSeeker):
     ) -> tuple[WalkCommand, Float[np.ndarray, "2"], str]:
         """The desired step, its target and why; `place` is the best pixel on the floor, if there is one."""
         gait = self._robot.gait
-        if self._settings.objective.literal:
+        if self._published:
+            literal = self._settings.objective.literal
             if place is None:
-                return command.turning(goal, robot, gait, literal=True), goal, "blocked"
-            return command.printed(place, robot, gait), place, "walk"
+                return command.turning(goal, robot, gait, literal), goal, "blocked"
+            step = command.printed if literal else command.published
+            return step(place, robot, gait), place, "walk"
         here = np.array([robot.x, robot.y])
         if abs(command.angle_to(goal, robot)) > self._settings.objective.window_rad(gait):
             return command.turning(goal, robot, gait), goal, "turn"

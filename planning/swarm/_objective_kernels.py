@@ -28,7 +28,6 @@ class Geometry(NamedTuple):
         first_row: First row that is searched.
         heading_rad: Offset of the angle, which only the printed form gets wrong.
         literal: Whether the corridor is as printed.
-        filled: Whether pixels between the edges of the corridor count.
     """
 
     fx: float
@@ -55,7 +54,6 @@ class Geometry(NamedTuple):
     first_row: float
     heading_rad: float
     literal: bool
-    filled: bool
 
 
 class Arrays(NamedTuple):
@@ -192,8 +190,6 @@ def corridor_blocked(
         a, b = edge_line(view, tangent, secant, side)
         if line_blocked(blocked, a, b, row_of(view, ahead - side * view.half_m * sine)):
             return True
-    if not view.filled:
-        return False
     a, b = edge_line(view, tangent, secant, 1.0)
     c, d = edge_line(view, tangent, secant, -1.0)
     nearer = row_of(view, ahead - view.half_m * abs(sine))  # of the two corners at the end

@@ -129,8 +129,6 @@ def sweep(
     a, b = np.empty(FANS + 1), np.empty(FANS + 1)
     closed = np.empty(FANS, np.bool_)
     for side in ALONG:
-        if abs(side) < 1.0 and not view.filled:
-            break
         for k in range(FANS + 1):
             tangent = first + k * step
             a[k], b[k] = edge_line(view, tangent, math.sqrt(1.0 + tangent * tangent), side)

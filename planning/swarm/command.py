@@ -40,6 +40,14 @@ def towards(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> Wa
     return footstep(robot.yaw + angle_to(place, robot), gait.cruise_mps, robot, gait)
 
 
+def published(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> WalkCommand:
+    """The step of the paper: always 0.04 m, turned by at most theta_safety towards the place.
+
+    Source: seed 000, eq. (10), with the heading of the robot.
+    """
+    return limited_step(gait, PRINTED_STEP_M / gait.step_s, 0.0, angle_to(place, robot))
+
+
 def printed(place: Float[np.ndarray, "2"], robot: Pose2, gait: GaitLimits) -> WalkCommand:
     """The printed form, for comparison: always 0.04 m, by an angle without the heading of the robot.
 

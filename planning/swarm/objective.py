@@ -7,6 +7,8 @@ obstacle has just left the picture beside the feet (p3), or the robot cannot tur
 `literal` keeps the printed form, which does not work: penalties of 1 against a cost in metres (a pixel inside an obstacle
 1.5 m nearer to the goal wins), a corridor that narrows to a point, and angles without the heading of the robot.
 
+The corridor is free all over: the paper tests its two edges, 0.20 m apart, between which its robots of 7.4 cm fit.
+
 Source: Han 2018 (seed 000), sections 4.2 to 4.6, eq. (3) to (9).
 """
 
@@ -44,7 +46,6 @@ class ObjectiveConfig:
         120.0 / 720.0, "", "share of the rows above the search", "seed 000: rows from 120 of 720 on"
     )
     penalty: float = 1e3  # ours: stands for infinity and keeps a slope for the swarm; seed 000: 1
-    inside: bool = True  # ours: the whole corridor must be free; seed 000: its edges
     literal: bool = False  # as printed, with penalty 1
 
     def __post_init__(self) -> None:
@@ -203,5 +204,4 @@ def _geometry(
         first_row=config.top_share * camera.height,
         heading_rad=floor.heading_rad + turned,
         literal=config.literal,
-        filled=config.inside,
     )

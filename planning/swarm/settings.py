@@ -19,9 +19,9 @@ class SwarmWalkerConfig:
     """Objective, search, prediction, and the schedule of the goals.
 
     Args:
-        version: "ours": the values below. "published": the planner of the paper with its misprints corrected, a
-            swarm with constriction and prediction by optical flow, without guard and glances. "printed": to the
-            letter.
+        version: "ours": the values below. "published": the walker of the paper with its misprints corrected: a
+            swarm with constriction, prediction by optical flow, steps of 0.04 m; no guard, no glances, and no
+            exemption that is ours. "printed": to the letter.
     """
 
     version: str = setting(
@@ -52,7 +52,7 @@ class SwarmWalkerConfig:
         printed = self.version == "printed"
         return replace(
             self,
-            objective=PRINTED if printed else replace(self.objective, inside=False),
+            objective=PRINTED if printed else self.objective,
             search=replace(self.search, mode="literal" if printed else "constriction"),
             glances=False,
             prediction="flow",

@@ -217,7 +217,7 @@ def _figures(score: Score) -> dict[str, float]:
         "flow_velocity_share": float(np.mean(speeds[:, 1] <= FAIR_MPS)),
         "flow_nees": float(np.mean(speeds[:, 2])),
         "flow_nees_inside": float(np.mean(speeds[:, 2] <= INSIDE)),
-        "standing_called_moving_share": float(np.mean(score.standing)),
+        "standing_called_moving_share": float(np.mean(np.array(score.standing or np.nan, float))),
         "prediction_error_m": error,
         "prediction_error_p90_m": float(np.quantile(predictions[:, 0], 0.9)),
         "still_error_m": still,

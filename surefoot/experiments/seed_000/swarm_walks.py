@@ -34,7 +34,7 @@ def config_of(
     """Configuration with the colour camera alone, two images per step, and goals that change with time.
 
     Args:
-        scene: "robots_room" or "narrow_course".
+        scene: "robots_room", "printed_room" or "narrow_course".
         seed: Seed of the world.
         limit_s: Time limit of the mission.
         cruise_mps: Walking speed; at `PRINTED_MPS` it is also the maximum speed.
@@ -83,3 +83,14 @@ def figures_of(folder: RunFolder, config: Config) -> dict[str, float]:
     figures["footsteps"] = float(np.ceil((walked.stamps[-1] - walked.stamps[0]) / step_s))
     figures["walked_m"] = float(moved.sum())
     return figures
+
+
+def compared(paper: dict[str, float], rows: dict[str, dict[str, float]]) -> list[str]:
+    """Table of figures: the paper's value (- where it gives none), and a column for each walker."""
+    first = next(iter(rows.values()))
+    width = max(map(len, first))
+    lines = [f"{'':{width}}" + "".join(f"  {name:>12}" for name in ("the paper's", *rows))]
+    for key in first:
+        told = f"{paper[key]:12.4g}" if key in paper else f"{'-':>12}"
+        lines.append(f"{key:{width}}  {told}" + "".join(f"  {r[key]:12.4g}" for r in rows.values()))
+    return lines

@@ -26,6 +26,7 @@ def test_no_command_turns_farther_than_theta_safety(x, y, yaw):
     for walk in (
         command.towards(place, robot, GAIT),
         command.printed(place, robot, GAIT),
+        command.published(place, robot, GAIT),
         command.turning(place, robot, GAIT),
     ):
         assert abs(walk.turn_rad) <= math.radians(14.0) + 1e-12
@@ -91,12 +92,29 @@ def test_with_both_counters_running_both_halves_are_open():
 
 
 def test_the_printed_counter_restarts_for_the_last_side_and_may_close_both():
-    corners = Corners(printed=True)
+    corners = Corners("printed")
     corners.update((True, False), 0.16, 0.04)
     corners.update((False, True), 0.16, 0.04)
     assert corners.steps == (0, 4)
     corners.update((True, True), 0.16, 0.04)
     assert corners.blocked == (True, True)
+
+
+def test_the_published_counters_of_both_sides_close_both_halves():
+    corners = Corners("published")
+    corners.update((True, True), 0.16, 0.04)
+    corners.update((False, False), 0.16, 0.04)
+    assert corners.steps == (3, 3)
+    assert corners.blocked == (True, True)
+
+
+@given(metres, metres, angles)
+def test_the_published_step_is_always_four_centimetres_and_turns_to_its_place(x, y, yaw):
+    place, robot = np.array([x, y]), Pose2(0.1, 0.2, yaw)
+    walk = command.published(place, robot, GAIT)
+    assert walk.forward_m == pytest.approx(0.04)
+    away = command.angle_to(place, robot)
+    assert walk.turn_rad == pytest.approx(math.copysign(min(abs(away), math.radians(14.0)), away))
 
 
 def test_without_visible_floor_the_counters_stay_at_zero():

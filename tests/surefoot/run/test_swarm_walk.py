@@ -67,13 +67,14 @@ def test_the_stages_are_in_the_report(walked):
 
 
 @contextlib.contextmanager
-def walker():
+def walker(version="ours", goals=None):
     """Planner, pipeline and robot in the seed's room."""
-    config = load(None, ["mission.planner=swarm"], scene="robots_room")
+    settings = ["mission.planner=swarm", f"swarm.version={version}"]
+    config = load(None, settings, scene="robots_room")
     scene = catalogue.load("robots_room", 0)
     told = RecordingInfo("x", "simulation", start=scene.start, start_covariance=1e-4 * np.eye(3))
     with World(scene, "tiny", 0) as world, SimulatedRobot(world, config.robot, 0) as robot:
-        yield SwarmPlanner(config.planning, scene.goals), Pipeline(config, told), robot
+        yield SwarmPlanner(config.planning, goals or scene.goals), Pipeline(config, told), robot
 
 
 def test_a_picture_that_is_not_its_cameras_is_not_walked_by(caplog):
@@ -107,3 +108,28 @@ def test_in_the_dark_it_does_not_leave_its_place():
                 robot.walk(decision.walk)
                 robot.look(decision.gaze)
     assert blocked > 3
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_published_walker_walks_by_pixels_alone_in_steps_of_four_centimetres(dark):
+    """Its goal is 0.2 m ahead, below the picture: without a free pixel it turns, with one it takes the whole step."""
+    whys = []
+    with walker("published", [(0.0, -0.1)]) as (planner, pipeline, robot):
+        for _ in range(8):
+            frame = robot.read()
+            assert frame.colour is not None
+            if dark:
+                black = replace(frame.colour, rgb=np.zeros_like(frame.colour.rgb))
+                frame = replace(frame, colour=black)
+            world = pipeline.cycle(frame)
+            planner.observe(world)
+            if frame.footstep_due:
+                decision = planner.decide(world)
+                whys.append(decision.why)
+                if decision.why == "walk":
+                    assert decision.walk.forward_m == pytest.approx(0.04)
+                    pixel = decision.image_target.pixel
+                    assert decision.image_target.movable[pixel[1], pixel[0]] > 0
+                robot.look(decision.gaze)
+    assert whys[-1] == ("blocked" if dark else "walk")
+    assert set(whys) <= ({"survey", "blocked"} if dark else {"survey", "walk"})
