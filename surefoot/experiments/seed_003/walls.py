@@ -25,6 +25,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.frame import DepthView
 from perception.primitives.plane import Plane
 
+from ...config.schema import CALIBRATED_DISTORTION
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.floor_views import FloorView, random_view
 from ..support.simulated_depth import structured_light_sigma
@@ -149,6 +150,11 @@ def _measured(z: RayLengths, rng: np.random.Generator) -> Points:
     return from_depth(structured_light(DepthView(noisy.astype(np.float32), CAMERA)), 0.15, REACH_M)
 
 
+def settings(method: str) -> FloorConfig:
+    """Of the floor search: rendered depth does not bend."""
+    return FloorConfig(method=method, distortion=CALIBRATED_DISTORTION)
+
+
 def is_floor(found: Plane | None, true: Plane) -> bool:
     """Whether a detected plane is the true floor, within `CORRECT_DEG` and `CORRECT_M`."""
     return (
@@ -166,7 +172,7 @@ def floors_correct(scene: FloorScene, rng: np.random.Generator) -> list[bool]:
     answers = []
     for method in METHODS:
         for prior in priors:
-            found = choose.find(scene.points, prior, rng, FloorConfig(method=method), "depth")
+            found = choose.find(scene.points, prior, rng, settings(method), "depth")
             answers.append(is_floor(None if found is None else found.plane, scene.view.floor))
     return answers
 
@@ -198,7 +204,7 @@ def run(seeds: int, say: Say) -> Outcome:
         bare = bare_wall(scene_rng)
         for method in METHODS:
             for prior in (bare.view.prior, handheld_prior(None)):
-                found = choose.find(bare.points, prior, rng, FloorConfig(method=method), "depth")
+                found = choose.find(bare.points, prior, rng, settings(method), "depth")
                 silent.append(found is None)
         say(f"{seed + 1} of {seeds} seeds")
     figures = {
