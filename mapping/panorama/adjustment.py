@@ -43,7 +43,7 @@ class Placed:
         T_base_camera: Its pose.
         covariance: Rotation (rad^2), then translation (m^2), axes of the camera.
         by: Its best evidence: "features", "surfaces", "alignment" of whole images, or "encoders" without a link.
-        links: Number of its links.
+        links: Number of views it is linked with.
         yaws: Covariance of its rotation about the base's vertical with that of every view, rad^2; 0 for a
             view that is not placed. The relative yaw of two views with a common encoder error is more
             certain than either: its variance is `a.yaws[a] + b.yaws[b] - 2 a.yaws[b]`.
@@ -88,7 +88,8 @@ def adjust(
             continue
         evidence = {link.by for link in mine}
         by = next((one for one in EVIDENCE if one in evidence), "encoders")
-        placed.append(Placed(pose, covariances[number], by, len(mine), yaws[number]))
+        linked = {one for link in mine for one in (link.first, link.second)} - {number}
+        placed.append(Placed(pose, covariances[number], by, len(linked), yaws[number]))
     return placed
 
 

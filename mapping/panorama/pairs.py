@@ -1,11 +1,13 @@
 """Relative pose of two views by features: robust, with a covariance, or none.
 
-A pair is accepted if more matches agree with one rotation (or one motion) than by chance: `n_inlier > 8.0 +
-0.3 n_matches`. A rotation needs directions only; if the position of the camera is known too, the features are
-first moved to where the other view sees them, which corrects the parallax of near ones. A motion needs depth
-at the features of both views.
+A pair is accepted if more matches agree with one rotation (or one motion) than by chance. Without encoders that is
+`n_inlier > 8.0 + 0.3 n_matches`. Encoders restrict the candidates of a feature to a window; a wrong match lies anywhere
+in it, so how many agree by chance is a binomial number, and a pair of five matches can be sure. A rotation needs
+directions only; if the position of the camera is known too, the features are first moved to where the other view sees
+them, which corrects the parallax of near ones. A motion needs depth at the features of both views.
 
-Source: Brown and Lowe 2007 (acceptance); Kang 2013 (seed 004), section 4 as reconstructed.
+Source: Brown and Lowe 2007 (acceptance without encoders); Moisan and Stival 2004 (number of false alarms); Kang 2013
+(seed 004), section 4 as reconstructed.
 """
 
 from __future__ import annotations
@@ -15,9 +17,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
+from scipy.stats import binom
 
-from perception.features.matching import match
+from perception.features.matching import SAME, MatchConfig, match
 from perception.features.mdghm_sift import SiftConfig, detect
+from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import CAMERA_IN_BODY_AXES, Pose3
 
@@ -29,7 +33,10 @@ ACCEPT_SHARE = 0.3  # Brown and Lowe 2007
 HYPOTHESES = 300  # ours: with three of four matches wrong, 18 samples are still free of outliers
 BEARING_RAD = math.radians(0.25)  # ours: sigma of a feature's direction without parallax
 RANGE_SHARE = 0.006  # ours: relative standard deviation of a feature's range
-GUIDED_RAD = math.radians(2.5)  # ours: encoders 0.5 deg each, three sigmas, plus the feature's own
+GUIDE_SIGMAS = 3.0  # ours: window about a predicted direction
+FALSE_ALARMS = (
+    0.01  # ours: expected number of rotations that as many matches of a pair fit by chance
+)
 GATE_SIGMAS = 4.0  # ours: matches further off are outliers
 USUAL_RANGE_M = 2.0  # ours: assumed range if no feature has one
 
@@ -55,12 +62,14 @@ class ViewFeatures:
         range_m: Range along them, NaN where unknown.
         descriptors: Descriptor of each feature.
         picture: Index of the view's image that shows the feature; features match within one image kind.
+        camera: Of the view; None: unknown, so are its borders.
     """
 
     bearings: Float[np.ndarray, "n 3"]
     range_m: Float[np.ndarray, "n"]
     descriptors: Float32[np.ndarray, "n 128"]
     picture: Int[np.ndarray, "n"]
+    camera: Camera | None = None
 
 
 @dataclass(frozen=True)
@@ -104,6 +113,7 @@ def extract_features(view: View, config: PairConfig) -> ViewFeatures:
         _ranges(view, rays),
         np.concatenate(descriptors) if descriptors else np.zeros((0, 128), np.float32),
         np.concatenate(numbers).astype(np.int64) if numbers else np.zeros(0, np.int64),
+        camera,
     )
 
 
@@ -123,24 +133,81 @@ def _ranges(view: View, bearings: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
     return z[v, u].astype(np.float64) / bearings[:, 2]
 
 
+@dataclass(frozen=True)
+class Guide:
+    """What is known of the relative pose of two views: by encoders, and by pairs found before.
+
+    Args:
+        T_second_first: Their relative pose.
+        sigma_rad: Its standard deviation of rotation, about the less certain axis.
+        sigma_m: Its standard deviation of position.
+    """
+
+    T_second_first: Pose3
+    sigma_rad: float
+    sigma_m: float
+
+    @property
+    def window_rad(self) -> float:
+        """Radius about a predicted direction within which the true one lies."""
+        return GUIDE_SIGMAS * math.hypot(self.sigma_rad, BEARING_RAD)
+
+    @property
+    def offset(self) -> Float[np.ndarray, "3"]:
+        """Position of the first camera relative to the second, first's axes, m: the second sees p at p + offset."""
+        return np.asarray(self.T_second_first.rotation.T @ self.T_second_first.position)
+
+
 def match_features(
-    first: ViewFeatures, second: ViewFeatures, T_second_first: Pose3 | None = None
+    first: ViewFeatures, second: ViewFeatures, guide: Guide | None = None
 ) -> Int[np.ndarray, "k 2"]:
     """Match the features of two views, image by image.
 
     Args:
         first, second: Their features.
-        T_second_first: Relative pose by encoders. It restricts the candidates to features near their
-            predicted direction, with far fewer outliers. None: unknown.
+        guide: It restricts the candidates to features near their predicted direction, with far fewer outliers.
+            None: unknown.
     """
-    near = None if T_second_first is None else _candidates(first, second, T_second_first)
+    near = None if guide is None else _candidates(first, second, guide)
     found = []
     for number in np.unique(first.picture):
         a, b = np.flatnonzero(first.picture == number), np.flatnonzero(second.picture == number)
         allowed = None if near is None else near[np.ix_(a, b)]
         pairs = match(first.descriptors[a], second.descriptors[b], None, allowed)
+        if guide is not None:
+            pairs = pairs[_unique(pairs, (first, a), (second, b), guide.window_rad)]
         found.append(np.column_stack([a[pairs[:, 0]], b[pairs[:, 1]]]))
     return np.concatenate(found) if found else np.zeros((0, 2), np.int64)
+
+
+def _unique(
+    pairs: Int[np.ndarray, "k 2"],
+    first: tuple[ViewFeatures, Int[np.ndarray, "_"]],
+    second: tuple[ViewFeatures, Int[np.ndarray, "_"]],
+    window_rad: float,
+) -> Bool[np.ndarray, "k"]:
+    """Whether the features of each match look like no other one of their own views.
+
+    Of equal features in rows only one may lie in the window, and then not the right one. Two features within twice the
+    window may be taken for each other.
+
+    Args:
+        pairs: Matches, as indices into the chosen features.
+        first, second: Features of each view, and which are chosen.
+        window_rad: Radius about a predicted direction.
+    """
+    chosen = [view.descriptors[index] for view, index in (first, second)]
+    apart = 2.0 - 2.0 * (chosen[0][pairs[:, 0]] * chosen[1][pairs[:, 1]]).sum(axis=1)
+    kept = np.ones(len(pairs), dtype=np.bool_)
+    for (view, index), words, own in zip((first, second), chosen, pairs.T, strict=True):
+        rays = view.bearings[index]
+        between = rays[own] @ rays.T
+        near = (between > math.cos(2.0 * window_rad)) & (
+            between < math.cos(GATE_SIGMAS * BEARING_RAD)
+        )
+        twin = np.where(near, words[own] @ words.T, -np.inf).max(axis=1, initial=-np.inf)
+        kept &= apart < MatchConfig().ratio ** 2 * (2.0 - 2.0 * twin) - SAME
+    return kept
 
 
 def _range_or_usual(range_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
@@ -149,61 +216,83 @@ def _range_or_usual(range_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     return np.where(np.isfinite(range_m), range_m, usual)
 
 
-def _candidates(
-    first: ViewFeatures, second: ViewFeatures, T_second_first: Pose3
-) -> Bool[np.ndarray, "n m"]:
+def _candidates(first: ViewFeatures, second: ViewFeatures, guide: Guide) -> Bool[np.ndarray, "n m"]:
     """Whether each feature of the second view is close to the predicted direction of each of the first."""
-    reach = _range_or_usual(first.range_m)
-    there = T_second_first.apply(first.bearings * reach[:, None])
-    there /= np.maximum(np.linalg.norm(there, axis=1, keepdims=True), 1e-9)
-    return np.asarray(there @ second.bearings.T > math.cos(GUIDED_RAD))
+    there = _predicted(first, guide.T_second_first)
+    back = _predicted(second, guide.T_second_first.inverse())
+    near = there @ second.bearings.T > math.cos(guide.window_rad)
+    return np.asarray(near & _shows(second, there)[:, None] & _shows(first, back))
+
+
+def _predicted(features: ViewFeatures, motion: Pose3) -> Float[np.ndarray, "n 3"]:
+    """Directions of features in another view."""
+    there = motion.apply(features.bearings * _range_or_usual(features.range_m)[:, None])
+    return np.asarray(there / np.maximum(np.linalg.norm(there, axis=1, keepdims=True), 1e-9))
+
+
+def _shows(features: ViewFeatures, directions: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+    """Whether a view shows directions. A feature beyond its border would match one that only looks the same."""
+    if features.camera is None:
+        return np.ones(len(directions), dtype=np.bool_)
+    return np.asarray(features.camera.contains(features.camera.project(directions)))
 
 
 def rotation_link(
     numbers: tuple[int, int],
     features: tuple[ViewFeatures, ViewFeatures],
     pairs: Int[np.ndarray, "k 2"],
-    offset: Float[np.ndarray, "3"] | None,
+    guide: Guide | None,
     rng: np.random.Generator,
     config: PairConfig,
 ) -> Link | None:
-    """The rotation between two views, or None if too few matches agree on one.
+    """The rotation between two views, or None if too few matches agree on one, or on one that the guide excludes.
 
     Args:
         numbers: Indices of the views.
         features: Their features.
         pairs: Their matches.
-        offset: Position of the first camera relative to the second, in the first's axes, m: the second
-            camera sees a point p at p + offset. None: unknown; then near features get less weight.
+        guide: None: unknown; then near features get less weight, and the link has no translation. Otherwise the
+            translation is the guide's, with a standard deviation of `config.travel_m`.
         rng: Random numbers of the search.
         config: Unknown translation.
     """
     first, second = features[0].bearings[pairs[:, 0]], features[1].bearings[pairs[:, 1]]
     near = _range_or_usual(features[0].range_m[pairs[:, 0]])
-    if offset is not None:
-        first = first * near[:, None] + offset
-        first /= np.linalg.norm(first, axis=1, keepdims=True)
-    sigma = np.hypot(BEARING_RAD, config.travel_m / near)
     gate = np.full(len(pairs), GATE_SIGMAS * BEARING_RAD)
+    sigma, chance, shift_m = np.hypot(BEARING_RAD, config.travel_m / near), None, config.travel_m
+    if guide is not None:
+        first = first * near[:, None] + guide.offset
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        chance = (GATE_SIGMAS * BEARING_RAD / guide.window_rad) ** 2
+        sigma, shift_m = np.full(len(pairs), BEARING_RAD), guide.sigma_m
     inliers = _search(first, second, gate, None, rng)
-    if inliers is None or not _accepted(inliers, pairs):
+    if inliers is None or not _accepted(inliers, chance):
         return None
     rotation = np.eye(3)
     for _ in range(4):
         rotation = _rotation(second[inliers], first[inliers], sigma[inliers] ** -2)
         off = np.linalg.norm(second @ rotation.T - first, axis=1)
         inliers = off < gate
-        if not _accepted(inliers, pairs):
+        if not _accepted(inliers, chance):
             return None
     kept, weight = second[inliers], sigma[inliers] ** -2
     hessian = np.einsum("n,nij->ij", weight, np.eye(3) - kept[:, :, None] * kept[:, None, :])
     square = max(1.0, float(np.mean((off[inliers] / sigma[inliers]) ** 2) / 2.0))
-    covariance = np.zeros((6, 6))
+    covariance = config.travel_m**2 * np.eye(6)
     # the parallax of one translation is common to all features: it does not average out
-    common = (config.travel_m if offset is None else 0.0) / float(np.median(near[inliers]))
+    common = shift_m / float(np.median(near[inliers]))
     covariance[:3, :3] = square * np.linalg.inv(hessian) + common**2 * np.eye(3)
-    pose = Pose3.from_rotation(rotation, np.zeros(3))
+    position = np.zeros(3) if guide is None else guide.T_second_first.inverse().position
+    pose = Pose3.from_rotation(rotation, position)
+    if guide is not None and _turned(guide.T_second_first @ pose) > guide.window_rad:
+        return None  # as of few features, all on a line
     return Link(*numbers, pose, covariance, int(inliers.sum()), len(pairs))
+
+
+def _turned(pose: Pose3) -> float:
+    """Angle of its rotation, rad."""
+    cosine = (float(np.trace(pose.rotation)) - 1.0) / 2.0
+    return math.acos(min(max(cosine, -1.0), 1.0))
 
 
 def motion_link(
@@ -220,13 +309,13 @@ def motion_link(
     second = features[1].bearings[pairs[:, 1]] * range_b[:, None]
     sigma = 0.005 + np.hypot(BEARING_RAD, RANGE_SHARE) * range_b
     inliers = _search(first, second, GATE_SIGMAS * sigma, 3, rng)
-    if inliers is None or not _accepted(inliers, pairs):
+    if inliers is None or not _accepted(inliers, None):
         return None
     pose = Pose3()
     for _ in range(4):
         pose = _motion(second[inliers], first[inliers], sigma[inliers] ** -2)
         inliers = np.linalg.norm(pose.apply(second) - first, axis=1) < GATE_SIGMAS * sigma
-        if not _accepted(inliers, pairs):
+        if not _accepted(inliers, None):
             return None
     kept = second[inliers]
     jacobian = np.concatenate([-_cross_matrices(kept), np.tile(np.eye(3), (len(kept), 1, 1))], 2)
@@ -234,8 +323,20 @@ def motion_link(
     return Link(*numbers, pose, np.linalg.inv(hessian), int(inliers.sum()), len(pairs))
 
 
-def _accepted(inliers: Bool[np.ndarray, "k"], pairs: Int[np.ndarray, "k 2"]) -> bool:
-    return bool(inliers.sum() > ACCEPT_OFFSET + ACCEPT_SHARE * len(pairs))
+def _accepted(inliers: Bool[np.ndarray, "k"], chance: float | None) -> bool:
+    """Whether more matches agree than by chance.
+
+    Args:
+        inliers: Of the matches.
+        chance: Probability that a wrong match agrees with a given rotation; None: unknown.
+    """
+    matches, agree = len(inliers), int(inliers.sum())
+    if chance is None:
+        return agree > ACCEPT_OFFSET + ACCEPT_SHARE * matches
+    if agree <= 2:  # two define the rotation
+        return False
+    tried = min(HYPOTHESES, math.comb(matches, 2))
+    return bool(tried * binom.sf(agree - 3, matches - 2, chance) < FALSE_ALARMS)
 
 
 def _search(
@@ -246,9 +347,9 @@ def _search(
     rng: np.random.Generator,
 ) -> Bool[np.ndarray, "k"] | None:
     """Largest set of inliers of a rotation from two directions, or of a motion from three points."""
-    if len(first) <= ACCEPT_OFFSET:
-        return None
     count = points or 2
+    if len(first) <= count:
+        return None
     draws = np.argsort(rng.random((HYPOTHESES, len(first))), axis=1)[:, :count]
     a, b = first[draws], second[draws]
     if points:

@@ -18,13 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.pose import Pose3
 from perception.primitives.settings import setting
 
 from .adjustment import Placed, Prior, adjust
 from .dense_links import ALIGNMENT, DenseViews, connect, stiffened
 from .pairs import (
-    GUIDED_RAD,
+    Guide,
     Link,
     PairConfig,
     ViewFeatures,
@@ -34,10 +33,12 @@ from .pairs import (
     rotation_link,
 )
 from .rendering import PX_PER_DEG, Drawing, render
-from .surfaces import align, surface
+from .surfaces import Surface, align, surface
 from .views import PriorConfig, View, prior_covariance
 
 NECK_SIGMA_M = 0.002  # ours: play of the neck from one view to the next, while standing
+PASSES = 2  # ours: searches for pairs, the second in narrower windows
+START_RAD = math.radians(3.0)  # ours: standard deviation of a start from which depth is aligned
 OVERLAP_RAD = math.radians(6.0)  # ours: views with a smaller overlap by their priors are no pair
 
 
@@ -52,6 +53,7 @@ class StitchConfig:
         PX_PER_DEG, "px/deg", "resolution of the panorama", "seed 004: 176 px over 44 deg"
     )
     moving: bool = False  # estimate positions too; else the camera rotates about known positions
+    features: bool = True  # link pairs of views by features
     surfaces: bool = True  # align depth images where positions are estimated or known
     pairs: PairConfig = field(default_factory=PairConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
@@ -122,12 +124,11 @@ def place(views: Sequence[View], rng: np.random.Generator, config: StitchConfig)
         else Prior(view.prior, prior_covariance(view.prior, config.prior))
         for view in views
     ]
-    links = _links(views, features, rng, config)
-    links = _best_links(links, len(views), config.partners)
+    links = _links(views, features, priors, rng, config) if config.features else []
     known_places = all(view.prior is not None for view in views)
     reasons: dict[int, str] = {}
     if config.surfaces and (config.moving or known_places):
-        links = _align_surfaces(views, links, config)
+        links = _with_surfaces(views, priors, links, config)
         if config.moving and not any(priors):
             links, reasons = _by_whole_images(views, features, links, priors, rng)
         placed = adjust(priors, links, rotations_only=False)
@@ -163,46 +164,42 @@ def _by_whole_images(
 def _links(
     views: Sequence[View],
     features: Sequence[ViewFeatures],
+    priors: Sequence[Prior | None],
     rng: np.random.Generator,
     config: StitchConfig,
 ) -> list[Link]:
-    """All pairs of views accepted by their features."""
-    links = []
-    for i, j in itertools.combinations(range(len(views)), 2):
-        if not _may_overlap(views[i], views[j]):
-            continue
-        both = (features[i], features[j])
-        if config.moving:
-            link = motion_link((i, j), both, match_features(*both), rng)
-        else:
-            expected = _between(views[i].prior, views[j].prior)
-            matches = match_features(*both, expected)
-            offset = _offset(views[i].prior, views[j].prior)
-            link = rotation_link((i, j), both, matches, offset, rng, config.pairs)
-            if link is not None and expected is not None and _contradicts(link, expected):
-                link = None
-        if link is not None:
-            links.append(link)
+    """The best pairs of views accepted by their features. Each pass knows by the pairs of the last where to search."""
+    links: list[Link] = []
+    for _ in range(1 if config.moving else PASSES):
+        placed = adjust(priors, links, rotations_only=True) if any(priors) else [None] * len(views)
+        found = list(links)
+        known = {(link.first, link.second) for link in links}
+        for i, j in itertools.combinations(range(len(views)), 2):
+            if (i, j) not in known and _may_overlap(views[i], views[j]):
+                both = (features[i], features[j])
+                if config.moving:
+                    link = motion_link((i, j), both, match_features(*both), rng)
+                else:
+                    guide = _guide(placed, i, j, config.prior)
+                    matches = match_features(*both, guide)
+                    link = rotation_link((i, j), both, matches, guide, rng, config.pairs)
+                if link is not None:
+                    found.append(link)
+        links = _best_links(found, len(views), config.partners)
     return links
 
 
-def _between(first: Pose3 | None, second: Pose3 | None) -> Pose3 | None:
-    """T_second_first by the priors; None without them."""
-    return None if first is None or second is None else second.inverse() @ first
-
-
-def _contradicts(link: Link, T_second_first: Pose3) -> bool:
-    """Whether a link is outside the encoders' error, as for few features, all on a line."""
-    turn = T_second_first.rotation @ link.T_first_second.rotation
-    cosine = (float(np.trace(turn)) - 1.0) / 2.0
-    return cosine < math.cos(GUIDED_RAD)
-
-
-def _offset(first: Pose3 | None, second: Pose3 | None) -> np.ndarray | None:
-    """Position of the first camera relative to the second, first's axes, m; None without priors."""
-    if first is None or second is None:
+def _guide(
+    placed: Sequence[Placed | None], first: int, second: int, config: PriorConfig
+) -> Guide | None:
+    """What is known of two views; None if one of them is not placed."""
+    one, other = placed[first], placed[second]
+    if one is None or other is None or one.yaws is None or other.yaws is None:
         return None
-    return np.asarray(first.rotation.T @ (first.position - second.position))
+    yaw = one.yaws[first] + other.yaws[second] - 2.0 * one.yaws[second]
+    tilt = one.covariance[0, 0] + other.covariance[0, 0]
+    between = other.T_base_camera.inverse() @ one.T_base_camera
+    return Guide(between, math.sqrt(max(yaw, tilt)), math.sqrt(2.0) * config.position_m)
 
 
 def _may_overlap(first: View, second: View) -> bool:
@@ -232,28 +229,34 @@ def _best_links(links: list[Link], count: int, partners: int) -> list[Link]:
     return [link for link in links if (link.first, link.second) in kept]
 
 
-def _align_surfaces(views: Sequence[View], links: list[Link], config: StitchConfig) -> list[Link]:
-    """The links refined by aligning depth, starting from features or priors."""
+def _with_surfaces(
+    views: Sequence[View], priors: Sequence[Prior | None], links: list[Link], config: StitchConfig
+) -> list[Link]:
+    """The links, and those of aligned depth.
+
+    Between known positions both count: depth does not see a turn within a round wall, features do not see one about a
+    line of them. The alignment starts where the features put the views. Of estimated positions depth refines the
+    features, which are of the same pixels.
+    """
     surfaces = [surface(view.depth) for view in views]
-    by_pair = {(link.first, link.second): link for link in links}
-    if not config.moving:  # the priors are good enough as a start
-        for i, j in itertools.combinations(range(len(views)), 2):
-            if (i, j) not in by_pair and _may_overlap(views[i], views[j]):
-                by_pair[i, j] = Link(i, j, Pose3(), np.eye(6), 0, 0, "surfaces")
-    refined = []
-    for (i, j), link in sorted(by_pair.items()):
-        start = link.T_first_second
-        one, other = views[i].prior, views[j].prior
-        if not config.moving and one is not None and other is not None:
-            by_prior = one.inverse() @ other
-            rotation = start.rotation if link.by == "features" else by_prior.rotation
-            start = Pose3.from_rotation(rotation, by_prior.position)
-        position_sigma = math.inf if config.moving else NECK_SIGMA_M
-        found = align(surfaces[i], surfaces[j], start, position_sigma)
+    if config.moving:
+        return [_refined(link, surfaces) for link in links]
+    placed = adjust(priors, links, rotations_only=True)
+    aligned = list(links)
+    for i, j in itertools.combinations(range(len(views)), 2):
+        guide = _guide(placed, i, j, config.prior)
+        if guide is None or guide.sigma_rad > START_RAD or not _may_overlap(views[i], views[j]):
+            continue
+        start = guide.T_second_first.inverse()
+        found = align(surfaces[i], surfaces[j], start, NECK_SIGMA_M)
         if found is not None:
-            refined.append(
-                replace(link, T_first_second=found.T_to_from, covariance=found.covariance)
-            )
-        elif link.by == "features":
-            refined.append(link)
-    return refined
+            aligned.append(Link(i, j, found.T_to_from, found.covariance, 0, 0, "surfaces"))
+    return aligned
+
+
+def _refined(link: Link, surfaces: Sequence[Surface]) -> Link:
+    """A link of features, refined by aligning depth where that succeeds."""
+    found = align(surfaces[link.first], surfaces[link.second], link.T_first_second)
+    if found is None:
+        return link
+    return replace(link, T_first_second=found.T_to_from, covariance=found.covariance)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from perception.features.pictures import range_picture
+from perception.features.pictures import amplitude_picture, range_picture
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.frame import Depth
 from perception.primitives.pose import Pose3
@@ -85,7 +85,8 @@ class PriorConfig:
 def prior_covariance(prior: Pose3, config: PriorConfig) -> Float[np.ndarray, "6 6"]:
     """Covariance of a prior pose: rotation (rad^2), then translation (m^2), both in the camera's axes.
 
-    A pan error rotates about the vertical of the base, a tilt error about the x axis of the camera.
+    A pan error rotates about the vertical of the base, a tilt error about the x axis of the camera, and both together
+    by half their product about the axis across.
     """
     upright = prior.rotation.T[:, 2]
     horizontal = np.array([1.0, 0.0, 0.0])
@@ -95,6 +96,13 @@ def prior_covariance(prior: Pose3, config: PriorConfig) -> Float[np.ndarray, "6 
         + math.radians(config.tilt_deg) ** 2 * np.outer(horizontal, horizontal)
         + math.radians(OTHER_DEG) ** 2 * np.eye(3)
     )
+    across = (
+        math.radians(config.pan_deg)
+        * math.radians(config.tilt_deg)
+        / 2.0
+        * np.cross(upright, horizontal)
+    )
+    covariance[:3, :3] += np.outer(across, across)
     covariance[3:, 3:] = config.position_m**2 * np.eye(3)
     return covariance
 
@@ -106,15 +114,17 @@ def view_of_depth(
     prior: Pose3 | None = None,
     stamp_s: float = 0.0,
 ) -> View:
-    """A view with its range as a grey image, and optionally another image.
+    """A view with its range as a grey image, and another image: the given one, or the amplitude.
 
     Args:
         depth: Depth of any sensor.
         farthest_m: Range that is white in the range image, m.
-        picture: Amplitude or colour as grey, of the same pixels.
+        picture: Colour as grey, of the same pixels; None: the amplitude, if the depth has one.
         prior: T_base_camera.
         stamp_s: Time of the view, s.
     """
     visible = range_picture(depth.z, farthest_m)
+    if picture is None and depth.amplitude is not None:
+        picture = amplitude_picture(depth.amplitude)
     pictures = (visible,) if picture is None else (visible, picture)
     return View(depth, pictures, prior, stamp_s, picture)

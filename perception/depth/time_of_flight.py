@@ -98,7 +98,8 @@ def depth(view: RangeView, config: TofConfig | None = None) -> Depth:
     x, y = view.camera.slopes
     along = (1.0 / np.sqrt(1.0 + x * x + y * y)).astype(np.float32)  # z of a ray of length 1
     z = measured * along
-    return Depth(z, np.where(np.isfinite(z), sigma * along, z), view.camera, view.T_body_camera)
+    sigma_z = np.where(np.isfinite(z), sigma * along, z)
+    return Depth(z, sigma_z, view.camera, view.T_body_camera, amplitude=view.amplitude)
 
 
 def without_stray_light(

@@ -35,9 +35,11 @@ def undistorted(
         )
 
     straight = Camera(*size, camera.fx, camera.fy, camera.cx, camera.cy)
+    seen = depth.amplitude
     flat = replace(
         depth,
         z=remapped(depth.z, float("nan")),
+        amplitude=None if seen is None else remapped(seen, float("nan")),
         sigma=remapped(depth.sigma, float("nan")),
         camera=straight,
     )

@@ -73,6 +73,7 @@ class Depth:
         T_body_camera: Pose of the camera on the body; None for a handheld camera.
         baseline_m: Of a stereo pair, 0 for one camera; fx baseline / z pixels at the left border, which the right
             image does not show, have no depth.
+        amplitude: Of the return of a time-of-flight camera; None otherwise.
     """
 
     z: Float32[np.ndarray, "h w"]
@@ -80,6 +81,7 @@ class Depth:
     camera: Camera
     T_body_camera: Pose3 | None = None
     baseline_m: float = 0.0
+    amplitude: Float32[np.ndarray, "h w"] | None = None
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ class AvoidancePlanner(GoalSeeker):
             return
         if self._aimed(_off_aim(depth, DIRECTIONS[len(self._views)])):
             T_stand_camera = self._as_stood(world.pose2, depth.T_body_camera)
-            view = view_of_depth(depth, FARTHEST_M, None, T_stand_camera, world.stamp_s)
+            view = view_of_depth(depth, FARTHEST_M, prior=T_stand_camera, stamp_s=world.stamp_s)
             self._views.append(view)
 
     def _aimed(self, off_rad: float) -> bool:

@@ -19,7 +19,6 @@ from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, StitchConfig, stitch
 from mapping.panorama.views import View, view_of_depth
 from perception.depth import time_of_flight
-from perception.features.pictures import amplitude_picture
 from perception.primitives.frame import RangeView
 from perception.primitives.pose import Pose2
 from sim.rendering.rays import RayCaster
@@ -110,8 +109,7 @@ def two_views(scene: Scene, seed: int) -> list[View]:
         prior = head_pose(pan, tilt)
         view = RangeView(range_m, amplitude, camera.camera, prior)
         depth = time_of_flight.depth(view, CALIBRATED_TOF)
-        picture = amplitude_picture(amplitude)
-        views.append(view_of_depth(depth, 5.0, picture, prior, float(number)))
+        views.append(view_of_depth(depth, 5.0, prior=prior, stamp_s=float(number)))
     return views
 
 

@@ -20,7 +20,6 @@ from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
 from mapping.panorama.views import View, head_directions, view_of_depth
 from perception.depth import time_of_flight
-from perception.features.pictures import amplitude_picture
 from perception.primitives.frame import RangeView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
 from sim.rendering.rays import RayCaster
@@ -57,19 +56,21 @@ def head_pose(pan_rad: float, tilt_rad: float) -> Pose3:
     return Pose3.from_rotation(rotation, np.array([0.0, 0.0, CAMERA_HEIGHT_M]) + rotation @ LEVER_M)
 
 
-def nine_views(scene: Scene, rng: np.random.Generator) -> tuple[list[View], list[Pose3]]:
-    """Views at the robot's start with encoder errors, and their true poses on the body."""
+def nine_views(
+    scene: Scene, rng: np.random.Generator, encoder_deg: float = ENCODER_DEG
+) -> tuple[list[View], list[Pose3]]:
+    """Views at the robot's start with encoder errors of that standard deviation, and their true poses on the body."""
     caster = RayCaster(scene)
     caster.place([mover.start for mover in scene.moving_objects])
     camera = TofCamera(TofConfig(), rng)
     views, true = [], []
     for number, (pan, tilt) in enumerate(head_directions()):
-        off = math.radians(ENCODER_DEG) * rng.standard_normal(2)
+        off = math.radians(encoder_deg) * rng.standard_normal(2)
         pose, prior = head_pose(pan + off[0], tilt + off[1]), head_pose(pan, tilt)
         range_m, amplitude = camera.measure(caster, scene.start.lifted() @ pose)
         view = RangeView(range_m, amplitude, camera.camera, prior)
         depth = time_of_flight.depth(view, CALIBRATED_TOF)
-        views.append(view_of_depth(depth, 5.0, amplitude_picture(amplitude), prior, float(number)))
+        views.append(view_of_depth(depth, 5.0, prior=prior, stamp_s=float(number)))
         true.append(pose)
     return views, true
 

@@ -9,7 +9,6 @@ import pytest
 
 from mapping.panorama.views import head_directions, view_of_depth
 from perception.depth import time_of_flight
-from perception.features.pictures import amplitude_picture
 from perception.primitives.frame import RangeView
 from perception.primitives.pose import Pose3, head_rotation
 
@@ -43,8 +42,7 @@ def look_round():
             prior = walked @ head_pose(pan, tilt)
             range_m, amplitude = camera.measure(caster, scene.start.lifted() @ pose)
             depth = time_of_flight.depth(RangeView(range_m, amplitude, camera.camera, prior))
-            picture = amplitude_picture(amplitude)
-            views.append(view_of_depth(depth, 5.0, picture, prior, float(number)))
+            views.append(view_of_depth(depth, 5.0, prior=prior, stamp_s=float(number)))
             true.append(pose)
         return views, true
 

@@ -5,10 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from mapping.panorama.adjustment import Prior, adjust
-from mapping.panorama.pairs import Link, ViewFeatures, match_features
+from mapping.panorama.pairs import (
+    Guide,
+    Link,
+    PairConfig,
+    ViewFeatures,
+    match_features,
+    rotation_link,
+)
 from mapping.panorama.surfaces import align, surface
 from mapping.panorama.views import PriorConfig, prior_covariance
 from perception.features.matching import match
@@ -55,9 +63,49 @@ def test_encoders_resolve_ambiguous_features():
 
     both = seen(points), seen(turn.apply(points))
     assert len(match_features(*both)) == 0
-    guided = match_features(*both, turn)
+    guided = match_features(*both, Guide(turn, math.radians(0.7), 0.002))
     assert len(guided) == 24
     np.testing.assert_array_equal(guided[:, 0], guided[:, 1])
+
+
+def test_features_in_rows_are_not_matched_if_the_encoders_cannot_tell_them_apart():
+    """The true twin is hidden, so a neighbour in the row is the only candidate."""
+    rng = np.random.default_rng(3)
+    words = np.repeat(unit(rng.standard_normal((6, 128))), 2, axis=0)
+    rows = np.column_stack([np.tile([-0.15, 0.15], 6), np.repeat(np.linspace(-0.4, 0.4, 6), 2)])
+    points = np.column_stack([rows, np.full(12, 2.0)])
+    reach = np.linalg.norm(points, axis=1)
+    rays, kind = points / reach[:, None], np.zeros(12, np.int64)
+    first = ViewFeatures(rays, reach, words, kind)
+    second = ViewFeatures(rays[1::2], reach[1::2], words[1::2], kind[1::2])
+    alone = ViewFeatures(rays[::2], reach[::2], words[::2], kind[::2])
+    still = Pose3()
+    assert len(match_features(first, second, Guide(still, math.radians(0.7), 0.002))) == 6
+    assert len(match_features(first, second, Guide(still, math.radians(4.0), 0.002))) == 0
+    assert len(match_features(alone, second, Guide(still, math.radians(4.0), 0.002))) == 6
+
+
+@pytest.mark.parametrize(("wrong", "accepted"), [(2, True), (8, False)])
+def test_few_matches_are_a_pair_if_they_agree_by_more_than_chance(wrong, accepted):
+    rng = np.random.default_rng(4)
+    guide, found = Guide(Pose3(), math.radians(2.0), 0.002), 0
+    turn = Rotation.from_rotvec([0.01, 0.03, 0.0])
+    for _ in range(50):
+        first = np.column_stack([rng.uniform(-0.3, 0.3, (8, 2)), np.ones(8)])
+        first /= np.linalg.norm(first, axis=1, keepdims=True)
+        second = turn.apply(first)
+        aside = 0.1 * rng.uniform(-1.0, 1.0, (wrong, 3))
+        second[:wrong] = first[:wrong] + aside
+        second /= np.linalg.norm(second, axis=1, keepdims=True)
+        none, kind = np.zeros((8, 128), np.float32), np.zeros(8, np.int64)
+        both = tuple(ViewFeatures(rays, np.full(8, 2.0), none, kind) for rays in (first, second))
+        pairs = np.column_stack([np.arange(8)] * 2)
+        link = rotation_link((0, 1), both, pairs, guide, rng, PairConfig())
+        found += link is not None
+        if link is not None and accepted:
+            off = Rotation.from_matrix(link.T_first_second.rotation) * turn
+            assert math.degrees(off.magnitude()) < 2.0
+    assert found == 50 if accepted else found <= 2
 
 
 def wall_and_floor(pan):
@@ -109,3 +157,16 @@ def test_a_good_pair_far_from_the_encoders_is_used():
     between = a.T_base_camera.inverse() @ b.T_base_camera
     turn = Rotation.from_matrix(between.rotation.T @ link.T_first_second.rotation).magnitude()
     assert math.degrees(turn) < 0.15
+
+
+def test_large_errors_of_pan_and_tilt_are_consistent_with_the_prior():
+    """Together they also turn the camera about its axis, which a small-angle covariance leaves out."""
+    rng, sigma = np.random.default_rng(6), 6.0
+    prior = Pose3.from_rotation(head_rotation(0.5, 0.3), np.zeros(3))
+    covariance = prior_covariance(prior, PriorConfig(pan_deg=sigma, tilt_deg=sigma))[:3, :3]
+    squares = []
+    for pan, tilt in np.radians(sigma) * rng.standard_normal((400, 2)):
+        true = head_rotation(0.5 + pan, 0.3 + tilt)
+        error = Rotation.from_matrix(prior.rotation.T @ true).as_rotvec()
+        squares.append(error @ np.linalg.solve(covariance, error))
+    assert 1.7 < np.mean(squares) < 3.3  # two free angles

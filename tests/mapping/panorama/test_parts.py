@@ -16,7 +16,14 @@ from scipy.spatial.transform import Rotation
 from mapping.panorama import level_sets
 from mapping.panorama.adjustment import Placed, Prior, adjust
 from mapping.panorama.key_angles import AngleLaw, laws, locate, prepared
-from mapping.panorama.pairs import Link, PairConfig, ViewFeatures, motion_link, rotation_link
+from mapping.panorama.pairs import (
+    Guide,
+    Link,
+    PairConfig,
+    ViewFeatures,
+    motion_link,
+    rotation_link,
+)
 from mapping.panorama.rendering import render
 from mapping.panorama.sphere import Sphere, angles_of, direction, look_up, window_of_view
 from mapping.panorama.surfaces import align, surface
@@ -112,7 +119,8 @@ def test_a_rotation_is_found_among_wrong_matches(wrong):
     one, other = corner_pose(0.0, 0.0), corner_pose(0.2, 0.05)
     seen = features_of(points, one, rng, wrong, 0.003), features_of(points, other, rng, 0, 0.003)
     pairs = np.column_stack([np.arange(80)] * 2)
-    link = rotation_link((0, 1), seen, pairs, np.zeros(3), rng, PairConfig())
+    guide = Guide(other.inverse() @ one, np.radians(3.0), 0.002)
+    link = rotation_link((0, 1), seen, pairs, guide, rng, PairConfig())
     true = one.rotation.T @ other.rotation
     turn = Rotation.from_matrix(link.T_first_second.rotation.T @ true).as_rotvec()
     assert np.degrees(np.linalg.norm(turn)) < 0.2
@@ -127,8 +135,8 @@ def test_a_known_camera_position_corrects_the_parallax_of_near_features():
     seen = features_of(points, one, rng), features_of(points, other, rng)
     pairs = np.column_stack([np.arange(60)] * 2)
     true = one.rotation.T @ other.rotation
-    offset = one.rotation.T @ (one.position - other.position)
-    known = rotation_link((0, 1), seen, pairs, offset, rng, PairConfig())
+    guide = Guide(other.inverse() @ one, np.radians(3.0), 0.002)
+    known = rotation_link((0, 1), seen, pairs, guide, rng, PairConfig())
     turn = Rotation.from_matrix(known.T_first_second.rotation.T @ true).magnitude()
     assert np.degrees(turn) < 0.01
     unknown = rotation_link((0, 1), seen, pairs, None, rng, PairConfig())
@@ -159,7 +167,8 @@ def test_random_matches_are_no_pair():
         features_of(points, corner_pose(0.0, 0.0), rng, 40),
     )
     pairs = np.column_stack([np.arange(40)] * 2)
-    assert rotation_link((0, 1), seen, pairs, np.zeros(3), rng, PairConfig()) is None
+    for guide in (None, Guide(Pose3(), np.radians(20.0), 0.002)):
+        assert rotation_link((0, 1), seen, pairs, guide, rng, PairConfig()) is None
     assert motion_link((0, 1), seen, pairs, rng) is None
     assert motion_link((0, 1), seen, pairs[:5], rng) is None
 

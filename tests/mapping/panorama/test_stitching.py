@@ -14,7 +14,7 @@ from mapping.panorama.key_angles import laws
 from mapping.panorama.pairs import PairConfig
 from mapping.panorama.sphere import direction
 from mapping.panorama.stitching import StitchConfig, place, stitch
-from mapping.panorama.views import View
+from mapping.panorama.views import PriorConfig, View
 from perception.features.mdghm_sift import SiftConfig
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Depth
@@ -86,6 +86,32 @@ def test_features_alone_are_not_much_worse_than_the_encoders(look_round):
         [v.prior.rotation for v in views], truth
     )
     assert {p.by for p in placed} <= {"features", "encoders"}
+
+
+def test_features_and_surfaces_both_link_a_pair(look_round):
+    views, _ = look_round("home", 1, 0.5)
+    links = place(views, np.random.default_rng(0), StitchConfig()).links
+    pairs = {
+        kind: {(link.first, link.second) for link in links if link.by == kind}
+        for kind in ("features", "surfaces")
+    }
+    assert pairs["features"] & pairs["surfaces"]
+
+
+def test_features_hold_views_whose_surfaces_cannot_be_aligned(look_round):
+    """With points but no normals, as of scattered depth: the links of features alone determine the graph."""
+    views, true = look_round("home", 1, 2.0)
+    scattered = []
+    for view in views:
+        z = np.full_like(view.depth.z, np.nan)
+        z[::7, ::7] = view.depth.z[::7, ::7]
+        scattered.append(replace(view, depth=replace(view.depth, z=z)))
+    config = StitchConfig(prior=PriorConfig(pan_deg=2.0, tilt_deg=2.0))
+    placed, links, _ = place(scattered, np.random.default_rng(0), config)
+    truth = [pose.rotation for pose in true]
+    before = rms_deg([v.prior.rotation for v in views], truth)
+    assert {link.by for link in links} == {"features"}
+    assert rms_deg(rotations(placed), truth) < 0.75 * before
 
 
 def test_a_view_without_prior_and_matches_is_left_out(look_round):
