@@ -2,8 +2,9 @@
 
 Our block matcher or one of OpenCV's finds the disparity; all are rated alike, by our block costs and by the
 neighbourhood. A disparity is reliable if the minimum of its cost is sharp (texture), no other minimum is nearly
-as low (uniqueness), the matched pixel of the right image has no better match (occlusion), and neighbouring
-pixels have the same disparity (mismatches scatter). The last criterion is by far the strongest.
+as low (uniqueness), the matched pixel of the right image has no better match (occlusion), neighbouring
+pixels have the same disparity (mismatches scatter), and its surroundings are reliable too (a block beside a lone edge
+carries the edge's disparity to a surface without texture, `_without_rims`). The neighbours are by far the strongest criterion.
 
 The standard deviation of a disparity grows with the ratio of the remaining cost to the slope of the minimum.
 
@@ -20,13 +21,14 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 from ..primitives.errors import ConfigError, InputError
 from ..primitives.frame import Depth, StereoView
 from ..primitives.settings import setting
 from . import _stereo_trust_kernels as kernels
 from . import published_stereo
+from ._block_matching_kernels import SIDE
 from .block_matching import GRADIENT_LIMIT, match
 
 METHODS = ("block", "sgbm", "bm")
@@ -35,6 +37,9 @@ RELIABILITY = ("ours", "seed")
 SGBM_BLOCK_PX = 5  # OpenCV's advice: 3 to 11
 BM_BLOCK_PX = 15  # OpenCV's advice for 640 x 480
 SIGMA_PER_BLUR = 0.035  # ours: growth of sigma_d with the ratio of remaining cost to slope
+AROUND_PX = 41  # ours: side of the surroundings: voting neighbours reach half as far
+AROUND = 0.3  # ours: mean reliability of the surroundings from which they do not reduce a pixel's
+HOLES_PX = 15  # ours: holes in a reliable region up to this size do not count as its rim
 SGBM_SIGMAS = 1.3  # ours: the path costs of SGBM make its sub-pixel part less accurate
 
 
@@ -145,10 +150,30 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
         reliability,
         sigma,
     )
+    reliability = _without_rims(reliability, np.isfinite(found), config.least_reliability)
     if config.reliability == "seed":
         by_costs = published_stereo.reliability(matches.costs, config.uniqueness)
         reliability = np.where(np.isfinite(found), by_costs, np.float32(0.0))
     return Disparity(found, reliability, sigma)
+
+
+def _without_rims(
+    reliability: Float32[np.ndarray, "h w"], found: Bool[np.ndarray, "h w"], least: float
+) -> Float32[np.ndarray, "h w"]:
+    """Reliability reduced where the surroundings are unreliable, and below `least` on the rims of reliable regions.
+
+    A block that sees the edge of a thing carries its disparity half a block too far, on to a surface behind it. With
+    texture there, the surface's own disparity wins and is as reliable; without, the region ends in a wrong rim. It does not
+    end where no block has a `found` disparity, as at the image border.
+    """
+    around = cv2.blur(reliability, (AROUND_PX, AROUND_PX), borderType=cv2.BORDER_REFLECT)
+    reduced = reliability * np.minimum(around / np.float32(AROUND), np.float32(1.0))
+    block = np.ones((SIDE, SIDE), np.uint8)
+    beyond = cv2.morphologyEx((~found).astype(np.uint8), cv2.MORPH_OPEN, block)
+    region = beyond | (reduced >= np.float32(max(least, 1e-6)))
+    region = cv2.morphologyEx(region, cv2.MORPH_CLOSE, np.ones((HOLES_PX, HOLES_PX), np.uint8))
+    inside = cv2.erode(region, block).view(np.bool_)
+    return np.where(inside, reduced, np.float32(0.5 * least) * reduced)
 
 
 def depth(view: StereoView, config: StereoConfig | None = None) -> Depth:

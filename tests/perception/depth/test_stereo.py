@@ -139,6 +139,34 @@ def test_a_wall_without_texture_has_no_depth(config):
     assert np.mean(np.isfinite(seen.z[:, 60:170])) > 0.8
 
 
+def plain_pair(left, right, seed=0, noise=2.0):
+    """A pair of images without texture, with sensor noise."""
+    rng = np.random.default_rng(seed)
+    grey = [
+        np.clip(image + rng.normal(0.0, noise, image.shape), 0, 255).astype(np.uint8)
+        for image in (left, right)
+    ]
+    return StereoView(grey[0], grey[1], BASELINE_M, CAMERA)
+
+
+def test_beside_the_lone_edge_of_a_plain_board_there_is_no_depth(config):
+    left, right = np.full((240, 320), 90.0), np.full((240, 320), 90.0)
+    left[60:, 150:220], right[60:, 130:200] = 150.0, 150.0  # 20 px before a plain wall
+    z = depth(plain_pair(left, right), config).z
+    assert np.mean(np.isfinite(z[:, 100:150])) < 0.005  # the wall, where blocks see the edge
+
+
+def test_a_textured_thing_before_a_plain_wall_keeps_its_depth():
+    rng = np.random.default_rng(4)
+    patch = 120.0 + texture(rng, (60, 60))
+    left, right = np.full((240, 320), 90.0), np.full((240, 320), 90.0)
+    left[100:160, 150:210], right[100:160, 130:190] = patch, patch
+    z = depth(plain_pair(left, right)).z
+    inner = z[110:150, 160:200]
+    assert np.mean(np.isfinite(inner)) > 0.8
+    assert np.nanmax(np.abs(277.0 * BASELINE_M / inner - 20.0)) < 1.0
+
+
 def test_unrelated_images_give_no_depth(config):
     one, other = pair(RAMP, seed=1), pair(RAMP, seed=2)
     seen = depth(StereoView(one.left, other.right, BASELINE_M, CAMERA), config)
