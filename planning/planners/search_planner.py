@@ -1,7 +1,7 @@
 """The default planner: grid search, univector field, guard and gaze.
 
-A* on the egocentric grid gives a via point (seed 003), the univector field leads there (seed 001), the guard
-replaces steps that come too close to static or moving obstacles (ours), and the gaze policy chooses where to look.
+A* on the egocentric grid gives a via point, or the next point of its smoothed curve (seed 003), the univector field
+leads there (seed 001), the guard replaces steps that come too close to static or moving obstacles (ours), and the gaze policy chooses where to look.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from ..gaze.policy import GazeControl
 from ..safety.guard import Guard
 from ..safety.line_of_sight import farthest_visible
 from ..safety.step_filter import StepFilter
+from ..search.curve_walk import CurveWalk
 from ..search.route import Route
 from ..univector import motion
 from ..world_model import WorldModel
@@ -68,6 +69,7 @@ class SearchPlanner:
             Explorer(config.exploration, self._robot) if config.mission.wander else None
         )
         self._route = Route(config.search, config.route, self._robot)
+        self._curve = CurveWalk(self._robot.leg_scale) if config.route.follow == "curve" else None
         self.gaze = GazeControl(config.gaze, self._robot)
         self._speed_mps = 0.0
 
@@ -145,6 +147,8 @@ class SearchPlanner:
             return footsteps.footstep(self._goals.heading, 0.0, Pose2(x, y, yaw), gait), "walk"
         if self._route.path is None:
             return WalkCommand(), "blocked"
+        if self._curve is not None:
+            via = self._curve.aim(self._route.path, pose.mean[:2])
         return self._desired(pose, via, obstacles), "walk"
 
     def _desired(

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, wrap_angle
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from perception.primitives.settings import setting
 
 from .astar import Path, prepare, search
 from .potential import SearchConfig
@@ -39,10 +40,19 @@ BLOCK_RADIUS_M = 0.35  # radius of that place
 BLOCK_PENALTY = 4.0  # potential added there: expensive, not forbidden
 
 
+FOLLOW = ("points", "curve")
+
+
 @dataclass(frozen=True)
 class RouteConfig:
-    """Loyalty to the old path, and patience."""
+    """What the gait follows, loyalty to the old path, and patience."""
 
+    follow: str = setting(
+        "points",
+        "",
+        "the gait walks to the way points, or along the curve with its arcs as in seed 003",
+        "ours",
+    )
     loyalty: float = (
         0.03  # ours: 15 % of the path cost at alpha 5; potential added off the present path
     )
@@ -50,6 +60,10 @@ class RouteConfig:
     memory_steps: int = 200  # ours: 130 s for which a place is avoided, enough for a detour
 
     def __post_init__(self) -> None:
+        if self.follow not in FOLLOW:
+            raise ConfigError(
+                f"route: follow={self.follow!r} is unknown; choose {', '.join(FOLLOW)}"
+            )
         for name in ("patience_steps", "memory_steps"):
             if getattr(self, name) < 1:
                 raise ConfigError(f"route: {name}={getattr(self, name)} must be at least 1")
