@@ -23,7 +23,7 @@ from .coverage import answered_share
 class DepthHealthConfig:
     """When depth counts as lost, and when as back."""
 
-    fall_back: bool = setting(True, "", "walk by colour while depth is lost", "ours")
+    fall_back: bool = setting(True, "", "walk by colour while depth is lost; else stand", "ours")
     nearest_m: float = 0.2  # seed 003: stereo is reliable from here on
     farthest_m: float = 1.5  # ours: beyond, ToF sees the floor at a grazing angle
     lost_share: float = setting(

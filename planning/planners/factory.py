@@ -14,7 +14,7 @@ from .settings import PlanningConfig
 from .stuck_recovery import StuckRecovery
 
 BY_DEPTH = ("search", "field")
-"""Planners that are replaced by the one by colour while depth does not show the floor ahead."""
+"""Planners that give way to the one by colour, or stand, while depth does not show the floor ahead."""
 
 MEMBERS = ("reached", "observe", "decide", "distance_to_goal", "finished")
 
@@ -31,7 +31,7 @@ def make(
         config: Settings of planning.
         goals: Where to walk, one after the other, map frame, m.
         scan: Whether the robot has a depth camera for panoramic scans, which the recovery needs.
-        fall_back: Whether the robot has a colour camera to walk by while depth is lost.
+        fall_back: Whether the robot walks by colour while depth is lost; else it stands.
 
     Raises:
         InputError: A planner of the user's cannot be loaded.
@@ -44,6 +44,4 @@ def make(
         return planner
     if mission.planner == "search" and mission.look_about and scan:
         planner = StuckRecovery(planner, config, goals)
-    if fall_back:
-        planner = DepthLossFallback(planner, config, goals)
-    return planner
+    return DepthLossFallback(planner, config, goals, fall_back)

@@ -102,7 +102,7 @@ class Pipeline:
         with watch.stage("register"):
             views, registration = self._register(views)
         pose = self.pose_source.pose
-        if frame.footstep_due and self.config.depth_health.fall_back:
+        if frame.footstep_due:
             self.health.update([(view.depth, view.floor) for view in views])
         by_colour = None
         if pose is not None and self._needs_colour_floor(frame):
@@ -148,7 +148,8 @@ class Pipeline:
         """Whether to find the floor by colour: by default if the planner needs it or depth is lost."""
         if self.config.monocular.use != "auto":
             return self.config.monocular.use == "always"
-        return self.config.mission.planner == "swarm" or not self.health.healthy
+        lost = self.config.depth_health.fall_back and not self.health.healthy
+        return self.config.mission.planner == "swarm" or lost
 
     def footprints(self) -> list[Footprint]:
         """Footprints of the static obstacles of the world map."""

@@ -18,10 +18,9 @@ from perception.primitives.frame import Depth
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from planning.commands import GazeCommand, WalkCommand
-from planning.planners.depth_loss_fallback import BY_COLOUR, DepthLossFallback
+from planning.planners.depth_loss_fallback import BY_COLOUR, STANDS, DepthLossFallback
 from planning.planners.mission import MissionConfig
 from planning.planners.planner import Decision
-from planning.planners.search_planner import SearchPlanner
 from planning.planners.settings import PlanningConfig
 from planning.world_model import WorldModel
 from surefoot.config.schema import Config
@@ -76,15 +75,15 @@ def test_thresholds_the_wrong_way_round_are_refused():
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({}, True),
-        ({"colour": False}, False),
-        ({"planner": "field"}, True),
-        ({"planner": "avoidance"}, False),
-        ({"wander": True}, False),
-        ({"fall_back": False}, False),
+        ({}, BY_COLOUR),
+        ({"colour": False}, STANDS),
+        ({"planner": "field"}, BY_COLOUR),
+        ({"planner": "avoidance"}, None),
+        ({"wander": True}, None),
+        ({"fall_back": False}, STANDS),
     ],
 )
-def test_the_fallback_needs_a_colour_camera_and_goals(change, expected):
+def test_without_depth_the_robot_walks_by_a_colour_camera_or_stands(change, expected):
     config = Config()
     mission = {key: change[key] for key in ("planner", "wander") if key in change}
     config = replace(
@@ -93,7 +92,13 @@ def test_the_fallback_needs_a_colour_camera_and_goals(change, expected):
         robot=replace(config.robot, colour=change.get("colour", True)),
         depth_health=DepthHealthConfig(fall_back=change.get("fall_back", True)),
     )
-    assert isinstance(make_planner(config, ((1.0, 0.0),)), DepthLossFallback) is expected
+    planner = make_planner(config, ((1.0, 0.0),))
+    assert isinstance(planner, DepthLossFallback) is (expected is not None)
+    if expected is not None:
+        pose = Gaussian(np.zeros(3), np.eye(3))
+        decided = planner.decide(WorldModel(Estimate(0.0, pose, depth_healthy=False)))
+        assert decided.why.startswith(expected)
+        assert expected != STANDS or decided.walk == WalkCommand()
 
 
 class AlwaysStanding:
@@ -157,14 +162,8 @@ def test_in_a_room_without_texture_the_robot_walks_on_by_colour_and_touches_noth
 
 
 @pytest.mark.usefixtures("without_report")
-def test_without_the_fallback_the_robot_makes_no_progress(tmp_path):
-    assert walked(tmp_path / "run", False, 9.0)["left_m"] > 2.3
-
-
-def test_the_search_planner_stands_alone_without_fallback_and_recovery():
-    config = replace(
-        Config(),
-        depth_health=DepthHealthConfig(fall_back=False),
-        mission=MissionConfig(look_about=False),
-    )
-    assert isinstance(make_planner(config, ((1.0, 0.0),)), SearchPlanner)
+def test_without_the_fallback_the_robot_stands_where_it_sees_no_floor(tmp_path):
+    found = walked(tmp_path / "run", False, 9.0)
+    assert found["left_m"] > 2.3
+    why = RunFolder.open(tmp_path / "run").read_csv("commands.csv").words("why")
+    assert why[-1] == STANDS
