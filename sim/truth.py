@@ -73,6 +73,11 @@ class Truth:
             found.append((FIRST_STATIC_ID + k, x, y, 0.0, 0.0, radius, height))
         return found
 
+    def names(self) -> list[str]:
+        """Names of the obstacles, in the order of `obstacles`."""
+        moving = [one.name for one in self._scene.moving_objects]
+        return [*moving, *(item.name for item in self._scene.obstacles)]
+
     def outlines(self) -> list[tuple[int, str, float, list[Float[np.ndarray, "k 2"]]]]:
         """(id, name, height, convex outlines of the parts below 0.5 m) of the static obstacles, world frame, m."""
         found = []

@@ -57,7 +57,7 @@ class FieldPlanner(GoalSeeker):
         self._goals: Goals
         super().__init__(Goals(goals, config.mission, config.mission.headings_deg))
         self._config, self._robot = config, config.robot
-        self._gaze = GazeControl(config.gaze, self._robot)
+        self.gaze = GazeControl(config.gaze, self._robot)
         self._field = config.univector.as_walked
         self._start: Float[np.ndarray, "2"] | None = None
         self._published = self._field.mode != "ours"
@@ -78,9 +78,9 @@ class FieldPlanner(GoalSeeker):
         obstacles = [o.gone_straight() if o.moving >= MOVING else o for o in world.tracks]
         discs = [o for o in obstacles if self._published or o.moving >= MOVING]
         cells = _cells(world.grid, discs)
-        gaze = self._gaze.next(world.stamp_s, robot, goal, obstacles, GazeContext.of(world))
+        gaze = self.gaze.next(world.stamp_s, robot, goal, obstacles, GazeContext.of(world))
         desired, why = WalkCommand(), "survey"
-        if not self._gaze.surveying:
+        if not self.gaze.surveying:
             desired = self._desired(world.pose, goal, discs, cells, world.grid.cell_m)
             why = "walk"
         walk = self._guard.choose(desired, world.pose, obstacles, cells, goal, world.stamp_s)

@@ -115,7 +115,7 @@ def escape_acceleration(
     n = np.array([-velocity[1], velocity[0]]) / max(size, 1e-12)
     if abs(n[0]) < 1e-9:
         return math.inf
-    edge = max((float(n @ place) + sign * radius_m) / n[0] for sign in (1.0, -1.0))
+    edge = max((float(n @ place) + sign * radius_m) / float(n[0]) for sign in (1.0, -1.0))
     t = float(velocity @ (np.array([edge, 0.0]) - place)) / max(size, 1e-12) ** 2
     return math.inf if edge <= 0.0 or t <= 0.0 else 2.0 * (edge - speed_mps * t) / t**2
 

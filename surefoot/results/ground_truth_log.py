@@ -46,8 +46,8 @@ class TruthLog:
         """Record the ground truth of this frame."""
         pose = self._truth.robot_pose()
         self._poses.append((stamp_s, pose.x, pose.y, pose.yaw))
-        for obstacle in self._truth.obstacles():
-            self._obstacles.append((stamp_s, *obstacle))
+        for obstacle, name in zip(self._truth.obstacles(), self._truth.names(), strict=True):
+            self._obstacles.append((stamp_s, *obstacle, name))
         for camera in self._truth.cameras():
             floor = self._truth.floor(camera)
             self._floors.append((stamp_s, camera, *floor.normal.tolist(), floor.offset_m))
@@ -67,7 +67,17 @@ class TruthLog:
         )
         folder.write_csv(
             "truth/obstacles.csv",
-            ("stamp_s", "identity", "x_m", "y_m", "vx_mps", "vy_mps", "radius_m", "height_m"),
+            (
+                "stamp_s",
+                "identity",
+                "x_m",
+                "y_m",
+                "vx_mps",
+                "vy_mps",
+                "radius_m",
+                "height_m",
+                "name",
+            ),
             self._obstacles,
         )
         folder.write_csv(

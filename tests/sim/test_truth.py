@@ -69,6 +69,8 @@ def test_occupied_covers_objects_and_the_outside_of_walls(truth):
 def test_listed_obstacles_cover_their_objects_and_moving_ones_move(truth):
     listed = truth.obstacles()
     assert [one[0] for one in listed] == [1, 101, 102, 103, 104]
+    assert truth.names()[1] == truth._scene.obstacles[0].name
+    assert len(truth.names()) == len(listed)
     _, x, y, vx, vy, radius, _ = listed[0]
     truth._world.advance(0.5)
     _, x2, y2, *_ = truth.obstacles()[0]

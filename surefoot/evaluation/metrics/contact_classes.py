@@ -1,19 +1,23 @@
-"""Classes of contacts by what the robot could know of the object it touched.
+"""Classes of contacts by what the robot could know of the object that it touched.
 
-A contact belongs to the first class that applies, in this order:
+A contact with anything that does not move is avoidable, also beside a moving obstacle. A contact with a moving obstacle
+belongs to the first class that applies:
 
-- `standing`: the robot stood still;
-- `unseen`: the moving object had not been detected for two seconds;
+- `unseen`: it had not been detected for two seconds;
 - `late`: it had been tracked for less than six seconds;
-- `reversal`: it had reversed within the last four seconds;
-- `other`: it had reversed four to six seconds before;
-- `avoidable`: all other contacts, including every contact with a static object.
+- `reversal`: it had reversed within the last six seconds;
+- `avoidable`: all others.
+
+That the robot stood still is no excuse; it is counted beside the classes.
 
 Source: navigation study (classes and their times).
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,29 +27,65 @@ from ...results.tables import Table
 from .contacts import contact_intervals, nearest_objects
 from .obstacles import moving, track_errors
 
-CLASSES = ("standing", "unseen", "late", "reversal", "other", "avoidable")
+CLASSES = ("unseen", "late", "reversal", "avoidable")
+"""Each contact has exactly one."""
+
 STANDING_S, STANDING_M = 1.3, 0.01  # ours: two steps in place; slip and sway stay below 1 cm
-UNSEEN_S, LATE_S, REVERSAL_S, STEADY_S = 2.0, 6.0, 4.0, 6.0  # navigation study
+UNSEEN_S, LATE_S, REVERSAL_S = 2.0, 6.0, 6.0  # navigation study
 LOST_S = 2.0  # ours: after a longer gap without a track, tracking begins anew
 
 
-def contact_classes(
+@dataclass(frozen=True)
+class Contact:
+    """One contact of the robot with an object.
+
+    Args:
+        stamp_s: Its beginning.
+        object_name: Name of the object.
+        moves: Whether the object moves.
+        unseen_s: Time since its last detection, s; infinite if it was never detected.
+        followed_s: Time since its track began, s.
+        turned_s: Time since it last reversed, s; infinite if it never did.
+        standing: Whether the robot stood still.
+    """
+
+    stamp_s: float
+    object_name: str
+    moves: bool
+    unseen_s: float = math.inf
+    followed_s: float = 0.0
+    turned_s: float = math.inf
+    standing: bool = False
+
+    @property
+    def kind(self) -> str:
+        """One of `CLASSES`."""
+        if not self.moves:
+            return "avoidable"
+        if self.unseen_s > UNSEEN_S:
+            return "unseen"
+        if self.followed_s < LATE_S:
+            return "late"
+        return "reversal" if self.turned_s < REVERSAL_S else "avoidable"
+
+
+def contacts_of_run(
     clearance: Table,
     trajectory: Float[np.ndarray, "n 4"],
     obstacles: Table,
     tracks: list[dict[str, Any]],
-) -> list[tuple[float, str, str]]:
-    """Time, object and class of each contact, in order.
+) -> list[Contact]:
+    """The contacts of a recorded walk, in order.
 
     Args:
-        clearance: Columns stamp_s, clearance_m, object.
+        clearance: Columns stamp_s, clearance_m, object (the name of what was touched).
         trajectory: True poses (stamp, x, y, yaw) of the robot.
-        obstacles: True obstacles, columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps, radius_m.
+        obstacles: True obstacles, columns stamp_s, identity, x_m, y_m, vx_mps, vy_mps, radius_m, name.
         tracks: Entries of obstacles.json.
     """
     stamps, gaps = clearance.numbers("stamp_s"), clearance.numbers("clearance_m")
-    contacts = contact_intervals(stamps, gaps, nearest_objects(clearance))
-    if not contacts:
+    found = contact_intervals(stamps, gaps, nearest_objects(clearance))
+    if not found:
         return []
     errors = track_errors(tracks, obstacles)
     seen = {(float(one["stamp"]), int(one["track"])): float(one["seen"]) for one in tracks}
@@ -55,61 +95,50 @@ def contact_classes(
             errors.stamps, errors.identities, errors.tracks, strict=True
         )
     ]
-    found = []
-    for begin, _, touched in contacts:
-        mover = _mover(begin, trajectory, obstacles)
-        kind = "avoidable"
-        if mover is not None:
-            kind = _kind(begin, mover, trajectory, obstacles, matched)
-        found.append((begin, touched, kind))
-    return found
+    movers = _movers(obstacles)
+    return [
+        _contact(begin, touched, movers.get(touched), trajectory, obstacles, matched)
+        for begin, _, touched in found
+    ]
 
 
-def class_counts(classes: list[tuple[float, str, str]]) -> dict[str, float]:
-    """Number of contacts of each class: contacts_<class>."""
-    kinds = [kind for _, _, kind in classes]
-    return {f"contacts_{kind}": float(kinds.count(kind)) for kind in CLASSES}
+def class_counts(contacts: Sequence[Contact]) -> dict[str, float]:
+    """Number of contacts of each class, contacts_<class>, and contacts_standing."""
+    kinds = [one.kind for one in contacts]
+    counts = {f"contacts_{kind}": float(kinds.count(kind)) for kind in CLASSES}
+    return counts | {"contacts_standing": float(sum(one.standing for one in contacts))}
 
 
-def _mover(stamp: float, trajectory: Float[np.ndarray, "n 4"], obstacles: Table) -> str | None:
-    """The moving obstacle that touched the robot; None if all are too far away."""
-    x, y = trajectory[np.argmin(np.abs(trajectory[:, 0] - stamp)), 1:3]
-    states = obstacles.matrix("stamp_s", "x_m", "y_m", "radius_m")
-    movers = moving(obstacles)
-    nearest, found = 0.15, None  # half the diagonal of the robot with its swing foot, m
-    for row, identity in enumerate(obstacles.words("identity")):
-        at, ox, oy, radius = states[row]
-        if identity in movers and abs(at - stamp) < 1e-6:
-            gap = float(np.hypot(ox - x, oy - y) - radius)
-            if gap < nearest:
-                nearest, found = gap, identity
-    return found
+def _movers(obstacles: Table) -> dict[str, str]:
+    """Name to identity of the obstacles that ever move."""
+    moves = set(moving(obstacles))
+    named = zip(obstacles.words("name"), obstacles.words("identity"), strict=True)
+    return {name: identity for name, identity in named if identity in moves}
 
 
-def _kind(
+def _contact(
     stamp: float,
-    mover: str,
+    name: str,
+    mover: str | None,
     trajectory: Float[np.ndarray, "n 4"],
     obstacles: Table,
     matched: list[tuple[float, str, float]],
-) -> str:
+) -> Contact:
     lately = trajectory[(trajectory[:, 0] <= stamp) & (trajectory[:, 0] >= stamp - STANDING_S)]
-    if len(lately) and np.ptp(lately[:, 1:3], axis=0).max() < STANDING_M:
-        return "standing"
+    standing = len(lately) > 0 and float(np.ptp(lately[:, 1:3], axis=0).max()) < STANDING_M
+    if mover is None:
+        return Contact(stamp, name, False, standing=standing)
+    turned = stamp - _reversed_at(stamp, mover, obstacles)
     mine = [(at, seen) for at, identity, seen in matched if identity == mover and at <= stamp]
-    if not mine or stamp - max(seen for _, seen in mine) > UNSEEN_S:
-        return "unseen"
+    if not mine:
+        return Contact(stamp, name, True, turned_s=turned, standing=standing)
     since = mine[-1][0]
     for at, _ in reversed(mine):
         if since - at > LOST_S:
             break
         since = at
-    if stamp - since < LATE_S:
-        return "late"
-    steady = stamp - _reversed_at(stamp, mover, obstacles)
-    if steady < STEADY_S:
-        return "reversal" if steady < REVERSAL_S else "other"
-    return "avoidable"
+    unseen = stamp - max(seen for _, seen in mine)
+    return Contact(stamp, name, True, unseen, stamp - since, turned, standing)
 
 
 def _reversed_at(stamp: float, mover: str, obstacles: Table) -> float:

@@ -1,9 +1,8 @@
-"""Clearance, contacts and their classes, path length, and goals reached."""
+"""Clearance, contacts, path length, and goals reached."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -89,55 +88,6 @@ def goal_metrics(
 
 
 BODY_RADIUS_M = 0.15  # S_r, seed 001
-UNSEEN_S, LATE_S = 2.0, 6.0  # navigation study: classes of contacts
-REVERSAL_S = 6.0  # navigation study: an earlier reversal does not explain a contact
-CLASSES = ("avoidable", "unseen", "late", "reversal", "other")
-"""Classes of contacts; each contact has exactly one."""
-
-
-@dataclass(frozen=True)
-class Contact:
-    """One contact of the robot with an object.
-
-    Args:
-        stamp_s: Its beginning.
-        object_name: Name of the object.
-        moves: Whether the object moves.
-        unseen_s: Time since its last detection, s; infinite if it was never detected.
-        followed_s: Time since its track began, s.
-        turned_s: Time since it last reversed, s; infinite for a static object.
-        standing: Whether the robot stands.
-        kind: One of `CLASSES`.
-    """
-
-    stamp_s: float
-    object_name: str
-    moves: bool
-    unseen_s: float
-    followed_s: float
-    turned_s: float
-    standing: bool
-    kind: str = "other"
-
-
-def class_of(contact: Contact) -> str:
-    """The class of a contact.
-
-    Avoidable: tracked for 6 s, detected within 2 s, and no reversal within 6 s; contact with a static object
-    that was ever detected is always avoidable. Otherwise, in this order: unseen, late, reversal.
-
-    Source: navigation study.
-    """
-    seen = contact.unseen_s <= UNSEEN_S
-    if not contact.moves:
-        return "avoidable" if np.isfinite(contact.unseen_s) else "unseen"
-    if seen and contact.followed_s >= LATE_S and contact.turned_s >= REVERSAL_S:
-        return "avoidable"
-    if not seen:
-        return "unseen"
-    if contact.followed_s < LATE_S:
-        return "late"
-    return "reversal" if contact.turned_s < REVERSAL_S else "other"
 
 
 class Touch:

@@ -14,12 +14,13 @@ from planning.safety.velocity_obstacles import VelocityObstacles
 from planning.univector.fields import FieldConfig
 
 from ...config.presets import on_body
-from ...evaluation.metrics.contacts import CLASSES
-from ..support.course_runner import CourseWalk, course_config, walk
+from ...evaluation.metrics.contact_classes import CLASSES
+from ..support.course_runner import CourseWalk, course_config, published, walk
 from ..support.experiment import Say
 from ..support.trials import run_all
 
 PAPER_S = 560.2  # seed 001, section V-C
+PRINTED_MPS = 0.0615  # specification: cruise of seed 001, 0.04 m in 0.65 s
 
 BASELINES = ("dynamic window", "velocity obstacles")
 
@@ -40,8 +41,10 @@ class Trial:
         scene, seed: The course.
         perfect: Error-free perception.
         stepper: One of `STEPPERS`.
-        field: Settings of the field; None: the planner's default.
+        field: Settings of the field; None: the planner's default. With another mode than "ours" the course is walked by
+            seed 001 alone.
         body: "kinematic" or "dynamic".
+        cruise_mps: Speed to walk at; None: the default.
     """
 
     scene: str
@@ -50,13 +53,18 @@ class Trial:
     stepper: str = "guard"
     field: FieldConfig | None = None
     body: str = "kinematic"
+    cruise_mps: float | None = None
 
 
 def walk_trial(trial: Trial) -> CourseWalk:
     """Walk one trial."""
     config = on_body(course_config(trial.scene, trial.seed), trial.body)
-    if trial.field is not None:
+    if trial.field is not None and trial.field.mode != "ours":
+        config = published(config, trial.field.mode)
+    elif trial.field is not None:
         config = replace(config, univector=trial.field)
+    if trial.cruise_mps is not None:
+        config = replace(config, gait=replace(config.gait, cruise_mps=trial.cruise_mps))
     return walk(config, trial.perfect, STEPPERS[trial.stepper]())
 
 

@@ -2,7 +2,8 @@
 
 Walks use geometric perception (`support/course_runner.py`): slow and fast moving obstacles with simulated detections,
 and fast ones with error-free perception. The environment variable SUREFOOT_IMAGE_SEEDS adds walks of the slow course
-with images for comparison. The baselines replace the guard on the fast courses.
+with images for comparison. The baselines replace the guard on the fast courses. On a quarter of the slow courses ours and seed 001's own
+walker (`univector.mode` "seed", with its gaze; "printed" for the printed weights) walk at the printed speed.
 
 Source: Yoo and Kim 2010 (seed 001), section V-C.
 """
@@ -11,11 +12,31 @@ from __future__ import annotations
 
 import os
 
-from ...evaluation.metrics.contacts import Contact
+from planning.univector.fields import FieldConfig
+
+from ...evaluation.metrics.contact_classes import Contact
+from ..support.columns import three_columns
 from ..support.experiment import Experiment, Outcome, Say, Target
 from .course_images import image_figures
-from .course_trials import BASELINES, PAPER_S, Trial, figures, walk_groups
+from .course_trials import BASELINES, PAPER_S, PRINTED_MPS, Trial, figures, walk_groups
 
+PRINTED_SPEED: dict[str, FieldConfig | None] = {
+    "slow, ours, 0.0615 m/s": None,
+    "slow, seed 001, 0.0615 m/s": FieldConfig(mode="seed"),
+    "  with the printed weights": FieldConfig(mode="printed"),
+}
+SHOWN = (
+    *("contact_free_share", "contacts", "avoidable_contacts", "arrived_share", "on_time_share"),
+    *("time_s_mean", "min_clearance_mm", "turning_deg_mean"),
+)
+ROWS = (
+    ("contacts of one walk", 0.0, "contacts_per_walk_seed_0615", "contacts_per_walk_ours_0615"),
+    ("  with the printed weights", 0.0, "contacts_per_walk_printed_0615", ""),
+    ("walks without contact, share", 1.0, "contact_free_share_seed_0615", "contact_free_share_ours_0615"),
+    ("all via points reached, share", 1.0, "arrived_share_seed_0615", "arrived_share_ours_0615"),
+    ("time, s", PAPER_S, "time_s_mean_seed_0615", "time_s_mean_ours_0615"),
+    ("turning, deg", None, "turning_deg_mean_seed_0615", "turning_deg_mean_ours_0615"),
+)  # fmt: skip
 IMAGES = "SUREFOOT_IMAGE_SEEDS"
 """Environment variable: number of seeds to walk with images too (20 take 80 core minutes)."""
 
@@ -34,8 +55,22 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         groups[f"fast, {name}"] = [
             Trial("fast_course", seed, stepper=name) for seed in range(quarter)
         ]
+    for name, field in PRINTED_SPEED.items():
+        groups[name] = [
+            Trial("course", seed, field=field, cruise_mps=PRINTED_MPS) for seed in range(quarter)
+        ]
     found, table = walk_groups(groups, say, body)
     result = figures(found["slow, sensors"])
+    for name, ending in zip(
+        PRINTED_SPEED, ("_ours_0615", "_seed_0615", "_printed_0615"), strict=True
+    ):
+        result |= {
+            figure: value
+            for figure, value in figures(found[name], ending).items()
+            if figure.removesuffix(ending) in SHOWN
+        }
+        result[f"contacts_per_walk{ending}"] = result[f"contacts{ending}"] / quarter
+    table += ["", *three_columns(result, ROWS), ""]
     result |= figures(found["fast, sensors"], "_fast")
     truth = figures(found["fast, error-free perception"], "_truth")
     result |= {
@@ -83,6 +118,12 @@ EXPERIMENT = Experiment(
         "on_time_share": Target(">=", 0.90),
         "contacts_over_best_peer": Target("<=", 0.0),
         "cycle_ms_p99": Target("<=", 5.0),
+        "contacts_ours_0615": Target("==", 0.0),
+        "arrived_share_ours_0615": Target("==", 1.0),
+        "on_time_share_ours_0615": Target("==", 1.0),
+        "contacts_seed_0615": Target("==", 0.0),
+        "arrived_share_seed_0615": Target("==", 1.0),
+        "on_time_share_seed_0615": Target("==", 1.0),
     },
     published={"time_s_mean": PAPER_S},
     seeds=100,

@@ -28,7 +28,8 @@ from sim.scenes.course import COLOURS
 from sim.world import World
 
 from ...config.schema import Config
-from ...evaluation.metrics.contacts import BODY_RADIUS_M, Contact, Touch, class_of
+from ...evaluation.metrics.contact_classes import Contact
+from ...evaluation.metrics.contacts import BODY_RADIUS_M, Touch
 from ...run.bodies import LiveBody
 from ...run.loop import cycles
 from ...run.perception_source import PerceptionSource
@@ -185,16 +186,17 @@ def _record_contacts(
     for index in touch.begun(gaps, APART_M):
         record = geometric.followed.get(index)
         turned = geometric.since_turned(index)
-        contact = Contact(
-            stamp_s,
-            "wall" if index < 0 else obstacle_name(scene, index),
-            0 <= index < len(scene.moving_objects),
-            np.inf if record is None else stamp_s - record.seen_s,
-            0.0 if record is None else stamp_s - record.since_s,
-            turned,
-            touch.standing,
+        result.contacts.append(
+            Contact(
+                stamp_s,
+                "wall" if index < 0 else obstacle_name(scene, index),
+                0 <= index < len(scene.moving_objects),
+                np.inf if record is None else stamp_s - record.seen_s,
+                0.0 if record is None else stamp_s - record.since_s,
+                turned,
+                touch.standing,
+            )
         )
-        result.contacts.append(replace(contact, kind=class_of(contact)))
 
 
 def obstacle_name(scene: Scene, index: int) -> str:

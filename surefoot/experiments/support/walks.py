@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...config.schema import Config
-from ...evaluation.metrics.contact_classes import class_counts, contact_classes
+from ...evaluation.metrics.contact_classes import class_counts, contacts_of_run
 from ...results.run_folder import RunFolder
 from .experiment import Say
 from .trials import run_all
@@ -76,7 +76,7 @@ def falls_and_contacts(folder: RunFolder, config: Config) -> dict[str, float]:
     tracks = (folder.read_json("obstacles.json") or {}).get("tracks", [])
     if clearance is not None and obstacles is not None and walked is not None:
         poses = np.column_stack([walked.stamps, walked.positions[:, :2], walked.yaws])
-        figures |= class_counts(contact_classes(clearance, poses, obstacles, tracks))
+        figures |= class_counts(contacts_of_run(clearance, poses, obstacles, tracks))
     return figures
 
 

@@ -14,7 +14,7 @@ from planning.safety.line_of_sight import is_blocked
 from planning.safety.step_filter import Unfiltered
 from sim.scenes import catalogue
 from surefoot.config.presets import on_body
-from surefoot.evaluation.metrics.contacts import Contact, Touch, class_of
+from surefoot.evaluation.metrics.contacts import Touch
 from surefoot.experiments.joint import gaze_coupling
 from surefoot.experiments.seed_001.course_trials import HEADER, figures, row
 from surefoot.experiments.support.course_runner import CourseWalk, course_config, walk
@@ -98,26 +98,6 @@ def test_a_fall_ends_a_walk_of_the_gaze_experiment(monkeypatch):
 def test_a_given_step_filter_replaces_the_guard():
     result = walk(short("course", 2, 10.0), True, Unfiltered())
     assert result.guarded == 0
-
-
-def contact(unseen=0.5, followed=20.0, turned=30.0, moves=True):
-    return Contact(9.0, "mover 1", moves, unseen, followed, turned, False)
-
-
-@pytest.mark.parametrize(
-    ("one", "kind"),
-    [
-        (contact(), "avoidable"),
-        (contact(unseen=2.5), "unseen"),
-        (contact(followed=5.0), "late"),
-        (contact(turned=3.0), "reversal"),
-        (contact(unseen=math.inf, followed=0.0), "unseen"),
-        (contact(moves=False, unseen=100.0), "avoidable"),
-        (contact(moves=False, unseen=math.inf), "unseen"),
-    ],
-)
-def test_a_contact_has_the_class_of_its_cause(one, kind):
-    assert class_of(one) == kind
 
 
 def test_a_contact_counts_once_until_there_is_a_gap():
