@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from perception.primitives.errors import ConfigError
+from perception.primitives.pose import Pose3
 from perception.primitives.settings import setting
 
 from .adjustment import Placed, Prior, adjust
@@ -33,13 +34,16 @@ from .pairs import (
     rotation_link,
 )
 from .rendering import PX_PER_DEG, Drawing, render
-from .surfaces import Surface, align, surface
+from .surfaces import Alignment, Surface, align, surface
 from .views import PriorConfig, View, prior_covariance
 
 NECK_SIGMA_M = 0.002  # ours: play of the neck from one view to the next, while standing
 PASSES = 2  # ours: searches for pairs, the second in narrower windows
 START_RAD = math.radians(3.0)  # ours: standard deviation of a start from which depth is aligned
 OVERLAP_RAD = math.radians(6.0)  # ours: views with a smaller overlap by their priors are no pair
+
+Aligner = Callable[[Surface, Surface, Pose3, float], Alignment | None]
+"""Target, source, start and the standard deviation of its position to the relative pose: see `surfaces.align`."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,7 @@ class StitchConfig:
     moving: bool = False  # estimate positions too; else the camera rotates about known positions
     features: bool = True  # link pairs of views by features
     surfaces: bool = True  # align depth images where positions are estimated or known
+    aligner: Aligner = align  # how they are aligned
     pairs: PairConfig = field(default_factory=PairConfig)
     prior: PriorConfig = field(default_factory=PriorConfig)
 
@@ -240,7 +245,7 @@ def _with_surfaces(
     """
     surfaces = [surface(view.depth) for view in views]
     if config.moving:
-        return [_refined(link, surfaces) for link in links]
+        return [_refined(link, surfaces, config.aligner) for link in links]
     placed = adjust(priors, links, rotations_only=True)
     aligned = list(links)
     for i, j in itertools.combinations(range(len(views)), 2):
@@ -248,15 +253,16 @@ def _with_surfaces(
         if guide is None or guide.sigma_rad > START_RAD or not _may_overlap(views[i], views[j]):
             continue
         start = guide.T_second_first.inverse()
-        found = align(surfaces[i], surfaces[j], start, NECK_SIGMA_M)
+        found = config.aligner(surfaces[i], surfaces[j], start, NECK_SIGMA_M)
         if found is not None:
             aligned.append(Link(i, j, found.T_to_from, found.covariance, 0, 0, "surfaces"))
     return aligned
 
 
-def _refined(link: Link, surfaces: Sequence[Surface]) -> Link:
+def _refined(link: Link, surfaces: Sequence[Surface], aligner: Aligner) -> Link:
     """A link of features, refined by aligning depth where that succeeds."""
-    found = align(surfaces[link.first], surfaces[link.second], link.T_first_second)
+    ends = surfaces[link.first], surfaces[link.second]
+    found = aligner(*ends, link.T_first_second, math.inf)
     if found is None:
         return link
     return replace(link, T_first_second=found.T_to_from, covariance=found.covariance)

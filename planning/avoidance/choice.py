@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.errors import ConfigError
-from perception.primitives.robot_model import DARWIN_OP, RobotModel
+from perception.primitives.robot_model import RobotModel
 from perception.primitives.settings import setting
 
 from .complexity import FORMS, complexity
@@ -106,11 +106,8 @@ class Choice:
     why: str
 
 
-def choose(
-    obstacles: ObstacleTable, config: AvoidanceConfig | None = None, robot: RobotModel = DARWIN_OP
-) -> Choice | None:
+def choose(obstacles: ObstacleTable, config: AvoidanceConfig, robot: RobotModel) -> Choice | None:
     """The decision; None if no obstacle is in the corridor."""
-    config = AvoidanceConfig() if config is None else config
     left, right = obstacles.edges_m[:, 0], obstacles.edges_m[:, 1]
     body_m = robot.passage_width_m
     corridor = body_m + 2 * config.pivot.clearance_m

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.pose import Pose2, wrap_angle
-from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
+from perception.primitives.robot_model import GaitLimits, RobotModel
 
 from ..commands import WalkCommand
 from ..footsteps import half_a_step_on, limited_step
@@ -163,7 +163,7 @@ def in_the_way(
     robot: Pose2,
     cells: Float[np.ndarray, "n 2"],
     cell_m: float,
-    model: RobotModel = DARWIN_OP,
+    model: RobotModel,
 ) -> Bool[np.ndarray, "n"]:
     """Which occupied cells the body reaches within the next steps of a leg.
 

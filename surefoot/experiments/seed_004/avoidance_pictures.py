@@ -32,7 +32,6 @@ from .panorama_scenes import nine_views
 
 SHOWN = ("SS", "SF", "RS", "RF")
 INSTANTS = 12
-BODY_M = np.array([[0.055, 0.082], [0.055, -0.082], [-0.055, -0.082], [-0.055, 0.082]])  # seed 000
 PICTURES = Path("runs/experiments/004-E4")
 
 
@@ -44,6 +43,9 @@ def draw_sequence(folder: RunFolder, config: Config) -> dict[str, float]:
     if walked is None:
         return {"pictures": 0.0}
     scene = catalogue.load(config.scene, config.seed)
+    robot = config.robot_model
+    half = np.array([robot.depth_m, robot.width_m]) / 2
+    body = half * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]])
     with style.styled():
         figure = Figure(figsize=(6.4, 5.4), layout="constrained")
         axes = figure.add_subplot()
@@ -52,7 +54,7 @@ def draw_sequence(folder: RunFolder, config: Config) -> dict[str, float]:
         axes.plot(*walked.positions[:, :2].T, color=style.ESTIMATE)
         for k in np.linspace(0, len(walked.stamps) - 1, INSTANTS).astype(int):
             c, s = np.cos(walked.yaws[k]), np.sin(walked.yaws[k])
-            corners = BODY_M @ np.array([[c, s], [-s, c]]) + walked.positions[k, :2]
+            corners = body @ np.array([[c, s], [-s, c]]) + walked.positions[k, :2]
             axes.fill(*corners.T, fill=False, color=style.TRUTH)
             axes.annotate(f"{walked.stamps[k] - walked.stamps[0]:.0f} s", corners[0], fontsize=7)
         axes.plot(*scene.goals[0], "*", color=style.TARGET)

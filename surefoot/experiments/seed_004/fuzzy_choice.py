@@ -1,8 +1,9 @@
-"""Table 5 of Kang 2013: fuzzy selection of the motion under noise, 10,000 samples of each of the seven classes.
+"""Table 5 of Kang 2013: fuzzy selection of the motion under noise, 10,000 samples per seed of each of the seven classes.
 
 The true class is defined by borders halfway between the centres of the fuzzy sets; width and gap are uniform within
 each class, with multiplicative noise on both. `mean_recall_*` is the selection as the planner uses it, with the
-standard deviation of the gap; `plain_recall_*` is the published selection without it.
+standard deviation of the gap; `mean_recall_*_plain` is the published selection without it. The mean recall of one seed has
+a standard deviation of 0.04 %, as large as the difference from the published one.
 
 Source: Kang 2013 (seed 004), Table 5 and section 2.4.
 """
@@ -82,7 +83,7 @@ def run(seeds: int, say: Say) -> Outcome:
     }
     for name in NOISES:
         figures[f"mean_recall_{name}"] = float(recalls(used[name]).mean())
-        figures[f"plain_recall_{name}"] = float(recalls(plain[name]).mean())
+        figures[f"mean_recall_{name}_plain"] = float(recalls(plain[name]).mean())
     return Outcome(figures, _table(used["075"], seeds))
 
 
@@ -106,8 +107,9 @@ EXPERIMENT = Experiment(
         "noise_free_recall_min": Target("==", 100.0),
         "mean_recall_05": Target(">=", 99.0),
         "mean_recall_075": Target(">=", 98.75),
+        "mean_recall_075_plain": Target(">=", 98.73),
         "forward_when_stop": Target("==", 0.0),
     },
-    published={"mean_recall_075": 98.73},
-    seeds=1,
+    published={"mean_recall_075": 98.73, "mean_recall_075_plain": 98.73},
+    seeds=20,
 )

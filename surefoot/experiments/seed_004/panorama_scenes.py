@@ -14,6 +14,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from mapping.panorama.obstacles import Surroundings
 from mapping.panorama.sizes import surroundings
@@ -73,6 +74,14 @@ def nine_views(
         views.append(view_of_depth(depth, 5.0, prior=prior, stamp_s=float(number)))
         true.append(pose)
     return views, true
+
+
+def errors_deg(poses: list[Pose3], true: list[Pose3], aligned: bool) -> np.ndarray:
+    """Angle between each rotation and the true one; if aligned, after removing the mean rotation."""
+    between = Rotation.from_matrix(
+        np.array([p.rotation @ t.rotation.T for p, t in zip(poses, true, strict=True)])
+    )
+    return np.degrees((between.mean().inv() * between if aligned else between).magnitude())
 
 
 def placed(shape: Shape) -> PlacedObject:

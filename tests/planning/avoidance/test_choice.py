@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.pose import Pose2
-from perception.primitives.robot_model import GaitLimits
+from perception.primitives.robot_model import DARWIN_OP, GaitLimits
 from planning.avoidance import primitives
 from planning.avoidance.choice import AvoidanceConfig, ObstacleTable, choose
 from planning.avoidance.complexity import FORMS, complexity
@@ -166,7 +166,7 @@ def _things(spans: list[tuple[float, float]], d: float = 1.05) -> ObstacleTable:
 
 
 def test_a_choice_explains_itself_with_its_numbers():
-    choice = choose(_things([(0.9, 0.7), (0.2, -0.5), (-0.6, -0.9)]))
+    choice = choose(_things([(0.9, 0.7), (0.2, -0.5), (-0.6, -0.9)]), AvoidanceConfig(), DARWIN_OP)
     assert choice is not None
     assert (choice.motion, choice.side) == ("RF", 1)
     for word in ("1.05 m", "0.70 m", "0.50 m", "left", "RF"):
@@ -177,7 +177,9 @@ def test_the_printed_average_of_labels_decides_on_request():
     """Beside a thing 1.3 m wide a gap of 0.21 m lies between ST (1) and TS (6), whose mean is RS (4)."""
     things = _things([(1.0, 0.86), (0.65, -0.65), (-0.86, -1.0)])
     best, mean = (
-        choose(things, AvoidanceConfig(fams=FamsConfig(ordinal=ordinal), other_side=False))
+        choose(
+            things, AvoidanceConfig(fams=FamsConfig(ordinal=ordinal), other_side=False), DARWIN_OP
+        )
         for ordinal in (False, True)
     )
     assert best is not None
@@ -201,7 +203,7 @@ def test_the_motion_is_one_that_fits_the_gap_with_the_least_probability(gap, sig
     things = _things([(0.3 + gap, 0.2 + gap), (0.2, -0.5)])
     things.sigma_m[:] = 0.0
     things.sigma_m[0, 1] = sigma  # the facing side of the neighbour
-    choice = choose(things, AvoidanceConfig(other_side=False))
+    choice = choose(things, AvoidanceConfig(other_side=False), DARWIN_OP)
     assert choice is not None
     assert (choice.motion, choice.side) == (motion, 1)
     assert choice.passes == pytest.approx(passes, abs=0.001)
@@ -211,7 +213,9 @@ def test_the_motion_is_one_that_fits_the_gap_with_the_least_probability(gap, sig
 def test_a_doubtful_gap_is_left_for_a_sure_one_on_the_other_side():
     things = _things([(0.9, 0.6), (0.2, -0.5)])
     things.sigma_m[0, 1] = 0.3  # sideways it fits with 0.75 only
-    paper, ours = (choose(things, AvoidanceConfig(other_side=other)) for other in (False, True))
+    paper, ours = (
+        choose(things, AvoidanceConfig(other_side=other), DARWIN_OP) for other in (False, True)
+    )
     assert paper is not None
     assert ours is not None
     assert (paper.motion, paper.side) == ("ST", 1)
@@ -219,7 +223,9 @@ def test_a_doubtful_gap_is_left_for_a_sure_one_on_the_other_side():
 
 
 def test_neighbours_that_overlap_leave_no_gap_in_words():
-    choice = choose(_things([(0.9, 0.28), (0.3, -1.1)]), AvoidanceConfig(other_side=False))
+    choice = choose(
+        _things([(0.9, 0.28), (0.3, -1.1)]), AvoidanceConfig(other_side=False), DARWIN_OP
+    )
     assert choice is not None
     assert (choice.motion, choice.side) == ("ST", 1)
     assert "no gap there" in choice.why
@@ -232,18 +238,18 @@ def test_a_least_probability_of_one_is_refused():
 
 
 def test_narrow_gaps_on_both_sides_stop_the_robot_and_a_free_corridor_needs_no_choice():
-    choice = choose(_things([(0.9, 0.4), (0.3, -0.3), (-0.4, -0.9)]))
+    choice = choose(_things([(0.9, 0.4), (0.3, -0.3), (-0.4, -0.9)]), AvoidanceConfig(), DARWIN_OP)
     assert choice is not None
     assert choice.motion == "ST"
-    assert choose(_things([(0.9, 0.5), (-0.5, -0.9)])) is None
+    assert choose(_things([(0.9, 0.5), (-0.5, -0.9)]), AvoidanceConfig(), DARWIN_OP) is None
 
 
 def test_a_passage_between_two_blocking_obstacles_is_found():
-    choice = choose(_things([(1.2, -0.02), (-0.27, -1.2)]))
+    choice = choose(_things([(1.2, -0.02), (-0.27, -1.2)]), AvoidanceConfig(), DARWIN_OP)
     assert choice is not None
     assert (choice.motion[1], choice.side) == ("S", -1)
     assert choice.gap_m == pytest.approx(0.25)
-    closed = choose(_things([(1.2, 0.06), (-0.06, -1.2)]))
+    closed = choose(_things([(1.2, 0.06), (-0.06, -1.2)]), AvoidanceConfig(), DARWIN_OP)
     assert closed is not None
     assert closed.width_m == pytest.approx(2.4)
 
@@ -251,7 +257,7 @@ def test_a_passage_between_two_blocking_obstacles_is_found():
 def test_a_converging_side_wall_does_not_block():
     things = _things([(1.2, -0.02), (-0.27, -1.2), (1.25, 1.1)])
     things.distance_m[2] = 0.2
-    choice = choose(things)
+    choice = choose(things, AvoidanceConfig(), DARWIN_OP)
     assert choice is not None
     assert choice.distance_m == pytest.approx(1.05)
     assert choice.motion[1] == "S"
@@ -259,8 +265,8 @@ def test_a_converging_side_wall_does_not_block():
 
 def test_the_other_side_is_tried_only_on_request():
     spans = [(0.6, 0.45), (0.35, -0.6)]
-    paper = choose(_things(spans), AvoidanceConfig(other_side=False))
-    ours = choose(_things(spans))
+    paper = choose(_things(spans), AvoidanceConfig(other_side=False), DARWIN_OP)
+    ours = choose(_things(spans), AvoidanceConfig(), DARWIN_OP)
     assert paper is not None
     assert ours is not None
     assert (paper.motion, paper.side) == ("ST", 1)

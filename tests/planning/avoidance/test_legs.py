@@ -104,8 +104,8 @@ def test_a_cell_on_the_line_closes_a_passage_and_one_beside_it_does_not():
     robot = START @ Pose2(0.0, -0.5, 0.0)
     beside = START.apply(np.array([[0.06, -0.4], [-0.06, -0.35], [0.0, -0.65], [0.0, 0.3]]))
     on = START.apply(np.array([[0.01, -0.36]]))
-    assert not in_the_way(leg, robot, beside, 0.05).any()
-    assert in_the_way(leg, robot, on, 0.05).all()
+    assert not in_the_way(leg, robot, beside, 0.05, DARWIN_OP).any()
+    assert in_the_way(leg, robot, on, 0.05, DARWIN_OP).all()
 
 
 @settings(deadline=None, max_examples=40)
@@ -155,8 +155,8 @@ def _one_obstacle(open_m: tuple[float, float]) -> ObstacleTable:
 
 
 def test_unseen_ground_is_no_gap():
-    seen = choose(_one_obstacle((2.0, -2.0)))
-    blind = choose(_one_obstacle((0.3, -0.3)))
+    seen = choose(_one_obstacle((2.0, -2.0)), AvoidanceConfig(), DARWIN_OP)
+    blind = choose(_one_obstacle((0.3, -0.3)), AvoidanceConfig(), DARWIN_OP)
     assert seen is not None
     assert blind is not None
     assert seen.motion[1] == "F"
@@ -176,7 +176,7 @@ def test_unseen_ground_before_a_neighbour_bounds_the_gap():
         np.full((2, 2), 0.004),
         (0.5, -0.3),
     )
-    found = choose(both)
+    found = choose(both, AvoidanceConfig(), DARWIN_OP)
     assert found is not None
     assert found.side == 1
     assert found.gap_m == pytest.approx(0.25)

@@ -6,13 +6,19 @@ import dataclasses
 import math
 import tomllib
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from perception.depth.points import Points
+from perception.floor import classify
 from perception.localisation.localiser_noise import LocaliserConfig
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.plane import Plane
+from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP
+from planning.avoidance.primitives import Leg, in_the_way
 from planning.planners.mission import MissionConfig
 from sim.body.dynamic.anatomy import gait_for
 from surefoot.config import reference, toml
@@ -157,6 +163,25 @@ def test_the_robot_of_seed_004_has_its_printed_size():
     assert robot.height_m == pytest.approx(0.60, abs=0.01)
     assert robot.radius_m > math.hypot(0.30, 0.20) / 2
     assert config.classes.robot_height_m == robot.height_m
+
+
+@pytest.mark.parametrize(("anatomy", "blocked"), [("tall", True), ("darwin", False)])
+def test_a_bar_at_58_cm_is_in_the_way_of_the_robot_of_60_cm(anatomy, blocked):
+    config = load(None, [f"robot.dynamic.anatomy={anatomy}"])
+    eye_m = config.robot_model.eye_m
+    bar = np.column_stack([np.linspace(-0.2, 0.2, 9), np.full(9, eye_m - 0.58), np.full(9, 0.8)])
+    points = Points(bar, np.full(9, 0.004), np.arange(9))
+    level = Plane(np.array([0.0, -1.0, 0.0]), eye_m)
+    labels = classify.classify(points, level, config.classes)
+    assert np.all(labels == (classify.OBSTACLE if blocked else classify.OVERHANG))
+
+
+def test_a_cell_is_in_the_way_of_the_configured_body():
+    leg, robot = Leg("F", Pose2(1.0, 0.0, 0.0)), Pose2()
+    cell = np.array([[0.15, 0.11]])
+    for anatomy, blocked in (("tall", True), ("darwin", False)):
+        model = load(None, [f"robot.dynamic.anatomy={anatomy}"]).robot_model
+        assert in_the_way(leg, robot, cell, 0.05, model)[0] == blocked
 
 
 @pytest.mark.parametrize("body", ["kinematic", "dynamic"])

@@ -11,7 +11,8 @@ from mapping.panorama.obstacles import Surroundings
 from mapping.panorama.segments import observed_sector, outline_segments
 from mapping.panorama.sizes import surroundings
 from mapping.panorama.stitching import Panorama, stitch
-from planning.avoidance.choice import choose
+from perception.primitives.robot_model import DARWIN_OP
+from planning.avoidance.choice import AvoidanceConfig, choose
 from planning.planners.panorama_obstacles import obstacle_table
 from sim.scene import Scene
 from sim.scenes import catalogue
@@ -38,7 +39,7 @@ def _span(scene: Scene, name: str) -> tuple[float, float]:
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_each_arena_asks_for_its_motion(motion):
     _, panorama, around = _look(motion, 3)
-    choice = choose(obstacle_table(panorama, around))
+    choice = choose(obstacle_table(panorama, around), AvoidanceConfig(), DARWIN_OP)
     assert choice is not None
     assert choice.motion == motion
 
@@ -46,7 +47,7 @@ def test_each_arena_asks_for_its_motion(motion):
 @pytest.mark.parametrize("motion", ["SS", "RF", "TS"])  # in RF much hangs together with a wall
 def test_the_gap_is_that_between_the_cartons(motion):
     scene, panorama, around = _look(motion, 3)
-    choice = choose(obstacle_table(panorama, around))
+    choice = choose(obstacle_table(panorama, around), AvoidanceConfig(), DARWIN_OP)
     assert choice is not None
     carton, neighbour = _span(scene, "carton"), _span(scene, "neighbour")
     gap = neighbour[1] - carton[0] if choice.side > 0 else carton[1] - neighbour[0]
@@ -70,11 +71,11 @@ def test_what_stands_beyond_the_reach_is_left_out():
 
 def test_cells_that_closed_a_passage_block_it():
     _, panorama, around = _look("SF", 3)
-    before = choose(obstacle_table(panorama, around))
+    before = choose(obstacle_table(panorama, around), AvoidanceConfig(), DARWIN_OP)
     assert before is not None
     at = before.pivot.y_m
     closer = np.array([[1.4, at + 0.1], [1.4, at - 0.1]])
-    after = choose(obstacle_table(panorama, around, closers=[closer]))
+    after = choose(obstacle_table(panorama, around, closers=[closer]), AvoidanceConfig(), DARWIN_OP)
     assert after is not None
     assert (after.motion, after.side) != (before.motion, before.side)
 
