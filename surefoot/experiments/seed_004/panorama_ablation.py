@@ -107,7 +107,8 @@ def ablation(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
     results = run_all(squares, todo, say, "rooms")
     names = list(variants())
     table = ["deg, rms      offset  " + "".join(f"{name:>13}" for name in names)]
-    figures, gains = {}, {}
+    figures: dict[str, float] = {}
+    gains: dict[tuple[str, float], float] = {}
     for deg in OFFSETS_DEG:
         for kind in panorama_rooms.KINDS:
             chosen = [
