@@ -2,8 +2,9 @@
 
 The path through the centres of the gates is 4.96 m, which the paper walks in 124 steps of 0.04 m. All steps from
 start to last goal count, including those on the spot. Three walkers: the paper's (swarm, flow, steps of 4 cm, no guard),
-ours at the printed step, and ours at its cruising speed of 4.6 cm per step. `step_mm` is the way of a step over the
-floor: feet slip, and the first and the last step are half ones.
+ours at the printed step, and ours at its cruising speed of 4.6 cm per step. `step_mm` is the mean way of a step over
+the floor. A step of 40 mm advances 38: feet slip by 1.2 mm, the first step looks and the second is half a one. The way
+of 4.90 m to the last goal's tolerance then takes 128 steps; 124 at the printed step would need feet that do not slip.
 
 Source: Han 2018 (seed 000), section 6.5.2, Fig. 10.
 """
