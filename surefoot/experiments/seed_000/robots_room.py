@@ -3,7 +3,8 @@
 Every seed has other phases of the robots, textures, slip and noise; all runs and all contacts count. Only the first
 and the last goal can be reached within their time. Three walkers: the paper's (swarm, flow, steps of 4 cm, no guard) and
 ours at the printed speed on the first fifth of the seeds, and ours at its cruising speed on all. On the first twentieth
-the same three walk `printed_room`, where every robot starts as printed.
+the same three walk `printed_room`, where every robot starts as printed. The published walker predicts one step, 0.65 s,
+and forgets what leaves the picture other than by a lower corner; that is where it is touched.
 
 Source: Han 2018 (seed 000), section 6.5.1, Fig. 9.
 """
