@@ -6,8 +6,8 @@ as floor.
 The contact edge of an obstacle is the near side of its outline. Its two ends are the tangents from the camera and its
 middle is the nearest point; together they define a disc. Edges that are too wide for a moving obstacle or cut off by
 the border of the picture give no detection; the planner's objective treats them as occupied. The covariance is
-dominated by the sway of the walking trunk by half a degree, which the encoders do not measure. For the same reason
-two pictures 0.2 s apart give no useful velocity, but a track over seconds does.
+dominated by the sway of the walking trunk by half a degree, which the encoders do not measure; velocities come
+from tracks.
 
 Source: ours; the edges are those of seed 000, section 3.2.
 """

@@ -46,7 +46,7 @@ class PairPose:
     Args:
         previous, current: The pictures.
         covariance: (10, 10), of the remaining errors, see `contact_covariance.STATES`.
-        points: Number of floor points that determined it; 0: the poses are those given.
+        points: Number of floor points that determined it; 0: only the gyro did, if there is one.
     """
 
     previous: Picture

@@ -116,7 +116,7 @@ class SeenObstacle:
         contact_world: (m, 2), floor points of the edge, m; NaN beyond `MonocularConfig.farthest_m`.
         flow: Index into `Flows` of the flow of smallest speed, I_of^min; -1 without plausible flow.
         velocity_world: (2,), velocity of that flow, m/s; zero if the obstacle counts as static.
-        moving: Whether the speed reaches the threshold.
+        moving: Whether the speed reaches the threshold and exceeds one sigma of its covariance.
         predicted_world: (m, 2), contact points after `MonocularResult.horizon_s`, m.
         contact_covariance: (m, 2, 2), of each contact point, m^2; errors of the camera pose are common to all.
         velocity_covariance: (2, 2), (m/s)^2; for a static obstacle it includes the measured speed.
