@@ -23,7 +23,7 @@ from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 from ..gaze import evaluations
 from ..gaze.evaluations import EvaluationConfig
 from . import fields
-from .collision import EXACT, Band, miss_deviation, widened_band
+from .collision import EXACT, Band, colliding_speeds, miss_deviation, widened_band
 from .fields import FieldConfig
 from .speed import CLEAR, VIRTUAL, Change, change, least_distance
 from .virtual_obstacle import VirtualObstacle, virtual_obstacle
@@ -189,7 +189,7 @@ def _virtual(
         return []
     found = []
     for m in movers:
-        band = _band(m, m.radius_m + config.d_e_m)
+        band = colliding_speeds(m.place, m.velocity, m.radius_m + config.d_e_m)
         along = -m.velocity[0] > abs(m.velocity[1])
         if along and band is not None and band.contains(speed_mps):
             found.append(
@@ -199,15 +199,9 @@ def _virtual(
 
 
 def _turned(mover: _Mover, angle: float) -> _Mover:
-    """The same in axes turned by an angle, rad."""
+    """The same in axes turned by an angle, rad, but for the covariance."""
     back = _rotation(-angle)
-    both = np.kron(np.eye(2), back)
-    return replace(
-        mover,
-        place=back @ mover.place,
-        velocity=back @ mover.velocity,
-        covariance=both @ mover.covariance @ both.T,
-    )
+    return replace(mover, place=back @ mover.place, velocity=back @ mover.velocity)
 
 
 def _rotation(angle: float) -> np.ndarray:
@@ -251,7 +245,13 @@ def _speed(
     cruise = math.copysign(fields.ACCELERATION_MPS2, gait.cruise_mps - speed_mps)
     if not config.velocity_change:
         return [CLEAR] * len(movers), cruise, gait.cruise_mps
-    bands = [_band(mover, mover.radius_m) for mover in movers]
+    bands = [
+        widened_band(
+            *(mover.place, mover.velocity, mover.radius_m, mover.covariance),
+            *(fields.SIGMAS, fields.MAX_SIGMA_M, fields.HORIZON_S),
+        )
+        for mover in movers
+    ]
     if config.mode != "ours":
         return _printed_speed(movers, bands, speed_mps, gait, cruise)
     radii = [mover.radius_m + _miss_sigma(mover, speed_mps, config) for mover in movers]
@@ -300,14 +300,6 @@ def _printed_speed(
     if asked == 0.0:
         return changes, cruise, gait.cruise_mps
     return changes, asked, gait.max_speed_mps if asked > 0.0 else 0.0
-
-
-def _band(mover: _Mover, radius_m: float) -> Band | None:
-    """Colliding speeds with a disc of this radius, by the covariance of the mover."""
-    return widened_band(
-        *(mover.place, mover.velocity, radius_m, mover.covariance),
-        *(fields.SIGMAS, fields.MAX_SIGMA_M, fields.HORIZON_S),
-    )
 
 
 def _virtual_or_clear(one: Change) -> Change:
