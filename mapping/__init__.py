@@ -8,6 +8,8 @@ Rooms, in the order to read them:
 - `objects`: footprints and boxes of obstacles on the floor;
 - `io`: maps and clouds as files.
 
+`open3d_objects` gives all of them as objects of Open3D (`to_open3d()`).
+
 Grids are indexed [row, column]: rows along world y, columns along world x, row 0 at the smallest y. The
 origin is the lower left corner of cell [0, 0] in the world frame. Compiled loops are in `_*_kernels`.
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -26,6 +27,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from perception.primitives.settings import setting
 
+from .. import open3d_objects
 from . import _evidence_kernels, _terrain_kernels
 from .evidence import (
     OBSTACLE_POINTS,
@@ -141,6 +143,10 @@ class EgocentricGrid(Window):
     def height_variance_m2(self) -> Float32[np.ndarray, "rows columns"]:
         """Variance of `height_m`, m^2; NaN where not measured."""
         return self.unrolled(self._variance_m2)
+
+    def to_open3d(self) -> dict[str, Any]:
+        """The layers as tensors of Open3D, see `open3d_objects.layers`; `height_mesh` there draws them."""
+        return open3d_objects.layers(self)
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """State for `restored`, by name, layers in world order; see `grid_file`."""

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
@@ -28,6 +29,7 @@ from perception.primitives.errors import ConfigError, InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 
+from .. import open3d_objects
 from . import _evidence_kernels, _look_kernels, _terrain_kernels
 from ._look_kernels import LookRule, Shares
 from .egocentric_grid import LOWEST_OBSTACLE_M
@@ -149,6 +151,10 @@ class WorldMap:
     def height_variance_m2(self) -> Float32[np.ndarray, "rows columns"]:
         """Variance of `height_m`, m^2; NaN where not measured."""
         return np.where(self.known, self._variance_m2, np.float32(np.nan))
+
+    def to_open3d(self) -> dict[str, Any]:
+        """The layers as tensors of Open3D, see `open3d_objects.layers`; `height_mesh` there draws them."""
+        return open3d_objects.layers(self)
 
     def cell_of(self, xy: Float[np.ndarray, "*n 2"]) -> Int[np.ndarray, "*n 2"]:
         """Cells [row, column] of world positions, m; indices outside the shape are outside the map."""

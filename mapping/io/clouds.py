@@ -7,6 +7,7 @@ Only reading and writing PLY files need Open3D.
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from jaxtyping import Float, Int, UInt8
 from perception.primitives.errors import ConfigError, InputError, OutputError
 from perception.primitives.settings import setting
 
+from .. import open3d_objects
 from . import _voxel_kernels
 from .atomic_write import atomic_path
 
@@ -120,6 +122,11 @@ class CloudBuilder:
         colours = np.rint(means[:, 3:6]).astype(np.uint8) if self._coloured else None
         return means[:, :3].copy(), colours
 
+    def to_open3d(self) -> Any:
+        """The cloud as an `open3d.t.geometry.PointCloud`, with the number of `sightings` of each point."""
+        points, colours = self.cloud()
+        return open3d_objects.point_cloud(points, colours, {"sightings": self.sightings})
+
     @property
     def values(self) -> Float[np.ndarray, "n k"]:
         """Means of the further numbers of each voxel, in the order of `cloud`."""
@@ -167,7 +174,10 @@ class CloudBuilder:
 
 
 def save_ply(
-    path: Path, points: Float[np.ndarray, "n 3"], colours: UInt8[np.ndarray, "n 3"] | None = None
+    path: Path,
+    points: Float[np.ndarray, "n 3"],
+    colours: UInt8[np.ndarray, "n 3"] | None = None,
+    attributes: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Write a binary PLY, complete or absent.
 
@@ -175,23 +185,32 @@ def save_ply(
         path: File name that ends in .ply.
         points: At least one, m.
         colours: RGB; None writes none.
+        attributes: Further numbers per point, as for `open3d_objects.point_cloud`.
 
     Raises:
         OutputError: It cannot be written, or Open3D cannot be loaded.
     """
     try:
         open3d = _open3d()
+        cloud = open3d_objects.point_cloud(points, colours, attributes)
     except ImportError as error:
         raise OutputError(f"cannot write {path}: {_LIBRARIES} ({error})") from error
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-    if colours is not None:
-        cloud.colors = open3d.utility.Vector3dVector(colours / 255.0)
     with atomic_path(path) as temporary:
-        if not open3d.io.write_point_cloud(str(temporary), cloud):
+        if not open3d.t.io.write_point_cloud(str(temporary), cloud):
             raise OutputError(
                 f"cannot write {path}: Open3D refused {len(points)} points; expected at least one, a path "
                 "ending in .ply and room on the disk"
             )
+
+
+def load_cloud(path: Path) -> Any:
+    """The `open3d.t.geometry.PointCloud` of a PLY, with its attributes.
+
+    Raises:
+        InputError: The file is missing or empty, or Open3D cannot be loaded.
+    """
+    load_ply(path)
+    return _open3d().t.io.read_point_cloud(str(path))
 
 
 def load_ply(

@@ -12,12 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from perception.primitives.pose import Pose3
 
+from .. import open3d_objects
 from ..pinhole import pinhole_of
 from . import _kernels
 from .adjustment import Placed
@@ -48,6 +50,19 @@ class Drawing:
     sigma_m: Float32[np.ndarray, "h w"]
     stamp_s: Float[np.ndarray, "h w"]
     view: Int[np.ndarray, "h w"]
+
+    def to_open3d(self) -> Any:
+        """The panorama as an `open3d.t.geometry.PointCloud`, base frame, m, with sigma (m), stamp (s) and view."""
+        return open3d_objects.point_cloud(self.points()[0], None, self.attributes())
+
+    def attributes(self) -> dict[str, np.ndarray]:
+        """Of each of the `points`: sigma along its ray (m), stamp (s) and index of the view."""
+        seen = np.isfinite(self.range_m)
+        return {
+            "sigma": self.sigma_m[seen],
+            "stamp": self.stamp_s[seen],
+            "view": self.view[seen].astype(np.int32),
+        }
 
     def points(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
         """The panorama as a cloud: points in the base frame, m, and sigma along their rays, m."""

@@ -98,7 +98,7 @@ def run_panorama(job: Job, say: Say) -> dict[str, Any]:
     content = _content(gathered, panorama, placement.reasons, around)
     cloud, _ = drawing.points()
     with folder.staged() as stage:
-        clouds.save_ply(stage / "panorama.ply", cloud)
+        clouds.save_ply(stage / "panorama.ply", cloud, None, drawing.attributes())
         np.savez_compressed(
             stage / "panorama.npz",
             range_m=drawing.range_m,

@@ -166,7 +166,8 @@ class RunRecorder:
             grid_file.save(folder.path("terrain.npz"), pipeline.grid, pipeline.confidence)
         points, colours = pipeline.cloud.cloud()
         if len(points):
-            clouds.save_ply(folder.path("cloud.ply"), points, colours)
+            attributes = {"sightings": pipeline.cloud.sightings}
+            clouds.save_ply(folder.path("cloud.ply"), points, colours, attributes)
         folder.write_json("views.json", self._views)
         folder.write_json(
             "summary.json",
