@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
@@ -170,3 +171,26 @@ def test_a_cell_is_a_static_disc_of_half_its_side():
     assert by_cell.heading_rad == pytest.approx(by_disc.heading_rad)
     assert by_cell.heading_rad < -math.radians(10.0)
     assert not by_cell.virtual.any()
+
+
+def test_the_published_motion_passes_before_by_the_printed_law():
+    config = FieldConfig(mode="seed").as_walked
+    velocity, place, speed = np.array([0.0, -0.15]), np.array([0.9, 2.2]), 0.0615
+    said = advise(
+        Gaussian(np.zeros(3), SURE), speed, [mover(*place, *velocity)], GOAL, None, config, SLOW
+    )
+    w = speed * np.array([1.0, 0.0]) - velocity  # on collision course at the present speed
+    radius = 0.15 + 0.10 + 0.5 * 0.15
+    assert abs(place[0] * w[1] - place[1] * w[0]) / np.hypot(*w) < radius
+    assert said.changes[0].case == "accelerate"
+    fast = brentq(lambda v: _miss(place, velocity, v) - radius, speed, 0.2)  # v_c1
+    w = fast * np.array([1.0, 0.0]) - velocity
+    t = float(place @ w) / float(w @ w)
+    a = said.changes[0].acceleration_mps2
+    assert a == pytest.approx(2.0 * (fast * t - speed * t) / t**2, rel=1e-3)  # a_1
+    assert said.speed_mps == pytest.approx(min(speed + a * STEP_S, SLOW.gait.max_speed_mps))
+
+
+def _miss(place, velocity, speed):
+    w = speed * np.array([1.0, 0.0]) - velocity
+    return abs(place[0] * w[1] - place[1] * w[0]) / np.hypot(*w)
