@@ -5,8 +5,8 @@ with slow moving obstacles; the path search around static obstacles is always on
 additions are not made for; the benefit of uncertainty is therefore also measured in encounters with a single moving
 obstacle that crosses the path (`encounters`), and that of the virtual obstacle in meetings with one that comes along the
 path (`head_on`). "seed 001" is its whole motion by its own planner and gaze, "seed 001 as printed" with the printed
-weights. The weight of the virtual obstacle was chosen in the meeting of the specification, the angle from which an
-obstacle crosses in encounters from seed 1000 on; drawn meetings, encounters and courses here are other ones.
+weights. The weight of the virtual obstacle was chosen in the meeting of the specification, the angles at which an
+obstacle counts as crossing in encounters from seed 1000 on; drawn meetings, encounters and courses here are other ones.
 
 Source: Yoo and Kim 2010 (seed 001), section 4; the variants are ours.
 """
