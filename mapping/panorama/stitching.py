@@ -23,16 +23,8 @@ from perception.primitives.settings import setting
 
 from .adjustment import Placed, Prior, adjust
 from .dense_links import ALIGNMENT, DenseViews, connect, stiffened
-from .pairs import (
-    Guide,
-    Link,
-    PairConfig,
-    ViewFeatures,
-    extract_features,
-    match_features,
-    motion_link,
-    rotation_link,
-)
+from .matches import Guide, ViewFeatures, extract_features, match_features
+from .pairs import Link, PairConfig, motion_link, rotation_link
 from .rendering import PX_PER_DEG, Drawing, render
 from .surfaces import Alignment, Surface, align, surface
 from .views import PriorConfig, View, prior_covariance
@@ -122,7 +114,7 @@ def place(views: Sequence[View], rng: np.random.Generator, config: StitchConfig)
         rng: Random numbers of the searches.
         config: The steps.
     """
-    features = [extract_features(view, config.pairs) for view in views]
+    features = [extract_features(view, config.pairs.sift) for view in views]
     priors = [
         None
         if view.prior is None

@@ -9,14 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mapping.panorama.adjustment import Prior, adjust
-from mapping.panorama.pairs import (
-    Guide,
-    Link,
-    PairConfig,
-    ViewFeatures,
-    match_features,
-    rotation_link,
-)
+from mapping.panorama.matches import Guide, ViewFeatures, match_features
+from mapping.panorama.pairs import Link, PairConfig, rotation_link
 from mapping.panorama.surfaces import align, surface
 from mapping.panorama.views import PriorConfig, prior_covariance
 from perception.features.matching import match

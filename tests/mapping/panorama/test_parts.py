@@ -16,14 +16,8 @@ from scipy.spatial.transform import Rotation
 from mapping.panorama import level_sets
 from mapping.panorama.adjustment import Placed, Prior, adjust
 from mapping.panorama.key_angles import AngleLaw, laws, locate, prepared
-from mapping.panorama.pairs import (
-    Guide,
-    Link,
-    PairConfig,
-    ViewFeatures,
-    motion_link,
-    rotation_link,
-)
+from mapping.panorama.matches import Guide, ViewFeatures
+from mapping.panorama.pairs import Link, PairConfig, motion_link, rotation_link
 from mapping.panorama.rendering import render
 from mapping.panorama.sphere import Sphere, angles_of, direction, look_up, window_of_view
 from mapping.panorama.surfaces import align, surface
