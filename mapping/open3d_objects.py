@@ -63,7 +63,8 @@ def point_cloud(
     for name, values in (attributes or {}).items():
         if len(values) != len(points):
             raise InputError(f"cloud: {name} has {len(values)} values for {len(points)} points")
-        cloud.point[name] = tensor.from_numpy(np.ascontiguousarray(values).reshape(-1, 1))
+        kept = values.astype(np.int32) if values.dtype == np.int64 else values  # PLY has no int64
+        cloud.point[name] = tensor.from_numpy(np.ascontiguousarray(kept).reshape(-1, 1))
     return cloud
 
 

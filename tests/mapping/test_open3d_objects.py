@@ -64,7 +64,11 @@ def test_a_cloud_is_saved_with_its_attributes_and_read_back(tmp_path):
         builder.add(points, rng.integers(0, 256, (50, 3)).astype(np.uint8))
     cloud = builder.to_open3d()
     assert set(cloud.point["sightings"].numpy().ravel().tolist()) == {3}
-    attributes = {"sigma": rng.uniform(size=50), "stamp": 1.7e9 + rng.uniform(size=50)}
+    attributes = {
+        "sigma": rng.uniform(size=50),
+        "stamp": 1.7e9 + rng.uniform(size=50),
+        "sightings": builder.sightings,
+    }
     save_ply(tmp_path / "a.ply", points, None, attributes)
     read = load_cloud(tmp_path / "a.ply")
     np.testing.assert_array_equal(read.point.positions.numpy(), points)
