@@ -173,8 +173,9 @@ def process(
     config = settings(one if len(recordings) == 1 else None, config_path, overrides, ignore_poses)
     several = one.is_dir() and not holds_recording(one) and description is None and _holds_more(one)
     if len(recordings) > 1 or several or workers or scheduler:
-        if description is not None or smooth_lag_s is not None:
-            raise InputError("--description and --smooth go with a single recording")
+        for word, given in (("--description", description), ("--smooth", smooth_lag_s)):
+            if given is not None:
+                raise InputError(f"{word} goes with a single recording")
         _process_all(recordings, out, config, workers, scheduler, as_json)
         return
     with progress() as say:

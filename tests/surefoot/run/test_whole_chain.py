@@ -80,6 +80,7 @@ def test_no_truth_reaches_an_estimate_or_a_command(walked, tmp_path, monkeypatch
     monkeypatch.setattr(Truth, "camera_pose", lambda self, camera: Pose3((9.0, 9.0, 9.0)))
     monkeypatch.setattr(Truth, "floor", lambda self, camera: garbage)
     monkeypatch.setattr(Truth, "obstacles", lambda self: [(1, 5.0, 5.0, 3.0, 3.0, 9.0, 9.0)])
+    monkeypatch.setattr(Truth, "names", lambda self: ["nonsense"])
     monkeypatch.setattr(Truth, "clearance_m", lambda self: (-1.0, "nonsense"))
     monkeypatch.setattr(Truth, "occupied", lambda self, points: np.ones(len(points), dtype=bool))
     simulate.simulate(short(10.0), tmp_path / "lied", True, quiet)
