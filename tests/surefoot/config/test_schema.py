@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from perception.primitives.errors import ConfigError
+from planning.univector.fields import FieldConfig
 from surefoot.config.schema import Config
 
 
@@ -28,3 +29,8 @@ def test_the_swarm_planner_needs_a_colour_camera_and_does_not_explore():
         replace(config, mission=mission, robot=replace(config.robot, colour=False))
     with pytest.raises(ConfigError, match="leave wander off"):
         replace(mission, wander=True)
+
+
+def test_the_published_motion_without_its_planner_is_refused():
+    with pytest.raises(ConfigError, match=r"mission.planner='field'"):
+        Config(univector=FieldConfig(mode="seed"))
