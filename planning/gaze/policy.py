@@ -1,7 +1,8 @@
 """The gaze policies: by the evaluations, by a fixed order of glances, or always straight ahead.
 
 A policy of a user's own has the one method of `GazePolicy`, and a constructor that takes `GazeConfig` and
-`RobotModel`; planners reach every policy through a `GazeControl`.
+`RobotModel`; planners reach every policy through a `GazeControl`. One that values directions may derive from
+`MapGaze`.
 
 With the evaluations the head turns to the middle of the highest plateau of the gaze map, among the directions that
 it reaches before the next image, and keeps its direction unless another is clearly better.
@@ -13,6 +14,7 @@ the other policies here are ours; `univector.published_gaze` has that of seed 00
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, cast, runtime_checkable
@@ -30,7 +32,7 @@ from perception.primitives.settings import setting
 from ..commands import GazeCommand
 from .attention import Attention, AttentionModel, GazeContext
 from .evaluations import EvaluationConfig
-from .selection import FIRST_IMAGE_S, GazeMapConfig, select, turned
+from .selection import FIRST_IMAGE_S, GazeMapConfig, highest_plateau, select, turned
 from .sweep import TILT_DEG, Sweep
 
 POLICIES = {
@@ -40,6 +42,8 @@ POLICIES = {
     "fixed": "planning.gaze.policy:FixedGaze",
 }
 """Our policies: name to class."""
+
+AHEAD = GazeCommand(0.0, math.radians(TILT_DEG))
 
 LIVE_MAP = GazeMapConfig(
     evaluation=EvaluationConfig(self_sigma_m=0.03),
@@ -145,7 +149,7 @@ class FixedGaze:
     """Always straight ahead."""
 
     def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
-        self._gaze = GazeCommand(0.0, math.radians(TILT_DEG))
+        """Nothing is configured."""
 
     def next(
         self,
@@ -156,7 +160,7 @@ class FixedGaze:
         known: GazeContext | None = None,
     ) -> GazeCommand:
         """The same as ever."""
-        return self._gaze
+        return AHEAD
 
 
 class SweepGaze(Sweep):
@@ -177,6 +181,38 @@ class SweepGaze(Sweep):
         return super().next(stamp_s, robot, via, obstacles)
 
 
+class MapGaze(ABC):
+    """Base of policies that look where a map over pan and tilt is highest."""
+
+    def __init__(self, map_config: GazeMapConfig, robot: RobotModel) -> None:
+        self.map = map_config
+        self.robot = robot
+        self.present = AHEAD
+
+    def next(
+        self,
+        stamp_s: float,
+        robot: Pose2,
+        via: Float[np.ndarray, "2"],
+        obstacles: Sequence[Obstacle],
+        known: GazeContext | None = None,
+    ) -> GazeCommand:
+        """The middle of the highest plateau; straight ahead where nothing has a value."""
+        gaze = AHEAD
+        if known is not None:
+            total = self.total(via, obstacles, known)
+            if total.max() > 0.0:
+                gaze = highest_plateau(total, self.present, self.map)
+        self.present = turned(self.present, gaze, self.robot.head)
+        return gaze
+
+    @abstractmethod
+    def total(
+        self, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle], known: GazeContext
+    ) -> Float[np.ndarray, "rows columns"]:
+        """Value of every direction, [pan, tilt]; arguments as for `next`."""
+
+
 class EvaluationGaze:
     """By the evaluations; surveys first, and sweeps where their input is missing."""
 
@@ -184,7 +220,7 @@ class EvaluationGaze:
         self._head = robot.head
         self._sweep = Sweep(robot.head)
         self._model = AttentionModel(config.map, robot)
-        self._present = GazeCommand(0.0, math.radians(TILT_DEG))
+        self._present = AHEAD
         self.attention: Attention | None = None
         """The evaluations of the last decision; None if another policy made it."""
 

@@ -1,7 +1,8 @@
 """The default planner: grid search, univector field, guard and gaze.
 
 A* on the egocentric grid gives a via point, or the next point of its smoothed curve (seed 003), the univector field
-leads there (seed 001), the guard replaces steps that come too close to static or moving obstacles (ours), and the gaze policy chooses where to look.
+leads there (seed 001), the guard replaces steps that come too close to static or moving obstacles (ours), and the gaze
+policy chooses where to look.
 """
 
 from __future__ import annotations

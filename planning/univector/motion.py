@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
@@ -30,8 +30,8 @@ from .virtual_obstacle import VirtualObstacle, virtual_obstacle
 
 SLOWEST_MPS = 0.005  # ours: slower obstacles count as static
 ALONG_RAD, ACROSS_RAD = math.radians(30.0), math.radians(45.0)
-"""Ours: up to the first angle an obstacle comes along the way, from the second on across it. Between them the weight of its
-virtual obstacle fades; with an edge it would come and go, since the angle changes as the robot turns aside."""
+"""Ours: up to the first angle an obstacle comes along the way, from the second on across it. Between them the weight of
+its virtual obstacle fades; with an edge it would come and go, since the angle changes as the robot turns aside."""
 NO_CELLS = np.zeros((0, 2))
 
 
@@ -98,7 +98,6 @@ def advise(
     Source: seed 001, section 4 and 6.
     """
     here, yaw = robot.mean[:2], float(robot.mean[2])
-    R = _rotation(yaw)
     moves = np.array([_moves(o) for o in obstacles], np.bool_)
     velocities = np.array([o.velocity for o in obstacles]).reshape(-1, 2) * moves[:, None]
     centres = np.array([o.position for o in obstacles]).reshape(-1, 2)
@@ -107,17 +106,7 @@ def advise(
         psi = _psi(robot, obstacles, velocities, evaluation or EvaluationConfig())
     radii = np.array([o.radius_m for o in obstacles]).reshape(-1)
     extended = fields.extended_radius(radii, np.hypot(*velocities.T), psi, config, model.radius_m)
-    movers = [
-        _Mover(
-            R.T @ (centres[k] - here),
-            R.T @ velocities[k],
-            relative_covariance(robot, obstacles[k]) if config.uncertainty else EXACT,
-            float(extended[k]),
-            float(psi[k]),
-            k,
-        )
-        for k in np.flatnonzero(moves).tolist()
-    ]
+    movers = _movers(robot, obstacles, moves, extended, psi, config)
     changes, acceleration, bound = _speed(movers, speed_mps, config, model.gait)
     all_changes = [CLEAR] * len(obstacles)
     for mover, one in zip(movers, changes, strict=True):
@@ -132,7 +121,7 @@ def advise(
     to_goal = fields.move_to_goal(here[None].astype(np.float64), goal, goal_heading, config)[0]
     turn = math.atan2(to_goal[1], to_goal[0]) - yaw
     for extra in _virtual([_turned(m, turn) for m in movers], speed_mps, config):
-        discs.append(here + R @ _rotation(turn) @ extra.place)
+        discs.append(here + _rotation(yaw + turn) @ extra.place)
         sizes.append(extra.radius_m)
         weights.append(extra.weight)
     virtual, places = np.array(weights), np.array(discs).reshape(-1, 2)
@@ -171,6 +160,29 @@ def relative_covariance(robot: Gaussian, obstacle: Obstacle) -> Float[np.ndarray
     vx, vy = R @ obstacle.velocity
     turned = np.array([y, -x, vy, -vx])
     return np.asarray(P + robot.covariance[2, 2] * np.outer(turned, turned))
+
+
+def _movers(
+    robot: Gaussian,
+    obstacles: Sequence[Obstacle],
+    moves: Bool[np.ndarray, "n"],
+    extended: Float[np.ndarray, "n"],
+    psi: Float[np.ndarray, "n"],
+    config: FieldConfig,
+) -> list[_Mover]:
+    """The moving obstacles in O_R; arguments as in `advise`."""
+    turn = _rotation(-float(robot.mean[2]))
+    return [
+        _Mover(
+            turn @ (obstacles[k].position - robot.mean[:2]),
+            turn @ obstacles[k].velocity,
+            relative_covariance(robot, obstacles[k]) if config.uncertainty else EXACT,
+            float(extended[k]),
+            float(psi[k]),
+            k,
+        )
+        for k in np.flatnonzero(moves).tolist()
+    ]
 
 
 def _virtual(

@@ -17,54 +17,30 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from perception.primitives.obstacle import MOVING, Obstacle
-from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, RobotModel
 
-from ..commands import GazeCommand
 from ..gaze import evaluations
 from ..gaze.attention import GazeContext
-from ..gaze.policy import GazeConfig
+from ..gaze.policy import GazeConfig, MapGaze
 from ..gaze.sampling import from_camera, in_body, sample_region
-from ..gaze.selection import GazeMapConfig, gaze_map, highest_plateau, in_view, turned
-from ..gaze.sweep import TILT_DEG
+from ..gaze.selection import GazeMapConfig, gaze_map, in_view
 from .fields import FieldConfig, extended_radius
 from .virtual_obstacle import virtual_obstacle
 
-STALE_BELOW = 0.85  # seed 001: lambda_cf
-AHEAD = GazeCommand(0.0, math.radians(TILT_DEG))
 
-
-class PublishedGaze:
+class PublishedGaze(MapGaze):
     """One gaze per footstep by eq. (1) to (6)."""
 
     def __init__(self, config: GazeConfig, robot: RobotModel = DARWIN_OP) -> None:
         """`config` is not used: thresholds and weights are those of the specification."""
-        self._map = GazeMapConfig(head=robot.head)
+        super().__init__(GazeMapConfig(head=robot.head), robot)
         self._field = FieldConfig()
-        self._robot = robot
-        self._present = AHEAD
-
-    def next(
-        self,
-        stamp_s: float,
-        robot: Pose2,
-        via: Float[np.ndarray, "2"],
-        obstacles: Sequence[Obstacle],
-        known: GazeContext | None = None,
-    ) -> GazeCommand:
-        """theta* of the present map; straight ahead while neither pose nor map are known."""
-        gaze = AHEAD
-        if known is not None:
-            total = self.total(via, obstacles, known)
-            gaze = highest_plateau(total, self._present, self._map)
-        self._present = turned(self._present, gaze, self._robot.head)
-        return gaze
 
     def total(
         self, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle], known: GazeContext
     ) -> Float[np.ndarray, "rows columns"]:
         """GM over pan and tilt, eq. (6)."""
-        pose, eye, limits = known.pose, self._robot.eye_m, self._map.evaluation
+        pose, eye, limits = known.pose, self.robot.eye_m, self.map.evaluation
         stale, psi_map = self._stale(known)
         here = np.array([o.position for o in obstacles]).reshape(-1, 2)
         places = in_body(pose, here)
@@ -72,7 +48,7 @@ class PublishedGaze:
         moves = np.array([o.moving >= MOVING for o in obstacles], np.bool_)
         velocities = np.array([o.velocity for o in obstacles]).reshape(-1, 2) * moves[:, None]
         velocities = velocities @ np.array([[c, -s], [s, c]])
-        counted = concerned(places, velocities, self._robot.gait.cruise_mps)
+        counted = concerned(places, velocities, self.robot.gait.cruise_mps)
         places, velocities = places[counted], velocities[counted]
         radii = np.array([o.radius_m for o in obstacles])[counted]
         covariances = np.array([o.state.covariance[:2, :2] for o in obstacles]).reshape(-1, 2, 2)
@@ -82,7 +58,7 @@ class PublishedGaze:
         marks = np.array([mark.position for mark in known.landmarks]).reshape(-1, 3)
         return gaze_map(
             *(psi_map, stale, psi_way, from_camera(pose, via[None], eye)[0], psi_self, psi),
-            *(from_camera(pose, here[counted], eye), self._map),
+            *(from_camera(pose, here[counted], eye), self.map),
             from_camera(pose, marks[:, :2], eye, marks[:, 2]),
         )
 
@@ -94,9 +70,9 @@ class PublishedGaze:
         psi: Float[np.ndarray, "n"],
     ) -> float:
         """psi_way: by the nearest extended obstacle or virtual obstacle, eq. (4)."""
-        speed, config = self._robot.gait.cruise_mps, self._field
+        speed, config = self.robot.gait.cruise_mps, self._field
         sizes = extended_radius(
-            radii, np.hypot(*velocities.T), psi, config, self._robot.radius_m
+            radii, np.hypot(*velocities.T), psi, config, self.robot.radius_m
         ).tolist()
         discs = [*zip(places, sizes, strict=True)]
         for place, velocity, size, value in zip(places, velocities, sizes, psi, strict=True):
@@ -106,17 +82,17 @@ class PublishedGaze:
         return evaluations.of_way(
             np.array([place for place, _ in discs]).reshape(-1, 2),
             np.array([size for _, size in discs]),
-            self._map.evaluation,
+            self.map.evaluation,
         )
 
     def _stale(self, known: GazeContext) -> tuple[Float[np.ndarray, "n 3"], float]:
         """Stale sample points out of view, relative to the camera, m, and psi_lm, eq. (1)."""
         if known.grid is None or known.confidence is None:
             return np.zeros((0, 3)), 0.0
-        points, values = sample_region(known.grid, known.confidence, known.pose, self._map)
-        seen = from_camera(known.pose, points, self._robot.eye_m)
-        out = ~in_view(seen, self._present, self._map)
-        stale = out & (values < STALE_BELOW)
+        points, values = sample_region(known.grid, known.confidence, known.pose, self.map)
+        seen = from_camera(known.pose, points, self.robot.eye_m)
+        out = ~in_view(seen, self.present, self.map)
+        stale = out & (values < known.confidence.config.stale_below)
         count = int(stale.sum())
         return seen[stale], evaluations.of_map(count, int(out.sum()) - count)
 

@@ -21,16 +21,13 @@ from planning.commands import GazeCommand
 from planning.gaze import evaluations
 from planning.gaze.attention import TAG_BEARING_RAD, TAG_RANGE_PER_M, TAG_REACH_M, GazeContext
 from planning.gaze.landmark_gain import gains
-from planning.gaze.policy import GazeConfig
+from planning.gaze.policy import AHEAD, GazeConfig, MapGaze
 from planning.gaze.sampling import from_camera, sample_region
-from planning.gaze.selection import GazeMapConfig, highest_plateau, shown, turned
-from planning.gaze.sweep import TILT_DEG
+from planning.gaze.selection import GazeMapConfig, shown
 
 if TYPE_CHECKING:
     from .gaze_coupling import LocalisedPerception
 
-TILT_RAD = math.radians(TILT_DEG)
-AHEAD = GazeCommand(0.0, TILT_RAD)
 DETECTION_M = 0.02  # standard deviation of a detection
 NEAR_M = 2.0  # movers within this distance count
 LOST_M = TrackerConfig().largest_sigma_m  # of a mover without a track
@@ -52,44 +49,19 @@ class RandomGaze:
         known: GazeContext | None = None,
     ) -> GazeCommand:
         """Uniform over the range of the neck."""
-        return GazeCommand(float(self._rng.uniform(-self._most, self._most)), TILT_RAD)
+        return GazeCommand(float(self._rng.uniform(-self._most, self._most)), AHEAD.tilt_rad)
 
 
-class MapGaze:
-    """The direction with the highest value of a map over pan and tilt."""
+class BaselineGaze(MapGaze):
+    """What the values of these policies are made of."""
 
     def __init__(self, config: GazeConfig, robot: RobotModel) -> None:
-        self.map = GazeMapConfig(head=robot.head, step_deg=3.0)
-        self.robot = robot
-        self._present = AHEAD
-
-    def next(
-        self,
-        stamp_s: float,
-        robot: Pose2,
-        via: Float[np.ndarray, "2"],
-        obstacles: Sequence[Obstacle],
-        known: GazeContext | None = None,
-    ) -> GazeCommand:
-        """The middle of the highest plateau; straight ahead where nothing has a value."""
-        gaze = AHEAD
-        if known is not None and known.grid is not None and known.confidence is not None:
-            total = self.values(obstacles, known)
-            if total.max() > 0.0:
-                gaze = highest_plateau(total, self._present, self.map)
-        self._present = turned(self._present, gaze, self.robot.head)
-        return gaze
-
-    def values(
-        self, obstacles: Sequence[Obstacle], known: GazeContext
-    ) -> Float[np.ndarray, "rows columns"]:
-        """Value of every direction."""
-        raise NotImplementedError
+        super().__init__(GazeMapConfig(head=robot.head, step_deg=3.0), robot)
 
     def stale(self, known: GazeContext) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
-        """Cells of the sampling region, world frame, m, and their staleness in [0, 1]."""
-        assert known.grid is not None
-        assert known.confidence is not None
+        """Cells of the sampling region, world frame, m, and their staleness in [0, 1]; none without a grid."""
+        if known.grid is None or known.confidence is None:
+            return np.zeros((0, 2)), np.zeros(0)
         cells, confidence = sample_region(known.grid, known.confidence, known.pose, self.map)
         limit = 1.0 - known.confidence.config.stale_below
         return cells, np.minimum((1.0 - confidence.astype(float)) / limit, 1.0)
@@ -116,25 +88,25 @@ class MapGaze:
         return np.where(np.hypot(*offsets.T) <= TAG_REACH_M, found, 0.0)
 
 
-class CoverageGaze(MapGaze):
+class CoverageGaze(BaselineGaze):
     """The direction that shows the most stale ground."""
 
-    def values(
-        self, obstacles: Sequence[Obstacle], known: GazeContext
+    def total(
+        self, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle], known: GazeContext
     ) -> Float[np.ndarray, "rows columns"]:
         """Sum of the staleness in view."""
         return self.of_points(known, *self.stale(known))
 
 
-class InformationGaze(MapGaze):
+class InformationGaze(BaselineGaze):
     """The direction with the largest expected gain of information, in nats.
 
     A mover's position gains log of its deviation before and after a detection; the pose likewise by a landmark; a
     stale cell the entropy of a cell of which nothing is known.
     """
 
-    def values(
-        self, obstacles: Sequence[Obstacle], known: GazeContext
+    def total(
+        self, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle], known: GazeContext
     ) -> Float[np.ndarray, "rows columns"]:
         """Sum of the gains of all that is in view."""
         cells, staleness = self.stale(known)
@@ -147,7 +119,7 @@ class InformationGaze(MapGaze):
         return total + self.of_marks(known, -np.log1p(-np.minimum(self.shares(known), 0.999)))
 
 
-class OracleGaze(MapGaze):
+class OracleGaze(BaselineGaze):
     """Knows the truth: where the movers are, what is hidden, and the figures by which a gaze is judged.
 
     It takes the direction that at once reduces most the sum of the shares of stale ground in view, of the deviation of
@@ -158,8 +130,8 @@ class OracleGaze(MapGaze):
         """Take the truth from here."""
         self._truth = perception
 
-    def values(
-        self, obstacles: Sequence[Obstacle], known: GazeContext
+    def total(
+        self, via: Float[np.ndarray, "2"], obstacles: Sequence[Obstacle], known: GazeContext
     ) -> Float[np.ndarray, "rows columns"]:
         """Sum of the relative reductions of all that is in view and not hidden."""
         true = self._truth.truth.robot_pose()
