@@ -203,20 +203,22 @@ def save_ply(
             )
 
 
-def load_cloud(path: Path) -> Any:
-    """The `open3d.t.geometry.PointCloud` of a PLY, with its attributes.
-
-    Raises:
-        InputError: The file is missing or empty, or Open3D cannot be loaded.
-    """
-    load_ply(path)
-    return _open3d().t.io.read_point_cloud(str(path))
-
-
 def load_ply(
     path: Path,
 ) -> tuple[Float[np.ndarray, "n 3"], UInt8[np.ndarray, "n 3"] | None]:
-    """Points, m, and their colours, RGB, or None.
+    """Points, m, and their colours, RGB, or None; errors as of `load_cloud`."""
+    cloud = load_cloud(path)
+    points = cloud.point.positions.numpy().astype(np.float64)
+    if "colors" not in cloud.point:
+        return points, None
+    colours = cloud.point["colors"].numpy()
+    return points, colours if colours.dtype == np.uint8 else np.rint(255.0 * colours).astype(
+        np.uint8
+    )
+
+
+def load_cloud(path: Path) -> Any:
+    """The `open3d.t.geometry.PointCloud` of a PLY, with its attributes.
 
     Raises:
         InputError: The file is missing or empty, or Open3D cannot be loaded.
@@ -227,11 +229,10 @@ def load_ply(
         open3d = _open3d()
     except ImportError as error:
         raise InputError(f"cannot read {path}: {_LIBRARIES} ({error})") from error
-    cloud = open3d.io.read_point_cloud(str(path))
-    if not cloud.has_points():
+    cloud = open3d.t.io.read_point_cloud(str(path))
+    if cloud.is_empty():
         raise InputError(f"cloud {path} holds no points that Open3D can read; expected a PLY file")
-    colours = np.rint(np.asarray(cloud.colors) * 255).astype(np.uint8)
-    return np.array(cloud.points), colours if cloud.has_colors() else None
+    return cloud
 
 
 _LIBRARIES = (
