@@ -1,7 +1,8 @@
 """What a run remembers of static obstacles: voxels with all that footprints need.
 
 Every voxel keeps its mean place and colour, the number of frames that saw it, where the sensor stood, and how well the
-place was known. Where the body itself has walked is free floor. An obstacle that came or went is known by the frames in which its cell of the world map showed one.
+place was known. Where the body itself has walked is free floor. An obstacle that came or went is known by the frames in
+which its cell of the world map showed one.
 
 Source: ours.
 """

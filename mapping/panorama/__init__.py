@@ -2,7 +2,8 @@
 
 Read in this order. Building it: `views` (input: depth image, grey images, prior pose), `sphere` (the pixel
 grid), `matches` (features of views, matched), `pairs` (relative pose of two views by features), `surfaces` (by
-depth), `adjustment` (pose graph of all views), `rendering` (range, sigma and time stamp per pixel), `stitching` (all steps in order). Reading it:
+depth), `adjustment` (pose graph of all views), `rendering` (range, sigma and time stamp per pixel), `stitching` (all
+steps in order). Reading it:
 `key_angles` (head angles of the finished panorama), `level_sets` (segmentation by forward distance),
 `contours` and `silhouettes` (distance and edges of an obstacle), `sizes` (distance, width and height with
 their standard deviations), `hidden_corners` (how far an obstacle may extend behind what is seen of it),

@@ -4,7 +4,8 @@ Our block matcher or one of OpenCV's finds the disparity; all are rated alike, b
 neighbourhood. A disparity is reliable if the minimum of its cost is sharp (texture), no other minimum is nearly
 as low (uniqueness), the matched pixel of the right image has no better match (occlusion), neighbouring
 pixels have the same disparity (mismatches scatter), and its surroundings are reliable too (a block beside a lone edge
-carries the edge's disparity to a surface without texture, `_without_rims`). The neighbours are by far the strongest criterion.
+carries the edge's disparity to a surface without texture, `_without_rims`). The neighbours are by far the strongest
+criterion.
 
 The standard deviation of a disparity grows with the ratio of the remaining cost to the slope of the minimum.
 
@@ -150,11 +151,11 @@ def disparity(view: StereoView, config: StereoConfig | None = None) -> Disparity
         reliability,
         sigma,
     )
-    reliability = _without_rims(reliability, np.isfinite(found), config.least_reliability)
-    if config.reliability == "seed":
-        by_costs = published_stereo.reliability(matches.costs, config.uniqueness)
-        reliability = np.where(np.isfinite(found), by_costs, np.float32(0.0))
-    return Disparity(found, reliability, sigma)
+    known = np.isfinite(found)
+    if config.reliability == "ours":
+        return Disparity(found, _without_rims(reliability, known, config.least_reliability), sigma)
+    by_costs = published_stereo.reliability(matches.costs, config.uniqueness)
+    return Disparity(found, np.where(known, by_costs, np.float32(0.0)), sigma)
 
 
 def _without_rims(

@@ -3,8 +3,8 @@
 The ray of a pixel meets the floor at P = c + d, with c the camera centre and d the vector from it to the floor. If
 the ray changes by dr, because the pixel is displaced or the camera rotates by a small w (dr = w x d) or rises, then
 P moves along the floor by dP = dr - (d_xy / d_z) dr_z. The error of the camera pose is common to all pixels of one
-picture. Those of the two pictures of a pair are
-independent by the joints, and correlated once the texture of the floor has tied them together (`pair_pose`).
+picture. The two pictures of a pair share half of its variance, the offsets of the joints; the texture of the floor ties
+them closer (`pair_pose`).
 
 Source: ours; floor points are those of seed 000, section 3.
 """

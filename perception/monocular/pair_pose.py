@@ -80,11 +80,10 @@ def estimate(
     seconds = current.stamp_s - previous.stamp_s
     of_plane = _on_one_plane(begin, end)
     begin, end = begin[of_plane], end[of_plane]
-    state, before, now = np.zeros(STATES), previous, current
-    normal, count = information, 0
+    state, before, now, count = np.zeros(STATES), previous, current, 0
+    H = information
     for _ in range(ROUNDS):
-        H, b = information.copy(), np.zeros(STATES)
-        b -= information @ state
+        H, b = information.copy(), -information @ state
         if gyro is not None:
             rows, sway = gyro
             weight = 1.0 / (GYRO_RADPS * seconds) ** 2
@@ -95,9 +94,8 @@ def estimate(
             H += jacobian.T @ jacobian
             b += jacobian.T @ residual
         state = state + np.linalg.solve(H, b)
-        normal = H
         before, now = _corrected(previous, state[:4], state[8:]), _corrected(current, state[4:8])
-    return PairPose(before, now, np.linalg.inv(normal), count)
+    return PairPose(before, now, np.linalg.inv(H), count)
 
 
 def sway_by_gyro(
