@@ -1,8 +1,8 @@
 """Streamlines of the univector field to a goal with an arrival angle, among obstacles, with two pairs of weights.
 
 Streamlines start evenly spaced around the goal and must arrive with the desired heading. The published weights, which
-lead deep into the obstacles, are compared with ours, and so are eq. (8) and (9) to the letter. Every seed has another goal and other obstacles; seed 0 is the
-paper's figure, th_tg = pi/6. The plots go to runs/001-E1/.
+lead deep into the obstacles, are compared with ours, and so are eq. (8) and (9) to the letter. Every seed has another
+goal and other obstacles; seed 0 is the paper's figure, th_tg = pi/6. The plots go to runs/001-E1/.
 
 Source: Yoo and Kim 2010 (seed 001), Fig. 3; specification, section 4 (weights).
 """

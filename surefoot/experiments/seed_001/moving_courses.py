@@ -2,8 +2,9 @@
 
 Walks use geometric perception (`support/course_runner.py`): slow and fast moving obstacles with simulated detections,
 and fast ones with error-free perception. The environment variable SUREFOOT_IMAGE_SEEDS adds walks of the slow course
-with images for comparison. The baselines replace the guard on the fast courses. On a quarter of the slow courses ours and seed 001's own
-walker (`univector.mode` "seed", with its gaze; "printed" for the printed weights) walk at the printed speed.
+with images for comparison. The baselines replace the guard on the fast courses. On a quarter of the slow courses ours
+and seed 001's own walker (`univector.mode` "seed", with its gaze; "printed" for the printed weights) walk at the printed
+speed.
 
 Source: Yoo and Kim 2010 (seed 001), section V-C.
 """

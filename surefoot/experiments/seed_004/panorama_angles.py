@@ -7,7 +7,8 @@ the gaps between them measured (`panorama_scenes`): `gap_p90_mm` is of gaps whos
 of gaps are of all. What hidden corners may be was chosen on scenes 1000 to 1119, and two faults of it were found on
 scenes 54 and 154; reported are scenes 0 to 199. What features and surfaces contribute is measured in rooms of three kinds
 (`panorama_ablation`): `features_gain_textured` is the rms error with features over that without, textured rooms, encoder
-errors of 2 deg; `features_gain_elsewhere` the largest such ratio of the other kinds and encoder errors. Plots go to `runs/experiments/004-E5`.
+errors of 2 deg; `features_gain_elsewhere` the largest such ratio of the other kinds and encoder errors. Plots go to
+`runs/experiments/004-E5`.
 
 Source: Kang 2013 (seed 004), Figs. 2 and 6, sections 2.2.2 and 2.3.
 """

@@ -95,6 +95,7 @@ class GeometricPerception:
         self.discs = np.array([[x, y, radius] for _, x, y, _, _, radius, _ in objects])
         """True x, y and radius of all objects now, m; moving objects first."""
         self.movers = len(robot.world.scene.moving_objects)
+        """Number of moving objects, the first rows of `discs`."""
         self._heights_m = [height for *_, height in objects]
 
     def cycle(self, frame: Frame) -> WorldModel:
