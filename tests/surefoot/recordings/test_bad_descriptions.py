@@ -33,6 +33,7 @@ def test_an_unknown_tum_camera_is_refused(tum, tmp_path):
         ("fx = 14.0", "fx = 0.0", "recording.toml: camera: fx=0.0 px must be positive and finite"),
         ("fx = 14.0", "fx = -480.0", "camera: fx=-480.0 px must be positive"),
         ("rate_hz", "scale_checked = 1\nrate_hz", "scale_checked = 1 must be true or false"),
+        ("rate_hz", "calibrated = \"yes\"\nrate_hz", "calibrated = 'yes' must be true or false"),
         ("[depth]", '[poses]\nfile = "p"\naxes = "t265"\n[depth]', "poses.axes = 't265'; expected one of optical, y-up"),
         ("none =", 'encoding = "turned"\nnone =', "depth encoding 'turned' is unknown; expected one of depth, rot"),
         ("cx = 7.5", "cx = 7500", "camera: cx=7500.0 px lies far outside the image of 16 px"),

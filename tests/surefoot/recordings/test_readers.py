@@ -232,6 +232,19 @@ def test_a_description_completes_a_known_layout(redwood, tmp_path):
     assert info.gravity_up_world == pytest.approx(UP_45)
 
 
+def test_only_rendered_depth_or_a_description_makes_a_camera_calibrated(
+    plain, replica, redwood, tum, tmp_path
+):
+    assert open_recording(replica).info.calibrated
+    assert not any(open_recording(path).info.calibrated for path in (plain, redwood, tum))
+    beside = tmp_path / "recording.toml"
+    beside.write_text("calibrated = true\n")
+    assert open_recording(redwood, beside).info.calibrated
+    own = plain / "recording.toml"
+    own.write_text("calibrated = true\n" + own.read_text())
+    assert open_recording(plain).info.calibrated
+
+
 @pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
 def test_an_organised_cloud_is_read_as_its_depth_image(pcd, data):
     recording = open_recording(pcd(data))
