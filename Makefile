@@ -44,6 +44,7 @@ demo: $(WARM)  ## a live walk, its recording processed, both judged
 	@cmp $(RUNS)/demo/trajectory_covariance.csv $(RUNS)/demo-offline/trajectory_covariance.csv \
 		&& cmp $(RUNS)/demo/map.pgm $(RUNS)/demo-offline/map.pgm \
 		&& echo "trajectory and map of both are the same, bit for bit"
+	@echo && echo "open $(RUNS)/demo/report.html in a browser, or: $(BIN)/surefoot view $(RUNS)/demo"
 
 test: $(WARM)  ## the test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile -q

@@ -57,6 +57,8 @@ alone "$bin/surefoot" evaluate again > log 2>&1 || fail "evaluate" log
 cmp live/trajectory_covariance.csv again/trajectory_covariance.csv
 cmp live/map.pgm again/map.pgm
 [ -s again/report.html ] || fail "evaluate wrote no report"
+alone "$bin/surefoot" quickstart --out first > log 2>&1 || fail "quickstart" log
+[ -s first/report.html ] || fail "quickstart wrote no page" log
 alone "$bin/surefoot" doctor > log || fail "doctor" log
 ! grep -q "make \|requirements.lock" log || fail "doctor's advice is for a checkout" log
 

@@ -10,6 +10,7 @@ import os
 
 import click
 
+from .quickstart import quickstart
 from .recording_verbs import calibrate_noise, map_verb, monocular, panorama
 from .run_verbs import process, simulate, smooth
 from .study_verbs import bench, completion, doctor, evaluate, experiment, settings, view
@@ -27,6 +28,8 @@ def main(debug: bool) -> None:
     """A humanoid robot sees where it may step.
 
     \b
+    See a first result in 20 seconds:
+      surefoot quickstart
     Walk through a simulated home and record the sensors:
       surefoot simulate home --seed 3 --record --out runs/home3
     Process a recording (your own or that one) and evaluate the result:
@@ -42,7 +45,7 @@ def main(debug: bool) -> None:
 
 
 for _verb in (
-    simulate, process, smooth, map_verb, panorama, monocular, calibrate_noise,
+    quickstart, simulate, process, smooth, map_verb, panorama, monocular, calibrate_noise,
     evaluate, view, experiment, bench, settings, doctor, completion,
 ):  # fmt: skip
     main.add_command(_verb)

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import click
 
 from .options import PATH, json_option
-from .terminal import FAILED, progress
+from .terminal import FAILED, open_in_browser, progress
 
 
 @click.command()
@@ -149,7 +146,7 @@ def view(run: Path, live: bool) -> None:
 
         report = write_report(folder)
     click.echo(f"report: {report}")
-    _open_in_browser(report)
+    open_in_browser(report)
 
 
 @click.command()
@@ -272,14 +269,3 @@ def completion(shell: str) -> None:
     assert found is not None
     program = click.get_current_context().find_root().command
     click.echo(found(program, {}, "surefoot", "_SUREFOOT_COMPLETE").source())
-
-
-def _open_in_browser(page: Path) -> None:
-    """Open a page where there is a desktop; quietly do nothing elsewhere."""
-    if not sys.platform.startswith("linux"):
-        click.launch(str(page))
-        return
-    opener = shutil.which("xdg-open")
-    if opener and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        quiet = subprocess.DEVNULL
-        subprocess.Popen([opener, str(page)], stdin=quiet, stdout=quiet, stderr=quiet)

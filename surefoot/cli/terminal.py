@@ -1,4 +1,4 @@
-"""Progress, one-line errors and exit codes of the command line.
+"""Progress, one-line errors, exit codes and the browser of the command line.
 
 Results go to standard output and everything else to standard error, so that `--json` prints one object.
 """
@@ -9,10 +9,13 @@ import contextlib
 import errno
 import math
 import os
+import shutil
+import subprocess
 import sys
 import time
 import traceback
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import click
@@ -113,3 +116,14 @@ def progress() -> Iterator[Progress]:
             yield say
     finally:
         say.done()
+
+
+def open_in_browser(page: Path) -> None:
+    """Open a page where there is a desktop; quietly do nothing elsewhere."""
+    if not sys.platform.startswith("linux"):
+        click.launch(str(page))
+        return
+    opener = shutil.which("xdg-open")
+    if opener and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        quiet = subprocess.DEVNULL
+        subprocess.Popen([opener, str(page)], stdin=quiet, stdout=quiet, stderr=quiet)

@@ -72,6 +72,7 @@ class RunRecorder:
         self._recording = recording
         self.frames = 0
         self._first_s = self._last_s = 0.0
+        self._farthest_m = 0.0
         self._floor_seen = 0
         self._times = array("d")
         self._stages: dict[str, array[float]] = {}
@@ -137,7 +138,9 @@ class RunRecorder:
         text += f", t {world.stamp_s:.1f} s"
         if planner is not None:
             if self._goals:
-                text += f", {planner.distance_to_goal(world):.2f} m to the goal"
+                left_m = planner.distance_to_goal(world)
+                self._farthest_m = max(self._farthest_m, left_m)
+                text = f"{bar(1.0 - left_m / max(self._farthest_m, 1e-9))} {text}, {left_m:.2f} m to the goal"
             else:
                 text += f", {planner.reached} places visited"
             text += f", {len(world.tracks)} tracks"
@@ -253,6 +256,12 @@ class RunRecorder:
                         "caption": f"{name}, t = {estimate.stamp_s:.1f} s",
                     }
                 )
+
+
+def bar(share: float, width: int = 20) -> str:
+    """A bar for the terminal, filled to a share."""
+    full = round(width * min(max(share, 0.0), 1.0))
+    return f"[{'=' * full}{' ' * (width - full)}]"
 
 
 def _stages(estimate: Estimate, decision: Decision | None) -> UInt8[np.ndarray, "h w 3"] | None:

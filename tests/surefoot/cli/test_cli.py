@@ -18,13 +18,14 @@ import pytest
 from click.testing import CliRunner
 
 from perception.primitives.errors import OutputError
-from surefoot.cli import study_verbs
+from surefoot.cli import terminal
 from surefoot.cli.main import main
 from surefoot.cli.terminal import BAD_INPUT, FAILED, INTERRUPTED, Progress, exit_code, progress
 from surefoot.config import toml
 from surefoot.config.schema import Config
 
 VERBS = (
+    "quickstart",
     "simulate",
     "process",
     "smooth",
@@ -336,10 +337,10 @@ def test_ctrl_c_elsewhere_exits_with_130(monkeypatch):
 
 def test_a_report_is_opened_quietly_and_only_on_a_desktop(tmp_path, monkeypatch):
     started = []
-    monkeypatch.setattr(study_verbs.sys, "platform", "linux")
-    monkeypatch.setattr(study_verbs.shutil, "which", lambda name: f"/usr/bin/{name}")
+    monkeypatch.setattr(terminal.sys, "platform", "linux")
+    monkeypatch.setattr(terminal.shutil, "which", lambda name: f"/usr/bin/{name}")
     monkeypatch.setattr(
-        study_verbs.subprocess, "Popen", lambda words, **given: started.append((words, given))
+        terminal.subprocess, "Popen", lambda words, **given: started.append((words, given))
     )
     for variable in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(variable, raising=False)
@@ -351,7 +352,7 @@ def test_a_report_is_opened_quietly_and_only_on_a_desktop(tmp_path, monkeypatch)
     assert call("view", tmp_path)[0] == 0
     ((words, given),) = started
     assert words == ["/usr/bin/xdg-open", str(tmp_path / "report.html")]
-    assert given["stderr"] == study_verbs.subprocess.DEVNULL
+    assert given["stderr"] == terminal.subprocess.DEVNULL
 
 
 def test_evaluate_judges_a_foreign_trajectory_and_says_the_factor(tmp_path):

@@ -1,0 +1,54 @@
+"""The first result that a user sees: from the package alone, right, and small enough to ship."""
+
+from __future__ import annotations
+
+import json
+import re
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from surefoot.cli.main import main
+from surefoot.run.run_recorder import bar
+
+PACKAGED = Path(str(resources.files("surefoot"))) / "quickstart"
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    """Run folder and output of the verb."""
+    out = tmp_path_factory.mktemp("quickstart") / "run"
+    return out, CliRunner().invoke(main, ["quickstart", "--out", str(out)], catch_exceptions=False)
+
+
+def test_the_recording_in_the_package_is_below_two_megabytes():
+    assert sum(p.stat().st_size for p in PACKAGED.rglob("*") if p.is_file()) < 2e6
+
+
+def test_quickstart_processes_every_frame_and_names_a_page_that_exists(shown):
+    out, result = shown
+    assert result.exit_code == 0
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["frames"] > 40
+    assert not summary["skipped"]
+    named = re.search(r"^open (.*) in a browser$", result.stdout, re.MULTILINE)
+    assert named is not None
+    assert "<html" in Path(named.group(1)).read_text(encoding="utf-8")
+
+
+def test_the_line_against_the_truth_agrees_with_the_metrics(shown):
+    out, result = shown
+    metrics = json.loads((out / "metrics.json").read_text())
+    said = re.search(r"position (\d+) mm", result.stdout)
+    assert said is not None
+    assert float(said.group(1)) == pytest.approx(1e3 * metrics["position_rmse_m"], abs=0.5)
+    assert metrics["position_rmse_m"] < 0.02
+    assert metrics["floor_tof_angle_deg_median"] < 0.2
+
+
+def test_a_bar_is_filled_to_its_share_and_never_beyond():
+    assert bar(0.5, 4) == "[==  ]"
+    assert bar(-1.0, 4) == "[    ]"
+    assert bar(2.0, 4) == "[====]"
