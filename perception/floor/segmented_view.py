@@ -151,7 +151,7 @@ class Sight:
             seen |= inside & (behind > camera_points[:, 2] + BEYOND_M)
         return seen
 
-    def through(self, points: Float[np.ndarray, "n 3"]) -> tuple[int, int]:
+    def __call__(self, points: Float[np.ndarray, "n 3"]) -> tuple[int, int]:
         """How many points of the map are seen through, and how many are known to be occupied.
 
         A point is seen through if everything within `ASIDE_M` of its line of sight is farther away than the

@@ -24,7 +24,7 @@ from .motion_model import MotionModel
 from .track import UNSURE, VIEW_MEMORY_S, Detection
 
 Through = Callable[[Float[np.ndarray, "n 3"]], tuple[int, int]]
-"""How many points of the map, m, a frame sees through, and how many it shows to be occupied (`Sight.through`)."""
+"""How many points of the map, m, a frame sees through, and how many it shows to be occupied (`Sight`)."""
 
 DISPLACED_SHARE = 0.5  # ours: least share of the judged points that are seen through
 DISPLACED_POINTS = 3  # ours: least number of them

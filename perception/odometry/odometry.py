@@ -20,7 +20,7 @@ from ..primitives.errors import ConfigError
 from ..primitives.pose import Pose3
 from ..primitives.settings import setting
 from .alignment import AlignConfig, Alignment
-from .baselines import aligner
+from .baselines import Aligner, aligner
 from .hypotheses import rotation_starts
 from .pyramid import CompressedImage, Pyramid, compress
 
@@ -117,7 +117,11 @@ class Odometry:
         self._before: Reference | None = None  # the previous image, if its pose is known
         self._lost = 0  # lost images in a row
         self._next = 0  # reference that the search for a lost camera tries next
-        self._align = aligner(self.config.aligner)
+        aligner(self.config.aligner)  # refuses an unknown name
+
+    @property
+    def _align(self) -> Aligner:
+        return aligner(self.config.aligner)
 
     def track(self, image: Pyramid) -> Step:
         """Estimate the pose of the next image."""

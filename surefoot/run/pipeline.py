@@ -123,7 +123,7 @@ class Pipeline:
                     pose,
                     visible if by_colour is None else seen_by_any(visible, by_colour.shows_free),
                     cut,
-                    sight.through,
+                    sight,
                 )
         with watch.stage("map"):
             self._update_maps(frame, views, pose)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
-import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -24,7 +23,9 @@ from typing import Any, TypeVar
 
 from mapping.io.atomic_write import atomic_path
 from perception.primitives import plugins
+from perception.primitives.errors import InputError
 
+from ...results import object_file
 from .experiment import Say
 
 WORKERS = os.cpu_count() or 2
@@ -64,7 +65,7 @@ def run_trials(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Itera
     """Results of `work(*task)` for every task, in order, computed in parallel processes.
 
     Args:
-        work: A module-level function whose result can be pickled.
+        work: A module-level function; its result is of numbers, arrays and classes of the project.
         todo: Arguments of each call; their repr identifies the trial in the cache.
     """
     cache_folder = _usable_cache(_CACHE.get())
@@ -114,8 +115,13 @@ def _run_and_store(work: Callable[..., R], task: tuple[Any, ...], place: Path | 
     """In the worker process: run the trial and store its result before returning it."""
     result = work(*task)
     if place is not None:
+        try:
+            content = object_file.dumps(result)
+        except InputError as error:
+            _LOG.warning("%s: the result is not stored: %s", work.__qualname__, error)
+            return result
         with atomic_path(place) as part:
-            part.write_bytes(pickle.dumps(result, protocol=pickle.HIGHEST_PROTOCOL))
+            part.write_bytes(content)
     return result
 
 
@@ -124,8 +130,8 @@ def _stored(place: Path | None) -> tuple[Any] | None:
     if place is None or not place.is_file():
         return None
     try:
-        return (pickle.loads(place.read_bytes()),)
-    except Exception:  # a damaged pickle can raise anything
+        return (object_file.loads(place.read_bytes()),)
+    except (OSError, InputError):
         return None
 
 
@@ -135,7 +141,7 @@ def _result_path(
     if cache_folder is None:
         return None
     parts = "\n".join([_code_hash(), _key(work), *map(_key, task)])
-    return cache_folder.folder / f"{hashlib.sha256(parts.encode()).hexdigest()[:24]}.pickle"
+    return cache_folder.folder / f"{hashlib.sha256(parts.encode()).hexdigest()[:24]}.trial"
 
 
 def _key(value: Any) -> str:

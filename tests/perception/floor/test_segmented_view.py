@@ -91,9 +91,9 @@ def test_a_sight_sees_through_places_before_the_measured_depth_and_not_behind_or
     def at(x: float, z: float) -> np.ndarray:
         return np.array([[x, 0.0, z]] * 3)
 
-    assert sight.through(at(0.0, 1.0)) == (0, 3)  # its front
-    assert sight.through(at(0.0, 1.5)) == (0, 0)  # hidden by it
-    assert sight.through(at(0.3, 1.0)) == (3, 0)  # beside it
-    assert sight.through(at(0.11, 1.0)) == (0, 3)  # within an error of the pose of its edge
-    assert sight.through(at(0.3, 2.5)) == (0, 3)  # the wall
-    assert sight.through(at(5.0, 1.0)) == (0, 0)  # outside the image
+    assert sight(at(0.0, 1.0)) == (0, 3)  # its front
+    assert sight(at(0.0, 1.5)) == (0, 0)  # hidden by it
+    assert sight(at(0.3, 1.0)) == (3, 0)  # beside it
+    assert sight(at(0.11, 1.0)) == (0, 3)  # within an error of the pose of its edge
+    assert sight(at(0.3, 2.5)) == (0, 3)  # the wall
+    assert sight(at(5.0, 1.0)) == (0, 0)  # outside the image

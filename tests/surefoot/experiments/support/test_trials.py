@@ -50,7 +50,7 @@ def test_results_of_different_functions_are_separate(tmp_path):
 def test_a_damaged_result_is_computed_again(tmp_path):
     with cached(ResultCache(tmp_path, resume=True)):
         list(run_trials(operator.add, [(2, 3)]))
-        (file,) = tmp_path.glob("*.pickle")
+        (file,) = tmp_path.glob("*.trial")
         file.write_bytes(file.read_bytes()[:-3])
         assert list(run_trials(operator.add, [(2, 3)])) == [5]
         assert list(run_trials(operator.add, [(2, 3)])) == [5]
