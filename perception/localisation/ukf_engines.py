@@ -148,6 +148,13 @@ class FilterpyUkf:
         )
         self.reset(start)
 
+    def __getstate__(self) -> dict[str, np.ndarray]:
+        return {"x": self._filter.x, "P": self._filter.P, "sigmas_f": self._filter.sigmas_f}
+
+    def __setstate__(self, state: dict[str, np.ndarray]) -> None:
+        self.__init__(Gaussian(state["x"], state["P"]))  # type: ignore[misc]
+        vars(self._filter).update(state)
+
     @property
     def state(self) -> Gaussian:
         return Gaussian(self._filter.x.copy(), self._filter.P.copy())

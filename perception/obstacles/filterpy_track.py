@@ -23,11 +23,14 @@ class FilterpyTrack(Track):
 
     def __init__(self, seen: Detection, robot: Gaussian, config: TrackConfig) -> None:
         """Start at the first detection with an unknown velocity."""
-        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
-
         super().__init__(seen, robot, config)
-        points = MerweScaledSigmaPoints(SIZE, spread(SIZE), 2.0, 0.0)
-        self._filter: Any = UnscentedKalmanFilter(SIZE, 2, 0.0, in_body, None, points)
+        self._filter = _filter()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {key: value for key, value in vars(self).items() if key != "_filter"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _filter=_filter())
 
     def _learn(self, position: Float[np.ndarray, "2"], noise: Float[np.ndarray, "2 2"]) -> None:
         """Sigma-point update of the moving belief by a position in the body frame."""
@@ -36,6 +39,13 @@ class FilterpyTrack(Track):
         one.sigmas_f = one.points_fn.sigma_points(one.x, one.P)
         one.update(position, R=positive(noise), robot=self._robot)
         self._moving = Belief(one.x.copy(), positive(one.P))
+
+
+def _filter() -> Any:
+    from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # slow to import
+
+    points = MerweScaledSigmaPoints(SIZE, spread(SIZE), 2.0, 0.0)
+    return UnscentedKalmanFilter(SIZE, 2, 0.0, in_body, None, points)
 
 
 def in_body(state: Float[np.ndarray, "7"], robot: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:

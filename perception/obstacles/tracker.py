@@ -88,12 +88,19 @@ class ObstacleTracker:
             InputError: A motion model of the user's cannot be loaded.
         """
         self.config = config or TrackerConfig()
-        self._model = plugins.load(self.config.motion_model, MODELS, "motion model", MEMBERS)
+        self._model()  # refuses what cannot be loaded
         self._records: list[Record] = []
         self._born = 0
         self._stamp_s: float | None = None
         self.innovations: list[Innovation] = []
         """Of the detections of this frame, by track number."""
+
+    def _model(self) -> Callable[[Detection, Gaussian, TrackConfig], MotionModel]:
+        """The class of the filters."""
+        made: Callable[[Detection, Gaussian, TrackConfig], MotionModel] = plugins.load(
+            self.config.motion_model, MODELS, "motion model", MEMBERS
+        )
+        return made
 
     @property
     def obstacles(self) -> list[Obstacle]:
@@ -163,7 +170,7 @@ class ObstacleTracker:
         for choice, seen in enumerate(usable):
             if choice not in taken:
                 self._born += 1
-                track = self._model(seen, robot, self.config.track)
+                track = self._model()(seen, robot, self.config.track)
                 record = Record(track, self._born, stamp_s, stamp_s)
                 record.compare(Snapshot.of(seen, stamp_s, robot, through))
                 self._records.append(record)

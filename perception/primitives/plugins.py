@@ -118,6 +118,13 @@ def files() -> list[str]:
     return sorted(_FILES)
 
 
+def holds(module: str) -> bool:
+    """Whether a plug-in that was loaded lies in a module of that name."""
+    found = sys.modules.get(module)
+    given = any(name.partition(":")[0] == module for name in _GIVEN)
+    return given or (found is not None and getattr(found, "__file__", None) in _FILES)
+
+
 def fault(error: BaseException) -> str | None:
     """Which plug-in an exception comes from, and where, as one line; None if from none."""
     place, trace = None, error.__traceback__

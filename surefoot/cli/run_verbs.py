@@ -125,8 +125,7 @@ def simulate(
 @click.option(
     "--resume",
     is_flag=True,
-    help="Continue an interrupted or killed run into the same --out. Resume only your own runs: "
-    "loading a checkpoint can execute code.",
+    help="Continue an interrupted or killed run into the same --out.",
 )
 @smooth_option
 @out_option

@@ -1,7 +1,7 @@
 """Objects of the project in a file that holds values only: JSON and arrays, with a checksum.
 
-Reading one runs no code of the file: a class must belong to a package of the project, and is restored without its
-constructor. What one object refers to twice is one object again afterwards; arrays that share memory become separate.
+Reading one runs no code of the file: a class must belong to the project or to a plug-in in use, and is restored without
+its constructor. What one object refers to twice is one object again afterwards; arrays that share memory become separate.
 
 Format: `MAGIC`, SHA-256 of all that follows, length of the JSON text (8 bytes, little endian), the JSON text, and the
 contents of arrays one after the other. The JSON text has `nodes`, which refer to each other by {"node": index}, the
@@ -25,6 +25,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from perception.primitives import plugins
 from perception.primitives.errors import InputError
 
 MAGIC = b"surefoot objects 1\n"
@@ -57,7 +58,7 @@ def loads(content: bytes, given: Mapping[str, Any] | None = None) -> Any:
 
     Args:
         content: Of the file.
-        given: The objects that were not stored, by name.
+        given: The objects that were not stored, by name; the file may hold no others of their classes.
 
     Raises:
         InputError: The content is damaged, of another format, or names a class that is not of the project.
@@ -123,7 +124,7 @@ class _Writer:
             return ["path", str(value)]
         kind = type(value)
         name = f"{kind.__module__}:{kind.__qualname__}"
-        if kind.__module__.split(".")[0] not in PACKAGES or isinstance(value, type):
+        if not _ours(kind.__module__) or isinstance(value, type):
             raise InputError(f"an object of class {name} cannot be kept in a file")
         if isinstance(value, Enum):
             return ["enum", name, value.name]
@@ -246,6 +247,8 @@ class _Reader:
 
     def _object(self, index: int, name: str, state: Any) -> None:
         cls = _class(name, object)
+        if cls in map(type, self._given.values()):
+            raise InputError(f"it holds a {name}, which only the reader may supply")
         made = self._made[index] = cls.__new__(cls)
         found = self.value(state)
         if hasattr(cls, "__setstate__"):
@@ -257,10 +260,15 @@ class _Reader:
                 object.__setattr__(made, key, item)
 
 
+def _ours(module: str) -> bool:
+    """Whether objects of the classes of a module may be stored: the project's, and plug-ins that are in use."""
+    return module.split(".")[0] in PACKAGES or plugins.holds(module)
+
+
 def _class(name: str, kind: Any) -> Any:
     """A class of the project by "module:name"."""
     module, _, path = name.partition(":")
-    if module.split(".")[0] not in PACKAGES:
+    if not _ours(module):
         raise InputError(f"it names {name}, which is not a class of surefoot")
     found: Any = importlib.import_module(module)
     for part in path.split("."):

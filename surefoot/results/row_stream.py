@@ -1,6 +1,6 @@
 """Tables that are written row by row during a run, so that memory does not grow with its length.
 
-A stream writes to a temporary file and renames it when it is closed. It can be pickled into a checkpoint; the
+A stream writes to a temporary file and renames it when it is closed. It can be kept in a checkpoint; the
 restored stream truncates the file to the row of the checkpoint and continues there.
 """
 
@@ -11,6 +11,7 @@ import io
 import json
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from .formats import cell, plain_json, refuse
@@ -28,13 +29,21 @@ class RowStream:
             name: File name.
             header: Names of the columns.
         """
-        self._place = folder.path(name)
+        self._folder = folder
+        self._name = name
         self._columns = len(header)
-        self._part = self._place.with_name(f"{PART}{name}")
         self._file: Any = None
         self.rows = 0
         self._open("wb")
         self._put(",".join(header) + "\n")
+
+    @property
+    def _place(self) -> Path:
+        return self._folder.path(self._name)
+
+    @property
+    def _part(self) -> Path:
+        return self._folder.path(f"{PART}{self._name}")
 
     def append(self, row: Sequence[object]) -> None:
         """Write one row.

@@ -24,6 +24,7 @@ import numpy as np
 from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.gaussian import Gaussian
 
+from . import run_lock
 from .formats import cell, parse_json_lines, plain_json, refuse, tum_line
 from .tables import Table, Trajectory, read_table, read_tum
 
@@ -51,7 +52,7 @@ _OUTPUTS = (  # files and folders that a repeated run deletes before it starts
     "graph.g2o", "layers.npz", "panorama.json", "panorama.npz", "panorama.ply", "panorama_obstacles.png",
     "monocular.json", "figures", "views", "truth",
 )  # fmt: skip
-_OUTPUT_PATTERNS = (f"{PART}*", "stages-*.png", ".map-*.*", ".cloud-*.ply", ".checkpoint*.pickle")
+_OUTPUT_PATTERNS = (f"{PART}*", "stages-*.png", ".map-*.*", ".cloud-*.ply", ".checkpoint*")
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class RunFolder:
             OutputError: The path holds other files or the recording that is read, or cannot be written.
         """
         if path is None:
-            return RunFolder(_next_free(Path("runs"), name))
+            return RunFolder.held(_next_free(Path("runs"), name))
         if reads is not None and _within(reads, path):
             raise OutputError(
                 f"output folder {path} holds the recording that is read ({reads}); choose another --out"
@@ -90,12 +91,28 @@ class RunFolder:
                     "choose another --out, or empty it"
                 )
             path.mkdir(parents=True, exist_ok=True)
+            (path / MARK).write_text("1\n", encoding="utf-8")
+            folder = RunFolder.held(path)
             if taken:
                 _clear(path)
-            (path / MARK).write_text("1\n", encoding="utf-8")
         except OSError as error:
             refuse(error, path)
-        return RunFolder(path)
+        return folder
+
+    @staticmethod
+    def held(path: Path) -> RunFolder:
+        """A run folder that exists, for the one process that writes into it.
+
+        Raises:
+            OutputError: Another process writes into it, or it is no run folder.
+        """
+        folder = RunFolder(path)
+        if not folder.has(MARK):
+            raise OutputError(
+                f"{path} is not the folder of a run of surefoot; choose another --out"
+            )
+        run_lock.hold(folder, path / MARK)
+        return folder
 
     @staticmethod
     def open(path: Path) -> RunFolder:

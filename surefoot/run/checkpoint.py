@@ -1,26 +1,33 @@
 """Checkpoints: a run that was killed or interrupted resumes at the last one and gives the same bits.
 
 A checkpoint holds everything that lives from frame to frame: pose source, tracks, maps, random generators, and the
-length of each table. After an interrupt, which closes the tables, it holds their rows too.
+length of each table. Before the tables are closed, at the end of a run or after an interrupt, they are copied, so that
+a run resumes from there too. A checkpoint holds values only (`results.object_file`); reading one runs no code of it.
 """
 
 from __future__ import annotations
 
 import importlib.metadata
 import os
-import pickle
+import shutil
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
-from perception.primitives.errors import InputError, OutputError
+from perception.obstacles.tracker import ObstacleTracker
+from perception.primitives.errors import InputError
 
+from ..config import toml
 from ..config.schema import Config
+from ..results import object_file
 from ..results.camera_trajectory import CameraTrajectory
+from ..results.formats import refuse
+from ..results.run_folder import PART, RunFolder
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
 
-NAME = ".checkpoint.pickle"
+NAME = ".checkpoint"
+TABLES = ".checkpoint-tables"  # folder with the tables as they were when the run began to close
 EVERY_S = 20.0  # ours: writing takes some ten milliseconds
 STALE = ("trajectory.txt", "summary.json", "metrics.json", "report.html")
 """Results of an interrupted run that do not hold for the resumed one."""
@@ -41,29 +48,13 @@ class State:
     camera: CameraTrajectory
 
 
-@dataclass(frozen=True)
-class Checkpoint:
-    """A run after some frames.
-
-    Args:
-        version: Of the program.
-        config: Configuration of the run.
-        state: The pickled `State`.
-        tables: Content of the unfinished tables by file name, where they were closed afterwards.
-    """
-
-    version: str
-    config: Config
-    state: bytes
-    tables: dict[str, bytes] = field(default_factory=dict)
-
-
 class Keeper:
     """Writes checkpoints into a run folder."""
 
-    def __init__(self, root: Path, config: Config) -> None:
-        self._root = root
-        self._config = config
+    def __init__(self, folder: RunFolder, config: Config, recording: str) -> None:
+        """`recording` is the identity of the recording."""
+        self._folder = folder
+        self._made_by = _made_by(config, recording)
         self._last_s = time.monotonic()
 
     def __call__(self, state: State) -> None:
@@ -73,64 +64,89 @@ class Keeper:
             OutputError: The disk is full.
         """
         if time.monotonic() - self._last_s >= EVERY_S:
-            self._write(state, {})
+            self._write(state)
             self._last_s = time.monotonic()
 
-    def interrupt(self, state: State) -> None:
-        """Write a checkpoint from which the run can resume although its tables are closed next."""
-        pickle.dumps(state)  # flushes the tables
-        parts = (part for part in self._root.glob(".part-*") if part.is_file())
-        self._write(state, {part.name: part.read_bytes() for part in parts})
+    def before_closing(self, state: State) -> None:
+        """Write a checkpoint from which the run can resume although its tables are closed next.
+
+        Raises:
+            OutputError: The disk is full.
+        """
+        self._write(state)
+        with self._folder.staged() as stage:
+            for part in filter(Path.is_file, self._folder.root.glob(f"{PART}*")):
+                target = stage / TABLES / part.name
+                target.parent.mkdir(exist_ok=True)
+                shutil.copyfile(part, target)
 
     def done(self) -> None:
         """Delete the checkpoint of a complete run."""
-        (self._root / NAME).unlink(missing_ok=True)
+        (self._folder.root / NAME).unlink(missing_ok=True)
+        shutil.rmtree(self._folder.root / TABLES, ignore_errors=True)
+        for left in self._folder.root.glob(f"{PART}*"):  # by writers that were killed
+            shutil.rmtree(left) if left.is_dir() else left.unlink()
 
-    def _write(self, state: State, tables: dict[str, bytes]) -> None:
-        pickled = pickle.dumps(state, protocol=pickle.HIGHEST_PROTOCOL)
-        kept = Checkpoint(_version(), self._config, pickled, tables)
-        part = self._root / f"{NAME}-{os.getpid()}.pickle"
-        try:
-            part.write_bytes(pickle.dumps(kept, protocol=pickle.HIGHEST_PROTOCOL))
-            os.replace(part, self._root / NAME)
-        except OSError as error:
-            part.unlink(missing_ok=True)
-            raise OutputError(f"{part}: the checkpoint cannot be written: {error}") from error
+    def _write(self, state: State) -> None:
+        content = object_file.dumps(state, {"folder": self._folder})
+        kept = {"made_by": self._made_by, "state": content}
+        self._folder.write_bytes(NAME, object_file.dumps(kept))
 
 
-def load(root: Path, config: Config) -> State | None:
+def load(folder: RunFolder, config: Config, recording: str) -> State | None:
     """The latest checkpoint of a run folder; None if there is none or the run is complete.
 
-    Load only folders that this program wrote: a checkpoint is a pickle, which can execute code.
+    Args:
+        folder: Of the run.
+        config: Configuration of the run.
+        recording: Identity of its recording.
 
     Raises:
-        InputError: It was made by another version or with another configuration, or is damaged.
+        InputError: It was made by another version, with another configuration or of another recording, or is damaged.
+        OutputError: The tables cannot be written.
     """
-    path = root / NAME
+    path = folder.root / NAME
     if not path.is_file():
         return None
     try:
-        kept = pickle.loads(path.read_bytes())
-        if not isinstance(kept, Checkpoint) or kept.version != _version():
-            raise InputError(f"{path}: made by another version of surefoot; run without --resume")
-        if kept.config != config:
-            raise InputError(
-                f"{path}: made with another configuration; give the same, or run without --resume"
-            )
-        for name, content in kept.tables.items():
-            (root / name).write_bytes(content)
-        for name in STALE:
-            (root / name).unlink(missing_ok=True)
-        state = pickle.loads(kept.state)
-    except InputError:
-        raise
-    except Exception as error:  # a damaged pickle can raise anything
-        raise InputError(
-            f"{path}: the checkpoint cannot be read ({type(error).__name__}: {error}); run without --resume"
-        ) from error
-    assert isinstance(state, State)
+        kept = object_file.loads(path.read_bytes())
+        for name, value in _made_by(config, recording).items():
+            if kept["made_by"][name] != value:
+                raise InputError(f"it was made {_OTHERS[name]}")
+        _restore_tables(folder)
+        ObstacleTracker(
+            config.tracker
+        )  # loads the user's motion model, whose tracks the state may hold
+        state = object_file.loads(kept["state"], {"folder": folder})
+    except (InputError, OSError, KeyError, TypeError) as error:
+        raise InputError(f"{path}: cannot resume: {error}; run without --resume") from error
+    if not isinstance(state, State):
+        raise InputError(f"{path}: cannot resume: it holds no state; run without --resume")
+    shutil.rmtree(folder.root / TABLES, ignore_errors=True)
     return state
 
 
-def _version() -> str:
-    return importlib.metadata.version("surefoot")
+_OTHERS = {
+    "version": "by another version of surefoot",
+    "config": "with another configuration",
+    "recording": "of another recording",
+}
+
+
+def _made_by(config: Config, recording: str) -> dict[str, str]:
+    """What a checkpoint must agree with."""
+    version = importlib.metadata.version("surefoot")
+    return {"version": version, "config": toml.dumps(config), "recording": recording}
+
+
+def _restore_tables(folder: RunFolder) -> None:
+    """Put back the tables that were copied before closing, and delete what the resumed run writes anew."""
+    for copy in sorted((folder.root / TABLES).glob("*")):
+        try:
+            part = folder.root / f"{copy.name}-copy"
+            shutil.copyfile(copy, part)
+            os.replace(part, folder.root / copy.name)
+        except OSError as error:
+            refuse(error, folder.root)
+    for name in STALE:
+        (folder.root / name).unlink(missing_ok=True)

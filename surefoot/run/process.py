@@ -11,6 +11,7 @@ from perception.odometry.odometry_poses import OdometryPoses
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
+from ..recordings.identity import identity
 from ..recordings.robot_log import robot_files
 from ..recordings.without_poses import WithoutPoses, open_input
 from ..results.camera_trajectory import CameraTrajectory, write_poses
@@ -56,16 +57,19 @@ def process(
     if not config.reader and description is None and robot_files(path):
         return process_log(path, config, out, say)
     recording = open_input(path, description, config.ignore_poses, config.reader)
-    state = checkpoint.load(out, config) if resume and out is not None else None
-    if state is None or out is None:
+    recorded = identity(path, description, out)
+    state = None
+    if resume and out is not None and out.is_dir():
+        folder = RunFolder.held(out)
+        state = checkpoint.load(folder, config, recorded)
+    if state is None:
         folder = RunFolder.create(out, name=recording.info.name, reads=path)
         recorder = RunRecorder(folder, config, recording.info, (), str(path))
         state = State(Pipeline(config, recording.info), recorder, CameraTrajectory())
     else:
-        folder = RunFolder(out)
         say(f"resuming after frame {state.recorder.frames}")
     pipeline, recorder, camera = state.pipeline, state.recorder, state.camera
-    keeper = checkpoint.Keeper(folder.root, config)
+    keeper = checkpoint.Keeper(folder, config, recorded)
     body = Playback(recording, skip=recorder.frames)
     source = pipeline.pose_source
     interrupted = False
@@ -83,8 +87,7 @@ def process(
             f"{path}: none of its frames could be used ({_reasons(recording)}); "
             "check that this is the right folder and that its depth images open"
         )
-    if interrupted:
-        keeper.interrupt(state)
+    keeper.before_closing(state)
     if isinstance(recording, WithoutPoses):
         write_poses(folder, "truth/trajectory.txt", recording.poses.items())
     else:

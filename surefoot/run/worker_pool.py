@@ -7,7 +7,9 @@ they give up all tasks.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from multiprocessing.connection import Connection, wait
@@ -49,7 +51,7 @@ def run_all(
     """Run a function on many tasks, side by side.
 
     Args:
-        function: A function of a module, with arguments and a result that can be pickled.
+        function: A function of a module, with arguments and a result that processes can exchange.
         tasks: Arguments of each call.
         workers: Number of processes.
         deaths: How many workers a task may kill before it is given up.
@@ -91,8 +93,21 @@ def run_all(
             worker.process.join()
 
 
+def end_with_parent() -> None:
+    """In a worker: end this process soon after its parent has died, by whatever signal."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait_for_the_end() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait_for_the_end, daemon=True).start()
+
+
 def _serve(connection: Connection, function: Callable[..., Any]) -> None:
     """The loop of a worker; the parent alone handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     while True:
         connection.send(function(*connection.recv()))

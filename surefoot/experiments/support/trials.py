@@ -26,6 +26,7 @@ from perception.primitives import plugins
 from perception.primitives.errors import InputError
 
 from ...results import object_file
+from ...run.worker_pool import end_with_parent
 from .experiment import Say
 
 WORKERS = os.cpu_count() or 2
@@ -70,7 +71,9 @@ def run_trials(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Itera
     """
     cache_folder = _usable_cache(_CACHE.get())
     places = [_result_path(cache_folder, work, task) for task in todo]
-    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(
+        WORKERS, mp_context=get_context("spawn"), initializer=end_with_parent
+    ) as pool:
         waiting: list[Any] = []
         for task, place in zip(todo, places, strict=True):
             done = _stored(place) if cache_folder is not None and cache_folder.resume else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import pickle
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,6 +12,7 @@ from perception.odometry.pose_uncertainty import error_transport
 from perception.primitives.pose import Pose3
 from perception.smoothing.factors import turned_covariance
 from surefoot.evaluation.metrics.gauge_alignment import errors_in_space
+from surefoot.results import object_file
 from surefoot.results.camera_trajectory import CameraTrajectory, aligned_covariances
 from surefoot.results.run_folder import RunFolder
 from surefoot.results.tables import Trajectory
@@ -76,7 +76,7 @@ def test_poses_are_written_in_the_map_frame_from_the_first_frame_on(tmp_path):
     for k, pose in enumerate(walk(None)):
         trajectory.append(float(k), CameraPose(pose, shared[k], of_view))
     upright = Pose3.from_rotation(Rotation.from_euler("x", 0.5).as_matrix(), np.array([0, 0, 1.0]))
-    pickle.loads(pickle.dumps(trajectory)).write(folder, upright)
+    object_file.loads(object_file.dumps(trajectory)).write(folder, upright)
     found = folder.read_trajectory("trajectory.txt")
     expected = [upright @ pose for pose in walk(None)]
     np.testing.assert_array_equal(found.positions, [pose.translation for pose in expected])

@@ -1,67 +1,218 @@
-"""A run that is killed goes on where it was, to the same bits."""
+"""A run that is killed, at whatever moment, goes on where it was, to the same bits; or is refused with the reason."""
 
 from __future__ import annotations
 
 import dataclasses
+import os
+import pickle
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from perception.primitives.errors import InputError
+from perception.primitives.errors import InputError, OutputError
 from surefoot.config.schema import Config
+from surefoot.recordings.identity import identity
+from surefoot.results import object_file, run_folder
+from surefoot.results.run_folder import RunFolder
 from surefoot.run import checkpoint, process
 
 WALK = Path(__file__).parents[3] / "data" / "walk"
-SAME = (
-    "trajectory.txt", "trajectory_covariance.csv", "floor.csv", "map.pgm", "obstacles.json",
-    "innovations.csv", "odometry.csv", "sightings.csv", "cloud.ply",
-)  # fmt: skip
+FRAMES = 3  # of the short recording
+DIFFERENT = ("timing.csv", "summary.json", "config.toml", ".surefoot-run")
+"""Files that name times or the folder itself."""
 
 
 class Killed(BaseException):
     """As SIGKILL would, without a chance to tidy up."""
 
 
-@pytest.mark.usefixtures("without_report")
-def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, monkeypatch):
-    quiet = lambda text: None  # noqa: E731
-    process.process(WALK, None, Config(), tmp_path / "whole", quiet)
-    monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
+def quiet(text):
+    pass
+
+
+def killing(at):
+    """A call that is killed the `at`-th time, counted from 1."""
     count = 0
 
-    def kill_later(text):
+    def call(*_):
         nonlocal count
         count += 1
-        if count == 20:
+        if count == at:
             raise Killed
 
+    return call
+
+
+def cut_at(folder, frame, recording=WALK):
     with pytest.raises(Killed):
-        process.process(WALK, None, Config(), tmp_path / "cut", kill_later)
+        process.process(recording, None, Config(), folder, killing(frame))
+
+
+def resumed(folder, recording=WALK):
+    said = []
+    process.process(recording, None, Config(), folder, said.append, resume=True)
+    return said
+
+
+def contents(folder):
+    files = (file for file in folder.rglob("*") if file.is_file() and file.name not in DIFFERENT)
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A few frames of the walk, as a recording."""
+    from surefoot.recordings.codec import encode
+    from surefoot.recordings.mcap_format import RecordingWriter
+    from surefoot.recordings.open import open_recording
+
+    path = tmp_path_factory.mktemp("short") / "recording.mcap"
+    walk = open_recording(WALK)
+    with RecordingWriter(path, walk.info) as writer:
+        for number, frame in enumerate(walk.frames()):
+            if number == FRAMES:
+                break
+            writer.write(encode(frame))
+    return path
+
+
+@pytest.mark.usefixtures("without_report")
+def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, monkeypatch):
+    process.process(WALK, None, Config(), tmp_path / "whole", quiet)
+    monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
+    cut_at(tmp_path / "cut", 20)
     with next((tmp_path / "cut").glob(".part-floor*")).open("a") as torn:
         torn.write("half a row that was written after the checkp")
-    said = []
-    process.process(WALK, None, Config(), tmp_path / "cut", said.append, resume=True)
-    assert said[0] == "resuming after frame 20"
-    for name in SAME:
-        assert (tmp_path / "cut" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes(), (
-            name
-        )
-    assert not list((tmp_path / "cut").glob(".part-*"))
+    assert resumed(tmp_path / "cut")[0] == "resuming after frame 20"
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+    assert "terrain.npz" in contents(tmp_path / "cut")
     assert not list((tmp_path / "cut").glob(".checkpoint*"))
 
 
-def test_a_checkpoint_of_another_configuration_is_refused(tmp_path, monkeypatch):
+@pytest.mark.usefixtures("without_report")
+def test_a_run_that_was_killed_while_closing_resumes_too(short, tmp_path, monkeypatch):
+    process.process(short, None, Config(), tmp_path / "whole", quiet)
+    whole = contents(tmp_path / "whole")
+    replace, phase = os.replace, 0
+    while True:  # killed before each renaming after the last frame, until the run completes
+        phase += 1
+        folder = tmp_path / str(phase)
+        said: list[str] = []
+
+        def renamed(source, target, said=said, dying=killing(phase)):  # noqa: B008
+            if len(said) == FRAMES:
+                dying()
+            replace(source, target)
+
+        monkeypatch.setattr(run_folder.os, "replace", renamed)
+        try:
+            process.process(short, None, Config(), folder, said.append)
+            break
+        except Killed:
+            pass
+        finally:
+            monkeypatch.setattr(run_folder.os, "replace", replace)
+        resumed(folder, short)
+        assert contents(folder) == whole, phase
+    assert phase > 15
+
+
+@pytest.mark.usefixtures("without_report")
+def test_the_filters_of_filterpy_resume_too(short, tmp_path, monkeypatch):
+    config = dataclasses.replace(
+        Config(),
+        localiser=dataclasses.replace(Config().localiser, engine="filterpy"),
+        tracker=dataclasses.replace(Config().tracker, motion_model="filterpy", hits_to_show=1),
+    )
+    process.process(short, None, config, tmp_path / "whole", quiet)
     monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
-
-    def kill(text):
-        raise Killed
-
     with pytest.raises(Killed):
-        process.process(WALK, None, Config(), tmp_path / "cut", kill)
+        process.process(short, None, config, tmp_path / "cut", killing(2))
+    process.process(short, None, config, tmp_path / "cut", quiet, resume=True)
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+
+
+@pytest.fixture(scope="module")
+def cut(short, tmp_path_factory):
+    """A killed run with a checkpoint."""
+    folder = tmp_path_factory.mktemp("cut") / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "EVERY_S", 0.0)
+        cut_at(folder, 2, short)
+    return RunFolder(folder)
+
+
+def test_a_checkpoint_of_something_else_is_refused(cut, short, tmp_path, monkeypatch):
+    recorded = identity(short)
     other = dataclasses.replace(Config(), seed=1)
-    with pytest.raises(InputError, match="another configuration"):
-        checkpoint.load(tmp_path / "cut", other)
-    (tmp_path / "cut" / checkpoint.NAME).write_bytes(b"no pickle")
-    with pytest.raises(InputError, match="cannot be read"):
-        checkpoint.load(tmp_path / "cut", Config())
-    assert checkpoint.load(tmp_path, Config()) is None
+    with pytest.raises(InputError, match="made with another configuration; run without --resume"):
+        checkpoint.load(cut, other, recorded)
+    with pytest.raises(InputError, match="made of another recording"):
+        checkpoint.load(cut, Config(), identity(WALK))
+    monkeypatch.setattr(checkpoint.importlib.metadata, "version", lambda name: "0.0.1")
+    with pytest.raises(InputError, match="made by another version"):
+        checkpoint.load(cut, Config(), recorded)
+    assert checkpoint.load(RunFolder(tmp_path), Config(), recorded) is None
+
+
+class Dangerous:
+    def __reduce__(self):
+        return (os.abort, ())
+
+
+def test_a_forged_checkpoint_is_refused_and_runs_no_code(cut, short, tmp_path):
+    recorded = identity(short)
+    forged = RunFolder.create(tmp_path / "forged")
+    whole = (cut.root / checkpoint.NAME).read_bytes()
+    made_by = object_file.loads(whole)["made_by"]
+    for content in (
+        pickle.dumps(Dangerous()),
+        whole[:-5],
+        object_file.dumps({"made_by": made_by}),
+        object_file.dumps({"made_by": made_by, "state": object_file.dumps(Config())}),
+        object_file.dumps({"made_by": made_by, "state": object_file.dumps([RunFolder(Path("/"))])}),
+        object_file.dumps([]),
+    ):
+        (forged.root / checkpoint.NAME).write_bytes(content)
+        with pytest.raises(InputError, match="cannot resume"):
+            checkpoint.load(forged, Config(), recorded)
+
+
+def test_two_processes_do_not_write_into_one_folder(tmp_path):
+    folder = RunFolder.create(tmp_path / "run")
+    folder.write_text("trajectory.txt", "kept")
+    code = f"""
+from pathlib import Path
+from surefoot.results.run_folder import RunFolder
+RunFolder.create(Path({str(folder.root)!r}))
+"""
+    other = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert "another process writes into" in other.stderr
+    assert folder.has("trajectory.txt")
+    again = RunFolder.create(tmp_path / "run")
+    del folder, again
+    assert not subprocess.run([sys.executable, "-c", code], check=False).returncode
+    with pytest.raises(OutputError, match="not the folder of a run"):
+        RunFolder.held(tmp_path)
+
+
+def test_recordings_are_told_apart(short, tmp_path):
+    moved = tmp_path / "elsewhere" / "recording.mcap"
+    moved.parent.mkdir()
+    moved.write_bytes(short.read_bytes())
+    assert identity(moved) == identity(short) == identity(moved.parent)
+    moved.write_bytes(short.read_bytes()[:-1])
+    assert identity(moved) != identity(short)
+    folder = tmp_path / "images"
+    (folder / "run").mkdir(parents=True)
+    (folder / "a.png").write_bytes(b"one")
+    first = identity(folder, None, folder / "run")
+    (folder / "run" / "trajectory.txt").write_text("of a run")
+    assert identity(folder, None, folder / "run") == first
+    assert identity(folder) != first
+    (folder / "a.png").write_bytes(b"two")
+    assert identity(folder, None, folder / "run") != first

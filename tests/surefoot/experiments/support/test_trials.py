@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import logging
 import operator
+import os
 import secrets
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 from surefoot.experiments.support.trials import ResultCache, cached, run_all, run_trials
 
+ROOT = str(Path(__file__).parents[4])
 SIZES = [(size,) for size in (3, 5, 7, 9)]
 
 
@@ -64,3 +70,37 @@ def test_a_study_runs_even_if_its_results_cannot_be_stored(tmp_path, caplog):
     ):
         assert list(run_trials(operator.add, [(2, 3)])) == [5]
     assert "not stored" in caplog.text
+
+
+def test_workers_end_with_a_parent_that_was_killed(tmp_path):
+    script = tmp_path / "study.py"
+    script.write_text(
+        "import os, time\n"
+        "from pathlib import Path\n"
+        "from surefoot.experiments.support.trials import run_trials\n"
+        "def work(folder):\n"
+        "    (Path(folder) / str(os.getpid())).touch()\n"
+        "    time.sleep(600)\n"
+        "if __name__ == '__main__':\n"
+        f"    list(run_trials(work, [({str(tmp_path)!r},)] * 2))\n"
+    )
+    study = subprocess.Popen([sys.executable, str(script)], env={**os.environ, "PYTHONPATH": ROOT})
+    until(lambda: list(tmp_path.glob("[0-9]*")))
+    study.kill()
+    study.wait()
+    until(lambda: not any(alive(int(file.name)) for file in tmp_path.glob("[0-9]*")))
+
+
+def until(happened, seconds=60.0):
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def alive(process):
+    """Whether it runs; a zombie, which nobody waits for, does not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
