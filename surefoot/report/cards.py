@@ -141,6 +141,8 @@ def _perception(metrics: dict[str, Any]) -> list[Card]:
 
 def _obstacles(metrics: dict[str, Any]) -> list[Card]:
     listed = []
+    movers = int(metrics.get("moving_obstacle_count") or 0)
+    of_movers = f"of {movers} mover{'' if movers == 1 else 's'}"
     if metrics.get("moving_obstacle_anees") is not None:
         low, high = (metrics[f"moving_obstacle_anees_{side}"] for side in ("low", "high"))
         shown = f"{metrics['moving_obstacle_anees']:.2f}"
@@ -148,8 +150,8 @@ def _obstacles(metrics: dict[str, Any]) -> list[Card]:
         note = f"consistent: {low:.2f} to {high:.2f}"
         listed.append(Card("Mean NEES of moving obstacles", shown, note, met))
     for figure, name, shown, note in (
-        ("moving_obstacle_tracked_share", "Moving obstacles tracked", "{:.0%}", "of the instants; at least 80 %"),
-        ("ospa_m", "Moving obstacles, OSPA", "{:.2f} m", "at most 0.25 m of 0.5 m"),
+        ("moving_obstacle_tracked_share", "Moving obstacles tracked", "{:.0%}", f"{of_movers}, in sight or not; at least 80 %"),
+        ("ospa_m", "Moving obstacles, OSPA", "{:.2f} m", f"{of_movers}; at most 0.25 m of 0.5 m"),
         ("poses_in_footprints", "Own poses in footprints", "{:.0f}", "of obstacles; none"),
         ("footprint_iou_median", "Footprints, IoU", "{:.2f}", "median, seen from two sides; at least 0.8"),
     ):  # fmt: skip

@@ -184,9 +184,10 @@ def _section(identity: str, title: str, sentence: str, body: str) -> str:
 
 
 def _slider(title: str, sentence: str, shots: Sequence[tuple[str, str]]) -> str:
-    """Pictures of several instants, as (label, HTML); starts in the middle, where a view is rarely empty."""
+    """Pictures of several instants, as (label, HTML); starts with those of most detail, which compress least."""
     if not shots:
         return ""
+    first = max(range(len(shots)), key=lambda k: len(shots[k][1]))
     listed = "\n".join(
         f'<div class="shot" data-label="{html.escape(label)}">{figures}</div>'
         for label, figures in shots
@@ -194,7 +195,7 @@ def _slider(title: str, sentence: str, shots: Sequence[tuple[str, str]]) -> str:
     return (
         f'<section id="views" class="views">\n<h2>{html.escape(title)}</h2>\n<p>{html.escape(sentence)}</p>\n'
         '<div class="slider"><input id="instant" type="range" min="0" '
-        f'max="{len(shots) - 1}" value="{len(shots) // 2}" aria-label="instant">'
+        f'max="{len(shots) - 1}" value="{first}" aria-label="instant">'
         f'<output id="label" for="instant"></output></div>\n{listed}\n</section>'
     )
 

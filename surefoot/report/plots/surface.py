@@ -16,6 +16,7 @@ PIXELS = 520  # along the longer side of a view, as large as the page shows
 PIXEL_M = 0.02  # smallest pixel, as the voxels: a finer image would have gaps between points
 OBLIQUE_DEG = 35.0  # depression angle of the oblique view
 BACKGROUND = 255
+LAYERS_MARGIN_IN = 1.2  # room for titles and scales of the layers
 MARGIN_IN, MOST_IN = 0.7, 6.5  # room for title and labels; largest height of the figure
 
 
@@ -65,7 +66,9 @@ def layers(run: RunFolder) -> Drawn | None:
     if not np.isfinite(height).any():
         return None
     extent = (left, left + cell_m * height.shape[1], bottom, bottom + cell_m * height.shape[0])
-    figure, axes = sheet(1, 3, 3.0, sharey=True)
+    shape = height.shape[0] / height.shape[1]
+    high_in = float(np.clip(LAYERS_MARGIN_IN + shape * WIDTH_IN / 3, 2.2, MOST_IN))
+    figure, axes = sheet(1, 3, high_in, sharey=True)
     low, high = np.nanpercentile(height, (1, 99))
     for one, layer, title, limits in (
         (axes[0], height, "height, m", (low, high)),

@@ -17,7 +17,9 @@ from ...evaluation.metrics.trajectory import associate, wrapped
 from ...results.run_folder import ERRORS, RunFolder
 from .style import ESTIMATE, FAINT, SERIES, TRUTH, WRONG, Drawn, bound, legend, sheet
 
-OUTLIER = 2.0  # ours: frames that take longer than this multiple of the 95th percentile are cut off
+OUTLIER = (
+    2.0  # ours: frames that take longer than this multiple of the 95th percentile are not drawn
+)
 
 
 def pose_errors(run: RunFolder) -> Drawn | None:
@@ -175,7 +177,8 @@ def tracks(run: RunFolder) -> Drawn | None:
         apart[at] = 100 * np.linalg.norm(errors.errors[chosen, :2], axis=1)
         true_velocity = velocities[rows][np.searchsorted(stamps[rows], errors.stamps[chosen])]
         estimated[at] = 100 * np.linalg.norm(true_velocity + errors.errors[chosen, 2:], axis=1)
-        axes[0].plot(every - every[0], apart, color=colour, label=identity)
+        label = f"mover {identity}" if identity.isdigit() else identity
+        axes[0].plot(every - every[0], apart, color=colour, label=label)
         axes[1].plot(every - every[0], estimated, color=colour)
     axes[0].set(ylabel="position error, cm", ylim=(0, None))
     axes[1].set(ylabel="speed, cm/s", xlabel="time, s", ylim=(0, None))
@@ -228,15 +231,14 @@ def timing(run: RunFolder) -> Drawn | None:
         rows["other stages"] = np.sum([columns[name] for name in rest], axis=0)
     seconds = _since_start(table.numbers("stamp_s"))[1:]
     total = np.sum(list(rows.values()), axis=0)
-    limit = OUTLIER * float(np.percentile(total, 95))  # later compilations do not set the scale
+    limit = OUTLIER * float(np.percentile(total, 95))  # a stage compiles when it first runs
     outliers = int(np.count_nonzero(total > limit))
     figure, axes = sheet(1, 2, 2.9, width_ratios=(3, 2))
-    axes[0].stackplot(seconds, list(rows.values()), colors=SERIES[: len(rows)], lw=0, alpha=0.8)
+    usual = [np.where(total > limit, np.nan, values) for values in rows.values()]
+    axes[0].stackplot(seconds, usual, colors=SERIES[: len(rows)], lw=0, alpha=0.8)
     axes[0].set(xlabel="time, s", ylabel="ms per frame")
     if seconds[-1] > seconds[0]:
         axes[0].set_xlim(seconds[0], seconds[-1])
-    if outliers:
-        axes[0].set_ylim(0.0, limit)
     for i, values in enumerate(rows.values()):
         low, middle, high = np.percentile(values, (5, 50, 95))
         axes[1].plot((low, high), (i, i), color=SERIES[i], linewidth=3.5, alpha=0.45)
@@ -255,7 +257,7 @@ def timing(run: RunFolder) -> Drawn | None:
         "95 % (line). The first frame is left out, because it includes compilation"
     )
     if outliers:
-        sentence += f"; {outliers} more frame{'s exceed' if outliers > 1 else ' exceeds'} the scale on the left"
+        sentence += f"; on the left, so are others that took over {limit:.0f} ms ({outliers})"
     return Drawn(figure, f"{sentence}.")
 
 

@@ -20,6 +20,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.plane import Plane
 from surefoot.evaluation.evaluate import evaluate
 from surefoot.report.page import write_report
+from surefoot.report.plots import time_series
 from surefoot.report.plots.pictures import pictures
 from surefoot.results.row_stream import RowStream
 from surefoot.results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
@@ -529,3 +530,31 @@ def test_text_from_files_is_escaped(run, tmp_path, undrawn):
     assert "<script>alert" not in text
     assert "<img src=http" not in text
     assert "skipped 2: &lt;b&gt;" in text
+
+
+def test_the_card_of_moving_obstacles_counts_them(run):
+    assert "of 2 movers" in run.path("report.html").read_text()
+
+
+def test_frames_that_compiled_are_not_in_the_plot_of_computing_time(run, tmp_path):
+    slow = RunFolder(shutil.copytree(run.root, tmp_path / "slow"))
+    lines = slow.path("timing.csv").read_text().splitlines()
+    for number in (1, 60):
+        stamp, _, *rest = lines[number].split(",")
+        lines[number] = ",".join([stamp, "30000.0", *rest])
+    slow.write_text("timing.csv", "\n".join(lines) + "\n")
+    drawn = time_series.timing(slow)
+    assert drawn is not None
+    assert drawn.figure.axes[0].get_ylim()[1] < 200.0
+    assert " ms (1)" in drawn.sentence
+
+
+def test_the_views_start_where_they_show_most(run, tmp_path, undrawn):
+    busy = RunFolder(shutil.copytree(run.root, tmp_path / "busy"))
+    views = busy.read_json("views.json")
+    flat = cv2.imencode(".jpg", np.zeros((288, 360, 3), np.uint8))[1].tobytes()
+    for view in views:
+        if view["stamp"] != views[4]["stamp"]:
+            busy.write_bytes(view["file"], flat)
+    text = write_report(busy).read_text()
+    assert '<input id="instant" type="range" min="0" max="9" value="2"' in text
