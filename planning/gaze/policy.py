@@ -32,7 +32,14 @@ from perception.primitives.settings import setting
 from ..commands import GazeCommand
 from .attention import Attention, AttentionModel, GazeContext
 from .evaluations import EvaluationConfig
-from .selection import FIRST_IMAGE_S, GazeMapConfig, highest_plateau, select, turned
+from .selection import (
+    FIRST_IMAGE_S,
+    DirectionMap,
+    GazeMapConfig,
+    highest_plateau,
+    select,
+    turned,
+)
 from .sweep import TILT_DEG, Sweep
 
 POLICIES = {
@@ -118,6 +125,12 @@ class GazeControl:
         """Whether a survey is under way; the robot should stand meanwhile."""
         return bool(getattr(self.policy, "surveying", False))
 
+    @property
+    def valued(self) -> DirectionMap | None:
+        """The map by which the last gaze was chosen, for viewers; None if it was chosen otherwise."""
+        found = getattr(self.policy, "valued", None)
+        return found if isinstance(found, DirectionMap) else None
+
     def survey(self) -> None:
         """Survey the surroundings again, from the next gaze on, if the policy does so."""
         again = getattr(self.policy, "survey", None)
@@ -188,6 +201,7 @@ class MapGaze(ABC):
         self.map = map_config
         self.robot = robot
         self.present = AHEAD
+        self.valued: DirectionMap | None = None
 
     def next(
         self,
@@ -198,9 +212,10 @@ class MapGaze(ABC):
         known: GazeContext | None = None,
     ) -> GazeCommand:
         """The middle of the highest plateau; straight ahead where nothing has a value."""
-        gaze = AHEAD
+        gaze, self.valued = AHEAD, None
         if known is not None:
             total = self.total(via, obstacles, known)
+            self.valued = DirectionMap(total, self.map.pans, self.map.tilts)
             if total.max() > 0.0:
                 gaze = highest_plateau(total, self.present, self.map)
         self.present = turned(self.present, gaze, self.robot.head)
@@ -228,6 +243,13 @@ class EvaluationGaze:
     def surveying(self) -> bool:
         """Whether the initial survey is under way; the robot should stand meanwhile."""
         return self._sweep.surveying
+
+    @property
+    def valued(self) -> DirectionMap | None:
+        """The gaze map of the last decision; None if another policy made it."""
+        if self.attention is None:
+            return None
+        return DirectionMap(self.attention.total, self._model.config.pans, self._model.config.tilts)
 
     def survey(self) -> None:
         """Survey the surroundings again, from the next gaze on."""

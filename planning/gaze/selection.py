@@ -75,6 +75,20 @@ class GazeMapConfig:
         return _read_only(np.radians(highest + np.arange(steps + 1) * self.step_deg))
 
 
+@dataclass(frozen=True, eq=False)
+class DirectionMap:
+    """A gaze map with its directions.
+
+    Args:
+        values: [pan, tilt].
+        pans, tilts: Of its rows and columns, rad, left and down positive, ascending.
+    """
+
+    values: Float[np.ndarray, "pans tilts"]
+    pans: Float[np.ndarray, "pans"]
+    tilts: Float[np.ndarray, "tilts"]
+
+
 def _read_only(directions: np.ndarray) -> np.ndarray:
     directions.setflags(write=False)
     return directions

@@ -40,7 +40,7 @@ from ..safety.guard import Guard
 from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
 from .panorama_obstacles import REACH_M, STOP_M, obstacle_table
-from .planner import Decision
+from .planner import Decision, Plan
 from .settings import PlanningConfig
 
 LOG = logging.getLogger(__name__)
@@ -200,7 +200,13 @@ class AvoidancePlanner(GoalSeeker):
             return self._face(robot, heading, gaze)
         desired = footsteps.footstep(heading, gait.cruise_mps, robot, gait)
         walk = self._guard.choose(desired, world.pose, movers, cells, goal, world.stamp_s)
-        return Decision(walk, gaze, "walk" if walk == desired else "guard")
+        plan = Plan(
+            goal,
+            steps=self._guard.ahead,
+            risk_m=self._guard.claimed_m,
+            gaze_map=self._gaze.valued,
+        )
+        return Decision(walk, gaze, "walk" if walk == desired else "guard", plan=plan)
 
     def _face(self, robot: Pose2, heading: float, gaze: GazeCommand) -> Decision:
         """Turn towards the blocked path; once there, begin to scan."""
@@ -300,7 +306,9 @@ class AvoidancePlanner(GoalSeeker):
             self._waited = 0
         turned, tilt = (math.pi / 2, INTO_RAD) if leg.gap_m else (math.pi / 4, DOWN_RAD)
         pan = math.copysign(turned, desired.lateral_m) if leg.primitive == "S" else 0.0
-        return Decision(walk, GazeCommand(pan, tilt), self.choices[-1].motion)
+        legs = [[robot.x, robot.y], *([one.target.x, one.target.y] for one in self._legs)]
+        plan = Plan(goal, np.array(legs), risk_m=self._guard.claimed_m)
+        return Decision(walk, GazeCommand(pan, tilt), self.choices[-1].motion, plan=plan)
 
     def _in_the_middle(self, leg: Leg, world: WorldModel) -> Leg:
         """A leg through a gap, shifted to the middle of the gap as seen now."""

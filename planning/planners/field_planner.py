@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -37,7 +38,7 @@ from ..safety.step_filter import StepFilter, Unfiltered
 from ..univector import motion
 from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
-from .planner import Decision
+from .planner import Decision, Plan
 from .settings import PlanningConfig
 
 NEAR_M = 0.8  # ours: farther cells do not reach into the field here
@@ -85,7 +86,10 @@ class FieldPlanner(GoalSeeker):
             why = "walk"
         walk = self._guard.choose(desired, world.pose, obstacles, cells, goal, world.stamp_s)
         self._speed_mps = walk.forward_m / self._robot.gait.step_s
-        return Decision(walk, gaze, why if walk == desired else "guard")
+        plan = Plan(goal, gaze_map=self.gaze.valued)
+        if isinstance(self._guard, Guard):
+            plan = replace(plan, steps=self._guard.ahead, risk_m=self._guard.claimed_m)
+        return Decision(walk, gaze, why if walk == desired else "guard", plan=plan)
 
     def _desired(
         self,

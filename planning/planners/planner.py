@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from ..commands import GazeCommand, WalkCommand
+from ..gaze.selection import DirectionMap
 from ..world_model import WorldModel
 
 
@@ -30,6 +31,25 @@ class ImageTarget:
     pixel: tuple[int, int] | None
 
 
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a planner intends beyond the next step, for viewers; nothing walks by it. World frame, m and rad.
+
+    Args:
+        goal: The present goal; None without one.
+        route: Way points to it, the robot first; empty without a search.
+        steps: Next poses of the body, x, y, yaw, one a step.
+        risk_m: Cost of obstacles on these steps as the guard claims it, m of detour; None without a guard.
+        gaze_map: Worth of the directions, by which the gaze was chosen; None if it was not.
+    """
+
+    goal: Float[np.ndarray, "2"] | None = None
+    route: Float[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2)))
+    steps: Float[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    risk_m: float | None = None
+    gaze_map: DirectionMap | None = None
+
+
 @dataclass(frozen=True)
 class Decision:
     """What the body is asked to do, and why.
@@ -40,6 +60,7 @@ class Decision:
         why: One or two words: "survey", "walk", "guard", "blocked", or a planner's own.
         timing_ms: Wall time of each stage, ms, of planners that measure it.
         image_target: Of planners that choose a pixel.
+        plan: What it intends beyond this step, for viewers; None if it does not say.
     """
 
     walk: WalkCommand
@@ -47,6 +68,7 @@ class Decision:
     why: str
     timing_ms: dict[str, float] = field(default_factory=dict, compare=False)
     image_target: ImageTarget | None = field(default=None, compare=False)
+    plan: Plan | None = field(default=None, compare=False)
 
 
 @runtime_checkable

@@ -35,7 +35,7 @@ from ..search.route import Route
 from ..univector import motion
 from ..world_model import WorldModel
 from .goals import Goals
-from .planner import Decision
+from .planner import Decision, Plan
 from .settings import PlanningConfig
 
 CELL_M = 0.05  # ours: half a cell's diagonal plus the position error of a track
@@ -116,7 +116,20 @@ class SearchPlanner:
                 desired, world.pose, obstacles, standing, target, world.stamp_s
             )
         self._speed_mps = walk.forward_m / self._robot.gait.step_s
-        return Decision(walk, gaze, why if walk == desired else "guard", watch.milliseconds)
+        why = why if walk == desired else "guard"
+        return Decision(walk, gaze, why, watch.milliseconds, plan=self._plan(here, goal))
+
+    def _plan(self, here: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"]) -> Plan:
+        """What is intended beyond the next step."""
+        route = np.vstack([here, self._route.ahead(here)])
+        guarded = self._stepper is self._guard
+        return Plan(
+            goal,
+            route if self._route.path is not None else np.zeros((0, 2)),
+            self._guard.ahead if guarded else np.zeros((0, 3)),
+            self._guard.claimed_m if guarded else None,
+            self.gaze.valued,
+        )
 
     def _goal(self, world: WorldModel) -> Float[np.ndarray, "2"] | None:
         """The present goal, map frame, m; None without one."""

@@ -32,7 +32,7 @@ from ..swarm.ground_memory import GroundMemory
 from ..swarm.objective import Objective
 from ..world_model import WorldModel
 from .goals import Goals, GoalSeeker
-from .planner import Decision, ImageTarget
+from .planner import Decision, ImageTarget, Plan
 from .settings import PlanningConfig
 from .timed_goals import NEAR_GOAL_M, Schedule, TimedGoals
 
@@ -150,12 +150,13 @@ class SwarmPlanner(GoalSeeker):
         place = self._place
         desired, target, why = self._wish(place, robot, goal)
         if not self._settings.guarded:
-            return Decision(desired, gaze, why)
+            return Decision(desired, gaze, why, plan=Plan(goal))
         desired = self._schedule.make_up(desired, goal, robot, world.stamp_s)
         walk = self._guarded(desired, target, goal if why == "walk" else target, world, movers)
         step_m = math.hypot(walk.forward_m, walk.lateral_m)
         self._waits = walk != desired and step_m < WAITS * gait.cruise_mps * gait.step_s
-        return Decision(walk, gaze, why if walk == desired else "guard")
+        plan = Plan(goal, steps=self._guard.ahead, risk_m=self._guard.claimed_m)
+        return Decision(walk, gaze, why if walk == desired else "guard", plan=plan)
 
     def _wish(
         self, place: Float[np.ndarray, "2"] | None, robot: Pose2, goal: Float[np.ndarray, "2"]

@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
-from perception.primitives.pose import Pose2
+from perception.primitives.pose import Pose2, wrap_angle
 from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from ..commands import WalkCommand
@@ -37,6 +37,8 @@ from .guard_settings import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
 from .prediction import MotionPatterns
 
+SHOWN = 6  # steps of a plan that viewers draw
+
 
 class Guard:
     """The guard of one walk; keeps the motion patterns of obstacles and the present plan."""
@@ -47,6 +49,10 @@ class Guard:
         self._present: np.ndarray | None = None  # the plan being walked
         self._last, self._last_s = WalkCommand(), -math.inf
         self._plans = _fixed_plans(config.steps, robot.gait)
+        self.claimed_m = 0.0
+        """Cost of obstacles on the plan chosen last, m of detour."""
+        self.ahead = np.zeros((0, 3))
+        """(n, 3) poses of the body after each of its next steps: x, y, yaw, world frame, m and rad."""
 
     @property
     def cell_distance_m(self) -> float:
@@ -91,9 +97,11 @@ class Guard:
         return [self.patterns.propagated(obstacle, stamp_s) for obstacle in everything]
 
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
-        harm, _ = scene.judge(_desired_plans(desired, self.robot.gait)[:1])
+        wishes = _desired_plans(desired, self.robot.gait)
+        harm, _ = scene.judge(wishes[:1])
         if harm[0] <= constants.PASS_M:
             self._present = None
+            self.claimed_m, self.ahead = float(harm[0]), scene.poses(wishes[0])
             return desired
         plans = self._candidates(desired)
         harm, cost = scene.judge(plans, prune=True)
@@ -101,6 +109,7 @@ class Guard:
             cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]
         best = int(np.argmin(cost))
         self._present = plans[best].copy()
+        self.claimed_m, self.ahead = float(harm[best]), scene.poses(plans[best])
         return desired if best == 0 else scene.step(plans[best])
 
     def _candidates(self, desired: WalkCommand) -> np.ndarray:
@@ -203,6 +212,26 @@ class _Scene:
             return limited_step(gait, 0.0, 0.0, 0.0)
         pose = Pose2(*self._robot.tolist())
         return footstep(math.atan2(dy, dx), forward / gait.step_s, pose, gait)
+
+    def poses(self, plan: np.ndarray) -> Float[np.ndarray, "n 3"]:
+        """The body after each of the first steps of a plan, as the kernel rolls it out, for viewers."""
+        x, y, yaw = self._robot.tolist()
+        found = []
+        for step in range(SHOWN):
+            begins = step < plan[arguments.REPEAT]
+            forward, left, turn = (plan[:3] if begins else plan[4:7]).tolist()
+            if not begins and plan[arguments.PURSUES] > 0.0:
+                dx, dy = (self._target - [x, y]).tolist()
+                error = wrap_angle(math.atan2(dy, dx) - yaw)
+                turn = min(max(error, -self._gait.max_turn_rad), self._gait.max_turn_rad)
+                forward *= max(0.0, math.cos(error - turn))
+                if math.hypot(dx, dy) < 0.5 * plan[arguments.THEN_FORWARD]:
+                    forward = turn = 0.0
+            x += math.cos(yaw) * forward - math.sin(yaw) * left
+            y += math.sin(yaw) * forward + math.cos(yaw) * left
+            yaw = wrap_angle(yaw + turn)
+            found.append((x, y, yaw))
+        return np.array(found)
 
 
 def _desired_plans(desired: WalkCommand, gait: GaitLimits) -> np.ndarray:

@@ -10,6 +10,7 @@ Source: ours; chance constraints by one standard deviation of the relative posit
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -175,6 +176,40 @@ class Hypotheses:
             share = 1.0 - k / pieces  # below 1, ..., 0, ..., -1
             places = seen_at + share * velocity * (unseen + times[:, None])
             self._put(places, self._rest, early, covariances, moves * max(weight, 0.2), self._never)
+
+
+def mixture(
+    obstacle: Obstacle,
+    stamp_s: float,
+    times_s: Sequence[float],
+    patterns: MotionPatterns,
+    config: GuardConfig,
+) -> list[tuple[float, float, Gaussian]]:
+    """Where an obstacle that may move will be: standing, or on its motion pattern; for viewers.
+
+    Args:
+        obstacle: A track at the present time.
+        stamp_s: Present time.
+        times_s: From the present on.
+        patterns: Learnt from the tracks.
+        config: For the random acceleration.
+
+    Returns:
+        Time, probability and position (x, y) with covariance, m, of every hypothesis that planning counts.
+    """
+    moves, going = obstacle.moving, obstacle.gone_straight()
+    found = []
+    if moves < SURE:
+        unseen = max(stamp_s - obstacle.seen_s, 0.0) if moves >= MOVING else 0.0
+        place = obstacle.position - obstacle.velocity * unseen
+        standing = Gaussian(place, obstacle.state.covariance[:2, :2])
+        found += [(t, 1.0 - moves, standing) for t in times_s]
+    if moves > 1.0 - SURE:
+        places = patterns.forecast(going, stamp_s, np.array(times_s, np.float64)).places
+        for t, place in zip(times_s, places, strict=True):
+            ahead = going.after(min(t, SURE_S), config.acceleration_mps2)
+            found.append((t, moves, Gaussian(place, ahead.state.covariance[:2, :2])))
+    return found
 
 
 def _position_sigma(robot: Gaussian, obstacle: Obstacle) -> float:

@@ -29,6 +29,7 @@ from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2, Pose3
 
+from ..foxglove import calibration, frame_id, timestamp, transform
 from .codec import EncodedAmplitude, EncodedDepth, EncodedFrame, EncodedPicture, EncodedStereo
 from .recording import FrameError, RecordingInfo
 
@@ -85,17 +86,6 @@ JSON_TOPICS: dict[str, dict[str, object]] = {
 _WORLD, _BODY = "world", "body"
 
 
-def nanoseconds(stamp_s: float) -> int:
-    """Log time of a stamp; negative times, which MCAP cannot store, become zero."""
-    return max(0, round(stamp_s * 1e9))
-
-
-def timestamp(stamp_s: float) -> Timestamp:
-    """A stamp as a protobuf message."""
-    seconds, rest = divmod(nanoseconds(stamp_s), 10**9)
-    return Timestamp(seconds=seconds, nanos=rest)
-
-
 def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[str, Any]]]:
     """Topics and messages of one frame, `/frame` last."""
     stamp = timestamp(encoded.stamp_s)
@@ -111,7 +101,7 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
     ):
         if image is not None:
             group.append((topic, _raw(image.units, part, stamp)))
-            group.append((f"/{part}/calibration", _calibration(image.camera, part, stamp)))
+            group.append((f"/{part}/calibration", calibration(image.camera, part, stamp)))
             closing["units"][topic] = float(image.units_per_metre)
     if encoded.amplitude is not None:
         group.append(("/tof/amplitude", _raw(encoded.amplitude.units, "tof", stamp)))
@@ -120,11 +110,11 @@ def frame_messages(encoded: EncodedFrame) -> Iterator[tuple[str, Message | dict[
         group.append(("/stereo/left", _compressed(encoded.stereo.left, "stereo", stamp)))
         group.append(("/stereo/right", _compressed(encoded.stereo.right, "stereo", stamp)))
         camera = encoded.stereo.left.camera
-        group.append(("/stereo/calibration", _calibration(camera, "stereo", stamp)))
+        group.append(("/stereo/calibration", calibration(camera, "stereo", stamp)))
         closing["baseline_m"] = float(encoded.stereo.baseline_m)
     if encoded.colour is not None:
         group.append(("/colour/image", _compressed(encoded.colour, "colour", stamp)))
-        group.append(("/colour/calibration", _calibration(encoded.colour.camera, "colour", stamp)))
+        group.append(("/colour/calibration", calibration(encoded.colour.camera, "colour", stamp)))
     transforms = _transforms(encoded, stamp)
     if transforms.transforms:
         group.append(("/tf", transforms))
@@ -209,16 +199,12 @@ def info_from_json(values: Mapping[str, Any], frames: int | None) -> RecordingIn
     )
 
 
-def _frame_id(part: str) -> str:
-    return f"{part}_camera"
-
-
 def _raw(units: np.ndarray, part: str, stamp: Timestamp) -> RawImage:
     height, width = units.shape
     data = units.astype("<u2", copy=False).tobytes()
     return RawImage(
         timestamp=stamp,
-        frame_id=_frame_id(part),
+        frame_id=frame_id(part),
         width=width,
         height=height,
         encoding="16UC1",
@@ -229,22 +215,7 @@ def _raw(units: np.ndarray, part: str, stamp: Timestamp) -> RawImage:
 
 def _compressed(picture: EncodedPicture, part: str, stamp: Timestamp) -> CompressedImage:
     return CompressedImage(
-        timestamp=stamp, frame_id=_frame_id(part), data=picture.data, format=picture.form
-    )
-
-
-def _calibration(camera: Camera, part: str, stamp: Timestamp) -> CameraCalibration:
-    fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
-    return CameraCalibration(
-        timestamp=stamp,
-        frame_id=_frame_id(part),
-        width=camera.width,
-        height=camera.height,
-        distortion_model="plumb_bob" if len(camera.distortion) == 5 else "rational_polynomial",
-        D=list(camera.distortion),
-        K=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
-        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-        P=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        timestamp=stamp, frame_id=frame_id(part), data=picture.data, format=picture.form
     )
 
 
@@ -257,24 +228,15 @@ def _transforms(encoded: EncodedFrame, stamp: Timestamp) -> FrameTransforms:
         "colour": encoded.colour,
     }
     poses = [
-        (_BODY, _frame_id(part), view.T_body_camera)
+        (_BODY, frame_id(part), view.T_body_camera)
         for part, view in views.items()
         if view is not None and view.T_body_camera is not None
     ]
     if encoded.T_world_camera is not None:
         on_body = encoded.depth is None or encoded.depth.T_body_camera is not None
-        child = "given_camera" if on_body else _frame_id("depth")  # a frame has one parent
+        child = "given_camera" if on_body else frame_id("depth")  # a frame has one parent
         poses.append((_WORLD, child, encoded.T_world_camera))
-    return FrameTransforms(transforms=[_transform(*pose, stamp) for pose in poses])
-
-
-def _transform(parent: str, child: str, pose: Pose3, stamp: Timestamp) -> FrameTransform:
-    transform = FrameTransform(timestamp=stamp, parent_frame_id=parent, child_frame_id=child)
-    for name, value in zip("xyz", pose.translation, strict=True):
-        setattr(transform.translation, name, value)
-    for name, value in zip("xyzw", pose.quat_xyzw, strict=True):
-        setattr(transform.rotation, name, value)
-    return transform
+    return FrameTransforms(transforms=[transform(*pose, stamp) for pose in poses])
 
 
 def _pose(transform: FrameTransform) -> Pose3:
@@ -308,7 +270,7 @@ def _depth(
         return None
     camera = _camera(parts[f"/{part}/calibration"])
     return EncodedDepth(
-        _units(parts[topic]), units[topic], camera, poses.get((_BODY, _frame_id(part)))
+        _units(parts[topic]), units[topic], camera, poses.get((_BODY, frame_id(part)))
     )
 
 
@@ -327,7 +289,7 @@ def _picture(
         image.data,
         image.format,
         _camera(parts[f"/{part}/calibration"]),
-        poses.get((_BODY, _frame_id(part))),
+        poses.get((_BODY, frame_id(part))),
     )
 
 

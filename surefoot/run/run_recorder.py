@@ -40,6 +40,7 @@ from ..results.measurement_log import (
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from .loop import Cycle
+from .moment_recorder import MomentRecorder
 from .pipeline import Pipeline
 
 UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # elements of the plane's covariance
@@ -85,6 +86,7 @@ class RunRecorder:
         self._odometry = RowStream(folder, ODOMETRY, ODOMETRY_HEADER)
         self._sightings = RowStream(folder, SIGHTINGS, SIGHTINGS_HEADER)
         self._tracks = JsonStream(folder, "obstacles.json")
+        self._moments = MomentRecorder(folder, config)
         folder.write_text("config.toml", toml.dumps(config))
 
     @property
@@ -122,6 +124,7 @@ class RunRecorder:
             step = (walk.forward_m, walk.lateral_m, walk.turn_rad)
             self._commands.append((stamp, *step, gaze.pan_rad, gaze.tilt_rad, decision.why))
         self._keep_views(frame, estimate, decision)
+        self._moments.note(cycle)
 
     def keep_picture(self, stamp_s: float, name: str, png: bytes) -> None:
         """Add a PNG picture to the report."""
@@ -219,9 +222,11 @@ class RunRecorder:
         self._poses.close(keep_empty=False)
         if self._poses.rows and not self._folder.has("trajectory.txt"):  # that of a camera in space
             self._folder.write_planar_trajectory()
+        footprints = pipeline.footprints()
         self._tracks.close_into(
-            "tracks", {"footprints": [footprint_entry(one) for one in pipeline.footprints()]}
+            "tracks", {"footprints": [footprint_entry(one) for one in footprints]}
         )
+        self._moments.finish(tuple(footprints))
         times = RowStream(self._folder, "timing.csv", ("stamp_s", *sorted(self._stages)))
         for row in zip(self._times, *(self._stages[n] for n in sorted(self._stages)), strict=True):
             times.append(row)

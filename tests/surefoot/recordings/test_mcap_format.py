@@ -23,9 +23,9 @@ from perception.primitives.errors import OutputError, RecordingError
 from perception.primitives.frame import Frame, StepOdometry
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2
+from surefoot.mcap_file import nanoseconds
 from surefoot.recordings.codec import decode, encode
 from surefoot.recordings.mcap_format import McapRecording, RecordingWriter
-from surefoot.recordings.mcap_messages import nanoseconds
 from surefoot.recordings.recording import RecordingInfo
 
 INFO = RecordingInfo(
@@ -274,7 +274,7 @@ def test_other_topics_in_the_file_are_ignored(make_frame, same, tmp_path):
         for frame in frames:
             writer.write(encode(frame))
             pose = PoseInFrame(timestamp=Timestamp(seconds=1), frame_id="world")
-            writer._add("/estimate/pose", pose, nanoseconds(frame.stamp_s), 0)
+            writer._topics.add("/estimate/pose", pose, nanoseconds(frame.stamp_s), 0)
     assert all(map(same, McapRecording(path).frames(), [decode(encode(f)) for f in frames]))
     with path.open("rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import pickle
 import subprocess
@@ -10,9 +11,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from perception.primitives.errors import InputError, OutputError
 from surefoot.config.schema import Config
+from surefoot.mcap_file import messages
 from surefoot.recordings.identity import identity
 from surefoot.results import object_file, run_folder
 from surefoot.results.run_folder import RunFolder
@@ -20,7 +23,7 @@ from surefoot.run import checkpoint, process
 
 WALK = Path(__file__).parents[3] / "data" / "walk"
 FRAMES = 3  # of the short recording
-DIFFERENT = ("timing.csv", "summary.json", "config.toml", ".surefoot-run")
+DIFFERENT = ("timing.csv", "summary.json", "config.toml", ".surefoot-run", "estimates.mcap")
 """Files that name times or the folder itself."""
 
 
@@ -61,6 +64,19 @@ def contents(folder):
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
 
 
+def moments(folder):
+    """Every message of the estimates but the wall times, and what its index says of the file."""
+    found = []
+    for topic, message in messages(folder / "estimates.mcap"):
+        data = message.data
+        if topic == "/estimate/moment":
+            data = {k: v for k, v in json.loads(data).items() if k != "timing_ms"}
+        found.append((topic, message.log_time, message.sequence, data))
+    with (folder / "estimates.mcap").open("rb") as file:
+        counts = make_reader(file).get_summary().statistics.channel_message_counts
+    return found, counts
+
+
 @pytest.fixture(scope="module")
 def short(tmp_path_factory):
     """A few frames of the walk, as a recording."""
@@ -88,6 +104,7 @@ def test_a_run_that_was_killed_gives_what_an_undisturbed_one_gives(tmp_path, mon
     assert resumed(tmp_path / "cut")[0] == "resuming after frame 20"
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
     assert "terrain.npz" in contents(tmp_path / "cut")
+    assert moments(tmp_path / "cut") == moments(tmp_path / "whole")
     assert not list((tmp_path / "cut").glob(".checkpoint*"))
 
 

@@ -1,0 +1,137 @@
+"""The moments of a run, as estimates.mcap holds them: writer and reader.
+
+The run writes one stream. The replay page, the moving picture, the export to rerun and Foxglove read it; there is no
+second format. Foxglove's schemas carry what is drawn, one JSON message a moment carries every number (topics and
+schemas: docs/outputs.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mapping.objects.footprints import Footprint
+from perception.primitives.errors import RecordingError
+
+from ..mcap_file import MAGIC, TopicWriter, messages, nanoseconds
+from .moment import Moment as Moment
+from .moment_messages import (
+    FOOTPRINTS,
+    JSON_TOPICS,
+    MOMENT,
+    READ,
+    footprint_messages,
+    footprints_of,
+    moment_from_messages,
+    moment_to_messages,
+)
+from .run_folder import RunFolder
+
+ESTIMATES = "estimates.mcap"
+CHUNK_S = 1.0  # ours: a killed run loses this much at most; smaller chunks compress less
+PLAN = ("steps", "route", "goal", "gaze", "gaze_map", "why", "risk_m")
+
+
+class MomentWriter:
+    """Writes estimates.mcap; it can be kept in a checkpoint, and goes on in the file.
+
+    Raises:
+        OutputError: The file cannot be written; every method may raise it.
+    """
+
+    def __init__(self, folder: RunFolder) -> None:
+        self._folder = folder
+        self._topics = TopicWriter(folder.path(ESTIMATES), JSON_TOPICS, "estimates")
+        self._group = 0
+        self._stamp_s = self._flushed_s = 0.0
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_topics": self._topics.length()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        path = self._folder.path(ESTIMATES)
+        self._topics = TopicWriter(path, JSON_TOPICS, "estimates", keep=state["_topics"])
+
+    def write(self, moment: Moment) -> None:
+        """Append a moment."""
+        self._group += 1
+        self._stamp_s = moment.stamp_s
+        for topic, message in moment_to_messages(moment):
+            self._add(topic, message)
+        if self._group == 1 or moment.stamp_s - self._flushed_s >= CHUNK_S:
+            self._topics.flush()
+            self._flushed_s = moment.stamp_s
+
+    def close(self, footprints: tuple[Footprint, ...]) -> None:
+        """Append the footprints to the last moment, write the index and close the file."""
+        if self._group:
+            for topic, message in footprint_messages(footprints, self._stamp_s):
+                self._add(topic, message)
+        self._topics.close()
+
+    def _add(self, topic: str, message: Any) -> None:
+        self._topics.add(topic, message, nanoseconds(self._stamp_s), self._group)
+
+
+def read_moments(run: RunFolder) -> Iterator[Moment]:
+    """The moments of a run in their order; those of a killed run as far as they were written.
+
+    Raises:
+        RecordingError: The run has no estimates.mcap, or the file is damaged.
+    """
+    return moments_of(run.path(ESTIMATES))
+
+
+def moments_of(path: Path) -> Iterator[Moment]:
+    """The moments of an estimates.mcap.
+
+    Raises:
+        RecordingError: There is no such file, or it is damaged.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: {error.strerror}; make the run again to have its estimates"
+        ) from error
+    if head != MAGIC:
+        raise RecordingError(f"{path}: not an MCAP file; make the run again")
+    group: dict[str, bytes] = {}
+    number, last = 0, None
+    for topic, message in messages(path):
+        if topic not in READ:
+            continue
+        if message.sequence != number:
+            group, number = {}, message.sequence
+        if topic == FOOTPRINTS and last is not None:
+            last = replace(last, footprints=footprints_of(message.data))
+        group[topic] = message.data
+        if topic == MOMENT:
+            if last is not None:
+                yield last
+            try:
+                last = moment_from_messages(group)
+            except (ValueError, KeyError, TypeError) as error:
+                raise RecordingError(
+                    f"{path}: moment {number} is damaged ({error!r}); make the run again"
+                ) from error
+    if last is not None:
+        yield last
+
+
+def held(moments: Iterable[Moment]) -> Iterator[Moment]:
+    """The moments, with the last known value wherever one brings nothing new."""
+    last: Moment | None = None
+    for moment in moments:
+        if last is not None:
+            names: tuple[str, ...] = () if moment.why else PLAN
+            names += ("grid",) if moment.grid is None else ()
+            names += ("colour", "colour_sensor") if moment.colour is None else ()
+            names += ("depth", "depth_step_m", "depth_sensor") if moment.depth is None else ()
+            moment = replace(moment, **{name: getattr(last, name) for name in names})
+        yield moment
+        last = moment

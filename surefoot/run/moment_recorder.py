@@ -1,0 +1,230 @@
+"""The moments of a run from its cycles: what is kept, how often, and how fine."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from mapping.grid.confidence import ConfidenceLayer
+from mapping.grid.egocentric_grid import EgocentricGrid
+from mapping.objects.footprints import Footprint
+from perception.estimate import Estimate
+from perception.floor.segmented_view import SegmentedView
+from perception.primitives.frame import ColourView, Frame
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import MOVING, Obstacle
+from perception.primitives.pose import Pose2, Pose3
+from planning.gaze.selection import DirectionMap
+from planning.planners.planner import Decision, Plan
+from planning.safety.guard_settings import GuardConfig
+from planning.safety.hypotheses import mixture
+from planning.safety.prediction import MotionPatterns
+
+from ..config.schema import Config
+from ..results.moment import UNKNOWN, FloorSeen, GazeMap, Layers, Moment, Prediction
+from ..results.moments import MomentWriter
+from ..results.run_folder import RunFolder
+from .loop import Cycle
+
+# ours: a walk has its frames 0.2 s apart; of a recording at 30 Hz a viewer needs no more
+EVERY_S = 0.15
+PICTURE_EVERY_S = 0.6  # ours: one a footstep
+WIDTH_PX = 320
+QUALITY = 50  # of WebP
+HEIGHT_STEPS = 1024  # a metre; a power of two, so that steps are exact
+AHEAD_S = (1.0, 2.0, 4.0)  # of predictions
+
+
+class MomentRecorder:
+    """Writes the moments of one run; it can be kept in a checkpoint."""
+
+    def __init__(self, folder: RunFolder, config: Config) -> None:
+        self._writer = MomentWriter(folder)
+        self._config = config
+        self._patterns = MotionPatterns()
+        self._last_s = self._pictured_s = -math.inf
+        self._has_camera = False
+
+    def note(self, cycle: Cycle) -> None:
+        """Write the moment of a cycle; frames between two moments are left out unless they brought a decision."""
+        stamp = cycle.world.stamp_s
+        self._patterns.update([one.gone_straight() for one in cycle.world.tracks])
+        if cycle.decision is None and stamp - self._last_s < EVERY_S:
+            return
+        pictured = self._picture_due(cycle.frame, cycle.world.estimate)
+        self._writer.write(moment_of(cycle, self._config, self._patterns, pictured))
+        self._last_s = stamp
+
+    def _picture_due(self, frame: Frame, estimate: Estimate) -> bool:
+        """Whether this moment gets pictures; where a camera picture comes now and then, depth waits for it."""
+        camera = frame.colour is not None or frame.stereo is not None
+        self._has_camera |= camera
+        if not camera and not estimate.views:
+            return False
+        wait_s = PICTURE_EVERY_S * (2.0 if self._has_camera and not camera else 1.0)
+        if estimate.stamp_s - self._pictured_s < wait_s:
+            return False
+        self._pictured_s = estimate.stamp_s
+        return True
+
+    def finish(self, footprints: tuple[Footprint, ...]) -> None:
+        """Write the footprints of the static obstacles, and close the file."""
+        self._writer.close(footprints)
+
+
+def moment_of(cycle: Cycle, config: Config, patterns: MotionPatterns, pictured: bool) -> Moment:
+    """The moment of a cycle.
+
+    Args:
+        cycle: What was measured, estimated and decided.
+        config: Ranges of the depth sensors, and settings of the guard for predictions.
+        patterns: Motion patterns learnt from the tracks so far.
+        pictured: Whether to add the pictures.
+    """
+    world, estimate, decision = cycle.world, cycle.world.estimate, cycle.decision
+    colour = estimate.colour
+    cameras, head = _cameras(estimate)
+    lenses = {view.sensor: view.depth.camera for view in estimate.views}
+    if colour is not None:
+        lenses["colour"] = colour.camera
+    predictions = [_predictions(one, world.stamp_s, config.guard, patterns) for one in world.tracks]
+    return Moment(
+        stamp_s=world.stamp_s,
+        pose=estimate.pose,
+        cameras=cameras,
+        lenses={name: lens for name, lens in lenses.items() if name in cameras},
+        head=head,
+        floor={
+            view.sensor: FloorSeen(
+                view.floor.normal,
+                float(view.floor.offset_m),
+                view.floor.covariance,
+                0.0 if view.seen is None else float(view.seen),
+            )
+            for view in estimate.views
+        },
+        grid=None if world.grid is None else _layers(world.grid, world.confidence),
+        tracks=tuple(world.tracks),
+        predictions=tuple(predictions),
+        timing_ms={name: float(ms) for name, ms in estimate.timing_ms.items()},
+        **({} if decision is None else _intention(decision, estimate.pose)),
+        **(_pictures(cycle.frame, estimate, config) if pictured else {}),
+    )
+
+
+def _cameras(estimate: Estimate) -> tuple[dict[str, Pose3], tuple[float, float] | None]:
+    """T_map_camera of every sensor with an image, and pan and tilt of the head where the joints tell them."""
+    cameras = {view.sensor: view.T_map_camera for view in estimate.views}
+    mounts = [view.depth.T_body_camera for view in estimate.views]
+    colour = estimate.colour
+    if colour is not None:
+        mounts.append(colour.T_body_camera)
+        first = estimate.views[0] if estimate.views else None
+        placed = _of_colour(colour, estimate.pose, first)
+        if placed is not None:
+            cameras["colour"] = placed
+    mount = next((one for one in mounts if one is not None), None)
+    if mount is None:
+        return cameras, None
+    axis = mount.rotation[:, 2]
+    tilt = -math.asin(min(max(float(axis[2]), -1.0), 1.0))
+    return cameras, (math.atan2(axis[1], axis[0]), tilt)
+
+
+def _of_colour(
+    colour: ColourView, pose: Gaussian | None, view: SegmentedView | None
+) -> Pose3 | None:
+    """T_map_camera of the colour camera: by the depth camera beside it, else by the joints."""
+    if view is not None and (view.depth.T_body_camera is None or colour.T_body_camera is None):
+        return view.T_map_camera  # pictures of a hand-held camera are aligned
+    if view is not None and view.depth.T_body_camera is not None:
+        assert colour.T_body_camera is not None
+        return view.T_map_camera @ view.depth.T_body_camera.inverse() @ colour.T_body_camera
+    if pose is None or colour.T_body_camera is None:
+        return None
+    return Pose2(*pose.mean.tolist()).lifted() @ colour.T_body_camera
+
+
+def _layers(grid: EgocentricGrid, confidence: ConfidenceLayer | None) -> Layers:
+    """The terrain map as bytes, heights in whole steps."""
+    probability = np.rint(254.0 * grid.probability).astype(np.uint8)
+    probability[~grid.known] = UNKNOWN
+    fresh = np.zeros_like(grid.height_m) if confidence is None else confidence.values
+    height_m = np.rint(grid.height_m * HEIGHT_STEPS) / np.float32(HEIGHT_STEPS)
+    return Layers(
+        grid.origin, grid.cell_m, probability, np.rint(255.0 * fresh).astype(np.uint8), height_m
+    )
+
+
+def _predictions(
+    obstacle: Obstacle, stamp_s: float, config: GuardConfig, patterns: MotionPatterns
+) -> tuple[Prediction, ...]:
+    """The hypotheses on an obstacle that may move; none for a static one."""
+    if obstacle.moving < MOVING:
+        return ()
+    found = mixture(obstacle, stamp_s, AHEAD_S, patterns, config)
+    return tuple(Prediction(t, float(w), at.mean, at.covariance) for t, w, at in found)
+
+
+def _intention(decision: Decision, pose: Gaussian | None) -> dict[str, Any]:
+    """Fields of the plan; of a planner that does not tell one, the next step alone."""
+    plan, walk = decision.plan or Plan(), decision.walk
+    steps = plan.steps
+    if not len(steps) and pose is not None:
+        step = Pose2(walk.forward_m, walk.lateral_m, walk.turn_rad)
+        steps = (Pose2(*pose.mean.tolist()) @ step).vector[None]
+    finite = plan.risk_m is not None and math.isfinite(plan.risk_m)
+    return {
+        "steps": steps,
+        "route": plan.route,
+        "goal": plan.goal,
+        "gaze": (decision.gaze.pan_rad, decision.gaze.tilt_rad),
+        "gaze_map": None if plan.gaze_map is None else _gaze_map(plan.gaze_map),
+        "why": decision.why,
+        "risk_m": plan.risk_m if finite else None,
+    }
+
+
+def _gaze_map(valued: DirectionMap) -> GazeMap:
+    most = max(float(valued.values.max()), 1e-12)
+    values = np.rint(np.maximum(valued.values, 0.0) * (255.0 / most)).astype(np.uint8)
+    return GazeMap(values, valued.pans, valued.tilts)
+
+
+def _pictures(frame: Frame, estimate: Estimate, config: Config) -> dict[str, Any]:
+    """Fields of the pictures: of the colour camera or the left one of a pair, and the depth of the first view."""
+    found: dict[str, Any] = {}
+    if frame.colour is not None:
+        found["colour"], found["colour_sensor"] = _webp(frame.colour.rgb), "colour"
+    elif frame.stereo is not None:
+        grey = cv2.cvtColor(frame.stereo.left, cv2.COLOR_GRAY2RGB)
+        found["colour"], found["colour_sensor"] = _webp(np.asarray(grey)), "stereo"
+    if estimate.views:
+        view = estimate.views[0]
+        farthest_m = config.reach.of(view.sensor).farthest_m
+        step_m = 2.0 ** math.ceil(math.log2(farthest_m / 255.0))
+        found["depth"] = _depth(view.depth.z, step_m)
+        found["depth_step_m"], found["depth_sensor"] = step_m, view.sensor
+    return found
+
+
+def _webp(rgb: UInt8[np.ndarray, "h w 3"]) -> bytes:
+    height, width = rgb.shape[:2]
+    if width > WIDTH_PX:
+        size = (WIDTH_PX, round(height * WIDTH_PX / width))
+        rgb = np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA))
+    picture = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    done, data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    assert done
+    return data.tobytes()
+
+
+def _depth(z: Float32[np.ndarray, "h w"], step_m: float) -> UInt8[np.ndarray, "k l"]:
+    """Every n-th pixel in whole steps; 0 where there is none, or farther than a byte tells."""
+    every = -(-z.shape[1] // WIDTH_PX)
+    steps = np.nan_to_num(np.rint(z[::every, ::every] / step_m), nan=0.0, posinf=0.0, neginf=0.0)
+    return np.where((steps < 0.0) | (steps > 255.0), 0.0, steps).astype(np.uint8)
