@@ -1,4 +1,4 @@
-"""Verbs that look at results or at the machine: evaluate, view, experiment, bench, doctor, completion."""
+"""Verbs that look at results or at the machine: evaluate, view, bench, doctor, completion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from .options import PATH, json_option
-from .terminal import FAILED, open_in_browser, progress
+from .terminal import FAILED, open_in_browser
 
 
 @click.command()
@@ -147,68 +147,6 @@ def view(run: Path, live: bool) -> None:
         report = write_report(folder)
     click.echo(f"report: {report}")
     open_in_browser(report)
-
-
-@click.command()
-@click.argument("identity", metavar="ID", required=False)
-@click.option("--seeds", type=click.IntRange(min=1), help="Number of random worlds.")
-@click.option(
-    "--body",
-    type=click.Choice(["kinematic", "dynamic", "both"]),
-    help="Body that walks, in experiments with walks; both: compare them.",
-)
-@click.option(
-    "--planner", metavar="NAME", help="Your own package.module:Class beside ours (INT-4)."
-)
-@click.option("--gaze", metavar="NAME", help="Your own gaze policy beside ours (INT-2).")
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Continue the same study after it was killed. Resume only your own studies: loading stored "
-    "results can execute code.",
-)
-@json_option
-def experiment(
-    identity: str | None,
-    seeds: int | None,
-    body: str | None,
-    planner: str | None,
-    gaze: str | None,
-    resume: bool,
-    as_json: bool,
-) -> None:
-    """Reproduce a published table or figure; without ID, list them.
-
-    \b
-    Examples:
-      surefoot experiment 003-E2               results, targets and the published numbers
-      surefoot experiment 001-E3 --seeds 20    with fewer random worlds
-      surefoot experiment INT-4 --resume       walks that are complete are not repeated
-    """
-    from ..experiments.support import experiment as experiments
-    from ..experiments.support import trials
-
-    if identity is None:
-        for name in experiments.names():
-            click.echo(f"{name:<14} {experiments.load(name).title}")
-        return
-    identity = {name.lower(): name for name in experiments.names()}.get(identity.lower(), identity)
-    chosen = experiments.load(identity)
-    for kind, own in (("planner", planner), ("gaze", gaze)):
-        if own is not None:
-            chosen = experiments.with_own(chosen, kind, own)
-    cache = trials.ResultCache(Path("runs") / "experiments" / identity, resume)
-    with progress() as say, trials.cached(cache):
-        chosen, outcome = experiments.measure(chosen, say, seeds, body)
-    result = experiments.judge(chosen, outcome)
-    shown = (
-        json.dumps(result, indent=2)
-        if as_json
-        else "\n".join(experiments.lines(result, outcome.table))
-    )
-    click.echo(shown)
-    if not result["passed"]:
-        click.get_current_context().exit(FAILED)
 
 
 @click.command()

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import html
 import shlex
-from importlib import metadata, resources
+from importlib import resources
 from pathlib import Path
 from string import Template
 from typing import Any
 
 from ..evaluation.evaluate import evaluate
 from ..results.run_folder import BATCH, MAP, MONOCULAR, PANORAMA, PLAYBACK, SIMULATION, RunFolder
+from ..results.version import version
 from .cards import cards, skipped, verdict
 from .plots.pictures import pictures
 from .sections import (
@@ -128,18 +129,11 @@ def _subtitle(
         parts.append(f"{float(seconds):.1f} s")
     if summary.get("renderer") and kind == SIMULATION:
         parts.append(f"renderer: {summary['renderer']}")
-    parts.append(f"surefoot {summary.get('version') or _version()}")
+    parts.append(f"surefoot {summary.get('version') or version()}")
     parts += [f"skipped {count}: {reason}" for reason, count in skipped(summary).items() if count]
     parts += [str(note) for note in summary.get("notes") or []]
     parts += [str(metrics["note"])] if "note" in metrics else []
     return " · ".join(parts)
-
-
-def _version() -> str:
-    try:
-        return metadata.version("surefoot")
-    except metadata.PackageNotFoundError:
-        return "from source"
 
 
 def _command(run: RunFolder, summary: dict[str, Any]) -> str:

@@ -36,7 +36,6 @@ from perception.primitives.frame import Depth, DepthView
 from perception.primitives.plane import Plane
 
 from ...config.schema import CALIBRATED_DISTORTION, CALIBRATED_TOF
-from ..support.columns import three_columns
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.floor_views import (
     FLOOR_REACH_M,
@@ -166,8 +165,7 @@ def run(seeds: int, say: Say) -> Outcome:
             f"  {figures.get(f'{name}_mm', math.nan):.2f} mm"
             f"  floor found in {100 * figures[f'{name}_share']:.0f} % of the views"
         )
-    table += three_columns(figures, COLUMNS)
-    return Outcome(figures, table)
+    return Outcome(figures, table, COLUMNS)
 
 
 COLUMNS = (

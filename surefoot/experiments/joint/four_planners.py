@@ -14,8 +14,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +32,9 @@ from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.trials import run_trials
 from ..support.walks import column, walk
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 SCENES = ("corridor", "robots_room", "boxes", "home")
 ORDER = ("field", "search", "swarm", "avoidance")
 INTENDED_SCENES = {
@@ -43,7 +45,6 @@ INTENDED_SCENES = {
 }
 """The kinds of scene that each planner's paper addresses."""
 LIMIT_S = 180.0  # ours: the longest path takes 95 s without any obstacle
-PICTURES = Path("runs") / "INT-4"
 
 WalkResult = tuple[dict[str, Any], np.ndarray]
 
@@ -78,16 +79,21 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
     for walked in run_trials(_walk, [(config,) for config in todo]):
         found.append(walked)
         say(f"{len(found)} of {len(todo)} walks")
-        if len(found) % len(planners) == 0:
-            number = len(found) // len(planners) - 1
-            _draw(todo[len(found) - 1], planners, found[-len(planners) :], number)
     figures: dict[str, float] = {"scenes": float(seeds), "planners": float(ours)}
     more, table = compare(todo, [metrics for metrics, _ in found])
     table.append(
-        "length, clearance (minimum of a walk), time, computing (perception and planning): medians; "
-        f"plots: {PICTURES}/"
+        "length, clearance (minimum of a walk), time, computing (perception and planning): medians"
     )
-    return Outcome(figures | more, table)
+    each = len(planners)
+    drawings = [
+        style.Drawing(
+            f"{number:02d}-{todo[k].scene}-{todo[k].seed}",
+            f"Paths of the planners through {todo[k].scene} {todo[k].seed}.",
+            partial(_draw, todo[k], planners, found[k : k + each]),
+        )
+        for number, k in enumerate(range(0, len(todo), each))
+    ]
+    return Outcome(figures | more, table, drawings=drawings)
 
 
 def compare(
@@ -172,37 +178,34 @@ def _figures(found: Sequence[dict[str, Any]]) -> dict[str, float]:
     }
 
 
-def _draw(
-    config: Config, planners: Sequence[str], found: Sequence[WalkResult], number: int
-) -> None:
+def _draw(config: Config, planners: Sequence[str], found: Sequence[WalkResult]) -> Figure:
     """Plot the scene from above with the paths of all planners."""
     scene = catalogue.load(config.scene, config.seed, config.difficulty)
-    with style.styled():
-        x0, y0, x1, y1 = scene.extent
-        figure, axes = style.sheet(height_in=1.0 + 7.0 * min((y1 - y0) / (x1 - x0), 1.2))
-        for thing in scene.obstacles:
-            for part in thing.parts:
-                axes.fill(*outline(part).T, color=style.FAINT)
-        for mover in scene.moving_objects:
-            line = np.array([mover.start, mover.end])
-            axes.plot(*line.T, color=style.WRONG, linewidth=4.0, alpha=0.35)
-        for planner, colour, (metrics, path) in zip(planners, style.SERIES, found, strict=False):
-            words = "arrived" if metrics.get("goals_missed") == 0 else "did not arrive"
-            contacts = int(metrics.get("contacts", 0))
-            axes.plot(
-                *path.T,
-                color=colour,
-                label=f"{plugins.label(planner)}: {words}, contacts {contacts}",
-            )
-        axes.plot(*scene.goals[0], "*", color=style.TARGET, markersize=11)
-        axes.plot(scene.start.x, scene.start.y, "o", color=style.INK)
-        axes.set_xlim(x0, x1)
-        axes.set_ylim(y0, y1)
-        axes.set_aspect("equal")
-        axes.set_xlabel("x, m")
-        axes.set_ylabel("y, m")
-        style.legend(axes, columns=2)
-    style.save(figure, PICTURES / f"{number:02d}-{scene.name}-{scene.seed}.png")
+    x0, y0, x1, y1 = scene.extent
+    figure, axes = style.sheet(height_in=1.0 + 7.0 * min((y1 - y0) / (x1 - x0), 1.2))
+    for thing in scene.obstacles:
+        for part in thing.parts:
+            axes.fill(*outline(part).T, color=style.FAINT)
+    for mover in scene.moving_objects:
+        line = np.array([mover.start, mover.end])
+        axes.plot(*line.T, color=style.WRONG, linewidth=4.0, alpha=0.35)
+    for planner, colour, (metrics, path) in zip(planners, style.SERIES, found, strict=False):
+        words = "arrived" if metrics.get("goals_missed") == 0 else "did not arrive"
+        contacts = int(metrics.get("contacts", 0))
+        axes.plot(
+            *path.T,
+            color=colour,
+            label=f"{plugins.label(planner)}: {words}, contacts {contacts}",
+        )
+    axes.plot(*scene.goals[0], "*", color=style.TARGET, markersize=11)
+    axes.plot(scene.start.x, scene.start.y, "o", color=style.INK)
+    axes.set_xlim(x0, x1)
+    axes.set_ylim(y0, y1)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x, m")
+    axes.set_ylabel("y, m")
+    style.legend(axes, columns=2)
+    return figure
 
 
 EXPERIMENT = Experiment(

@@ -2,8 +2,7 @@
 
 Policies: a fixed head, a sweep, random, coverage, information gain, seed 001's as published, ours, an oracle that
 knows where the movers are and what is hidden, and anybody's (`--gaze package.module:Class`). The walks are those of
-INT-2 (`gaze_coupling`). Figures are means over the walks with 90 % intervals by bootstrap; the figure picture goes to
-runs/gaze-benchmark/.
+INT-2 (`gaze_coupling`). Figures are means over the walks with 90 % intervals by bootstrap.
 
 "Gap closed" is, for the deviation of the robot's position, the error of movers nearby and the share of stale ground,
 (fixed - policy) / (fixed - oracle), at most 1 each, in the mean over the three and both scenes. The error of the
@@ -19,7 +18,7 @@ Source: ours; Yoo and Kim 2010 (seed 001) for the published policy.
 from __future__ import annotations
 
 import math
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,7 +35,6 @@ from .gaze_coupling import GazeWalk, walk_with_gaze
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PICTURE = Path("runs") / "gaze-benchmark" / "policies.png"
 SCENES = ("course", "home")
 OWN = f"{__package__}.gaze_baselines:"
 MODES = {
@@ -60,6 +58,7 @@ COLUMNS = {
     "time_s": ("time, s", 1.0),
     "travel_rad": ("head travel, rad", 1.0),
 }
+SAID = "Means over the walks of each gaze policy with 90 % intervals; less is better."
 FIRST_SEED = 200
 DRAWS = 2000
 
@@ -97,20 +96,19 @@ def gap_closed(
 
 def draw(found: dict[tuple[str, str, str], tuple[float, float, float]], names: list[str]) -> Figure:
     """Every judged figure of every policy with its interval, one panel a figure, both scenes."""
-    with style.styled():
-        figure, panels = style.sheet(1, len(JUDGED), height_in=3.8)
-        for axes, name in zip(panels, JUDGED, strict=True):
-            title, unit = COLUMNS[name]
-            for shift, (scene, colour) in enumerate(zip(SCENES, style.SERIES, strict=False)):
-                rows = np.arange(len(names)) + 0.3 * shift - 0.15
-                mean, low, high = unit * np.array([found[scene, one, name] for one in names]).T
-                axes.hlines(rows, low, high, color=colour)
-                axes.plot(mean, rows, "o", color=colour, label=scene)
-            axes.set_yticks(range(len(names)), names if axes is panels[0] else [""] * len(names))
-            axes.invert_yaxis()
-            axes.set_xlim(left=0.0)
-            axes.set_xlabel(title)
-        panels[-1].legend(loc="lower right")
+    figure, panels = style.sheet(1, len(JUDGED), height_in=3.8)
+    for axes, name in zip(panels, JUDGED, strict=True):
+        title, unit = COLUMNS[name]
+        for shift, (scene, colour) in enumerate(zip(SCENES, style.SERIES, strict=False)):
+            rows = np.arange(len(names)) + 0.3 * shift - 0.15
+            mean, low, high = unit * np.array([found[scene, one, name] for one in names]).T
+            axes.hlines(rows, low, high, color=colour)
+            axes.plot(mean, rows, "o", color=colour, label=scene)
+        axes.set_yticks(range(len(names)), names if axes is panels[0] else [""] * len(names))
+        axes.invert_yaxis()
+        axes.set_xlim(left=0.0)
+        axes.set_xlabel(title)
+    panels[-1].legend(loc="lower right")
     return figure
 
 
@@ -162,8 +160,8 @@ def run(seeds: int, say: Say, own: str = "") -> Outcome:
                 figures[f"{figure}_{scene}_{name.replace(' ', '_')}"] = mean / unit
             share = f"{figures['gap_closed_' + name.replace(' ', '_')]:10.2f}"
             table.append(f"{name:<12.12}  {scene:<6}  " + "  ".join(cells) + f"  {share}")
-    style.save(draw(found, names), PICTURE)
-    return Outcome(figures, [f"picture: {PICTURE}", *table])
+    drawing = style.Drawing("policies", SAID, partial(draw, found, names))
+    return Outcome(figures, table, drawings=[drawing])
 
 
 EXPERIMENT = Experiment(

@@ -41,7 +41,7 @@ from ...evaluation.metrics.contacts import BODY_RADIUS_M
 from ...run.bodies import LiveBody
 from ...run.loop import cycles
 from ...run.simulate import START_COVARIANCE
-from ..support.columns import three_columns
+from ..support.columns import Row
 from ..support.course_runner import course_config, published
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.geometric_perception import GeometricPerception
@@ -274,12 +274,11 @@ def run(seeds: int, say: Say, body: str = "kinematic", own: str = "") -> Outcome
         )
     figures["falls"] = float(sum(one.fell for walks in found.values() for one in walks))
     figures["contacts_above_sweep"] = figures["contacts_evaluations"] - figures["contacts_sweep"]
-    table += ["", "its gaze here", *three_columns(figures, _rows("seed"))]
-    table += ["", "its gaze and its motion here", *three_columns(figures, _rows(WALKER))]
-    return Outcome(figures, table)
+    rows = [*_rows("its gaze", "seed"), *_rows("gaze and motion", WALKER)]
+    return Outcome(figures, table, rows)
 
 
-def _rows(mode: str) -> list[tuple[str, float | None, str, str]]:
+def _rows(what: str, mode: str) -> list[Row]:
     """Rows of the table of three columns with the figures of one published mode."""
     names = {
         "deviation of the robot, mm": "sigma_mm",
@@ -289,7 +288,10 @@ def _rows(mode: str) -> list[tuple[str, float | None, str, str]]:
         "all via points reached, share": "arrived_share",
         "time, s": "time_s",
     }
-    return [(words, None, f"{one}_{mode}", f"{one}_evaluations") for words, one in names.items()]
+    return [
+        (f"{what}: {words}", None, f"{one}_{mode}", f"{one}_evaluations")
+        for words, one in names.items()
+    ]
 
 
 EXPERIMENT = Experiment(

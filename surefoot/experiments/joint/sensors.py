@@ -15,7 +15,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -40,7 +41,9 @@ from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from ..support.simulated_depth import true_depth
 
-PICTURES = Path("runs/experiments/sensors")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 EYE_M = 0.383  # height of the robot's camera while it walks
 VIEWS_PER_HOME = 6  # views per home
 TURNING_RADPS, INTEGRATION_S = 1.0, 0.03  # ours: a sweeping head, and an SR-4000 indoors
@@ -263,14 +266,19 @@ def wrapped_and_flying() -> Outcome:
         (caster, motion.pose_after(pose, s)) for s in turning.instants
     )[0]
     artefact = (np.abs(smeared - measured) > 0.1) & ~flying
-    _draw(measured, true, flying, smeared, config.wrap_m)
     return Outcome(
         {
             "wrapped_share": float(wrapped.sum() / max(far.sum(), 1)),
             "flying_pixels": float(flying.sum()),
             "motion_pixels": float(artefact.sum()),
         },
-        [f"plot: {PICTURES / 'time-of-flight.png'}"],
+        drawings=[
+            style.Drawing(
+                "time-of-flight",
+                "Ranges beyond c / 2f wrap, pixels on edges fly between both surfaces, and rotation distorts.",
+                partial(_draw, measured, true, flying, smeared, config.wrap_m),
+            )
+        ],
     )
 
 
@@ -280,33 +288,30 @@ def _draw(
     flying: Bool[np.ndarray, "h w"],
     smeared: Float32[np.ndarray, "h w"],
     wrap_m: float,
-) -> None:
-    with style.styled():
-        figure, ((left, right), (lower, change)) = style.sheet(2, 2, 6.0)
-        drawn = left.imshow(measured, cmap="viridis", vmin=0.0, vmax=3.0)
-        left.plot(*np.nonzero(flying)[::-1], ".", markersize=1.5, color=style.WRONG)
-        row = measured.shape[0] // 2 - 10
-        left.axhline(row, color=style.INK, linewidth=0.8)
-        left.set(title="measured range; flying pixels marked", xticks=[], yticks=[])
-        left.grid(False)
-        figure.colorbar(drawn, ax=left, label="m", shrink=0.8)
-        shots, here = np.arange(measured.shape[1]), flying[row]
-        right.plot(true[row], color=style.TRUTH, label="true range")
-        right.plot(true[row] % wrap_m, ":", color=style.TRUTH, label=f"modulo {wrap_m:.2f} m")
-        right.plot(measured[row], ".", markersize=3, color=style.ESTIMATE, label="measured")
-        right.plot(shots[here], measured[row][here], "o", color=style.WRONG, label="flying")
-        right.set(xlabel="column of the marked row, px", ylabel="m")
-        style.legend(right, 4)
-        lower.imshow(smeared, cmap="viridis", vmin=0.0, vmax=3.0)
-        lower.axhline(row, color=style.INK, linewidth=0.8)
-        turned = f"{TURNING_RADPS:g} rad/s over {1e3 * INTEGRATION_S:g} ms"
-        lower.set(title=f"the same while turning, {turned}", xticks=[], yticks=[])
-        lower.grid(False)
-        change.plot(smeared[row] - measured[row], ".", markersize=3, color=style.WRONG)
-        change.set(
-            title="change by the rotation", xlabel="column of the marked row, px", ylabel="m"
-        )
-    style.save(figure, PICTURES / "time-of-flight.png")
+) -> Figure:
+    figure, ((left, right), (lower, change)) = style.sheet(2, 2, 6.0)
+    drawn = left.imshow(measured, cmap="viridis", vmin=0.0, vmax=3.0)
+    left.plot(*np.nonzero(flying)[::-1], ".", markersize=1.5, color=style.WRONG)
+    row = measured.shape[0] // 2 - 10
+    left.axhline(row, color=style.INK, linewidth=0.8)
+    left.set(title="measured range; flying pixels marked", xticks=[], yticks=[])
+    left.grid(False)
+    figure.colorbar(drawn, ax=left, label="m", shrink=0.8)
+    shots, here = np.arange(measured.shape[1]), flying[row]
+    right.plot(true[row], color=style.TRUTH, label="true range")
+    right.plot(true[row] % wrap_m, ":", color=style.TRUTH, label=f"modulo {wrap_m:.2f} m")
+    right.plot(measured[row], ".", markersize=3, color=style.ESTIMATE, label="measured")
+    right.plot(shots[here], measured[row][here], "o", color=style.WRONG, label="flying")
+    right.set(xlabel="column of the marked row, px", ylabel="m")
+    style.legend(right, 4)
+    lower.imshow(smeared, cmap="viridis", vmin=0.0, vmax=3.0)
+    lower.axhline(row, color=style.INK, linewidth=0.8)
+    turned = f"{TURNING_RADPS:g} rad/s over {1e3 * INTEGRATION_S:g} ms"
+    lower.set(title=f"the same while turning, {turned}", xticks=[], yticks=[])
+    lower.grid(False)
+    change.plot(smeared[row] - measured[row], ".", markersize=3, color=style.WRONG)
+    change.set(title="change by the rotation", xlabel="column of the marked row, px", ylabel="m")
+    return figure
 
 
 def run(seeds: int, say: Say) -> Outcome:
@@ -319,7 +324,8 @@ def run(seeds: int, say: Say) -> Outcome:
         tof_errors(views, say),
         wrapped_and_flying(),
     )
-    return combined(*((part.figures, part.table) for part in parts))
+    whole = combined(*((part.figures, part.table) for part in parts))
+    return replace(whole, drawings=parts[-1].drawings)
 
 
 def _near_the_notes() -> dict[str, Target]:

@@ -15,7 +15,8 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,7 +36,9 @@ from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target
 from .image_pairs import image_pairs
 
-FOLDER = Path("runs/experiments/000-E5")
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 CYCLES = 12  # per walk
 BUDGET_MS = 35.0  # a tenth of T_DS
 STAGES = {
@@ -173,7 +176,6 @@ def run(seeds: int, say: Say) -> Outcome:
         rows += times
         memory = max(memory, peak_mb(pairs[:3]))
         say(f"seed {seed}: median {np.median([row['total'] for row in times]):.1f} ms")
-    _plot(rows)
     total, by_swarm = (np.array([row[name] for row in rows]) for name in ("total", "total_swarm"))
     table = ["stage        median ms    max ms"]
     for name in (*STAGES, "colours", *DECIDING, "swarm", "total", "total_swarm", "processor"):
@@ -188,20 +190,22 @@ def run(seeds: int, say: Say) -> Outcome:
         "swarm_cycle_ms_max": float(by_swarm.max()),
         "memory_mb": memory,
     }
-    return Outcome(figures, table)
+    drawing = style.Drawing(
+        "time", "Stacked times of the stages of every footstep.", partial(_plot, rows)
+    )
+    return Outcome(figures, table, drawings=[drawing])
 
 
-def _plot(rows: list[dict[str, float]]) -> None:
+def _plot(rows: list[dict[str, float]]) -> Figure:
     """Fig. 11: stacked times of the stages over footsteps."""
     names = ("colours", *STAGES, *DECIDING)
     times = [[row[name] for row in rows] for name in names]
-    with style.styled():
-        figure, axes = style.sheet(height_in=4.0)
-        axes.stackplot(range(len(rows)), times, labels=names)
-        axes.axhline(BUDGET_MS, color=style.INK, linestyle="--", label="a tenth of T_DS")
-        axes.set(xlabel="footstep", ylabel="time, ms", ylim=(0, 1.4 * BUDGET_MS))
-        style.legend(axes)
-    style.save(figure, FOLDER / "time.png")
+    figure, axes = style.sheet(height_in=4.0)
+    axes.stackplot(range(len(rows)), times, labels=names)
+    axes.axhline(BUDGET_MS, color=style.INK, linestyle="--", label="a tenth of T_DS")
+    axes.set(xlabel="footstep", ylabel="time, ms", ylim=(0, 1.4 * BUDGET_MS))
+    style.legend(axes)
+    return figure
 
 
 EXPERIMENT = Experiment(

@@ -21,7 +21,6 @@ import numpy as np
 from planning.planners.settings import BESIDE_GUARD
 from planning.univector.fields import FieldConfig
 
-from ..support.columns import three_columns
 from ..support.experiment import Experiment, Outcome, Say, Target, combined
 from ..support.trials import run_trials
 from . import head_on
@@ -89,8 +88,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
     result["falls"] = float(sum(one.fell for walks in found.values() for one in walks))
     met = head_on.figures(range(seeds))
     outcome = combined((result, table), _encounter_figures(ENCOUNTERS * seeds, say), met)
-    columns = three_columns(outcome.figures, ROWS)
-    return replace(outcome, table=[*outcome.table, "", *columns])
+    return replace(outcome, columns=ROWS)
 
 
 def _encounter_figures(number: int, say: Say) -> tuple[dict[str, float], list[str]]:

@@ -2,7 +2,7 @@
 
 Streamlines start evenly spaced around the goal and must arrive with the desired heading. The published weights, which
 lead deep into the obstacles, are compared with ours, and so are eq. (8) and (9) to the letter. Every seed has another
-goal and other obstacles; seed 0 is the paper's figure, th_tg = pi/6. The plots go to runs/001-E1/.
+goal and other obstacles; seed 0, which is drawn, is the paper's figure, th_tg = pi/6.
 
 Source: Yoo and Kim 2010 (seed 001), Fig. 3; specification, section 4 (weights).
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,14 +20,12 @@ from jaxtyping import Float
 from planning.univector import fields
 from planning.univector.fields import PUBLISHED, FieldConfig
 
-from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, save, sheet, styled
-from ..support.columns import three_columns
+from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, Drawing, sheet
 from ..support.experiment import Experiment, Outcome, Say, Target
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FOLDER = Path("runs") / "001-E1"
 SIDE_M = 4.0  # of the plot
 STARTS = 24  # evenly spaced along its edge
 STEP_M = 0.005
@@ -36,6 +34,10 @@ LONGEST_M = 60.0  # length limit; on the axis ahead of the goal the field turns 
 OBSTACLES = 4
 CLEAR_M = 1.3  # obstacle centre to goal: the last metre serves the arrival angle
 ARROWS = 33
+PORTRAIT_SAID = (
+    "The field (arrows) and its streamlines (blue) from the edge to the goal with its arrival angle (green); extended "
+    "radius S_oe of the obstacles in grey."
+)
 ROWS = (
     ("streamlines that arrive, share", 1.0, "arrived_share_printed", "arrived_share"),
     ("  eq. (8) and (9) to the letter", 1.0, "arrived_share_literal", ""),
@@ -155,34 +157,31 @@ def plot(
 
     axis = np.linspace(-SIDE_M / 2, SIDE_M / 2, ARROWS)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    with styled():
-        figure, axes = sheet(1, len(configs), height_in=4.4, sharey=True)
-        for panel, (name, config) in zip(axes, configs.items(), strict=True):
-            u = fields.total(
-                places, world.goal, world.heading, world.centres, world.extended_m, config
-            )
-            u = u / np.maximum(np.hypot(*u.T), 1e-12)[:, None]
-            panel.quiver(*places.T, *u.T, color="#9AA3AC", scale=38, width=0.0028, pivot="mid")
-            for centre, radius in zip(world.centres, world.extended_m, strict=True):
-                panel.add_patch(Circle(tuple(centre), radius, color=FAINT, zorder=2))
-                panel.add_patch(Circle(tuple(centre), 0.10, color=WRONG, zorder=3))
-            for line in lines[name]:
-                panel.plot(*line.T, color=ESTIMATE, linewidth=1.0, zorder=4)
-            tip = 0.35 * np.array([math.cos(world.heading), math.sin(world.heading)])
-            panel.annotate(
-                "",
-                xy=tuple(world.goal + tip),
-                xytext=tuple(world.goal),
-                arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 2.0},
-                zorder=6,
-            )
-            panel.plot(*world.goal, "o", color=TARGET, markersize=5, zorder=6)
-            panel.set(
-                title=name, aspect="equal", xlabel="x, m",
-                xlim=(-SIDE_M / 2, SIDE_M / 2), ylim=(-SIDE_M / 2, SIDE_M / 2),
-            )  # fmt: skip
-        axes[0].set_ylabel("y, m")
-        return figure
+    figure, axes = sheet(1, len(configs), height_in=4.4, sharey=True)
+    for panel, (name, config) in zip(axes, configs.items(), strict=True):
+        u = fields.total(places, world.goal, world.heading, world.centres, world.extended_m, config)
+        u = u / np.maximum(np.hypot(*u.T), 1e-12)[:, None]
+        panel.quiver(*places.T, *u.T, color="#9AA3AC", scale=38, width=0.0028, pivot="mid")
+        for centre, radius in zip(world.centres, world.extended_m, strict=True):
+            panel.add_patch(Circle(tuple(centre), radius, color=FAINT, zorder=2))
+            panel.add_patch(Circle(tuple(centre), 0.10, color=WRONG, zorder=3))
+        for line in lines[name]:
+            panel.plot(*line.T, color=ESTIMATE, linewidth=1.0, zorder=4)
+        tip = 0.35 * np.array([math.cos(world.heading), math.sin(world.heading)])
+        panel.annotate(
+            "",
+            xy=tuple(world.goal + tip),
+            xytext=tuple(world.goal),
+            arrowprops={"arrowstyle": "-|>", "color": TARGET, "linewidth": 2.0},
+            zorder=6,
+        )
+        panel.plot(*world.goal, "o", color=TARGET, markersize=5, zorder=6)
+        panel.set(
+            title=name, aspect="equal", xlabel="x, m",
+            xlim=(-SIDE_M / 2, SIDE_M / 2), ylim=(-SIDE_M / 2, SIDE_M / 2),
+        )  # fmt: skip
+    axes[0].set_ylabel("y, m")
+    return figure
 
 
 def run(seeds: int, say: Say) -> Outcome:
@@ -202,8 +201,7 @@ def run(seeds: int, say: Say) -> Outcome:
         alone.append(statistics(world, streamlines(world, FieldConfig(), False)))
         literal.append(statistics(world, streamlines(world, PUBLISHED, True, literal=True)))
         if seed == 0:
-            save(plot(world, lines, configs), FOLDER / "portrait.png")
-            table.insert(0, f"plot: {FOLDER / 'portrait.png'}")
+            portrait = Drawing("portrait", PORTRAIT_SAID, partial(plot, world, lines, configs))
         table.append(
             f"{seed:4d}  {100 * a.arrived:9.0f}  {a.error_deg:9.2f} ({a.worst_deg:.2f})"
             f"  {a.nearest:12.2f}  {100 * b.arrived:18.0f}  {b.nearest:12.2f}"
@@ -220,8 +218,7 @@ def run(seeds: int, say: Say) -> Outcome:
         "nearest_share_of_s_oe_printed": min(one.nearest for one in printed),
         "arrived_share_literal": float(np.mean([one.arrived for one in literal])),
     }
-    table += ["", *three_columns(figures, ROWS)]
-    return Outcome(figures, table)
+    return Outcome(figures, table, ROWS, [portrait])
 
 
 EXPERIMENT = Experiment(

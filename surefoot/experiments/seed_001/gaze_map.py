@@ -2,8 +2,7 @@
 
 Every seed has obstacles with uncertain positions, a path point, and outdated cells on one or both sides. Brute force
 tests for every direction and every point whether the camera sees it, sums eq. (5) and (6), and finds the highest
-plateau by flood fill. The plot of the first seed goes to runs/001-E2/: a top view with covariance ellipses, and the
-gaze map with theta*.
+plateau by flood fill. The first seed is drawn: a top view with covariance ellipses, and the gaze map with theta*.
 
 Source: Yoo and Kim 2010 (seed 001), section V-B, Fig. 7.
 """
@@ -12,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,13 +23,16 @@ from planning.commands import GazeCommand
 from planning.gaze import evaluations
 from planning.gaze.selection import GazeMapConfig, gaze_map, highest_plateau
 
-from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, save, sheet, styled
+from ...report.plots.style import ESTIMATE, FAINT, TARGET, WRONG, Drawing, sheet
 from ..support.experiment import Experiment, Outcome, Say, Target
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FOLDER = Path("runs") / "001-E2"
+MAP_SAID = (
+    "Left: the situation with covariance ellipses of the obstacles and their velocities; right: the gaze map over pan and "
+    "tilt with the selected gaze."
+)
 EYE_M = 0.38
 OBSTACLES = 5
 STALE = 250
@@ -162,57 +164,54 @@ def plot(
     """Top view with 95 % covariance ellipses, and the gaze map."""
     from matplotlib.patches import Ellipse, Wedge
 
-    with styled():
-        figure, axes = sheet(1, 2, height_in=4.2, width_ratios=(1.0, 1.15))
-        above, surface = axes
-        view = math.degrees(chosen.pan_rad)
-        half = config.across_deg / 2
+    figure, axes = sheet(1, 2, height_in=4.2, width_ratios=(1.0, 1.15))
+    above, surface = axes
+    view = math.degrees(chosen.pan_rad)
+    half = config.across_deg / 2
+    above.add_patch(
+        Wedge((0, 0), 2.0, view - half + 90, view + half + 90, color=TARGET, alpha=0.15)
+    )
+    above.plot(-situation.stale[:, 1], situation.stale[:, 0], ".", color=FAINT, markersize=3)
+    for obstacle, velocity in zip(situation.obstacles, situation.velocities, strict=True):
+        long, short, turn = obstacle.ellipse()
+        at = (-obstacle.mean[1], obstacle.mean[0])
         above.add_patch(
-            Wedge((0, 0), 2.0, view - half + 90, view + half + 90, color=TARGET, alpha=0.15)
-        )
-        above.plot(-situation.stale[:, 1], situation.stale[:, 0], ".", color=FAINT, markersize=3)
-        for obstacle, velocity in zip(situation.obstacles, situation.velocities, strict=True):
-            long, short, turn = obstacle.ellipse()
-            at = (-obstacle.mean[1], obstacle.mean[0])
-            above.add_patch(
-                Ellipse(
-                    at,
-                    2 * long,
-                    2 * short,
-                    angle=math.degrees(turn) + 90,
-                    color=ESTIMATE,
-                    alpha=0.4,
-                )
+            Ellipse(
+                at,
+                2 * long,
+                2 * short,
+                angle=math.degrees(turn) + 90,
+                color=ESTIMATE,
+                alpha=0.4,
             )
-            above.plot(*at, "o", color=WRONG, markersize=4)
-            above.annotate(
-                "",
-                xy=(at[0] - 5 * velocity[1], at[1] + 5 * velocity[0]),
-                xytext=at,
-                arrowprops={"arrowstyle": "-|>", "color": WRONG},
-            )
-        above.plot(
-            -situation.path_point[1], situation.path_point[0], "*", color=TARGET, markersize=11
         )
-        above.plot(0, 0, "^", color="black", markersize=8)
-        above.set(
-            title="top view, selected field of view in green",
-            aspect="equal", xlabel="to the right, m", ylabel="ahead, m",
-            xlim=(-1.9, 1.9), ylim=(-0.3, 2.1),
-        )  # fmt: skip
-        pans, tilts = np.degrees(config.pans), np.degrees(config.tilts)
-        shown = surface.pcolormesh(pans, tilts, total.T, cmap="cividis", shading="nearest")
-        figure.colorbar(shown, ax=surface, label="GM")
-        surface.plot(
-            math.degrees(chosen.pan_rad), math.degrees(chosen.tilt_rad), "o",
-            markerfacecolor="none", markeredgecolor=WRONG, markersize=11, markeredgewidth=2,
-        )  # fmt: skip
-        surface.invert_xaxis()
-        surface.invert_yaxis()
-        surface.set(
-            title="gaze map; ring: theta*", xlabel="pan, deg (left positive)", ylabel="tilt, deg"
+        above.plot(*at, "o", color=WRONG, markersize=4)
+        above.annotate(
+            "",
+            xy=(at[0] - 5 * velocity[1], at[1] + 5 * velocity[0]),
+            xytext=at,
+            arrowprops={"arrowstyle": "-|>", "color": WRONG},
         )
-        return figure
+    above.plot(-situation.path_point[1], situation.path_point[0], "*", color=TARGET, markersize=11)
+    above.plot(0, 0, "^", color="black", markersize=8)
+    above.set(
+        title="top view, selected field of view in green",
+        aspect="equal", xlabel="to the right, m", ylabel="ahead, m",
+        xlim=(-1.9, 1.9), ylim=(-0.3, 2.1),
+    )  # fmt: skip
+    pans, tilts = np.degrees(config.pans), np.degrees(config.tilts)
+    shown = surface.pcolormesh(pans, tilts, total.T, cmap="cividis", shading="nearest")
+    figure.colorbar(shown, ax=surface, label="GM")
+    surface.plot(
+        math.degrees(chosen.pan_rad), math.degrees(chosen.tilt_rad), "o",
+        markerfacecolor="none", markeredgecolor=WRONG, markersize=11, markeredgewidth=2,
+    )  # fmt: skip
+    surface.invert_xaxis()
+    surface.invert_yaxis()
+    surface.set(
+        title="gaze map; ring: theta*", xlabel="pan, deg (left positive)", ylabel="tilt, deg"
+    )
+    return figure
 
 
 def run(seeds: int, say: Say) -> Outcome:
@@ -233,8 +232,7 @@ def run(seeds: int, say: Say) -> Outcome:
         )
         equal.append(apart[-1] < 1e-6)
         if seed == 0:
-            save(plot(situation, total, chosen, config), FOLDER / "gaze_map.png")
-            table.insert(0, f"plot: {FOLDER / 'gaze_map.png'}")
+            gaze = Drawing("gaze-map", MAP_SAID, partial(plot, situation, total, chosen, config))
         table.append(
             f"{seed:4d}  {math.degrees(chosen.pan_rad):7.1f}  {math.degrees(chosen.tilt_rad):8.1f}"
             f"  {off[-1]:22.5f}  {equal[-1]}"
@@ -245,7 +243,7 @@ def run(seeds: int, say: Say) -> Outcome:
         "chosen_apart_deg": max(apart),
         "directions_that_differ_share": float(np.mean(off)),
     }
-    return Outcome(figures, table)
+    return Outcome(figures, table, drawings=[gaze])
 
 
 EXPERIMENT = Experiment(

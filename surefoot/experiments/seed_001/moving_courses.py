@@ -16,7 +16,6 @@ import os
 from planning.univector.fields import FieldConfig
 
 from ...evaluation.metrics.contact_classes import Contact
-from ..support.columns import three_columns
 from ..support.experiment import Experiment, Outcome, Say, Target
 from .course_images import image_figures
 from .course_trials import BASELINES, PAPER_S, PRINTED_MPS, Trial, figures, walk_groups
@@ -71,7 +70,6 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
             if figure.removesuffix(ending) in SHOWN
         }
         result[f"contacts_per_walk{ending}"] = result[f"contacts{ending}"] / quarter
-    table += ["", *three_columns(result, ROWS), ""]
     result |= figures(found["fast, sensors"], "_fast")
     truth = figures(found["fast, error-free perception"], "_truth")
     result |= {
@@ -93,7 +91,7 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
         seen, lines = image_figures(images, found["slow, sensors"][:images], say, body)
         result |= seen
         table += lines
-    return Outcome(result, table)
+    return Outcome(result, table, ROWS)
 
 
 def _line(contact: Contact) -> str:

@@ -27,7 +27,7 @@ from sim.sensors.cameras import stereo_pair
 from sim.shapes import Box
 from sim.world import World
 
-from ..support.columns import three_columns
+from ..support.columns import Row
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.simulated_depth import true_depth
 
@@ -173,8 +173,8 @@ def run(seeds: int, say: Say) -> Outcome:
     for z in DISTANCES_M:
         share = sum(map(len, ours.off[z])) / max(shown[z], 1)
         table.append(f"{z:6.2f} m   {ours.median_pct(z):9.2f} %   {100 * share:6.0f} %")
-    rows = [(words, None, f"published_{name}", name) for words, name in ROWS]
-    return Outcome(figures, table + three_columns(figures, rows))
+    rows: list[Row] = [(words, None, f"published_{name}", name) for words, name in ROWS]
+    return Outcome(figures, table, rows)
 
 
 def _median(values: np.ndarray) -> float:

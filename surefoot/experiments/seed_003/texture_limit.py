@@ -38,7 +38,7 @@ from ...config.schema import Config
 from ...recordings.recording import RecordingInfo
 from ...results.run_folder import RunFolder
 from ...run.pipeline import Pipeline
-from ..support.columns import three_columns
+from ..support.columns import Row
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.simulated_depth import true_depth
 from ..support.walks import walk_all
@@ -195,8 +195,8 @@ def run(seeds: int, say: Say) -> Outcome:
         "floor_by_stereo_alone_share": floor_share(alone, Config()),
         "published_floor_by_stereo_alone_share": floor_share(alone, published),
     }
-    rows = [(words, None, f"published_{name}", name) for words, name in ROWS]
-    return Outcome(figures | walks(seeds, say), three_columns(figures, rows))
+    rows: list[Row] = [(words, None, f"published_{name}", name) for words, name in ROWS]
+    return Outcome(figures | walks(seeds, say), columns=rows)
 
 
 ROWS = (

@@ -7,17 +7,13 @@ from collections.abc import Mapping, Sequence
 
 NOT_PRINTED = "none printed"
 
+Row = tuple[str, float | None, str, str]
+"""What is compared, the number of the paper (None: it prints none), and the names of the figure by the published
+method and by ours; a name that is not among the figures gives nan, an empty one a dash."""
 
-def three_columns(
-    figures: Mapping[str, float], rows: Sequence[tuple[str, float | None, str, str]]
-) -> list[str]:
-    """Lines of a table with three columns.
 
-    Args:
-        figures: Name to value.
-        rows: What is compared, the number of the paper (None: it prints none), and the names of the figure by the
-            published method and by ours; a name that is not among the figures gives nan, an empty one a dash.
-    """
+def three_columns(figures: Mapping[str, float], rows: Sequence[Row]) -> list[str]:
+    """Lines of a table with three columns; `figures` is name to value."""
     lines = [f"{'':<38}{'paper':>14}{'its method here':>17}{'ours':>12}"]
     for words, paper, published, ours in rows:
         printed = NOT_PRINTED if paper is None else f"{paper:.4g}"

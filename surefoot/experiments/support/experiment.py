@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import operator
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 from perception.primitives.errors import InputError
 
+from ...report.plots.style import Drawing
 from ...results import registry
+from .columns import Row, three_columns
 
 COMPARE: dict[str, Callable[[float, float], bool]] = {
     "<=": operator.le,
@@ -92,10 +95,14 @@ class Outcome:
     Args:
         figures: Name to value.
         table: Formatted lines; may be empty.
+        columns: Rows of the table paper, its method here, ours (`support.columns`).
+        drawings: Pictures of the result, the main one first; all figures are drawn beside them.
     """
 
     figures: dict[str, float]
     table: list[str] = field(default_factory=list)
+    columns: Sequence[Row] = ()
+    drawings: Sequence[Drawing] = ()
 
 
 Part = tuple[dict[str, float], list[str]]
@@ -207,7 +214,12 @@ def measure(
     more = {f"{name}_{BODIES[1]}": value for name, value in second.items()}
     targets = {f"{name}_{BODIES[1]}": target for name, target in experiment.targets.items()}
     widened = replace(experiment, targets={**experiment.targets, **targets})
-    return widened, Outcome({**first, **more}, table)
+    drawings = [
+        replace(drawing, name=f"{drawing.name}-{one}", sentence=f"{drawing.sentence} ({one} body)")
+        for one, out in found.items()
+        for drawing in out.drawings
+    ]
+    return widened, Outcome({**first, **more}, table, found[BODIES[0]].columns, drawings)
 
 
 def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
@@ -219,6 +231,7 @@ def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "figures": figures,
         "targets": {name: [t.relation, t.bound] for name, t in experiment.targets.items()},
         "published": dict(experiment.published),
+        "columns": [list(row) for row in outcome.columns],
         "table": list(outcome.table),
         "passed": all(
             target.met_by(figures.get(name, float("nan")))
@@ -227,11 +240,14 @@ def judge(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def lines(result: Mapping[str, Any], table: Iterable[str] = ()) -> list[str]:
-    """Readable lines: the table, then each figure with its target and the published number."""
-    shown = [f"{result['id']}  {result['title']}", *table, ""]
-    width = max((len(name) for name in result["figures"]), default=0)
-    for name, value in result["figures"].items():
+def lines(result: Mapping[str, Any]) -> list[str]:
+    """Readable lines: the tables, then each figure with its target and the published number."""
+    shown = [f"{result['id']}  {result['title']}", *result["table"], ""]
+    figures = {name: math.nan if v is None else v for name, v in result["figures"].items()}
+    if result["columns"]:
+        shown += [*three_columns(figures, result["columns"]), ""]
+    width = max((len(name) for name in figures), default=0)
+    for name, value in figures.items():
         note = ""
         if name in result["targets"]:
             relation, bound = result["targets"][name]
@@ -240,7 +256,7 @@ def lines(result: Mapping[str, Any], table: Iterable[str] = ()) -> list[str]:
         if name in result["published"]:
             note += f"   (published {result['published'][name]:g})"
         shown.append(f"  {name:<{width}}  {value:10.4g}{note}")
-    missing = [name for name in result["targets"] if name not in result["figures"]]
+    missing = [name for name in result["targets"] if name not in figures]
     shown += [f"  {name:<{width}}  not measured   MISSED" for name in missing]
     shown.append("passed" if result["passed"] else "NOT PASSED")
     return shown

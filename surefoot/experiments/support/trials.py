@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar, runtime_checkable
 
 from mapping.io.atomic_write import atomic_path
 from perception.primitives import plugins
@@ -52,6 +53,22 @@ class ResultCache:
 _CACHE: ContextVar[ResultCache | None] = ContextVar("cache_folder", default=None)
 
 
+@runtime_checkable
+class Listener(Protocol):
+    """What `run_trials` tells within `heard_by`: every finished study, and before it whether its results are known."""
+
+    def known(self, todo: Sequence[tuple[Any, ...]]) -> Sequence[Any] | None:
+        """Results to give instead of running the trials; None: run them."""
+
+    def finished(
+        self, todo: Sequence[tuple[Any, ...]], results: Sequence[Any], waited_s: float
+    ) -> None:
+        """All trials of a study have ended; `waited_s` went by while they ran."""
+
+
+_LISTENER: ContextVar[Listener | None] = ContextVar("listener", default=None)
+
+
 @contextmanager
 def cached(cache_folder: ResultCache | None) -> Iterator[None]:
     """Store the results of all trials that run within this context; None stores nothing."""
@@ -62,6 +79,16 @@ def cached(cache_folder: ResultCache | None) -> Iterator[None]:
         _CACHE.reset(token)
 
 
+@contextmanager
+def heard_by(listener: Listener) -> Iterator[None]:
+    """Tell a listener of all trials that run within this context."""
+    token = _LISTENER.set(listener)
+    try:
+        yield
+    finally:
+        _LISTENER.reset(token)
+
+
 def run_trials(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Iterator[R]:
     """Results of `work(*task)` for every task, in order, computed in parallel processes.
 
@@ -69,6 +96,24 @@ def run_trials(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Itera
         work: A module-level function; its result is of numbers, arrays and classes of the project.
         todo: Arguments of each call; their repr identifies the trial in the cache.
     """
+    listener = _LISTENER.get()
+    known = None if listener is None else listener.known(todo)
+    if known is not None:
+        yield from known
+        return
+    found: list[R] = []
+    waited_s, began_s = 0.0, time.monotonic()
+    for result in _run(work, todo):
+        waited_s += time.monotonic() - began_s
+        found.append(result)
+        yield result
+        began_s = time.monotonic()
+    if listener is not None:
+        listener.finished(todo, found, waited_s + time.monotonic() - began_s)
+
+
+def _run(work: Callable[..., R], todo: Sequence[tuple[Any, ...]]) -> Iterator[R]:
+    """The results of all trials, in order, from the cache or from parallel processes."""
     cache_folder = _usable_cache(_CACHE.get())
     places = [_result_path(cache_folder, work, task) for task in todo]
     with ProcessPoolExecutor(
@@ -143,7 +188,7 @@ def _result_path(
 ) -> Path | None:
     if cache_folder is None:
         return None
-    parts = "\n".join([_code_hash(), _key(work), *map(_key, task)])
+    parts = "\n".join([code_hash(), _key(work), *map(_key, task)])
     return cache_folder.folder / f"{hashlib.sha256(parts.encode()).hexdigest()[:24]}.trial"
 
 
@@ -155,7 +200,7 @@ def _key(value: Any) -> str:
 
 
 @cache
-def _code_hash() -> str:
+def code_hash() -> str:
     """Hash of all source files of the project."""
     root = Path(__file__).parents[3]
     digest = hashlib.sha256()

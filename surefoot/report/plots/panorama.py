@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +14,6 @@ import numpy as np
 from mapping.panorama.key_angles import laws
 from mapping.panorama.obstacles import SEEN_M, Surroundings
 from mapping.panorama.rendering import Drawing
-from mapping.panorama.sizes import surroundings
-from mapping.panorama.stitching import Panorama
 from mapping.panorama.views import View
 
 from . import style
@@ -24,28 +21,6 @@ from .style import ESTIMATE, INK, WRONG
 
 FARTHEST_M = 4.0
 EVERY_DEG = 10
-
-
-def write_pictures(
-    folder: Path, name: str, panorama: Panorama, views: Sequence[View]
-) -> list[Path]:
-    """Write two PNG files: `NAME_angles.png` (key and all angles) and `NAME_obstacles.png` (obstacles and gaps).
-
-    Args:
-        folder: Created if absent.
-        name: Prefix of the file names.
-        panorama: Without a rendered image nothing is written.
-        views: Views that the panorama was made from.
-    """
-    drawing = panorama.drawing
-    if drawing is None:
-        return []
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}_angles.png", folder / f"{name}_obstacles.png"]
-    with style.styled():
-        paths[0].write_bytes(style.png(angles(drawing, views)))
-        paths[1].write_bytes(style.png(obstacles(drawing, surroundings(panorama, views))))
-    return paths
 
 
 def _range(axes: Any, drawing: Drawing) -> Any:

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from jaxtyping import UInt8
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,6 +84,21 @@ class Picture:
     svg: bytes
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """One picture of an experiment; it is drawn when its files are written.
+
+    Args:
+        name: Name of its files, without ending.
+        sentence: What it shows.
+        draw: Makes the figure; called within `styled`.
+    """
+
+    name: str
+    sentence: str
+    draw: Callable[[], Figure]
+
+
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
     """Context in which figures are drawn and saved in this style."""
@@ -115,11 +132,15 @@ def png(figure: Figure, dpi: int = 160) -> bytes:
     return data.getvalue()
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Save the figure as PNG; creates the folder."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with styled():
-        figure.savefig(path, dpi=110)
+def image(pixels: UInt8[np.ndarray, "h w 3"]) -> Figure:
+    """An RGB picture as a figure without axes, pixel for pixel at 100 dpi."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(pixels.shape[1] / 100, pixels.shape[0] / 100))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.imshow(pixels, interpolation="none")
+    axes.set_axis_off()
+    return figure
 
 
 def legend(axes: Axes, columns: int = 5) -> None:

@@ -159,15 +159,16 @@ def test_only_a_full_disk_is_no_fault_of_the_input():
     assert exit_code(OutputError("not empty")) == BAD_INPUT
 
 
-def test_an_experiment_prints_its_table_or_one_object():
-    code, shown = call("experiment", "004-E2", "--seeds", "20")
+def test_an_experiment_prints_its_table_or_one_object(tmp_path):
+    out = ("--out", tmp_path / "e2")
+    code, shown = call("experiment", "004-E2", "--seeds", "20", *out)
     assert code == 0
     assert "Table 5" in shown
     assert "passed" in shown
-    code, shown = call("experiment", "004-E2", "--seeds", "20", "--json")
+    code, shown = call("experiment", "004-E2", "--seeds", "20", *out, "--json")
     assert code == 0
     assert json.loads(shown[shown.index("{") :])["passed"] is True
-    code, shown = call("experiment", "004-E2", "--body", "dynamic")
+    code, shown = call("experiment", "004-E2", *out, "--body", "dynamic")
     assert code == 2
     assert "no robot walks" in shown
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
-import cv2
 import numpy as np
 import pytest
 
@@ -32,18 +30,6 @@ def test_an_empty_pane_is_not_counted(pair):
     single = Monocular(MonocularConfig()).cycle(None, pair[1])
     object.__setattr__(single, "edges", np.zeros_like(single.edges))
     assert monocular_cycle.panes_with_content(single) == 7
-
-
-def test_images_of_an_earlier_run_are_not_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(monocular_cycle, "FOLDER", tmp_path)
-    (tmp_path / "stages-0.png").write_bytes(b"of an earlier run")
-    full = SimpleNamespace(
-        cvtColor=cv2.cvtColor, COLOR_RGB2BGR=cv2.COLOR_RGB2BGR, imwrite=lambda name, image: False
-    )
-    monkeypatch.setattr(monocular_cycle, "cv2", full)
-    monkeypatch.setattr(monocular_cycle, "CYCLES", 2)
-    monkeypatch.setattr(monocular_cycle, "SCENES", ("robots_room",))
-    assert monocular_cycle.run(1, lambda text: None).figures["stages"] == 0.0
 
 
 def empty_floor(goal):

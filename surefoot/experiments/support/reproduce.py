@@ -1,0 +1,173 @@
+"""All experiments, or those of one paper, one after the other, and one page that shows them.
+
+A finished experiment of the same code with at least as many seeds is not run again, and an interrupted one continues.
+One that fails, or whose recordings are absent, is named on the page with its error, and the others go on.
+
+Source: ours.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from mapping.io.atomic_write import atomic_path
+from perception.primitives.errors import InputError, OutputError
+
+from ...report import experiment_page
+from ...results.formats import refuse
+from . import artefacts
+from . import experiment as experiments
+from .experiment import Experiment, Say
+from .papers import HEADINGS, PAPERS, ROOMS, room_of
+from .trials import code_hash
+
+INDEX = "index.html"
+QUICK: dict[str, int] = {}
+"""Seeds of `--quick` by experiment; one for those that are not listed."""
+ABOUT = {
+    "joint": "The parts of all four on one robot, and the simulation they walk in.",
+    "real": "The same methods on recordings of real cameras and robots.",
+}
+
+Notes = Mapping[str, str]
+
+
+def quick_seeds(experiment: Experiment) -> int:
+    """Seeds of an experiment in a quick round; never more than in a whole one."""
+    return min(QUICK.get(experiment.id, 1), experiment.seeds)
+
+
+def chosen(paper: str | None) -> list[str]:
+    """Ids of the experiments of one key of `ROOMS`; None: all."""
+    return [name for name in experiments.names() if paper is None or room_of(name) == paper]
+
+
+def reproduce(
+    paper: str | None, quick: bool, folder: Path, say: Say, tell: Say
+) -> list[dict[str, Any]]:
+    """Run what is not finished, and write the index after every experiment.
+
+    Args:
+        paper: One of `ROOMS`; None: all experiments.
+        quick: With few seeds.
+        folder: Of the index; every experiment has a folder in it.
+        say: Takes lines of progress.
+        tell: Takes one line for every experiment that has ended.
+
+    Returns:
+        For each experiment id, state ("done", "kept", "absent" or "failed"), seconds and words.
+
+    Raises:
+        OutputError: The folder cannot be written.
+    """
+    told: list[dict[str, Any]] = []
+    errors: dict[str, str] = {}
+    identities = chosen(paper)
+    for number, identity in enumerate(identities):
+        began_s = time.monotonic()
+        place = f"{number + 1} of {len(identities)}, {identity}"
+        state, words = _one(identity, quick, folder, partial(_say_at, say, place))
+        if state in ("absent", "failed"):
+            errors[identity] = words
+        told.append(
+            {
+                "id": identity,
+                "state": state,
+                "seconds": round(time.monotonic() - began_s, 1),
+                "words": words,
+            }
+        )
+        tell(f"{identity:<15} {told[-1]['seconds']:7.1f} s  {state}: {words}")
+        write_index(folder, errors)
+    return told
+
+
+def _say_at(say: Say, place: str, text: str) -> None:
+    say(f"{place}: {text}")
+
+
+def _one(identity: str, quick: bool, folder: Path, say: Say) -> tuple[str, str]:
+    """Run one experiment unless it is finished: its state, and words on it."""
+    try:
+        experiment = experiments.load(identity)
+        seeds = quick_seeds(experiment) if quick else experiment.seeds
+        earlier = artefacts.read(folder / identity)
+        if earlier is not None and _serves(earlier, experiment, seeds):
+            return "kept", _verdict(earlier)
+        command = f"surefoot experiment {identity} --seeds {seeds}"
+        order = artefacts.Order(experiment, seeds, None, command, resume=True)
+        return "done", _verdict(artefacts.perform(order, folder / identity, say))
+    except OutputError:
+        raise
+    except InputError as error:
+        return "absent", str(error)
+    except Exception as error:  # whatever one experiment does, the others run
+        return "failed", f"{type(error).__name__}: {error}"
+
+
+def _serves(result: Mapping[str, Any], experiment: Experiment, seeds: int) -> bool:
+    """Whether a finished result is of this code, body and at least as many seeds."""
+    return (
+        result.get("code") == code_hash()[: artefacts.CODE_LETTERS]
+        and result.get("body") == experiment.body
+        and result.get("seeds", 0) >= seeds
+    )
+
+
+def _verdict(result: Mapping[str, Any]) -> str:
+    return experiment_page.headline(artefacts.verdicts(result))[1]
+
+
+def write_index(folder: Path, errors: Notes) -> Path:
+    """Write the page of all experiments from the results that lie in the folder.
+
+    Args:
+        folder: Of the index.
+        errors: Words on experiments that could not run, by id.
+
+    Raises:
+        OutputError: The folder cannot be written.
+    """
+    groups = []
+    for key in ROOMS:
+        words = PAPERS[key].words() if key in PAPERS else ABOUT[key]
+        groups.append((HEADINGS[key], words, [_card(name, folder, errors) for name in chosen(key)]))
+    said = (
+        "Every published table and figure that can be measured again, and ours beside it. "
+        "Each page has its targets, intervals, command and settings."
+    )
+    text = experiment_page.index("Experiments of Surefoot", groups, said)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        refuse(error, folder)
+    with atomic_path(folder / INDEX) as part:
+        part.write_text(text, encoding="utf-8")
+    return folder / INDEX
+
+
+def _card(identity: str, folder: Path, errors: Notes) -> dict[str, str]:
+    """What the index shows of one experiment."""
+    result = artefacts.read(folder / identity)
+    if result is None:
+        title = experiments.load(identity).title
+        note, words = errors.get(identity, ""), "could not run" if identity in errors else "not run"
+        return {"id": identity, "title": title, "state": "none", "words": words, "note": note}
+    good, words = experiment_page.headline(artefacts.verdicts(result))
+    misses = [f"{one['name']} {one['words']}" for one in artefacts.verdicts(result) if not one["met"]]  # fmt: skip
+    note = "; ".join(misses[:2]) + (f"; {len(misses) - 2} more" if len(misses) > 2 else "")
+    if identity in errors:
+        note = f"an earlier result; now: {errors[identity]}"
+    return {
+        "id": identity,
+        "title": result["title"],
+        "state": {None: "none", True: "good", False: "bad"}[good],
+        "words": words,
+        "note": f"{result['seeds']} seeds. {note}" if note else f"{result['seeds']} seeds",
+        "link": f"{identity}/report.html",
+        "picture": f"{identity}/{artefacts.MAIN}.png",
+    }
