@@ -28,8 +28,7 @@ from .terminal import FAILED, progress
 @click.option(
     "--resume",
     is_flag=True,
-    help="Continue the same study after it was killed. Resume only your own studies: loading stored "
-    "results can execute code.",
+    help="Continue the same study after it was killed: trials that are complete are not run again.",
 )
 @click.option("--out", type=PATH, help="Output folder; default runs/experiments/ID.")
 @json_option
