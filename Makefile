@@ -1,5 +1,5 @@
 # Everything sets itself up: `make demo` or `make test` on a fresh machine is enough.
-.PHONY: help setup demo test test-layers test-lowest test-pythons installed lint bench clean
+.PHONY: help setup demo test test-layers test-lowest test-pythons installed lint bench docs clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
@@ -70,6 +70,12 @@ lint: $(READY)  ## style, types, import contracts
 bench: $(WARM)  ## hot paths against their peers, which it installs
 	$(INSTALL) $(LOCK) -e '.[bench]'
 	$(BIN)/surefoot bench
+
+docs: $(WARM)  ## the documentation, as pages in build/docs/html; its notebooks are executed
+	$(INSTALL) $(LOCK) -e '.[docs]'
+	$(BIN)/python -m sphinx -q -W --keep-going -j 2 -d build/docs/trees docs build/docs/html
+	$(BIN)/python -m pytest -q tests/docs
+	@echo "open build/docs/html/index.html in a browser"
 
 clean:  ## forget the environment and all caches; runs stay
 	rm -rf .venv .venv-* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
