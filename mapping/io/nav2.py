@@ -17,7 +17,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError
+from perception.primitives.safe_input import UnreadableError
 
 from .atomic_write import atomic_path
 
@@ -203,11 +205,14 @@ def _read_image(
     if path.suffix.lower() != ".png":
         pixels = _read_pgm(path)
         return pixels, np.ones(pixels.shape, np.bool_)
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
-    if image is None or image.dtype != np.uint8:
+    try:
+        image = safe_input.picture(safe_input.data(path), cv2.IMREAD_UNCHANGED)
+    except UnreadableError as error:
         raise InputError(
-            f"map image {path} cannot be read; expected a PNG with 8 bits beside the yaml"
-        )
+            f"map image {path}: {error}; a PNG was expected beside the yaml"
+        ) from error
+    if image.dtype != np.uint8:
+        raise InputError(f"map image {path} has values of {image.dtype}; 8 bits were expected")
     channels = image if image.ndim == 3 else image[..., np.newaxis]
     grey = channels[..., : min(3, channels.shape[-1])].mean(axis=-1)
     opaque = channels[..., 3] == 255 if channels.shape[-1] == 4 else np.ones(grey.shape, np.bool_)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
+from perception.primitives.safe_input import UnreadableError
 
 from ..rendering.textures import PALETTE
 from ..scene import Extent, FloorArea, MovingObject, Scene, StaticObject
@@ -194,13 +195,9 @@ def _moving_object(reader: TableReader, item: Mapping[str, Any], number: int) ->
 
 def _load(path: Path) -> dict[str, Any]:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            f"{path}: cannot be read: {error.strerror}; expected a scene file"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from error
+        table = safe_input.toml(safe_input.text(path))
+    except UnreadableError as error:
+        raise InputError(f"{path}: {error}; expected a scene file") from error
     _refuse_unknown(path, table, "")
     for kind in (key for key in _KEYS if key and key in table):
         entries = table[kind]

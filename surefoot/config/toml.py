@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
-import tomllib
 import types
 import typing
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -20,7 +19,9 @@ from typing import Any, TypeVar
 
 import tomli_w
 
+from perception.primitives import safe_input
 from perception.primitives.errors import ConfigError, InputError
+from perception.primitives.safe_input import UnreadableError
 from perception.primitives.settings import note_of
 
 C = TypeVar("C")
@@ -44,16 +45,9 @@ def read(kind: type[C], path: Path, base: C | None = None, parts: Collection[str
         ConfigError: A key is unknown or a value impossible; the message begins with the file.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(
-            f"configuration {path} cannot be read: {reason}; expected a TOML file"
-        ) from error
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"configuration {path} is not TOML: {error}") from error
+        values = safe_input.toml(safe_input.text(path))
+    except UnreadableError as error:
+        raise InputError(f"configuration {path} {error}; expected a TOML file") from error
     _drop_retired(values)
     if parts:
         internal = values.get(INTERNAL, {})
@@ -110,8 +104,8 @@ def override(config: C, assignments: Sequence[str]) -> C:
                 f"{assignment!r} sets nothing; expected KEY=VALUE, such as reach.tof.farthest_m=2.5"
             )
         try:
-            value: Any = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+            value: Any = safe_input.toml(f"value = {text}")["value"]
+        except UnreadableError:
             value = text.strip()
         for key in reversed(keys):
             value = {key: value}

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8, UInt16
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.frame import (
@@ -29,6 +30,7 @@ from perception.primitives.frame import (
     StereoView,
 )
 from perception.primitives.pose import Pose3
+from perception.primitives.safe_input import UnreadableError
 
 from .recording import FrameError
 
@@ -223,11 +225,12 @@ def _decode_stereo(encoded: EncodedStereo) -> StereoView:
 
 def _unpack(picture: EncodedPicture, colour_wanted: bool) -> UInt8[np.ndarray, "..."]:
     flag = cv2.IMREAD_COLOR if colour_wanted else cv2.IMREAD_GRAYSCALE
-    image = cv2.imdecode(np.frombuffer(picture.data, np.uint8), flag)
-    if image is None:
+    try:
+        image = safe_input.picture(picture.data, flag)
+    except UnreadableError as error:
         raise FrameError(
-            f"recorded {picture.form} image of {len(picture.data)} bytes cannot be decoded"
-        )
+            f"recorded {picture.form} image of {len(picture.data)} bytes {error}"
+        ) from error
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if colour_wanted else image
 
 

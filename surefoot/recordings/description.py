@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
 from perception.primitives.pose import CAMERA_IN_BODY_AXES
+from perception.primitives.safe_input import UnreadableError
 
 from .folder import camera_of
 from .images import UNSTATED, DepthUnit
@@ -164,9 +165,9 @@ def read_description(path: Path) -> Description:
         camera=reader.camera(table.get("camera"), "camera"),
         unit=reader.unit(table.get("depth")),
         depth_folder=reader.text(depth, "depth.folder"),
-        depth_pattern=reader.text(depth, "depth.pattern") or "*",
+        depth_pattern=reader.pattern(depth, "depth.pattern"),
         colour_folder=reader.text(colour, "colour.folder"),
-        colour_pattern=reader.text(colour, "colour.pattern") or "*",
+        colour_pattern=reader.pattern(colour, "colour.pattern"),
         colour_camera=reader.camera(colour.get("camera"), "colour.camera"),
         poses_file=reader.text(poses, "poses.file"),
         world_to_camera=convention == _CONVENTIONS[1],
@@ -213,13 +214,9 @@ def complete(info: RecordingInfo, description: Description | None) -> RecordingI
 
 def _load(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RecordingError(
-            f"{path}: cannot be read: {error.strerror}; a recording.toml was expected"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{path}: is not valid TOML: {error}") from error
+        return safe_input.toml(safe_input.text(path))
+    except UnreadableError as error:
+        raise RecordingError(f"{path}: {error}; a recording.toml was expected") from error
 
 
 def _refuse_unknown(path: Path, table: Mapping[str, Any], prefix: str = "") -> None:
@@ -249,6 +246,13 @@ class _Reader:
             raise RecordingError(f"{self._path}: {key} = {value!r} must be a text in quotes")
         return value
 
+    def pattern(self, table: Mapping[str, Any], key: str) -> str:
+        """A pattern of file names; all if absent."""
+        value = self.text(table, key) or "*"
+        if PurePath(value).is_absolute() or ".." in PurePath(value).parts:
+            raise RecordingError(f"{self._path}: {key} = {value!r} must be below its folder")
+        return value
+
     def number(self, table: Mapping[str, Any], key: str) -> float | None:
         """A finite number; None if absent."""
         value = table.get(key.split(".")[-1])
@@ -270,7 +274,11 @@ class _Reader:
             raise RecordingError(
                 f"{self._path}: {key} = {values!r} must be a list of {many}numbers"
             )
-        wrong = [v for v in values if isinstance(v, bool) or not isinstance(v, int | float)]
+        wrong = [
+            v
+            for v in values
+            if isinstance(v, bool) or not isinstance(v, int | float) or not math.isfinite(v)
+        ]
         if wrong:
             raise RecordingError(f"{self._path}: {key} holds {wrong[0]!r}; numbers were expected")
         return tuple(float(value) for value in values)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
@@ -38,7 +39,7 @@ def is_icl_nuim(path: Path) -> bool:
         first = read_lines(path / _LIST)[0][1]
     except RecordingError:
         return False
-    return first[0].isdigit()
+    return safe_input.whole(first[0]) is not None
 
 
 def open_icl_nuim(path: Path, description: Description | None = None) -> FolderRecording:
@@ -52,12 +53,12 @@ def open_icl_nuim(path: Path, description: Description | None = None) -> FolderR
     rows = {} if truth is None else _rows(truth)
     files = []
     for line, words in read_lines(path / _LIST):
-        if len(words) != 4 or not words[0].isdigit():
+        number = safe_input.whole(words[0])
+        if len(words) != 4 or number is None:
             raise RecordingError(
                 f"{path / _LIST}, line {line}: {' '.join(words)!r}; expected: number depth/K.png number "
                 "rgb/K.png"
             )
-        number = int(words[0])
         row = rows.get(number)
         files.append(
             FrameFiles(

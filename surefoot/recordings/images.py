@@ -16,8 +16,10 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8, UInt16
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
+from perception.primitives.safe_input import MissingError, UnreadableError
 
 from .codec import metres
 from .recording import DESCRIPTION_FILE, FrameError
@@ -142,11 +144,11 @@ def image_size(path: Path) -> tuple[int, int]:
 
 def _read(what: str, path: Path, flags: int) -> np.ndarray:
     try:
-        data = path.read_bytes()
-    except FileNotFoundError as error:
+        data = safe_input.data(path)
+    except MissingError as error:
         raise FrameError(f"{what} image is missing") from error
-    except OSError as error:
-        raise FrameError(f"{what} image cannot be read: {error.strerror}") from error
+    except UnreadableError as error:
+        raise FrameError(f"{what} image {error}") from error
     if not data:
         raise FrameError(f"{what} image is an empty file")
     cut_png = data.startswith(_PNG_START) and _PNG_END not in data[-1024:]
@@ -154,12 +156,9 @@ def _read(what: str, path: Path, flags: int) -> np.ndarray:
     if cut_png or cut_jpeg:  # checked here, because the decoders of OpenCV write to standard error
         raise FrameError(f"{what} image is truncated")
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
-        image = None
-    if image is None:
-        raise FrameError(f"{what} image cannot be decoded")
-    return np.asarray(image)
+        return safe_input.picture(data, flags)
+    except UnreadableError as error:
+        raise FrameError(f"{what} image {error}") from error
 
 
 def _check_size(what: str, image: np.ndarray, camera: Camera) -> None:

@@ -48,6 +48,8 @@ def open_recording(path: Path, description: Path | None = None, reader: str = ""
     """
     if not path.exists():
         raise RecordingError(f"{path}: no such file or folder{_nearest(path)}; expected {KINDS}")
+    if not (path.is_file() or path.is_dir()):
+        raise RecordingError(f"{path}: is neither a file nor a folder; expected {KINDS}")
     if reader:
         return _open_with(reader, path)
     if description is None and robot_files(path):

@@ -15,9 +15,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.frame import ColourView, DepthView, Frame
+from perception.primitives.safe_input import UnreadableError
 
 from ._lzf_kernels import lzf_decompress
 from .folder import camera_of
@@ -60,9 +62,9 @@ def _read(
     path: Path,
 ) -> tuple[Camera, Float32[np.ndarray, "h w"], UInt8[np.ndarray, "h w 3"] | None]:
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+        content = safe_input.data(path)
+    except UnreadableError as error:
+        raise RecordingError(f"{path}: {error}") from error
     header, body = _header(path, content)
     width, height = (_count(path, header, key) for key in ("WIDTH", "HEIGHT"))
     if height < 2 or width < 2:
@@ -107,9 +109,10 @@ def _header(path: Path, content: bytes) -> tuple[dict[str, list[str]], bytes]:
 
 def _count(path: Path, header: dict[str, list[str]], key: str) -> int:
     word = header[key][0]
-    if not word.isdigit():
-        raise RecordingError(f"{path}: {key} {word} in its header is not a number")
-    return int(word)
+    found = safe_input.whole(word)
+    if found is None:
+        raise RecordingError(f"{path}: {key} {word[:20]} in its header is not a number")
+    return found
 
 
 def _points(path: Path, header: dict[str, list[str]], body: bytes, count: int) -> np.ndarray:

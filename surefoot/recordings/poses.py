@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from perception.primitives import safe_input
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
+from perception.primitives.safe_input import UnreadableError
 
 from .recording import FrameError
 
@@ -17,6 +19,7 @@ _NORM_TOLERANCE = 0.01  # ours: four printed digits leave 1e-4
 _ROTATION_TOLERANCE = 0.01  # ours: KinectFusion's printed matrices are orthogonal to 1e-3
 _FLIP_Y = np.diag([1.0, -1.0, 1.0])
 ASSOCIATION_S = 0.02  # TUM's associate.py
+MOST_CANDIDATES = 50  # ours: of one stamp, on either side
 
 
 def read_lines(path: Path) -> list[tuple[int, list[str]]]:
@@ -26,13 +29,9 @@ def read_lines(path: Path) -> list[tuple[int, list[str]]]:
         RecordingError: The file cannot be read, is not text, or has no lines.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: is not text; lines of numbers were expected") from error
-    except OSError as error:
-        raise RecordingError(
-            f"{path}: cannot be read: {error.strerror}; a text file was expected"
-        ) from error
+        text = safe_input.text(path)
+    except UnreadableError as error:
+        raise RecordingError(f"{path}: {error}; lines of numbers were expected") from error
     lines = [
         (number, line.replace(",", " ").split())
         for number, line in enumerate(text.splitlines(), start=1)
@@ -141,13 +140,17 @@ def associate(
 ) -> Int[np.ndarray, "n"]:
     """Match stamps: for each stamp the index of its match among the others, -1 without one.
 
-    The closest pairs are matched first, each stamp once, none further apart than `max_s`, s.
+    The closest pairs are matched first, each stamp once, none further apart than `max_s`, s. Of more than
+    `MOST_CANDIDATES` on either side of a stamp the farther ones do not count.
 
     Source: TUM RGB-D benchmark, associate.py.
     """
     order = np.argsort(others, kind="stable")
+    nearest = np.searchsorted(others[order], stamps)
     first = np.searchsorted(others[order], stamps - max_s, side="left")
     last = np.searchsorted(others[order], stamps + max_s, side="right")
+    first = np.maximum(first, nearest - MOST_CANDIDATES)
+    last = np.minimum(last, nearest + MOST_CANDIDATES)
     pairs = [
         (abs(float(stamps[i] - others[j])), i, int(j))
         for i in range(len(stamps))

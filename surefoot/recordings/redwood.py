@@ -13,7 +13,6 @@ Source: Choi et al., CVPR 2015; open3d.org, RGBD data sets and PinholeCameraIntr
 
 from __future__ import annotations
 
-import json
 import re
 from functools import partial
 from pathlib import Path
@@ -21,8 +20,10 @@ from typing import Any
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError, RecordingError
+from perception.primitives.safe_input import UnreadableError
 
 from .description import Description, complete
 from .folder import KINECT_HZ, FolderRecording, FrameFiles, camera_of, pair, pictures, pose_lines
@@ -96,23 +97,23 @@ def _intrinsics_file(path: Path) -> Path | None:
     """The first JSON file with intrinsics."""
     for candidate in sorted(path.glob("*.json")):
         try:
-            if _INTRINSICS.search(candidate.read_text(encoding="utf-8")):
+            if _INTRINSICS.search(safe_input.text(candidate)):
                 return candidate
-        except (OSError, UnicodeDecodeError):
+        except UnreadableError:
             continue
     return None
 
 
 def _intrinsics(source: Path) -> tuple[Camera, DepthUnit]:
     try:
-        whole: dict[str, Any] = json.loads(source.read_text(encoding="utf-8"))
+        whole: dict[str, Any] = safe_input.json(safe_input.text(source))
         values = _part(whole)
         (fx, fy, cx, cy), lens = (
             _of_open3d(values) if "intrinsic_matrix" in values else _of_realsense(values)
         )
         width, height = int(values["width"]), int(values["height"])
         scale = float(values.get("depth_scale", whole.get("depth_scale", 1000.0)))
-    except (json.JSONDecodeError, AttributeError, KeyError, TypeError, ValueError) as error:
+    except (*(AttributeError, KeyError, TypeError, ValueError, OverflowError),) as error:
         raise RecordingError(
             f"{source}: cannot be read as intrinsics of Open3D or RealSense ({error}); width, height, and a list "
             "intrinsic_matrix of 9 numbers or fx, fy, ppx, ppy were expected"

@@ -8,12 +8,12 @@ Source: Straub et al. 2019; Zhu et al., CVPR 2022 (the renderings).
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.errors import ConfigError, RecordingError
 
 from .description import Description, complete
@@ -47,12 +47,12 @@ def open_replica(path: Path, description: Description | None = None) -> FolderRe
     if source is None:
         raise RecordingError(f"{path}: no cam_params.json here or one folder up")
     try:
-        values = json.loads(source.read_text(encoding="utf-8"))["camera"]
+        values = safe_input.json(safe_input.text(source))["camera"]
         scale = float(values["scale"])
         width, height = int(values["w"]), int(values["h"])
         fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
         unit = DepthUnit(scale, (0,))
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError, ConfigError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, ConfigError) as error:
         raise RecordingError(
             f"{source}: cannot be read ({error}); camera with w h fx fy cx cy scale was expected"
         ) from error

@@ -15,8 +15,10 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
+from perception.primitives.safe_input import UnreadableError
 
 from .recording import FrameError
 
@@ -90,10 +92,10 @@ def colour_image(message: Any, camera: Camera, compressed: bool) -> UInt8[np.nda
         FrameError: The image has another encoding or size, or too few bytes.
     """
     if compressed:
-        data = np.frombuffer(bytes(message.data), np.uint8)
-        rgb = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB) if len(data) else None
-        if rgb is None:
-            raise FrameError("colour image cannot be decoded")
+        try:
+            rgb = safe_input.picture(bytes(message.data), cv2.IMREAD_COLOR_RGB)
+        except UnreadableError as error:
+            raise FrameError(f"colour image {error}") from error
     else:
         channels = _COLOURS.get(message.encoding)
         if channels is None:
@@ -158,10 +160,11 @@ def _compressed_depth(message: Any) -> np.ndarray:
     if _RVL in message.format:
         raise FrameError("depth image is compressed by RVL, which is not read; expected PNG")
     start = data.find(b"\x89PNG")
-    image = None
-    if start >= 0:
-        image = cv2.imdecode(np.frombuffer(data[start:], np.uint8), cv2.IMREAD_UNCHANGED)
-    if image is None or image.ndim != 2 or image.dtype != np.uint16:
+    try:
+        image = safe_input.picture(data[max(start, 0) :], cv2.IMREAD_UNCHANGED)
+    except UnreadableError as error:
+        raise FrameError(f"compressed depth image {error}") from error
+    if start < 0 or image.ndim != 2 or image.dtype != np.uint16:
         raise FrameError("compressed depth image has no PNG with one channel of uint16")
     if "32FC1" not in message.format:
         return _metres(image)

@@ -17,9 +17,11 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.pose import Pose3
+from perception.primitives.safe_input import UnreadableError
 
 from .folder import camera_of
 
@@ -92,8 +94,8 @@ def read_rectified_pair(left: Path, right: Path) -> tuple[Camera, float]:
 def has_opencv_pair(path: Path) -> bool:
     """Whether a file of OpenCV's FileStorage holds P1 and P2."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
+        text = safe_input.text(path)
+    except UnreadableError:
         return False
     return bool(re.search(r"^P1:|<P1\b", text, re.M) and re.search(r"^P2:|<P2\b", text, re.M))
 
@@ -152,8 +154,8 @@ def _rectified(
 
 def _read(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = safe_input.text(path)
+    except UnreadableError as error:
         raise RecordingError(
             f"{path}: cannot be read ({error}); a YAML calibration file was expected"
         ) from error
@@ -182,9 +184,10 @@ def _numbers(path: Path, text: str, key: str, counts: tuple[int, ...]) -> Float[
 
 def _whole(path: Path, text: str, key: str) -> int:
     value = _word(text, key)
-    if value is None or not value.isdigit():
+    found = None if value is None else safe_input.whole(value)
+    if found is None:
         raise RecordingError(f"{path}: {key} is {value}; a number of pixels was expected")
-    return int(value)
+    return found
 
 
 def _word(text: str, key: str) -> str | None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import errno
-import json
 import math
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.errors import OutputError
+from perception.primitives.safe_input import UnreadableError
 
 
 def cell(value: object) -> str:
@@ -46,8 +47,8 @@ def parse_json_lines(path: Path) -> list[Any]:
     found = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[1:]:
         try:
-            found.append(json.loads(line))
-        except ValueError:
+            found.append(safe_input.json(line))
+        except UnreadableError:
             break
     return found
 

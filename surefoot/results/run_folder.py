@@ -21,8 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError, OutputError, RecordingError
 from perception.primitives.gaussian import Gaussian
+from perception.primitives.safe_input import UnreadableError
 
 from . import run_lock
 from .formats import cell, parse_json_lines, plain_json, refuse, tum_line
@@ -297,11 +299,9 @@ class RunFolder:
         if not self.has(name):
             return None
         try:
-            return json.loads(self.path(name).read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise RecordingError(
-                f"{self.path(name)} is not JSON ({error}); make the run again"
-            ) from error
+            return safe_input.json(safe_input.text(self.path(name)))
+        except UnreadableError as error:
+            raise RecordingError(f"{self.path(name)} {error}; make the run again") from error
 
     def read_csv(self, name: str) -> Table | None:
         """A table of the run; None if it is absent or has no rows.

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import csv
-import gzip
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from perception.primitives import safe_input
 from perception.primitives.errors import InputError, RecordingError
+from perception.primitives.safe_input import MissingError, UnreadableError
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,8 @@ def text_lines(path: Path) -> list[str]:
         InputError: It does not exist, or is not text.
     """
     try:
-        data = path.read_bytes()
-        text = gzip.decompress(data) if path.suffix == ".gz" else data
-        return text.decode().splitlines()
-    except FileNotFoundError:
+        return safe_input.text(path).splitlines()
+    except MissingError:
         raise InputError(f"{path} does not exist; check the path") from None
-    except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
-        raise InputError(f"{path} cannot be read as text ({error}); check the file") from error
+    except UnreadableError as error:
+        raise InputError(f"{path} {error}; a text file was expected") from error

@@ -91,7 +91,7 @@ def test_single_values_change_on_the_command_line_and_nothing_else_does():
 def test_a_file_that_is_not_toml_is_named(tmp_path):
     path = tmp_path / "broken.toml"
     path.write_text("[grid\n")
-    with pytest.raises(InputError, match=r"broken\.toml is not TOML"):
+    with pytest.raises(InputError, match=r"broken\.toml is not valid TOML"):
         load(path)
 
 

@@ -36,3 +36,11 @@ def test_matches_agree_with_the_script_of_the_benchmark(first, second):
 @given(stamps)
 def test_every_stamp_matches_itself(times):
     np.testing.assert_array_equal(associate(times, times), np.arange(len(times)))
+
+
+def test_thousands_of_equal_stamps_take_little_memory():
+    equal = np.ones(20_000)
+    match = associate(equal, equal)
+    found = match[match >= 0]
+    assert len(found) > 0
+    assert len(set(found.tolist())) == len(found)

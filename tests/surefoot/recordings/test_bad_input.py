@@ -344,7 +344,7 @@ def test_an_empty_trajectory_is_refused(tum, content):
 
 def test_a_binary_trajectory_is_refused(tum):
     (tum / "groundtruth.txt").write_bytes(b"\xff\xfe\x00\x80")
-    with pytest.raises(RecordingError, match=r"groundtruth.txt: is not text; lines of numbers"):
+    with pytest.raises(RecordingError, match=r"groundtruth.txt: is not text in UTF-8"):
         open_recording(tum)
 
 

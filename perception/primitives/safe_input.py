@@ -1,0 +1,164 @@
+"""Reading what somebody else wrote: files, text, TOML, JSON, whole numbers and pictures, within limits.
+
+Whatever is wrong with the content is one exception, `UnreadableError`, so that a caller has one thing to report.
+"""
+
+from __future__ import annotations
+
+import json as _json
+import stat
+import tomllib
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Shaped
+
+MOST_BYTES = 1 << 30  # of a file
+MOST_TEXT_BYTES = 1 << 28  # of a text file, unpacked
+MOST_PIXELS = 100_000_000  # of a picture
+MOST_DIGITS = 18  # of an integer; 64 bits hold them
+_LARGEST = 10**MOST_DIGITS
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG_SIZES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers that hold width and height
+
+
+class UnreadableError(ValueError):
+    """Content that cannot be used; the message says what is wrong, without the name of the file."""
+
+
+class MissingError(UnreadableError):
+    """There is no such file."""
+
+
+def data(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """The content of a regular file.
+
+    Raises:
+        MissingError: There is no such file.
+        UnreadableError: It is a folder, a pipe or a device, too large, or cannot be read.
+    """
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise UnreadableError("is not a file")
+        if status.st_size > most_bytes:
+            raise UnreadableError(f"has {status.st_size} bytes; {most_bytes} are the most")
+        return path.read_bytes()
+    except OSError as error:
+        kind = MissingError if isinstance(error, FileNotFoundError) else UnreadableError
+        raise kind(f"cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        if isinstance(error, UnreadableError):
+            raise
+        raise UnreadableError(f"has an impossible name ({error})") from error
+
+
+def text(path: Path) -> str:
+    """The content of a UTF-8 text file, also gzipped (.gz); errors as of `data`."""
+    content = data(path, MOST_TEXT_BYTES)
+    if path.suffix == ".gz":
+        content = _unzipped(content)
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UnreadableError(f"is not text in UTF-8 ({error})") from error
+
+
+def _unzipped(content: bytes) -> bytes:
+    machine = zlib.decompressobj(wbits=31)
+    try:
+        unpacked = machine.decompress(content, MOST_TEXT_BYTES)
+    except zlib.error as error:
+        raise UnreadableError(f"is not gzip ({error})") from error
+    if not machine.eof:
+        more = (
+            "unpacks to more than the limit of" if machine.unconsumed_tail else "is cut off after"
+        )
+        raise UnreadableError(f"{more} {len(unpacked)} bytes")
+    return unpacked
+
+
+def toml(content: str) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Raises:
+        UnreadableError: It is not TOML, nested too deeply, or has an integer of too many digits.
+    """
+    try:
+        found = tomllib.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise UnreadableError(f"is not valid TOML: {_words(error)}") from error
+    _refuse_large(found)
+    return found
+
+
+def json(content: str | bytes) -> Any:
+    """The value of a JSON text; errors as of `toml`."""
+    try:
+        found = _json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise UnreadableError(f"is not valid JSON: {_words(error)}") from error
+    _refuse_large(found)
+    return found
+
+
+def _words(error: Exception) -> str:
+    return "nested too deeply" if isinstance(error, RecursionError) else str(error).split(";")[0]
+
+
+def _refuse_large(value: Any) -> None:
+    waiting = [value]
+    while waiting:
+        one = waiting.pop()
+        if isinstance(one, dict):
+            waiting += one.values()
+        elif isinstance(one, list):
+            waiting += one
+        elif isinstance(one, int) and abs(one) >= _LARGEST:
+            raise UnreadableError(f"holds an integer of more than {MOST_DIGITS} digits")
+
+
+def whole(word: str) -> int | None:
+    """A whole number that is not negative, written in the digits 0 to 9; None for anything else."""
+    digits = word.isascii() and word.isdigit() and len(word) <= MOST_DIGITS
+    return int(word) if digits else None
+
+
+def picture(content: bytes, flags: int) -> Shaped[np.ndarray, "..."]:
+    """A picture in any format of OpenCV.
+
+    Args:
+        content: Of the file.
+        flags: `cv2.IMREAD_...`.
+
+    Raises:
+        UnreadableError: It cannot be decoded, or is too large; the size is read before the pixels.
+    """
+    size = picture_size(content)
+    if size is not None and size[0] * size[1] > MOST_PIXELS:
+        raise UnreadableError(f"is {size[0]}x{size[1]} px; {MOST_PIXELS} pixels are the most")
+    try:
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error:
+        image = None
+    if image is None:
+        raise UnreadableError("cannot be decoded")
+    return np.asarray(image)
+
+
+def picture_size(content: bytes) -> tuple[int, int] | None:
+    """Width and height by the header of a PNG or JPEG; None for other formats, which OpenCV limits."""
+    if content.startswith(_PNG) and len(content) >= 24:
+        return int.from_bytes(content[16:20], "big"), int.from_bytes(content[20:24], "big")
+    if not content.startswith(b"\xff\xd8"):
+        return None
+    place = 2
+    while place + 9 <= len(content) and content[place] == 0xFF:
+        if content[place + 1] in _JPEG_SIZES:
+            height, width = content[place + 5 : place + 7], content[place + 7 : place + 9]
+            return int.from_bytes(width, "big"), int.from_bytes(height, "big")
+        place += 2 + int.from_bytes(content[place + 2 : place + 4], "big")
+    return None

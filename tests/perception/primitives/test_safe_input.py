@@ -1,0 +1,122 @@
+"""What somebody else wrote is read within limits, and whatever is wrong with it is one kind of error."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from perception.primitives import safe_input
+from perception.primitives.safe_input import MissingError, UnreadableError
+
+
+def test_only_regular_files_are_read(tmp_path):
+    file = tmp_path / "a.txt"
+    file.write_bytes(b"abc")
+    assert safe_input.data(file) == b"abc"
+    link = tmp_path / "link"
+    link.symlink_to(file)
+    assert safe_input.data(link) == b"abc"
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path in (tmp_path, pipe, tmp_path.__class__("/dev/zero")):
+        with pytest.raises(UnreadableError, match="is not a file"):
+            safe_input.data(path)
+    with pytest.raises(MissingError, match="No such file"):
+        safe_input.data(tmp_path / "none")
+    with pytest.raises(UnreadableError, match="impossible name"):
+        safe_input.data(tmp_path / "a\0b")
+    with pytest.raises(UnreadableError, match="3 bytes; 2 are the most"):
+        safe_input.data(file, 2)
+
+
+def test_text_may_be_zipped_but_not_without_end(tmp_path, monkeypatch):
+    file = tmp_path / "a.csv.gz"
+    file.write_bytes(gzip.compress(b"1,2\n" * 1000))
+    assert safe_input.text(file) == "1,2\n" * 1000
+    monkeypatch.setattr(safe_input, "MOST_TEXT_BYTES", 2000)
+    with pytest.raises(UnreadableError, match="more than the limit of 2000 bytes"):
+        safe_input.text(file)
+    file.write_bytes(gzip.compress(os.urandom(500))[:-20])
+    with pytest.raises(UnreadableError, match="cut off"):
+        safe_input.text(file)
+    file.write_bytes(b"plain")
+    with pytest.raises(UnreadableError, match="not gzip"):
+        safe_input.text(file)
+    plain = tmp_path / "a.txt"
+    plain.write_bytes(b"\xff\xfe")
+    with pytest.raises(UnreadableError, match="not text in UTF-8"):
+        safe_input.text(plain)
+
+
+NESTED = "[" * 100_000
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (f"a = {NESTED}", "nested too deeply"),
+        ("a = " + "9" * 5000, "not valid TOML: Exceeds the limit"),
+        ("a = " + "9" * 400, "more than 18 digits"),
+        (f"a = [{{b = -{'9' * 19}}}]", "more than 18 digits"),
+        ("a = ", "not valid TOML"),
+    ],
+)
+def test_toml_beyond_the_limits_is_refused(content, message):
+    with pytest.raises(UnreadableError, match=message):
+        safe_input.toml(content)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (NESTED, "nested too deeply"),
+        ("9" * 5000, "not valid JSON: Exceeds the limit"),
+        ("[1, {" + f'"a": {"9" * 30}' + "}]", "more than 18 digits"),
+        ("{", "not valid JSON"),
+        (b"\xff", "not valid JSON"),
+    ],
+)
+def test_json_beyond_the_limits_is_refused(content, message):
+    with pytest.raises(UnreadableError, match=message):
+        safe_input.json(content)
+
+
+def test_ordinary_toml_and_json_are_read():
+    assert safe_input.toml("a = [1, {b = 2.5}]") == {"a": [1, {"b": 2.5}]}
+    assert safe_input.json('{"a": [1, true, null, 2.5]}') == {"a": [1, True, None, 2.5]}
+
+
+@pytest.mark.parametrize("word", ["²", "٣", "", "-1", "1.0", "9" * 19, " 1"])
+def test_only_plain_digits_are_whole_numbers(word):
+    assert safe_input.whole(word) is None
+    assert safe_input.whole("0042") == 42
+
+
+def chunk(name, content):
+    return (
+        struct.pack(">I", len(content))
+        + name
+        + content
+        + struct.pack(">I", zlib.crc32(name + content))
+    )
+
+
+def test_the_size_of_a_picture_is_looked_at_before_its_pixels():
+    header = struct.pack(">IIBBBBB", 32_000, 32_000, 16, 0, 0, 0, 0)
+    bomb = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(999)))
+    with pytest.raises(UnreadableError, match="32000x32000 px"):
+        safe_input.picture(bomb, cv2.IMREAD_UNCHANGED)
+    for ending in (".png", ".jpg"):
+        content = cv2.imencode(ending, np.zeros((30, 50, 3), np.uint8))[1].tobytes()
+        assert safe_input.picture_size(content) == (50, 30)
+        assert safe_input.picture(content, cv2.IMREAD_COLOR).shape == (30, 50, 3)
+        with pytest.raises(UnreadableError, match="cannot be decoded"):
+            safe_input.picture(content[:20], cv2.IMREAD_COLOR)
+    with pytest.raises(UnreadableError, match="cannot be decoded"):
+        safe_input.picture(b"", cv2.IMREAD_COLOR)
