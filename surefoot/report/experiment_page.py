@@ -106,11 +106,18 @@ def _subtitle(result: Mapping[str, Any]) -> str:
     parts = [
         f"seeds: {result['seeds']}",
         f"{result['body']} body" if result["body"] else "",
+        smaller(result),
         f"{result['seconds']:.0f} s",
         f"surefoot {result['version']}",
         f"commit {result['commit']}" if result["commit"] else "",
     ]
     return " · ".join(part for part in parts if part)
+
+
+def smaller(result: Mapping[str, Any]) -> str:
+    """In words, by which arguments a result is of a smaller experiment than it is meant."""
+    told = ", ".join(f"{name} = {value:g}" for name, value in result["smaller"].items())
+    return f"smaller than meant: {told}" if told else ""
 
 
 def _paper(result: Mapping[str, Any]) -> str:
@@ -154,14 +161,14 @@ def _targets(result: Mapping[str, Any], verdicts: Sequence[Mapping[str, Any]]) -
         rows.append(
             (
                 f"<code>{html.escape(name)}</code>",
+                f'<b class="{"good" if one["met"] else "bad"}">{"✓" if one["met"] else "✗"} {one["words"]}</b>',
                 _number(result["figures"].get(name)),
-                _span(result, name),
                 f"{RELATIONS[one['relation']]} {one['bound']:.6g}",
                 _number(result["published"].get(name)),
-                f'<b class="{"good" if one["met"] else "bad"}">{"✓" if one["met"] else "✗"} {one["words"]}</b>',
+                _span(result, name),
             )
         )
-    header = ("figure", "measured", "95 % interval", "target", "paper", "verdict")
+    header = ("figure", "verdict", "measured", "target", "paper", "95 % interval")
     said = f'<p class="soft">{html.escape(result["intervals_said"])}</p>'
     return (_table(header, rows) + said) if rows else ""
 
@@ -178,10 +185,10 @@ def _columns(result: Mapping[str, Any]) -> str:
 
 def _figures(result: Mapping[str, Any]) -> str:
     rows = [
-        (f"<code>{html.escape(name)}</code>", _number(value), _span(result, name), _number(result["published"].get(name)))
+        (f"<code>{html.escape(name)}</code>", _number(value), _number(result["published"].get(name)), _span(result, name))
         for name, value in result["figures"].items()
     ]  # fmt: skip
-    return _table(("figure", "measured", "95 % interval", "paper"), rows)
+    return _table(("figure", "measured", "paper", "95 % interval"), rows)
 
 
 def _files(result: Mapping[str, Any]) -> str:
@@ -194,7 +201,9 @@ def _files(result: Mapping[str, Any]) -> str:
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of HTML cells; all but the first column are numbers."""
+    """A table of HTML cells; all but the first column are numbers, and a column without any is left out."""
+    kept = [k for k in range(len(header)) if not k or any(row[k] != NO_NUMBER for row in rows)]
+    header, rows = [header[k] for k in kept], [[row[k] for k in kept] for row in rows]
     head = "".join(f'<th class="{"number" if k else ""}">{name}</th>' for k, name in enumerate(header))  # fmt: skip
     body = "\n".join(
         "<tr>" + "".join(f'<td class="{"number" if k else ""}">{cell}</td>' for k, cell in enumerate(row)) + "</tr>"

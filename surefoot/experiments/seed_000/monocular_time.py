@@ -33,6 +33,7 @@ from planning.swarm.objective import Objective, ObjectiveConfig
 from planning.swarm.search import SwarmConfig
 
 from ...report.plots import style
+from ..support.columns import Row
 from ..support.experiment import Experiment, Outcome, Say, Target
 from .image_pairs import image_pairs
 
@@ -193,7 +194,7 @@ def run(seeds: int, say: Say) -> Outcome:
     drawing = style.Drawing(
         "time", "Stacked times of the stages of every footstep.", partial(_plot, rows)
     )
-    return Outcome(figures, table, drawings=[drawing])
+    return Outcome(figures, table, COLUMNS, [drawing])
 
 
 def _plot(rows: list[dict[str, float]]) -> Figure:
@@ -207,6 +208,12 @@ def _plot(rows: list[dict[str, float]]) -> Figure:
     style.legend(axes)
     return figure
 
+
+COLUMNS: tuple[Row, ...] = (
+    ("time of a cycle, median, ms", 300.0, "swarm_cycle_ms_p50", "cycle_ms_p50"),
+    ("time of a cycle, largest, ms", 350.0, "swarm_cycle_ms_max", "cycle_ms_max"),
+    ("memory, MB", 200.0, "", "memory_mb"),
+)
 
 EXPERIMENT = Experiment(
     id="000-E5",

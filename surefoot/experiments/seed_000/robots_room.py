@@ -18,6 +18,7 @@ import numpy as np
 
 from ...config.schema import Config
 from ...evaluation.metrics.contact_classes import CLASSES
+from ..support.columns import Row
 from ..support.experiment import Experiment, Outcome, Say, Target
 from ..support.walks import column, walk_all
 from .swarm_walks import PRINTED_MPS, compared, config_of, figures_of
@@ -27,14 +28,26 @@ FIRST_HOLDS_S = 70.0  # seed 000
 FIFTH, TWENTIETH = 5, 20
 NEARER_M = 0.5  # ours: a tenth of the room; body sway is a few centimetres
 PAPER = {"contact_free_share": 1.0, "contacts": 0.0}
+COLUMNS: tuple[Row, ...] = (
+    ("contacts, both at the printed step", 0.0, "published_contacts", "printed_contacts"),
+    (
+        "  in the room with robots as printed",
+        0.0,
+        "room_published_contacts",
+        "room_printed_contacts",
+    ),
+    ("walks without contact, share", 1.0, "published_contact_free_share", "contact_free_share"),
+    ("first goal within 70 s, share", 1.0, "published_goal1_in_time_share", "goal1_in_time_share"),
+    ("last goal reached, share", 1.0, "published_goal5_share", "goal5_share"),
+)
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1."""
+def run(seeds: int, say: Say, body: str = "kinematic", limit_s: float = LIMIT_S) -> Outcome:
+    """Seeds 0 to n - 1, each walk at most `limit_s` long."""
     fifth, twentieth = max(1, seeds // FIFTH), max(1, seeds // TWENTIETH)
     kinds = {
-        "": _walkers("robots_room", (fifth, fifth, seeds), body),
-        "room_": _walkers("printed_room", (twentieth,) * 3, body),
+        "": _walkers("robots_room", (fifth, fifth, seeds), body, limit_s),
+        "room_": _walkers("printed_room", (twentieth,) * 3, body, limit_s),
     }
     todo = [c for rooms in kinds.values() for configs in rooms.values() for c in configs]
     walks = iter(walk_all(todo, say, figures_of))
@@ -58,12 +71,14 @@ def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
             f"  {metrics['goal1_s']:9.1f}  {metrics['goal5_s']:8.1f}"
             + "".join(f"  {metrics[f'goal{k}_approach_m']:5.2f}" for k in (2, 3, 4))
         )
-    return Outcome(figures, table + tables)
+    return Outcome(figures, table + tables, COLUMNS)
 
 
-def _walkers(scene: str, counts: tuple[int, int, int], body: str) -> dict[str, list[Config]]:
+def _walkers(
+    scene: str, counts: tuple[int, int, int], body: str, limit_s: float
+) -> dict[str, list[Config]]:
     """The published walker, ours at the printed step, and ours, each on its number of seeds."""
-    of = partial(config_of, scene, limit_s=LIMIT_S, body=body)
+    of = partial(config_of, scene, limit_s=limit_s, body=body)
     published, printed, ours = (range(count) for count in counts)
     return {
         "published": [of(seed, version="published") for seed in published],

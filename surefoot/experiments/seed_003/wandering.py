@@ -43,9 +43,9 @@ def coverage(run: RunFolder, config: Config) -> dict[str, float]:
     return {"coverage": float(np.mean(seen))}
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Seeds 0 to n - 1."""
-    mission = MissionConfig(wander=True, time_limit_s=SECONDS)
+def run(seeds: int, say: Say, body: str = "kinematic", limit_s: float = SECONDS) -> Outcome:
+    """Seeds 0 to n - 1, each walk `limit_s` long."""
+    mission = MissionConfig(wander=True, time_limit_s=limit_s)
     configs = [
         on_body(Config(scene="home", seed=seed, mission=mission), body) for seed in range(seeds)
     ]

@@ -55,9 +55,9 @@ def law_errors_deg(panorama: Panorama, views: list[View]) -> float:
     return math.degrees(float(np.sqrt(np.mean(off**2))))
 
 
-def objects_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]:
+def objects_and_gaps(seeds: int, scenes: int, say: Say) -> tuple[dict[str, float], list[str]]:
     """Random scenes: share of correct counts, and errors of gaps, widths and heights."""
-    count = min(seeds * SCENES_A_SEED, 200) if seeds <= 3 else seeds * SCENES_A_SEED
+    count = min(seeds * scenes, 200) if seeds <= 3 else seeds * scenes
     scores = run_all(score, [(number,) for number in range(count)], say, "random scenes")
     correct = [one for one in scores if one.objects == one.listed]
     gaps = [gap for one in correct for gap in one.gaps]
@@ -92,7 +92,7 @@ def objects_and_gaps(seeds: int, say: Say) -> tuple[dict[str, float], list[str]]
     return figures, [row]
 
 
-def run(seeds: int, say: Say) -> Outcome:
+def run(seeds: int, say: Say, scenes: int = SCENES_A_SEED) -> Outcome:
     """Three rooms per seed, about five seconds each; 67 random scenes, three seconds each, and 27 rooms, ten seconds each."""
     found: dict[str, list[float]] = {}
     drawings: list[Drawing] = []
@@ -140,7 +140,7 @@ def run(seeds: int, say: Say) -> Outcome:
         if name != "nees"
     }
     figures["nees_per_axis"] = float(np.mean(found["nees"]))
-    object_figures, rows = objects_and_gaps(seeds, say)
+    object_figures, rows = objects_and_gaps(seeds, scenes, say)
     figures |= object_figures
     ablation_figures, ablation_rows = ablation(seeds, say)
     figures |= ablation_figures

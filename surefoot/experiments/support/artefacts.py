@@ -15,7 +15,8 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,7 @@ class Order:
         body: Body, or "both"; None: its default.
         command: The command that repeats it.
         resume: Whether to use trials that an interrupted study has stored.
+        smaller: Arguments of the experiment that make it smaller than it is meant.
     """
 
     experiment: Experiment
@@ -62,6 +64,14 @@ class Order:
     body: str | None
     command: str
     resume: bool = False
+    smaller: Mapping[str, float] = field(default_factory=dict)
+
+    def run(self, say: Say) -> tuple[Experiment, Outcome]:
+        """The experiment as ordered."""
+        one = self.experiment
+        if self.smaller:
+            one = replace(one, run=partial(one.run, **self.smaller))
+        return experiments.measure(one, say, self.seeds, self.body)
 
 
 def default_folder(identity: str) -> Path:
@@ -88,7 +98,7 @@ def perform(order: Order, out: Path | None, say: Say) -> dict[str, Any]:
     record, began_s = Record(), time.monotonic()
     try:
         with cached(ResultCache(folder.path(TRIALS), order.resume)), heard_by(record):
-            chosen, outcome = experiments.measure(order.experiment, say, order.seeds, order.body)
+            chosen, outcome = order.run(say)
     except BaseException:
         with contextlib.suppress(OSError):
             folder.root.rmdir()  # only if nothing is in it
@@ -96,7 +106,7 @@ def perform(order: Order, out: Path | None, say: Say) -> dict[str, Any]:
     seconds = time.monotonic() - began_s
     say("confidence intervals")
     spans, said = intervals(
-        lambda: experiments.measure(order.experiment, _quiet, order.seeds, order.body)[1].figures,
+        lambda: order.run(_quiet)[1].figures,
         record,
         outcome.figures,
         seconds,
@@ -109,6 +119,7 @@ def perform(order: Order, out: Path | None, say: Say) -> dict[str, Any]:
             "trials": record.trials,
             "seeds": order.seeds or chosen.seeds,
             "body": order.body or chosen.body,
+            "smaller": dict(order.smaller),
             "seconds": round(seconds, 1),
             "version": version(),
             "commit": commit(),

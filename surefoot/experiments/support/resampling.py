@@ -99,15 +99,15 @@ def intervals(
         return {}, "no intervals: the seeds of this experiment do not run as separate trials"
     groups = [_groups(todo) for todo, _ in record.studies]
     count = max((len(one.seeds) for study in groups for one in study), default=0)
-    n = f"{record.trials} trials, at most {count} seeds of a kind"
+    n = f"trials: {record.trials}, seeds of each kind: at most {count}"
     if count < FEWEST:
-        return {}, f"no intervals: {n}; they need {FEWEST}"
+        return {}, f"no intervals with fewer than {FEWEST} seeds; {n}"
     if DRAWS * (seconds - record.waited_s) > 20.0 * LONGEST_S:
-        return {}, f"no intervals: {n}; the figures take too long to compute again"
+        return {}, f"no intervals: the figures take too long to compute again; {n}"
     began_s = time.monotonic()
     again = _figures_of(run, _Replay(groups, record, None))
     if DRAWS * (time.monotonic() - began_s) > LONGEST_S:
-        return {}, f"no intervals: {n}; the figures take too long to compute again"
+        return {}, f"no intervals: the figures take too long to compute again; {n}"
     steady = [name for name, value in figures.items() if again.get(name, math.nan) == value]
     rng = np.random.default_rng(SEED)
     seeds = sorted({seed for study in groups for one in study for seed in one.seeds})
@@ -123,7 +123,7 @@ def intervals(
         low, high = np.quantile(values, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
         if low < figures[name] < high:
             kept[name] = (float(low), float(high))
-    return kept, f"{100 * LEVEL:.0f} % intervals by bootstrap over the seeds: {n}, {DRAWS} draws"
+    return kept, f"{100 * LEVEL:.0f} % intervals by bootstrap over the seeds, {DRAWS} draws; {n}"
 
 
 def _figures_of(run: Callable[[], Figures], replay: _Replay) -> Figures:

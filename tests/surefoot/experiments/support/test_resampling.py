@@ -41,7 +41,7 @@ def test_the_interval_of_a_mean_is_that_of_normal_theory():
     np.testing.assert_allclose(
         spans["mean"], [values.mean() - half, values.mean() + half], atol=0.2 * half
     )
-    assert f"{N} trials, at most {N} seeds" in said
+    assert f"trials: {N}, seeds of each kind: at most {N}" in said
 
 
 def test_two_methods_on_the_same_worlds_stay_paired():
@@ -84,7 +84,7 @@ def test_seeds_are_found_in_settings_and_few_seeds_have_no_interval():
     todo = [(Config(seed=seed), None) for seed in range(4)]
     spans, said = intervals(dict, recorded((todo, [1.0] * 4)), {"a": 1.0}, 0.0)
     assert spans == {}
-    assert "at most 4 seeds of a kind" in said
+    assert "seeds of each kind: at most 4" in said
 
 
 def test_an_experiment_that_computes_long_outside_its_trials_is_not_run_again():
