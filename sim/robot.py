@@ -16,7 +16,7 @@ import numpy as np
 
 from perception.primitives.errors import ConfigError
 from perception.primitives.frame import ColourView, Frame, RangeView, StepOdometry, StereoView
-from perception.primitives.pose import Pose3
+from perception.primitives.pose import Pose2, Pose3
 from perception.primitives.settings import setting
 from planning.commands import GazeCommand, WalkCommand
 
@@ -197,6 +197,10 @@ class SimulatedRobot:
     def look(self, gaze: GazeCommand) -> None:
         """Set the gaze; the head moves there within its speed and range."""
         self._head.look(gaze)
+
+    def feet(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
+        """Left and right foot in the body frame by the joint encoders, each with whether it is lifted."""
+        return self.body.feet_from_encoders()
 
     def cameras(self) -> dict[str, tuple[float, float, float]]:
         """Enabled cameras and their positions in the head."""

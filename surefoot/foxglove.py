@@ -11,6 +11,9 @@ from perception.primitives.pose import Pose3
 
 from .mcap_file import nanoseconds
 
+MAP, BODY = "map", "body"
+"""Names of frames."""
+
 
 def timestamp(stamp_s: float) -> Timestamp:
     """A stamp as a protobuf message."""

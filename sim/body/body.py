@@ -71,6 +71,9 @@ class Body(Protocol):
     def trunk_from_encoders(self) -> Pose3:
         """Pelvis in the body frame as the joint encoders give it, lowered by its height while walking."""
 
+    def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
+        """Left and right foot in the body frame as the joint encoders give them, each with whether it is lifted."""
+
     def true_trunk(self) -> Pose3:
         """True pelvis in the true body frame, lowered by its height while walking."""
 

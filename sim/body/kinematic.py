@@ -194,6 +194,11 @@ class KinematicBody:
             (right, lift if self._step.swing < 0 else 0.0),
         )
 
+    def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
+        """The feet by the joints, which this body moves exactly."""
+        (left, left_m), (right, right_m) = self.feet_body
+        return (left, left_m > 0.0), (right, right_m > 0.0)
+
     def true_trunk(self) -> Pose3:
         """True pelvis with its sway, projected on the floor, in the true body frame."""
         t = self.sway

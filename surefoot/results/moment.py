@@ -115,7 +115,7 @@ class Moment:
         predictions: Of each track, in the same order.
         footprints: Ground of the static obstacles; with the last moment.
         timing_ms: Wall time of every stage.
-        colour: Camera picture, WebP, at most 320 px wide.
+        colour: Camera picture, JPEG, at most 320 px wide.
         colour_sensor: Its camera: "colour", or "stereo" for the left one of a pair.
         depth: Depth along the axis, in steps of `depth_step_m`; 0: none. At most 320 px wide.
         depth_step_m: Unit of `depth`.

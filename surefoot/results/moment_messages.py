@@ -29,7 +29,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3
 
-from ..foxglove import calibration, frame_id, timestamp, transform
+from ..foxglove import BODY, MAP, calibration, frame_id, timestamp, transform
 from .footprint_entries import footprint_entry, footprint_of
 from .moment import FloorSeen, GazeMap, Layers, Moment, Prediction
 
@@ -38,7 +38,6 @@ GRID, COLOUR, DEPTH, GAZE = "/estimate/grid", "/estimate/colour", "/estimate/dep
 READ = (MOMENT, FOOTPRINTS, GRID, COLOUR, DEPTH, GAZE)
 """Topics that `moment_from_messages` reads; the others repeat their content for viewers."""
 
-MAP, BODY = "map", "body"
 JSON_TOPICS: dict[str, dict[str, object]] = {
     MOMENT: {
         "title": "surefoot.Moment",
@@ -132,11 +131,9 @@ def moment_from_messages(data: Mapping[str, bytes]) -> Moment:
     )
 
 
-def footprint_messages(
-    footprints: Sequence[Footprint], stamp_s: float
-) -> Iterator[tuple[str, Message | dict[str, Any]]]:
-    """Topics and messages of the footprints."""
-    yield FOOTPRINTS, {"stamp_s": stamp_s, "footprints": [footprint_entry(f) for f in footprints]}
+def footprints_message(footprints: Sequence[Footprint]) -> dict[str, Any]:
+    """Content of `/estimate/footprints`."""
+    return {"footprints": [footprint_entry(one) for one in footprints]}
 
 
 def footprints_of(data: bytes) -> tuple[Footprint, ...]:
@@ -350,7 +347,7 @@ def _gaze_map(data: bytes | None, values: Mapping[str, Any]) -> GazeMap | None:
 def _colour(moment: Moment, stamp: Timestamp) -> CompressedImage:
     assert moment.colour is not None
     camera = frame_id(moment.colour_sensor)
-    return CompressedImage(timestamp=stamp, frame_id=camera, data=moment.colour, format="webp")
+    return CompressedImage(timestamp=stamp, frame_id=camera, data=moment.colour, format="jpeg")
 
 
 def _depth(moment: Moment, stamp: Timestamp) -> RawImage:

@@ -14,15 +14,17 @@ from typing import Any
 
 from mapping.objects.footprints import Footprint
 from perception.primitives.errors import RecordingError
+from perception.primitives.robot_model import RobotModel
 
 from ..mcap_file import MAGIC, TopicWriter, messages, nanoseconds
 from .moment import Moment as Moment
+from .moment_drawings import STATIC, draw_footprints, drawings
 from .moment_messages import (
     FOOTPRINTS,
     JSON_TOPICS,
     MOMENT,
     READ,
-    footprint_messages,
+    footprints_message,
     footprints_of,
     moment_from_messages,
     moment_to_messages,
@@ -37,12 +39,17 @@ PLAN = ("steps", "route", "goal", "gaze", "gaze_map", "why", "risk_m")
 class MomentWriter:
     """Writes estimates.mcap; it can be kept in a checkpoint, and goes on in the file.
 
+    Args:
+        folder: Of the run.
+        robot: Sizes of the body that is drawn; None draws only where it is.
+
     Raises:
         OutputError: The file cannot be written; every method may raise it.
     """
 
-    def __init__(self, folder: RunFolder) -> None:
-        self._folder = folder
+    def __init__(self, folder: RunFolder, robot: RobotModel | None = None) -> None:
+        self._folder, self._robot = folder, robot
+        self._drawn: set[int] = set()  # tracks that viewers show
         self._topics = TopicWriter(folder.path(ESTIMATES), JSON_TOPICS, "estimates")
         self._group = 0
         self._stamp_s = self._flushed_s = 0.0
@@ -59,6 +66,8 @@ class MomentWriter:
         """Append a moment."""
         self._group += 1
         self._stamp_s = moment.stamp_s
+        for topic, drawing in drawings(moment, self._robot, self._drawn):
+            self._add(topic, drawing)
         for topic, message in moment_to_messages(moment):
             self._add(topic, message)
         if self._group == 1 or moment.stamp_s - self._flushed_s >= CHUNK_S:
@@ -68,8 +77,8 @@ class MomentWriter:
     def close(self, footprints: tuple[Footprint, ...]) -> None:
         """Append the footprints to the last moment, write the index and close the file."""
         if self._group:
-            for topic, message in footprint_messages(footprints, self._stamp_s):
-                self._add(topic, message)
+            self._add(STATIC, draw_footprints(footprints, self._stamp_s))
+            self._add(FOOTPRINTS, footprints_message(footprints))
         self._topics.close()
 
     def _add(self, topic: str, message: Any) -> None:

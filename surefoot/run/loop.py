@@ -13,7 +13,7 @@ from perception.primitives.stopwatch import Stopwatch
 from planning.planners.planner import Decision, Planner
 from planning.world_model import WorldModel
 
-from .bodies import Body
+from .bodies import Body, Feet
 from .perception_source import PerceptionSource
 
 
@@ -25,11 +25,13 @@ class Cycle:
         frame: Sensor data.
         world: World model after this frame.
         decision: Commanded footstep and gaze; None between footsteps or without a planner.
+        feet: Of the body at this frame; None if unknown.
     """
 
     frame: Frame
     world: WorldModel
     decision: Decision | None = None
+    feet: Feet | None = None
 
 
 def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) -> Iterator[Cycle]:
@@ -43,6 +45,7 @@ def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) ->
         planner: Decides on footstep and gaze; None for a recording.
     """
     while (frame := body.read()) is not None:
+        feet = body.feet()
         world = perception.cycle(frame)
         decision, watch = None, Stopwatch()
         if planner is not None:
@@ -54,6 +57,6 @@ def cycles(body: Body, perception: PerceptionSource, planner: Planner | None) ->
         if decision is not None:
             body.walk(decision.walk)
             body.look(decision.gaze)
-        yield Cycle(frame, world, decision)
+        yield Cycle(frame, world, decision, feet)
         if planner is not None and planner.finished(world):
             break

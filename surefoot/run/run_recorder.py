@@ -86,7 +86,7 @@ class RunRecorder:
         self._odometry = RowStream(folder, ODOMETRY, ODOMETRY_HEADER)
         self._sightings = RowStream(folder, SIGHTINGS, SIGHTINGS_HEADER)
         self._tracks = JsonStream(folder, "obstacles.json")
-        self._moments = MomentRecorder(folder, config)
+        self._moments = MomentRecorder(folder, config, info.start is not None)
         folder.write_text("config.toml", toml.dumps(config))
 
     @property

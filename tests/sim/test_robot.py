@@ -293,3 +293,20 @@ def test_both_bodies_have_the_dimensions_of_their_anatomy(room, dynamic, factor)
     nominal = factor * np.array([0.4055, 0.4055, 0.090, 0.040])  # DARwIn-OP, head level
     np.testing.assert_allclose(found[0], nominal, rtol=1e-9)
     np.testing.assert_allclose(found[1], nominal, rtol=0.01)
+
+
+@pytest.mark.parametrize(("body", "within_m"), [("kinematic", 1e-12), ("dynamic", 0.02)])
+def test_the_feet_by_the_encoders_are_where_the_true_feet_are(room, body, within_m):
+    lifted = 0
+    with World(room, "tiny") as world, SimulatedRobot(world, replace(EXACT, body=body), 0) as robot:
+        for _ in range(6):
+            robot.walk(WalkCommand(0.03))
+            robot.read()
+            for (foot, up), (true, height_m) in zip(
+                robot.feet(), robot.body.feet_body, strict=True
+            ):
+                assert math.hypot(foot.x - true.x, foot.y - true.y) <= within_m
+                assert abs(wrap_angle(foot.yaw - true.yaw)) <= 0.01 + within_m
+                lifted += up
+                assert up or height_m < 0.01
+    assert lifted >= 2

@@ -166,6 +166,12 @@ class DynamicBody:
         place = pelvis.lifted().translation + foot + leaning @ (hip - foot) - level @ hip
         return Pose3.from_rotation(level, place)
 
+    def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
+        """Left and right foot in the body frame as the robot estimates them; lifted by plan."""
+        left, right = self._footprints
+        pelvis = self._odometry.pelvis((left, right))
+        return (pelvis @ left, self.swinging > 0), (pelvis @ right, self.swinging < 0)
+
     @property
     def up(self) -> tuple[float, float, float]:
         return self.config.up

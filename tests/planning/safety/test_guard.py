@@ -11,10 +11,13 @@ import pytest
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
-from perception.primitives.pose import Pose2
+from perception.primitives.pose import Pose2, wrap_angle
 from perception.primitives.robot_model import DARWIN_OP
 from planning.footsteps import footstep, limited_step
+from planning.safety import guard as guard_module
 from planning.safety.guard import Guard, GuardConfig, choose
+from planning.safety.guard_settings import HEADING_COST_M
+from planning.safety.prediction import MotionPatterns
 
 CONFIG = GuardConfig()
 GAIT = DARWIN_OP.gait
@@ -232,3 +235,39 @@ def test_the_same_scene_gives_the_same_step():
 def test_a_negative_following_cost_is_refused():
     with pytest.raises(ConfigError, match="following_cost"):
         replace(CONFIG, following_cost=-0.1)
+
+
+def test_the_poses_shown_of_a_plan_are_those_that_the_kernel_judges():
+    """Without obstacles the cost of a plan is a function of the distances of its poses to the target."""
+    rng = np.random.default_rng(5)
+    plans = guard_module._fixed_plans(guard_module.SHOWN, GAIT)
+    for _ in range(5):
+        robot, target = Pose2(*rng.uniform(-1.0, 1.0, 3)), rng.uniform(-1.5, 1.5, 2)
+        config = replace(CONFIG, steps=guard_module.SHOWN)
+        scene = guard_module._Scene(
+            at(robot), [], NOTHING, target, config, DARWIN_OP, 0.0, MotionPatterns()
+        )
+        _, cost = scene.judge(plans)
+        for plan, claimed in zip(plans, cost, strict=True):
+            poses = scene.poses(plan)
+            away = np.hypot(*(poses[:, :2] - target).T)
+            nearest = min(away.min(), math.hypot(target[0] - robot.x, target[1] - robot.y))
+            bearing = math.atan2(*(target - poses[-1, :2])[::-1])
+            off = abs(wrap_angle(bearing - poses[-1, 2])) if nearest > 0.1 else 0.0
+            expected = nearest + 0.1 * (away[-1] - nearest) + HEADING_COST_M * off
+            assert claimed == pytest.approx(expected, abs=1e-9)
+
+
+def test_the_first_pose_shown_is_the_step_that_the_guard_chose():
+    """Past an obstacle that comes head on, where it replaces the desired step."""
+    guard, wish = Guard(CONFIG, DARWIN_OP), limited_step(GAIT, 0.07, 0.0, 0.0)
+    start = Pose2(0.1, -0.2, 0.4)
+    ahead = np.array(start.apply(np.array([0.45, 0.02])))
+    obstacle = mover(*ahead, -0.05, -0.02)
+    step = guard.choose(
+        wish, at(start), [obstacle], NOTHING, start.apply(np.array([2.0, 0.0])), 0.0
+    )
+    assert step != wish
+    there = start @ Pose2(step.forward_m, step.lateral_m, step.turn_rad)
+    np.testing.assert_allclose(guard.ahead[0], there.vector, atol=1e-9)
+    assert guard.claimed_m >= 0.0

@@ -178,7 +178,7 @@ def test_a_file_cut_anywhere_gives_the_moments_before_the_cut(run):
     lengths = []
     for cut in rng.integers(20, len(whole), 12):
         run.path(ESTIMATES).write_bytes(whole[:cut])
-        read = list(read_moments(run))
+        read = [dataclasses.replace(one, footprints=None) for one in read_moments(run)]
         assert_same(read, moments[: len(read)])
         lengths.append((cut, len(read)))
     ordered = [n for _, n in sorted(lengths)]
