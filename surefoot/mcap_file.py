@@ -8,6 +8,7 @@ Source: MCAP specification 0 (mcap.dev).
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import os
@@ -17,6 +18,7 @@ from io import BufferedReader
 from pathlib import Path
 from typing import Any, cast
 
+import lz4.frame
 import zstandard
 from google.protobuf.message import DecodeError, Message
 from mcap.exceptions import McapError
@@ -29,6 +31,7 @@ from mcap_protobuf.schema import register_schema
 
 from perception.primitives.errors import OutputError
 
+MOST_CHUNK_BYTES = 1 << 28  # unpacked
 MAGIC = b"\x89MCAP0\r\n"
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, DecodeError, KeyError)
 """Exceptions that the packages raise for damaged bytes."""
@@ -176,6 +179,19 @@ def messages(
                 yield topics.get(record.channel_id, ""), record
 
 
+def _unpacked(chunk: Chunk) -> Chunk:
+    """The same chunk without compression; ValueError if it is larger than `MOST_CHUNK_BYTES`."""
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        size = max(size, zstandard.frame_content_size(chunk.data))
+    if size > MOST_CHUNK_BYTES:
+        raise ValueError(f"it unpacks to {size} bytes; {MOST_CHUNK_BYTES} are the most")
+    if chunk.compression != "lz4":
+        return chunk
+    data = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, MOST_CHUNK_BYTES)
+    return dataclasses.replace(chunk, compression="", data=data)
+
+
 def records(
     file: BufferedReader, damaged: Callable[[str, str], object] | None = None
 ) -> Iterator[McapRecord]:
@@ -194,8 +210,8 @@ def records(
             continue
         number += 1
         try:
-            inside = breakup_chunk(record, validate_crc=True)
-        except DAMAGE as error:
+            inside = breakup_chunk(_unpacked(record), validate_crc=True)
+        except (*DAMAGE, RuntimeError) as error:
             if damaged is not None and file.peek(1):  # else the chunk was being written at the end
                 damaged(f"chunk {number}", f"damaged ({error})")
             continue

@@ -36,6 +36,7 @@ from .recording import FrameError
 
 RANGE_UNITS_PER_METRE = 2**14 / 5.0  # 0.31 mm: 14 bits over the 5 m of an SR4000; up to 20 m
 DEPTH_UNITS_PER_METRE = 5000.0  # 0.2 mm: exact for TUM's unit and for millimetres; up to 13.1 m
+LARGEST = 1e12  # of any number in a frame: s, m, rad; more is damage
 NONE = 0  # value of pixels without depth
 _AMPLITUDE_NONE = 65535
 _JPEG = [cv2.IMWRITE_JPEG_QUALITY, 92]
@@ -101,9 +102,11 @@ def encode(frame: Frame) -> EncodedFrame:
     Depth that exceeds 16 bits is dropped, negative amplitude becomes zero.
 
     Raises:
-        InputError: A stamp, pose, odometry or inertial value is not finite.
+        InputError: A number is not finite, or an image has not the size of its camera.
     """
-    _refuse_nonfinite(frame)
+    fault = _fault(frame)
+    if fault is not None:
+        raise InputError(f"frame at {frame.stamp_s} s: {fault}")
     tof, depth, stereo, colour = frame.tof, frame.depth, frame.stereo, frame.colour
     return EncodedFrame(
         frame.stamp_s,
@@ -123,10 +126,10 @@ def decode(encoded: EncodedFrame) -> Frame:
     """Decode a frame.
 
     Raises:
-        FrameError: An image cannot be decoded.
+        FrameError: An image cannot be decoded or has not the size of its camera, or a number is not finite.
     """
     tof, depth, stereo, colour = encoded.tof, encoded.depth, encoded.stereo, encoded.colour
-    return Frame(
+    frame = Frame(
         stamp_s=encoded.stamp_s,
         tof=None
         if tof is None
@@ -150,6 +153,10 @@ def decode(encoded: EncodedFrame) -> Frame:
         T_world_camera=encoded.T_world_camera,
         footstep_due=encoded.footstep_due,
     )
+    fault = _fault(frame)
+    if fault is not None:
+        raise FrameError(fault)
+    return frame
 
 
 def metres(
@@ -234,26 +241,35 @@ def _unpack(picture: EncodedPicture, colour_wanted: bool) -> UInt8[np.ndarray, "
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if colour_wanted else image
 
 
-def _refuse_nonfinite(frame: Frame) -> None:
+def _fault(frame: Frame) -> str | None:
+    """What is impossible in a frame; None if nothing is."""
     values: dict[str, tuple[float, ...]] = {"stamp_s": (frame.stamp_s,)}
     if frame.odometry is not None:
         motion = frame.odometry.motion
         values["odometry"] = (motion.x, motion.y, motion.yaw, frame.odometry.steps)
     if frame.imu is not None:
         values["imu"] = (*frame.imu.angular_velocity, *frame.imu.specific_force)
-    poses = {
-        "T_world_camera": frame.T_world_camera,
-        **{
-            f"{name}.T_body_camera": view.T_body_camera
-            for name in ("tof", "depth", "stereo", "colour")
-            if (view := getattr(frame, name)) is not None
-        },
-    }
+        if len(values["imu"]) != 6:
+            return f"imu has {len(values['imu'])} numbers; 6 were expected"
+    if frame.stereo is not None:
+        values["baseline"] = (frame.stereo.baseline_m, 1.0 / frame.stereo.baseline_m)
+    poses = {"T_world_camera": frame.T_world_camera}
+    for name in ("tof", "depth", "stereo", "colour"):
+        view = getattr(frame, name)
+        if view is None:
+            continue
+        poses[f"{name}.T_body_camera"] = view.T_body_camera
+        size = (view.camera.height, view.camera.width)
+        for part in ("range_m", "amplitude", "depth", "left", "right", "rgb"):
+            image = getattr(view, part, None)
+            if image is not None and image.shape[:2] != size:
+                return f"{name}.{part} is {image.shape[1]}x{image.shape[0]} px; its camera is {size[1]}x{size[0]} px"
     for name, pose in poses.items():
         if pose is not None:
             values[name] = (*pose.translation, *pose.quat_xyzw)
+            if not math.isclose(math.hypot(*pose.quat_xyzw), 1.0, abs_tol=1e-3):
+                return f"{name} has the quaternion {pose.quat_xyzw}; one of length 1 was expected"
     for name, numbers in values.items():
-        if not all(math.isfinite(number) for number in numbers):
-            raise InputError(
-                f"frame at {frame.stamp_s} s: {name} is {numbers}; finite numbers were expected"
-            )
+        if not all(abs(number) < LARGEST for number in numbers):
+            return f"{name} is {numbers}; finite numbers below {LARGEST:.0e} were expected"
+    return None

@@ -9,7 +9,6 @@ Sources: MCAP specification 0 (mcap.dev); the grouping into frames is ours.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -18,8 +17,10 @@ from typing import Any
 from mcap.reader import make_reader
 from mcap.records import Channel, Metadata
 
-from perception.primitives.errors import RecordingError
+from perception.primitives import safe_input
+from perception.primitives.errors import InputError, RecordingError
 from perception.primitives.frame import Frame
+from perception.primitives.safe_input import UnreadableError
 
 from ..mcap_file import DAMAGE, MAGIC, TopicWriter, messages, nanoseconds, records
 from .codec import EncodedFrame, decode
@@ -37,6 +38,8 @@ from .mcap_messages import (
 from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
 
 _METADATA = "recording"
+_WRONG = (TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, InputError)
+"""Exceptions of content that is complete, but of another type or size than it should be."""
 
 
 class RecordingWriter:
@@ -108,7 +111,7 @@ class McapRecording:
         ended_early, count = self._read_tail()
         try:
             self.info = info_from_json(described, count)
-        except (KeyError, TypeError, IndexError, AttributeError) as error:
+        except (*DAMAGE, *_WRONG) as error:
             raise RecordingError(
                 f"{path}: its head is damaged ({error!r}); restore the file or record it again"
             ) from error
@@ -127,12 +130,7 @@ class McapRecording:
             RecordingError: There is none.
         """
         skips = self._skips = SkipLog()
-        for encoded in self._complete_frames(skips):
-            try:
-                frame = decode(encoded)
-            except FrameError as error:
-                skips.skip(f"frame at {encoded.stamp_s} s", str(error))
-                continue
+        for frame in self._complete_frames(skips):
             skips.note(frame.stamp_s)
             yield frame
         if skips.returned == 0:
@@ -141,7 +139,7 @@ class McapRecording:
                 f"{skips.why()}; record again"
             )
 
-    def _complete_frames(self, skips: SkipLog) -> Iterator[EncodedFrame]:
+    def _complete_frames(self, skips: SkipLog) -> Iterator[Frame]:
         group: dict[str, bytes] = {}
         sequence = 0
         for topic, message in messages(self._path, skips.skip):
@@ -153,14 +151,14 @@ class McapRecording:
                 group[topic] = message.data
                 continue
             try:
-                closing = json.loads(message.data)
+                closing = safe_input.json(message.data)
                 skips.check_stamp(closing["stamp_s"])
-                encoded = frame_from_messages(closing, group)
-            except (FrameError, *DAMAGE) as error:
+                frame = decode(frame_from_messages(closing, group))
+            except (FrameError, *DAMAGE, *_WRONG) as error:
                 reason = str(error) if isinstance(error, FrameError) else f"damaged ({error!r})"
                 skips.skip(f"frame {sequence}", reason)
                 continue
-            yield encoded
+            yield frame
 
     def _read_head(self) -> tuple[dict[str, Any] | None, set[str]]:
         """Metadata of the writer, and the topics found before it."""
@@ -182,8 +180,8 @@ class McapRecording:
             for record in records(file):
                 if isinstance(record, Metadata) and record.name == _METADATA:
                     try:
-                        return {k: json.loads(v) for k, v in record.metadata.items()}, topics
-                    except ValueError as error:
+                        return {k: safe_input.json(v) for k, v in record.metadata.items()}, topics
+                    except UnreadableError as error:
                         raise RecordingError(
                             f"{self._path}: its head is damaged ({error}); restore the file or record it again"
                         ) from error
@@ -196,7 +194,7 @@ class McapRecording:
         try:
             with self._path.open("rb") as file:
                 summary = make_reader(file).get_summary()
-        except DAMAGE:
+        except (*DAMAGE, *_WRONG, MemoryError):
             return True, None
         if summary is None or summary.statistics is None:
             return False, None

@@ -10,7 +10,6 @@ in the world), `/odometry`, `/imu`, `/frame`, and once at the start `/recording`
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any
@@ -24,6 +23,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.frame import Imu, StepOdometry
 from perception.primitives.landmark import Landmark
@@ -143,7 +143,7 @@ def frame_from_messages(closing: Mapping[str, Any], data: Mapping[str, bytes]) -
         if topic in PROTOBUF_TOPICS:
             parts[topic] = PROTOBUF_TOPICS[topic].FromString(data[topic])
         else:
-            parts[topic] = json.loads(data[topic])
+            parts[topic] = safe_input.json(data[topic])
     poses = {
         (t.parent_frame_id, t.child_frame_id): _pose(t)
         for t in (parts["/tf"].transforms if "/tf" in parts else ())

@@ -92,7 +92,7 @@ def test_missing_parts_of_a_frame_stay_none(make_frame, same, tmp_path, absent):
 
 @given(
     st.floats(0, 2**33),
-    st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=4, max_size=4),
+    st.lists(st.floats(-1e11, 1e11), min_size=4, max_size=4),
 )
 def test_stamps_and_odometry_are_stored_without_loss(tmp_path_factory, same, stamp_s, values):
     frame = Frame(stamp_s, odometry=StepOdometry(Pose2(*values[:3]), values[3]))
