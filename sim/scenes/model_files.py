@@ -17,7 +17,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from perception.primitives import mesh_reader, safe_input
 from perception.primitives.errors import InputError
+from perception.primitives.mesh_reader import MeshError
+from perception.primitives.safe_input import UnreadableError
 
 from ..rendering.rays import open3d_library
 from ..shapes import Solid
@@ -89,13 +92,15 @@ def placed(
 
 def _read_mesh(path: Path) -> Any:
     o3d = open3d_library()
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(str(path))
-    if not len(mesh.triangles):
+    try:
+        found = mesh_reader.read(path)
+    except MeshError as error:
+        raise InputError(f"{path}: {error}") from error
+    if not len(found.triangles):
         raise InputError(f"{path}: has no triangles that Open3D can read")
-    if not np.isfinite(np.asarray(mesh.vertices)).all():
-        raise InputError(f"{path}: has vertices that are not finite; export the mesh again")
-    return mesh
+    return o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(found.vertices), o3d.utility.Vector3iVector(found.triangles)
+    )
 
 
 def _pieces(mesh: Any, material: str) -> list[Solid]:
@@ -152,8 +157,10 @@ def _thickened(
 
 def _read_urdf(path: Path) -> list[Any]:
     try:
-        robot = ET.parse(path).getroot()
-    except ET.ParseError as error:
+        robot = ET.fromstring(safe_input.data(path, safe_input.MOST_TEXT_BYTES))
+    except UnreadableError as error:
+        raise InputError(f"{path}: {error}; expected a URDF") from error
+    except (ET.ParseError, LookupError, ValueError) as error:  # also of an unknown encoding
         raise InputError(f"{path}: not valid XML: {error}; expected a URDF") from error
     if robot.tag != "robot":
         raise InputError(f"{path}: its root is <{robot.tag}>; a URDF begins with <robot>")

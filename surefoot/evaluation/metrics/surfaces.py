@@ -12,10 +12,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
+from perception.primitives import mesh_reader
 from perception.primitives.errors import InputError
+from perception.primitives.mesh_reader import MeshError
 
 DISTANCES_M = (0.01, 0.02, 0.05)
 SAMPLE_M = 0.005
+MOST_EXTENT_M = 1000.0  # ours: of a surface to compare; more is another unit
 """Spacing of the sample points of a true mesh."""
 
 
@@ -71,15 +74,22 @@ def read_surface(path: Path, seed: int = 0) -> Float[np.ndarray, "n 3"]:
         raise InputError(
             f"{path}: no such file; a mesh or a cloud (PLY, OBJ, STL, PCD) was expected"
         )
+    try:
+        found = mesh_reader.read(path)
+    except MeshError as error:
+        raise InputError(f"{path}: {error}") from error
+    extent = float(np.ptp(found.vertices, axis=0).max())
+    if extent > MOST_EXTENT_M:
+        raise InputError(
+            f"{path}: is {extent:.0f} m wide; {MOST_EXTENT_M:.0f} m are the most, check its unit"
+        )
+    if not len(found.triangles):
+        return found.vertices
     import open3d as o3d  # slow to import
 
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh = o3d.io.read_triangle_mesh(path)
-        if len(mesh.triangles):
-            o3d.utility.random.seed(seed)
-            count = int(min(max(mesh.get_surface_area() / SAMPLE_M**2, 1_000.0), 3_000_000.0))
-            return np.asarray(mesh.sample_points_uniformly(count).points, dtype=np.float64)
-        cloud = o3d.io.read_point_cloud(path)
-    if not len(cloud.points):
-        raise InputError(f"{path}: contains neither triangles nor points that Open3D can read")
-    return np.asarray(cloud.points, dtype=np.float64)
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(found.vertices), o3d.utility.Vector3iVector(found.triangles)
+    )
+    o3d.utility.random.seed(seed)
+    count = int(min(max(mesh.get_surface_area() / SAMPLE_M**2, 1_000.0), 3_000_000.0))
+    return np.asarray(mesh.sample_points_uniformly(count).points, dtype=np.float64)
