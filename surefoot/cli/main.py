@@ -14,7 +14,7 @@ from .experiment_verbs import experiment, reproduce
 from .quickstart import quickstart
 from .recording_verbs import calibrate_noise, map_verb, monocular, panorama
 from .run_verbs import process, simulate, smooth
-from .study_verbs import bench, completion, doctor, evaluate, settings, view
+from .study_verbs import bench, completion, doctor, evaluate, replay, settings, view
 from .terminal import Verbs
 
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -47,6 +47,6 @@ def main(debug: bool) -> None:
 
 for _verb in (
     quickstart, simulate, process, smooth, map_verb, panorama, monocular, calibrate_noise,
-    evaluate, view, experiment, reproduce, bench, settings, doctor, completion,
+    evaluate, view, replay, experiment, reproduce, bench, settings, doctor, completion,
 ):  # fmt: skip
     main.add_command(_verb)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import click
 
+from perception.primitives.errors import InputError
+
 from .options import PATH, json_option
 from .terminal import FAILED, open_in_browser
 
@@ -147,6 +149,28 @@ def view(run: Path, live: bool) -> None:
         report = write_report(folder)
     click.echo(f"report: {report}")
     open_in_browser(report)
+
+
+@click.command()
+@click.argument("run", type=PATH)
+def replay(run: Path) -> None:
+    """Write the replay page of RUN again: one file in which a slider moves everything the run knew.
+
+    \b
+    Every run has one, linked from its report. Example:
+      surefoot replay runs/home-1
+    """
+    from ..report.replay.page import write_replay
+    from ..results.run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    page = write_replay(folder)
+    if page is None:
+        raise InputError(
+            f"{run} holds no estimates.mcap: it is the folder of a batch, or of an older version; "
+            "make the run again"
+        )
+    click.echo(f"replay: {page}")
 
 
 @click.command()

@@ -19,6 +19,7 @@ from ..results.run_folder import BATCH, MAP, MONOCULAR, PANORAMA, PLAYBACK, SIMU
 from ..results.version import version
 from .cards import cards, skipped, verdict
 from .plots.pictures import pictures
+from .replay.page import REPLAY, is_current, write_replay
 from .sections import (
     batch_section,
     card_item,
@@ -31,6 +32,7 @@ from .sections import (
 
 PAGE = "report.html"
 FILES = {
+    REPLAY: "the run moment by moment, with a time slider",
     "config.toml": "every setting of this run",
     "recording.mcap": "sensor data; Foxglove and Rerun open it",
     "estimates.mcap": "estimates and plans over time; Foxglove and Rerun open it",
@@ -71,7 +73,7 @@ _VERBS = {MAP: "map", PANORAMA: "panorama", MONOCULAR: "monocular", PLAYBACK: "p
 
 
 def write_report(run: RunFolder) -> Path:
-    """Draw the plots into figures/ and write report.html; evaluates the run first if needed.
+    """Draw the plots into figures/ and write report.html; evaluates the run and writes replay.html first if needed.
 
     Returns:
         Path of the page.
@@ -90,6 +92,8 @@ def write_report(run: RunFolder) -> Path:
         (stage / "figures").mkdir()
         for picture in drawn:
             (stage / "figures" / f"{picture.identity}.svg").write_bytes(picture.svg)
+    if not is_current(run):
+        write_replay(run)
     sections = [plot_section(picture) for picture in drawn]
     sections.insert(1, views_section(run) or stages_section(run))
     sections = [batch_section(run) if kind == BATCH else panorama_section(run), *sections]
@@ -100,6 +104,7 @@ def write_report(run: RunFolder) -> Path:
         subtitle=html.escape(_subtitle(summary, metrics, kind, run.interrupted)),
         verdict=html.escape(verdict_words),
         verdict_class=verdict_class,
+        replay=f'<a href="{REPLAY}">▶ replay this run</a>' if run.has(REPLAY) else "",
         cards="\n".join(card_item(card) for card in cards(metrics, summary, kind)),
         sections="\n".join(section for section in sections if section),
         command=html.escape(_command(run, summary)),

@@ -1,0 +1,90 @@
+// The packed data of the page: base64 and gzip to JSON, arrays and pictures.
+
+const root = document.documentElement;
+const byId = (id) => document.getElementById(id);
+
+function bytesOf(base64) {
+  const text = atob(base64);
+  const bytes = new Uint8Array(text.length);
+  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
+  return bytes;
+}
+
+async function unpacked(base64) {
+  const stream = new Blob([bytesOf(base64)]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+async function load() {
+  const packed = JSON.parse(byId("packed").textContent);
+  byId("packed").remove();
+  const run = JSON.parse(new TextDecoder().decode(await unpacked(packed.run)));
+  if (run.grid) run.grid.bytes = await unpacked(packed.grid);
+  if (run.cloud) run.cloud.bytes = await unpacked(packed.cloud);
+  if (run.gaze_map) run.gaze_map.bytes = await unpacked(packed.gaze_map);
+  run.panes.forEach((pane, i) => { pane.pictures = packed.pictures[i]; });
+  return run;
+}
+
+// The last entry of a sorted list of moments that is not after moment i; -1 before the first.
+function lastAt(moments, i) {
+  let low = 0, high = moments.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (moments[middle] <= i) low = middle + 1; else high = middle;
+  }
+  return low - 1;
+}
+
+function colour(name) { return getComputedStyle(root).getPropertyValue(`--${name}`).trim(); }
+
+let theme = {};
+function readTheme() {
+  for (const name of ["paper", "ground", "ink", "soft", "line", "belief", "target", "static", "moving", "landmark",
+    "view", "unseen", "free", "occupied"]) theme[name] = colour(name);
+}
+
+function rgb(hex) { return [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)); }
+
+// A canvas with as many pixels as the screen shows; returns its context, scaled to CSS pixels.
+function sized(canvas) {
+  const scale = window.devicePixelRatio || 1;
+  const width = canvas.clientWidth, height = canvas.clientHeight;
+  if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const context = canvas.getContext("2d");
+  context.setTransform(scale, 0, 0, scale, 0, 0);
+  return [context, width, height];
+}
+
+// Viridis by eight colours; t in [0, 1].
+const VIRIDIS = [[68, 1, 84], [70, 50, 127], [54, 92, 141], [39, 127, 142], [31, 161, 135], [74, 194, 109], [159, 218, 58], [253, 231, 37]];
+function viridis(t) {
+  const at = Math.min(Math.max(t, 0), 1) * (VIRIDIS.length - 1);
+  const k = Math.min(Math.floor(at), VIRIDIS.length - 2), rest = at - k;
+  return VIRIDIS[k].map((low, c) => low + rest * (VIRIDIS[k + 1][c] - low));
+}
+
+// Half axes and direction of the 95 % ellipse of a covariance [xx, xy, yy].
+const CHI = Math.sqrt(5.991);
+function ellipseOf([xx, xy, yy]) {
+  const mean = (xx + yy) / 2, root2 = Math.hypot((xx - yy) / 2, xy);
+  return [CHI * Math.sqrt(Math.max(mean + root2, 0)), CHI * Math.sqrt(Math.max(mean - root2, 0)), Math.atan2(2 * xy, xx - yy) / 2];
+}
+
+// A vector turned by a quaternion (x, y, z, w).
+function turned([x, y, z, w], [a, b, c]) {
+  const u = 2 * (y * c - z * b), v = 2 * (z * a - x * c), s = 2 * (x * b - y * a);
+  return [a + w * u + y * s - z * v, b + w * v + z * u - x * s, c + w * s + x * v - y * u];
+}
+
+// The pose of a camera at moment i, or null: position, and rays of its axis and of the corners of its picture.
+function sight(camera, i) {
+  const pose = camera.pose[i];
+  if (!pose) return null;
+  const [left, right, top, bottom] = camera.slopes;
+  const rays = [[0, 0], [left, top], [right, top], [right, bottom], [left, bottom]];
+  return { at: pose.slice(0, 3), rays: rays.map(([u, v]) => turned(pose.slice(3), [u, v, 1])) };
+}

@@ -1,0 +1,52 @@
+"""Pictures that a run keeps as files: the stages of the monocular cycle, and panoramic scans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from ...results.moment import Moment
+from ...results.run_folder import RunFolder
+from .gathering import Shot, Strip
+
+WIDTH_PX = 720  # ours: stages are eight pictures in one
+QUALITY = 60
+MOST = 240  # ours: more are thinned before they are encoded
+PLAIN = ("colour", "tof", "stereo", "depth")  # views that the moments have too
+
+
+def extra_strips(run: RunFolder, moments: Sequence[Moment]) -> list[Strip]:
+    """The pictures by what they show, at the moment from which they hold."""
+    strips: dict[str, Strip] = {}
+    stamps = np.array([moment.stamp_s for moment in moments])
+    for view in run.read_json("views.json") or []:
+        name = str(view["name"]).split(",")[0]
+        if name in PLAIN or not run.has(view["file"]):
+            continue
+        strip = strips.setdefault(name, Strip(name.capitalize(), wide=True))
+        moment = int(np.searchsorted(stamps, float(view["stamp"]) - 1e-6))
+        _add(strip, min(moment, len(moments) - 1), run.path(view["file"]).read_bytes())
+        strip.labels.append(f"{view['name']}, at {float(view['stamp']) - stamps[0]:.1f} s")
+    stages = sorted(run.root.glob("stages-*.png"))
+    every = max(1, -(-len(stages) // MOST))
+    for k in range(0, min(len(stages), len(moments)), every):
+        strip = strips.setdefault("stages", Strip("Stages of the monocular cycle", wide=True))
+        _add(strip, k, stages[k].read_bytes())
+        strip.labels.append(
+            f"frame {int(stages[k].stem.split('-')[1])}: A, B images; C floor; D edges; E flow; F least flow; "
+            "G prediction; H result"
+        )
+    return [strip for strip in strips.values() if strip.shots]
+
+
+def _add(strip: Strip, moment: int, data: bytes) -> None:
+    """The picture at the width of the page."""
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None, "the run has encoded it"
+    if picture.shape[1] > WIDTH_PX:
+        height = round(picture.shape[0] * WIDTH_PX / picture.shape[1])
+        picture = cv2.resize(picture, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+    small = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])[1]
+    strip.shots.append(Shot(moment, small.tobytes()))

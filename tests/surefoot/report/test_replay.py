@@ -1,0 +1,340 @@
+"""The replay page in a browser: what moves, by mouse and keyboard, on a wide and a narrow screen, and without scripts."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from surefoot.results.moment import UNKNOWN, GazeMap, Layers, Moment, Prediction
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2, Pose3, head_rotation
+from surefoot.cli.main import main
+from surefoot.report.replay import gathering, page
+from surefoot.report.replay.columns import columns
+from surefoot.report.replay.figures import nearest_obstacle
+from surefoot.results.run_folder import RunFolder
+
+from .browser import CHROMIUM, Browser
+
+STEP_M = 1 / 64
+CELL_M = 0.05
+SLOW_MPS = 0.1
+WIDE, NARROW = 1300, 400
+
+
+def moments(count: int = 60) -> list[Moment]:
+    """A robot walks along x at `SLOW_MPS` past a box at (1, 0.5) and towards a mover, looking left and right."""
+    rng = np.random.default_rng(0)
+    camera = Camera.from_view(32, 24, math.radians(60), math.radians(45))
+    made = []
+    for k in range(count):
+        stamp, x = 100.0 + 0.3 * k, 0.03 * k
+        pan = 0.5 * math.sin(0.4 * k)
+        T = Pose2(x, 0.0, 0.0).lifted() @ Pose3.from_rotation(head_rotation(pan, 0.5), np.array([0.0, 0.0, 0.4]))  # fmt: skip
+        mover = Obstacle(Gaussian(np.array([2.0 - 0.02 * k, -0.5, -0.07, 0.0]), 0.01 * np.eye(4)), 0.1, 0.4, 3, 0.9, stamp)  # fmt: skip
+        ahead = Prediction(2.0, 0.8, mover.position + 2 * mover.velocity, 0.05 * np.eye(2))
+        grid = None
+        if k % 2 == 0:
+            origin = np.round(np.array([x, 0.0]) / CELL_M) * CELL_M - 1.0
+            probability = np.full((40, 40), 10, np.uint8)
+            probability[:4] = UNKNOWN
+            row, column = np.floor((np.array([0.5, 1.0]) - origin[::-1]) / CELL_M).astype(int)
+            if 0 <= column < 40:
+                probability[row, column] = 250
+            grid = Layers(origin, CELL_M, probability, np.full((40, 40), 200, np.uint8), np.zeros((40, 40), np.float32))  # fmt: skip
+        picture = np.full((60, 80, 3), (20, 40, 4 * k % 256), np.uint8)
+        gaze = rng.integers(0, 255, (9, 5)).astype(np.uint8)
+        made.append(
+            Moment(
+                stamp,
+                Gaussian(np.array([x, 0.0, 0.1]), np.diag([1e-4, 4e-4, 1e-4])),
+                {"tof": T},
+                {"tof": camera},
+                head=(pan, 0.5),
+                feet=np.array([[x, 0.04, 0.0, k % 2], [x + 0.05, -0.04, 0.0, 1 - k % 2]]),
+                steps=np.array([[x + 0.05, 0.0, 0.0], [x + 0.1, 0.0, 0.0]]),
+                route=np.array([[x, 0.0], [2.5, 0.0]]),
+                goal=np.array([2.5, 0.0]),
+                gaze=(pan, 0.5),
+                gaze_map=GazeMap(gaze, np.linspace(-1.5, 1.5, 9), np.linspace(0.0, 1.0, 5)),
+                why="walk" if k % 3 else "guard",
+                risk_m=0.01 * k,
+                grid=grid,
+                tracks=(mover,),
+                predictions=((ahead,),),
+                timing_ms={"total": 40.0 + k},
+                colour=cv2.imencode(".webp", picture)[1].tobytes(),
+                depth=np.full((24, 32), 1 + k, np.uint8),
+                depth_step_m=STEP_M,
+                depth_sensor="tof",
+            )
+        )
+    return made
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
+    """A simulated walk with its page, from `moments`."""
+    folder = RunFolder.create(tmp_path_factory.mktemp("replay") / "walk")
+    folder.write_json(
+        "summary.json", {"kind": "simulation", "name": "walk", "goal_positions": [[2.5, 0.0]]}
+    )
+    text = page.replay_page(folder, moments())
+    assert text is not None
+    folder.write_text(page.REPLAY, text)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no chromium on the PATH: the page was not rendered; apt-get install chromium")
+    with Browser(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
+
+
+def opened(browser: Browser, run: RunFolder, width: int = WIDE, fragment: str = "") -> Browser:
+    browser.open(run.path(page.REPLAY), width, fragment=fragment)
+    browser.wait("document.documentElement.dataset.ready === '1'")
+    return browser
+
+
+def go(browser: Browser, moment: int) -> None:
+    """Move the slider as a user does, and wait until everything is drawn."""
+    browser.run(
+        f"(() => {{ const s = document.getElementById('instant'); s.value = {moment};"
+        "s.dispatchEvent(new Event('input')); })()"
+    )
+    browser.wait(f"document.documentElement.dataset.drawn === '{moment}'")
+
+
+def drawn(browser: Browser) -> dict[str, str]:
+    """What each pane shows: its pixels, or its words."""
+    script = """JSON.stringify(Object.fromEntries([
+      ...[...document.querySelectorAll('#map, #pictures canvas, #plots canvas')].map((c, k) => [c.id || 'canvas ' + k, c.toDataURL()]),
+      ['values', document.getElementById('values').textContent],
+      ['clock', document.getElementById('clock').textContent],
+      ['space', document.getElementById('space').dataset.moment || ''],
+    ]))"""
+    return dict(json.loads(browser.run(script)))
+
+
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+def test_the_slider_moves_every_pane(browser, run, width):
+    opened(browser, run, width)
+    browser.run("document.getElementById('space').scrollIntoView()")
+    go(browser, 5)
+    browser.wait("document.getElementById('space').dataset.moment === '5'")
+    before = drawn(browser)
+    go(browser, 40)
+    browser.wait("document.getElementById('space').dataset.moment === '40'")
+    after = drawn(browser)
+    assert len(before) == 4 + 3 + 7  # map, values, clock, space; camera, depth, gaze; time series
+    assert [name for name in before if before[name] == after[name]] == []
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    assert browser.errors == []
+    outside = [url for url in browser.requests if not url.startswith(("file:", "data:", "blob:"))]
+    assert outside == []
+
+
+def test_a_request_of_the_page_would_be_refused(browser, run, tmp_path):
+    text = (
+        run.path(page.REPLAY)
+        .read_text()
+        .replace("<main>", '<main><img src="http://outside.invalid/x.png">')
+    )
+    (tmp_path / "sly.html").write_text(text)
+    browser.open(tmp_path / "sly.html", WIDE)
+    browser.wait("document.documentElement.dataset.ready === '1'")
+    assert any("Content Security Policy" in error for error in browser.errors)
+
+
+def test_the_robot_is_drawn_where_the_moment_has_it(browser, run):
+    opened(browser, run)
+    go(browser, 40)  # x = 1.2 m
+    words = browser.run("document.getElementById('values').textContent")
+    assert "1.20, 0.00 m ± 2.0 cm" in words
+    found = []
+    for moment in (0, 40):
+        go(browser, moment)
+        # mean column of the blue pixels of the robot's outline and arrow, which the grey path has not
+        found.append(
+            browser.run(
+                """(() => { const c = document.getElementById('map'), w = c.width, d = c.getContext('2d').getImageData(0, 0, w, c.height).data;
+                let right = 0; for (let k = 0; k < d.length; k += 4) if (d[k] < 30 && d[k + 1] > 90 && d[k + 1] < 140 && d[k + 2] > 150) right = Math.max(right, (k / 4) % w);
+                return right; })()"""
+            )
+        )
+    scale = float(browser.run("document.getElementById('map').dataset.scale"))
+    assert (found[1] - found[0]) / scale == pytest.approx(1.2, abs=0.03)
+
+
+def test_keys_step_jump_and_play(browser, run):
+    opened(browser, run)
+    shown = "Number(document.getElementById('instant').value)"
+    browser.run("document.activeElement.blur()")
+    browser.press("ArrowRight")
+    assert browser.run(shown) == 1
+    browser.press("ArrowRight", shift=True)
+    assert browser.run(shown) == 11
+    browser.press("ArrowLeft")
+    assert browser.run(shown) == 10
+    browser.press("End")
+    assert browser.run(shown) == 59
+    browser.press("Home")
+    assert browser.run(shown) == 0
+    browser.run("document.getElementById('speed').value = '10'")
+    browser.press("Space")
+    browser.wait(f"{shown} > 4")
+    assert browser.run("document.getElementById('play').getAttribute('aria-label')") == "pause"
+    browser.press("Space")
+    assert browser.run("document.getElementById('play').getAttribute('aria-label')") == "play"
+    stopped = browser.run(shown)
+    browser.run("new Promise((done) => setTimeout(done, 200))")
+    assert browser.run(shown) == stopped
+    assert re.fullmatch(r"[0-9.]+ s, (walk|guard)", browser.run("document.getElementById('instant').getAttribute('aria-valuetext')"))  # fmt: skip
+
+
+def test_a_link_and_a_click_in_a_plot_go_to_their_time(browser, run):
+    opened(browser, run, fragment="#t=9.05")
+    assert browser.run("document.documentElement.dataset.drawn") == "30"  # 9.0 s
+    browser.run("document.querySelector('#plots canvas').scrollIntoView({block: 'center'})")
+    box = json.loads(
+        browser.run(
+            "JSON.stringify(document.querySelector('#plots canvas').getBoundingClientRect())"
+        )
+    )
+    browser.click(
+        box["left"] + 44 + (box["width"] - 52) / 3, box["top"] + 40
+    )  # a third of the time axis
+    browser.wait("document.documentElement.dataset.drawn === '19'")  # 17.7 s / 3 = 5.9 s
+
+
+def test_the_pointer_over_a_depth_picture_tells_its_metres(browser, run):
+    opened(browser, run)
+    go(browser, 40)
+    script = """(() => { const section = [...document.querySelectorAll('#pictures section')].find((s) => s.textContent.startsWith('Depth'));
+      const canvas = section.querySelector('canvas'), box = canvas.getBoundingClientRect();
+      canvas.dispatchEvent(new PointerEvent('pointermove', { clientX: box.left + 9, clientY: box.top + 9 }));
+      return section.querySelector('output').textContent; })()"""
+    assert browser.run(script) == f"{41 * STEP_M:.2f} m"
+
+
+def test_without_webgl_the_page_has_no_pane_in_space(browser, run):
+    script = "HTMLCanvasElement.prototype.getContext = new Proxy(HTMLCanvasElement.prototype.getContext, "
+    script += "{ apply: (f, c, a) => a[0] === 'webgl2' ? null : Reflect.apply(f, c, a) });"
+    added = browser.ask("Page.addScriptToEvaluateOnNewDocument", {"source": script})
+    opened(browser, run)
+    go(browser, 40)
+    assert browser.run("document.getElementById('space-pane').hidden")
+    assert browser.errors == []
+    browser.ask("Page.removeScriptToEvaluateOnNewDocument", {"identifier": added["identifier"]})
+
+
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+def test_without_scripts_the_page_shows_pictures_of_the_run(browser, run, width):
+    browser.ask("Emulation.setScriptExecutionDisabled", {"value": True})
+    browser.open(run.path(page.REPLAY), width)
+    tree = browser.ask("DOMSnapshot.captureSnapshot", {"computedStyles": ["visibility"]})
+    words = tree["strings"]
+    shown = tree["documents"][0]["layout"]
+    texts = " ".join(words[k] for k in shown["text"] if k >= 0)
+    names = [words[tree["documents"][0]["nodes"]["nodeName"][k]] for k in shown["nodeIndex"]]
+    browser.ask("Emulation.setScriptExecutionDisabled", {"value": False})
+    assert "The run in pictures" in texts
+    assert "Camera, " in texts
+    assert names.count("IMG") >= 12  # six of each sensor
+    assert "CANVAS" not in names
+
+
+def test_a_page_of_too_many_pictures_keeps_some_of_the_whole_run(run, monkeypatch):
+    noise = np.random.default_rng(1).integers(0, 255, 40_000, np.uint8).tobytes()
+    many = [dataclasses.replace(one, colour=noise[k:]) for k, one in enumerate(moments(50))]
+    monkeypatch.setattr(page, "LARGEST_BYTES", 900_000)
+    text = page.replay_page(run, many)
+    assert text is not None
+    assert len(text) <= 900_000
+    packed = json.loads(re.findall(r'id="packed">(.*?)</script>', text)[0])
+    pictures = next(one for one in packed["pictures"] if len(one[0]) > 30_000)
+    assert 3 <= len(pictures) < 25
+
+
+def test_a_long_run_is_thinned_evenly(monkeypatch):
+    monkeypatch.setattr(gathering, "MOST_MOMENTS", 10)
+    long = [Moment(float(k)) for k in range(1000)]
+    kept = [one.stamp_s for one in gathering.gather(long).moments]
+    assert 10 <= len(kept) < 20
+    assert len(set(np.diff(kept))) == 1
+    assert kept[-1] > 900
+
+
+def test_the_nearest_obstacle_is_the_nearest_cell_or_track():
+    made = moments(40)
+    grids = gathering.gather(made).grids
+    found = nearest_obstacle(made, grids)
+    x = 0.03 * 30
+    cell = math.hypot(1.025 - x, 0.525)  # the cell that holds (1, 0.5)
+    track = math.hypot(2.0 - 0.02 * 30 - x, 0.5) - 0.1
+    assert found[30] == pytest.approx(min(cell, track), abs=CELL_M / 2)
+    assert nearest_obstacle([Moment(0.0)], []) == [None]
+
+
+def test_the_page_gets_the_numbers_of_the_moments():
+    content = columns(moments(3))
+    assert content["t"] == [0.0, 0.3, 0.6]
+    assert content["pose"][2][:3] == [0.06, 0.0, 0.1]
+    assert content["pose"][2][3:] == [1e-4, 0.0, 4e-4, 1e-4]
+    left, right, top, bottom = content["cameras"][0]["slopes"]
+    assert (left, right) == pytest.approx(
+        (-math.tan(math.radians(30)), math.tan(math.radians(30))), rel=0.1
+    )
+    assert (top, bottom) == pytest.approx(
+        (-math.tan(math.radians(22.5)), math.tan(math.radians(22.5))), rel=0.1
+    )
+    assert content["tracks"][1][0]["id"] == 3
+
+
+def test_a_run_without_estimates_is_refused_with_a_reason(tmp_path):
+    bare = RunFolder.create(tmp_path / "old")
+    bare.write_json("summary.json", {"kind": "recording"})
+    result = CliRunner().invoke(main, ["replay", str(bare.root)])
+    assert result.exit_code != 0
+    assert "estimates.mcap" in str(
+        result.exception if isinstance(result.exception, InputError) else result.output
+    )
+
+
+def test_text_from_files_is_escaped(tmp_path):
+    sly = RunFolder.create(tmp_path / "sly")
+    sly.write_json("summary.json", {"kind": "simulation", "name": "<script>alert(1)</script>"})
+    named = [
+        dataclasses.replace(one, why="</script><script>alert(2)</script>") for one in moments(2)
+    ]
+    text = page.replay_page(sly, named)
+    assert text is not None
+    assert "alert" not in text.replace("&lt;script&gt;alert(1)", "")
+
+
+def test_the_page_of_a_run_is_written_with_its_report(tmp_path: Path):
+    """Of a real recording, through the stream that the run writes."""
+    from surefoot.config.load import load
+    from surefoot.run.process import process
+
+    walk = Path(__file__).resolve().parents[3] / "data" / "walk"
+    process(walk, None, load(walk / "config.toml" if (walk / "config.toml").is_file() else None), tmp_path / "walk", lambda text: None)  # fmt: skip
+    folder = RunFolder.open(tmp_path / "walk")
+    assert 'href="replay.html"' in folder.path("report.html").read_text()
+    assert folder.path(page.REPLAY).stat().st_size < page.LARGEST_BYTES
+    assert page.is_current(folder)
