@@ -18,6 +18,7 @@ from perception.floor import classify
 from perception.primitives.errors import RecordingError
 
 from ..config.schema import Config
+from .camera_moments import CameraMoments
 from .job import Job, Say, count_reasons
 from .placed_images import PlacedImage, PlacedImages, WalkingBody, placed_images
 
@@ -65,7 +66,7 @@ def map_recording(job: Job, say: Say) -> MapSummary:
 
     Writes trajectory.txt (TUM) with its tables of covariances, graph.g2o, mesh.ply, cloud.ply, map.yaml with
     map.pgm (Nav2), layers.npz (height, slope, step, traversability), map_probability.yaml and map_layers.tif
-    (occupancy and height of everything seen), summary.json and report.html.
+    (occupancy and height of everything seen), estimates.mcap, summary.json, report.html and replay.html.
 
     Args:
         job: The recording, with depth of any kind, and the output folder.
@@ -80,10 +81,22 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     surface = surface_map(job.config.surface)
     of = f" of {recording.info.frames}" if recording.info.frames else ""
     world = WorldMap(job.config.world_map)
+    moments = CameraMoments(folder, job.config)
     for image in source.images():
         surface.integrate(image.depth, image.T_map_camera, image.rgb)
         add_to_map(world, image, float(source.frames), job.config)
+        camera = image.depth.camera
+        moments.add(
+            image.stamp_s,
+            image.sensor,
+            camera,
+            image.T_map_camera,
+            image.depth.z,
+            image.rgb,
+            image.pose,
+        )
         say(f"surface: frame {source.frames}{of}")
+    moments.close()
     if not source.frames:
         raise _nothing_placed(source)
     source.write(folder)
@@ -109,8 +122,8 @@ def map_recording(job: Job, say: Say) -> MapSummary:
     )
     figures: dict[str, Any] = asdict(mapped)
     del figures["folder"]
-    camera = "body" if isinstance(source, WalkingBody) else "camera"
-    job.finish(**figures, trajectory=camera)
+    moves = "body" if isinstance(source, WalkingBody) else "camera"
+    job.finish(**figures, trajectory=moves)
     return mapped
 
 

@@ -29,6 +29,7 @@ from ..recordings.recording import FrameError, Recording, SkipLog
 from ..report.plots.monocular import stages
 from ..run.pipeline import Pipeline
 from .colour_camera_pose import T_floor_colour
+from .camera_moments import CameraMoments
 from .job import Job, Say, count_reasons
 
 NEAR_FLOOR_M = 0.015  # ours: a depth point this near to the plane is floor, ...
@@ -43,12 +44,14 @@ class ColourFloor:
     Args:
         number: Number of the frame, from 0.
         result: Result of the monocular cycle.
+        picture: The picture with its camera pose.
         depth_floor: Pixels where the depth camera sees the floor; None without depth registered to the picture.
         depth_known: Pixels with depth; None likewise.
     """
 
     number: int
     result: MonocularResult
+    picture: Picture
     depth_floor: Bool[np.ndarray, "h w"] | None = None
     depth_known: Bool[np.ndarray, "h w"] | None = None
 
@@ -103,7 +106,7 @@ def colour_floors(
             before = None
             continue
         before = picture if estimate.pose is not None else None
-        yield ColourFloor(number, result, *_reference(frame, estimate))
+        yield ColourFloor(number, result, picture, *_reference(frame, estimate))
 
 
 def _check_pose(frame: Frame) -> None:
@@ -164,6 +167,7 @@ def run_monocular(job: Job, say: Say) -> dict[str, Any]:
         OutputError: The folder cannot be written.
     """
     recording, skips, frames = job.recording, SkipLog(), 0
+    moments = CameraMoments(job.folder, job.config, every_s=0.0)
     ious: list[float] = []
     for floor in colour_floors(recording, job.config, skips, say):
         frames += 1
@@ -172,11 +176,14 @@ def run_monocular(job: Job, say: Say) -> dict[str, Any]:
         if not done:
             raise OutputError(f"{job.folder.path(file)}: the picture could not be encoded")
         job.folder.write_bytes(file, png.tobytes())
+        shown = floor.picture
+        moments.add(shown.stamp_s, "colour", shown.camera, shown.T_world_camera, rgb=shown.rgb)
         text = f"frame {floor.number}: {len(floor.result.obstacles)} obstacles"
         if floor.iou is not None:
             ious.append(floor.iou)
             text += f", IoU {floor.iou:.3f}"
         say(text)
+    moments.close()
     skipped = count_reasons([one.reason for one in (*recording.skipped, *skips.skipped)])
     if not frames:
         why = "; ".join(f"{count}: {reason}" for reason, count in skipped.items()) or "it is empty"

@@ -32,6 +32,7 @@ from perception.primitives.errors import RecordingError
 from ..config.schema import Config
 from ..report.plots import panorama as plots_panorama
 from ..report.plots import style
+from .camera_moments import CameraMoments
 from .job import Job, Say, count_reasons
 from .panorama_views import Gathered, found_base, gather
 
@@ -112,6 +113,7 @@ def run_panorama(job: Job, say: Say) -> dict[str, Any]:
         (stage / "panorama_obstacles.png").write_bytes(picture)
         text = json.dumps(content, indent=2) + "\n"
         (stage / "panorama.json").write_text(text, encoding="utf-8")
+    _write_moments(job, gathered, panorama)
     job.finish(
         gathered.used,
         count_reasons([reason for _, reason in recording.skipped]),
@@ -124,6 +126,17 @@ def run_panorama(job: Job, say: Say) -> dict[str, Any]:
         floor_seen=content["floor_seen"],
     )
     return content
+
+
+def _write_moments(job: Job, gathered: Gathered, panorama: Panorama) -> None:
+    """Write every placed view to estimates.mcap."""
+    moments = CameraMoments(job.folder, job.config, every_s=0.0, picture_every_s=0.0)
+    for view, found in zip(gathered.views, panorama.placed, strict=True):
+        if found is not None:
+            picture = None if view.grey is None else np.repeat(view.grey[..., None], 3, axis=2)
+            camera, T = view.depth.camera, found.T_base_camera
+            moments.add(view.stamp_s, gathered.sensor, camera, T, view.depth.z, picture)
+    moments.close()
 
 
 def _content(

@@ -72,6 +72,7 @@ class Gathered:
         left_out: Frames that were too far from the first view, or too many.
         floor: The floor of all views, base frame; None if no view shows it.
         used: Frames with a usable depth image.
+        sensor: Of the depth images.
     """
 
     views: list[View] = field(default_factory=list)
@@ -81,6 +82,7 @@ class Gathered:
     left_out: int = 0
     floor: CommonFloor | None = None
     used: int = 0
+    sensor: str = "depth"
 
     def add(self, seen: Seen, config: Config) -> None:
         """Add a view."""
@@ -90,6 +92,7 @@ class Gathered:
         pose = seen.T_world_camera
         self.views.append(view_of_depth(seen.depth, FARTHEST_M, seen.grey, pose, seen.stamp_s))
         self.frames.append(seen.number)
+        self.sensor = seen.sensor
         heading_deg, position_m = seen.sigmas
         self.prior = replace(
             self.prior,

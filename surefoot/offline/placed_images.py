@@ -60,6 +60,7 @@ class PlacedImage(NamedTuple):
         T_map_camera: Its pose.
         pose: (x, y, yaw) of the camera or body in the map, with covariance.
         floor: The floor below the image in the map, with covariance: errors of the floor and of the pose.
+        stamp_s: Of its frame.
     """
 
     sensor: str
@@ -68,6 +69,7 @@ class PlacedImage(NamedTuple):
     T_map_camera: Pose3
     pose: Gaussian
     floor: Plane
+    stamp_s: float = 0.0
 
 
 class PlacedImages(ABC):
@@ -179,7 +181,8 @@ class CameraImages(PlacedImages):
         self.with_depth += bool(images)
         self.frames += bool(images)
         for sensor, depth, rgb, T_main_camera in images:
-            yield PlacedImage(sensor, depth, rgb, T_map_camera @ T_main_camera, pose, floor)
+            T = T_map_camera @ T_main_camera
+            yield PlacedImage(sensor, depth, rgb, T, pose, floor, frame.stamp_s)
 
 
 def _floor_below(T_map_camera: Pose3, floor: Plane, covariance: Float[np.ndarray, "6 6"]) -> Plane:
@@ -325,7 +328,8 @@ class WalkingBody(PlacedImages):
                 )
                 floor = view.floor.moved(view.T_map_camera)
                 pose = estimate.pose or Gaussian(np.zeros(3), np.zeros((3, 3)))
-                yield PlacedImage(view.sensor, depth, rgb, view.T_map_camera, pose, floor)
+                T = view.T_map_camera
+                yield PlacedImage(view.sensor, depth, rgb, T, pose, floor, frame.stamp_s)
 
     def write(self, folder: RunFolder) -> None:
         """Write trajectory_covariance.csv and trajectory.txt of the body."""

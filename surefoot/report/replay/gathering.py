@@ -81,7 +81,8 @@ def gather(moments: Iterable[Moment]) -> Gathered:
     for k, moment in enumerate(kept):
         if moment.colour is not None and moment.colour is not colour:
             colour = moment.colour
-            strips.setdefault("colour", Strip("Camera")).shots.append(Shot(k, colour))
+            name = "Camera (stereo)" if moment.colour_sensor == "stereo" else "Camera"
+            strips.setdefault(name, Strip(name)).shots.append(Shot(k, colour))
         if moment.depth is not None and moment.depth is not depth:
             depth = moment.depth
             _add_depth(strips, k, moment)

@@ -152,17 +152,19 @@ def _subtitle(found: Gathered, kind: str) -> str:
     seconds = found.moments[-1].stamp_s - found.moments[0].stamp_s
     named = {SIMULATION: "simulated walk"}.get(kind, "processed recording")
     shown = _SHOWN.get(kind, f"Everything this {named} knew at each moment")
-    return f"{shown}: {len(found.moments)} moments in {seconds:.1f} s."
+    count = len(found.moments)
+    if kind in NUMBERED:
+        return f"{shown}: {count} {NUMBERED[kind]}s."
+    return f"{shown}: {count} moments in {seconds:.1f} s."
 
 
 def _missing(found: Gathered, kind: str) -> str:
     """A sentence on what the run never had, in place of empty panes."""
     moments = found.moments
-    names = [strip.name for strip in found.strips]
     had = {
         "pose of a body": any(one.pose is not None for one in moments),
         "camera pose": any(one.cameras for one in moments),
-        "camera pictures": "Camera" in names,
+        "camera pictures": any(strip.step_m is None for strip in found.strips),
         "depth": any(strip.step_m is not None for strip in found.strips),
         "grid around the robot": bool(found.grids),
         "tracked obstacles": any(one.tracks for one in moments),

@@ -30,7 +30,7 @@ class PicturePane {
     context.drawImage(bitmap, 0, 0);
     if (this.pane.metres) this.paint(context);
     this.canvas.dataset.moment = String(this.pane.moments[k]);
-    this.caption = (this.pane.labels ? this.pane.labels[k] : `at ${clock(this.pane.moments[k])}`) + (this.pane.metres ? ", near is bright" : "");
+    this.caption = (this.pane.labels ? this.pane.labels[k] : clock(this.pane.moments[k])) + (this.pane.metres ? ", near is bright" : "");
     this.output.textContent = this.caption;
     this.canvas.setAttribute("aria-label", `${this.pane.name}, ${this.caption}`);
   }

@@ -23,14 +23,27 @@ class Space {
     gl.bindAttribLocation(this.program, 0, "at"); gl.bindAttribLocation(this.program, 1, "tint");
     gl.linkProgram(this.program);
     this.view = gl.getUniformLocation(this.program, "view"); this.size = gl.getUniformLocation(this.program, "size");
-    const [x0, y0, x1, y1] = run.box;
-    this.centre = [(x0 + x1) / 2, (y0 + y1) / 2, 0.2];
-    this.distance = 0.66 * Math.hypot(x1 - x0, y1 - y0); this.yaw = -1.9; this.pitch = 0.85;
-    this.cloud = run.cloud ? this.fixed(this.pointsOf(run.cloud)) : null;
+    this.yaw = -1.9; this.pitch = 0.85;
+    const rows = run.cloud ? this.pointsOf(run.cloud) : null;
+    this.cloud = rows ? this.fixed(rows) : null;
+    this.aim(rows);
     this.lines = gl.createBuffer(); this.faces = gl.createBuffer();
     this.visible = true;
     new IntersectionObserver(([entry]) => { this.visible = entry.isIntersecting; if (this.visible) this.again(); }).observe(this.canvas);
     this.controls();
+  }
+
+  // Look at the middle of the cloud, from where most of it fills the pane.
+  aim(rows) {
+    const [x0, y0, x1, y1] = this.run.box, span = [[x0, x1], [y0, y1]];
+    for (let c = 0; rows && c < 2; c++) {
+      const values = [];
+      for (let k = c; k < rows.length; k += 66) values.push(rows[k]);
+      values.sort((a, b) => a - b);
+      span[c] = [0.02, 0.98].map((share) => values[Math.floor(share * (values.length - 1))]);
+    }
+    this.centre = [(span[0][0] + span[0][1]) / 2, (span[1][0] + span[1][1]) / 2, 0.2];
+    this.distance = 0.72 * Math.hypot(span[0][1] - span[0][0], span[1][1] - span[1][0]) + 0.4;
   }
 
   pointsOf({ count, low, step, bytes }) {

@@ -12,6 +12,7 @@ from ...results.run_folder import RunFolder
 from .gathering import Shot, Strip
 
 WIDTH_PX = 720  # ours: stages are eight pictures in one
+PANORAMA_PX = 1100  # ours: it has words in it
 QUALITY = 60
 MOST = 240  # ours: more are thinned before they are encoded
 PLAIN = ("colour", "tof", "stereo", "depth")  # views that the moments have too
@@ -29,6 +30,10 @@ def extra_strips(run: RunFolder, moments: Sequence[Moment]) -> list[Strip]:
         moment = int(np.searchsorted(stamps, float(view["stamp"]) - 1e-6))
         _add(strip, min(moment, len(moments) - 1), run.path(view["file"]).read_bytes())
         strip.labels.append(f"{view['name']}, at {float(view['stamp']) - stamps[0]:.1f} s")
+    if run.has("panorama_obstacles.png"):
+        strip = strips.setdefault("panorama", Strip("Panorama of all views", wide=True))
+        _add(strip, 0, run.path("panorama_obstacles.png").read_bytes(), PANORAMA_PX)
+        strip.labels.append("range, with obstacles and gaps")
     stages = sorted(run.root.glob("stages-*.png"))
     every = max(1, -(-len(stages) // MOST))
     for k in range(0, min(len(stages), len(moments)), every):
@@ -41,12 +46,12 @@ def extra_strips(run: RunFolder, moments: Sequence[Moment]) -> list[Strip]:
     return [strip for strip in strips.values() if strip.shots]
 
 
-def _add(strip: Strip, moment: int, data: bytes) -> None:
+def _add(strip: Strip, moment: int, data: bytes, widest_px: int = WIDTH_PX) -> None:
     """The picture at the width of the page."""
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     assert picture is not None, "the run has encoded it"
-    if picture.shape[1] > WIDTH_PX:
-        height = round(picture.shape[0] * WIDTH_PX / picture.shape[1])
-        picture = cv2.resize(picture, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
+    if picture.shape[1] > widest_px:
+        height = round(picture.shape[0] * widest_px / picture.shape[1])
+        picture = cv2.resize(picture, (widest_px, height), interpolation=cv2.INTER_AREA)
     small = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])[1]
     strip.shots.append(Shot(moment, small.tobytes()))

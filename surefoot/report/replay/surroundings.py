@@ -24,6 +24,7 @@ CLOUD_POINTS = 60_000  # ours: 0.4 MB of the page
 FINEST_M = 0.02  # ours: first side of the voxels of the cloud
 LAYER_PX = 1500  # ours: a larger map is drawn at less detail
 GREY_FREE, GREY_OCCUPIED = 250, 90
+DARKEST = 0.3  # ours: of the colours, for a low point on a dark background
 CEILING_M = 2.2  # ours: what hangs higher would hide the room from above
 
 
@@ -81,7 +82,7 @@ def _points(
         return points, np.zeros((0, 3), np.uint8)
     if colours is None:
         low, high = np.percentile(points[:, 2], (2, 98))
-        colours = _painted((points[:, 2] - low) / max(float(high - low), 1e-3))
+        colours = _painted(DARKEST + (points[:, 2] - low) / max(float(high - low), 1e-3))
     return points, colours
 
 
@@ -195,11 +196,11 @@ def _areas(run: RunFolder) -> list[dict[str, Any]]:
         reach = one["distance_m"] or 1.0
         turns = np.linspace(one["right_rad"], one["left_rad"], 24)
         ring = [[0.0, 0.0], *(np.column_stack([np.cos(turns), np.sin(turns)]) * reach).tolist()]
-        areas.append({"ring": ring, "free": True})
-    for one in content["obstacles"]:
+        areas.append({"ring": ring, "name": ""})
+    for number, one in enumerate(content["obstacles"], 1):
         edges = [one["left_edge_m"], one["right_edge_m"]]
         if all(value is not None for edge in edges for value in edge):
-            areas.append({"ring": edges, "free": False})
+            areas.append({"ring": edges, "name": str(number)})
     return areas
 
 

@@ -52,7 +52,7 @@ class TopView {
     g.fillRect(0, 0, width, height);
     this.below();
     this.grid(i);
-    for (const surface of this.run.areas) this.area(surface);
+    for (const area of this.run.areas) this.area(area);
     for (const ring of this.run.footprints) this.polygon(ring, theme.static, 0.2, 1.3);
     for (const [x, y] of this.run.landmarks) this.mark(x, y, "◆", theme.landmark, 10);
     this.views(i);
@@ -211,8 +211,11 @@ class TopView {
     this.g.globalAlpha = 0.9; this.g.strokeStyle = paint; this.g.lineWidth = width; this.g.stroke(); this.g.globalAlpha = 1;
   }
 
-  // A gap or an obstacle of a panorama: a sector between two azimuths as seen from one place.
-  area({ ring, free }) { this.polygon(ring, free ? theme.target : theme.static, free ? 0.1 : 0.3, free ? 0.6 : 1.6); }
+  // A gap of a panorama as a sector, an obstacle between its edges.
+  area({ ring, name }) {
+    this.polygon(ring, name ? theme.static : theme.target, name ? 0.3 : 0.12, name ? 2.4 : 0.8);
+    if (name) this.text((ring[0][0] + ring[1][0]) / 2, (ring[0][1] + ring[1][1]) / 2, name, 4);
+  }
 
   mark(x, y, sign, paint, size) {
     const [u, v] = this.place(x, y), g = this.g;
@@ -255,7 +258,8 @@ class TopView {
     const wanted = [
       ["belief", "robot or camera, path so far", true], ["view", "what a camera sees of the floor, path to come", run.cameras.length],
       ["target", "goal, route and next steps", run.goals.length || some(run.route)],
-      ["static", run.areas.length ? "obstacle" : "static obstacle", run.footprints.length || run.areas.length || some(run.tracks)],
+      ["target", "gap", run.areas.length],
+      ["static", run.areas.length ? "obstacle with its number" : "static obstacle", run.footprints.length || run.areas.length || some(run.tracks)],
       ["moving", "moving obstacle with 95 % ellipse and prediction", some(run.tracks)],
       ["landmark", "landmark", run.landmarks.length], ["occupied", "occupied", run.grid || run.layers.length],
       ["unseen", "unknown", run.grid || run.layers.length],
