@@ -28,8 +28,8 @@ from ..config.schema import Config
 from ..recordings.recording import FrameError, Recording, SkipLog
 from ..report.plots.monocular import stages
 from ..run.pipeline import Pipeline
-from .colour_camera_pose import T_floor_colour
 from .camera_moments import CameraMoments
+from .colour_camera_pose import T_floor_colour
 from .job import Job, Say, count_reasons
 
 NEAR_FLOOR_M = 0.015  # ours: a depth point this near to the plane is floor, ...

@@ -210,20 +210,18 @@ def _pictures(frame: Frame, estimate: Estimate, config: Config) -> dict[str, Any
     """Fields of the pictures: of the colour camera or the left one of a pair, and the depth of the first view."""
     found: dict[str, Any] = {}
     if frame.colour is not None:
-        found["colour"], found["colour_sensor"] = _jpeg(frame.colour.rgb), "colour"
+        found["colour"], found["colour_sensor"] = colour_picture(frame.colour.rgb), "colour"
     elif frame.stereo is not None:
         grey = cv2.cvtColor(frame.stereo.left, cv2.COLOR_GRAY2RGB)
-        found["colour"], found["colour_sensor"] = _jpeg(np.asarray(grey)), "stereo"
+        found["colour"], found["colour_sensor"] = colour_picture(np.asarray(grey)), "stereo"
     if estimate.views:
         view = estimate.views[0]
-        farthest_m = config.reach.of(view.sensor).farthest_m
-        step_m = 2.0 ** math.ceil(math.log2(farthest_m / 255.0))
-        found["depth"] = _depth(view.depth.z, step_m)
-        found["depth_step_m"], found["depth_sensor"] = step_m, view.sensor
+        found |= depth_picture(view.depth.z, view.sensor, config)
     return found
 
 
-def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> bytes:
+def colour_picture(rgb: UInt8[np.ndarray, "h w 3"]) -> bytes:
+    """The field `colour` of a moment."""
     height, width = rgb.shape[:2]
     if width > WIDTH_PX:
         size = (WIDTH_PX, round(height * WIDTH_PX / width))
@@ -234,8 +232,13 @@ def _jpeg(rgb: UInt8[np.ndarray, "h w 3"]) -> bytes:
     return data.tobytes()
 
 
-def _depth(z: Float32[np.ndarray, "h w"], step_m: float) -> UInt8[np.ndarray, "k l"]:
-    """Every n-th pixel in whole steps; 0 where there is none, or farther than a byte tells."""
+def depth_picture(z: Float32[np.ndarray, "h w"], sensor: str, config: Config) -> dict[str, Any]:
+    """The fields of the depth of a moment.
+
+    Every n-th pixel in whole steps that reach as far as the sensor; 0 where there is none, or farther.
+    """
+    step_m = 2.0 ** math.ceil(math.log2(config.reach.of(sensor).farthest_m / 255.0))
     every = -(-z.shape[1] // WIDTH_PX)
     steps = np.nan_to_num(np.rint(z[::every, ::every] / step_m), nan=0.0, posinf=0.0, neginf=0.0)
-    return np.where((steps < 0.0) | (steps > 255.0), 0.0, steps).astype(np.uint8)
+    levels = np.where((steps < 0.0) | (steps > 255.0), 0.0, steps).astype(np.uint8)
+    return {"depth": levels, "depth_step_m": step_m, "depth_sensor": sensor}

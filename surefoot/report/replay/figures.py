@@ -72,9 +72,8 @@ def _values(moments: Sequence[Moment], nearest: Numbers) -> list[tuple[str, list
         ("gaze wanted", each(lambda one: _angles(one.gaze))),
         ("time per frame", each(lambda one: _said(_total(one), "{:.0f} ms"))),
     ]
-    names = dict.fromkeys(name for moment in moments for name in moment.floor)
-    for name in names:
-        rows.append((f"floor ({name})", each(lambda one, name=name: _floor(one, name))))
+    for name in dict.fromkeys(name for moment in moments for name in moment.floor):
+        rows.append((f"floor ({name})", [_floor(moment, name) for moment in moments]))
     return [(name, words) for name, words in rows if any(words)]
 
 

@@ -115,5 +115,7 @@ class Values {
     byId("now").hidden = !run.values.length;
   }
 
-  draw(i) { this.run.values.forEach(([, words], k) => { this.cells[k].textContent = words[i]; }); }
+  words(i) { return this.run.values.map(([name, words]) => (words[i] ? `${name} ${words[i]}` : "")).filter(Boolean).join("; "); }
+
+  draw(i) { this.run.values.forEach(([, words], k) => { this.cells[k].textContent = words[i] || "–"; }); }
 }

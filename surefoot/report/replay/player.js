@@ -28,6 +28,7 @@ async function start() {
         answered = asked;
         done = moment;
         top.draw(done);
+        byId("map").setAttribute("aria-label", `top view, ${clock(done)}: ${values.words(done)}`);
         values.draw(done);
         for (const plot of plots) plot.draw(done);
         if (gaze) gaze.draw(done);

@@ -73,7 +73,8 @@ class TopView {
     if (!layer) return;
     const [x, y] = this.place(layer.origin[0], layer.origin[1] + layer.cell_m * layer.image.naturalHeight);
     this.g.imageSmoothingEnabled = false;
-    this.g.globalAlpha = this.run.grid ? 0.4 : 0.85;
+    const dark = window.matchMedia("(prefers-color-scheme: dark)").matches;
+    this.g.globalAlpha = this.run.grid ? (dark ? 0.2 : 0.4) : 0.85;
     const size = layer.cell_m * this.scale;
     this.g.drawImage(layer.image, x, y, layer.image.naturalWidth * size, layer.image.naturalHeight * size);
     this.g.globalAlpha = 1;
@@ -172,7 +173,7 @@ class TopView {
   }
 
   arrow(x, y, yaw) {
-    const [u, v] = this.place(x, y), g = this.g, long = Math.max(0.16 * this.scale, 13);
+    const [u, v] = this.place(x, y), g = this.g, long = Math.min(Math.max(0.16 * this.scale, 13), 22);
     g.save(); g.translate(u, v); g.rotate(-yaw); g.fillStyle = theme.belief;
     g.beginPath(); g.moveTo(long, 0); g.lineTo(-0.35 * long, 0.42 * long); g.lineTo(-0.12 * long, 0); g.lineTo(-0.35 * long, -0.42 * long);
     g.fill(); g.restore();

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from surefoot.results.moment import UNKNOWN, GazeMap, Layers, Moment, Prediction
 
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
@@ -24,6 +23,7 @@ from surefoot.cli.main import main
 from surefoot.report.replay import gathering, page
 from surefoot.report.replay.columns import columns
 from surefoot.report.replay.figures import nearest_obstacle
+from surefoot.results.moment import UNKNOWN, GazeMap, Layers, Moment, Prediction
 from surefoot.results.run_folder import RunFolder
 
 from .browser import CHROMIUM, Browser
