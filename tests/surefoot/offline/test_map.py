@@ -25,6 +25,7 @@ from surefoot.offline.job import Job
 from surefoot.offline.map import map_recording
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo
+from surefoot.results.moments import read_moments
 from surefoot.results.run_folder import RunFolder
 from surefoot.results.tables import read_tum
 
@@ -105,6 +106,18 @@ def test_all_files_are_written_and_can_be_opened(cabinet):
     assert summary["command"] == f"surefoot map {folder.parent} --config {folder / 'config.toml'}"
     assert toml.read(Config, folder / "config.toml") == Config()
     assert said[0].startswith("trajectory: frame 1 of 38")
+
+
+def test_the_stream_of_a_map_has_the_cameras_of_its_trajectory_and_a_replay_page(cabinet):
+    _, folder, _, _ = cabinet
+    moments = list(read_moments(RunFolder(folder)))
+    trajectory = read_tum(folder / "trajectory.txt")
+    assert [one.stamp_s for one in moments] == pytest.approx(trajectory.stamps.tolist(), abs=1e-5)
+    places = [one.cameras["depth"].position for one in moments]
+    np.testing.assert_allclose(places, trajectory.positions, atol=1e-4)
+    assert sum(one.colour is not None and one.depth is not None for one in moments) == 38
+    assert 'href="replay.html"' in (folder / "report.html").read_text()
+    assert (folder / "replay.html").stat().st_size < 12e6
 
 
 def test_a_walk_by_time_of_flight_is_mapped_with_the_poses_of_its_localiser(tmp_path):

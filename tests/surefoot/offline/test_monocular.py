@@ -25,6 +25,8 @@ from surefoot.offline.job import Job
 from surefoot.offline.monocular import UNUSABLE, colour_floors, run_monocular
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo
+from surefoot.results.moments import read_moments
+from surefoot.results.run_folder import RunFolder
 from surefoot.run.pipeline import Pipeline
 
 CAMERA = Camera.from_view(320, 240, math.radians(75.0), math.radians(60.0))
@@ -170,6 +172,13 @@ def test_every_frame_gives_a_picture_of_its_stages_and_the_summary_the_iou(tmp_p
     assert cv2.imread(str(tmp_path / "run" / names[0])) is not None
     assert (content["frames"], content["judged"], content["skipped"]) == (4, 4, {})
     assert 0.95 < content["iou_min"] <= content["iou"] <= 1.0
+    heights = [
+        one.cameras["colour"].position[2] for one in read_moments(RunFolder(tmp_path / "run"))
+    ]
+    assert heights == pytest.approx(
+        [EYE_M] * 4, abs=0.02
+    )  # the stream has the camera over the floor
+    assert "frame 3: " in (tmp_path / "run" / "replay.html").read_text()
     assert json.loads((tmp_path / "run" / "monocular.json").read_text()) == content
 
 

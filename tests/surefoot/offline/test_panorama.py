@@ -24,6 +24,8 @@ from surefoot.experiments.seed_003.stereo_range import true_depth
 from surefoot.offline.job import Job
 from surefoot.offline.panorama import panorama_lines, run_panorama
 from surefoot.recordings.recording import RecordingInfo
+from surefoot.results.moments import read_moments
+from surefoot.results.run_folder import RunFolder
 
 CAMERA = Camera.from_view(200, 150, math.radians(60.0), math.radians(46.8))
 
@@ -117,6 +119,14 @@ def test_rows_of_boxes_and_the_gap_between_them_are_found_at_their_true_edges(
 def test_a_frame_becomes_a_view_when_the_camera_has_turned_or_moved(carried, tmp_path):
     content = run_panorama(job(carried, tmp_path / "a", turn_deg=20.0, step_m=9.0), quiet)
     assert [view["frame"] for view in content["views"]] == [0, 4, 8, 12]  # 6 deg a frame
+    written = list(
+        read_moments(RunFolder(tmp_path / "a"))
+    )  # the stream has the views as they were placed
+    placed = [view["T_base_camera"] for view in content["views"]]
+    found = [one.cameras["depth"].matrix for one in written]
+    np.testing.assert_allclose(found, placed, atol=1e-9)
+    assert all(one.depth is not None and one.colour is not None for one in written)
+    assert (tmp_path / "a" / "replay.html").is_file()
     content = run_panorama(job(carried, tmp_path / "b", radius_m=0.1), quiet)
     assert content["left_out"] > 0
     assert max(view["frame"] for view in content["views"]) <= 5  # 2 cm a frame

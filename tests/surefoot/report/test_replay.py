@@ -7,13 +7,13 @@ import json
 import math
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from mapping.io import clouds, nav2
 from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
@@ -243,6 +243,67 @@ def test_without_webgl_the_page_has_no_pane_in_space(browser, run):
     browser.ask("Page.removeScriptToEvaluateOnNewDocument", {"identifier": added["identifier"]})
 
 
+def mapped(root: Path) -> RunFolder:
+    """A map as `surefoot map` leaves it."""
+    folder = RunFolder.create(root)
+    rng = np.random.default_rng(2)
+    cells = np.ones((60, 80), np.float32)
+    nav2.save(folder.root, "map", cells * 0.1, np.ones(cells.shape, bool), np.array([-1.0, -1.5]), 0.05)  # fmt: skip
+    np.savez(folder.path("layers.npz"), elevation=cells * 0.01, slope=cells, traversability=rng.uniform(size=cells.shape),
+             origin=np.array([-1.0, -1.5]), resolution=np.array(0.05))  # fmt: skip
+    cloud = rng.uniform(size=(3000, 3)) * (4.0, 3.0, 1.0) - (1.0, 1.5, 0.0)
+    clouds.save_ply(folder.path("cloud.ply"), cloud, rng.integers(0, 255, (3000, 3)).astype(np.uint8))  # fmt: skip
+    folder.write_json("summary.json", {"kind": "map", "name": "flat", "trajectory": "camera"})
+    return folder
+
+
+def panorama(root: Path) -> RunFolder:
+    """A panorama as `surefoot panorama` leaves it."""
+    folder = RunFolder.create(root)
+    cloud = np.random.default_rng(3).uniform(size=(900, 3)) * (2.0, 2.0, 0.5)
+    clouds.save_ply(folder.path("panorama.ply"), cloud)
+    box = {"left_edge_m": [1.0, 0.4], "right_edge_m": [1.0, -0.1], "left_rad": 0.38, "right_rad": -0.1}  # fmt: skip
+    gap = {"left_rad": 0.9, "right_rad": 0.38, "distance_m": 1.0}
+    folder.write_json("panorama.json", {"views": [], "obstacles": [box], "gaps": [gap]})
+    picture = cv2.imencode(".png", np.full((60, 200, 3), 90, np.uint8))[1].tobytes()
+    folder.write_bytes("panorama_obstacles.png", picture)
+    folder.write_json("summary.json", {"kind": "panorama", "name": "round"})
+    return folder
+
+
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+@pytest.mark.parametrize(
+    ("made", "panes", "clock"),
+    [(mapped, ["Camera", "Depth (tof)"], "3.6 / 8.7 s"),
+     (panorama, ["Camera", "Depth (tof)", "Panorama of all views"], "view 13 of 30")],
+)  # fmt: skip
+def test_maps_and_panoramas_replay_their_cameras(browser, tmp_path, made, panes, clock, width):
+    folder = made(tmp_path / "run")
+    keep = ("stamp_s", "cameras", "lenses", "colour", "depth", "depth_step_m", "depth_sensor")
+    text = page.replay_page(
+        folder, [Moment(**{key: getattr(one, key) for key in keep}) for one in moments(30)]
+    )
+    assert text is not None
+    folder.write_text(page.REPLAY, text)
+    opened(browser, folder, width)
+    go(browser, 2)
+    before = drawn(browser)
+    go(browser, 12)
+    after = drawn(browser)
+    assert after["clock"] == clock
+    assert before["map"] != after["map"]
+    titles = (
+        "JSON.stringify([...document.querySelectorAll('#pictures h2')].map((h) => h.textContent))"
+    )
+    assert json.loads(browser.run(titles)) == panes
+    hidden = "document.getElementById('plots-pane').hidden && document.getElementById('now').hidden"
+    assert browser.run(hidden)  # a camera alone has neither figures nor time series
+    said = browser.run("document.querySelector('main').textContent")
+    assert "Not in this run: pose of a body; grid around the robot; tracked obstacles; plan" in said
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    assert browser.errors == []
+
+
 @pytest.mark.parametrize("width", [WIDE, NARROW])
 def test_without_scripts_the_page_shows_pictures_of_the_run(browser, run, width):
     browser.ask("Emulation.setScriptExecutionDisabled", {"value": True})
@@ -325,16 +386,3 @@ def test_text_from_files_is_escaped(tmp_path):
     text = page.replay_page(sly, named)
     assert text is not None
     assert "alert" not in text.replace("&lt;script&gt;alert(1)", "")
-
-
-def test_the_page_of_a_run_is_written_with_its_report(tmp_path: Path):
-    """Of a real recording, through the stream that the run writes."""
-    from surefoot.config.load import load
-    from surefoot.run.process import process
-
-    walk = Path(__file__).resolve().parents[3] / "data" / "walk"
-    process(walk, None, load(walk / "config.toml" if (walk / "config.toml").is_file() else None), tmp_path / "walk", lambda text: None)  # fmt: skip
-    folder = RunFolder.open(tmp_path / "walk")
-    assert 'href="replay.html"' in folder.path("report.html").read_text()
-    assert folder.path(page.REPLAY).stat().st_size < page.LARGEST_BYTES
-    assert page.is_current(folder)

@@ -42,6 +42,11 @@ def test_the_recording_is_small_enough_to_ship():
     assert sum(p.stat().st_size for p in WALK.rglob("*") if p.is_file()) < 8e6
 
 
+def test_its_report_links_a_replay_page_small_enough_to_send(run):
+    assert 'href="replay.html"' in (run / "report.html").read_text(encoding="utf-8")
+    assert 1e5 < (run / "replay.html").stat().st_size <= 12e6
+
+
 def test_where_it_says_it_walked_is_where_it_walked(metrics):
     assert metrics["position_rmse_m"] <= 0.05
     assert metrics["heading_rmse_deg"] <= 2.0
