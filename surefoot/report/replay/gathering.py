@@ -89,9 +89,8 @@ def gather(moments: Iterable[Moment]) -> Gathered:
         if moment.grid is not None and (not grids or moment.grid is not grids[-1][1]):
             grids.append((k, moment.grid))
     bare = [replace(moment, colour=None, depth=None, grid=None) for moment in kept]
-    for strip in strips.values():
-        strip.far_step = min(strip.far_step, 255.0)
-    return Gathered(bare, list(strips.values()), grids)
+    ordered = sorted(strips.values(), key=lambda strip: strip.step_m is not None)  # cameras first
+    return Gathered(bare, ordered, grids)
 
 
 def _add_depth(strips: dict[str, Strip], number: int, moment: Moment) -> None:

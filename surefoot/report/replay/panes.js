@@ -64,6 +64,7 @@ class GazePane {
     this.run = run;
     const section = document.createElement("section"), title = document.createElement("h2");
     title.textContent = "Gaze map";
+    section.className = "wide gaze";
     this.canvas = document.createElement("canvas");
     this.canvas.setAttribute("role", "img");
     this.output = document.createElement("output");
@@ -107,7 +108,7 @@ class Values {
     this.cells = run.values.map(([name, words]) => {
       const group = document.createElement("div"), term = document.createElement("dt"), value = document.createElement("dd");
       term.textContent = name;
-      group.classList.toggle("long", words.some((text) => text.length > 22));
+      group.classList.toggle("long", words.some((text) => text.length > 18));
       group.append(term, value);
       this.list.append(group);
       return value;

@@ -17,6 +17,8 @@ async function start() {
   byId("plots-pane").hidden = !plots.length;
   const space = new Space(run);
   slider.max = String(last);
+  const lowest = (id) => byId(id).lastElementChild.getBoundingClientRect().bottom; // of a column
+  if (byId("map-pane").getBoundingClientRect().bottom > lowest("side")) byId("side").append(byId("space-pane"));
   await top.ready;
 
   async function draw() {

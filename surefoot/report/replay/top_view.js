@@ -6,6 +6,8 @@ class TopView {
   constructor(run) {
     this.run = run;
     this.canvas = byId("map");
+    const [x0, y0, x1, y1] = run.box;
+    this.canvas.style.aspectRatio = String(Math.min(Math.max((x1 - x0) / (y1 - y0), 0.9), 1.7));
     this.foot = run.body ? run.body.foot : [0.1, 0.06];
     this.layers = run.layers.map((layer) => {
       const image = new Image();
