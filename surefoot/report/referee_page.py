@@ -49,6 +49,7 @@ def write_page(folder: RunFolder, verdict: Verdict, command: Sequence[str]) -> P
         title="Trajectory against truth",
         subtitle=html.escape(" · ".join(subtitle)),
         verdict=html.escape(words),
+        replay="",
         verdict_class="none" if good is None else "good" if good else "bad",
         cards="\n".join(card_item(card) for card in _cards(metrics)),
         sections="\n".join(plot_section(picture) for picture in drawn),
