@@ -28,6 +28,11 @@ class Shot:
     moment: int
     data: bytes
 
+    @property
+    def kind(self) -> str:
+        """The format by its first bytes: webp or jpeg."""
+        return "webp" if self.data[:4] == b"RIFF" else "jpeg"
+
 
 @dataclass(eq=False)
 class Strip:

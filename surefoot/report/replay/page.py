@@ -132,11 +132,10 @@ def _thinned(strip: Strip, every: int) -> Strip:
 
 def _pane(strip: Strip) -> dict[str, Any]:
     """What the page needs to know of the pictures of a sensor, which it holds elsewhere."""
-    first = strip.shots[0].data[:4]
     return {
         "name": strip.name,
         "moments": [shot.moment for shot in strip.shots],
-        "mime": "image/webp" if first == b"RIFF" else "image/jpeg",
+        "mime": f"image/{strip.shots[0].kind}",
         "metres": strip.step_m,
         "far_step": strip.far_step,
         "wide": strip.wide,

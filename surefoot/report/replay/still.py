@@ -38,7 +38,7 @@ def still(run: RunFolder, moments: Sequence[Moment], strips: Sequence[Strip]) ->
             shot = strip.shots[k]
             seconds = moments[shot.moment].stamp_s - moments[0].stamp_s
             caption = f"{strip.name}, {strip.labels[k] if strip.labels else f'{seconds:.1f} s'}"
-            data, kind = shot.data, "webp"
+            data, kind = shot.data, shot.kind
             if strip.step_m is not None:
                 data, kind = _painted(data, strip.far_step), "jpeg"
             parts.append(
