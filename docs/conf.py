@@ -9,6 +9,7 @@ DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 sys.path[:0] = [str(ROOT), str(DOCS / "_ext")]
 os.environ["PYTHONPATH"] = str(ROOT)  # notebooks run in kernels of their own
+os.environ["OPEN3D_DISABLE_WEB_VISUALIZER"] = "true"  # which it announces in every notebook
 os.environ.pop("MPLBACKEND", None)  # their pictures appear in the page
 
 project = "Surefoot"
@@ -60,6 +61,7 @@ html_sidebars = {
         "index",
         "tutorial",
         "papers",
+        "experiments",
         "limits",
         "outputs",
         "settings",

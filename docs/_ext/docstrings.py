@@ -16,6 +16,7 @@ PACKAGES = {
     "mapping": "what is remembered",
     "planning": "what to do",
     "sim": "a world to test in",
+    "surefoot/evaluation": "how right it was, and whether it knew",
 }
 GROUPS = {
     "Functions on arrays": ("find_floor", "find_obstacles", "find_footprints", "stereo_depth", "gaze_map", "find_path"),
@@ -50,14 +51,19 @@ def setup(app: Any) -> dict[str, bool]:
 
 
 def _hide_colons(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
-    """Of a value: else napoleon takes what stands before a colon for its type."""
-    if what in VALUES:
-        lines[:] = [line.replace(":", HIDDEN) for line in lines]
+    """Of values, and of what is returned: else napoleon takes what stands before a colon for a type."""
+    hide = what in VALUES
+    for number, line in enumerate(lines):
+        if line and not line[0].isspace():
+            hide = what in VALUES or line.strip() in ("Returns:", "Yields:")
+            if what not in VALUES:
+                continue
+        if hide:
+            lines[number] = line.replace(":", HIDDEN)
 
 
 def _show_colons(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
-    if what in VALUES:
-        lines[:] = [line.replace(HIDDEN, ":") for line in lines]
+    lines[:] = [line.replace(HIDDEN, ":") for line in lines]
 
 
 def _escape(app: Any, what: str, name: str, item: Any, options: Any, lines: list[str]) -> None:
@@ -79,13 +85,11 @@ def _write_pages(app: Any) -> None:
     listed = []
     for package, question in PACKAGES.items():
         rooms = sorted(p for p in (ROOT / package).iterdir() if (p / "__init__.py").is_file())
-        listed.append(f"\n## {package}: {question}\n\n```{{toctree}}\n:maxdepth: 1\n")
+        listed.append(
+            f"\n## {package.replace('/', '.')}: {question}\n\n```{{toctree}}\n:maxdepth: 1\n"
+        )
         for room in [*rooms, ROOT / package]:
-            modules = (
-                sorted(_modules(room))
-                if room.name == package
-                else sorted(_modules(room, deep=True))
-            )
+            modules = sorted(_modules(room, deep=room != ROOT / package))
             if not modules:
                 continue
             name = ".".join(room.relative_to(ROOT).parts)

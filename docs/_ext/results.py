@@ -7,7 +7,6 @@ Code such as `003-E1` in any page links to the page of that experiment.
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import shutil
@@ -20,20 +19,7 @@ from sphinx.transforms.post_transforms import SphinxPostTransform
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNS = Path(os.environ.get("SUREFOOT_RUNS", ROOT / "runs"))
-PAPERS = {
-    "000": ("Han, Kim, Hong 2018", "../theory/monocular.md"),
-    "001": ("Yoo, Kim 2010", "../theory/gaze.md"),
-    "003": ("the stereo walker", "../theory/stereo.md"),
-    "004": ("Kang, Lim, Park, Kim 2013", "../theory/panorama.md"),
-}
-ROOMS = {
-    "seed_000": "Han, Kim, Hong 2018 (seed 000): one camera, floor by colour, swarm over the image",
-    "seed_001": "Yoo, Kim 2010 (seed 001): gaze by four evaluations, univector field",
-    "seed_003": "The stereo walker (seed 003): stereo, randomised Hough transform, egocentric grid",
-    "seed_004": "Kang, Lim, Park, Kim 2013 (seed 004): panoramas of time-of-flight depth, fuzzy choice",
-    "joint": "All papers together",
-    "real": "Recordings of real sensors",
-}
+THEORY = {"000": "monocular", "001": "gaze", "003": "stereo", "004": "panorama"}
 
 
 def setup(app: Any) -> dict[str, bool]:
@@ -67,22 +53,27 @@ class _Links(SphinxPostTransform):
 def _write_pages(app: Any) -> None:
     from surefoot.benchmarks import benchmark
     from surefoot.experiments.support import experiment as experiments
+    from surefoot.experiments.support.papers import HEADINGS, room_of
 
     folder = Path(app.srcdir) / "gallery"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     cards: dict[str, list[str]] = {}
-    for name, module in experiments.FILES.items():
-        room = module.split(".")[0]
+    for name in experiments.names():
         one = experiments.load(name)
-        text = importlib.import_module(f"surefoot.experiments.{module}").__doc__ or ""
         result = _read(RUNS / "experiments" / name / "result.json")
-        picture = _picture(name, folder) if result is not None else None
-        (folder / f"{name}.md").write_text(_page(one, text, result, picture), encoding="utf-8")
-        cards.setdefault(room, []).append(_card(one, result, picture))
+        pictures = _pictures(name, result, folder)
+        (folder / f"{name}.md").write_text(_page(one, result, pictures), encoding="utf-8")
+        cards.setdefault(room_of(name), []).append(_card(one, result, pictures))
     lines = [OPENING]
     for room, found in cards.items():
-        lines += [f"## {ROOMS[room]}", "", "::::{container} gallery", *found, "::::", ""]
+        lines += [f"## {HEADINGS[room]}", ""]
+        if room in THEORY:
+            lines += [
+                f"[Its equations and what was wrong in print](../theory/{THEORY[room]}.md).",
+                "",
+            ]
+        lines += ["::::{container} gallery", *found, "::::", ""]
     lines += ["```{toctree}", ":hidden:", *experiments.names(), "benchmarks", "```", ""]
     (folder / "index.md").write_text("\n".join(lines), encoding="utf-8")
     measured = {one["id"]: one for one in _read(RUNS / "bench.json") or []}
@@ -112,17 +103,25 @@ def _read(file: Path) -> Any:
     return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
 
 
-def _picture(name: str, folder: Path) -> str | None:
-    """Copy the picture of an experiment beside its page."""
-    for kind in ("png", "svg"):
-        file = RUNS / "experiments" / name / f"figure.{kind}"
-        if file.is_file():
-            shutil.copyfile(file, folder / f"{name}.{kind}")
-            return f"{name}.{kind}"
-    return None
+Picture = tuple[str, str]
+"""File beside the page, and the sentence below it."""
 
 
-def _verdict(one: Any, result: dict[str, Any] | None) -> str:
+def _pictures(name: str, result: dict[str, Any] | None, folder: Path) -> list[Picture]:
+    """Copy the pictures of an experiment beside its page."""
+    found = []
+    for one in result["pictures"] if result else ():
+        for kind in ("svg", "png"):
+            file = RUNS / "experiments" / name / f"{one['name']}.{kind}"
+            if file.is_file():
+                copy = f"{name}-{file.name}"
+                shutil.copyfile(file, folder / copy)
+                found.append((copy, one["sentence"]))
+                break
+    return found
+
+
+def _verdict(result: dict[str, Any] | None) -> str:
     if result is None:
         return "not run here"
     if not result["targets"]:
@@ -139,53 +138,82 @@ def _met(result: dict[str, Any], name: str) -> bool:
     return figure is not None and Target(relation, bound).met_by(figure)
 
 
-def _card(one: Any, result: dict[str, Any] | None, picture: str | None) -> str:
+def _card(one: Any, result: dict[str, Any] | None, pictures: list[Picture]) -> str:
     shown = [":::{container} card"]
-    if picture is not None:
-        shown += [f"[![{_plain(one.title)}]({picture})]({one.id}.md)", ""]
-    shown += [
-        f"[**{one.id}**]({one.id}.md) {_plain(one.title)}",
-        "",
-        f"*{_verdict(one, result)}*",
-        ":::",
-    ]
-    return "\n".join(shown)
+    if pictures:
+        shown += [f"[![{_plain(one.title)}]({pictures[0][0]})]({one.id}.md)", ""]
+    shown += [f"[**{one.id}**]({one.id}.md) {_plain(one.title)}", ""]
+    return "\n".join([*shown, f"*{_verdict(result)}*", ":::"])
 
 
-def _page(one: Any, text: str, result: dict[str, Any] | None, picture: str | None) -> str:
+def _page(one: Any, result: dict[str, Any] | None, pictures: list[Picture]) -> str:
+    from surefoot.experiments.support.papers import origin
+
+    source = origin(one)
     lines = [f"# {one.id}: {_plain(one.title)}", ""]
-    if one.id[:3] in PAPERS:
-        paper, page = PAPERS[one.id[:3]]
-        lines += [f"Paper: [{paper}]({page}) (seed {one.id[:3]}).", ""]
-    lines += [f"**{_verdict(one, result).capitalize()}.**", ""]
+    for paper in source.papers:
+        page = f"../theory/{THEORY[paper.key.split()[1]]}.md"
+        lines += [f"{_plain(paper.words())} ([{paper.key}]({page}))", ""]
+    lines += [f"**{_verdict(result).capitalize()}.**", ""]
     if result is not None:
         said = {"seeds": "seeds", "seconds": "time, s", "version": "version", "commit": "commit"}
-        facts = [
-            f"{word} {result[key]}" for key, word in said.items() if result.get(key) is not None
-        ]
-        lines += ["; ".join(facts), ""]
-    if picture is not None:
-        lines += [f"![{_plain(one.title)}]({picture})", ""]
-    lines += [*_prose(text), "", "```sh", f"surefoot experiment {one.id}", "```", ""]
-    names = [*(result["figures"] if result else {}), *one.targets]
-    names += [name for name in one.published if name not in names]
-    if names:
-        lines += ["| figure | measured | target | met | paper |", "|---|---|---|---|---|"]
-    for name in dict.fromkeys(names):
-        figure = result["figures"].get(name) if result else None
-        target = one.targets.get(name)
+        facts = [f"{word}: {result[key]}" for key, word in said.items() if result.get(key)]
+        lines += ["; ".join(facts) + ".", ""]
+    for file, sentence in pictures:
+        lines += [f"![{_plain(sentence)}]({file})", "", f"*{_plain(sentence)}*", ""]
+    lines += (
+        [*_prose(source.about), "", f"Source: {_plain(source.source)}", ""]
+        if source.source
+        else _prose(source.about)
+    )
+    lines += [
+        "",
+        "```sh",
+        f"surefoot experiment {one.id}",
+        "```",
+        "",
+        *_columns(result),
+        *_figures(one, result),
+    ]
+    if result is not None and result.get("table"):
+        lines += ["", "As the command prints it:", "", "```text", *result["table"], "```"]
+    return "\n".join(lines) + "\n"
+
+
+def _columns(result: dict[str, Any] | None) -> list[str]:
+    """The method of the paper beside ours, where the experiment runs both."""
+    rows = (result or {}).get("columns") or []
+    if not rows or result is None:
+        return []
+    lines = ["| | paper | its method here | ours |", "|---|---|---|---|"]
+    for words, printed, *names in rows:
+        found = [printed, *(result["figures"].get(name) for name in names)]
+        cells = ["" if value is None else f"{value:.4g}" for value in found]
+        lines.append("| " + " | ".join([_plain(words.strip()), *cells]) + " |")
+    return [*lines, ""]
+
+
+def _figures(one: Any, result: dict[str, Any] | None) -> list[str]:
+    """The figures as a table: measured, target, published."""
+    figures = result["figures"] if result else {}
+    intervals = (result or {}).get("intervals") or {}
+    names = list(dict.fromkeys([*figures, *one.targets, *one.published]))
+    if not names:
+        return []
+    lines = ["| figure | measured | 95 % | target | met | paper |", "|---|---|---|---|---|---|"]
+    for name in names:
+        figure, target = figures.get(name), one.targets.get(name)
+        interval = intervals.get(name)
         cells = [
             f"`{name}`",
             "" if figure is None else f"{figure:.4g}",
+            f"{interval[0]:.4g} to {interval[1]:.4g}" if interval else "",
             "" if target is None else f"{_plain(target.relation)} {target.bound:g}",
             "" if target is None or result is None else ("yes" if _met(result, name) else "**no**"),
             f"{one.published[name]:g}" if name in one.published else "",
         ]
         lines.append("| " + " | ".join(cells) + " |")
-    if result is not None and result.get("table"):
-        table = "\n".join(result["table"])
-        lines += ["", "As the command prints it:", "", "```text", table, "```"]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def _benchmark(one: Any, result: dict[str, Any] | None) -> list[str]:

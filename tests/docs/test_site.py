@@ -31,7 +31,7 @@ LOADS = {
 QUESTIONS = {
     "floor from my depth image": ("find_floor", "Use your own image in its place"),
     "own planner": ("decide", "--planner", "GoalSeeker"),
-    "P12 in floor.csv": ("P00", "P22", "rad·m", "tilt about the second"),
+    "P12 in floor.csv": ("P12", "rad·m", "second tilt with the height"),
     "why is my recording skipped": ("skipped", "depth image has no valid pixel", "the stamp"),
     "what paper 3 said, what was found": ("the paper", "what we found", "53 % of the floors"),
 }
