@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import click
@@ -99,12 +101,18 @@ def reproduce(paper: str | None, quick: bool, out: Path, as_json: bool) -> None:
     from ..experiments.support import reproduce as rounds
 
     with progress() as say:
-        told = rounds.reproduce(paper, quick, out, say, say.notice)
+        told = rounds.reproduce(
+            paper, quick, out, say, say.notice, os.cpu_count() or 1 if quick else 1
+        )
     index = out / rounds.INDEX
-    failed = [one["id"] for one in told if one["state"] == "failed"]
-    absent = [one["id"] for one in told if one["state"] == "absent"]
+    failed = [one.id for one in told if one.state == "failed"]
+    absent = [one.id for one in told if one.state == "absent"]
     if as_json:
-        click.echo(json.dumps({"index": str(index), "experiments": told}, indent=2))
+        click.echo(
+            json.dumps(
+                {"index": str(index), "experiments": [asdict(one) for one in told]}, indent=2
+            )
+        )
     else:
         click.echo(f"{len(told) - len(failed) - len(absent)} of {len(told)} experiments")
         if absent:

@@ -75,7 +75,11 @@ def index(
     body = [f'<p class="soft">{html.escape(said)}</p>']
     for heading, paper, many in groups:
         body += [f"<h2>{html.escape(heading)}</h2>", f'<p class="soft">{html.escape(paper)}</p>']
-        body += ['<ul class="gallery">', *map(_card, many), "</ul>"]
+        for kind, rows in (
+            ("gallery", [_card(card) for card in many if "link" in card]),
+            ("rest", [_without(card) for card in many if "link" not in card]),
+        ):
+            body += [f'<ul class="{kind}">', *rows, "</ul>"] if rows else []
     return _filled(title, None if run < len(cards) else good == len(cards), words, body)
 
 
@@ -222,16 +226,18 @@ def _span(result: Mapping[str, Any], name: str) -> str:
 
 
 def _card(card: Mapping[str, Any]) -> str:
-    """One experiment of the index."""
-    if "picture" in card:
-        thumb = f'<img loading="lazy" alt="" src="{html.escape(card["picture"])}">'
-    else:
-        thumb = f'<span class="thumb empty">{html.escape(card["words"])}</span>'
-    inside = (
-        f'<span class="thumb">{thumb}</span><span class="words"><b>{html.escape(card["id"])}</b>'
-        f"<span>{html.escape(card['title'])}</span>"
+    """One experiment of the index that has a result."""
+    return (
+        f'<li><a href="{html.escape(card["link"])}">'
+        f'<span class="thumb"><img loading="lazy" alt="" src="{html.escape(card["picture"])}"></span>'
+        f'<span class="words"><b>{html.escape(card["id"])}</b><span>{html.escape(card["title"])}</span>'
         f'<span class="verdict {card["state"]}">{html.escape(card["words"])}</span>'
-        f'<span class="soft">{html.escape(card["note"])}</span></span>'
+        f'<span class="soft">{html.escape(card["note"])}</span></span></a></li>'
     )
-    link = f'<a href="{html.escape(card["link"])}">{inside}</a>' if "link" in card else inside
-    return f"<li>{link}</li>"
+
+
+def _without(card: Mapping[str, Any]) -> str:
+    """One experiment of the index without a result."""
+    note = f": {card['note']}" if card["note"] else ""
+    words = html.escape(f"{card['words']}{note}")
+    return f'<li><b>{html.escape(card["id"])}</b> {html.escape(card["title"])} <span class="soft">({words})</span></li>'

@@ -87,8 +87,14 @@ class Fitted:
         return dataclasses.replace(found, margin=high)
 
 
-def run(seeds: int, say: Say) -> Outcome:
-    """Both robots, the tracks of other robots, the mower and the IMU; independent of the seeds."""
+def run(seeds: int, say: Say, untuned_logs: bool = True) -> Outcome:
+    """Both robots, the tracks of other robots, the mower and the IMU; independent of the seeds.
+
+    Args:
+        seeds: Without effect.
+        say: Takes lines of progress.
+        untuned_logs: Also perturbed and simulated logs, which take most of the time.
+    """
     folder = real_data.folder("mrclam6")
     recordings = {robot: RobotRun.read(folder, robot) for robot in ROBOTS}
     fitted = {}
@@ -140,9 +146,10 @@ def run(seeds: int, say: Say) -> Outcome:
         f"accelerometer bias {np.round(up.force_bias, 3)} m/s^2",
         *(f"fitted on robot {robot}: {parameters}" for robot, parameters in fitted.items()),
     ]
-    for found, lines in (untuned(folder, fitted[ROBOTS[0]].config, say), simulated(say)):
-        figures.update(found)
-        table += lines
+    if untuned_logs:
+        for found, lines in (untuned(folder, fitted[ROBOTS[0]].config, say), simulated(say)):
+            figures.update(found)
+            table += lines
     return Outcome(figures, table)
 
 

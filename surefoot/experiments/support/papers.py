@@ -50,7 +50,7 @@ PAPERS = {
     ),
     "003": Paper(
         "seed 003",
-        "stereo navigation of KMHROBO",
+        "Stereo navigation of KMHROBO",
         "Authors and title not known to us",
         "A stereo navigation system for the humanoid KMHROBO, after K. Sabe et al., Obstacle avoidance and path "
         "planning for humanoid robots using stereo vision, IEEE ICRA 2004",

@@ -177,7 +177,7 @@ def three(monkeypatch):
 
 
 def states(told):
-    return {one["id"]: one["state"] for one in told}
+    return {one.id: one.state for one in told}
 
 
 def test_a_round_goes_on_after_a_failure_and_does_not_repeat_what_is_finished(tmp_path, three):
@@ -203,7 +203,7 @@ def test_other_code_makes_a_result_old(tmp_path, three, monkeypatch):
 
 
 def test_the_verb_names_the_failed_ones_and_fails(tmp_path, three):
-    result = CliRunner().invoke(main, ["reproduce", "joint", "--quick", "--out", str(tmp_path)])
+    result = CliRunner().invoke(main, ["reproduce", "joint", "--out", str(tmp_path)])
     assert result.exit_code == 1
     assert "failed: bad" in result.stderr
     assert "could not run, see the page: away" in result.stdout
