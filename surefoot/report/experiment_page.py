@@ -25,6 +25,7 @@ FILES = {
     "figure.svg": "the main picture, also as PNG",
 }
 NO_NUMBER = "–"
+UNMEASURED = "not measured"
 RELATIONS = {"<=": "≤", ">=": "≥", "<": "&lt;", ">": "&gt;", "==": "="}
 
 
@@ -84,13 +85,13 @@ def index(
 
 
 def headline(verdicts: Sequence[Mapping[str, Any]]) -> tuple[bool | None, str]:
-    """Whether all targets are met (None without any), and how many, in words."""
-    met = sum(one["met"] for one in verdicts)
-    return (
-        (met == len(verdicts), f"{met} of {len(verdicts)} targets met")
-        if verdicts
-        else (None, "no targets")
-    )
+    """Whether all targets are met, None if there are none or some are not measured and no other is missed; in words."""
+    measured = [one for one in verdicts if one["words"] != UNMEASURED]
+    met, left = sum(one["met"] for one in measured), len(verdicts) - len(measured)
+    if not verdicts:
+        return None, "no targets"
+    words = f"{met} of {len(measured)} targets met" + (f", {left} not measured" if left else "")
+    return (None if left and met == len(measured) else met == len(verdicts)), words
 
 
 def _filled(title: str, good: bool | None, verdict: str, body: Sequence[str]) -> str:

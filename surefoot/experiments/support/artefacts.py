@@ -142,7 +142,7 @@ def verdicts(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     for name, (relation, bound) in result["targets"].items():
         value = result["figures"].get(name)
         met = value is not None and Target(relation, bound).met_by(value)
-        words = "met" if met else "not measured"
+        words = "met" if met else experiment_page.UNMEASURED
         if not met and value is not None:
             words = f"too {'high' if value > bound else 'low'} by {abs(value - bound):.3g}"
             words = "at the bound" if value == bound else words

@@ -244,8 +244,9 @@ def lines(result: Mapping[str, Any]) -> list[str]:
     """Readable lines: the tables, then each figure with its target and the published number."""
     shown = [f"{result['id']}  {result['title']}", *result["table"], ""]
     figures = {name: math.nan if v is None else v for name, v in result["figures"].items()}
-    if result["columns"]:
-        shown += [*three_columns(figures, result["columns"]), ""]
+    columns = [(words, paper, its, ours) for words, paper, its, ours in result["columns"]]
+    if columns:
+        shown += [*three_columns(figures, columns), ""]
     width = max((len(name) for name in figures), default=0)
     for name, value in figures.items():
         note = ""

@@ -83,7 +83,7 @@ def test_the_page_loads_nothing_and_shows_paper_targets_and_pictures(tmp_path):
     assert page.count("<img") == 3
     assert "A tiny &amp; &lt;odd&gt; experiment" in page
     assert "✗ too high by 0.2" in page
-    assert "2 of 4 targets met" in page
+    assert "2 of 3 targets met, 1 not measured" in page
     assert "surefoot experiment tiny --seeds 4" in page
 
 
