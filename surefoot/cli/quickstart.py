@@ -13,6 +13,7 @@ from .options import out_option
 from .terminal import open_in_browser, progress
 
 WALK = "quickstart"  # folder in the package: recording.mcap, truth/, and walk.toml, which makes them again
+DEFAULT_OUT = Path("runs") / "quickstart"
 
 
 @click.command()
@@ -28,11 +29,12 @@ def quickstart(out: Path | None) -> None:
     from ..run.process import process
 
     with resources.as_file(resources.files("surefoot") / WALK) as walk, progress() as say:
-        summary = process(walk, None, load(None, ()), out, say)
+        summary = process(walk, None, load(None, ()), out or DEFAULT_OUT, say)
     folder = RunFolder(summary.folder)
     page = folder.path("report.html")
     click.echo("\n".join([*summary.lines(), against_truth(folder.read_json("metrics.json") or {})]))
     click.echo(f"\nopen {page.resolve()} in a browser")
+    click.echo("replay.html beside it shows the run moment by moment")
     click.echo(
         "next: surefoot process YOUR_RECORDING, or surefoot simulate home (surefoot --help lists all)"
     )

@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 from surefoot.cli.main import main
 from surefoot.run.run_recorder import bar
 
+SCHEMAS = Path(__file__).resolve().parents[3] / "docs" / "schemas"
 PACKAGED = Path(str(resources.files("surefoot"))) / "quickstart"
 
 
@@ -46,6 +47,16 @@ def test_the_line_against_the_truth_agrees_with_the_metrics(shown):
     assert float(said.group(1)) == pytest.approx(1e3 * metrics["position_rmse_m"], abs=0.5)
     assert metrics["position_rmse_m"] < 0.02
     assert metrics["floor_tof_angle_deg_median"] < 0.2
+
+
+@pytest.mark.parametrize("name", ["summary", "obstacles", "metrics", "views"])
+def test_the_json_files_of_a_run_follow_their_schemas(shown, name):
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads((SCHEMAS / f"{name}.schema.json").read_text(encoding="utf-8"))
+    validator = jsonschema.Draft202012Validator(schema)
+    content = json.loads((shown[0] / f"{name}.json").read_text(encoding="utf-8"))
+    assert [error.message for error in validator.iter_errors(content)] == []
+    assert content
 
 
 def test_a_bar_is_filled_to_its_share_and_never_beyond():
