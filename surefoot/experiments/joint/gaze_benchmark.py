@@ -105,10 +105,10 @@ def draw(found: dict[tuple[str, str, str], tuple[float, float, float]], names: l
             axes.hlines(rows, low, high, color=colour)
             axes.plot(mean, rows, "o", color=colour, label=scene)
         axes.set_yticks(range(len(names)), names if axes is panels[0] else [""] * len(names))
-        axes.invert_yaxis()
-        axes.set_xlim(left=0.0)
+        axes.set_ylim(len(names) - 0.5, -0.5)
+        axes.set_xlim(0.0, 1.05 * axes.get_xlim()[1])
         axes.set_xlabel(title)
-    panels[-1].legend(loc="lower right")
+    style.legend(panels[0])
     return figure
 
 

@@ -74,7 +74,7 @@ ROWS: tuple[Row, ...] = (
     ("standing things called moving, share", None, "published_standing_called_moving_share",
      "standing_called_moving_share"),
     ("error of the prediction, median, m", None, "published_prediction_error_joints_m", "prediction_error_joints_m"),
-    ("  by that of standing still", None, "published_prediction_to_still_joints", "prediction_to_still_joints"),
+    ("  divided by that of standing still", None, "published_prediction_to_still_joints", "prediction_to_still_joints"),
     ("NEES of the prediction, 2 if exact", None, "published_prediction_nees_joints", "prediction_nees_joints"),
 )  # fmt: skip
 

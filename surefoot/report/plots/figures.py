@@ -121,7 +121,7 @@ def _rows(result: Mapping[str, Any]) -> list[tuple[str, _Row]]:
     found, shown = [], set()
     for words, paper, its, ours in result["columns"]:
         found.append((ours or its, row(words.strip(), ours, its, paper)))
-        shown |= {its, ours}
+        shown |= {ours} | {its}.difference(targets)  # a target of the published method has a row
     rest = [name for name in dict.fromkeys([*targets, *published]) if name not in shown]
     rest = rest if found or rest else list(figures)[:MOST]
     return found + [(name, row(name.replace("_", " "), name)) for name in rest]
