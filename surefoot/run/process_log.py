@@ -15,9 +15,13 @@ from perception.primitives.gaussian import Gaussian
 from ..config import toml
 from ..config.schema import Config
 from ..recordings.robot_log import RobotLog, open_robot_log
+from ..results.moment import Moment
+from ..results.moments import MomentWriter
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from .moment_recorder import EVERY_S
 from .summary import Say, Summary
 
+MOST_MOMENTS = 3000  # ours: of a log of many minutes, in estimates.mcap
 STATES_HEADER = ("stamp_s", "state", "sigma_position_m", "sigma_yaw_rad", "rejected_share")
 
 
@@ -43,6 +47,7 @@ def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summa
     folder.write_text("config.toml", toml.dumps(config))
     found = localise(read.log, say=say)
     _write(folder, found)
+    _write_moments(folder, found)
     truth = _truth(read, found.stamps_s)
     if len(truth):
         folder.write_trajectory(
@@ -95,6 +100,19 @@ def _write(folder: RunFolder, found: LocalisedLog) -> None:
         strict=True,
     )
     folder.write_csv("states.csv", STATES_HEADER, list(states))
+
+
+def _write_moments(folder: RunFolder, found: LocalisedLog) -> None:
+    """Write estimates.mcap: the pose at regular instants, none while the robot was lost."""
+    writer = MomentWriter(folder)
+    seconds = float(found.stamps_s[-1] - found.stamps_s[0])
+    every_s, last_s = max(EVERY_S, seconds / MOST_MOMENTS), -np.inf
+    for k, stamp in enumerate(found.stamps_s.tolist()):
+        if stamp - last_s >= every_s:
+            pose = None if found.lost[k] else Gaussian(found.means[k], found.covariances[k])
+            writer.write(Moment(stamp, pose))
+            last_s = stamp
+    writer.close(())
 
 
 def _notes(found: LocalisedLog) -> tuple[str, ...]:

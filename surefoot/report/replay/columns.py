@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -86,7 +87,7 @@ def packed(data: bytes) -> bytes:
     return gzip.compress(data, 9, mtime=0)
 
 
-def _pose(moment: Moment) -> list[float] | None:
+def _pose(moment: Moment) -> list[float | None] | None:
     """x, y, yaw, and the covariance xx, xy, yy and of yaw."""
     if moment.pose is None:
         return None
@@ -110,7 +111,7 @@ def _cameras(moments: Sequence[Moment]) -> list[dict[str, Any]]:
     return shown
 
 
-def _slopes(lens: Camera) -> list[float]:
+def _slopes(lens: Camera) -> list[float | None]:
     """Slopes x/z of the left and right border of a picture, y/z of its upper and lower one."""
     x, y = (np.broadcast_to(one, (lens.height, lens.width)) for one in lens.slopes)
     row, column = lens.height // 2, lens.width // 2
@@ -138,17 +139,18 @@ def _track(one: Obstacle, predictions: tuple[Prediction, ...]) -> dict[str, Any]
     }  # fmt: skip
 
 
-def _spread(P: Any) -> list[float]:
+def _spread(P: Any) -> list[float | None]:
     return [_r(P[0, 0], 7), _r(P[0, 1], 7), _r(P[1, 1], 7)]
 
 
-def _r(value: Any, digits: int) -> float:
-    return round(float(value), digits)
+def _r(value: Any, digits: int) -> float | None:
+    """Rounded; None where it is not finite, as JSON has it."""
+    return round(float(value), digits) if math.isfinite(value) else None
 
 
 def _row(values: Any, digits: int = 4) -> Any:
     return None if values is None else [_r(value, digits) for value in values]
 
 
-def _rows(values: Any) -> list[list[float]]:
+def _rows(values: Any) -> list[list[float | None]]:
     return [_row(value, 3) for value in values]

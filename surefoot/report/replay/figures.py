@@ -81,17 +81,19 @@ def _position(moment: Moment) -> str:
     if moment.pose is None:
         return ""
     x, y, _ = moment.pose.mean
-    spread = 100 * math.sqrt(
-        max(float(np.linalg.eigvalsh(moment.pose.covariance[:2, :2])[-1]), 0.0)
+    P = moment.pose.covariance[:2, :2]
+    sigma = (
+        math.sqrt(max(float(np.linalg.eigvalsh(P)[-1]), 0.0)) if np.isfinite(P).all() else math.inf
     )
-    return f"{x:.2f}, {y:.2f} m ± {spread:.1f} cm"
+    return f"{x:.2f}, {y:.2f} m" + (f" ± {100 * sigma:.1f} cm" if math.isfinite(sigma) else "")
 
 
 def _heading(moment: Moment) -> str:
     if moment.pose is None:
         return ""
-    spread = math.degrees(math.sqrt(max(float(moment.pose.covariance[2, 2]), 0.0)))
-    return f"{math.degrees(moment.pose.mean[2]):.0f}° ± {spread:.1f}°"
+    sigma = math.degrees(math.sqrt(max(float(moment.pose.covariance[2, 2]), 0.0)))
+    said = f"{math.degrees(moment.pose.mean[2]):.0f}°"
+    return said + (f" ± {sigma:.1f}°" if math.isfinite(sigma) else "")
 
 
 def _angles(pair: tuple[float, float] | None) -> str:

@@ -11,7 +11,7 @@ class Space {
   constructor(run) {
     this.run = run;
     this.canvas = byId("space");
-    this.gl = run.cloud || run.pose.some((pose) => pose) ? this.canvas.getContext("webgl2", { antialias: true }) : null;
+    this.gl = run.cloud || run.cameras.length ? this.canvas.getContext("webgl2", { antialias: true }) : null;
     if (!this.gl) return;
     byId("space-pane").hidden = false;
     const gl = this.gl;

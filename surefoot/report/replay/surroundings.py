@@ -38,16 +38,17 @@ def surroundings(run: RunFolder, moments: Sequence[Moment]) -> tuple[dict[str, A
     if not goals:
         goals = [list(goal) for goal in dict.fromkeys(_goal(one) for one in moments) if goal]
     footprints = (run.read_json("obstacles.json") or {}).get("footprints") or []
+    landmarks = [list(mark[1:3]) for mark in summary.get("landmarks") or []]
     cloud, data = _cloud(points, colours)
     entries = {
         "layers": layers,
         "cloud": cloud,
         "areas": areas,
         "goals": goals,
-        "landmarks": [mark[1:3] for mark in summary.get("landmarks") or []],
+        "landmarks": landmarks,
         "footprints": [one["outline_m"] for one in footprints if "outline_m" in one],
-        "body": _body(run, summary, moments),
-        "box": _box(layers, moments, goals, areas),
+        "body": _body(run, moments),
+        "box": _box(layers, moments, [*goals, *([] if layers else landmarks)], areas),
     }
     return entries, data
 
@@ -56,11 +57,9 @@ def _goal(moment: Moment) -> tuple[float, float] | None:
     return None if moment.goal is None else (float(moment.goal[0]), float(moment.goal[1]))
 
 
-def _body(
-    run: RunFolder, summary: dict[str, Any], moments: Sequence[Moment]
-) -> dict[str, Any] | None:
-    """Sizes of the walking body, m; None for a camera in a hand."""
-    if summary.get("trajectory") == "camera" or all(one.pose is None for one in moments):
+def _body(run: RunFolder, moments: Sequence[Moment]) -> dict[str, Any] | None:
+    """Sizes of the walking body, m; None for what has no head on joints: a camera in a hand, a robot on wheels."""
+    if all(one.head is None for one in moments):
         return None
     try:
         model = load(run.path("config.toml") if run.has("config.toml") else None).robot_model
@@ -207,14 +206,14 @@ def _areas(run: RunFolder) -> list[dict[str, Any]]:
 def _box(
     layers: Sequence[dict[str, Any]],
     moments: Sequence[Moment],
-    goals: Sequence[Sequence[float]],
+    marks: Sequence[Sequence[float]],
     areas: Sequence[dict[str, Any]],
 ) -> list[float]:
     """left, bottom, right, top of what the top view shows, m."""
     places = [[0.0, 0.0]] if areas else []
     places += [[float(v) for v in one.pose.mean[:2]] for one in moments if one.pose is not None]
     places += [list(T.translation[:2]) for one in moments for T in one.cameras.values()]
-    places += [list(goal) for goal in goals]
+    places += [list(mark) for mark in marks]
     places += [corner for area in areas for corner in area["ring"]]
     for layer in layers[:1]:
         (x, y), (wide, high), cell = layer["origin"], layer["size"], layer["cell_m"]

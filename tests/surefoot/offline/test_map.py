@@ -29,6 +29,9 @@ from surefoot.results.moments import read_moments
 from surefoot.results.run_folder import RunFolder
 from surefoot.results.tables import read_tum
 
+from ..report.browser import CHROMIUM, Browser
+from ..report.replaying import moved
+
 WALK = Path(__file__).parents[3] / "data" / "walk"
 CAMERA = Camera(96, 72, 80.0, 80.0, 47.5, 35.5)
 DESCRIPTION = """\
@@ -118,6 +121,14 @@ def test_the_stream_of_a_map_has_the_cameras_of_its_trajectory_and_a_replay_page
     assert sum(one.colour is not None and one.depth is not None for one in moments) == 38
     assert 'href="replay.html"' in (folder / "report.html").read_text()
     assert (folder / "replay.html").stat().st_size < 12e6
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on the PATH; apt-get install chromium")
+def test_its_replay_page_moves_on_any_screen(cabinet, tmp_path):
+    with Browser(tmp_path) as browser:
+        for width in (1300, 400):
+            panes = " ".join(moved(browser, cabinet[1] / "replay.html", width))
+            assert all(name in panes for name in ("Top view", "Camera", "Depth (depth)"))
 
 
 def test_a_walk_by_time_of_flight_is_mapped_with_the_poses_of_its_localiser(tmp_path):

@@ -27,6 +27,9 @@ from surefoot.recordings.recording import RecordingInfo
 from surefoot.results.moments import read_moments
 from surefoot.results.run_folder import RunFolder
 
+from ..report.browser import CHROMIUM, Browser
+from ..report.replaying import moved
+
 CAMERA = Camera.from_view(200, 150, math.radians(60.0), math.radians(46.8))
 
 
@@ -126,7 +129,11 @@ def test_a_frame_becomes_a_view_when_the_camera_has_turned_or_moved(carried, tmp
     found = [one.cameras["depth"].matrix for one in written]
     np.testing.assert_allclose(found, placed, atol=1e-9)
     assert all(one.depth is not None and one.colour is not None for one in written)
-    assert (tmp_path / "a" / "replay.html").is_file()
+    if CHROMIUM is not None:
+        with Browser(tmp_path / "profile") as browser:
+            for width in (1300, 400):
+                panes = " ".join(moved(browser, tmp_path / "a" / "replay.html", width))
+                assert all(name in panes for name in ("Top view", "Camera", "Depth (depth)"))
     content = run_panorama(job(carried, tmp_path / "b", radius_m=0.1), quiet)
     assert content["left_out"] > 0
     assert max(view["frame"] for view in content["views"]) <= 5  # 2 cm a frame

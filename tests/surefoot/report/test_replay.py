@@ -24,9 +24,11 @@ from surefoot.report.replay import gathering, page
 from surefoot.report.replay.columns import columns
 from surefoot.report.replay.figures import nearest_obstacle
 from surefoot.results.moment import UNKNOWN, GazeMap, Layers, Moment, Prediction
+from surefoot.results.moments import MomentWriter
 from surefoot.results.run_folder import RunFolder
 
 from .browser import CHROMIUM, Browser
+from .replaying import go
 
 STEP_M = 1 / 64
 CELL_M = 0.05
@@ -109,15 +111,6 @@ def opened(browser: Browser, run: RunFolder, width: int = WIDE, fragment: str = 
     browser.open(run.path(page.REPLAY), width, fragment=fragment)
     browser.wait("document.documentElement.dataset.ready === '1'")
     return browser
-
-
-def go(browser: Browser, moment: int) -> None:
-    """Move the slider as a user does, and wait until everything is drawn."""
-    browser.run(
-        f"(() => {{ const s = document.getElementById('instant'); s.value = {moment};"
-        "s.dispatchEvent(new Event('input')); })()"
-    )
-    browser.wait(f"document.documentElement.dataset.drawn === '{moment}'")
 
 
 def drawn(browser: Browser) -> dict[str, str]:
@@ -386,3 +379,25 @@ def test_text_from_files_is_escaped(tmp_path):
     text = page.replay_page(sly, named)
     assert text is not None
     assert "alert" not in text.replace("&lt;script&gt;alert(1)", "")
+
+
+def test_a_killed_run_is_replayed_as_far_as_it_was_written(tmp_path):
+    killed = RunFolder.create(tmp_path / "killed")
+    killed.write_json("summary.json", {"kind": "simulation", "interrupted": True})
+    writer = MomentWriter(killed)
+    for one in moments(20):
+        writer.write(one)
+    made = page.write_replay(killed)  # never closed
+    assert made is not None
+    found = re.search(r": ([0-9]+) moments in", made.read_text())
+    assert found is not None
+    assert 10 <= int(found.group(1)) <= 20
+
+
+def test_numbers_that_are_not_finite_are_left_out(tmp_path):
+    strange = moments(4)
+    lost = Gaussian(np.array([0.0, 0.0, 0.0]), np.diag([np.inf, np.inf, np.inf]))
+    strange[1] = dataclasses.replace(strange[1], pose=lost, risk_m=math.inf)
+    text = page.replay_page(RunFolder.create(tmp_path / "strange"), strange)
+    assert text is not None
+    assert columns(strange)["pose"][1][3:] == [None, 0.0, None, None]

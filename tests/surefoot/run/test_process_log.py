@@ -11,6 +11,7 @@ from surefoot.config.schema import Config
 from surefoot.experiments.real.simulated_logs import simulated_log
 from surefoot.recordings.open import open_recording
 from surefoot.recordings.robot_log import open_robot_log, robot_files
+from surefoot.results.moments import read_moments
 from surefoot.results.run_folder import RunFolder
 from surefoot.run.process import process
 
@@ -47,6 +48,11 @@ def test_a_range_log_becomes_a_trajectory_with_states_and_truth(beacons, tmp_pat
     assert any(note.startswith("lost for") for note in summary.notes)
     assert run.read_json("metrics.json")["pose_anees"] < 9.0
     assert run.has("report.html")
+    assert run.has("replay.html")
+    by_stamp = dict(zip(states.numbers("stamp_s").tolist(), words, strict=True))
+    moments = list(read_moments(run))
+    assert len(moments) > 20
+    assert all((by_stamp[one.stamp_s] == "lost") == (one.pose is None) for one in moments)
 
 
 def test_a_log_without_a_fix_is_lost_throughout_and_fails(beacons, tmp_path):
