@@ -39,7 +39,8 @@ class _Links(SphinxPostTransform):
 
         for code in list(self.document.findall(nodes.literal)):
             name = code.astext()
-            if name not in FILES or isinstance(code.parent, nodes.reference):
+            known = name in FILES and "-" in name  # `home` is a scene, `mrclam` a format
+            if not known or isinstance(code.parent, nodes.reference):
                 continue
             page = f"gallery/{name}"
             if page == self.env.docname:
