@@ -90,9 +90,9 @@ def panes_at_start(scene: Scene, config: Config) -> tuple[Callable[[], Figure], 
     return draw, choice is not None
 
 
-def run(seeds: int, say: Say, body: str = "kinematic") -> Outcome:
-    """Four walks and four panoramas per seed."""
-    configs = [config_of(motion, seed, body) for motion in SHOWN for seed in range(seeds)]
+def run(seeds: int, say: Say, body: str = "kinematic", motions: int = len(SHOWN)) -> Outcome:
+    """Four walks and four panoramas per seed; `motions`: only the first of them."""
+    configs = [config_of(motion, seed, body) for motion in SHOWN[:motions] for seed in range(seeds)]
     blocked, panes = 0, []
     for config in configs:
         draw, seen = panes_at_start(catalogue.load(config.scene, config.seed), config)

@@ -92,7 +92,7 @@ def objects_and_gaps(seeds: int, scenes: int, say: Say) -> tuple[dict[str, float
     return figures, [row]
 
 
-def run(seeds: int, say: Say, scenes: int = SCENES_A_SEED) -> Outcome:
+def run(seeds: int, say: Say, scenes: int = SCENES_A_SEED, ablated: bool = True) -> Outcome:
     """Three rooms per seed, about five seconds each; 67 random scenes, three seconds each, and 27 rooms, ten seconds each."""
     found: dict[str, list[float]] = {}
     drawings: list[Drawing] = []
@@ -142,9 +142,11 @@ def run(seeds: int, say: Say, scenes: int = SCENES_A_SEED) -> Outcome:
     figures["nees_per_axis"] = float(np.mean(found["nees"]))
     object_figures, rows = objects_and_gaps(seeds, scenes, say)
     figures |= object_figures
-    ablation_figures, ablation_rows = ablation(seeds, say)
-    figures |= ablation_figures
-    table += [*rows, *ablation_rows]
+    table += rows
+    if ablated:
+        ablation_figures, ablation_rows = ablation(seeds, say)
+        figures |= ablation_figures
+        table += ablation_rows
     return Outcome(figures, table, drawings=drawings)
 
 

@@ -39,7 +39,9 @@ QUICK: dict[str, int] = {
 SMALLER: dict[str, dict[str, float]] = {
     "000-E3": {"limit_s": 75.0},
     "003-E6": {"limit_s": 60.0},
-    "004-E5": {"scenes": 4},
+    "004-E3": {"motions": 3},
+    "004-E4": {"motions": 2},
+    "004-E5": {"scenes": 4, "ablated": False},
     "mrclam": {"untuned_logs": False},
     "real-honesty": {"floors_alone": True},
     "real-mapping": {"parts": 1},

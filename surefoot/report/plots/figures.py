@@ -123,7 +123,8 @@ def _rows(result: Mapping[str, Any]) -> list[tuple[str, _Row]]:
         found.append((ours or its, row(words.strip(), ours, its, paper)))
         shown |= {ours} | {its}.difference(targets)  # a target of the published method has a row
     rest = [name for name in dict.fromkeys([*targets, *published]) if name not in shown]
-    rest = rest if found or rest else list(figures)[:MOST]
+    measured = any(figures.get(name) is not None for name in (*shown, *rest))
+    rest = rest if measured else [*rest, *(name for name in figures if name not in rest)][:MOST]
     return found + [(name, row(name.replace("_", " "), name)) for name in rest]
 
 

@@ -202,6 +202,17 @@ def test_other_code_makes_a_result_old(tmp_path, three, monkeypatch):
     assert three == [1, 1]
 
 
+def test_processes_side_by_side_give_the_same_result_as_one(tmp_path, monkeypatch):
+    found = []
+    for jobs in (1, 2):
+        folder = tmp_path / str(jobs)
+        monkeypatch.setattr(reproduce, "chosen", lambda paper: ["003-E5"])
+        told = reproduce.reproduce("003", True, folder, quiet, quiet, jobs)
+        assert states(told) == {"003-E5": "done"}
+        found.append(json.loads((folder / "003-E5" / "result.json").read_text())["figures"])
+    assert found[0] == found[1]
+
+
 def test_the_verb_names_the_failed_ones_and_fails(tmp_path, three):
     result = CliRunner().invoke(main, ["reproduce", "joint", "--out", str(tmp_path)])
     assert result.exit_code == 1
