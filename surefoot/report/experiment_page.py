@@ -202,7 +202,8 @@ def _files(result: Mapping[str, Any]) -> str:
         for name, words in FILES.items()
         if name in result["files"]
     ]
-    return "<table>" + "".join(f"<tr><td>{a}</td><td>{b}</td></tr>" for a, b in rows) + "</table>"
+    body = "".join(f"<tr><td>{name}</td><td>{words}</td></tr>" for name, words in rows)
+    return f'<div class="tablewrap"><table>{body}</table></div>'
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

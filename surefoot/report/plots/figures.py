@@ -34,6 +34,7 @@ ROW_IN, PANEL_IN = 0.235, 0.55
 MET_ALPHA = 0.16
 DODGE = 0.22  # the paper above, its method below: equal values stay apart
 ITS = style.SERIES[1]
+GREY = style.SERIES[7]
 
 
 @dataclass(frozen=True)
@@ -161,7 +162,8 @@ def _panel(axes: Axes, unit: str, rows: Sequence[_Row]) -> None:
             words = "ours" if row.met else "ours, target missed"
             axes.plot(row.ours, place, "o", color=_colour(row), markersize=6.5, label=words)
         shown, colour = (row.ours, _colour(row)) if row.ours is not None else (row.its, ITS)
-        text = "" if shown is None else f"{shown:.4g}"
+        colour = colour if shown is not None else GREY
+        text = "not measured" if shown is None else f"{shown:.4g}"
         axes.annotate(
             text, (1.0, place), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
             va="center", fontsize=8, color=colour,
