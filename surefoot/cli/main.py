@@ -14,6 +14,7 @@ from .experiment_verbs import experiment, reproduce
 from .quickstart import quickstart
 from .recording_verbs import calibrate_noise, map_verb, monocular, panorama
 from .run_verbs import process, simulate, smooth
+from .share_verbs import export, film
 from .study_verbs import bench, completion, doctor, evaluate, replay, settings, view
 from .terminal import Verbs
 
@@ -47,6 +48,6 @@ def main(debug: bool) -> None:
 
 for _verb in (
     quickstart, simulate, process, smooth, map_verb, panorama, monocular, calibrate_noise,
-    evaluate, view, replay, experiment, reproduce, bench, settings, doctor, completion,
+    evaluate, view, replay, film, export, experiment, reproduce, bench, settings, doctor, completion,
 ):  # fmt: skip
     main.add_command(_verb)

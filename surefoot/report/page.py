@@ -36,6 +36,7 @@ FILES = {
     "config.toml": "every setting of this run",
     "recording.mcap": "sensor data; Foxglove and Rerun open it",
     "estimates.mcap": "estimates and plans over time; Foxglove and Rerun open it",
+    "film.webp": "moving picture of the run (`surefoot film`)",
     "trajectory.txt": "estimated poses, TUM text (evo reads it)",
     "trajectory_covariance.csv": "x, y, yaw with covariance",
     "states.csv": "tracked or lost at every instant of a robot's log, with standard deviations",

@@ -29,7 +29,7 @@ class Layers:
         cell_m: Side of a cell.
         probability: That an obstacle stands there, times 254; `UNKNOWN` where never seen.
         confidence: How fresh the cell is, times 255.
-        height_m: Of the surface above the floor, in steps of 1/1024 m; NaN where not measured.
+        height_m: Of the surface above the floor, in steps of 1/256 m; NaN where not measured.
     """
 
     origin: Float[np.ndarray, "2"]

@@ -37,6 +37,8 @@ VERBS = (
     "experiment",
     "bench",
     "view",
+    "film",
+    "export",
     "doctor",
     "completion",
 )

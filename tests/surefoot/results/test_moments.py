@@ -29,7 +29,7 @@ def gaussian(rng, n):
 
 def full_moment(rng, stamp_s):
     probability = rng.integers(0, 256, (7, 7)).astype(np.uint8)
-    height = (rng.integers(-400, 400, (7, 7)) / 1024).astype(np.float32)
+    height = (rng.integers(-400, 400, (7, 7)) / 256).astype(np.float32)
     height[probability == UNKNOWN] = np.nan
     obstacles = tuple(
         Obstacle(gaussian(rng, 4), 0.1, 0.4, k, 0.7, stamp_s - 0.3, 0.1, gaussian(rng, 4))

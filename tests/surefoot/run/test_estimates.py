@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections import defaultdict
 
 import numpy as np
@@ -14,6 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from surefoot.config.schema import Config
 from surefoot.mcap_file import nanoseconds
+from surefoot.report import viewers
 from surefoot.results.moments import ESTIMATES, held, read_moments
 from surefoot.results.run_folder import RunFolder
 from surefoot.run import simulate
@@ -71,6 +73,13 @@ def test_foxgloves_reader_decodes_every_message(decoded):
         if hasattr(message, "timestamp"):
             at = message.timestamp
             assert 10**9 * at.seconds + at.nanos == log_time
+
+
+def test_every_topic_of_the_layout_is_in_the_file(decoded, tmp_path):
+    text = viewers.write_layout(tmp_path / "layout.json").read_text()
+    named = set(re.findall(r"/(?:estimate|plan|head)/[a-z_/]+", text))
+    assert named
+    assert named <= {*decoded, "/estimate/moment"}
 
 
 def test_every_frame_of_the_walk_has_its_transforms_and_they_agree_with_the_table(decoded, poses):

@@ -1,0 +1,55 @@
+"""Verbs that turn the estimates of a run into something to show elsewhere: film, export."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from perception.primitives.errors import InputError
+
+from .options import PATH
+
+
+@click.command()
+@click.argument("run", type=PATH)
+@click.option("--out", type=PATH, help="File to write; default film.webp in the run folder.")
+def film(run: Path, out: Path | None) -> None:
+    """Write the moving picture of RUN: camera, depth and the growing map, as an animated WebP below 3 MB.
+
+    \b
+    Example:
+      surefoot film runs/home-1 --out walk.webp
+    """
+    from ..report.film import FILM
+    from ..report.film import film as make
+    from ..results.run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    made = make(folder, folder.path(FILM) if out is None else out)
+    click.echo(f"film: {made} ({made.stat().st_size / 1e6:.1f} MB)")
+
+
+@click.command()
+@click.argument("run", type=PATH)
+@click.option("--rerun", type=PATH, metavar="FILE.rrd", help="For the Rerun viewer (extra rerun).")
+@click.option("--layout", type=PATH, metavar="FILE.json", help="Layout of panels for Foxglove.")
+def export(run: Path, rerun: Path | None, layout: Path | None) -> None:
+    """Write the estimates of RUN for other viewers.
+
+    \b
+    Foxglove opens estimates.mcap of the run folder itself; the layout arranges its panels.
+    Examples:
+      surefoot export runs/home-1 --rerun home.rrd
+      surefoot export runs/home-1 --layout foxglove.json
+    """
+    from ..report import viewers
+    from ..results.run_folder import RunFolder
+
+    folder = RunFolder.open(run)
+    if rerun is None and layout is None:
+        raise InputError("nothing to export; give --rerun FILE.rrd or --layout FILE.json")
+    if layout is not None:
+        click.echo(f"layout: {viewers.write_layout(layout)}")
+    if rerun is not None:
+        click.echo(f"rerun: {viewers.write_rerun(folder, rerun)}")

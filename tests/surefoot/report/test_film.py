@@ -1,0 +1,98 @@
+"""The moving picture shows the walk of the estimates; the one in docs/ is of this version."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from perception.primitives.camera import Camera
+from perception.primitives.errors import InputError, OutputError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.pose import Pose3, head_rotation
+from surefoot.report.film import LARGEST_BYTES, LEFT_PX, film
+from surefoot.report.film_map import BLUE
+from surefoot.results.moment import UNKNOWN, Layers, Moment
+from surefoot.results.moments import MomentWriter
+from surefoot.results.run_folder import RunFolder
+
+DOCS = Path(__file__).parents[3] / "docs"
+LENS = Camera.from_view(64, 64, 1.0, 1.0)
+
+
+def moment(k, steps):
+    """A camera that moves 3 m along x; the map ahead of it is free, with a wall at y = 1."""
+    x = 3.0 * k / (steps - 1)
+    probability = np.zeros((41, 41), np.uint8)
+    probability[40] = 254
+    probability[0] = UNKNOWN
+    height = np.zeros((41, 41), np.float32)
+    picture = cv2.imencode(".jpg", np.full((64, 64, 3), 90 + k, np.uint8))[1].tobytes()
+    view = Pose3.from_rotation(head_rotation(0.0, 0.3), np.array([x, 0.0, 0.4]))
+    pose = Gaussian(np.array([x, 0.0, 0.0]), np.diag([0.01, 0.0004, 0.001]))
+    return Moment(
+        0.5 * k,
+        pose,
+        {"colour": view},
+        {"colour": LENS},
+        grid=Layers(np.array([x - 1.0, -1.0]), 0.05, probability, probability, height),
+        colour=picture,
+        colour_sensor="colour",
+    )
+
+
+def run_of(tmp_path, moments):
+    run = RunFolder.create(tmp_path / "run")
+    writer = MomentWriter(run)
+    for one in moments:
+        writer.write(one)
+    writer.close(())
+    return run
+
+
+def blue(frame):
+    """Columns of the drawn path."""
+    map_part = frame[:, LEFT_PX:, :3].astype(int)
+    near = np.abs(map_part - BLUE).max(axis=2) < 60
+    return np.flatnonzero(near.any(axis=0))
+
+
+def test_the_path_grows_from_picture_to_picture(tmp_path):
+    run = run_of(tmp_path, [moment(k, 21) for k in range(21)])
+    out = film(run, tmp_path / "walk.webp")
+    assert out.stat().st_size < LARGEST_BYTES
+    read, animation = cv2.imreadanimation(str(out))
+    assert read
+    assert len(animation.frames) == 21
+    ends = [int(columns.max()) for columns in map(blue, animation.frames[2:])]
+    assert ends == sorted(ends)
+    about = json.loads((tmp_path / "walk.json").read_text())
+    width, height = about["size_px"]
+    assert animation.frames[0].shape[:2] == (height, width)
+    share = (ends[-1] - ends[0]) / (width - LEFT_PX)
+    assert share == pytest.approx(3.0 * 18 / 20 / 5.05, abs=0.03)  # of the width of the map, m
+
+
+def test_a_run_that_stands_nowhere_is_refused(tmp_path):
+    run = run_of(tmp_path, [Moment(0.0), Moment(1.0)])
+    with pytest.raises(InputError, match="a film needs a walk"):
+        film(run, tmp_path / "walk.webp")
+
+
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    run = run_of(tmp_path, [moment(k, 3) for k in range(3)])
+    with pytest.raises(OutputError, match="choose another --out"):
+        film(run, tmp_path / "nowhere" / "walk.webp")
+
+
+def test_the_film_of_the_documentation_is_of_this_version_and_below_three_megabytes():
+    about = json.loads((DOCS / "walk.json").read_text())
+    assert about["version"] == importlib.metadata.version("surefoot")
+    read, animation = cv2.imreadanimation(str(DOCS / "walk.webp"))
+    assert read
+    assert len(animation.frames) == about["frames"]
+    assert (DOCS / "walk.webp").stat().st_size < 3_000_000
