@@ -101,7 +101,7 @@ def gather(moments: Iterable[Moment]) -> Gathered:
 def _add_depth(strips: dict[str, Strip], number: int, moment: Moment) -> None:
     """A depth picture, without loss; its darkest level is the largest 98th percentile of all pictures."""
     assert moment.depth is not None
-    name = f"Depth ({moment.depth_sensor})" if moment.depth_sensor else "Depth"
+    name = "Depth" if moment.depth_sensor in ("", "depth") else f"Depth ({moment.depth_sensor})"
     strip = strips.setdefault(name, Strip(name, step_m=moment.depth_step_m, far_step=1.0))
     levels = moment.depth
     if moment.depth_step_m != strip.step_m and strip.step_m:  # one unit for the whole strip

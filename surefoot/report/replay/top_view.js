@@ -263,7 +263,7 @@ class TopView {
       ["target", "goal, route and next steps", run.goals.length || some(run.route)],
       ["target", "gap", run.areas.length],
       ["static", run.areas.length ? "obstacle with its number" : "static obstacle", run.footprints.length || run.areas.length || some(run.tracks)],
-      ["moving", "moving obstacle with 95 % ellipse and prediction", some(run.tracks)],
+      ["moving", "moving obstacle with 95 % ellipse and prediction", run.tracks.some((row) => row.some((one) => one.moving >= run.moving))],
       ["landmark", "landmark", run.landmarks.length], ["occupied", "occupied", run.grid || run.layers.length],
       ["unseen", "unknown", run.grid || run.layers.length],
     ];

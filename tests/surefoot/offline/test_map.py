@@ -128,7 +128,7 @@ def test_its_replay_page_moves_on_any_screen(cabinet, tmp_path):
     with Browser(tmp_path) as browser:
         for width in (1300, 400):
             panes = " ".join(moved(browser, cabinet[1] / "replay.html", width))
-            assert all(name in panes for name in ("Top view", "Camera", "Depth (depth)"))
+            assert all(name in panes for name in ("Top view", "Camera", "Depth"))
 
 
 def test_a_walk_by_time_of_flight_is_mapped_with_the_poses_of_its_localiser(tmp_path):

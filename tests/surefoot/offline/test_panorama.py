@@ -133,7 +133,7 @@ def test_a_frame_becomes_a_view_when_the_camera_has_turned_or_moved(carried, tmp
         with Browser(tmp_path / "profile") as browser:
             for width in (1300, 400):
                 panes = " ".join(moved(browser, tmp_path / "a" / "replay.html", width))
-                assert all(name in panes for name in ("Top view", "Camera", "Depth (depth)"))
+                assert all(name in panes for name in ("Top view", "Camera", "Depth"))
     content = run_panorama(job(carried, tmp_path / "b", radius_m=0.1), quiet)
     assert content["left_out"] > 0
     assert max(view["frame"] for view in content["views"]) <= 5  # 2 cm a frame
