@@ -41,9 +41,7 @@ RESULT = "result.json"
 MAIN = "figure"
 TRIALS = "trials"
 CODE_LETTERS = 16  # of the hash of all source files
-HEADER = (
-    "figure", "value", "low", "high", "relation", "bound", "met", "published",
-)  # fmt: skip
+HEADER = ("figure", "value", "low", "high", "relation", "bound", "met", "published")
 
 
 @dataclass(frozen=True)

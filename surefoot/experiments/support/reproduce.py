@@ -117,7 +117,8 @@ def _ended(
         return
     context = get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
-        waiting = {pool.submit(_one, name, quick, folder, _quiet): name for name in identities}
+        long_first = sorted(identities, key=lambda name: name not in SMALLER)
+        waiting = {pool.submit(_one, name, quick, folder, _quiet): name for name in long_first}
         try:
             for number, done in enumerate(as_completed(waiting)):
                 try:
