@@ -98,7 +98,7 @@ def _frames(
     moments: Sequence[Moment], robot: RobotModel | None
 ) -> list[UInt8[np.ndarray, "h w 3"]]:
     """Every n-th moment as a picture; the map collects what all of them saw."""
-    ground = Ground(moments)
+    ground, start_s = Ground(moments), moments[0].stamp_s
     chosen = set(np.unique(np.linspace(0, len(moments) - 1, FRAMES).round().astype(int)).tolist())
     path: list[np.ndarray] = []
     frames = []
@@ -108,13 +108,13 @@ def _frames(
         if moment.grid is not None:
             ground.add(moment.grid)
         if number in chosen:
-            frames.append(_frame(moment, ground, np.array(path), robot))
+            frames.append(_frame(moment, ground, np.array(path), robot, start_s))
     height = max(len(one) for one in frames)
     return [_padded(one, height) for one in frames]
 
 
 def _frame(
-    moment: Moment, ground: Ground, path: np.ndarray, robot: RobotModel | None
+    moment: Moment, ground: Ground, path: np.ndarray, robot: RobotModel | None, start_s: float
 ) -> UInt8[np.ndarray, "h w 3"]:
     """One picture: camera over depth, the map beside them, and a line of text below."""
     left = _left(moment)
@@ -127,18 +127,18 @@ def _frame(
     parts = [middle] if left is None else [_padded(left, height), middle]
     whole = np.concatenate(parts, axis=1)
     text = np.full((TEXT_PX, whole.shape[1], 3), 255, np.uint8)
-    _write(text, _words(moment), (10, 22), INK, 0.5)
+    _write(text, _words(moment, start_s), (10, 22), INK, 0.5)
     return np.concatenate([whole, text])
 
 
-def _words(moment: Moment) -> str:
+def _words(moment: Moment, start_s: float) -> str:
     assert moment.pose is not None
     sigma = np.sqrt(np.maximum(np.diag(moment.pose.covariance), 0.0))
-    words = f"t {moment.stamp_s:5.1f} s    sigma {1e3 * math.hypot(*sigma[:2]):.0f} mm, {math.degrees(sigma[2]):.1f} deg"
+    words = f"t {moment.stamp_s - start_s:5.1f} s    sigma {1e3 * math.hypot(*sigma[:2]):.0f} mm, {math.degrees(sigma[2]):.1f} deg"
     if moment.why:
         words += f"    {moment.why}"
     moving = sum(one.moving >= MOVING for one in moment.tracks)
-    return words + f"    {len(moment.tracks)} obstacles tracked, {moving} moving"
+    return words + f"    obstacles tracked: {len(moment.tracks)}, moving: {moving}"
 
 
 def _left(moment: Moment) -> np.ndarray | None:
