@@ -1,9 +1,11 @@
 # Everything sets itself up: `make demo` or `make test` on a fresh machine is enough.
-.PHONY: help setup demo test test-layers test-lowest test-pythons installed lint bench docs clean
+.PHONY: help setup demo test test-layers test-lowest test-pythons installed fuzz lint bench docs clean
 .DEFAULT_GOAL := help
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
+INPUTS ?= 20000
+SEED ?= 0
 READY := .venv/.ready
 WARM := .venv/.warm
 PACKAGES := perception mapping planning sim surefoot
@@ -60,6 +62,9 @@ test-pythons:  ## the test suite on Python 3.12 and 3.13, as far as this machine
 
 installed: $(READY)  ## a wheel in a fresh environment: read-only, without a home, without the checkout
 	tests/installed.sh
+
+fuzz: $(WARM)  ## damaged files through every reader: make fuzz INPUTS=100000 SEED=1
+	$(BIN)/python tests/fuzz/campaign.py $(INPUTS) $(SEED)
 
 lint: $(READY)  ## style, types, import contracts
 	$(BIN)/ruff check .

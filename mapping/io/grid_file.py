@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -33,7 +34,7 @@ from .atomic_write import atomic_path
 FORMAT = 2
 DAMAGE = (
     *(ValueError, SyntaxError, EOFError, KeyError, RuntimeError, MemoryError, OverflowError),
-    *(zipfile.BadZipFile, zlib.error, struct.error),
+    *(zipfile.BadZipFile, zlib.error, struct.error, tokenize.TokenError),
 )
 """Errors of reading a damaged file: its header, directory, checksum or a length may be wrong."""
 

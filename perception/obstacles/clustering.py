@@ -49,6 +49,7 @@ SHAPE_PER_M = (
 PLACE_SIGMA_M = 0.004  # ours: error common to all points of an object, at the sensor
 PLACE_SIGMA_PER_M = 0.006  # ours: its growth with range; half a pixel at either edge
 CIRCLE_MOST_M = 1.0  # ours: range up to which a circle is fitted to a truncated object
+LEAST_CELL_M = 0.005  # ours: finer than any sensor, and a plan still fits into memory
 SURFACE = 12  # ours: surface points of a cluster
 
 
@@ -76,6 +77,8 @@ class ClusterConfig:
         for name, value in vars(self).items():
             if not (math.isfinite(value) and value > 0.0):
                 raise ConfigError(f"clusters: {name}={value} must be positive and finite")
+        if self.cell_m < LEAST_CELL_M:
+            raise ConfigError(f"clusters: cell_m={self.cell_m} must be at least {LEAST_CELL_M} m")
 
 
 class Footprint(NamedTuple):

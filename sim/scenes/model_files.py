@@ -27,6 +27,7 @@ from ..shapes import Solid
 
 MESHES = (".obj", ".stl", ".ply", ".off", ".gltf", ".glb")
 MOST_TRIANGLES = 50_000  # ours: rendering and ray casting stay fast
+MOST_M = 1000.0  # ours: of a number in a URDF
 SHEET_M = 0.01  # ours: thickness given to a sheet
 _THINNEST_M = 1e-4
 _Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # y to z, z to -y
@@ -272,7 +273,9 @@ def _numbers(
         raise InputError(
             f"{path}: {name}={text!r} of <{element.tag}>: {error}; {expected}"
         ) from error
-    good = all(math.isfinite(value) and (value > 0.0 or not positive) for value in values)
+    good = all(abs(value) <= MOST_M and (value > 0.0 or not positive) for value in values)
     if len(values) != count or not good:
-        raise InputError(f"{path}: {name}={text!r} of <{element.tag}>: {expected}, all finite")
+        raise InputError(
+            f"{path}: {name}={text!r} of <{element.tag}>: {expected}, none beyond {MOST_M:g}"
+        )
     return values

@@ -25,6 +25,7 @@ from perception.primitives.safe_input import UnreadableError
 from perception.primitives.settings import note_of
 
 C = TypeVar("C")
+LEAST, MOST = 1e-12, 1e9  # size of a number in a configuration; anything else is a slip
 INTERNAL = "internal"
 RETIRED = (("floor", "refine", "depth_share"),)
 """Settings of earlier versions, whose recordings must stay readable; floor.distortion took over."""
@@ -211,8 +212,14 @@ def _value(wanted: Any, value: Any, place: str) -> Any:
     if wanted is float and isinstance(value, (int, float)) and not isinstance(value, bool):
         if not math.isfinite(value):
             raise ConfigError(f"{place}={value}: expected a finite number")
+        if value and not LEAST <= abs(value) <= MOST:
+            raise ConfigError(
+                f"{place}={value}: expected 0 or a number between {LEAST:g} and {MOST:g} in size"
+            )
         return float(value)
     if type(value) is wanted:
+        if wanted is int and abs(value) > MOST and place != "seed":
+            raise ConfigError(f"{place}={value}: expected a whole number below {MOST:g} in size")
         return value
     raise ConfigError(f"{place}={value!r}: expected {WORDS.get(wanted, wanted)}")
 

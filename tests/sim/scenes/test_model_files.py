@@ -206,7 +206,7 @@ GOOD = '<box size="1 1 1"/>'
         ('xyz="a b c"', GOOD, r"xyz='a b c' of <origin>: .*'a'; expected 3 numbers"),
         ('xyz="1 2"', GOOD, "xyz='1 2' of <origin>: expected 3 numbers"),
         ('rpy="0 1"', GOOD, "rpy='0 1' of <origin>: expected 3 numbers"),
-        ('xyz="0 nan 0"', GOOD, "xyz='0 nan 0' of <origin>: expected 3 numbers, all finite"),
+        ('xyz="0 nan 0"', GOOD, "xyz='0 nan 0' of <origin>: expected 3 numbers, none beyond 1000"),
         ("", '<box size="1 0 1"/>', "size='1 0 1' of <box>: expected 3 positive numbers"),
         ("", '<box size="1 -1 1"/>', "size='1 -1 1' of <box>"),
         ("", '<box size="1 nan 1"/>', "size='1 nan 1' of <box>"),
