@@ -43,7 +43,7 @@ class Space {
       span[c] = [0.02, 0.98].map((share) => values[Math.floor(share * (values.length - 1))]);
     }
     this.centre = [(span[0][0] + span[0][1]) / 2, (span[1][0] + span[1][1]) / 2, 0.1];
-    this.distance = 0.78 * Math.hypot(span[0][1] - span[0][0], span[1][1] - span[1][0]) + 0.4;
+    this.distance = 0.68 * Math.hypot(span[0][1] - span[0][0], span[1][1] - span[1][0]) + 0.4;
   }
 
   pointsOf({ count, low, step, bytes }) {
