@@ -9,6 +9,9 @@ DOCS = Path(__file__).resolve().parent
 ROOT = DOCS.parent
 sys.path[:0] = [str(ROOT), str(DOCS / "_ext")]
 os.environ["PYTHONPATH"] = str(ROOT)  # notebooks run in kernels of their own
+os.environ["PATH"] = (
+    f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"  # of their commands
+)
 os.environ["OPEN3D_DISABLE_WEB_VISUALIZER"] = "true"  # which it announces in every notebook
 os.environ.pop("MPLBACKEND", None)  # their pictures appear in the page
 
@@ -36,7 +39,7 @@ nitpick_ignore_regex = [
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence", "deflist", "attrs_block"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
-nb_execution_timeout = 120
+nb_execution_timeout = 400
 nb_execution_raise_on_error = True
 nb_merge_streams = True
 nb_execution_show_tb = True
