@@ -58,6 +58,7 @@ _FIELDS = {
     "confidence": (1, PackedElementField.UINT8),
     "height_m": (2, PackedElementField.FLOAT32),
 }  # of a cell of 6 bytes: where each begins
+_SCALARS = ("radius_m", "height_m", "moving", "seen_s", "since_s")  # of an obstacle
 _PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw among x, y, z, roll, pitch, yaw
 
 
@@ -184,11 +185,7 @@ def _track(one: Obstacle, predictions: Sequence[Prediction]) -> dict[str, Any]:
     return {
         "track": one.track,
         **_state(one.state),
-        "radius_m": one.radius_m,
-        "height_m": one.height_m,
-        "moving": one.moving,
-        "seen_s": one.seen_s,
-        "since_s": one.since_s,
+        **{name: _list(getattr(one, name)) for name in _SCALARS},
         "straight": None if one.straight is None else _state(one.straight),
         "predictions": [
             {
@@ -205,8 +202,8 @@ def _track(one: Obstacle, predictions: Sequence[Prediction]) -> dict[str, Any]:
 def _obstacle(one: Mapping[str, Any]) -> Obstacle:
     state = _gaussian(one)
     assert state is not None
-    names = ("radius_m", "height_m", "track", "moving", "seen_s", "since_s")
-    return Obstacle(state, **{k: one[k] for k in names}, straight=_gaussian(one["straight"]))
+    scalars = {k: math.nan if one[k] is None else one[k] for k in _SCALARS}
+    return Obstacle(state, track=one["track"], **scalars, straight=_gaussian(one["straight"]))
 
 
 def _prediction(one: Mapping[str, Any]) -> Prediction:

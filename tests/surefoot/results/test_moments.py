@@ -118,8 +118,10 @@ def test_every_field_of_a_moment_comes_back_to_the_bit(run):
 
 def test_what_is_not_finite_comes_back_as_nan(run):
     state = Gaussian(np.zeros(3), np.diag([np.inf, np.nan, 1.0]))
-    write(run, [Moment(1.0, state)])
+    lost = Obstacle(Gaussian(np.zeros(4), np.eye(4)), np.nan, 0.4, 3, 0.5, -np.inf, 0.0)
+    write(run, [Moment(1.0, state, tracks=(lost,))])
     (read,) = read_moments(run)
+    np.testing.assert_array_equal([read.tracks[0].radius_m, read.tracks[0].seen_s], [np.nan] * 2)
     np.testing.assert_array_equal(np.diag(read.pose.covariance), [np.nan, np.nan, 1.0])
 
 
