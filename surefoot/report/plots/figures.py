@@ -193,7 +193,7 @@ def _scale(axes: Axes, unit: str, values: Sequence[float]) -> None:
             axes.set_xlim(low, 1.4 * max(max(values), least))
         return
     low, high = min([0.0, *values]), max([0.0, *values])
-    if unit == "share" and low >= 0.0 and high <= 1.0:
+    if low == high or (unit == "share" and low >= 0.0 and high <= 1.0):
         high = 1.0
-    room = 0.04 * ((high - low) or 1.0)
+    room = 0.04 * (high - low)
     axes.set_xlim(low - room, high + room)
