@@ -32,7 +32,7 @@ from .ranges import check_ranges
 from .rendering.motion import STATIONARY, Motion, motion_between
 from .sensors.cameras import ImageConfig, colour_picture, stereo_pair
 from .sensors.tof_camera import TofCamera, TofConfig
-from .world import World
+from .world import RANGE_SOURCES, World
 
 BODIES = ("kinematic", "dynamic")
 
@@ -61,6 +61,12 @@ class RobotConfig:
         "time from which the time-of-flight camera fails; 0 is never",
         "ours: fault injection",
     )
+    tof_source: str = setting(
+        "camera",
+        "",
+        "what the time-of-flight camera measures by: camera (PyBullet's) or rays (ray casting)",
+        "ours",
+    )
     stereo: bool = setting(True, "", "enables the stereo camera", "seed 003")
     colour: bool = setting(True, "", "enables the colour camera", "seed 000")
     image_pairs: bool = setting(
@@ -86,12 +92,17 @@ class RobotConfig:
 
     @property
     def needs_pybullet(self) -> bool:
-        """Whether PyBullet renders images or moves the body."""
-        return self.body == "dynamic" or self.colour or self.stereo
+        """Whether PyBullet renders images or ranges, or moves the body."""
+        rendered = self.tof and self.tof_source == "camera"
+        return self.body == "dynamic" or self.colour or self.stereo or rendered
 
     def __post_init__(self) -> None:
         if self.body not in BODIES:
             raise ConfigError(f"robot: body={self.body!r} is unknown; choose {', '.join(BODIES)}")
+        if self.tof_source not in RANGE_SOURCES:
+            raise ConfigError(
+                f"robot: tof_source={self.tof_source!r} is unknown; choose {', '.join(RANGE_SOURCES)}"
+            )
         if not self.tof_fails_at_s >= 0.0:
             raise ConfigError(
                 f"robot: tof_fails_at_s={self.tof_fails_at_s} must not be negative; 0 is never"
@@ -261,15 +272,16 @@ class SimulatedRobot:
         fails_s = self.config.tof_fails_at_s
         if self._tof is None or 0.0 < fails_s <= self.world.stamp_s - self._began_s:
             return None
-        mount = self.config.tof_mount_m
+        mount, source = self.config.tof_mount_m, self.config.tof_source
         true = self.camera_in_world(mount)
         if self._tof.config.integration_s > 0.0:
             motion = self._motions.get(mount, STATIONARY)
             range_m, amplitude = self._tof.measure_moving(
-                (self.world.rays_after(s), motion.pose_after(true, s)) for s in self._tof.instants
+                (self.world.ranges(source, s), motion.pose_after(true, s))
+                for s in self._tof.instants
             )
         else:
-            range_m, amplitude = self._tof.measure(self.world.rays, true)
+            range_m, amplitude = self._tof.measure(self.world.ranges(source), true)
         return RangeView(range_m, amplitude, self._tof.camera, self._measured_camera(mount))
 
     def _colour_view(self) -> ColourView | None:

@@ -1,4 +1,4 @@
-"""The world: a scene with a clock, pictures and ray casting at the current time."""
+"""The world: a scene with a clock; pictures and ranges at the current time."""
 
 from __future__ import annotations
 
@@ -9,9 +9,14 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
 
-from .rendering.pictures import Pictures, choose_renderer
+from .rendering.numbered import NumberedScene
+from .rendering.pictures import Pictures
 from .rendering.rays import RayCaster
+from .rendering.renderer import Renderer, choose_renderer
+from .rendering.surfaces import RangeSource
 from .scene import Scene
+
+RANGE_SOURCES = ("camera", "rays")
 
 
 class World:
@@ -34,7 +39,9 @@ class World:
             for phase, one in zip(drawn, scene.moving_objects, strict=True)
         ]
         self._caster: RayCaster | None = None
+        self._client: Renderer | None = None
         self._pictures: Pictures | None = None
+        self._numbered: NumberedScene | None = None
 
     def advance(self, seconds: float) -> None:
         """Advance the clock by a time.
@@ -70,8 +77,22 @@ class World:
         """The same caster with the moving objects where they are after a time."""
         if self._caster is None:
             self._caster = RayCaster(self.scene)
-        self._caster.place([(x, y) for x, y, _, _ in self.moving_states(after_s)])
+        self._caster.place(self._places(after_s))
         return self._caster
+
+    def ranges(self, source: str = "camera", after_s: float = 0.0) -> RangeSource:
+        """What a time-of-flight camera meets, now or after a time.
+
+        Args:
+            source: One of `RANGE_SOURCES`: "camera" renders by PyBullet, "rays" casts rays.
+            after_s: Time of the moving objects.
+        """
+        if source == "rays":
+            return self.rays_after(after_s)
+        if self._numbered is None:
+            self._numbered = NumberedScene(self.scene, self._renderer())
+        self._numbered.place(self._places(after_s))
+        return self._numbered
 
     def picture(
         self, camera: Camera, T_world_camera: Pose3, after_s: float = 0.0
@@ -85,15 +106,23 @@ class World:
 
     def _placed_pictures(self, after_s: float = 0.0) -> Pictures:
         if self._pictures is None:
-            self._pictures = Pictures(self.scene, self.renderer)
-        self._pictures.place([(x, y) for x, y, _, _ in self.moving_states(after_s)])
+            self._pictures = Pictures(self.scene, self._renderer())
+        self._pictures.place(self._places(after_s))
         return self._pictures
+
+    def _places(self, after_s: float) -> list[tuple[float, float]]:
+        return [(x, y) for x, y, _, _ in self.moving_states(after_s)]
+
+    def _renderer(self) -> Renderer:
+        if self._client is None:
+            self._client = Renderer(self.renderer)
+        return self._client
 
     def close(self) -> None:
         """Close the renderer; a second call does nothing."""
-        if self._pictures is not None:
-            self._pictures.close()
-            self._pictures = None
+        if self._client is not None:
+            self._client.close()
+            self._client = self._pictures = self._numbered = None
 
     def __enter__(self) -> World:
         return self

@@ -1,6 +1,6 @@
-"""Images and ray casting of a scene.
+"""Images and ranges of a scene.
 
-Read in this order: `textures` (procedural materials), `painting` (textured meshes), `pictures` (PyBullet's renderers),
-`lens` and `motion` (distortion and exposure), `rays` (ray casting by Embree), `_visibility_kernels` (occlusion of
-discs).
+Read in this order: `textures` (procedural materials), `painting` (textured meshes), `renderer` (PyBullet's renderers),
+`pictures` (camera images), `surfaces` and `numbered` (ranges from PyBullet's camera), `rays` (ray casting by Embree),
+`lens` and `motion` (distortion and exposure), `_visibility_kernels` (occlusion of discs).
 """

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Float32, UInt8
 
 from ..scene import Extent, FloorArea, Scene
 from ..shapes import Patch, Shape, outline, patches
-from .rays import floor_patch
+from .renderer import TexturedMesh
+from .surfaces import floor_patch
 from .textures import paint
 
 FLOOR_RESOLUTION_M = 0.0016  # ours: a stereo pixel at 0.9 m; finer costs start-up time
@@ -29,42 +29,12 @@ _WIDTH_UNIT = 4  # EGL shears textures whose rows are no multiple of 4 px
 _BORDER_PX = 8  # ours: each patch repeats its edge, so that mipmaps do not mix neighbours
 
 
-@dataclass(frozen=True, eq=False)
-class Painted:
-    """A mesh with one texture.
-
-    Args:
-        vertices: m.
-        triangles: Vertex indices.
-        uv: (0, 0) the upper left corner of the texture.
-        normals: Of the vertices.
-        texture: Red first.
-    """
-
-    vertices: Float[np.ndarray, "n 3"]
-    triangles: Int[np.ndarray, "m 3"]
-    uv: Float[np.ndarray, "n 2"]
-    normals: Float[np.ndarray, "n 3"]
-    texture: UInt8[np.ndarray, "h w 3"]
-
-    def wavefront(self) -> str:
-        """Text of a Wavefront OBJ file, whose v runs upwards."""
-        lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in self.vertices]
-        lines += [f"vt {u:.7f} {1 - v:.7f}" for u, v in self.uv]
-        lines += [f"vn {x:.4f} {y:.4f} {z:.4f}" for x, y, z in self.normals]
-        lines += [
-            "f " + " ".join(f"{i + 1}/{i + 1}/{i + 1}" for i in triangle)
-            for triangle in self.triangles
-        ]
-        return "\n".join(lines) + "\n"
-
-
-def paint_scene(scene: Scene) -> tuple[list[Painted], list[Painted]]:
+def paint_scene(scene: Scene) -> tuple[list[TexturedMesh], list[TexturedMesh]]:
     """Meshes of the static objects, and of each moving object about its own origin."""
     standing = [part for _, part in scene.static_shapes]
     floor = floor_patch(scene)
     image = _floor_image(scene, standing, np.random.default_rng([scene.seed, 10]))
-    still = [Painted(floor.vertices, floor.triangles, floor.uv, _normals(floor), image)]
+    still = [TexturedMesh(floor.vertices, floor.triangles, floor.uv, image)]
     for k, item in enumerate(scene.static_objects):
         rng = np.random.default_rng([scene.seed, 11, k])
         surfaces = [p for part in item.parts for p in patches(part) if _is_inside(p, scene.extent)]
@@ -86,7 +56,7 @@ def _is_inside(patch: Patch, extent: Extent) -> bool:
     return bool(extent[0] <= x <= extent[2] and extent[1] <= y <= extent[3])
 
 
-def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, px_m: float) -> Painted:
+def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, px_m: float) -> TexturedMesh:
     """Paint patches and pack them into one texture."""
     images = [_lit(patch, rng, px_m) for patch in surfaces]
     framed = [
@@ -95,7 +65,7 @@ def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, px_m: float) -> 
     ]
     places, size = _shelves([image.shape[:2] for image in framed])
     sheet = np.full((*size, 3), 128, np.uint8)
-    vertices, triangles, uv, normals = [], [], [], []
+    vertices, triangles, uv = [], [], []
     count = 0
     for patch, image, (top, left) in zip(surfaces, framed, places, strict=True):
         height, width = image.shape[:2]
@@ -104,14 +74,12 @@ def _paint(surfaces: Sequence[Patch], rng: np.random.Generator, px_m: float) -> 
         inner = np.array([width - 2 * _BORDER_PX, height - 2 * _BORDER_PX])
         uv.append((corner + patch.uv * inner) / np.array([size[1], size[0]]))
         vertices.append(patch.vertices)
-        normals.append(_normals(patch))
         triangles.append(patch.triangles + count)
         count += len(patch.vertices)
-    return Painted(
+    return TexturedMesh(
         np.concatenate(vertices),
         np.concatenate(triangles),
         np.concatenate(uv),
-        np.concatenate(normals),
         sheet,
     )
 
@@ -206,11 +174,3 @@ def _contact_shade(
     distance = cv2.distanceTransform(free, cv2.DIST_L2, 5) * px_m
     shade = (1.0 - 0.40 * np.exp(-distance / 0.10)).astype(np.float32)[1:-1, 1:-1]
     return np.asarray(cv2.resize(shade, (size[1], size[0]), interpolation=cv2.INTER_LINEAR))
-
-
-def _normals(patch: Patch) -> Float[np.ndarray, "n 3"]:
-    if not patch.curved:
-        return np.tile(patch.normal, (len(patch.vertices), 1))
-    middle = (patch.vertices.max(axis=0) + patch.vertices.min(axis=0)) / 2
-    out = (patch.vertices - middle) * np.array([1.0, 1.0, 0.0])
-    return np.asarray(out / np.linalg.norm(out, axis=1, keepdims=True))

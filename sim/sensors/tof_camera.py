@@ -1,6 +1,6 @@
 """Time-of-flight camera: range from the phase of modulated light.
 
-Every pixel casts several rays whose returns add up as phasors A exp(j 4 pi f d / c). A pixel on an edge therefore
+Every pixel has several rays whose returns add up as phasors A exp(j 4 pi f d / c). A pixel on an edge therefore
 measures an intermediate range (flying pixel), and a range beyond c / 2f = 5 m wraps around. Further effects are stray
 light in the lens, wiggling by harmonics of the modulation, fixed-pattern noise, noise that falls with the amplitude,
 and quantisation to 14 bits. Four images, a quarter period apart, give one phase; with an integration time each is
@@ -27,7 +27,7 @@ from perception.primitives.settings import setting
 
 from ..ranges import check_ranges
 from ..rendering.motion import exposure_times
-from ..rendering.rays import RayCaster
+from ..rendering.surfaces import RangeSource
 
 LIGHT_MPS = 299_792_458.0
 PHASES = 4  # SR-4000: images per measurement
@@ -55,7 +55,7 @@ class TofConfig:
     across_deg: float = 44.0  # seed 004; the pixels are not square
     down_deg: float = 35.0  # seed 004
     modulation_hz: float = 30e6  # seed 004: c / 2f = 4.997 m
-    sub_rays: int = 2  # ours, per axis: 9 / 27 / 50 ms for 1 / 2 / 3
+    sub_rays: int = 2  # ours, per axis
     noise_m: float = setting(
         0.004, "m", "standard deviation of the range at amplitude 1", "SR-4000: 4 mm at 1.3 m"
     )
@@ -118,10 +118,10 @@ class TofCamera:
         self._rng = rng
         shape = (config.height, config.width)
         self._pattern = config.pattern_m * rng.standard_normal(shape)
-        self._rays = _sub_rays(self.camera, config.sub_rays)
+        self._fine = _fine(self.camera, config.sub_rays)
 
     def measure(
-        self, caster: RayCaster, T_world_camera: Pose3
+        self, source: RangeSource, T_world_camera: Pose3
     ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
         """One measurement from a pose.
 
@@ -129,7 +129,7 @@ class TofCamera:
             Range along each pixel's ray, m, NaN where too little light returns, and the amplitude (1: a white surface
             facing the camera at 2 m; not bounded above).
         """
-        phasor, _ = self._phasors(caster, T_world_camera)
+        phasor, _ = self._phasors(source, T_world_camera)
         return self._read_out(self._with_stray_light(phasor))
 
     @property
@@ -138,40 +138,45 @@ class TofCamera:
         return exposure_times(self.config.integration_s, PHASES)
 
     def measure_moving(
-        self, pictures: Iterable[tuple[RayCaster, Pose3]]
+        self, pictures: Iterable[tuple[RangeSource, Pose3]]
     ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
         """One measurement over the integration time.
 
         Args:
-            pictures: Ray caster and camera pose at each of `instants`, taken one after the other.
+            pictures: What is seen, and the camera pose, at each of `instants`, taken one after the other.
 
         Returns:
             As `measure`.
         """
         samples = []
-        for quarter, (caster, T_world_camera) in enumerate(pictures):
-            phasor, light = self._phasors(caster, T_world_camera)
+        for quarter, (source, T_world_camera) in enumerate(pictures):
+            phasor, light = self._phasors(source, T_world_camera)
             samples.append(light + (phasor * (-1j) ** quarter).real)
         first, second, third, fourth = samples
         phasor = np.asarray(((first - third) + 1j * (second - fourth)) / 2.0)
         return self._read_out(self._with_stray_light(phasor))
 
     def _phasors(
-        self, caster: RayCaster, T_world_camera: Pose3
+        self, source: RangeSource, T_world_camera: Pose3
     ) -> tuple[np.ndarray, Float[np.ndarray, "h w"]]:
         """Means over each pixel's rays: of A exp(j phi), (h, w) complex, and of the amplitude A."""
         config = self.config
-        world = self._rays @ np.ascontiguousarray(T_world_camera.rotation.T, dtype=np.float32)
-        hits = caster.cast(T_world_camera.position, world)
+        hits = source.look(self._fine, T_world_camera)
         met = np.isfinite(hits.distance_m)
         distance = np.where(met, hits.distance_m, np.float32(1.0))
         amplitude = hits.albedo * hits.cosine * (np.float32(REFERENCE_M) / distance) ** 2
         phase = np.float32(2.0 * math.pi / config.wrap_m) * distance
-        shape = (config.sub_rays**2, config.height, config.width)
-        real = (amplitude * np.cos(phase)).reshape(shape).mean(axis=0, dtype=np.float64)
-        imaginary = (amplitude * np.sin(phase)).reshape(shape).mean(axis=0, dtype=np.float64)
-        light = np.asarray(amplitude.reshape(shape).mean(axis=0, dtype=np.float64))
+        real, imaginary, light = (
+            self._pixel_means(part)
+            for part in (amplitude * np.cos(phase), amplitude * np.sin(phase), amplitude)
+        )
         return np.asarray(real + 1j * imaginary), light
+
+    def _pixel_means(self, values: Float32[np.ndarray, "n"]) -> Float[np.ndarray, "h w"]:
+        """Mean over the rays of each pixel."""
+        config, n = self.config, self.config.sub_rays
+        parts = values.reshape(config.height, n, config.width, n)
+        return np.asarray(parts.mean(axis=(1, 3), dtype=np.float64))
 
     def _with_stray_light(self, phasor: np.ndarray) -> np.ndarray:
         config = self.config
@@ -203,18 +208,16 @@ class TofCamera:
         return measured.astype(np.float32), amplitude.astype(np.float32)
 
 
-def _sub_rays(camera: Camera, count: int) -> Float32[np.ndarray, "n 3"]:
-    """Unit rays in the camera frame: for each of count x count places in the pixel, all pixels."""
-    within = (np.arange(count) + 0.5) / count - 0.5
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(np.float64)
-    bundles = []
-    for dv in within:
-        for du in within:
-            x = (u + du - camera.cx) / camera.fx
-            y = (v + dv - camera.cy) / camera.fy
-            bundles.append(np.stack([x, y, np.ones_like(x)], axis=-1).reshape(-1, 3))
-    rays = np.concatenate(bundles)
-    return (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
+def _fine(camera: Camera, count: int) -> Camera:
+    """The same camera with count x count pixels, evenly spaced, in each of its pixels."""
+    return Camera(
+        count * camera.width,
+        count * camera.height,
+        count * camera.fx,
+        count * camera.fy,
+        count * (camera.cx + 0.5) - 0.5,
+        count * (camera.cy + 0.5) - 0.5,
+    )
 
 
 def _blur(image: Float[np.ndarray, "h w"], sigma_px: float) -> Float[np.ndarray, "h w"]:

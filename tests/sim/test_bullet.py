@@ -38,16 +38,22 @@ def test_the_message_says_what_to_do_on_this_python(absent, monkeypatch, version
 
 @needs_bullet
 @pytest.mark.parametrize(
-    "robot", [RobotConfig(), RobotConfig(body="dynamic", stereo=False, colour=False)]
+    "robot",
+    [
+        RobotConfig(),
+        RobotConfig(stereo=False, colour=False),
+        RobotConfig(body="dynamic", tof=False, stereo=False, colour=False),
+    ],
 )
-def test_images_and_the_dynamic_body_need_pybullet(absent, robot):
+def test_images_ranges_and_the_dynamic_body_need_pybullet(absent, robot):
     assert robot.needs_pybullet
     with pytest.raises(SurefootError, match="the simulation needs PyBullet"):
         bullet.require()
 
 
-def test_a_kinematic_robot_without_colour_and_stereo_does_not_need_pybullet():
-    assert not RobotConfig(stereo=False, colour=False).needs_pybullet
+@pytest.mark.parametrize("tof", [{"tof": False}, {"tof_source": "rays"}])
+def test_a_kinematic_robot_whose_ranges_are_cast_does_not_need_pybullet(tof):
+    assert not RobotConfig(stereo=False, colour=False, **tof).needs_pybullet
 
 
 def test_simulate_without_pybullet_writes_nothing(tmp_path):

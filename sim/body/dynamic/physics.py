@@ -24,7 +24,7 @@ from scipy.spatial import ConvexHull, QhullError
 from perception.primitives.pose import Pose2, Pose3
 
 from ... import bullet
-from ...rendering.pictures import silenced_output
+from ...rendering.renderer import silenced_output
 from ...shapes import Box, Cylinder, Shape, Solid
 from ..gait import GRAVITY_MPS2
 from .anatomy import Anatomy, links

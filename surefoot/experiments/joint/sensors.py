@@ -2,7 +2,8 @@
 
 Views are taken at the start and the goals of furnished homes, in random head directions. The depth of a renderer is
 compared with ray casting where a pixel and its neighbours lie on one surface; given are the share of such pixels and
-the share of them that is correct within a millimetre. Stereo and time of flight have two figures per range band, next
+the share of them that is correct within a millimetre. The ranges that the time-of-flight camera takes from PyBullet are
+compared with ray casting in the same way (`range_sources`). Stereo and time of flight have two figures per range band, next
 to those of the measurement notes from which the models were built (in parentheses); `_off` is the relative difference.
 A plot shows artefacts of the time-of-flight camera: ranges beyond c / 2f wrap, pixels on edges lie between both
 surfaces (flying pixels), and rotation during the four exposures of one measurement distorts ranges.
@@ -19,16 +20,15 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32
-from scipy import ndimage
+from jaxtyping import Bool, Float32
 
 from perception.depth import stereo
 from perception.primitives.camera import Camera
 from perception.primitives.frame import StereoView
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.rendering import pictures
 from sim.rendering.motion import Motion
 from sim.rendering.rays import RayCaster
+from sim.rendering.renderer import choose_renderer
 from sim.robot import RobotConfig
 from sim.scene import FloorArea, Scene, StaticObject
 from sim.scenes import catalogue
@@ -39,7 +39,8 @@ from sim.world import World
 
 from ...report.plots import style
 from ..support.experiment import Experiment, Outcome, Say, Target, combined
-from ..support.simulated_depth import true_depth
+from ..support.simulated_depth import on_one_surface, true_depth
+from .range_sources import range_errors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,7 +49,6 @@ EYE_M = 0.383  # height of the robot's camera while it walks
 VIEWS_PER_HOME = 6  # views per home
 TURNING_RADPS, INTEGRATION_S = 1.0, 0.03  # ours: a sweeping head, and an SR-4000 indoors
 SHOTS = 8  # images for the standard deviation of time of flight
-OUTLINE_M = 0.03  # a larger second difference of depth marks an edge
 RENDERED_M = ((0.0, 1.0), (1.0, 2.0), (2.0, 3.0), (3.0, 5.5))
 STEREO_M = {  # notes: p50 and p95 in mm of OpenCV's two matchers
     (0.2, 0.5): {"bm": (1, 3), "sgbm": (1, 3)},
@@ -91,14 +91,6 @@ def camera_poses(seeds: int) -> Iterator[CameraPose]:
             yield CameraPose(scene, body @ head)
 
 
-def on_one_surface(depth: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Pixels on a smooth surface: the second difference of depth is small along rows and columns."""
-    filled = np.where(np.isfinite(depth), depth, 1e3)
-    bends = [np.abs(ndimage.convolve1d(filled, [1.0, -2.0, 1.0], axis=axis)) for axis in (0, 1)]
-    smooth = np.maximum(*bends) < OUTLINE_M
-    return np.asarray(ndimage.binary_erosion(smooth) & np.isfinite(depth))
-
-
 def in_band(band: tuple[float, float], depth: np.ndarray) -> np.ndarray:
     """Mask of the depths within a range band."""
     return np.asarray((depth >= band[0]) & (depth < band[1]))
@@ -118,7 +110,7 @@ def renderer_errors(views: list[CameraPose], camera: Camera, say: Say) -> Outcom
     figures: dict[str, float] = {}
     table = ["depth error of the renderers, median / p95 mm"]
     for renderer in ("egl", "tiny"):
-        if renderer == "egl" and pictures.choose_renderer("auto") != "egl":
+        if renderer == "egl" and choose_renderer("auto") != "egl":
             table.append("egl    does not work on this machine")
             continue
         errors: dict[tuple[float, float], list[np.ndarray]] = {band: [] for band in RENDERED_M}
@@ -322,6 +314,7 @@ def run(seeds: int, say: Say) -> Outcome:
         renderer_errors(views, robot.stereo_camera.camera, say),
         stereo_errors(views, robot, say),
         tof_errors(views, say),
+        range_errors([(view.scene, view.T_world_camera) for view in views], say),
         wrapped_and_flying(),
     )
     whole = combined(*((part.figures, part.table) for part in parts))
@@ -343,13 +336,15 @@ def _near_the_notes() -> dict[str, Target]:
 
 EXPERIMENT = Experiment(
     id="sensors",
-    title="Errors of the simulated cameras: both renderers, stereo, time of flight",
+    title="Errors of the simulated cameras: both renderers, stereo, time of flight, PyBullet's ranges",
     run=run,
     targets={
         "egl_depth_mm": Target("<=", 1.0),
         "tiny_depth_mm": Target("<=", 1.0),
         "egl_within_1mm_share": Target(">=", 0.99),
         "tiny_within_1mm_share": Target(">=", 0.99),
+        "pybullet_range_median_mm": Target("<=", 1.0),
+        "pybullet_range_p99_mm": Target("<=", 5.0),
         "wrapped_share": Target(">=", 0.99),
         "flying_pixels": Target(">", 0.0),
         "motion_pixels": Target(">", 0.0),

@@ -119,7 +119,7 @@ def views(seed: int, say: Say) -> list[View]:
                 pair = untextured_pair(world, robot, pose, rng)
                 plain = StereoView(*pair, robot.baseline_m, camera, on_body)
                 tof = TofCamera(robot.tof_camera, rng)
-                ranges = RangeView(*tof.measure(world.rays, pose), tof.camera, on_body)
+                ranges = RangeView(*tof.measure(world.ranges(), pose), tof.camera, on_body)
                 found.append(View(textured, plain, ranges, true_depth(world, camera, pose)))
     return found
 

@@ -158,7 +158,7 @@ def render(number: int, height_m: tuple[float, float] = (0.30, 0.60)) -> SensorV
     with World(scene) as world:
         left, right = stereo_pair(world, PAIR, BASELINE_M, view.T_world_camera, rng)
         tof = TofCamera(TofConfig(), rng)
-        measured, amplitude = tof.measure(world.rays, view.T_world_camera)
+        measured, amplitude = tof.measure(world.ranges(), view.T_world_camera)
         return SensorViews(
             view,
             StereoView(left, right, BASELINE_M, PAIR.camera),

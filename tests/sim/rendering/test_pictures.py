@@ -9,7 +9,7 @@ import pytest
 from perception.primitives.camera import Camera
 from perception.primitives.errors import ConfigError
 from perception.primitives.pose import Pose2, Pose3, head_rotation
-from sim.rendering import pictures
+from sim.rendering.renderer import choose_renderer
 from sim.rendering.textures import KINDS, paint
 from sim.scenes import catalogue
 from sim.world import World
@@ -17,7 +17,7 @@ from sim.world import World
 
 @pytest.fixture(scope="module", params=["egl", "tiny"])
 def world(request):
-    if request.param == "egl" and pictures.choose_renderer("auto") != "egl":
+    if request.param == "egl" and choose_renderer("auto") != "egl":
         pytest.skip("the EGL renderer does not work on this machine")
     with World(catalogue.load("boxes", 1), request.param) as opened:
         yield opened

@@ -125,7 +125,8 @@ def test_a_recording_keeps_the_lens_for_rectification():
 
 def test_the_pipeline_rectifies_a_distorted_pair():
     plain = replace(BENT, lens=PLAIN.lens, noise_grey=2.0)
-    with World(tags()) as world:
+    wall = StaticObject("wall", (Box((1.2, 0.0, 0.4), (0.006, 2.4, 2.4), math.pi, "leaves/leaf"),))
+    with World(scene_with(wall)) as world:
         pairs = [
             stereo_pair(world, config, 0.04, AHEAD, np.random.default_rng(0))
             for config in (plain, replace(plain, lens=LENS))
@@ -135,9 +136,9 @@ def test_the_pipeline_rectifies_a_distorted_pair():
         frame = Frame(0.0, stereo=StereoView(*pair, 0.04, camera))
         ((sensor, depth),) = pipeline.depth_sources.images(frame)
         assert (sensor, depth.camera.is_distorted) == ("stereo", False)
-        u, v = 20, 20  # upper left tag, where the distortion is greatest
-        patch = depth.z[v : v + 100, u : u + 100]
-        assert np.nanmedian(patch) == pytest.approx(1.2 - 0.003, abs=0.02)
+        patch = depth.z[20:120, 20:120]  # upper left corner, where the distortion is greatest
+        assert np.isfinite(patch).mean() > 0.5
+        assert np.nanmedian(patch) == pytest.approx(1.2 - 0.003, abs=0.005)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.experiments.joint import sensors
+from surefoot.experiments.support.simulated_depth import on_one_surface
 
 
 def test_edges_are_excluded_and_slanted_walls_are_smooth():
@@ -11,7 +12,7 @@ def test_edges_are_excluded_and_slanted_walls_are_smooth():
     slanted = 1.0 + 0.05 * columns + 0.02 * rows
     slanted[:, 30:] += 0.5  # another wall, half a metre behind
     slanted[10, 10] = np.nan
-    smooth = sensors.on_one_surface(slanted)
+    smooth = on_one_surface(slanted)
     assert not smooth[:, 29:31].any()
     assert not smooth[9:12, 9:12].any()
     assert smooth[2:8, 2:27].all()
