@@ -42,7 +42,9 @@ REQUIRED = {
 
 EXTRAS = {
     "viz": ("viser",),
+    "rerun": ("rerun-sdk",),
     "batch": ("dask", "distributed"),
+    "docs": ("ipykernel", "myst-nb", "pydata-sphinx-theme", "sphinx"),
     "bench": (
         "kiss-icp",
         "octomap-python",
@@ -69,7 +71,9 @@ EXTRAS = {
 
 COSTS = {
     "viz": "no live page (simulate --view, view --live)",
+    "rerun": "no file of rerun (export --rerun)",
     "batch": "recordings are processed one at a time",
+    "docs": "`make docs` does not run",
     "bench": "`surefoot bench` runs without these comparisons",
     "dev": "the tests or `make lint` do not run",
 }
@@ -264,7 +268,7 @@ def _kernels() -> list[Finding]:
 def _extras() -> list[Finding]:
     findings = []
     for extra, names in EXTRAS.items():
-        if extra == "dev" and not CHECKOUT:
+        if extra in ("dev", "docs") and not CHECKOUT:
             continue
         versions = {name: _version(name) for name in names}
         absent = [name for name, version in versions.items() if not version]

@@ -279,7 +279,7 @@ def test_a_seed_below_zero_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("item.stl", "not a mesh", "no triangles"),
+        ("item.stl", "not a mesh", "neither triangles nor points"),
         ("item.docx", "", "is not read"),
         ("item.urdf", "<robot><link name='a'><visual/></link></robot>", "no <geometry>"),
         ("item.urdf", "<robot", "not valid XML"),
