@@ -112,7 +112,9 @@ def test_a_slot_narrower_than_the_searched_disc_is_passed_sideways(tmp_path, ass
     """From wall to wall two cartons, 26 cm apart: the search keeps 16 cm to each side of its middle."""
     scene = tmp_path / "slot.toml"
     scene.write_text(SLOT)
-    config = replace(CONFIG, scene=str(scene), robot=replace(CONFIG.robot, stereo=False, tof_source="rays"))
+    config = replace(
+        CONFIG, scene=str(scene), robot=replace(CONFIG.robot, stereo=False, tof_source="rays")
+    )
     simulate.simulate(config, tmp_path / "run", True, lambda text: None)
     run = RunFolder.open(tmp_path / "run")
     found = evaluate(run)
