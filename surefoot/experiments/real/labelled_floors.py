@@ -166,10 +166,14 @@ def labelled(kind: Kind, prefix: str, say: Say) -> tuple[dict[str, float], list[
 
 
 def bedroom(say: Say) -> tuple[dict[str, float], list[str]]:
-    """Kinect v2 in a furniture shop: the floor where a bed is the larger plane."""
+    """Kinect v2 in a furniture shop: the floor where a bed is the larger plane.
+
+    Seed 003's flow chart as printed searches near the vertical that the joints predict; held in the hand it finds none.
+    """
     folder = real_data.folder("sunrgbd_kinect2")
     known = real_data.floors(folder / "floor.csv")
-    figures, table, correct = {}, [], []
+    figures, table = {}, []
+    right: dict[str, list[bool]] = {method: [] for method in choose.METHODS}
     for name, truth in known.items():
         points = from_depth(structured_light(real_data.kinect2_view(name)), 0.3, 6.0, 2)
         row = []
@@ -181,7 +185,7 @@ def bedroom(say: Say) -> tuple[dict[str, float], list[str]]:
                 choose.FloorConfig(method=method),
                 "depth",
             )
-            correct.append(
+            right[method].append(
                 found is not None and abs(found.plane.offset_m - truth.offset_m) < SAME_FLOOR_M
             )
             if found is None:
@@ -194,7 +198,11 @@ def bedroom(say: Say) -> tuple[dict[str, float], list[str]]:
             row.append(f"{method} {deg:.1f} deg {mm:+.0f} mm, {100 * found.share:.0f} % of points")
         table.append(f"sunrgbd {name}  " + "; ".join(row))
         say(f"sunrgbd {name}")
-    figures["sunrgbd_kinect2_floor_right"] = float(np.mean(correct))
+    ours = [
+        one for method, found_right in right.items() if method != "printed" for one in found_right
+    ]
+    figures["sunrgbd_kinect2_floor_right"] = float(np.mean(ours))
+    figures["sunrgbd_kinect2_floor_right_printed"] = float(np.mean(right["printed"]))
     return figures, table
 
 
