@@ -15,6 +15,7 @@ from perception.primitives.camera import Camera
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose3
+from planning.gaze.selection import DirectionMap
 
 UNKNOWN = 255
 """Value of a cell that was never seen, in `Layers.probability`."""
@@ -37,20 +38,6 @@ class Layers:
     probability: UInt8[np.ndarray, "rows columns"]
     confidence: UInt8[np.ndarray, "rows columns"]
     height_m: Float32[np.ndarray, "rows columns"]
-
-
-@dataclass(frozen=True, eq=False)
-class GazeMap:
-    """How much each direction of the head was worth, in 255ths of the best.
-
-    Args:
-        values: [pan, tilt].
-        pans, tilts: Of its rows and columns, rad, left and down positive, ascending.
-    """
-
-    values: UInt8[np.ndarray, "pans tilts"]
-    pans: Float[np.ndarray, "pans"]
-    tilts: Float[np.ndarray, "tilts"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +93,7 @@ class Moment:
         route: Way points from the robot to the goal.
         goal: The present goal.
         gaze: Commanded pan and tilt.
-        gaze_map: Worth of the directions, by which the gaze was chosen.
+        gaze_map: Worth of the directions, by which the gaze was chosen, in whole 255ths of the best.
         why: The planner's word for its decision; empty between decisions.
         risk_m: Cost of the obstacles on the chosen plan as the guard claims it, m of detour.
         floor: By camera.
@@ -132,7 +119,7 @@ class Moment:
     route: Float[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     goal: Float[np.ndarray, "2"] | None = None
     gaze: tuple[float, float] | None = None
-    gaze_map: GazeMap | None = None
+    gaze_map: DirectionMap | None = None
     why: str = ""
     risk_m: float | None = None
     floor: dict[str, FloorSeen] = field(default_factory=dict)

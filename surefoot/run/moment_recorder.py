@@ -25,7 +25,7 @@ from planning.safety.hypotheses import mixture
 from planning.safety.prediction import MotionPatterns
 
 from ..config.schema import Config
-from ..results.moment import UNKNOWN, FloorSeen, GazeMap, Layers, Moment, Prediction
+from ..results.moment import UNKNOWN, FloorSeen, Layers, Moment, Prediction
 from ..results.moments import MomentWriter
 from ..results.run_folder import RunFolder
 from .bodies import Feet
@@ -202,10 +202,11 @@ def _intention(decision: Decision, pose: Gaussian | None) -> dict[str, Any]:
     }
 
 
-def _gaze_map(valued: DirectionMap) -> GazeMap:
+def _gaze_map(valued: DirectionMap) -> DirectionMap:
+    """The same in whole 255ths of its best value."""
     most = max(float(valued.values.max()), 1e-12)
-    values = np.rint(np.maximum(valued.values, 0.0) * (255.0 / most)).astype(np.uint8)
-    return GazeMap(values, valued.pans, valued.tilts)
+    values = np.rint(np.maximum(valued.values, 0.0) * (255.0 / most)) / 255.0
+    return DirectionMap(values, valued.pans, valued.tilts)
 
 
 def _pictures(frame: Frame, estimate: Estimate, config: Config) -> dict[str, Any]:

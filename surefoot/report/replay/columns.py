@@ -48,7 +48,7 @@ def gaze_maps(moments: Sequence[Moment]) -> tuple[dict[str, Any] | None, bytes]:
         last = one
         if one.values.shape == first.values.shape:
             found.append(number)
-            data.append(np.ascontiguousarray(one.values.T).tobytes())
+            data.append(np.rint(255.0 * one.values.T).astype(np.uint8).tobytes())
     if first is None:
         return None, b""
     head = {

@@ -19,11 +19,12 @@ from perception.primitives.errors import InputError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3, head_rotation
+from planning.gaze.selection import DirectionMap
 from surefoot.cli.main import main
 from surefoot.report.replay import gathering, page
 from surefoot.report.replay.columns import columns
 from surefoot.report.replay.figures import nearest_obstacle
-from surefoot.results.moment import UNKNOWN, GazeMap, Layers, Moment, Prediction
+from surefoot.results.moment import UNKNOWN, Layers, Moment, Prediction
 from surefoot.results.moments import MomentWriter
 from surefoot.results.run_folder import RunFolder
 
@@ -70,7 +71,9 @@ def moments(count: int = 60) -> list[Moment]:
                 route=np.array([[x, 0.0], [2.5, 0.0]]),
                 goal=np.array([2.5, 0.0]),
                 gaze=(pan, 0.5),
-                gaze_map=GazeMap(gaze, np.linspace(-1.5, 1.5, 9), np.linspace(0.0, 1.0, 5)),
+                gaze_map=DirectionMap(
+                    gaze / 255.0, np.linspace(-1.5, 1.5, 9), np.linspace(0.0, 1.0, 5)
+                ),
                 why="walk" if k % 3 else "guard",
                 risk_m=0.01 * k,
                 grid=grid,
