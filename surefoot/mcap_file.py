@@ -29,12 +29,14 @@ from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from perception.primitives.errors import OutputError
+from perception.primitives.errors import InputError, OutputError
 
 MOST_CHUNK_BYTES = 1 << 28  # unpacked
 MAGIC = b"\x89MCAP0\r\n"
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, DecodeError, KeyError)
 """Exceptions that the packages raise for damaged bytes."""
+WRONG = (TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, InputError)
+"""Exceptions of content that is complete, but of another type or size than it should be."""
 
 
 def nanoseconds(stamp_s: float) -> int:

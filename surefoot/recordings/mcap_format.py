@@ -18,11 +18,11 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Metadata
 
 from perception.primitives import safe_input
-from perception.primitives.errors import InputError, RecordingError
+from perception.primitives.errors import RecordingError
 from perception.primitives.frame import Frame
 from perception.primitives.safe_input import UnreadableError
 
-from ..mcap_file import DAMAGE, MAGIC, TopicWriter, messages, nanoseconds, records
+from ..mcap_file import DAMAGE, MAGIC, WRONG, TopicWriter, messages, nanoseconds, records
 from .codec import EncodedFrame, decode
 from .mcap_messages import (
     FORMAT,
@@ -38,8 +38,6 @@ from .mcap_messages import (
 from .recording import FrameError, RecordingInfo, SkipLog, SkippedFrame
 
 _METADATA = "recording"
-_WRONG = (TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, InputError)
-"""Exceptions of content that is complete, but of another type or size than it should be."""
 
 
 class RecordingWriter:
@@ -111,7 +109,7 @@ class McapRecording:
         ended_early, count = self._read_tail()
         try:
             self.info = info_from_json(described, count)
-        except (*DAMAGE, *_WRONG) as error:
+        except (*DAMAGE, *WRONG) as error:
             raise RecordingError(
                 f"{path}: its head is damaged ({error!r}); restore the file or record it again"
             ) from error
@@ -154,7 +152,7 @@ class McapRecording:
                 closing = safe_input.json(message.data)
                 skips.check_stamp(closing["stamp_s"])
                 frame = decode(frame_from_messages(closing, group))
-            except (FrameError, *DAMAGE, *_WRONG) as error:
+            except (FrameError, *DAMAGE, *WRONG) as error:
                 reason = str(error) if isinstance(error, FrameError) else f"damaged ({error!r})"
                 skips.skip(f"frame {sequence}", reason)
                 continue
@@ -194,7 +192,7 @@ class McapRecording:
         try:
             with self._path.open("rb") as file:
                 summary = make_reader(file).get_summary()
-        except (*DAMAGE, *_WRONG, MemoryError):
+        except (*DAMAGE, *WRONG, MemoryError):
             return True, None
         if summary is None or summary.statistics is None:
             return False, None

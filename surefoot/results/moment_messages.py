@@ -6,7 +6,6 @@ every field: numbers to the bit, transforms of cameras to rounding.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -24,14 +23,16 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
 from mapping.objects.footprints import Footprint
+from perception.primitives import safe_input
 from perception.primitives.camera import Camera
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3
+from planning.gaze.selection import DirectionMap
 
 from ..foxglove import BODY, MAP, calibration, frame_id, timestamp, transform
 from .footprint_entries import footprint_entry, footprint_of
-from .moment import FloorSeen, GazeMap, Layers, Moment, Prediction
+from .moment import FloorSeen, Layers, Moment, Prediction
 
 MOMENT, FOOTPRINTS = "/estimate/moment", "/estimate/footprints"
 GRID, COLOUR, DEPTH, GAZE = "/estimate/grid", "/estimate/colour", "/estimate/depth", "/plan/gaze"
@@ -90,7 +91,7 @@ def moment_to_messages(moment: Moment) -> Iterator[tuple[str, Message | dict[str
 
 def moment_from_messages(data: Mapping[str, bytes]) -> Moment:
     """The moment of a complete group, from the payload of each topic."""
-    values = json.loads(data[MOMENT])
+    values = safe_input.json(data[MOMENT])
     picture = {}
     if DEPTH in data:
         image = RawImage.FromString(data[DEPTH])
@@ -139,7 +140,7 @@ def footprints_message(footprints: Sequence[Footprint]) -> dict[str, Any]:
 
 def footprints_of(data: bytes) -> tuple[Footprint, ...]:
     """The footprints of a message."""
-    return tuple(footprint_of(entry) for entry in json.loads(data)["footprints"])
+    return tuple(footprint_of(entry) for entry in safe_input.json(data)["footprints"])
 
 
 def _numbers_of(moment: Moment) -> dict[str, Any]:
@@ -318,9 +319,9 @@ def _layers(data: bytes | None) -> Layers | None:
     return Layers(origin, message.cell_size.x, *parts)
 
 
-def _gaze(gaze: GazeMap, stamp: Timestamp) -> RawImage:
+def _gaze(gaze: DirectionMap, stamp: Timestamp) -> RawImage:
     """As a picture: up is up, and the left of the robot at the left."""
-    picture = np.ascontiguousarray(gaze.values.T[:, ::-1])
+    picture = np.rint(255.0 * gaze.values.T[:, ::-1]).astype(np.uint8)
     height, width = picture.shape
     return RawImage(
         timestamp=stamp,
@@ -332,13 +333,13 @@ def _gaze(gaze: GazeMap, stamp: Timestamp) -> RawImage:
     )
 
 
-def _gaze_map(data: bytes | None, values: Mapping[str, Any]) -> GazeMap | None:
+def _gaze_map(data: bytes | None, values: Mapping[str, Any]) -> DirectionMap | None:
     if data is None:
         return None
     message = RawImage.FromString(data)
     picture = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
     pans, tilts = (np.array(values[f"gaze_{k}"], np.float64) for k in ("pans", "tilts"))
-    return GazeMap(np.ascontiguousarray(picture[:, ::-1].T), pans, tilts)
+    return DirectionMap(picture[:, ::-1].T / 255.0, pans, tilts)
 
 
 def _colour(moment: Moment, stamp: Timestamp) -> CompressedImage:

@@ -16,7 +16,7 @@ from mapping.objects.footprints import Footprint
 from perception.primitives.errors import RecordingError
 from perception.primitives.robot_model import RobotModel
 
-from ..mcap_file import MAGIC, TopicWriter, messages, nanoseconds
+from ..mcap_file import DAMAGE, MAGIC, WRONG, TopicWriter, messages, nanoseconds
 from .moment import Moment as Moment
 from .moment_drawings import STATIC, draw_footprints, drawings
 from .moment_messages import (
@@ -116,18 +116,19 @@ def moments_of(path: Path) -> Iterator[Moment]:
             continue
         if message.sequence != number:
             group, number = {}, message.sequence
-        if topic == FOOTPRINTS and last is not None:
-            last = replace(last, footprints=footprints_of(message.data))
         group[topic] = message.data
-        if topic == MOMENT:
+        try:
+            if topic == FOOTPRINTS and last is not None:
+                last = replace(last, footprints=footprints_of(message.data))
+            now = moment_from_messages(group) if topic == MOMENT else None
+        except (*DAMAGE, *WRONG) as error:
+            raise RecordingError(
+                f"{path}: moment {number} is damaged ({error!r}); make the run again"
+            ) from error
+        if now is not None:
             if last is not None:
                 yield last
-            try:
-                last = moment_from_messages(group)
-            except (ValueError, KeyError, TypeError) as error:
-                raise RecordingError(
-                    f"{path}: moment {number} is damaged ({error!r}); make the run again"
-                ) from error
+            last = now
     if last is not None:
         yield last
 

@@ -14,6 +14,8 @@ from mapping.grid.egocentric_grid import EgocentricGrid, GridConfig
 from mapping.io import geotiff, grid_file, nav2
 from perception.primitives.camera import Camera
 from perception.primitives.frame import ColourView, DepthView, Frame, Imu, StepOdometry
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3
 from sim.scenes import scene_file
 from surefoot.config import toml
@@ -28,6 +30,8 @@ from surefoot.recordings.open import open_recording
 from surefoot.recordings.recording import RecordingInfo
 from surefoot.recordings.robot_log import open_robot_log
 from surefoot.results import object_file
+from surefoot.results.moment import Moment
+from surefoot.results.moments import MomentWriter, read_moments
 from surefoot.results.run_folder import RunFolder
 
 WIDTH, HEIGHT = 16, 12
@@ -274,6 +278,20 @@ def objects(folder: Path) -> None:
     (folder / "state").write_bytes(object_file.dumps(value))
 
 
+def estimates(folder: Path) -> None:
+    """What a run knew at two moments."""
+    run, state = RunFolder.create(folder), Gaussian(np.zeros(4), np.eye(4))
+    writer = MomentWriter(run)
+    for k in range(2):
+        track = Obstacle(state, 0.1, 0.4, 3, 0.5, 1.0, 0.0)
+        pose = Gaussian(np.array([0.1 * k, 0.0, 0.0]), 1e-4 * np.eye(3))
+        depth = np.full((12, 16), 30 + k, np.uint8)
+        writer.write(
+            Moment(1.0 + k, pose, tracks=(track,), why="walk", depth=depth, depth_step_m=0.01)
+        )
+    writer.close(())
+
+
 def frames(folder: Path) -> None:
     """Every frame of a recording."""
     for _ in open_recording(folder).frames():
@@ -306,5 +324,6 @@ DOORS = {
     "maps": Door(maps, read_maps),
     "trajectories": Door(trajectories, read_trajectories),
     "run_folder": Door(run_folder, lambda folder: evaluate(RunFolder.open(folder))),
+    "estimates": Door(estimates, lambda folder: list(read_moments(RunFolder(folder)))),
     "objects": Door(objects, lambda folder: object_file.loads((folder / "state").read_bytes())),
 }

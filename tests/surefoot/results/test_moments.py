@@ -15,7 +15,10 @@ from perception.primitives.errors import RecordingError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3
-from surefoot.results.moment import UNKNOWN, FloorSeen, GazeMap, Layers, Moment, Prediction
+from planning.gaze.selection import DirectionMap
+from surefoot.mcap_file import TopicWriter
+from surefoot.results.moment import UNKNOWN, FloorSeen, Layers, Moment, Prediction
+from surefoot.results.moment_messages import JSON_TOPICS, MOMENT
 from surefoot.results.moments import ESTIMATES, MomentWriter, held, read_moments
 from surefoot.results.run_folder import RunFolder
 
@@ -52,8 +55,8 @@ def full_moment(rng, stamp_s):
         rng.standard_normal((4, 2)),
         rng.standard_normal(2),
         (0.2, 0.4),
-        GazeMap(
-            rng.integers(0, 256, (5, 3)).astype(np.uint8),
+        DirectionMap(
+            rng.integers(0, 256, (5, 3)) / 255.0,
             np.linspace(-1.5, 1.5, 5),
             np.linspace(0.0, 1.0, 3),
         ),
@@ -194,3 +197,14 @@ def test_a_run_without_estimates_says_what_to_do(run):
     run.path(ESTIMATES).write_bytes(b"no MCAP at all")
     with pytest.raises(RecordingError, match="not an MCAP file"):
         list(read_moments(run))
+
+
+def test_a_damaged_moment_is_one_error_that_names_it(run):
+    write(run, [Moment(1.0), Moment(2.0)])
+    good = run.path(ESTIMATES)
+    for wrong in ({"stamp_s": 2.0}, {"stamp_s": [], "pose": 3}, {}):
+        topics = TopicWriter(good, JSON_TOPICS, "estimates")
+        topics.add(MOMENT, wrong, 1, 1)
+        topics.close()
+        with pytest.raises(RecordingError, match="moment 1 is damaged"):
+            list(read_moments(run))
