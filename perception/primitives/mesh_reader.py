@@ -47,6 +47,30 @@ def read(path: Path) -> Surface:
         MeshError: The file is damaged, empty or too large, or its numbers are impossible.
         ImportError: Open3D cannot be loaded.
     """
+    try:
+        answer, vertices, triangles = _answer(path)
+    except BrokenPipeError as error:
+        _stop()
+        raise MeshError("cannot be read: the process that reads meshes has ended") from error
+    except BaseException:
+        _stop()
+        raise
+    if "missing" in answer:
+        _stop()
+        raise ImportError(answer["missing"])
+    if "fault" in answer:
+        raise MeshError(answer["fault"])
+    return Surface(
+        np.frombuffer(vertices, np.float64).reshape(-1, 3).copy(),
+        np.frombuffer(triangles, np.int64).reshape(-1, 3).copy(),
+    )
+
+
+_reader: subprocess.Popen[bytes] | None = None
+
+
+def _answer(path: Path) -> tuple[dict[str, Any], bytes, bytes]:
+    """What the process says of a file, and the content of its arrays."""
     global _reader
     if _reader is None or _reader.poll() is not None:
         _reader = subprocess.Popen(
@@ -55,34 +79,28 @@ def read(path: Path) -> Surface:
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
         )
-    assert _reader.stdin is not None
-    assert _reader.stdout is not None
-    try:
-        _reader.stdin.write(json.dumps(str(path.resolve())).encode() + b"\n")
-        _reader.stdin.flush()
-        if not select.select([_reader.stdout], [], [], MOST_SECONDS)[0]:
-            raise MeshError(f"takes more than {MOST_SECONDS:.0f} s to read; simplify the mesh")
-        answer = json.loads(_reader.stdout.readline() or "null")
-        if answer is None:
-            raise MeshError("is damaged: Open3D crashes or takes too much memory when it reads it")
-        if "missing" in answer:
-            raise ImportError(answer["missing"])
-        if "fault" in answer:
-            raise MeshError(answer["fault"])
-        sizes = answer["vertices"], answer["triangles"]
-        vertices = np.frombuffer(_reader.stdout.read(24 * sizes[0]), np.float64).reshape(-1, 3)
-        triangles = np.frombuffer(_reader.stdout.read(24 * sizes[1]), np.int64).reshape(-1, 3)
-    except BrokenPipeError as error:
-        raise MeshError("cannot be read: the process that reads meshes has ended") from error
-    except BaseException:
+    asked, said = _reader.stdin, _reader.stdout
+    assert asked is not None
+    assert said is not None
+    asked.write(json.dumps(str(path.resolve())).encode() + b"\n")
+    asked.flush()
+    if not select.select([said], [], [], MOST_SECONDS)[0]:
+        raise MeshError(f"takes more than {MOST_SECONDS:.0f} s to read; simplify the mesh")
+    line = said.readline()
+    if not line:
+        raise MeshError("is damaged: Open3D crashes or takes too much memory when it reads it")
+    answer = json.loads(line)
+    sizes = (24 * answer.get(name, 0) for name in ("vertices", "triangles"))
+    vertices, triangles = (said.read(size) for size in sizes)
+    return answer, vertices, triangles
+
+
+def _stop() -> None:
+    global _reader
+    if _reader is not None:
         _reader.kill()
         _reader.wait()
         _reader = None
-        raise
-    return Surface(vertices.copy(), triangles.copy())
-
-
-_reader: subprocess.Popen[bytes] | None = None
 
 
 def _serve() -> None:

@@ -9,6 +9,7 @@ import json as _json
 import stat
 import tomllib
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -87,29 +88,28 @@ def toml(content: str) -> dict[str, Any]:
     Raises:
         UnreadableError: It is not TOML, nested too deeply, or has an integer of too many digits.
     """
-    try:
-        found = tomllib.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise UnreadableError(f"is not valid TOML: {_words(error)}") from error
-    _refuse_large(found)
+    found: dict[str, Any] = _parsed(tomllib.loads, "TOML", content)
     return found
 
 
 def json(content: str | bytes) -> Any:
     """The value of a JSON text; errors as of `toml`."""
+    return _parsed(_json.loads, "JSON", content)
+
+
+def _parsed(parse: Callable[[Any], Any], kind: str, content: str | bytes) -> Any:
     try:
-        found = _json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise UnreadableError(f"is not valid JSON: {_words(error)}") from error
+        found = parse(content)
+    except RecursionError as error:
+        raise UnreadableError(f"is not valid {kind}: nested too deeply") from error
+    except ValueError as error:
+        raise UnreadableError(f"is not valid {kind}: {str(error).split(';')[0]}") from error
     _refuse_large(found)
     return found
 
 
-def _words(error: Exception) -> str:
-    return "nested too deeply" if isinstance(error, RecursionError) else str(error).split(";")[0]
-
-
 def _refuse_large(value: Any) -> None:
+    """Raise an UnreadableError for an integer of too many digits, anywhere inside."""
     waiting = [value]
     while waiting:
         one = waiting.pop()
