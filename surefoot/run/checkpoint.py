@@ -7,7 +7,7 @@ a run resumes from there too. A checkpoint holds values only (`results.object_fi
 
 from __future__ import annotations
 
-import importlib.metadata
+import logging
 import os
 import shutil
 import time
@@ -23,8 +23,11 @@ from ..results import object_file
 from ..results.camera_trajectory import CameraTrajectory
 from ..results.formats import refuse
 from ..results.run_folder import PART, RunFolder
+from ..results.version import version
 from .pipeline import Pipeline
 from .run_recorder import RunRecorder
+
+_LOG = logging.getLogger(__name__)
 
 NAME = ".checkpoint"
 TABLES = ".checkpoint-tables"  # folder with the tables as they were when the run began to close
@@ -56,6 +59,7 @@ class Keeper:
         self._folder = folder
         self._made_by = _made_by(config, recording)
         self._last_s = time.monotonic()
+        self._able = True  # whether the state can be kept
 
     def __call__(self, state: State) -> None:
         """After each frame: write a checkpoint every `EVERY_S` seconds.
@@ -74,6 +78,8 @@ class Keeper:
             OutputError: The disk is full.
         """
         self._write(state)
+        if not self._able:
+            return
         with self._folder.staged() as stage:
             for part in filter(Path.is_file, self._folder.root.glob(f"{PART}*")):
                 target = stage / TABLES / part.name
@@ -88,7 +94,14 @@ class Keeper:
             shutil.rmtree(left) if left.is_dir() else left.unlink()
 
     def _write(self, state: State) -> None:
-        content = object_file.dumps(state, {"folder": self._folder})
+        if not self._able:
+            return
+        try:
+            content = object_file.dumps(state, {"folder": self._folder})
+        except InputError as error:  # a plug-in keeps something that is no value
+            _LOG.warning("this run cannot be resumed: %s", error)
+            self._able = False
+            return
         kept = {"made_by": self._made_by, "state": content}
         self._folder.write_bytes(NAME, object_file.dumps(kept))
 
@@ -135,8 +148,7 @@ _OTHERS = {
 
 def _made_by(config: Config, recording: str) -> dict[str, str]:
     """What a checkpoint must agree with."""
-    version = importlib.metadata.version("surefoot")
-    return {"version": version, "config": toml.dumps(config), "recording": recording}
+    return {"version": version(), "config": toml.dumps(config), "recording": recording}
 
 
 def _restore_tables(folder: RunFolder) -> None:

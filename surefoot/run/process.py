@@ -58,15 +58,13 @@ def process(
         return process_log(path, config, out, say)
     recording = open_input(path, description, config.ignore_poses, config.reader)
     recorded = identity(path, description, out)
-    state = None
-    if resume and out is not None and out.is_dir():
-        folder = RunFolder.held(out)
-        state = checkpoint.load(folder, config, recorded)
-    if state is None:
+    found = _resumed(out, config, recorded) if resume and out is not None else None
+    if found is None:
         folder = RunFolder.create(out, name=recording.info.name, reads=path)
         recorder = RunRecorder(folder, config, recording.info, (), str(path))
         state = State(Pipeline(config, recording.info), recorder, CameraTrajectory())
     else:
+        folder, state = found
         say(f"resuming after frame {state.recorder.frames}")
     pipeline, recorder, camera = state.pipeline, state.recorder, state.camera
     keeper = checkpoint.Keeper(folder, config, recorded)
@@ -111,6 +109,15 @@ def process(
     if not interrupted:
         keeper.done()
     return summary
+
+
+def _resumed(out: Path, config: Config, recorded: str) -> tuple[RunFolder, State] | None:
+    """The folder of a run that was interrupted, and its state; None if there is none to resume."""
+    if not out.is_dir():
+        return None
+    folder = RunFolder.held(out)
+    state = checkpoint.load(folder, config, recorded)
+    return None if state is None else (folder, state)
 
 
 def _write_camera(folder: RunFolder, source: PoseSource, camera: CameraTrajectory) -> str:

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from perception.obstacles.track import Track
+from perception.primitives import plugins
 from perception.primitives.errors import InputError, OutputError
 from surefoot.config.schema import Config
 from surefoot.mcap_file import messages
@@ -168,10 +170,31 @@ def test_a_checkpoint_of_something_else_is_refused(cut, short, tmp_path, monkeyp
         checkpoint.load(cut, other, recorded)
     with pytest.raises(InputError, match="made of another recording"):
         checkpoint.load(cut, Config(), identity(WALK))
-    monkeypatch.setattr(checkpoint.importlib.metadata, "version", lambda name: "0.0.1")
+    monkeypatch.setattr(checkpoint, "version", lambda: "0.0.1")
     with pytest.raises(InputError, match="made by another version"):
         checkpoint.load(cut, Config(), recorded)
     assert checkpoint.load(RunFolder(tmp_path), Config(), recorded) is None
+
+
+class Unkeepable(Track):
+    """A user's motion model that keeps a function."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.function = lambda: None
+
+
+@pytest.mark.usefixtures("without_report")
+def test_a_run_whose_plug_in_cannot_be_kept_goes_on_and_says_so(
+    short, tmp_path, monkeypatch, caplog
+):
+    model = plugins.reference(Unkeepable)
+    tracker = dataclasses.replace(Config().tracker, motion_model=model, hits_to_show=1)
+    config = dataclasses.replace(Config(), tracker=tracker)
+    monkeypatch.setattr(checkpoint, "EVERY_S", 0.0)
+    process.process(short, None, config, tmp_path / "run", quiet)
+    assert (tmp_path / "run" / "trajectory.txt").is_file()
+    assert caplog.text.count("cannot be resumed") == 1
 
 
 class Dangerous:
