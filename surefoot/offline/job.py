@@ -5,7 +5,6 @@ Every folder holds config.toml, with which the verb gives the same result again,
 
 from __future__ import annotations
 
-import importlib.metadata
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from ..recordings.recording import Recording
 from ..recordings.without_poses import WithoutPoses, open_input
 from ..results.camera_trajectory import write_poses
 from ..results.run_folder import RunFolder
+from ..results.version import version
 
 Say = Callable[[str], None]
 TRUTH = "truth/trajectory.txt"
@@ -96,7 +96,7 @@ class Job:
             "name": self.recording.info.name,
             "command": self.command,
             "recording": "" if self.path is None else str(self.path),
-            "version": importlib.metadata.version("surefoot"),
+            "version": version(),
             "frames": frames,
             "skipped": skipped,
             "notes": list(self.recording.remarks),

@@ -6,7 +6,6 @@ An animated WebP for a README or a message: it plays without a program. The map 
 from __future__ import annotations
 
 import errno
-import importlib.metadata
 import json
 import math
 import os
@@ -26,6 +25,7 @@ from ..config.load import load
 from ..results.moment import Moment
 from ..results.moments import held, read_moments
 from ..results.run_folder import RunFolder
+from ..results.version import version
 from .film_map import INK, PAPER, Ground, draw_intention, draw_robot, draw_tracks
 
 FILM = "film.webp"
@@ -65,7 +65,7 @@ def _about(run: RunFolder, frames: Sequence[np.ndarray]) -> dict[str, Any]:
     """Version of the program, the run, and the size of the film."""
     summary = run.read_json("summary.json") or {}
     return {
-        "version": importlib.metadata.version("surefoot"),
+        "version": version(),
         "run": summary.get("name"),
         "seconds": summary.get("seconds"),
         "frames": len(frames),

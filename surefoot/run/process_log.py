@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import shlex
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from ..recordings.robot_log import RobotLog, open_robot_log
 from ..results.moment import Moment
 from ..results.moments import MomentWriter
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from ..results.version import version
 from .moment_recorder import EVERY_S
 from .summary import Say, Summary
 
@@ -68,7 +68,7 @@ def process_log(path: Path, config: Config, out: Path | None, say: Say) -> Summa
         "kind": read.kind,
         "name": read.name,
         "recording": str(path),
-        "version": importlib.metadata.version("surefoot"),
+        "version": version(),
         "command": shlex.join(["surefoot", "process", str(path)]),
         "trajectory": "body",
         "landmarks": [[identity, x, y, 0.0, 0.0] for identity, (x, y) in places],

@@ -6,7 +6,6 @@ per stage and frame).
 
 from __future__ import annotations
 
-import importlib.metadata
 from array import array
 from collections.abc import Sequence
 from dataclasses import replace
@@ -39,6 +38,7 @@ from ..results.measurement_log import (
 )
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
+from ..results.version import version
 from .loop import Cycle
 from .moment_recorder import MomentRecorder
 from .pipeline import Pipeline
@@ -191,7 +191,7 @@ class RunRecorder:
                 ],
                 "landmark_sightings": self._landmarks,
                 "renderer": self._config.renderer,
-                "version": importlib.metadata.version("surefoot"),
+                "version": version(),
                 "recording": self._recording,
                 "command": summary.get("command") or self._command(),
             },
