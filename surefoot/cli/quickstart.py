@@ -32,7 +32,7 @@ def quickstart(out: Path | None) -> None:
         summary = process(walk, None, load(None, ()), out or DEFAULT_OUT, say)
     folder = RunFolder(summary.folder)
     page = folder.path("report.html")
-    click.echo("\n".join([*summary.lines(), against_truth(folder.read_json("metrics.json") or {})]))
+    click.echo("\n".join([*summary.lines(), _errors(folder.read_json("metrics.json") or {})]))
     click.echo(f"\nopen {page.resolve()} in a browser")
     click.echo("replay.html beside it shows the run moment by moment")
     click.echo(
@@ -41,7 +41,7 @@ def quickstart(out: Path | None) -> None:
     open_in_browser(page)
 
 
-def against_truth(metrics: Mapping[str, float]) -> str:
+def _errors(metrics: Mapping[str, float]) -> str:
     """The errors of the run, as one line."""
     shares = [
         metrics.get(name, math.nan)

@@ -50,15 +50,16 @@ def write_rerun(run: RunFolder, out: Path) -> Path:
         import rerun as rr
     except ImportError as error:
         raise InputError("rerun is not installed; pip install 'surefoot[rerun]'") from error
-    moments = list(read_moments(run))
     stream = rr.RecordingStream("surefoot", recording_id=run.root.resolve().name)
     try:
         stream.save(out)
     except Exception as error:  # of rerun's own kinds
         raise OutputError(f"cannot write {out}: {error}; choose another file") from error
     stream.log("map", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    for moment in moments:
-        stream.set_time("time", duration=moment.stamp_s - moments[0].stamp_s)
+    start_s = None
+    for moment in read_moments(run):
+        start_s = moment.stamp_s if start_s is None else start_s
+        stream.set_time("time", duration=moment.stamp_s - start_s)
         _log(rr, stream, moment)
     stream.flush()
     return out
