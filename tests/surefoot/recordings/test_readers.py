@@ -21,7 +21,7 @@ def units(index):
     return image
 
 
-def check(recording, kind, per_metre, stamps, positions):
+def checked(recording, kind, per_metre, stamps, positions):
     frames = list(recording.frames())
     assert recording.info.kind == kind
     assert recording.info.frames == len(frames) == len(stamps)
@@ -42,7 +42,7 @@ def check(recording, kind, per_metre, stamps, positions):
 def test_a_thinned_tum_folder_is_read(tum):
     stamps = [10.0, 10.5, 11.0, 11.5]
     recording = open_recording(tum)
-    frames = check(recording, "tum", 5000, stamps, [(s, 2.0, 3.0) for s in stamps])
+    frames = checked(recording, "tum", 5000, stamps, [(s, 2.0, 3.0) for s in stamps])
     assert frames[0].T_world_camera.quat_xyzw == (0.0, 0.0, 0.6, 0.8)
     assert frames[0].depth.camera.fx == 14.0
     assert recording.info.gravity_up_world == (0.0, 0.0, 1.0)
@@ -102,7 +102,7 @@ def test_the_folder_name_selects_the_tum_camera(tum, tmp_path, name, fx):
 def test_seven_scenes(seven_scenes):
     recording = open_recording(seven_scenes)
     stamps = [0.0, 4 / 30, 8 / 30]
-    frames = check(recording, "seven_scenes", 1000, stamps, [(i, 2.0, 3.0) for i in range(3)])
+    frames = checked(recording, "seven_scenes", 1000, stamps, [(i, 2.0, 3.0) for i in range(3)])
     assert (frames[0].depth.camera.fx, frames[0].depth.camera.cy) == (14.0, 5.5)
     assert recording.info.gravity_up_world == pytest.approx((0.0, -0.6, -0.8))
     assert recording.info.name == "kitchen-seq-01"
@@ -131,7 +131,7 @@ def test_seven_scenes_without_intrinsics_remarks_which_are_used(seven_scenes):
 def test_redwood(redwood):
     recording = open_recording(redwood)
     positions = [(i, 0.5, 0.0) for i in range(3)]
-    frames = check(recording, "redwood", 1000, [0.0, 1 / 30, 2 / 30], positions)
+    frames = checked(recording, "redwood", 1000, [0.0, 1 / 30, 2 / 30], positions)
     assert (frames[0].depth.camera.fx, frames[0].depth.camera.fy) == (14.0, 15.0)
     assert recording.info.gravity_up_world == (0.0, 1.0, 0.0)
 
@@ -148,7 +148,7 @@ def test_a_camera_that_rolls_gives_no_vertical_axis(redwood):
 def test_redwood_without_poses_is_the_layout_of_open3d(redwood):
     (redwood / "trajectory.log").unlink()
     recording = open_recording(redwood)
-    check(recording, "redwood", 1000, [0.0, 1 / 30, 2 / 30], None)
+    assert checked(recording, "redwood", 1000, [0.0, 1 / 30, 2 / 30], None)
     assert recording.info.gravity_up_world is None
 
 
@@ -156,25 +156,25 @@ def test_a_depth_scale_in_the_intrinsics_is_used(redwood):
     source = redwood / "camera_primesense.json"
     source.write_text(source.read_text().replace("{", '{"depth_scale": 4000.0, ', 1))
     positions = [(i, 0.5, 0.0) for i in range(3)]
-    check(open_recording(redwood), "redwood", 4000, [0.0, 1 / 30, 2 / 30], positions)
+    assert checked(open_recording(redwood), "redwood", 4000, [0.0, 1 / 30, 2 / 30], positions)
 
 
 def test_replica(replica):
-    check(open_recording(replica), "replica", 6553.5, [0.0, 1 / 30], [(0, 0, 0)] * 2)
+    assert checked(open_recording(replica), "replica", 6553.5, [0.0, 1 / 30], [(0, 0, 0)] * 2)
 
 
 def test_plain(plain):
-    check(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
+    assert checked(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
 
 
 def test_plain_is_opened_by_its_description_file(plain):
-    check(open_recording(plain / "recording.toml"), "plain", 1000, [0.0, 0.1, 0.2], None)
+    assert checked(open_recording(plain / "recording.toml"), "plain", 1000, [0.0, 0.1, 0.2], None)
 
 
 def test_plain_with_a_description_in_another_folder(plain, tmp_path):
     shutil.move(plain / "recording.toml", tmp_path / "theirs.toml")
     recording = open_recording(plain, tmp_path / "theirs.toml")
-    check(recording, "plain", 1000, [0.0, 0.1, 0.2], None)
+    assert checked(recording, "plain", 1000, [0.0, 0.1, 0.2], None)
 
 
 def test_plain_without_colour(plain):
@@ -214,14 +214,14 @@ def test_plain_with_stamps_in_the_names_pairs_colour_by_time(plain):
         shutil.move(plain / f"color/{i}.png", plain / f"color/{10 + i}.0150.png")
     toml = plain / "recording.toml"
     toml.write_text(toml.read_text().replace("rate_hz = 10.0", 'stamps = "name"'))
-    check(open_recording(plain), "plain", 1000, [10.0, 11.0, 12.0], None)
+    assert checked(open_recording(plain), "plain", 1000, [10.0, 11.0, 12.0], None)
 
 
 def test_images_are_sorted_by_number(plain):
     for i, number in enumerate((8, 9, 10)):
         for folder in ("depth", "color"):
             shutil.move(plain / f"{folder}/{i}.png", plain / f"{folder}/x{number}.png")
-    check(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
+    assert checked(open_recording(plain), "plain", 1000, [0.0, 0.1, 0.2], None)
 
 
 def test_a_description_completes_a_known_layout(redwood, tmp_path):

@@ -85,17 +85,17 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path):
         f"    list(run_trials(work, [({str(tmp_path)!r},)] * 2))\n"
     )
     study = subprocess.Popen([sys.executable, str(script)], env={**os.environ, "PYTHONPATH": ROOT})
-    until(lambda: list(tmp_path.glob("[0-9]*")))
+    assert happens(lambda: list(tmp_path.glob("[0-9]*")))
     study.kill()
     study.wait()
-    until(lambda: not any(alive(int(file.name)) for file in tmp_path.glob("[0-9]*")))
+    assert happens(lambda: not any(alive(int(file.name)) for file in tmp_path.glob("[0-9]*")))
 
 
-def until(happened, seconds=60.0):
+def happens(what, seconds=60.0):
     end = time.monotonic() + seconds
-    while not happened():
-        assert time.monotonic() < end
+    while not what() and time.monotonic() < end:
         time.sleep(0.05)
+    return what()
 
 
 def alive(process):
