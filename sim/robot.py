@@ -265,7 +265,8 @@ class SimulatedRobot:
 
     def _advance(self, ticks: int) -> Advance:
         advance = self.body.advance(ticks)
-        self.world.advance_to(self._began_s + round(self.body.ticks * self.config.gait.tick_s, 9))
+        at, seconds = self.body.true_pose, round(self.body.ticks * self.config.gait.tick_s, 9)
+        self.world.advance_to(self._began_s + seconds, (at.x, at.y))
         return advance
 
     def _range_view(self) -> RangeView | None:

@@ -15,9 +15,9 @@ from perception.primitives.plane import Plane
 from perception.primitives.pose import Pose2, Pose3
 
 from .contact import nearest, robot_solid
+from .free_space import ROBOT_TOP_M
 from .robot import SimulatedRobot
 from .scene import StaticObject
-from .scenes.free_space import ROBOT_TOP_M
 from .shapes import Cylinder, Shape, distance, outline
 
 ON_SURFACE_M = 0.03  # ours: a ray that ends this close to a point shows it
@@ -125,12 +125,12 @@ class Truth:
 
     def _moving_shapes(self) -> list[tuple[str, Shape]]:
         shapes: list[tuple[str, Shape]] = []
-        states = zip(self._scene.moving_objects, self._world.moving_states(), strict=True)
-        for one, (x, y, _, _) in states:
-            for part in one.parts:
+        states = zip(self._scene.moving_bodies, self._world.body_states(), strict=True)
+        for (name, parts, _), (x, y, _, _) in states:
+            for part in parts:
                 px, py, pz = part.centre
                 moved = Cylinder((x + px, y + py, pz), part.radius, part.height, part.material)
-                shapes.append((one.name, moved))
+                shapes.append((name, moved))
         return shapes
 
 

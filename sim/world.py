@@ -9,12 +9,13 @@ from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose3
 
+from .movers.traffic import Traffic
 from .rendering.numbered import NumberedScene
 from .rendering.pictures import Pictures
 from .rendering.rays import RayCaster
 from .rendering.renderer import Renderer, choose_renderer
 from .rendering.surfaces import RangeSource
-from .scene import Scene
+from .scene import MovingState, Place, Scene
 
 RANGE_SOURCES = ("camera", "rays")
 
@@ -25,19 +26,15 @@ class World:
     Args:
         scene: The scene.
         renderer: "egl", "tiny", or "auto" for EGL where it works.
-        seed: Draws the phase of each moving object, unless the object sets its own.
+        seed: Draws the phase of each moving object, unless the object sets its own, and what its law draws.
     """
 
     def __init__(self, scene: Scene, renderer: str = "auto", seed: int = 0) -> None:
         self.scene = scene
         self.stamp_s = 0.0
         self.renderer = choose_renderer(renderer)
-        rng = np.random.default_rng([seed, 20])
-        drawn = [float(rng.uniform(0.0, 2.0 * m.reversal_s)) for m in scene.moving_objects]
-        self._phases = [
-            phase if one.phase_s is None else one.phase_s
-            for phase, one in zip(drawn, scene.moving_objects, strict=True)
-        ]
+        self._traffic = Traffic(scene, seed)
+        self._traffic.advance_to(0.0)
         self._caster: RayCaster | None = None
         self._client: Renderer | None = None
         self._pictures: Pictures | None = None
@@ -53,8 +50,12 @@ class World:
             raise InputError(f"world: cannot advance by {seconds} s; time only goes forward")
         self.advance_to(self.stamp_s + seconds)
 
-    def advance_to(self, stamp_s: float) -> None:
+    def advance_to(self, stamp_s: float, robot: Place | None = None) -> None:
         """Advance the clock to a stamp; exact for any number of calls.
+
+        Args:
+            stamp_s: Of the clock, s.
+            robot: Where the robot is then, m, for movers that react to it.
 
         Raises:
             InputError: for a stamp in the past.
@@ -62,11 +63,15 @@ class World:
         if not stamp_s >= self.stamp_s:
             raise InputError(f"world: cannot go back to {stamp_s} s from {self.stamp_s} s")
         self.stamp_s = stamp_s
+        self._traffic.advance_to(stamp_s, robot)
 
-    def moving_states(self, after_s: float = 0.0) -> list[tuple[float, float, float, float]]:
+    def moving_states(self, after_s: float = 0.0) -> list[MovingState]:
         """(x, y, vx, vy) of every moving object, now or after a time, m and m/s."""
-        pairs = zip(self.scene.moving_objects, self._phases, strict=True)
-        return [one.state(phase + (self.stamp_s + after_s)) for one, phase in pairs]
+        return self._traffic.states(self.stamp_s + after_s)
+
+    def body_states(self, after_s: float = 0.0) -> list[MovingState]:
+        """The same of every piece of `Scene.moving_bodies`."""
+        return self._traffic.body_states(self.stamp_s + after_s)
 
     @property
     def rays(self) -> RayCaster:
@@ -111,7 +116,7 @@ class World:
         return self._pictures
 
     def _places(self, after_s: float) -> list[tuple[float, float]]:
-        return [(x, y) for x, y, _, _ in self.moving_states(after_s)]
+        return [(x, y) for x, y, _, _ in self.body_states(after_s)]
 
     def _renderer(self) -> Renderer:
         if self._client is None:

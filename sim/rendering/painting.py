@@ -30,7 +30,7 @@ _BORDER_PX = 8  # ours: each patch repeats its edge, so that mipmaps do not mix 
 
 
 def paint_scene(scene: Scene) -> tuple[list[TexturedMesh], list[TexturedMesh]]:
-    """Meshes of the static objects, and of each moving object about its own origin."""
+    """Meshes of the static objects, and of each moving body about its own origin."""
     standing = [part for _, part in scene.static_shapes]
     floor = floor_patch(scene)
     image = _floor_image(scene, standing, np.random.default_rng([scene.seed, 10]))
@@ -42,12 +42,12 @@ def paint_scene(scene: Scene) -> tuple[list[TexturedMesh], list[TexturedMesh]]:
             still.append(
                 _paint(surfaces, rng, WALL_RESOLUTION_M if item.wall else SURFACE_RESOLUTION_M)
             )
-    moving_objects = []
-    for k, moving_object in enumerate(scene.moving_objects):
+    moving_bodies = []
+    for k, (_, parts, _) in enumerate(scene.moving_bodies):
         rng = np.random.default_rng([scene.seed, 12, k])
-        surfaces = [p for part in moving_object.parts for p in patches(part)]
-        moving_objects.append(_paint(surfaces, rng, SURFACE_RESOLUTION_M))
-    return still, moving_objects
+        surfaces = [p for part in parts for p in patches(part)]
+        moving_bodies.append(_paint(surfaces, rng, SURFACE_RESOLUTION_M))
+    return still, moving_bodies
 
 
 def _is_inside(patch: Patch, extent: Extent) -> bool:

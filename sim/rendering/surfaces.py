@@ -52,13 +52,13 @@ class Surfaces:
 
 
 def scene_surfaces(scene: Scene) -> tuple[Surfaces, list[Surfaces]]:
-    """Surfaces of all static objects with the floor, and of each moving object."""
+    """Surfaces of all static objects with the floor, and of each moving body."""
     still = [(floor_patch(scene), scene.floor_albedo)]
     for item in scene.static_objects:
         still += [(patch, item.albedo) for part in item.parts for patch in patches(part)]
     moving = [
-        [(patch, one.albedo) for part in one.parts for patch in patches(part)]
-        for one in scene.moving_objects
+        [(patch, albedo) for part in parts for patch in patches(part)]
+        for _, parts, albedo in scene.moving_bodies
     ]
     return _joined(still), [_joined(parts) for parts in moving]
 

@@ -9,10 +9,14 @@ from pathlib import Path
 
 from perception.primitives.errors import InputError
 
+from ..movers.law import MoversConfig
+from ..movers.population import populated
 from ..scene import Scene
 from . import avoidance_scenes, course, flat, home, plain_room, public_places, rooms, seed_rooms
 from . import difficulty as difficulties
 from .scene_file import read_scene
+
+AS_DRAWN = MoversConfig()
 
 
 def names() -> tuple[str, ...]:
@@ -20,8 +24,13 @@ def names() -> tuple[str, ...]:
     return tuple(_registry())
 
 
-def load(name: str, seed: int, difficulty: float = difficulties.USUAL) -> Scene:
-    """Load a scene by name or from a user's file; the same seed and difficulty give the same scene.
+def load(
+    name: str,
+    seed: int,
+    difficulty: float = difficulties.USUAL,
+    movers: MoversConfig = AS_DRAWN,
+) -> Scene:
+    """Load a scene by name or from a user's file; the same arguments give the same scene.
 
     Args:
         name: Name in the catalogue, or a path that ends in .toml (see `scene_file`).
@@ -29,13 +38,14 @@ def load(name: str, seed: int, difficulty: float = difficulties.USUAL) -> Scene:
         difficulty: In [0, 1]: number and speed of objects, width of passages; 0.5 is the usual scene. Scenes that a
             paper specifies (robots_room, narrow_course, boxes, avoidance_*), scenes for measurements (empty_room,
             plain_room) and user files ignore it.
+        movers: Laws of the moving objects; by default as the scene sets them.
 
     Raises:
         InputError: for an unknown name, an invalid seed or difficulty, or an unreadable file.
     """
     difficulties.check(difficulty)
     if name.endswith(".toml"):
-        return read_scene(Path(name), seed)
+        return populated(read_scene(Path(name), seed), movers)
     known = _registry()
     if name not in known:
         near = difflib.get_close_matches(name, known, n=1)
@@ -45,7 +55,7 @@ def load(name: str, seed: int, difficulty: float = difficulties.USUAL) -> Scene:
         )
     if seed < 0:
         raise InputError(f"scene {name!r}: seed {seed} must not be negative; choose 0 or more")
-    return known[name](seed, difficulty)
+    return populated(known[name](seed, difficulty), movers)
 
 
 def _registry() -> dict[str, Callable[[int, float], Scene]]:

@@ -18,10 +18,10 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
+from ..free_space import ClearanceMap, clearance_map
 from ..scene import Extent, FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Shape
 from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
-from .free_space import ClearanceMap, clearance_map
 from .furniture import Piece, furnish, model_of
 from .home import free_spot, with_numbered_names
 from .public_places import PERSON_RADIUS_M, path_of, person

@@ -15,10 +15,10 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
+from ..free_space import ClearanceMap, clearance_map
 from ..scene import FloorArea, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, distance
 from .difficulty import USUAL, interpolated, interpolated_count, interpolated_span
-from .free_space import ClearanceMap, clearance_map
 from .furniture import CATALOGUE, LEAST_PIECES, PASSAGE_M, Model, Piece, furnish
 from .rooms import heading_towards, small_robot, walls
 from .tags import place_tags

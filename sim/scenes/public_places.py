@@ -9,10 +9,10 @@ import numpy as np
 from perception.primitives.errors import SurefootError
 from perception.primitives.pose import Pose2
 
+from ..free_space import ClearanceMap, clearance_map
 from ..scene import Extent, MovingObject, Place, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .difficulty import USUAL, Span, interpolated, interpolated_count, interpolated_span
-from .free_space import ClearanceMap, clearance_map
 from .furniture import model_of, place_piece
 from .rooms import scene_with_tags, walls
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from perception.primitives.errors import InputError
 
+from ..free_space import ROBOT_TOP_M, clearance_map
 from ..scene import Extent, FloorArea, MovingObject, Place, StaticObject
 from ..shapes import Shape, Solid, distance, outline
-from .free_space import ROBOT_TOP_M, clearance_map
 
 ROBOT_RADIUS_M = 0.15  # seed 001: S_r
 HALF_WIDTH_M = 0.082  # seed 000: half the robot's width, for lateral steps through narrow gaps

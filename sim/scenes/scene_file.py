@@ -19,8 +19,9 @@ from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 from perception.primitives.safe_input import UnreadableError
 
+from ..movers.law import LAWS
 from ..rendering.textures import PALETTE
-from ..scene import Extent, FloorArea, MovingObject, Scene, StaticObject
+from ..scene import TO_AND_FRO, Extent, FloorArea, MovingObject, Scene, StaticObject
 from ..shapes import Box, Cylinder, Shape
 from .furniture import CATALOGUE, place_piece
 from .model_files import placed, read_model
@@ -63,7 +64,7 @@ _KEYS: dict[str, tuple[str, ...]] = {
     "cylinder": ("name", "at", "radius", "height", "above", "material", "albedo"),
     "furniture": ("kind", "at", "yaw", "name"),
     "model": ("name", "file", "at", "yaw", "scale", "up", "above", "material", "albedo"),
-    "moving_object": ("name", "from", "to", "speed", "height", "colour", "phase"),
+    "moving_object": ("name", "from", "to", "speed", "height", "colour", "phase", "law"),
     "area": ("extent", "material"),
 }  # fmt: skip
 
@@ -187,7 +188,11 @@ def _moving_object(reader: TableReader, item: Mapping[str, Any], number: int) ->
     heading = math.atan2(last[1] - first[1], last[0] - first[0])
     height = reader.number(item, "height", 0.45, 0.1, WALL_HEIGHT_M)
     name = reader.word(item, "name", f"robot {number}")
+    law = reader.word(item, "law", TO_AND_FRO)
+    if law not in LAWS:
+        raise reader.refusal("law", law, f"one of {', '.join(LAWS)}")
     robot = small_robot(name, first, heading, speed, length / speed, colour, height)
+    robot = replace(robot, law=law)
     if "phase" not in item:
         return robot
     return replace(robot, phase_s=reader.number(item, "phase", least=0.0))

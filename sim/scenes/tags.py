@@ -15,10 +15,10 @@ from jaxtyping import Bool, Float
 from perception.primitives.landmark import Landmark
 from perception.primitives.pose import Pose2
 
+from ..free_space import clearance_map
 from ..rendering.textures import TAG_MARGIN_MODULES, TAG_MODULES
 from ..scene import Extent, Place, StaticObject
 from ..shapes import Box, Shape, distance, outline
-from .free_space import clearance_map
 
 SIDE_M = 0.22  # ours: black square; 24 px at 3.3 m in the colour camera, 4 px per module
 PLATE_M = SIDE_M * (TAG_MODULES + 2 * TAG_MARGIN_MODULES) / TAG_MODULES

@@ -48,6 +48,7 @@ from planning.search.potential import SearchConfig
 from planning.search.route import RouteConfig
 from planning.swarm.settings import SwarmWalkerConfig
 from planning.univector.fields import FieldConfig
+from sim.movers.law import MoversConfig
 from sim.robot import RobotConfig
 from sim.scenes.difficulty import USUAL
 from sim.scenes.difficulty import check as check_difficulty
@@ -96,6 +97,7 @@ class Config:
     )
     mission: MissionConfig = field(default_factory=MissionConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
+    movers: MoversConfig = field(default_factory=MoversConfig)
     reach: ReachesConfig = field(default_factory=ReachesConfig)
     tof: TofConfig = field(default_factory=lambda: CALIBRATED_TOF)
     stereo: StereoConfig = field(default_factory=StereoConfig)

@@ -51,7 +51,7 @@ def true_start(scene: Scene, config: Config) -> Pose2:
 
     If no sample is free, it is the mark itself.
     """
-    from sim.scenes.free_space import ROBOT_TOP_M
+    from sim.free_space import ROBOT_TOP_M
     from sim.shapes import distance
 
     rng = np.random.default_rng([config.seed, 34])
@@ -100,7 +100,7 @@ def simulate(
 
     if config.robot.needs_pybullet:
         bullet.require()
-    scene = catalogue.load(config.scene, config.seed, config.difficulty)
+    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
     goals = () if config.mission.wander else scene.goals[: config.mission.goals]
     folder = RunFolder.create(out, name=f"{scene.name}-{config.seed}")
     with contextlib.ExitStack() as stack:

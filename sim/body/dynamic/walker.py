@@ -88,7 +88,7 @@ class DynamicBody:
         bumps = floor_bumps(world.scene.extent, config.bump_m, rng) if config.bump_m > 0.0 else []
         self._world = world
         low = [part for _, part in world.scene.static_shapes if part.bottom_m < TOP_M]
-        self.physics.add_objects(bumps, low, [one.parts for one in world.scene.moving_objects])
+        self.physics.add_objects(bumps, low, [parts for _, parts, _ in world.scene.moving_bodies])
         self._imu = imu
         self._gyro_bias = imu.gyro_bias_radps * rng.standard_normal(3)
         self._force_bias = imu.force_bias_mps2 * rng.standard_normal(3)
@@ -137,11 +137,11 @@ class DynamicBody:
     def advance(self, ticks: int) -> Advance:
         """Simulate some ticks of the planned gait; waiting for a late landing adds time."""
         before, steps, began = self._odometry.body(self._footprints), 0.0, self._ticks
-        moving_objects = self._world.moving_states()
+        moving_bodies = self._world.body_states()
         while ticks > 0:
             self.start_due_step()
             late = (self._ticks + 1 - began) * self._tick_s
-            self.physics.place([(x + vx * late, y + vy * late) for x, y, vx, vy in moving_objects])
+            self.physics.place([(x + vx * late, y + vy * late) for x, y, vx, vy in moving_bodies])
             tick, done = self._tick, self._done
             self._advance_tick()
             ticks -= self._tick - tick

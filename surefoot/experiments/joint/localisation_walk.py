@@ -36,11 +36,11 @@ from perception.primitives.frame import Frame
 from perception.primitives.landmark import Landmark, Sighting
 from perception.primitives.pose import Pose2, Pose3, wrap_angle
 from planning.commands import GazeCommand, WalkCommand
+from sim.free_space import clearance_map
 from sim.rendering.rays import RayCaster
 from sim.robot import SimulatedRobot
 from sim.scene import Scene
 from sim.scenes import catalogue
-from sim.scenes.free_space import clearance_map
 from sim.sensors.cameras import ImageConfig
 from sim.sensors.tof_camera import TofConfig
 from sim.shapes import Box

@@ -22,7 +22,7 @@ from mapping.grid.egocentric_grid import LOWEST_OBSTACLE_M
 from mapping.grid.world_map import WorldMap
 from perception.primitives.frame import Frame
 from perception.primitives.pose import Pose3
-from sim.scenes.free_space import ROBOT_TOP_M
+from sim.free_space import ROBOT_TOP_M
 
 from ...config.schema import Config
 from ...offline.job import Job

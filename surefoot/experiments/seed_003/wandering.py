@@ -24,10 +24,10 @@ BODY_M = 0.20  # planning disc of 0.15 m plus the guard's distance from furnitur
 
 def coverage(run: RunFolder, config: Config) -> dict[str, float]:
     """coverage: share of the reachable floor that the final map knows."""
+    from sim.free_space import clearance_map
     from sim.scenes import catalogue
-    from sim.scenes.free_space import clearance_map
 
-    scene = catalogue.load(config.scene, config.seed, config.difficulty)
+    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
     parts = [part for thing in scene.static_objects for part in thing.parts]
     space = clearance_map(scene.extent, parts)
     assert scene.start is not None

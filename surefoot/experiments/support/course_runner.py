@@ -121,7 +121,7 @@ def walk(config: Config, perfect: bool = False, stepper: StepFilter | None = Non
     """
     if config.robot.needs_pybullet:
         bullet.require()
-    scene = catalogue.load(config.scene, config.seed, config.difficulty)
+    scene = catalogue.load(config.scene, config.seed, config.difficulty, config.movers)
     result, touch = CourseWalk(), Touch()
     images = config.robot.tof
     with (

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from perception.primitives.errors import InputError
+from sim.free_space import clearance_map
 from sim.scenes import catalogue
-from sim.scenes.free_space import clearance_map
 from sim.scenes.tags import IN_VIEW_M, _visible
 from sim.scenes.tags import _Spot as Spot
 from sim.shapes import distance

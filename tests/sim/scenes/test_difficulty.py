@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from perception.primitives.errors import InputError
+from sim.free_space import clearance_map
 from sim.scenes import catalogue
 from sim.scenes.difficulty import interpolated, interpolated_count, interpolated_span
-from sim.scenes.free_space import clearance_map
 
 SEEDS = range(3)
 GRADED = ("home", "flat", "corridor", "office", "hall", "course", "fast_course", "hard_course")

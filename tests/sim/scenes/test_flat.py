@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from sim.free_space import clearance_map
 from sim.scenes import catalogue
 from sim.scenes.flat import WALKER_RADIUS_M
-from sim.scenes.free_space import clearance_map
 from sim.shapes import Box, distance, outline
 
 CASES = [(seed, difficulty) for seed in range(2) for difficulty in (0.0, 0.5, 1.0)]

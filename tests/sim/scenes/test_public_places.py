@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from perception.primitives.errors import SurefootError
+from sim.free_space import clearance_map
 from sim.scenes import catalogue, public_places
-from sim.scenes.free_space import clearance_map
 from sim.shapes import distance
 
 

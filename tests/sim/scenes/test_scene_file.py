@@ -298,3 +298,10 @@ def test_rotated_solids_keep_their_triangles():
     turned = corners @ Rotation.from_euler("z", 30, degrees=True).as_matrix().T
     solid = Solid(turned, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
     assert distance(solid, np.array([[0.1, 0.2], [-1.0, 0.0]]))[0] < 0
+
+
+def test_a_moving_object_may_have_a_law_of_its_own(tmp_path):
+    (one,) = load(tmp_path, EXAMPLE + 'law = "curves"\n').moving_objects
+    assert one.law == "curves"
+    with pytest.raises(InputError, match=r"law = 'curvy'; expected one of to_and_fro, waypoints"):
+        load(tmp_path, EXAMPLE + 'law = "curvy"\n')

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
-from ..scene import Extent, Place
-from ..shapes import Shape, distance
+from .scene import Extent, Place
+from .shapes import Shape, distance
 
 ROBOT_TOP_M = 0.5  # ours: shapes above this height do not block the robot
 
@@ -82,8 +82,10 @@ class ClearanceMap:
         return np.asarray(back[:, ::-1] * self.cell_m + np.array(self.origin))
 
 
-def clearance_map(extent: Extent, shapes: Sequence[Shape], cell_m: float = 0.05) -> ClearanceMap:
-    """Clearance inside the walls of a room, from walls and all shapes below the robot's top."""
+def clearance_map(
+    extent: Extent, shapes: Sequence[Shape], cell_m: float = 0.05, top_m: float = ROBOT_TOP_M
+) -> ClearanceMap:
+    """Clearance inside the walls of a room, from walls and all shapes below a top, by default the robot's."""
     x_min, y_min, x_max, y_max = extent
     shape = (int((y_max - y_min) / cell_m), int((x_max - x_min) / cell_m))
     origin = (x_min + cell_m / 2, y_min + cell_m / 2)
@@ -93,7 +95,7 @@ def clearance_map(extent: Extent, shapes: Sequence[Shape], cell_m: float = 0.05)
         (np.array([x_max, y_max]) - centres).min(axis=1),
     )
     for one in shapes:
-        if one.bottom_m < ROBOT_TOP_M:
+        if one.bottom_m < top_m:
             least = np.minimum(least, distance(one, centres))
     return ClearanceMap(origin, cell_m, least.reshape(shape))
 
