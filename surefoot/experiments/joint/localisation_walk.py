@@ -182,7 +182,7 @@ def walk(seed: int, config: Config) -> Iterator[WalkInstant]:
     with World(scene, "tiny", seed) as world, SimulatedRobot(world, robot, seed) as body:
         truth = Truth(body)
         tags = TagSensor(scene, TagNoise(), config.landmarks, rng)
-        guide = _RouteFollower(scene)
+        guide = RouteFollower(scene)
         walked, before = 0.0, truth.robot_pose()
         for _ in range(MAX_FRAMES):
             frame = body.read()
@@ -248,7 +248,7 @@ def segment_frame(
     ]
 
 
-class _RouteFollower:
+class RouteFollower:
     """Gives the next step and gaze along a route, by the true pose."""
 
     def __init__(self, scene: Scene) -> None:

@@ -55,6 +55,7 @@ FILES = {
     "gaze-benchmark": "joint.gaze_benchmark",
     "home": "joint.home",
     "localisation": "joint.localisation",
+    "prediction": "joint.prediction",
     "sensors": "joint.sensors",
     "walking": "joint.walking",
     "mrclam": "real.mrclam",
