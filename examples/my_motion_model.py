@@ -10,6 +10,7 @@ import numpy as np
 from perception.filtering.consistency import Innovation
 from surefoot import Gaussian, Pose2
 
+ACCELERATION_MPS2 = 0.008
 H = np.eye(2, 4)  # the position of (x, y, vx, vy) is measured
 
 
@@ -28,7 +29,7 @@ class ConstantVelocity:
         """What is reported, over (x, y, vx, vy)."""
         return Gaussian(self.x.copy(), self.P.copy())
 
-    straight = None  # the state has only one hypothesis
+    motion = None  # the state has only one hypothesis
 
     @property
     def moving(self):
@@ -43,7 +44,7 @@ class ConstantVelocity:
         F[0, 2] = F[1, 3] = dt
         G = np.vstack([np.eye(2) * dt**2 / 2.0, np.eye(2) * dt])
         self.x = F @ self.x
-        self.P = F @ self.P @ F.T + G @ G.T * self.config.acceleration_mps2**2
+        self.P = F @ self.P @ F.T + G @ G.T * ACCELERATION_MPS2**2
 
     def density(self, positions, covariances):
         """How likely each detection is of this obstacle, per square metre."""

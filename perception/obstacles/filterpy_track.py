@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ..filtering.models import positive, spread
 from ..primitives.gaussian import Gaussian
-from ._track_kernels import SIZE, Belief
+from ._track_kernels import SIZE
 from .track import Detection, Track, TrackConfig
 
 
@@ -32,13 +32,19 @@ class FilterpyTrack(Track):
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, _filter=_filter())
 
-    def _learn(self, position: Float[np.ndarray, "2"], noise: Float[np.ndarray, "2 2"]) -> None:
-        """Sigma-point update of the moving belief by a position in the body frame."""
+    def _learn(
+        self,
+        x: Float[np.ndarray, "7"],
+        P: Float[np.ndarray, "7 7"],
+        position: Float[np.ndarray, "2"],
+        noise: Float[np.ndarray, "2 2"],
+    ) -> None:
+        """Sigma-point update of one mode, in place, by a position in the body frame."""
         one = self._filter
-        one.x, one.P = self._moving.x.copy(), self._moving.P.copy()
+        one.x, one.P = x.copy(), P.copy()
         one.sigmas_f = one.points_fn.sigma_points(one.x, one.P)
         one.update(position, R=positive(noise), robot=self._robot)
-        self._moving = Belief(one.x.copy(), positive(one.P))
+        x[:], P[:] = one.x, positive(one.P)
 
 
 def _filter() -> Any:

@@ -13,16 +13,17 @@ from jaxtyping import Float
 
 from ..filtering.consistency import Innovation
 from ..primitives.gaussian import Gaussian
+from ..primitives.motion import Motion
 from .track import Detection
 
 MODELS = {
     "switching": "perception.obstacles.track:Track",
     "filterpy": "perception.obstacles.filterpy_track:FilterpyTrack",
 }
-"""Our motion models: name to class. "switching": constant velocity, with stops and reversals as hypotheses; "filterpy":
-the same, updated by filterpy, for reference."""
+"""Our motion models: name to class. "switching": modes that change into each other (stands, straight, curving, turned); "filterpy": the
+same, updated by filterpy, for reference."""
 
-MEMBERS = ("state", "straight", "moving", "predict", "density", "update")
+MEMBERS = ("state", "motion", "moving", "predict", "density", "update")
 
 
 @runtime_checkable
@@ -38,8 +39,8 @@ class MotionModel(Protocol):
         ...
 
     @property
-    def straight(self) -> Gaussian | None:
-        """The same under the hypothesis that it has gone straight on since it was seen; None: as `state`."""
+    def motion(self) -> Motion | None:
+        """Modes of motion, for predictions; None: it goes straight on with `state`, or stands."""
         ...
 
     @property

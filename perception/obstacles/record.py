@@ -120,7 +120,7 @@ class Record:
 
     def may_have(self, velocity: Float[np.ndarray, "2"]) -> bool:
         """Whether a velocity, m/s, lies in the 99 % region of its own, if it goes straight."""
-        state = self.track.straight or self.track.state
+        state = _straight(self.track)
         own = Gaussian(state.mean[2:], state.covariance[2:, 2:])
         return own.mahalanobis_squared(velocity) < SURE
 
@@ -136,10 +136,15 @@ def doubt_carried(records: Sequence[Record]) -> None:
     moving = [record for record in records if not record.may_have(np.zeros(2))]
     sharing: list[Record] = []
     if len(moving) >= COMMON and 2 * len(moving) > len(records):
-        own = [record.track.straight or record.track.state for record in moving]
+        own = [_straight(record.track) for record in moving]
         common = np.median([state.mean[2:] for state in own], axis=0)
         sharing = [record for record in moving if record.may_have(common)]
     shared = len(sharing) >= COMMON and 2 * len(sharing) > len(records)
     for record in records:
         is_carried = shared and any(record is one for one in sharing)
         record.carried = record.carried + 2 if is_carried else max(record.carried - 1, 0)
+
+
+def _straight(track: MotionModel) -> Gaussian:
+    """Over (x, y, vx, vy) if it goes straight."""
+    return track.state if track.motion is None else track.motion.straight

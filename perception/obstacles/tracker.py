@@ -60,8 +60,8 @@ class TrackerConfig:
     motion_model: str = setting(
         "switching",
         "",
-        "filter of one obstacle: switching (constant velocity, stops, reversals), filterpy (the same, slower, for reference), or package.module:Class",
-        "seed 001; stops and reversals ours",
+        "filter of one obstacle: switching (stands, straight, curving, turned, as an interacting-multiple-model filter), filterpy (the same, slower, for reference), or package.module:Class",
+        "seed 001; modes ours",
     )
     track: TrackConfig = field(default_factory=TrackConfig)
 
@@ -114,7 +114,7 @@ class ObstacleTracker:
                 record.moving,
                 record.seen_s,
                 record.since_s,
-                record.track.straight,
+                record.track.motion,
             )
             for record in self._records
             if record.hits >= self.config.hits_to_show

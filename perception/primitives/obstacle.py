@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .gaussian import Gaussian
+from .motion import Motion
 
 MOVING = 0.3
 """Probability of moving from which planning treats an obstacle as a moving one; ours."""
@@ -25,8 +26,7 @@ class Obstacle:
         moving: Probability that it moves, in [0, 1].
         seen_s: Time of the last detection.
         since_s: Time of the first detection.
-        straight: `state` under the hypothesis that it moves at constant velocity since the last detection; None
-            if unknown.
+        motion: Modes of its motion; None if its state is all that is known.
     """
 
     state: Gaussian
@@ -36,7 +36,7 @@ class Obstacle:
     moving: float = 0.0
     seen_s: float = 0.0
     since_s: float = 0.0
-    straight: Gaussian | None = None
+    motion: Motion | None = None
 
     @property
     def position(self) -> Float[np.ndarray, "2"]:
@@ -60,10 +60,8 @@ class Obstacle:
         state = self.state.linear(step)
         gain = np.array([[seconds**2 / 2, 0], [0, seconds**2 / 2], [seconds, 0], [0, seconds]])
         covariance = state.covariance + gain @ gain.T * acceleration_mps2**2
-        return replace(self, state=Gaussian(state.mean, covariance), straight=None)
+        return replace(self, state=Gaussian(state.mean, covariance), motion=None)
 
     def gone_straight(self) -> Obstacle:
-        """The obstacle with `straight` as its state, for planners that have their own hypotheses of turns."""
-        if self.straight is None or self.straight is self.state:
-            return self
-        return replace(self, state=self.straight)
+        """The obstacle as if it had gone straight on, for planners that have their own hypotheses of turns."""
+        return self if self.motion is None else replace(self, state=self.motion.straight)

@@ -174,7 +174,7 @@ class MotionPatterns:
             return obstacle
         mean = np.concatenate([forecast.places[0], forecast.velocities[0]])
         state = Gaussian(mean, obstacle.state.covariance)
-        return replace(obstacle, state=state, straight=None)
+        return replace(obstacle, state=state, motion=None)
 
     def remembered(self, obstacles: Sequence[Obstacle], stamp_s: float) -> list[Obstacle]:
         """Moving obstacles without a track on lines with two known turning points.

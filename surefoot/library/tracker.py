@@ -35,7 +35,7 @@ class Tracker:
         Args:
             speed_sigma_mps: Standard deviation of an obstacle's speed along each axis, m/s: about 0.06 for
                 small robots, 0.7 for people.
-            motion_model: "switching" (constant velocity with stops and reversals), "package.module:Class", or a
+            motion_model: "switching" (stands, straight, curving, turned), "package.module:Class", or a
                 class of your own (see `surefoot.MotionModel`).
             settings: Fields of `perception.obstacles.tracker.TrackerConfig`: `hits_to_show` detections before
                 a track is reported (3), `misses_to_die` (5), `max_radius_m` (0.35).

@@ -187,7 +187,7 @@ def _track(one: Obstacle, predictions: Sequence[Prediction]) -> dict[str, Any]:
         "track": one.track,
         **_state(one.state),
         **{name: _list(getattr(one, name)) for name in _SCALARS},
-        "straight": None if one.straight is None else _state(one.straight),
+        "modes": None if one.motion is None else one.motion.named,
         "predictions": [
             {
                 "seconds": each.seconds,
@@ -204,7 +204,7 @@ def _obstacle(one: Mapping[str, Any]) -> Obstacle:
     state = _gaussian(one)
     assert state is not None
     scalars = {k: math.nan if one[k] is None else one[k] for k in _SCALARS}
-    return Obstacle(state, track=one["track"], **scalars, straight=_gaussian(one["straight"]))
+    return Obstacle(state, track=one["track"], **scalars)
 
 
 def _prediction(one: Mapping[str, Any]) -> Prediction:

@@ -307,6 +307,7 @@ def _track(stamp_s: float, obstacle: Obstacle) -> dict[str, Any]:
         "radius_m": obstacle.radius_m,
         "height_m": obstacle.height_m,
         "moving": obstacle.moving,
+        "modes": None if obstacle.motion is None else obstacle.motion.named,
         "seen": obstacle.seen_s,
     }
 

@@ -12,11 +12,14 @@ from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.stats import multivariate_normal
 
 from perception.filtering.consistency import band
 from perception.filtering.models import spread
-from perception.obstacles._track_kernels import telegraph
-from perception.obstacles.track import VIEW_MEMORY_S, Detection, Track, TrackConfig
+from perception.obstacles import _track_kernels
+from perception.obstacles._track_kernels import MODES, PAUSING, STRAIGHT, TURNED, Belief
+from perception.obstacles.forecast import forecast
+from perception.obstacles.track import PUSHES, VIEW_MEMORY_S, Detection, Track, TrackConfig
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig, match
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
@@ -164,7 +167,8 @@ def test_a_position_seen_a_hundred_times_is_no_more_certain_than_the_pose_of_the
     for k in range(100):
         tracker.update(0.3 * k, [seen_at(1.0, 0.2, sigma_m=0.005)], robot)
     (obstacle,) = tracker.obstacles
-    assert np.linalg.eigvalsh(obstacle.state.covariance[:2, :2])[0] > (0.6 * sigma) ** 2
+    left = 2.0 * VIEW_MEMORY_S / (30.0 + 2.0 * VIEW_MEMORY_S)  # of the variance, after 30 s
+    assert np.linalg.eigvalsh(obstacle.state.covariance[:2, :2])[0] > 0.95 * left * sigma**2
 
 
 def test_partly_visible_furniture_is_not_reported_as_moving():
@@ -287,22 +291,62 @@ def test_a_single_detection_is_not_reported():
     assert [o.track for o in tracker.obstacles] == [1]
 
 
-def test_telegraph_moments_equal_those_of_simulated_signals():
+def sampled_modes(belief, rates, fresh, seconds, n, rng):
+    """Modes and states of n obstacles that change at random, in steps of 20 ms."""
+    mode = rng.choice(MODES, n, p=belief.w)
+    root = np.linalg.cholesky(belief.P)
+    x = belief.x[mode] + np.einsum("nij,nj->ni", root[mode], rng.standard_normal((n, 4)))
+    dt = 0.02
+    for _ in range(round(seconds / dt)):
+        chance = rates[mode] * dt
+        pick = rng.random(n)
+        after = np.where(
+            pick < chance.sum(axis=1), (np.cumsum(chance, axis=1) < pick[:, None]).sum(axis=1), mode
+        )
+        changed = after != mode
+        stands, anew = changed & (after < STRAIGHT), changed & (after == TURNED)
+        x[stands, 2:] = 0.0
+        x[anew, 2:] = rng.multivariate_normal(np.zeros(2), fresh, int(anew.sum()))
+        mode = after
+        x[:, :2] += dt * x[:, 2:]
+    return mode, x
+
+
+def test_a_forecast_equals_simulated_obstacles_that_stop_turn_and_go_on():
     rng = np.random.default_rng(5)
-    dt, every_s, n = 0.02, 3.0, 20000
-    sign, place, flips = np.ones(n), np.zeros(n), np.zeros(n)
-    for _ in range(200):  # 4 s
-        place += 0.5 * dt * sign
-        flip = rng.random(n) < dt / every_s
-        sign, flips = np.where(flip, -sign, sign), flips + flip
-        place += 0.5 * dt * sign
-    found = telegraph(4.0, every_s)
-    assert found.straight == pytest.approx(np.mean(flips == 0), abs=0.02)
-    place, sign = place[flips > 0], sign[flips > 0]
-    assert found.move_s == pytest.approx(place.mean(), abs=0.05)
-    assert found.keep == pytest.approx(sign.mean(), abs=0.03)
-    noise = [[found.noise_place, found.noise_both], [found.noise_both, found.noise_speed]]
-    np.testing.assert_allclose(noise, np.cov(place, sign), rtol=0.05)
+    weights = np.array([0.1, 0.2, 0.5, 0.1, 0.1])
+    means = np.zeros((MODES, 4))
+    means[STRAIGHT:, 2] = 0.08
+    covariances = np.tile(np.diag([1e-4, 1e-4, 1e-10, 1e-10]), (MODES, 1, 1))
+    covariances[STRAIGHT:, 2:, 2:] = np.eye(2) * 1e-4
+    rates = followed()._rates()
+    rates[STRAIGHT:, PAUSING] = rates[STRAIGHT:, TURNED] = 0.15
+    rates[TURNED, STRAIGHT:] = 0.0
+    belief, fresh = Belief(weights, means, covariances), np.diag([0.05, 0.03]) ** 2
+    w, x, P = np.empty((1, MODES)), np.empty((1, MODES, 4)), np.empty((1, MODES, 4, 4))
+    still = np.zeros_like(PUSHES)
+    _track_kernels.forecast(belief, rates, fresh, still, np.array([3.0]), w, x, P)
+    mode, state = sampled_modes(belief, rates, fresh, 3.0, 40000, rng)
+    np.testing.assert_allclose(w[0], np.bincount(mode, minlength=MODES) / len(mode), atol=0.02)
+    mean, covariance = np.empty(4), np.empty((4, 4))
+    _track_kernels.merge(w[0], x[0], P[0], mean, covariance)
+    np.testing.assert_allclose(mean, state.mean(axis=0), atol=0.006)
+    np.testing.assert_allclose(np.diag(covariance), state.var(axis=0), rtol=0.12)
+
+
+def test_the_forecast_of_a_track_begins_at_its_state():
+    tracker = ObstacleTracker()
+    for k in range(30):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.02 * k)], SURE)
+    (obstacle,) = tracker.obstacles
+    found = forecast(obstacle, np.array([0.0, 2.0]))
+    np.testing.assert_allclose(found.probabilities.sum(axis=1), 1.0)
+    assert found.probabilities[0, 0] == pytest.approx(1.0 - obstacle.moving)
+    mean, covariance = np.empty(4), np.empty((4, 4))
+    now = (found.probabilities[0], found.means[0], found.covariances[0])
+    _track_kernels.merge(*now, mean, covariance)
+    np.testing.assert_allclose(mean, obstacle.state.mean, atol=2e-3)
+    assert found.means[1, STRAIGHT, 1] == pytest.approx(0.58 + 2.0 * 0.0667, abs=0.03)
 
 
 def test_the_covariance_of_an_unseen_mover_covers_turns():
@@ -344,7 +388,7 @@ def test_an_unseen_static_obstacle_keeps_its_position():
             0.3 * k, [seen_at(*(np.array([1.0, 0.2]) + rng.normal(size=2) * 0.01))], SURE
         )
     (before,) = tracker.obstacles
-    for k in range(40, 100):
+    for k in range(40, 80):
         tracker.update(0.3 * k, [], SURE)
     (after,) = tracker.obstacles
     assert after.moving < 0.1
@@ -441,7 +485,9 @@ def peer(track: Track, dt: float, keep: float) -> UnscentedKalmanFilter:
 
     points = MerweScaledSigmaPoints(7, spread(7), 2.0, 0.0)
     twin = UnscentedKalmanFilter(7, 2, dt, relative_position, flow, points)
-    twin.x, twin.P, twin.Q = track._moving.x.copy(), track._moving.P.copy(), np.zeros((7, 7))
+    belief = track._belief
+    twin.x, twin.P = belief.x[STRAIGHT].copy(), belief.P[STRAIGHT].copy()
+    twin.Q = np.zeros((7, 7))
     return twin
 
 
@@ -460,10 +506,10 @@ def walked(turn_every_s: float, seed: int) -> tuple[Track, np.ndarray]:
     rng, dt = np.random.default_rng(seed), 0.4
     x, v = np.array([2.0, 0.0]), np.array([0.0, 0.08])
     track = Track(seen_at(*x), SURE, TrackConfig())
-    until = turn_every_s * rng.uniform(0.5, 1.5)
+    until = rng.exponential(turn_every_s)
     for step in range(262):
         if step * dt > until:
-            v, until = -v, until + turn_every_s * rng.uniform(0.5, 1.5)
+            v, until = -v, until + rng.exponential(turn_every_s)
         x = x + v * dt
         track.predict(dt, SURE)
         if step < 250:
@@ -487,11 +533,11 @@ def test_prediction_by_matrices_equals_prediction_by_sigma_points():
     track, dt, keep = followed(), 0.3, math.exp(-0.3 / VIEW_MEMORY_S)
     twin = peer(track, dt, keep)
     twin.predict()
-    track.config = TrackConfig(acceleration_mps2=1e-12)
-    track.radius_m = 0.0  # no shift of the centre
-    track.predict(dt, Gaussian(np.zeros(3), np.zeros((3, 3))))
-    np.testing.assert_allclose(track._moving.x, twin.x, atol=1e-9)
-    np.testing.assert_allclose(track._moving.P, twin.P, atol=1e-9)
+    belief = track._belief
+    _track_kernels.drift(belief, dt, np.zeros((MODES, 2)))
+    _track_kernels.look_from(belief, keep, np.zeros((3, 3)), 0.0)
+    np.testing.assert_allclose(belief.x[STRAIGHT], twin.x, atol=1e-9)
+    np.testing.assert_allclose(belief.P[STRAIGHT], twin.P, atol=1e-9)
     assert math.isclose(spread(7) ** 2 * 7, 3.0)
 
 
@@ -501,11 +547,24 @@ def test_the_update_equals_that_of_filterpy():
     twin = peer(track, 0.3, 1.0)
     twin.sigmas_f = twin.points_fn.sigma_points(twin.x, twin.P)
     seen = Detection(np.array([1.0, 0.47]), np.array([[4e-4, 1e-4], [1e-4, 2e-4]]), RADIUS_M)
-    innovation = track.update(seen)
+    track.update(seen)
     twin.update(seen.position, R=seen.covariance, robot=robot)
-    np.testing.assert_allclose(track._moving.x, twin.x, atol=1e-9)
-    np.testing.assert_allclose(track._moving.P, twin.P, atol=1e-9)
-    assert math.isclose(innovation.nis, float(twin.y @ twin.SI @ twin.y), rel_tol=1e-9)
+    np.testing.assert_allclose(track._belief.x[STRAIGHT], twin.x, atol=1e-9)
+    np.testing.assert_allclose(track._belief.P[STRAIGHT], twin.P, atol=1e-9)
+
+
+def test_the_modes_are_weighed_by_bayes_rule():
+    track = followed()
+    track.predict(0.3, Gaussian(np.array([0.2, -0.1, 0.4]), np.diag([0.02, 0.03, 0.05]) ** 2))
+    prior, (means, covariances) = track._belief.w.copy(), track._expectations()
+    seen = seen_at(1.1, 0.45)
+    likelihood = [
+        0.99 * multivariate_normal(mean, covariance + seen.covariance).pdf(seen.position) + 0.01
+        for mean, covariance in zip(means, covariances, strict=True)
+    ]
+    track.update(seen)
+    expected = prior * likelihood
+    np.testing.assert_allclose(track._belief.w, expected / expected.sum(), rtol=1e-9)
 
 
 @settings(max_examples=25, deadline=None)

@@ -1,0 +1,63 @@
+"""Where an obstacle will be: its modes of motion predicted without detections.
+
+Source: Blom and Bar-Shalom 1988 (interacting multiple models); ours: a velocity taken anew stays apart from the
+one observed, so that the forecast keeps its sharp part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..primitives.motion import MODES
+from ..primitives.obstacle import Obstacle
+from . import _track_kernels
+from ._track_kernels import CURVING, STILL, STRAIGHT, TURNED
+from .track import PUSHES
+
+AS_OBSERVED = (STRAIGHT, CURVING)
+"""Modes that keep the velocity observed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Modes at n times.
+
+    Args:
+        probabilities: (n, m); rows sum to 1.
+        means: (n, m, 4) over (x, y, vx, vy), world frame, m and m/s.
+        covariances: (n, m, 4, 4).
+    """
+
+    probabilities: Float[np.ndarray, "n m"]
+    means: Float[np.ndarray, "n m 4"]
+    covariances: Float[np.ndarray, "n m 4 4"]
+
+
+def forecast(obstacle: Obstacle, times_s: Float[np.ndarray, "n"]) -> Forecast:
+    """The modes of a tracked obstacle at times from the present on, ascending.
+
+    Its probability of moving, which weighs more than the filter knows, replaces that of the filter.
+
+    Raises:
+        ValueError: The obstacle has no modes.
+    """
+    motion = obstacle.motion
+    if motion is None:
+        raise ValueError(f"track {obstacle.track} has no modes of motion")
+    weights = motion.probabilities.copy()
+    weights[STILL] = 0.0
+    weights *= obstacle.moving / weights.sum()
+    weights[STILL] = 1.0 - obstacle.moving
+    rates = motion.rates.copy()
+    rates[TURNED, AS_OBSERVED] = rates[STILL, TURNED] = 0.0
+    n, m = len(times_s), len(MODES)
+    probabilities, means = np.empty((n, m)), np.empty((n, m, 4))
+    covariances = np.empty((n, m, 4, 4))
+    belief = _track_kernels.Belief(weights, motion.means, motion.covariances)
+    _track_kernels.forecast(
+        belief, rates, motion.fresh, PUSHES, times_s, probabilities, means, covariances
+    )
+    return Forecast(probabilities, means, covariances)
