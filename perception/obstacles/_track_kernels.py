@@ -91,7 +91,9 @@ def make_positive(matrix: np.ndarray, root: np.ndarray) -> None:
 
 
 @njit(cache=True)
-def merge(weights: np.ndarray, x: np.ndarray, P: np.ndarray, mean: np.ndarray, cov: np.ndarray) -> None:
+def merge(
+    weights: np.ndarray, x: np.ndarray, P: np.ndarray, mean: np.ndarray, cov: np.ndarray
+) -> None:
     """Mean (n,) and covariance (n, n), written, of a mixture of the first n entries of Gaussians; weights sum to 1."""
     size = len(mean)
     mean[:] = 0.0
@@ -143,7 +145,9 @@ def switch(belief: Belief, chances: np.ndarray, fresh: np.ndarray) -> None:
         for i in range(modes):
             share[i] = chances[i, j] * w[i]
             after[j] += share[i]
-        if after[j] < 1e-12:  # nothing changes into it that counts: it stays as it was, with that weight
+        if (
+            after[j] < 1e-12
+        ):  # nothing changes into it that counts: it stays as it was, with that weight
             after[j] = 1e-12
             continue
         own_x, own_P = before_x.copy(), before_P.copy()

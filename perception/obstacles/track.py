@@ -190,9 +190,7 @@ class Track:
         """Its modes, and how it changes between them."""
         w, x, P = self._belief
         means, covariances = x[:, :4].copy(), P[:, :4, :4].copy()
-        return Motion(
-            w.copy(), means, covariances, self._rates(), self._fresh(), self._straight()
-        )
+        return Motion(w.copy(), means, covariances, self._rates(), self._fresh(), self._straight())
 
     def _straight(self) -> Gaussian:
         """Over (x, y, vx, vy), world frame, if it moves and has gone straight on since it was seen."""

@@ -13,6 +13,10 @@ MODES = ("still", "pausing", "straight", "curving", "turned")
 """Names of the modes; `perception.obstacles.track` describes them."""
 
 
+GOING = 2
+"""The first of the modes that go."""
+
+
 @dataclass(frozen=True, eq=False)
 class Motion:
     """Modes of one obstacle at the present time.
@@ -32,6 +36,23 @@ class Motion:
     rates: Float[np.ndarray, "5 5"]
     fresh: Float[np.ndarray, "2 2"]
     straight: Gaussian
+
+    @property
+    def standing(self) -> Float[np.ndarray, "2"]:
+        """Where it stands if it does, m."""
+        weights = self.probabilities[:GOING]
+        place: np.ndarray = weights @ self.means[:GOING, :2] / weights.sum()
+        return place
+
+    @property
+    def goes_if_it_moves(self) -> float:
+        """Probability that it goes, given that it is not still."""
+        return float(self.probabilities[GOING:].sum() / self.probabilities[1:].sum())
+
+    @property
+    def turns_per_s(self) -> float:
+        """Rate at which it takes a new velocity while it goes straight on, 1/s."""
+        return float(self.rates[GOING, -1])
 
     @property
     def named(self) -> dict[str, float]:

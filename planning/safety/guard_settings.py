@@ -24,7 +24,8 @@ SMALL_RADIUS_M = 0.20  # ours: larger static tracks are represented by occupied 
 SURE_S = 3.0  # ours: the covariance grows no longer than this; later the obstacle is observed again
 DOUBT_S = 2.5  # ours: how far ahead the hypotheses of an unseen reversal are followed
 LONGEST_UNSEEN_S = 15.0  # ours: cap on the time since the last sighting
-TURNS_EVERY_S = 20.0  # ours: mean time between reversals; the courses have 12 to 25 s
+TURNS_EVERY_S = 15.0  # ours: mean time between turns of an obstacle without modes of motion
+ESCAPE_S = 4.0  # ours: time in which the robot gets out of the path of an obstacle
 LOST_WEIGHT = 0.3  # ours: weight of a target lost somewhere on its line
 SOFT_M = 0.10  # ours: width of the band beyond the margin that costs a little
 SOFT_COST_M = 0.15  # ours: cost at the inner edge of that band
@@ -49,13 +50,7 @@ class GuardConfig:
         0.15  # ours: more would freeze the robot; largest standard deviation that is added
     )
     acceleration_mps2: float = (
-        0.004  # ours; random acceleration of moving obstacles in the prediction
-    )
-    turn_weight: float = setting(
-        0.25,
-        "",
-        "probability that a moving obstacle reverses while the robot gets out of its path",
-        "ours",
+        0.004  # ours; random acceleration in the prediction of obstacles without modes of motion
     )
     react_s: float = setting(
         1.3, "s", "time until a reversal is noticed and the next step begins", "ours: two steps"
@@ -63,7 +58,8 @@ class GuardConfig:
     fade_s: float = (
         8.0  # ours: 4 reacts late, 16 hesitates; time after which a later cost counts 1/e
     )
-    learnt_weight: float = 0.04  # ours: the same where it passed before without reversing
+    learnt_weight: float = 0.04  # ours: probability that an obstacle reverses, while the robot gets
+    # out of its path, where it passed before without reversing
     following_cost: float = 0.0  # ours: share of the cost of every step behind an obstacle that
     # may reverse; for slow obstacles. Among faster ones it hesitates (22 for 30 of 40 hard courses)
     keep_m: float = 0.04  # ours: another plan must be better than the present one by this ...

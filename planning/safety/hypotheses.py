@@ -1,7 +1,7 @@
 """Hypotheses about the obstacles near the robot during a rollout, and the distance to keep from each.
 
-An obstacle is static or moves, with the probability that its track gives. A moving one follows its motion pattern,
-else goes straight on; one out of sight may have reversed or stopped at any time since its last sighting. Each
+An obstacle stands or goes, with the probabilities that its modes of motion give. One that goes follows its motion
+pattern, else goes straight on; one out of sight may have reversed or stopped at any time since its last sighting. Each
 hypothesis is a disc with a position at every sample of the rollout, a required distance, and a weight.
 
 Source: ours; chance constraints by one standard deviation of the relative position.
@@ -13,7 +13,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
+from perception.obstacles.forecast import AS_OBSERVED, forecast
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING, Obstacle
 from perception.primitives.robot_model import RobotModel
@@ -22,6 +24,7 @@ from . import _guard_kernels as kernels
 from ._guard_arguments import Discs
 from .guard_settings import (
     DOUBT_S,
+    ESCAPE_S,
     LONGEST_UNSEEN_S,
     LOST_WEIGHT,
     SMALL_RADIUS_M,
@@ -31,10 +34,13 @@ from .guard_settings import (
     TURNS_EVERY_S,
     GuardConfig,
 )
-from .prediction import TOP_MPS, Line, MotionPatterns
+from .prediction import Line, MotionPatterns
 
 SURE = 0.95
 """Ours: above this probability of moving the static hypothesis is left out, and the reverse."""
+
+LEAST = 1e-3
+"""Ours: modes of a lower probability are left out of a mixture."""
 
 LOST_M = 1.0
 """Ours: distance beyond which a line is left out."""
@@ -77,43 +83,48 @@ class Hypotheses:
         )
 
     def add(self, obstacle: Obstacle) -> None:
-        """Add the hypotheses of one obstacle: static, with that probability, and moving."""
+        """Add the hypotheses of one obstacle: it stands, with that probability, or goes."""
         config, times = self._config, self._times
         moves = obstacle.moving
         if moves < MOVING and obstacle.radius_m > SMALL_RADIUS_M:
             return
         near = self._model.radius_m + obstacle.radius_m
         away = math.dist(obstacle.position.tolist(), self._here)
-        reach = self._horizon_s * (self._model.gait.max_speed_mps + TOP_MPS)
+        going = obstacle.gone_straight()
+        speed = float(np.hypot(*going.velocity))
+        reach = self._horizon_s * (self._model.gait.max_speed_mps + speed)
         if away > reach + near + config.margin_m + config.max_sigma_m + SOFT_M:
             return
-        if moves < SURE:
-            place = self._last_seen(obstacle) if moves >= MOVING else obstacle.position
+        goes = _goes(obstacle)
+        if goes < SURE:
+            place = self._stands_at(obstacle)
             sigma = min(config.sigmas * _position_sigma(self._robot, obstacle), config.margin_m)
             here = math.dist(place.tolist(), self._here)
             need = min(near + STILL_MARGIN_M + sigma, max(here, near))
             places = np.empty((len(times), 2))
             places[:] = place
-            self._put(
-                places,
-                self._rest,
-                np.full(len(times), need),
-                self._certain,
-                1.0 - moves,
-                self._never,
-            )
-        if moves > 1.0 - SURE:
-            going = obstacle.gone_straight()
-            covariances = np.empty((len(times), 3))
+            always = np.full(len(times), need)
+            self._put(places, self._rest, always, self._certain, 1.0 - goes, self._never)
+        if goes > 1.0 - SURE:
+            covariances = config.sigmas**2 * self._relative(obstacle)
+            self._add_moving(going, near + config.margin_m, covariances, goes)
+
+    def _relative(self, obstacle: Obstacle) -> Float[np.ndarray, "n 3"]:
+        """Variances of x and of y, and their covariance, m^2, of a going obstacle's position relative to the robot."""
+        covariances = np.empty((len(self._times), 3))
+        if obstacle.motion is None:
             kernels.relative_covariances(
-                going.state.covariance,
+                obstacle.state.covariance,
                 self._robot.covariance,
-                times,
+                self._times,
                 SURE_S,
-                config.acceleration_mps2,
+                self._config.acceleration_mps2,
                 covariances,
             )
-            self._add_moving(going, near + config.margin_m, config.sigmas**2 * covariances, moves)
+            return covariances
+        found = forecast(obstacle, np.minimum(self._times, SURE_S))
+        P = found.as_observed() + self._robot.covariance[:2, :2]
+        return np.stack([P[:, 0, 0], P[:, 1, 1], P[:, 0, 1]], axis=1)
 
     def add_lost(self, line: Line) -> None:
         """Add discs along the whole line of a target that was lost on it, going either way."""
@@ -133,8 +144,11 @@ class Hypotheses:
                 weight = LOST_WEIGHT / pieces
                 self._put(places, self._rest, need, self._certain, weight, self._never)
 
-    def _last_seen(self, obstacle: Obstacle) -> np.ndarray:
-        unseen = max(self._stamp_s - obstacle.seen_s, 0.0)
+    def _stands_at(self, obstacle: Obstacle) -> np.ndarray:
+        """Where it stands if it does, m."""
+        if obstacle.motion is not None:
+            return obstacle.motion.standing
+        unseen = max(self._stamp_s - obstacle.seen_s, 0.0) if obstacle.moving >= MOVING else 0.0
         return np.asarray(obstacle.position - obstacle.velocity * unseen)
 
     def _put(
@@ -159,19 +173,20 @@ class Hypotheses:
         """Add the forecast; for an obstacle out of sight also that it reversed or stopped since then."""
         config, times = self._config, self._times
         unseen = min(max(self._stamp_s - obstacle.seen_s, 0.0), LONGEST_UNSEEN_S)
-        forecast = self._patterns.forecast(obstacle, self._stamp_s, times)
-        turning = np.where(forecast.learnt, config.learnt_weight, config.turn_weight)
+        expected = self._patterns.forecast(obstacle, self._stamp_s, times)
+        rate = 1.0 / TURNS_EVERY_S if obstacle.motion is None else obstacle.motion.turns_per_s
+        turns = -math.expm1(-rate * ESCAPE_S)
+        turning = np.where(expected.learnt, config.learnt_weight, turns)
         always = np.full(len(times), distance)
-        self._put(forecast.places, forecast.velocities, always, covariances, moves, turning)
-        if forecast.since_seen or unseen <= self._model.gait.step_s:
+        self._put(expected.places, expected.velocities, always, covariances, moves, turning)
+        if expected.since_seen or unseen <= self._model.gait.step_s:
             return
         velocity = obstacle.velocity
         speed = float(np.hypot(*velocity))
-        velocity = velocity * min(1.0, TOP_MPS / max(speed, 1e-9))
         seen_at = obstacle.position - obstacle.velocity * unseen
         early = np.where(times <= DOUBT_S, distance, 0.0)
         pieces = 1 + int(speed * unseen / distance)
-        weight = -math.expm1(-unseen / TURNS_EVERY_S)
+        weight = -math.expm1(-unseen * rate)
         for k in range(1, 2 * pieces + 1):
             share = 1.0 - k / pieces  # below 1, ..., 0, ..., -1
             places = seen_at + share * velocity * (unseen + times[:, None])
@@ -185,31 +200,44 @@ def mixture(
     patterns: MotionPatterns,
     config: GuardConfig,
 ) -> list[tuple[float, float, Gaussian]]:
-    """Where an obstacle that may move will be: standing, or on its motion pattern; for viewers.
+    """Where an obstacle will be: its modes of motion, those that keep their velocity on its motion pattern.
 
     Args:
         obstacle: A track at the present time.
         stamp_s: Present time.
-        times_s: From the present on.
+        times_s: From the present on, ascending.
         patterns: Learnt from the tracks.
-        config: For the random acceleration.
+        config: For the random acceleration of an obstacle without modes.
 
     Returns:
-        Time, probability and position (x, y) with covariance, m, of every hypothesis that planning counts.
+        Time, probability and position (x, y) with covariance, m, of every mode that counts.
     """
-    moves, going = obstacle.moving, obstacle.gone_straight()
+    times, going = np.array(times_s, np.float64), obstacle.gone_straight()
+    places = patterns.forecast(going, stamp_s, times).places
     found = []
-    if moves < SURE:
-        unseen = max(stamp_s - obstacle.seen_s, 0.0) if moves >= MOVING else 0.0
-        place = obstacle.position - obstacle.velocity * unseen
-        standing = Gaussian(place, obstacle.state.covariance[:2, :2])
-        found += [(t, 1.0 - moves, standing) for t in times_s]
-    if moves > 1.0 - SURE:
-        places = patterns.forecast(going, stamp_s, np.array(times_s, np.float64)).places
+    if obstacle.motion is None:
+        standing = Gaussian(obstacle.position, obstacle.state.covariance[:2, :2])
         for t, place in zip(times_s, places, strict=True):
-            ahead = going.after(min(t, SURE_S), config.acceleration_mps2)
-            found.append((t, moves, Gaussian(place, ahead.state.covariance[:2, :2])))
-    return found
+            ahead = going.after(min(t, SURE_S), config.acceleration_mps2).state
+            found.append((t, 1.0 - obstacle.moving, standing))
+            found.append((t, obstacle.moving, Gaussian(place, ahead.covariance[:2, :2])))
+    else:
+        modes = forecast(obstacle, times)
+        shifts = places - (going.position + times[:, None] * going.velocity)
+        modes.means[:, AS_OBSERVED, :2] += shifts[:, None]
+        for k, t in enumerate(times_s):
+            for weight, mean, P in zip(
+                modes.probabilities[k], modes.means[k], modes.covariances[k], strict=True
+            ):
+                found.append((t, float(weight), Gaussian(mean[:2], P[:2, :2])))
+    return [one for one in found if one[1] > LEAST]
+
+
+def _goes(obstacle: Obstacle) -> float:
+    """Probability that it goes now."""
+    if obstacle.motion is None:
+        return obstacle.moving
+    return obstacle.moving * obstacle.motion.goes_if_it_moves
 
 
 def _position_sigma(robot: Gaussian, obstacle: Obstacle) -> float:

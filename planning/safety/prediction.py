@@ -23,7 +23,6 @@ from perception.primitives.obstacle import Obstacle
 from . import _prediction_kernels
 
 # all ours
-TOP_MPS = 0.25  # cap on estimated speeds
 REMEMBERED = 0.6  # probability that a remembered obstacle is where its line predicts it
 LEARN_FROM = 0.5  # tracks with a lower probability of moving teach nothing
 LEAST_MPS = 0.02  # slower motion is noise
@@ -136,7 +135,6 @@ class MotionPatterns:
         """
         velocity = obstacle.velocity
         speed = float(np.hypot(*velocity))
-        velocity = velocity * min(1.0, TOP_MPS / max(speed, 1e-9))
         unseen = max(stamp_s - obstacle.seen_s, 0.0)
         seen_at = obstacle.position - obstacle.velocity * unseen
         line = self._line_of(obstacle, seen_at) if speed >= LEAST_MPS else None
@@ -146,7 +144,7 @@ class MotionPatterns:
             return Forecast(places, moving, np.zeros(len(times), np.bool_), False)
         sense = 1.0 if float(velocity @ line.direction) >= 0.0 else -1.0
         start = line.along(seen_at)
-        rate = min(self._rate(obstacle, line), TOP_MPS)
+        rate = self._rate(obstacle, line)
         places, velocities = np.empty((len(times), 2)), np.empty((len(times), 2))
         learnt = np.empty(len(times), np.bool_)
         _prediction_kernels.back_and_forth(

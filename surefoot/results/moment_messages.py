@@ -204,7 +204,7 @@ def _obstacle(one: Mapping[str, Any]) -> Obstacle:
     state = _gaussian(one)
     assert state is not None
     scalars = {k: math.nan if one[k] is None else one[k] for k in _SCALARS}
-    return Obstacle(state, track=one["track"], **scalars)
+    return Obstacle(state, track=one["track"], motion=None, **scalars)
 
 
 def _prediction(one: Mapping[str, Any]) -> Prediction:

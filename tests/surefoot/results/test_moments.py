@@ -10,13 +10,15 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from mapping.objects.footprints import Footprint
+from perception.obstacles.track import Detection
+from perception.obstacles.tracker import ObstacleTracker
 from perception.primitives.camera import Camera
 from perception.primitives.errors import RecordingError
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
 from perception.primitives.pose import Pose2, Pose3
 from planning.gaze.selection import DirectionMap
-from surefoot.mcap_file import TopicWriter
+from surefoot.mcap_file import TopicWriter, messages
 from surefoot.results.moment import UNKNOWN, FloorSeen, Layers, Moment, Prediction
 from surefoot.results.moment_messages import JSON_TOPICS, MOMENT
 from surefoot.results.moments import ESTIMATES, MomentWriter, held, read_moments
@@ -35,8 +37,7 @@ def full_moment(rng, stamp_s):
     height = (rng.integers(-400, 400, (7, 7)) / 256).astype(np.float32)
     height[probability == UNKNOWN] = np.nan
     obstacles = tuple(
-        Obstacle(gaussian(rng, 4), 0.1, 0.4, k, 0.7, stamp_s - 0.3, 0.1, gaussian(rng, 4))
-        for k in range(2)
+        Obstacle(gaussian(rng, 4), 0.1, 0.4, k, 0.7, stamp_s - 0.3, 0.1) for k in range(2)
     )
     predictions = tuple(
         tuple(Prediction(t, 0.5, *vars(gaussian(rng, 2)).values()) for t in (1.0, 2.0))
@@ -197,6 +198,19 @@ def test_a_run_without_estimates_says_what_to_do(run):
     run.path(ESTIMATES).write_bytes(b"no MCAP at all")
     with pytest.raises(RecordingError, match="not an MCAP file"):
         list(read_moments(run))
+
+
+def test_the_modes_of_a_track_stand_in_the_moment_by_name(run):
+    tracker = ObstacleTracker()
+    for k in range(20):
+        seen = Detection(np.array([1.0, 0.03 * k]), np.eye(2) * 1e-4, 0.1)
+        tracker.update(0.3 * k, [seen], Gaussian(np.zeros(3), np.eye(3) * 1e-8))
+    write(run, [Moment(1.0, tracks=tuple(tracker.obstacles), predictions=((),))])
+    found = [json.loads(m.data) for topic, m in messages(run.path(ESTIMATES)) if topic == MOMENT]
+    modes = found[0]["tracks"][0]["modes"]
+    assert list(modes) == ["still", "pausing", "straight", "curving", "turned"]
+    assert sum(modes.values()) == pytest.approx(1.0)
+    assert modes["straight"] + modes["curving"] > 0.8
 
 
 def test_a_damaged_moment_is_one_error_that_names_it(run):
