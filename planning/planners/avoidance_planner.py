@@ -203,10 +203,10 @@ class AvoidancePlanner(GoalSeeker):
         plan = Plan(
             goal,
             steps=self._guard.ahead,
-            risk_m=self._guard.claimed_m,
+            risk=self._guard.risk,
             gaze_map=self._gaze.valued,
         )
-        return Decision(walk, gaze, "walk" if walk == desired else "guard", plan=plan)
+        return Decision(walk, gaze, "walk" if walk == desired else self._guard.word, plan=plan)
 
     def _face(self, robot: Pose2, heading: float, gaze: GazeCommand) -> Decision:
         """Turn towards the blocked path; once there, begin to scan."""
@@ -307,7 +307,7 @@ class AvoidancePlanner(GoalSeeker):
         turned, tilt = (math.pi / 2, INTO_RAD) if leg.gap_m else (math.pi / 4, DOWN_RAD)
         pan = math.copysign(turned, desired.lateral_m) if leg.primitive == "S" else 0.0
         legs = [[robot.x, robot.y], *([one.target.x, one.target.y] for one in self._legs)]
-        plan = Plan(goal, np.array(legs), risk_m=self._guard.claimed_m)
+        plan = Plan(goal, np.array(legs), risk=self._guard.risk)
         return Decision(walk, GazeCommand(pan, tilt), self.choices[-1].motion, plan=plan)
 
     def _in_the_middle(self, leg: Leg, world: WorldModel) -> Leg:

@@ -88,8 +88,9 @@ class FieldPlanner(GoalSeeker):
         self._speed_mps = walk.forward_m / self._robot.gait.step_s
         plan = Plan(goal, gaze_map=self.gaze.valued)
         if isinstance(self._guard, Guard):
-            plan = replace(plan, steps=self._guard.ahead, risk_m=self._guard.claimed_m)
-        return Decision(walk, gaze, why if walk == desired else "guard", plan=plan)
+            plan = replace(plan, steps=self._guard.ahead, risk=self._guard.risk)
+        word = self._guard.word if isinstance(self._guard, Guard) else "guard"
+        return Decision(walk, gaze, why if walk == desired else word, plan=plan)
 
     def _desired(
         self,

@@ -39,14 +39,14 @@ class Plan:
         goal: The present goal; None without one.
         route: Way points to it, the robot first; empty without a search.
         steps: Next poses of the body, x, y, yaw, one a step.
-        risk_m: Cost of obstacles on these steps as the guard claims it, m of detour; None without a guard.
+        risk: Probability of contact with what may move, on the next steps, as the guard claims it; None without a guard.
         gaze_map: Worth of the directions, by which the gaze was chosen; None if it was not.
     """
 
     goal: Float[np.ndarray, "2"] | None = None
     route: Float[np.ndarray, "m 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     steps: Float[np.ndarray, "n 3"] = field(default_factory=lambda: np.zeros((0, 3)))
-    risk_m: float | None = None
+    risk: float | None = None
     gaze_map: DirectionMap | None = None
 
 

@@ -116,7 +116,8 @@ class SearchPlanner:
                 desired, world.pose, obstacles, standing, target, world.stamp_s
             )
         self._speed_mps = walk.forward_m / self._robot.gait.step_s
-        why = why if walk == desired else "guard"
+        if walk != desired:
+            why = self._guard.word if self._stepper is self._guard else "guard"
         return Decision(walk, gaze, why, watch.milliseconds, plan=self._plan(here, goal))
 
     def _plan(self, here: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"]) -> Plan:
@@ -127,7 +128,7 @@ class SearchPlanner:
             goal,
             route if self._route.path is not None else np.zeros((0, 2)),
             self._guard.ahead if guarded else np.zeros((0, 3)),
-            self._guard.claimed_m if guarded else None,
+            self._guard.risk if guarded else None,
             self.gaze.valued,
         )
 

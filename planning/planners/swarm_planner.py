@@ -155,8 +155,8 @@ class SwarmPlanner(GoalSeeker):
         walk = self._guarded(desired, target, goal if why == "walk" else target, world, movers)
         step_m = math.hypot(walk.forward_m, walk.lateral_m)
         self._waits = walk != desired and step_m < WAITS * gait.cruise_mps * gait.step_s
-        plan = Plan(goal, steps=self._guard.ahead, risk_m=self._guard.claimed_m)
-        return Decision(walk, gaze, why if walk == desired else "guard", plan=plan)
+        plan = Plan(goal, steps=self._guard.ahead, risk=self._guard.risk)
+        return Decision(walk, gaze, why if walk == desired else self._guard.word, plan=plan)
 
     def _wish(
         self, place: Float[np.ndarray, "2"] | None, robot: Pose2, goal: Float[np.ndarray, "2"]

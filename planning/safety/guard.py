@@ -5,6 +5,9 @@ from the side and from behind. Before each step the guard rolls out many plans (
 back, wait, then go on) for 7.8 s against the predicted obstacles, with a distance that grows with their covariance,
 and against the occupied cells.
 
+The probability of contact with what may move, in the next seconds, is bounded (`risk`): of the plans that keep the
+bound the cheapest is walked, and if none does, the least dangerous.
+
 A moving obstacle follows the motion pattern learnt for it. Without a pattern it goes straight on or reverses at any
 time, and a plan is charged for every position from which the robot could not leave its path in time. The end of a
 plan is charged likewise, else the robot would back away for as long as plans are judged. Standing still is a plan
@@ -25,7 +28,7 @@ from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
-from perception.primitives.pose import Pose2, wrap_angle
+from perception.primitives.pose import Pose2
 from perception.primitives.robot_model import DARWIN_OP, GaitLimits, RobotModel
 
 from ..commands import WalkCommand
@@ -33,11 +36,14 @@ from ..footsteps import footstep, half_a_step_on, limited_step
 from . import _guard_arguments as arguments
 from . import _guard_kernels as kernels
 from . import guard_settings as constants
+from ._risk_kernels import walked
 from .guard_settings import GuardConfig as GuardConfig
 from .hypotheses import Hypotheses
 from .prediction import MotionPatterns
+from .risk import Risk
 
 SHOWN = 6  # steps of a plan that viewers draw
+SAME_RISK = 0.01  # ours: plans whose risks differ by less are equally dangerous
 
 
 class Guard:
@@ -49,8 +55,10 @@ class Guard:
         self._present: np.ndarray | None = None  # the plan being walked
         self._last, self._last_s = WalkCommand(), -math.inf
         self._plans = _fixed_plans(config.steps, robot.gait)
-        self.claimed_m = 0.0
-        """Cost of obstacles on the plan chosen last, m of detour."""
+        self.risk = 0.0
+        """Probability of contact with what may move, in the next `RISK_S` seconds on the plan chosen last."""
+        self.word = "guard"
+        """Why another step than the desired one was chosen last: "guard", or "least risk" if no plan keeps the bound."""
         self.ahead = np.zeros((0, 3))
         """(n, 3) poses of the body after each of its next steps: x, y, yaw, world frame, m and rad."""
 
@@ -97,20 +105,37 @@ class Guard:
         return [self.patterns.propagated(obstacle, stamp_s) for obstacle in everything]
 
     def _safest(self, desired: WalkCommand, scene: _Scene) -> WalkCommand:
-        wishes = _desired_plans(desired, self.robot.gait)
-        harm, _ = scene.judge(wishes[:1])
-        if harm[0] <= constants.PASS_M:
-            self._present = None
-            self.claimed_m, self.ahead = float(harm[0]), scene.poses(wishes[0])
+        wishes = _desired_plans(desired, self.robot.gait)[:1]
+        self.word = "guard"
+        harm, _ = scene.judge(wishes)
+        self.risk = float(scene.risks(wishes)[0])
+        if harm[0] <= constants.PASS_M and self.risk <= self.config.risk:
+            self._present, self.ahead = None, scene.poses(wishes[0])
             return desired
         plans = self._candidates(desired)
-        harm, cost = scene.judge(plans, prune=True)
+        best = int(np.argmin(self._cost(plans, scene, prune=True)))
+        self.risk = float(scene.risks(plans[best : best + 1])[0])
+        if self.risk > self.config.risk:
+            best = self._within_the_bound(plans, scene)
+        self._present, self.ahead = plans[best].copy(), scene.poses(plans[best])
+        return desired if best == 0 else scene.step(plans[best])
+
+    def _cost(self, plans: np.ndarray, scene: _Scene, prune: bool = False) -> np.ndarray:
+        """Cost of every plan, m; the present one, the second, is preferred."""
+        harm, cost = scene.judge(plans, prune)
         if np.isfinite(cost[1]):
             cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]
-        best = int(np.argmin(cost))
-        self._present = plans[best].copy()
-        self.claimed_m, self.ahead = float(harm[best]), scene.poses(plans[best])
-        return desired if best == 0 else scene.step(plans[best])
+        return cost
+
+    def _within_the_bound(self, plans: np.ndarray, scene: _Scene) -> int:
+        """The cheapest plan that keeps the bound; without one the cheapest of least risk."""
+        risks, cost = scene.risks(plans), self._cost(plans, scene)
+        least, bound = float(risks.min()), self.config.risk
+        if least > bound:
+            self.word, bound = "least risk", least + SAME_RISK
+        best = int(np.argmin(np.where(risks <= bound, cost, np.inf)))
+        self.risk = float(risks[best])
+        return best
 
     def _candidates(self, desired: WalkCommand) -> np.ndarray:
         """All plans: first the desired step and then pursuit, second the rest of the present plan."""
@@ -160,8 +185,10 @@ class _Scene:
     ) -> None:
         gait = model.gait
         hypotheses = Hypotheses(robot, stamp_s, config, model, patterns)
-        for obstacle in [*obstacles, *patterns.remembered(obstacles, stamp_s)]:
+        everything = [*obstacles, *patterns.remembered(obstacles, stamp_s)]
+        for obstacle in everything:
             hypotheses.add(obstacle)
+        self._risk = Risk(robot, everything, stamp_s, config, model, patterns)
         for line in patterns.lost(obstacles, stamp_s):
             hypotheses.add_lost(line)
         self._limits = gait
@@ -200,6 +227,10 @@ class _Scene:
         harm = results[:, 0] + results[:, 1]
         return harm, harm + results[:, 2] + constants.HEADING_COST_M * results[:, 3]
 
+    def risks(self, plans: np.ndarray) -> np.ndarray:
+        """Probability of contact on every plan."""
+        return self._risk.of(plans, self._robot, self._target, self._gait)
+
     def step(self, plan: np.ndarray) -> WalkCommand:
         """The first step of a plan, as the kernel makes it; a plan whose first part is over may pursue the target."""
         gait = self._limits
@@ -214,24 +245,9 @@ class _Scene:
         return footstep(math.atan2(dy, dx), forward / gait.step_s, pose, gait)
 
     def poses(self, plan: np.ndarray) -> Float[np.ndarray, "n 3"]:
-        """The body after each of the first steps of a plan, as the kernel rolls it out, for viewers."""
-        x, y, yaw = self._robot.tolist()
-        found = []
-        for step in range(SHOWN):
-            begins = step < plan[arguments.REPEAT]
-            forward, left, turn = (plan[:3] if begins else plan[4:7]).tolist()
-            if not begins and plan[arguments.PURSUES] > 0.0:
-                dx, dy = (self._target - [x, y]).tolist()
-                error = wrap_angle(math.atan2(dy, dx) - yaw)
-                turn = min(max(error, -self._gait.max_turn_rad), self._gait.max_turn_rad)
-                forward *= max(0.0, math.cos(error - turn))
-                if math.hypot(dx, dy) < 0.5 * plan[arguments.THEN_FORWARD]:
-                    forward = turn = 0.0
-            x += math.cos(yaw) * forward - math.sin(yaw) * left
-            y += math.sin(yaw) * forward + math.cos(yaw) * left
-            yaw = wrap_angle(yaw + turn)
-            found.append((x, y, yaw))
-        return np.array(found)
+        """The body after each of the first steps of a plan, for viewers."""
+        found: np.ndarray = walked(self._robot, plan, self._target, self._gait, SHOWN)
+        return found[1::2]
 
 
 def _desired_plans(desired: WalkCommand, gait: GaitLimits) -> np.ndarray:

@@ -27,6 +27,8 @@ LONGEST_UNSEEN_S = 15.0  # ours: cap on the time since the last sighting
 TURNS_EVERY_S = 15.0  # ours: mean time between turns of an obstacle without modes of motion
 ESCAPE_S = 4.0  # ours: time in which the robot gets out of the path of an obstacle
 LOST_WEIGHT = 0.3  # ours: weight of a target lost somewhere on its line
+RISK_S = 2.6  # ours: time for which the probability of contact is bounded; until then a new plan can take effect
+SIZE_SIGMA_M = 0.01  # ours: standard deviation of the distance of contact by the two sizes
 SOFT_M = 0.10  # ours: width of the band beyond the margin that costs a little
 SOFT_COST_M = 0.15  # ours: cost at the inner edge of that band
 STEEP = 40.0  # ours: cost per metre of missing distance
@@ -62,6 +64,12 @@ class GuardConfig:
     # out of its path, where it passed before without reversing
     following_cost: float = 0.0  # ours: share of the cost of every step behind an obstacle that
     # may reverse; for slow obstacles. Among faster ones it hesitates (22 for 30 of 40 hard courses)
+    risk: float = setting(
+        0.05,
+        "",
+        "largest probability of contact with what may move, in the next 2.6 s, that a step may have if another has less",
+        "ours",
+    )
     keep_m: float = 0.04  # ours: another plan must be better than the present one by this ...
     keep_share: float = 0.15  # ours: ... and by this share of the present plan's cost
 
@@ -76,5 +84,7 @@ class GuardConfig:
             raise ConfigError(
                 f"guard: following_cost={self.following_cost} must be finite and not negative"
             )
+        if not 0.0 < self.risk <= 1.0:
+            raise ConfigError(f"guard: risk={self.risk} must lie in (0, 1]")
         if not 0.0 <= self.keep_share < 1.0:
             raise ConfigError(f"guard: keep_share={self.keep_share} must lie in [0, 1)")

@@ -10,7 +10,7 @@ Source: ours; chance constraints by one standard deviation of the relative posit
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -38,9 +38,6 @@ from .prediction import Line, MotionPatterns
 
 SURE = 0.95
 """Ours: above this probability of moving the static hypothesis is left out, and the reverse."""
-
-LEAST = 1e-3
-"""Ours: modes of a lower probability are left out of a mixture."""
 
 LOST_M = 1.0
 """Ours: distance beyond which a line is left out."""
@@ -193,44 +190,60 @@ class Hypotheses:
             self._put(places, self._rest, early, covariances, moves * max(weight, 0.2), self._never)
 
 
-def mixture(
-    obstacle: Obstacle,
-    stamp_s: float,
-    times_s: Sequence[float],
-    patterns: MotionPatterns,
-    config: GuardConfig,
-) -> list[tuple[float, float, Gaussian]]:
-    """Where an obstacle will be: its modes of motion, those that keep their velocity on its motion pattern.
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """Where an obstacle will be at n times: m modes, those that keep their velocity on its motion pattern.
 
     Args:
-        obstacle: A track at the present time.
-        stamp_s: Present time.
-        times_s: From the present on, ascending.
-        patterns: Learnt from the tracks.
-        config: For the random acceleration of an obstacle without modes.
-
-    Returns:
-        Time, probability and position (x, y) with covariance, m, of every mode that counts.
+        weights: (n, m) probabilities; rows sum to 1.
+        means: (n, m, 2) world frame, m.
+        covariances: (n, m, 2, 2).
     """
-    times, going = np.array(times_s, np.float64), obstacle.gone_straight()
-    places = patterns.forecast(going, stamp_s, times).places
-    found = []
-    if obstacle.motion is None:
-        standing = Gaussian(obstacle.position, obstacle.state.covariance[:2, :2])
-        for t, place in zip(times_s, places, strict=True):
-            ahead = going.after(min(t, SURE_S), config.acceleration_mps2).state
-            found.append((t, 1.0 - obstacle.moving, standing))
-            found.append((t, obstacle.moving, Gaussian(place, ahead.covariance[:2, :2])))
-    else:
-        modes = forecast(obstacle, times)
-        shifts = places - (going.position + times[:, None] * going.velocity)
-        modes.means[:, AS_OBSERVED, :2] += shifts[:, None]
-        for k, t in enumerate(times_s):
-            for weight, mean, P in zip(
-                modes.probabilities[k], modes.means[k], modes.covariances[k], strict=True
-            ):
-                found.append((t, float(weight), Gaussian(mean[:2], P[:2, :2])))
-    return [one for one in found if one[1] > LEAST]
+
+    weights: Float[np.ndarray, "n m"]
+    means: Float[np.ndarray, "n m 2"]
+    covariances: Float[np.ndarray, "n m 2 2"]
+
+    @classmethod
+    def of(
+        cls,
+        obstacle: Obstacle,
+        stamp_s: float,
+        times_s: Float[np.ndarray, "n"],
+        patterns: MotionPatterns,
+        config: GuardConfig,
+    ) -> Ahead:
+        """Of a track at the present time.
+
+        Args:
+            obstacle: The track.
+            stamp_s: Present time.
+            times_s: From the present on, ascending.
+            patterns: Learnt from the tracks.
+            config: For the random acceleration of an obstacle without modes.
+        """
+        going = obstacle.gone_straight()
+        places = patterns.forecast(going, stamp_s, times_s).places
+        if obstacle.motion is not None:
+            modes = forecast(obstacle, times_s)
+            shifts = places - (going.position + times_s[:, None] * going.velocity)
+            modes.means[:, AS_OBSERVED, :2] += shifts[:, None]
+            means, P = modes.means[..., :2], modes.covariances[..., :2, :2]
+            return cls(modes.probabilities, means.copy(), P.copy())
+        moves = obstacle.moving
+        standing = np.broadcast_to(obstacle.position, places.shape)
+        still = obstacle.state.covariance[:2, :2]
+        P = np.array(
+            [
+                [
+                    still,
+                    going.after(min(t, SURE_S), config.acceleration_mps2).state.covariance[:2, :2],
+                ]
+                for t in times_s.tolist()
+            ]
+        )
+        weights = np.tile([1.0 - moves, moves], (len(times_s), 1))
+        return cls(weights, np.stack([standing, places], axis=1), P)
 
 
 def _goes(obstacle: Obstacle) -> float:

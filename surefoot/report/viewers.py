@@ -102,8 +102,8 @@ def _log(rr: Any, stream: Any, moment: Moment) -> None:
             "map/steps", rr.Points3D(np.pad(moment.steps[:, :2], ((0, 0), (0, 1))), radii=0.02)
         )
         stream.log("why", rr.TextLog(moment.why))
-        if moment.risk_m is not None:
-            stream.log("risk_m", rr.Scalars(moment.risk_m))
+        if moment.risk is not None:
+            stream.log("risk", rr.Scalars(moment.risk))
 
 
 def _transform(rr: Any, pose: Pose3) -> Any:

@@ -118,7 +118,7 @@ def moment_from_messages(data: Mapping[str, bytes]) -> Moment:
         gaze=_pair(values["gaze"]),
         gaze_map=_gaze_map(data.get(GAZE), values),
         why=values["why"],
-        risk_m=values["risk_m"],
+        risk=values["risk"],
         floor={name: _floor(one) for name, one in values["floor"].items()},
         grid=_layers(data.get(GRID)),
         tracks=tuple(_obstacle(one) for one in values["tracks"]),
@@ -164,7 +164,7 @@ def _numbers_of(moment: Moment) -> dict[str, Any]:
         "gaze_pans": None if gaze is None else _list(gaze.pans),
         "gaze_tilts": None if gaze is None else _list(gaze.tilts),
         "why": moment.why,
-        "risk_m": moment.risk_m,
+        "risk": moment.risk,
         "floor": {
             name: {
                 "normal": _list(one.normal),

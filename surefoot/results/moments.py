@@ -33,7 +33,7 @@ from .run_folder import RunFolder
 
 ESTIMATES = "estimates.mcap"
 CHUNK_S = 1.0  # ours: a killed run loses this much at most; smaller chunks compress less
-PLAN = ("steps", "route", "goal", "gaze", "gaze_map", "why", "risk_m")
+PLAN = ("steps", "route", "goal", "gaze", "gaze_map", "why", "risk")
 
 
 class MomentWriter:

@@ -21,7 +21,7 @@ from perception.primitives.pose import Pose2, Pose3
 from planning.gaze.selection import DirectionMap
 from planning.planners.planner import Decision, Plan
 from planning.safety.guard_settings import GuardConfig
-from planning.safety.hypotheses import mixture
+from planning.safety.hypotheses import Ahead
 from planning.safety.prediction import MotionPatterns
 
 from ..config.schema import Config
@@ -40,6 +40,7 @@ HEIGHT_STEPS = (
     256  # a metre; a power of two, so that steps are exact; 4 mm are below the noise of depth
 )
 AHEAD_S = (1.0, 2.0, 4.0)  # of predictions
+LEAST = 1e-3  # modes of a lower probability are not drawn
 
 
 class MomentRecorder:
@@ -176,11 +177,18 @@ def _layers(grid: EgocentricGrid, confidence: ConfidenceLayer | None) -> Layers:
 def _predictions(
     obstacle: Obstacle, stamp_s: float, config: GuardConfig, patterns: MotionPatterns
 ) -> tuple[Prediction, ...]:
-    """The hypotheses on an obstacle that may move; none for a static one."""
+    """The modes of an obstacle that may move; none for a static one."""
     if obstacle.moving < MOVING:
         return ()
-    found = mixture(obstacle, stamp_s, AHEAD_S, patterns, config)
-    return tuple(Prediction(t, float(w), at.mean, at.covariance) for t, w, at in found)
+    ahead = Ahead.of(obstacle, stamp_s, np.array(AHEAD_S), patterns, config)
+    return tuple(
+        Prediction(t, float(weight), mean.copy(), P.copy())
+        for k, t in enumerate(AHEAD_S)
+        for weight, mean, P in zip(
+            ahead.weights[k], ahead.means[k], ahead.covariances[k], strict=True
+        )
+        if weight > LEAST
+    )
 
 
 def _intention(decision: Decision, pose: Gaussian | None) -> dict[str, Any]:
@@ -190,7 +198,7 @@ def _intention(decision: Decision, pose: Gaussian | None) -> dict[str, Any]:
     if not len(steps) and pose is not None:
         step = Pose2(walk.forward_m, walk.lateral_m, walk.turn_rad)
         steps = (Pose2(*pose.mean.tolist()) @ step).vector[None]
-    finite = plan.risk_m is not None and math.isfinite(plan.risk_m)
+    finite = plan.risk is not None and math.isfinite(plan.risk)
     return {
         "steps": steps,
         "route": plan.route,
@@ -198,7 +206,7 @@ def _intention(decision: Decision, pose: Gaussian | None) -> dict[str, Any]:
         "gaze": (decision.gaze.pan_rad, decision.gaze.tilt_rad),
         "gaze_map": None if plan.gaze_map is None else _gaze_map(plan.gaze_map),
         "why": decision.why,
-        "risk_m": plan.risk_m if finite else None,
+        "risk": plan.risk if finite else None,
     }
 
 

@@ -47,7 +47,7 @@ UPPER = ("P00", "P01", "P02", "P11", "P12", "P22")  # elements of the plane's co
 FLOOR_HEADER = ("stamp_s", "camera", "nx", "ny", "nz", "height_m", *UPPER, "share", "state")
 INNOVATION_HEADER = ("stamp_s", "source", "identity", "whitened_0", "whitened_1")
 COMMAND_HEADER = (
-    "stamp_s", "forward_m", "lateral_m", "turn_rad", "pan_rad", "tilt_rad", "why",
+    "stamp_s", "forward_m", "lateral_m", "turn_rad", "pan_rad", "tilt_rad", "why", "risk",
 )  # fmt: skip
 VIEW_EVERY_S = 4.0  # pictures for the report: about 15 per minute
 MAX_VIEWS = 60
@@ -122,7 +122,11 @@ class RunRecorder:
         if decision is not None:
             walk, gaze = decision.walk, decision.gaze
             step = (walk.forward_m, walk.lateral_m, walk.turn_rad)
-            self._commands.append((stamp, *step, gaze.pan_rad, gaze.tilt_rad, decision.why))
+            risk = None if decision.plan is None else decision.plan.risk
+            head = (gaze.pan_rad, gaze.tilt_rad)
+            self._commands.append(
+                (stamp, *step, *head, decision.why, np.nan if risk is None else risk)
+            )
         self._keep_views(frame, estimate, decision)
         self._moments.note(cycle)
 

@@ -63,7 +63,7 @@ def _values(moments: Sequence[Moment], nearest: Numbers) -> list[tuple[str, list
 
     rows = [
         ("decision", each(lambda one: one.why)),
-        ("claimed risk", each(lambda one: _said(one.risk_m, "{:.2f} m of detour"))),
+        ("claimed risk", each(lambda one: _said(one.risk, "{:.1%} chance of contact"))),
         ("position", each(_position)),
         ("heading", each(_heading)),
         ("nearest obstacle", [_said(gap, "{:.2f} m") for gap in nearest]),
@@ -148,7 +148,7 @@ def _series(moments: Sequence[Moment], nearest: Numbers) -> list[dict[str, Any]]
         _plot("Standard deviation of the position", "cm", x=deviations(0, 100.0), y=deviations(1, 100.0)),
         _plot("Standard deviation of the heading", "deg", heading=deviations(2, math.degrees(1.0))),
         _plot("Nearest obstacle, from the body's centre", "m", distance=nearest),
-        _plot("Claimed risk of the chosen plan", "m of detour", risk=[one.risk_m for one in moments]),
+        _plot("Claimed risk of the chosen plan", "probability", risk=[one.risk for one in moments]),
         _plot("Direction of the head", "deg", zero=False, pan=degrees(heads, 0), tilt=degrees(heads, 1)),
         _plot("Tracks", "number", all=every if tracked else [], moving=moving if tracked else []),
         _plot("Time per frame", "ms", cut=True, time=[_total(one) for one in moments]),

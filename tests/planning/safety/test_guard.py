@@ -284,4 +284,4 @@ def test_the_first_pose_shown_is_the_step_that_the_guard_chose():
     assert step != wish
     there = start @ Pose2(step.forward_m, step.lateral_m, step.turn_rad)
     np.testing.assert_allclose(guard.ahead[0], there.vector, atol=1e-9)
-    assert guard.claimed_m >= 0.0
+    assert 0.0 <= guard.risk <= 1.0

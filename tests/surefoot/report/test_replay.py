@@ -75,7 +75,7 @@ def moments(count: int = 60) -> list[Moment]:
                     gaze / 255.0, np.linspace(-1.5, 1.5, 9), np.linspace(0.0, 1.0, 5)
                 ),
                 why="walk" if k % 3 else "guard",
-                risk_m=0.01 * k,
+                risk=0.01 * k,
                 grid=grid,
                 tracks=(mover,),
                 predictions=((ahead,),),
@@ -400,7 +400,7 @@ def test_a_killed_run_is_replayed_as_far_as_it_was_written(tmp_path):
 def test_numbers_that_are_not_finite_are_left_out(tmp_path):
     strange = moments(4)
     lost = Gaussian(np.array([0.0, 0.0, 0.0]), np.diag([np.inf, np.inf, np.inf]))
-    strange[1] = dataclasses.replace(strange[1], pose=lost, risk_m=math.inf)
+    strange[1] = dataclasses.replace(strange[1], pose=lost, risk=math.inf)
     text = page.replay_page(RunFolder.create(tmp_path / "strange"), strange)
     assert text is not None
     assert columns(strange)["pose"][1][3:] == [None, 0.0, None, None]

@@ -169,7 +169,7 @@ def test_what_a_moment_does_not_bring_is_held(run):
     decided = Moment(3.0, why="blocked")
     again, blocked = list(held([first, Moment(2.0), decided]))[1:]
     assert again.stamp_s == 2.0
-    for name in ("steps", "route", "goal", "why", "risk_m", "grid", "colour", "depth"):
+    for name in ("steps", "route", "goal", "why", "risk", "grid", "colour", "depth"):
         assert getattr(again, name) is getattr(first, name)
     assert again.tracks == ()
     assert blocked.why == "blocked"

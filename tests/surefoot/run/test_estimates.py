@@ -141,7 +141,7 @@ def test_the_plan_ahead_begins_with_the_commanded_step_and_leads_on(walk):
             half = 0.6 * forward_m + 0.05  # the body follows its feet by half a step
             assert np.hypot(*(steps[0, :2] - one.pose.mean[:2])) < forward_m + half
             assert abs(wrap_angle(steps[0, 2] - one.pose.mean[2] - turn_rad)) < np.radians(14.0)
-        assert one.risk_m >= 0.0
+        assert one.risk >= 0.0
     assert walked >= 2
 
 

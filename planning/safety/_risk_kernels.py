@@ -1,0 +1,139 @@
+"""Compiled probability of contact along plans: the walked places, and a disc's mass under a Gaussian."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from perception.primitives.compiled import njit
+
+from ._guard_arguments import (
+    FORWARD,
+    LEFT,
+    PURSUES,
+    REPEAT,
+    THEN_FORWARD,
+    THEN_LEFT,
+    THEN_TURN,
+    TURN,
+    Gait,
+)
+
+CHORDS, SHARES = np.polynomial.legendre.leggauss(10)
+"""Gauss-Legendre nodes and weights on [-1, 1]."""
+
+ROOT2 = math.sqrt(2.0)
+FAR = 4.0
+"""Standard deviations beyond which there is no contact."""
+
+
+@njit(cache=True)
+def walked(
+    robot: np.ndarray, plan: np.ndarray, target: np.ndarray, gait: Gait, steps: int
+) -> np.ndarray:
+    """(2 * steps, 3) poses in the middle and at the end of every step of a plan, as `roll_out` walks it.
+
+    Args:
+        robot: (x, y, yaw), world frame, m and rad.
+        plan: (8,), see `_guard_arguments`.
+        target: (x, y), m.
+        gait: Limits of a step.
+        steps: How many.
+    """
+    found = np.empty((2 * steps, 3))
+    x, y, yaw = robot[0], robot[1], robot[2]
+    for step in range(steps):
+        if step < plan[REPEAT]:
+            forward, left, turn = plan[FORWARD], plan[LEFT], plan[TURN]
+        else:
+            forward, left, turn = plan[THEN_FORWARD], plan[THEN_LEFT], plan[THEN_TURN]
+            if plan[PURSUES] > 0.0:
+                dx, dy = target[0] - x, target[1] - y
+                if math.sqrt(dx * dx + dy * dy) < 0.5 * forward:
+                    forward, turn = 0.0, 0.0
+                else:
+                    error = math.atan2(dy, dx) - yaw
+                    error = (error + math.pi) % (2.0 * math.pi) - math.pi
+                    turn = min(max(error, -gait.max_turn_rad), gait.max_turn_rad)
+                    forward *= max(0.0, math.cos(error - turn))
+        c, s = math.cos(yaw), math.sin(yaw)
+        dx = 0.5 * (c * forward - s * left)
+        dy = 0.5 * (s * forward + c * left)
+        turned = (yaw + turn + math.pi) % (2.0 * math.pi) - math.pi
+        found[2 * step] = x + dx, y + dy, turned
+        x, y, yaw = x + 2.0 * dx, y + 2.0 * dy, turned
+        found[2 * step + 1] = x, y, yaw
+    return found
+
+
+@njit(cache=True)
+def disc_mass(x: float, y: float, xx: float, yy: float, xy: float, radius: float) -> float:
+    """Probability that a Gaussian offset lies within a disc about the origin.
+
+    Args:
+        x, y: Its mean, m.
+        xx, yy, xy: Its variances and covariance, m^2.
+        radius: Of the disc, m.
+    """
+    middle, half = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    apart = math.sqrt(half * half + xy * xy)
+    major, minor = math.sqrt(middle + apart), math.sqrt(max(middle - apart, 1e-12))
+    if math.sqrt(x * x + y * y) > radius + FAR * major:
+        return 0.0
+    angle = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    c, s = math.cos(angle), math.sin(angle)
+    u, v = c * x + s * y, c * y - s * x
+    low, high = (
+        max(-radius, v - FAR * minor),
+        min(radius, v + FAR * minor),
+    )  # across, on the minor axis
+    if low >= high:
+        return 0.0
+    total = 0.0
+    for k in range(len(CHORDS)):
+        w = 0.5 * (low + high) + 0.5 * (high - low) * CHORDS[k]
+        chord = math.sqrt(max(radius * radius - w * w, 0.0))
+        along = math.erf((chord - u) / (ROOT2 * major)) - math.erf((-chord - u) / (ROOT2 * major))
+        e = (w - v) / minor
+        total += SHARES[k] * 0.5 * along * math.exp(-0.5 * e * e)
+    return min(total * 0.5 * (high - low) / (minor * math.sqrt(2.0 * math.pi)), 1.0)
+
+
+@njit(cache=True)
+def risks(
+    robot: np.ndarray, plans: np.ndarray, target: np.ndarray, gait: Gait,
+    weights: np.ndarray, means: np.ndarray, covariances: np.ndarray, radii: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Probability of contact on every plan (c, 8) within n samples, two a step.
+
+    Of each mode of an obstacle the most dangerous instant counts: the error of a prediction hardly changes from one
+    instant to the next. Modes exclude each other, obstacles are independent.
+
+    Args:
+        robot, plans, target, gait: As in `walked`.
+        weights, means, covariances: (k, n, m), (k, n, m, 2) and (k, n, m, 2, 2) of k obstacles relative to a robot
+            that is surely where its mean is; m modes.
+        radii: (k,) distances of contact, m.
+    """
+    found = np.zeros(len(plans))
+    obstacles, samples, modes = weights.shape
+    steps = (samples + 1) // 2
+    for i in range(len(plans)):
+        places = walked(robot, plans[i], target, gait, steps)
+        spared = 1.0
+        for k in range(obstacles):
+            touched = 0.0
+            for m in range(modes):
+                worst = 0.0
+                for n in range(samples):
+                    if weights[k, n, m] > worst:
+                        P = covariances[k, n, m]
+                        x = means[k, n, m, 0] - places[n, 0]
+                        y = means[k, n, m, 1] - places[n, 1]
+                        mass = disc_mass(x, y, P[0, 0], P[1, 1], P[0, 1], radii[k])
+                        worst = max(worst, weights[k, n, m] * mass)
+                touched += worst
+            spared *= 1.0 - min(touched, 1.0)
+        found[i] = 1.0 - spared
+    return found

@@ -1,0 +1,82 @@
+"""Probability of contact with what may move, on a plan.
+
+The error of the pose, that of the size, and the modes of motion of every obstacle count together. The horizon is
+short: what lies beyond it the robot decides anew, with new detections.
+
+Source: ours; chance constraints as in Blackmore, Ono and Williams 2011, over a mixture of motion modes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.obstacle import MOVING, Obstacle
+from perception.primitives.robot_model import RobotModel
+
+from . import _risk_kernels
+from ._guard_arguments import Gait
+from .guard_settings import RISK_S, SIZE_SIGMA_M, GuardConfig
+from .hypotheses import Ahead
+from .prediction import MotionPatterns
+
+
+class Risk:
+    """The obstacles that may move, predicted for the next `RISK_S` seconds."""
+
+    def __init__(
+        self,
+        robot: Gaussian,
+        obstacles: Sequence[Obstacle],
+        stamp_s: float,
+        config: GuardConfig,
+        model: RobotModel,
+        patterns: MotionPatterns,
+    ) -> None:
+        """Predict them.
+
+        Args:
+            robot: Gaussian over (x, y, yaw), world frame, m and rad.
+            obstacles: Tracks at the present time, world frame.
+            stamp_s: Present time.
+            config: Settings of the guard.
+            model: Size of the body, length of a step.
+            patterns: Motion patterns learnt from the tracks.
+        """
+        half = model.gait.step_s / 2.0
+        times = half * np.arange(1, 2 * max(round(RISK_S / half / 2.0), 1) + 1)
+        movers = [one for one in obstacles if one.moving >= MOVING]
+        doubt = robot.covariance[:2, :2] + np.eye(2) * SIZE_SIGMA_M**2
+        modes = max((5 if one.motion is not None else 2 for one in movers), default=1)
+        shape = (len(movers), len(times), modes)
+        self._weights, self._means = np.zeros(shape), np.zeros((*shape, 2))
+        self._covariances = np.zeros((*shape, 2, 2))
+        for k, one in enumerate(movers):
+            ahead = Ahead.of(one, stamp_s, times, patterns, config)
+            own = slice(ahead.weights.shape[1])
+            self._weights[k, :, own], self._means[k, :, own] = ahead.weights, ahead.means
+            self._covariances[k, :, own] = ahead.covariances + doubt
+        self._radii = np.array([model.radius_m + one.radius_m for one in movers], np.float64)
+
+    def of(
+        self,
+        plans: Float[np.ndarray, "c 8"],
+        robot: Float[np.ndarray, "3"],
+        target: Float[np.ndarray, "2"],
+        gait: Gait,
+    ) -> Float[np.ndarray, "c"]:
+        """Probability of contact on every plan of the guard."""
+        found: np.ndarray = _risk_kernels.risks(
+            robot,
+            np.ascontiguousarray(plans),
+            target,
+            gait,
+            self._weights,
+            self._means,
+            self._covariances,
+            self._radii,
+        )
+        return found

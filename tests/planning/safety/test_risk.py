@@ -1,0 +1,156 @@
+"""Claimed probability of contact against simulated obstacles, and the guard's bound on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from perception.obstacles._track_kernels import changes
+from perception.obstacles.track import Detection
+from perception.obstacles.tracker import ObstacleTracker
+from perception.primitives.errors import ConfigError
+from perception.primitives.gaussian import Gaussian
+from perception.primitives.motion import GOING, Motion
+from perception.primitives.obstacle import Obstacle
+from perception.primitives.pose import Pose2
+from perception.primitives.robot_model import DARWIN_OP
+from planning.commands import WalkCommand
+from planning.safety._guard_arguments import Gait
+from planning.safety._risk_kernels import disc_mass, walked
+from planning.safety.guard import Guard, _desired_plans
+from planning.safety.guard_settings import RISK_S, SIZE_SIGMA_M, GuardConfig
+from planning.safety.prediction import MotionPatterns
+from planning.safety.risk import Risk
+
+STEP_S = DARWIN_OP.gait.step_s
+GAIT = Gait(
+    DARWIN_OP.gait.max_turn_rad, STEP_S, DARWIN_OP.gait.max_speed_mps, DARWIN_OP.gait.max_side_mps
+)
+NOTHING = np.zeros((0, 2))
+SURE = Gaussian(np.zeros(3), np.diag([1e-4, 1e-4, 1e-4]))
+
+
+def tracked(place: np.ndarray, velocity: np.ndarray, seed: int = 0) -> Obstacle:
+    """A mover seen for 9 s, now at a place."""
+    rng, tracker = np.random.default_rng(seed), ObstacleTracker()
+    for k in range(31):
+        there = place + (0.3 * k - 9.0) * velocity + 0.01 * rng.standard_normal(2)
+        tracker.update(0.3 * k, [Detection(there, np.eye(2) * 1e-4, 0.1)], SURE)
+    (found,) = tracker.obstacles
+    assert found.moving > 0.5
+    return found
+
+
+def contact_share(obstacle: Obstacle, plan: np.ndarray, runs: int = 20000) -> float:
+    """Share of simulated futures in which the plan touches: modes change at random, the pose and the sizes err."""
+    rng, motion, dt = np.random.default_rng(1), obstacle.motion, 0.05
+    assert isinstance(motion, Motion)
+    weights = motion.probabilities.copy()
+    weights[0] = 0.0
+    weights *= obstacle.moving / weights.sum()
+    weights[0] = 1.0 - obstacle.moving
+    mode = rng.choice(5, runs, p=weights)
+    root = np.linalg.cholesky(motion.covariances)
+    x = motion.means[mode] + np.einsum("nij,nj->ni", root[mode], rng.standard_normal((runs, 4)))
+    rates = motion.rates.copy()
+    rates[0] = rates[4, 2:4] = 0.0
+    chances = np.cumsum(changes(rates, dt), axis=1)
+    chances[:, -1] = 1.0
+    error = rng.multivariate_normal(np.zeros(2), SURE.covariance[:2, :2], runs)
+    radius = DARWIN_OP.radius_m + obstacle.radius_m + SIZE_SIGMA_M * rng.standard_normal(runs)
+    poses = walked(np.zeros(3), plan, np.array([3.0, 0.0]), GAIT, 4)
+    times = np.concatenate([[0.0], np.arange(1, 9) * STEP_S / 2])
+    along = np.concatenate([[[0.0, 0.0]], poses[:, :2]])
+    hit = np.zeros(runs, np.bool_)
+    for k in range(round(RISK_S / dt)):
+        after = (rng.random(runs)[:, None] > chances[mode]).sum(axis=1)
+        anew = (after == 4) & (mode != 4)
+        x[(after < GOING) & (mode != after), 2:] = 0.0
+        x[anew, 2:] = rng.multivariate_normal(np.zeros(2), motion.fresh, int(anew.sum()))
+        mode = after
+        x[:, :2] += dt * x[:, 2:]
+        here = [np.interp((k + 1) * dt, times, along[:, axis]) for axis in range(2)]
+        hit |= np.hypot(*(x[:, :2] - here - error).T) < radius
+    return float(hit.mean())
+
+
+def claimed(obstacle: Obstacle, plan: np.ndarray) -> float:
+    risk = Risk(SURE, [obstacle], 9.0, GuardConfig(), DARWIN_OP, MotionPatterns())
+    return float(risk.of(plan[None], np.zeros(3), np.array([3.0, 0.0]), GAIT)[0])
+
+
+def test_the_mass_of_a_disc_is_that_of_samples():
+    rng = np.random.default_rng(0)
+    for spread in (0.01, 0.05, 0.2) * 12:
+        a = spread * rng.standard_normal((2, 2))
+        P, mean, radius = a @ a.T + 1e-5 * np.eye(2), 0.25 * rng.standard_normal(2), 0.3
+        samples = rng.multivariate_normal(mean, P, 100000)
+        share = float(np.mean(np.hypot(*samples.T) < radius))
+        assert disc_mass(*mean, P[0, 0], P[1, 1], P[0, 1], radius) == pytest.approx(share, abs=6e-3)
+
+
+@pytest.mark.parametrize(
+    ("place", "velocity"),
+    [
+        ((0.60, 0.00), (-0.06, 0.00)),  # towards the robot
+        ((0.30, 0.35), (0.00, -0.08)),  # across its path
+        ((0.40, 0.30), (-0.03, 0.00)),  # passing by
+        ((0.00, 0.45), (0.05, 0.05)),  # leaving
+    ],
+)
+def test_the_claimed_risk_is_the_share_of_simulated_contacts(place, velocity):
+    obstacle = tracked(np.array(place), np.array(velocity))
+    ahead = _desired_plans(WalkCommand(forward_m=0.04), DARWIN_OP.gait)[0]
+    for plan in (ahead, np.zeros(8)):
+        share, claim = contact_share(obstacle, plan), claimed(obstacle, plan)
+        assert abs(claim - share) < 0.03 + 0.2 * share
+
+
+def test_far_obstacles_and_static_ones_are_no_risk():
+    far = tracked(np.array([4.0, 1.0]), np.array([-0.1, 0.0]))
+    assert claimed(far, np.zeros(8)) < 1e-6
+    static = replace(tracked(np.array([0.3, 0.0]), np.array([-0.06, 0.0])), moving=0.1)
+    assert claimed(static, np.zeros(8)) == 0.0
+
+
+def test_a_tighter_bound_never_brings_more_risk_and_what_exceeds_it_is_named():
+    wish, target, kept = WalkCommand(forward_m=0.04), np.array([2.0, 0.0]), []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        place, velocity = rng.uniform(-0.5, 0.5, 2), rng.uniform(-0.1, 0.1, 2)
+        mover, risks = tracked(place, velocity, seed), []
+        for bound in (1.0, 0.02, 0.002):
+            guard = Guard(GuardConfig(risk=bound, margin_m=0.0, sigmas=0.0))
+            guard.choose(wish, SURE, [mover], NOTHING, target, 9.0)
+            assert (guard.word == "least risk") == (guard.risk > bound)
+            risks.append(guard.risk)
+        assert risks[0] >= risks[1] - 0.01 >= risks[2] - 0.02
+        kept.append(risks[2] < risks[0] - 0.005)
+    assert any(kept)
+
+
+def test_where_no_plan_keeps_the_bound_the_least_dangerous_is_walked_and_named():
+    rng = np.random.default_rng(3)
+    around = [
+        tracked(0.33 * np.array([math.cos(a), math.sin(a)]), -0.08 * np.array([math.cos(a), math.sin(a)]), k)
+        for k, a in enumerate(rng.uniform(0.0, 0.3) + np.arange(6) * math.pi / 3)
+    ]  # fmt: skip
+    guard = Guard(GuardConfig(risk=0.001))
+    guard.choose(WalkCommand(forward_m=0.04), SURE, around, NOTHING, np.array([2.0, 0.0]), 9.0)
+    assert guard.risk > 0.001
+    assert guard.word == "least risk"
+
+
+def test_a_bound_that_is_no_probability_is_refused():
+    for wrong in (0.0, -0.1, 1.5, math.nan):
+        with pytest.raises(ConfigError, match="risk"):
+            GuardConfig(risk=wrong)
+
+
+def test_the_walked_places_of_a_straight_plan_lie_on_a_line():
+    plan = _desired_plans(WalkCommand(forward_m=0.04), DARWIN_OP.gait)[1]
+    poses = walked(Pose2(1.0, 2.0, math.pi / 2).vector, plan, np.zeros(2), GAIT, 3)
+    np.testing.assert_allclose(poses[:, 1], [2.02, 2.04, 2.04, 2.04, 2.04, 2.04], atol=1e-12)
