@@ -57,6 +57,7 @@ FILES = {
     "localisation": "joint.localisation",
     "prediction": "joint.prediction",
     "sensors": "joint.sensors",
+    "strangers": "joint.strangers",
     "walking": "joint.walking",
     "mrclam": "real.mrclam",
     "real-floor": "real.floors",

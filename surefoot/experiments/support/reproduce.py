@@ -48,6 +48,7 @@ SMALLER: dict[str, dict[str, float]] = {
     "real-odometry": {"sets": 1},
     "real-panorama": {"parts": 2},
     "referee": {"sets": 1},
+    "strangers": {"laws": 1},
 }
 """Arguments that make an experiment smaller in a quick round, where one seed of it takes minutes."""
 ABOUT = {
