@@ -9,6 +9,7 @@ import pytest
 from perception.primitives.errors import InputError
 from perception.primitives.pose import Pose2
 from sim.body.dynamic.config import DynamicConfig
+from sim.movers.law import MoversConfig
 from sim.robot import RobotConfig, SimulatedRobot
 from sim.scenes import catalogue
 from sim.truth import Truth
@@ -101,3 +102,16 @@ def test_only_the_near_sides_of_a_carton_are_in_view(truth):
     assert seen.any()
     assert not seen[~facing].any()
     assert not truth.in_view(points, 0.3).any()  # out of reach
+
+
+def test_touching_a_leg_is_contact_with_the_person_though_the_trunk_is_farther_out():
+    scene = catalogue.load("hall", 0, movers=MoversConfig(legs=True))
+    with World(scene, "tiny") as world:
+        truth, person = Truth(SimulatedRobot(world, BLIND, 0)), scene.moving_objects[0]
+        x, y, _, _ = world.body_states()[1]
+        touching = x - 0.055 - person.legs.radius  # half the depth of the robot's trunk
+        stand(truth, touching - 0.01, y, 0.0)
+        gap, item = truth.clearance_m()
+        assert (gap, item) == (pytest.approx(0.01, abs=1e-9), "person 1")
+        stand(truth, touching + 0.01, y, 0.0)
+        assert truth.clearance_m() == (pytest.approx(-0.01, abs=1e-9), "person 1")

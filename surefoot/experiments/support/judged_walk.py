@@ -124,7 +124,7 @@ def judged(config: Config, seconds: float, acceleration: float = ACCELERATION) -
 def _note(log: _Log, one: WatchedInstant, patterns: MotionPatterns, config: Config) -> None:
     """Record tracks, their forecasts and the truth."""
     log.stamps.append(one.stamp_s)
-    log.truth += [(one.stamp_s, *row[:5]) for row in one.truth]
+    log.truth += [(one.stamp_s, *map(float, row[:5])) for row in one.truth]
     for track in one.obstacles:
         log.entries.append(_entry(one.stamp_s, track))
         log.forecasts[one.stamp_s, track.track] = mixture(
