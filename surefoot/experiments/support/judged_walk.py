@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import Obstacle
-from planning.safety.hypotheses import mixture
+from planning.safety.hypotheses import Ahead
 from planning.safety.prediction import MotionPatterns
 from sim.scenes import catalogue
 from sim.truth import FIRST_STATIC_ID
@@ -74,9 +74,7 @@ class _Log:
     places: list[np.ndarray] = field(default_factory=list)
     truth: list[tuple[float, ...]] = field(default_factory=list)
     entries: list[dict[str, Any]] = field(default_factory=list)
-    forecasts: dict[tuple[float, int], list[tuple[float, float, Gaussian]]] = field(
-        default_factory=dict
-    )
+    forecasts: dict[tuple[float, int], Ahead] = field(default_factory=dict)
     near: list[np.ndarray] = field(default_factory=list)
     viewed: list[np.ndarray] = field(default_factory=list)
     ours: list[float] = field(default_factory=list)
@@ -127,8 +125,8 @@ def _note(log: _Log, one: WatchedInstant, patterns: MotionPatterns, config: Conf
     log.truth += [(one.stamp_s, *map(float, row[:5])) for row in one.truth]
     for track in one.obstacles:
         log.entries.append(_entry(one.stamp_s, track))
-        log.forecasts[one.stamp_s, track.track] = mixture(
-            track, one.stamp_s, HORIZONS_S, patterns, config.guard
+        log.forecasts[one.stamp_s, track.track] = Ahead.of(
+            track, one.stamp_s, np.array(HORIZONS_S), patterns, config.guard
         )
 
 
@@ -184,7 +182,14 @@ def _summed(log: _Log, seed: int) -> Judged:
             if later > stamps[-1]:
                 continue
             true = np.array([np.interp(later, stamps, path[:, axis]) for axis in (0, 1)])
-            parts = [(w, g) for t, w, g in log.forecasts[stamp, track] if t == horizon]
+            ahead = log.forecasts[stamp, track]
+            parts = [
+                (float(w), Gaussian(mean, P))
+                for w, mean, P in zip(
+                    ahead.weights[k], ahead.means[k], ahead.covariances[k], strict=True
+                )
+                if w > 0.0
+            ]
             inside[k] += in_region(true, parts, SHARE, rng)
             forecasts[k] += 1
     nees = squared(errors.whitened_of([str(mover) for mover in movers]))

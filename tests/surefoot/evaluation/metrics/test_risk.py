@@ -29,7 +29,9 @@ def test_true_claims_lie_in_the_band_and_claims_that_are_too_low_do_not(share, l
 def test_the_band_is_that_of_scipy():
     for count, hits in ((10, 0), (50, 3), (200, 150)):
         expected = binomtest(hits, count).proportion_ci(method="wilson")
-        assert wilson(hits / count, float(count)) == pytest.approx((expected.low, expected.high), abs=1e-4)
+        assert wilson(hits / count, float(count)) == pytest.approx(
+            (expected.low, expected.high), abs=1e-4
+        )
 
 
 def test_a_decision_is_followed_by_contacts_with_movers_that_begin_within_its_horizon():
