@@ -22,6 +22,7 @@ import lz4.frame
 import zstandard
 from google.protobuf.message import DecodeError, Message
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Footer, McapRecord, Schema
 from mcap.records import Message as McapMessage
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -33,6 +34,7 @@ from perception.primitives.errors import InputError, OutputError
 
 MOST_CHUNK_BYTES = 1 << 28  # unpacked
 MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")  # kind and length of a record
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, ValueError, DecodeError, KeyError)
 """Exceptions that the packages raise for damaged bytes."""
 WRONG = (TypeError, IndexError, AttributeError, OverflowError, ZeroDivisionError, InputError)
@@ -164,21 +166,49 @@ class TopicWriter:
 
 
 def messages(
-    path: Path, damaged: Callable[[str, str], object] | None = None
+    path: Path,
+    damaged: Callable[[str, str], object] | None = None,
+    grows: Callable[[], bool] | None = None,
 ) -> Iterator[tuple[str, McapMessage]]:
     """Topic and message of every complete message of a file.
 
     Args:
         path: The file.
         damaged: Told the number of a damaged chunk, and why it was skipped.
+        grows: Of a file that is being written: asked at its end, waits, and returns whether more may come.
     """
     topics: dict[int, str] = {}
     with path.open("rb") as file:
-        for record in records(file, damaged):
+        for record in records(file, damaged) if grows is None else _growing(file, grows):
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, McapMessage):
                 yield topics.get(record.channel_id, ""), record
+
+
+def _growing(file: BufferedReader, grows: Callable[[], bool]) -> Iterator[McapRecord]:
+    """The records of a file as they are written, until its footer or the end of its writer."""
+    file.seek(len(MAGIC))
+    more = True
+    while more:
+        more = grows()
+        data, is_whole = _whole_records(file)
+        if data:
+            yield from records(io.BufferedReader(cast(Any, io.BytesIO(MAGIC + data))))
+        more = more and not is_whole
+
+
+def _whole_records(file: BufferedReader) -> tuple[bytes, bool]:
+    """The complete records from the present place on, which moves behind them; and whether the last is the footer."""
+    begin, data = file.tell(), file.read()
+    end, code = 0, 0
+    while end + RECORD_HEAD.size <= len(data) and code != Opcode.FOOTER:
+        found, length = RECORD_HEAD.unpack_from(data, end)
+        if end + RECORD_HEAD.size + length > len(data):
+            break
+        end, code = end + RECORD_HEAD.size + length, found
+    file.seek(begin + end)
+    return data[:end], code == Opcode.FOOTER
 
 
 def _unpacked(chunk: Chunk) -> Chunk:

@@ -41,7 +41,6 @@ REQUIRED = {
 """Distribution that surefoot requires, to what does not work without it."""
 
 EXTRAS = {
-    "viz": ("viser",),
     "rerun": ("rerun-sdk",),
     "batch": ("dask", "distributed"),
     "docs": ("ipykernel", "myst-nb", "pydata-sphinx-theme", "sphinx"),
@@ -70,7 +69,6 @@ EXTRAS = {
 """Extra of surefoot to the distributions that it installs."""
 
 COSTS = {
-    "viz": "no live page (simulate --view, view --live)",
     "rerun": "no file of rerun (export --rerun)",
     "batch": "recordings are processed one at a time",
     "docs": "`make docs` does not run",

@@ -25,10 +25,11 @@ from .options import (
     settings,
     smooth_option,
 )
-from .terminal import FAILED, INTERRUPTED, progress
+from .terminal import FAILED, INTERRUPTED, open_in_browser, progress
 
 if TYPE_CHECKING:
     from ..config.schema import Config
+    from ..report.live_view import LivePage
     from ..run.summary import Summary
 
 
@@ -58,7 +59,12 @@ if TYPE_CHECKING:
     help="kinematic: exact footsteps with odometry noise; dynamic: servos and contacts in physics.",
 )
 @click.option("--record", is_flag=True, help="Write the sensor data to recording.mcap.")
-@click.option("--view", "watch", is_flag=True, help="Show a live page in the browser (extra viz).")
+@click.option(
+    "--view",
+    "watch",
+    is_flag=True,
+    help="Show the walk in the browser while it goes on, and afterwards until Ctrl-C.",
+)
 @click.option(
     "--wander",
     type=click.FloatRange(min=0.0, min_open=True),
@@ -110,10 +116,15 @@ def simulate(
     if wander is not None:
         overrides = (*overrides, "mission.wander=true", f"mission.time_limit_s={wander}")
     config = load(config_path, overrides, scene=scene, seed=seed)
+    page = _live_page() if watch else None
     with progress() as say:
-        summary = run(config, out, record, say, watch)
+        summary = run(config, out, record, say, page)
     _smooth(summary, smooth_lag_s)
-    _close(summary, as_json, "")
+    _tell(summary, as_json)
+    if page is not None and not summary.interrupted:
+        click.echo(f"{page.address} shows the whole walk until Ctrl-C", err=True)
+        page.stay()
+    _close(summary, "")
 
 
 @click.command()
@@ -186,7 +197,8 @@ def process(
         words += ["--description", str(description)]
     if config.ignore_poses and not as_json:
         click.echo(against_truth(RunFolder(summary.folder)))
-    _close(summary, as_json, f"; continue with: {shlex.join(words)}")
+    _tell(summary, as_json)
+    _close(summary, f"; continue with: {shlex.join(words)}")
 
 
 @click.command()
@@ -258,9 +270,22 @@ def _smooth(summary: Summary, lag_s: float | None) -> None:
         smooth_run(RunFolder(summary.folder), None if math.isinf(lag_s) else lag_s)
 
 
-def _close(summary: Summary, as_json: bool, resume: str) -> None:
-    """Print the summary of a run and exit with its code."""
+def _live_page() -> LivePage:
+    from ..report.live_view import LivePage
+
+    page = LivePage()
+    click.echo(f"watch the walk: {page.address}", err=True)
+    open_in_browser(page.address)
+    return page
+
+
+def _tell(summary: Summary, as_json: bool) -> None:
+    """Print the summary of a run."""
     click.echo(json.dumps(summary.as_dict(), indent=2) if as_json else "\n".join(summary.lines()))
+
+
+def _close(summary: Summary, resume: str) -> None:
+    """Exit with the code of a run."""
     if summary.interrupted:
         click.echo(f"interrupted after {summary.frames} frames{resume}", err=True)
         click.get_current_context().exit(INTERRUPTED)

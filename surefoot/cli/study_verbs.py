@@ -131,16 +131,24 @@ def _judge(
 
 @click.command()
 @click.argument("run", type=PATH)
-@click.option("--live", is_flag=True, help="Serve map and cloud as a 3-D page (extra viz).")
+@click.option(
+    "--live",
+    is_flag=True,
+    help="Follow RUN while another process writes it, or look through one that is over; until Ctrl-C.",
+)
 def view(run: Path, live: bool) -> None:
-    """Open the report of RUN in the browser; with --live, its map and cloud in 3-D."""
+    """Open the report of RUN in the browser; with --live, the page of `simulate --view`."""
     from ..results.run_folder import RunFolder
 
     folder = RunFolder.open(run)
     if live:
-        from ..report.live_view import serve
+        from ..report.live_view import LivePage
 
-        serve(folder, click.echo)
+        page = LivePage()
+        page.follow(folder)
+        click.echo(f"{page.address} shows {run} until Ctrl-C", err=True)
+        open_in_browser(page.address)
+        page.stay()
         return
     report = folder.path("report.html")
     if not report.is_file():

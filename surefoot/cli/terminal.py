@@ -118,7 +118,7 @@ def progress() -> Iterator[Progress]:
         say.done()
 
 
-def open_in_browser(page: Path) -> None:
+def open_in_browser(page: Path | str) -> None:
     """Open a page where there is a desktop; quietly do nothing elsewhere."""
     if not sys.platform.startswith("linux"):
         click.launch(str(page))

@@ -1,5 +1,6 @@
 """The report of a run.
 
 Read `page` first (assembly of the HTML page), then `cards` (figures at its top), `sections` (its parts) and
-`plots` (pictures). `live_view` is the 3-D page of a running or finished run.
+`plots` (pictures). `replay` is its page with a time slider;
+`live_view` serves the same page for a run that still goes on.
 """

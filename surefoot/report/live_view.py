@@ -1,190 +1,149 @@
-"""A live 3-D page on the loopback interface: map, point cloud, robot and obstacles.
+"""The live page: the replay page of a run that still goes on, in the browser.
 
-Panes beside the 3-D view show the camera image, the depth images and the last panorama, as in seed 004, Fig. 6.
-
-Needs the extra `viz` (viser serves the page; it loads nothing from the network). The page only reads; the run
-does not depend on it.
+It shows moments and nothing else, so live, run folder and replay agree. A walk that is shown gives the same results:
+pages can only make it wait between two frames (`live_pace`). Ours.
 """
 
 from __future__ import annotations
 
-import math
+import json
+import queue
+import secrets
+import threading
 import time
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
 
-import cv2
-import numpy as np
-from jaxtyping import Float, UInt8
+from perception.primitives.errors import InputError, SurefootError
 
-from perception.estimate import Estimate
-from perception.primitives.errors import InputError
-from perception.primitives.frame import Frame
-from planning.planners.planner import Planner
-from planning.world_model import WorldModel
+from ..results import run_lock
+from ..results.moment import Moment
+from ..results.moments import ESTIMATES, held, moments_of
+from ..results.run_folder import MARK, RunFolder
+from .live_pace import Pace
+from .live_server import LiveServer
+from .replay.entry import Entries
+from .replay.page import live_page
 
-from ..evaluation.metrics.obstacles import MOVING
-from ..results.run_folder import RunFolder
-
-HOST = "127.0.0.1"
-PANE_PX = 320  # width of a pane
-FARTHEST_M = 3.0  # darkest range in the panes, as in the report
-CLOUD_POINTS = 60_000  # more make a browser slow
-STATIC_RGB, MOVING_RGB = (230, 159, 0), (213, 94, 0)  # orange and vermilion, colour-blind safe
-ROBOT_RGB, ROBOT_M = (0, 114, 178), (0.16, 0.2, 0.45)  # blue; a box about as large as the robot
-CAMERA_BACK_M = (-1.8, -1.2, 1.6)  # first view of the scene, relative to the robot
+EVERY_S = 0.1  # a page gets news at most so often
+PATIENCE_S = 1.0  # a page is answered after this even without news, and asks again
+MOST_BYTES = 4_000_000  # of one answer
+LOOK_S = 0.25  # a file that grows is read so often
 
 
 class LivePage:
-    """A page that shows the present state of a run."""
+    """A page in the browser that shows a run while it goes on, and afterwards.
 
-    def __init__(self, port: int = 8080) -> None:
-        try:
-            import viser
-        except ImportError as error:
+    The moments are prepared for the page in a thread of its own, which the run does not wait for.
+    """
+
+    def __init__(self) -> None:
+        self._news = threading.Condition()
+        self._entries: list[bytes] = []
+        self._walk: queue.SimpleQueue[Moment | None] | None = None
+        self._id = secrets.token_hex(8)
+        self._run: RunFolder | None = None
+        self._over, self._error = False, ""
+        self._pace = Pace()
+        self._server = LiveServer(live_page(), self._answer, self._pace.command)
+        self.address = self._server.address
+        threading.Thread(target=self._server.serve_forever, args=(LOOK_S,), daemon=True).start()
+
+    def watch(self, run: RunFolder) -> None:
+        """Show a walk; its moments come by `show`, its end by `finish`."""
+        self._walk = queue.SimpleQueue()
+        self._begin(run, iter(self._walk.get, None))
+
+    def follow(self, run: RunFolder) -> None:
+        """Show the moments in a run folder, and those that are added while another process writes into it.
+
+        Raises:
+            InputError: The run has no moments.
+        """
+        path = run.path(ESTIMATES)
+        if not path.is_file():
             raise InputError(
-                "the live page needs viser, which is not installed; "
-                "install it with: pip install 'surefoot[viz]'"
-            ) from error
-        self._server = viser.ViserServer(host=HOST, port=port, verbose=False)
-        self._server.scene.set_up_direction("+z")
-        self._robot = (0.0, 0.0)
-        self._server.on_client_connect(self._look_at_robot)
-        self._tracks: dict[int, Any] = {}
-        self._panes: dict[str, Any] = {}
+                f"{run.root} holds no {ESTIMATES}: it is the folder of a batch, or of an older version; make the run again"
+            )
 
-    @property
-    def address(self) -> str:
-        """URL of the page."""
-        return f"http://{HOST}:{self._server.get_port()}"
+        def grows() -> bool:
+            time.sleep(LOOK_S)
+            return run_lock.is_held(run.path(MARK))
 
-    def show(self, frame: Frame, world: WorldModel, planner: Planner | None = None) -> None:
-        """Draw the state after one cycle.
+        self._begin(run, moments_of(path, grows))
+
+    def show(self, moment: Moment, stopped: Callable[[], bool]) -> None:
+        """Show a moment of the walk; returns when the walk may go on.
 
         Args:
-            frame: Sensor data.
-            world: Estimate of perception for this frame.
-            planner: The planner; the panorama of one with panoramic scans (`looks`) is shown.
+            moment: The newest.
+            stopped: Whether the walk was stopped by Ctrl-C.
         """
-        scene, estimate = self._server.scene, world.estimate
-        self._show_panes(frame, estimate, planner)
-        if estimate.pose is not None:
-            x, y, yaw = (float(v) for v in estimate.pose.mean)
-            half = yaw / 2
-            scene.add_frame(
-                "/robot",
-                axes_length=0.25,
-                axes_radius=0.012,
-                wxyz=(math.cos(half), 0.0, 0.0, math.sin(half)),
-                position=(x, y, 0.0),
-            )
-            scene.add_box(
-                "/robot/body",
-                color=ROBOT_RGB,
-                dimensions=ROBOT_M,
-                position=(0.0, 0.0, ROBOT_M[2] / 2),
-            )
-            self._robot = (x, y)
-        seen = [view.upright for view in estimate.views]
-        if seen:
-            self._points("/now", np.concatenate(seen), None, 0.012)
-        for obstacle in estimate.obstacles:
-            colour = MOVING_RGB if obstacle.moving > MOVING else STATIC_RGB
-            self._tracks[obstacle.track] = scene.add_icosphere(
-                f"/tracks/{obstacle.track}",
-                radius=max(obstacle.radius_m, 0.03),
-                color=colour,
-                position=(*obstacle.position.tolist(), obstacle.height_m / 2),
-            )
-        followed = {obstacle.track for obstacle in estimate.obstacles}
-        for gone in [track for track in self._tracks if track not in followed]:
-            self._tracks.pop(gone).remove()
-        if world.grid is not None:
-            grid = world.grid
-            self.show_map(grid.probability, np.asarray(grid.origin), grid.cell_m)
+        assert self._walk is not None
+        self._walk.put(moment)
+        self._pace.wait(moment.stamp_s, stopped)
 
-    def _look_at_robot(self, client: Any) -> None:
-        """Point the camera of a new browser window at the robot."""
-        x, y = self._robot
-        client.camera.position = (x + CAMERA_BACK_M[0], y + CAMERA_BACK_M[1], CAMERA_BACK_M[2])
-        client.camera.look_at = (x + 0.5, y, 0.2)
+    def finish(self) -> None:
+        """The walk is over; the page goes on to show all of it."""
+        assert self._walk is not None
+        self._walk.put(None)
 
-    def _show_panes(self, frame: Frame, estimate: Estimate, planner: Planner | None) -> None:
-        if frame.colour is not None:
-            self._pane("Camera", frame.colour.rgb)
-        for view in estimate.views:
-            self._pane(f"Depth ({view.sensor})", _painted(view.depth.z))
-        looks = getattr(planner, "looks", [])
-        if looks and looks[-1].panorama.drawing is not None:
-            self._pane("Panoramic environment map", _painted(looks[-1].panorama.drawing.range_m))
+    def stay(self) -> None:
+        """Serve the page until Ctrl-C."""
+        try:
+            while True:
+                time.sleep(1.0)
+        except KeyboardInterrupt:
+            pass
 
-    def _pane(self, label: str, picture: UInt8[np.ndarray, "h w 3"]) -> None:
-        height, width = picture.shape[:2]
-        size = (PANE_PX, max(1, round(PANE_PX * height / width)))
-        small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-        if label in self._panes:
-            self._panes[label].image = small
-        else:
-            self._panes[label] = self._server.gui.add_image(small, label=label)
+    def close(self) -> None:
+        """Stop serving."""
+        self._server.shutdown()
+        self._server.server_close()
 
-    def show_map(
-        self, probability: Float[np.ndarray, "r c"], origin: Float[np.ndarray, "2"], cell_m: float
-    ) -> None:
-        """Draw an occupancy map on the floor; occupied cells are dark."""
-        rows, columns = probability.shape
-        grey = (255 * (1.0 - probability)).astype(np.uint8)
-        width, height = columns * cell_m, rows * cell_m
-        self._server.scene.add_image(
-            "/map",
-            np.repeat(grey[::-1, :, None], 3, axis=2),
-            render_width=width,
-            render_height=height,
-            wxyz=(0.0, 1.0, 0.0, 0.0),  # images have y down: rotated onto the floor, face up
-            position=(float(origin[0]) + width / 2, float(origin[1]) + height / 2, -0.005),
-        )
+    def _begin(self, run: RunFolder, moments: Iterable[Moment]) -> None:
+        self._run = run
+        threading.Thread(target=self._prepare, args=(run, moments), daemon=True).start()
 
-    def show_cloud(
-        self, points: Float[np.ndarray, "n 3"], colours: UInt8[np.ndarray, "n 3"] | None
-    ) -> None:
-        """Draw the point cloud of a whole run."""
-        self._points("/cloud", points, colours, 0.015)
+    def _prepare(self, run: RunFolder, moments: Iterable[Moment]) -> None:
+        """Make the entries of the page as the moments come."""
+        entries = Entries(run)
+        try:
+            for moment in held(moments):
+                text = json.dumps(entries.of(moment), separators=(",", ":"), allow_nan=False)
+                with self._news:
+                    self._entries.append(text.encode())
+                    self._news.notify_all()
+        except SurefootError as error:
+            self._error = str(error)
+        with self._news:
+            self._over = True
+            self._news.notify_all()
 
-    def _points(
-        self,
-        name: str,
-        points: Float[np.ndarray, "n 3"],
-        colours: UInt8[np.ndarray, "n 3"] | None,
-        size_m: float,
-    ) -> None:
-        stride = max(1, len(points) // CLOUD_POINTS)
-        chosen = points[::stride].astype(np.float32)
-        if colours is None:
-            level = np.clip(chosen[:, 2] / 0.6, 0.0, 1.0)[:, None]
-            colours = (level * [240, 160, 60] + (1 - level) * [70, 120, 160]).astype(np.uint8)
-        else:
-            colours = colours[::stride]
-        self._server.scene.add_point_cloud(name, chosen, colours, point_size=size_m)
-
-
-def _painted(range_m: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
-    """RGB image of ranges, as in the report: near is bright, missing range black."""
-    there = np.isfinite(range_m)
-    level = np.where(there, np.clip(1.0 - range_m / FARTHEST_M, 0.0, 1.0), 0.0)
-    painted = cv2.applyColorMap((255 * level).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1]
-    return np.ascontiguousarray(painted * there[..., None])
-
-
-def serve(folder: RunFolder, say: Callable[[str], None], stay: bool = True) -> LivePage:
-    """Show map and point cloud of a run; returns only after an interrupt, unless `stay` is false."""
-    from mapping.io import clouds, nav2
-
-    page = LivePage()
-    if folder.has("map.yaml"):
-        probability, origin, cell_m = nav2.load(folder.path("map.yaml"))[:3]
-        page.show_map(probability, np.asarray(origin)[:2], cell_m)
-    if folder.has("cloud.ply"):
-        page.show_cloud(*clouds.load_ply(folder.path("cloud.ply")))
-    say(f"{page.address}   (stop with Ctrl-C)")
-    while stay:
-        time.sleep(1.0)
-    return page
+    def _answer(self, number: int) -> bytes:
+        """State of the run and its moments from a number on."""
+        with self._pace.page_asks():
+            time.sleep(EVERY_S)
+            with self._news:
+                over = number > 0 and self._over
+                self._news.wait_for(
+                    lambda: len(self._entries) > number or self._over != over, PATIENCE_S
+                )
+                chosen, size = [], 0
+                for one in self._entries[number:]:
+                    chosen.append(one)
+                    size += len(one)
+                    if size > MOST_BYTES:
+                        break
+                over = self._over and number + len(chosen) == len(self._entries)
+        root = None if self._run is None else self._run.root
+        state = {
+            "run": self._id,
+            "name": "Surefoot" if root is None else root.resolve().name,
+            "report": "" if root is None else str(root / "report.html"),
+            "walks": self._walk is not None,
+            "paused": self._pace.paused,
+            "speed": self._pace.speed,
+            "over": over,
+            "error": self._error,
+        }
+        return b'{"state":%s,"moments":[%s]}' % (json.dumps(state).encode(), b",".join(chosen))

@@ -7,7 +7,7 @@ schemas: docs/outputs.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -94,24 +94,23 @@ def read_moments(run: RunFolder) -> Iterator[Moment]:
     return moments_of(run.path(ESTIMATES))
 
 
-def moments_of(path: Path) -> Iterator[Moment]:
+def moments_of(path: Path, grows: Callable[[], bool] | None = None) -> Iterator[Moment]:
     """The moments of an estimates.mcap.
+
+    Args:
+        path: The file.
+        grows: Asked at the end of what is written; waits, and returns whether more may come. None: nothing may.
 
     Raises:
         RecordingError: There is no such file, or it is damaged.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(len(MAGIC))
-    except OSError as error:
-        raise RecordingError(
-            f"{path}: {error.strerror}; make the run again to have its estimates"
-        ) from error
+    while (head := _head(path)) == b"" and grows is not None and grows():
+        pass  # its writer has just begun
     if head != MAGIC:
         raise RecordingError(f"{path}: not an MCAP file; make the run again")
     group: dict[str, bytes] = {}
     number, last = 0, None
-    for topic, message in messages(path):
+    for topic, message in messages(path, grows=grows):
         if topic not in READ:
             continue
         if message.sequence != number:
@@ -131,6 +130,16 @@ def moments_of(path: Path) -> Iterator[Moment]:
             last = now
     if last is not None:
         yield last
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC))
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: {error.strerror}; make the run again to have its estimates"
+        ) from error
 
 
 def held(moments: Iterable[Moment]) -> Iterator[Moment]:

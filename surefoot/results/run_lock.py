@@ -41,6 +41,18 @@ def hold(owner: Any, mark: Path) -> None:
     weakref.finalize(owner, _release, place)
 
 
+def is_held(mark: Path) -> bool:
+    """Whether a process, this one or another, writes into the folder of a mark."""
+    try:
+        with mark.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no such folder, or no locks on this file system
+        return False
+    return False
+
+
 def _release(place: Path) -> None:
     file, holders = _held.pop(place)
     if holders > 1:

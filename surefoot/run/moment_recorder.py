@@ -54,15 +54,17 @@ class MomentRecorder:
         self._last_s = self._pictured_s = -math.inf
         self._has_camera = False
 
-    def note(self, cycle: Cycle) -> None:
-        """Write the moment of a cycle; frames between two moments are left out unless they brought a decision."""
+    def note(self, cycle: Cycle) -> Moment | None:
+        """Write the moment of a cycle and return it; None between two moments, unless there was a decision."""
         stamp = cycle.world.stamp_s
         self._patterns.update([one.gone_straight() for one in cycle.world.tracks])
         if cycle.decision is None and stamp - self._last_s < EVERY_S:
-            return
+            return None
         pictured = self._picture_due(cycle.frame, cycle.world.estimate)
-        self._writer.write(moment_of(cycle, self._config, self._patterns, pictured))
+        moment = moment_of(cycle, self._config, self._patterns, pictured)
+        self._writer.write(moment)
         self._last_s = stamp
+        return moment
 
     def _picture_due(self, frame: Frame, estimate: Estimate) -> bool:
         """Whether this moment gets pictures; where a camera picture comes now and then, depth waits for it."""

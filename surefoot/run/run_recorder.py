@@ -36,6 +36,7 @@ from ..results.measurement_log import (
     odometry_row,
     sighting_rows,
 )
+from ..results.moment import Moment
 from ..results.row_stream import JsonStream, RowStream
 from ..results.run_folder import COVARIANCE_HEADER, RunFolder, estimate_row
 from ..results.version import version
@@ -94,8 +95,8 @@ class RunRecorder:
         """Time from the first to the last frame, s, by their stamps."""
         return self._last_s - self._first_s
 
-    def note(self, cycle: Cycle) -> None:
-        """Write one cycle."""
+    def note(self, cycle: Cycle) -> Moment | None:
+        """Write one cycle; returns its moment, if it is one that is kept."""
         frame, estimate, decision = cycle.frame, cycle.world.estimate, cycle.decision
         stamp = estimate.stamp_s
         self._first_s = stamp if self.frames == 0 else self._first_s
@@ -128,7 +129,7 @@ class RunRecorder:
                 (stamp, *step, *head, decision.why, np.nan if risk is None else risk)
             )
         self._keep_views(frame, estimate, decision)
-        self._moments.note(cycle)
+        return self._moments.note(cycle)
 
     def keep_picture(self, stamp_s: float, name: str, png: bytes) -> None:
         """Add a PNG picture to the report."""

@@ -73,7 +73,7 @@ def true_start(scene: Scene, config: Config) -> Pose2:
 
 
 def simulate(
-    config: Config, out: Path | None, record: bool, say: Say, watch: bool = False
+    config: Config, out: Path | None, record: bool, say: Say, page: LivePage | None = None
 ) -> Summary:
     """Walk through a simulated scene until its goals are reached or the time limit ends the walk.
 
@@ -84,7 +84,7 @@ def simulate(
         out: Run folder; None for the next free one below runs/.
         record: Write the sensor data to recording.mcap.
         say: Receives lines of progress.
-        watch: Serve a live page.
+        page: Shows the walk while it goes on, and may make it wait between two frames.
 
     Raises:
         InputError: Unknown scene or planner.
@@ -114,14 +114,15 @@ def simulate(
         planner = make_planner(config, goals)
         truth = TruthLog(robot, scene)
         recorder = RunRecorder(folder, config.resolved(renderer=world.renderer), info, goals)
-        page = _page(watch, say)
+        if page is not None:
+            page.watch(folder)
         interrupted = False
         stopped = stack.enter_context(stop_requested())
         for cycle in cycles(body, pipeline, planner):
             truth.note(cycle.frame.stamp_s)
-            recorder.note(cycle)
-            if page is not None:
-                page.show(cycle.frame, cycle.world, planner)
+            moment = recorder.note(cycle)
+            if page is not None and moment is not None:
+                page.show(moment, stopped)
             say(recorder.progress(cycle.world, planner))
             if interrupted := stopped():
                 break
@@ -141,6 +142,8 @@ def simulate(
     )
     _keep_looks(planner, recorder)
     recorder.finish(pipeline, summary.as_dict())
+    if page is not None:
+        page.finish()
     return summary
 
 
@@ -189,13 +192,3 @@ def _recorder(
             return stack.enter_context(RecordingWriter(folder.path("recording.mcap"), info))
 
         yield begin
-
-
-def _page(watch: bool, say: Say) -> LivePage | None:
-    if not watch:
-        return None
-    from ..report.live_view import LivePage
-
-    page = LivePage()
-    say(f"live page: {page.address}")
-    return page

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from perception.primitives.robot_model import GaitLimits
 from sim.movers.law import MIXED, MoversConfig
 from sim.scenes import catalogue
 from sim.truth import FIRST_STATIC_ID
@@ -27,7 +26,6 @@ from ...config.schema import Config
 from ...evaluation.metrics.consistency import squared
 from ...evaluation.metrics.contact_classes import CLASSES
 from ...evaluation.metrics.obstacles import track_errors
-from ...evaluation.metrics.risk import followed_by_contact, reliability
 from ...results.run_folder import RunFolder
 from ..support.experiment import BODIES, Experiment, Outcome, Say, Target
 from ..support.in_sight import Sightlines
@@ -61,25 +59,12 @@ def run(seeds: int, say: Say, laws: int = len(LAWS)) -> Outcome:
         "mover_anees_max": float(np.nanmax(list(anees.values()))),
         "followed_share": _share(found, "followed", "near"),
     }
-    claims = np.concatenate([one.get("claims", np.zeros((0, 2))) for one in found])
-    classes = reliability(claims[:, 0], claims[:, 1] > 0.0, GaitLimits().step_s)
-    figures["risk_in_band"] = float(all(one.in_band for one in classes))
-    table = _table(found, todo)
-    table.append("claimed risk of contact with a mover in the next 2.6 s, and what happened")
-    table += [
-        f"  {one.decisions:6d} decisions: claimed {one.claimed:.4f}, happened {one.happened:.4f}"
-        f" ({one.low:.4f} to {one.high:.4f})"
-        for one in classes
-    ]
-    return Outcome(figures, table)
+    return Outcome(figures, _table(found, todo))
 
 
-def walked(folder: RunFolder, config: Config) -> dict[str, Any]:
-    """Falls and contacts by class; of the movers nees_sum, nees_count, near, followed (instants); claims of risk.
-
-    `claims` are the claimed risks of all decisions and whether a contact with a mover followed.
-    """
-    figures: dict[str, Any] = dict(falls_and_contacts(folder, config))
+def walked(folder: RunFolder, config: Config) -> dict[str, float]:
+    """Falls and contacts by class, and of the movers: nees_sum, nees_count, near, followed (instants)."""
+    figures = falls_and_contacts(folder, config)
     truth, poses = (
         folder.read_csv("truth/obstacles.csv"),
         folder.read_trajectory("truth/trajectory.txt"),
@@ -105,12 +90,7 @@ def walked(folder: RunFolder, config: Config) -> dict[str, Any]:
             near += int(seen)
             followed += int(seen and (stamp, mover) in owned)
     counts = {"nees_sum": nees.sum(), "nees_count": len(nees), "near": near, "followed": followed}
-    figures |= {name: float(value) for name, value in counts.items()}
-    commands, clearance = folder.read_csv("commands.csv"), folder.read_csv("truth/clearance.csv")
-    if commands is not None and clearance is not None:
-        names = [one.name for one in scene.moving_objects]
-        figures["claims"] = np.stack(followed_by_contact(commands, clearance, names), axis=1)
-    return figures
+    return figures | {name: float(value) for name, value in counts.items()}
 
 
 def _of(found: list[dict[str, Any]], todo: list[tuple[str, int]], law: str) -> list[dict[str, Any]]:

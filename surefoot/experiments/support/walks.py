@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from ...results.run_folder import RunFolder
 from .experiment import Say
 from .trials import run_all
 
-ExtraFigures = Callable[[RunFolder, Config], Mapping[str, Any]]
+ExtraFigures = Callable[[RunFolder, Config], dict[str, float]]
 
 
 def walk(config: Config, extra: ExtraFigures | None = None) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def walk(config: Config, extra: ExtraFigures | None = None) -> dict[str, Any]:
         simulate.simulate(config, out, False, lambda text: None)
         folder = RunFolder.open(out)
         metrics = evaluate(folder)
-        return metrics if extra is None else metrics | dict(extra(folder, config))
+        return metrics if extra is None else metrics | extra(folder, config)
 
 
 def total_falls(found: Iterable[dict[str, Any]]) -> float:

@@ -15,6 +15,7 @@ from perception.primitives.obstacle import MOVING, Obstacle
 
 from ...results.moment import Layers, Moment, Prediction
 
+HEIGHT_STEP_M = 0.01  # ours: finer than the map of a walk; 0 also where no height was measured
 OFTEN = 0.5  # ours: a camera with fewer pictures than this share of the moments would make its view flicker
 
 
@@ -62,20 +63,20 @@ def gaze_maps(moments: Sequence[Moment]) -> tuple[dict[str, Any] | None, bytes]:
 
 
 def grids(found: Sequence[tuple[int, Layers]]) -> tuple[dict[str, Any] | None, bytes]:
-    """Probability and confidence of every grid, one after the other, and where each lies."""
+    """Probability, confidence and height of every grid, a byte a cell, one after the other; and where each lies."""
     if not found:
         return None, b""
     places, data, offset = [], [], 0
     for _, grid in found:
         rows, across = grid.probability.shape
         places.append([offset, rows, across, *_row(grid.origin)])
-        data += [
-            np.ascontiguousarray(grid.probability).tobytes(),
-            np.ascontiguousarray(grid.confidence).tobytes(),
-        ]
-        offset += 2 * rows * across
+        heights = np.nan_to_num(np.rint(grid.height_m / HEIGHT_STEP_M), nan=0.0).clip(0, 255)
+        for layer in (grid.probability, grid.confidence, heights.astype(np.uint8)):
+            data.append(np.ascontiguousarray(layer).tobytes())
+        offset += 3 * rows * across
     head = {
         "cell_m": float(found[0][1].cell_m),
+        "height_step_m": HEIGHT_STEP_M,
         "moments": [number for number, _ in found],
         "places": places,
     }

@@ -19,9 +19,15 @@ async function load() {
   const packed = JSON.parse(byId("packed").textContent);
   byId("packed").remove();
   const run = JSON.parse(new TextDecoder().decode(await unpacked(packed.run)));
-  if (run.grid) run.grid.bytes = await unpacked(packed.grid);
+  if (run.grid) {
+    const bytes = await unpacked(packed.grid);
+    run.grid.cells = run.grid.places.map(([offset, rows, columns]) => bytes.subarray(offset, offset + 3 * rows * columns));
+  }
   if (run.cloud) run.cloud.bytes = await unpacked(packed.cloud);
-  if (run.gaze_map) run.gaze_map.bytes = await unpacked(packed.gaze_map);
+  if (run.gaze_map) {
+    const bytes = await unpacked(packed.gaze_map), size = run.gaze_map.rows * run.gaze_map.columns;
+    run.gaze_map.maps = run.gaze_map.moments.map((_, k) => bytes.subarray(k * size, (k + 1) * size));
+  }
   run.panes.forEach((pane, i) => { pane.pictures = packed.pictures[i]; });
   return run;
 }

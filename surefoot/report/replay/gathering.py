@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -45,6 +46,7 @@ class Strip:
         far_step: Grey level that is drawn darkest.
         wide: Whether it takes the whole width.
         labels: Caption of each picture; empty: its time.
+        sensor: Camera that took them; empty where that does not matter.
     """
 
     name: str
@@ -53,6 +55,20 @@ class Strip:
     far_step: float = 255.0
     wide: bool = False
     labels: list[str] = field(default_factory=list)
+    sensor: str = ""
+
+    def pane(self) -> dict[str, Any]:
+        """What a page needs to know of the pictures, which it holds elsewhere."""
+        return {
+            "name": self.name,
+            "moments": [shot.moment for shot in self.shots],
+            "mime": f"image/{self.shots[0].kind}",
+            "metres": self.step_m,
+            "far_step": self.far_step,
+            "wide": self.wide,
+            "labels": self.labels or None,
+            "sensor": self.sensor,
+        }
 
 
 @dataclass(eq=False)
@@ -87,7 +103,8 @@ def gather(moments: Iterable[Moment]) -> Gathered:
         if moment.colour is not None and moment.colour is not colour:
             colour = moment.colour
             name = "Camera (stereo)" if moment.colour_sensor == "stereo" else "Camera"
-            strips.setdefault(name, Strip(name)).shots.append(Shot(k, colour))
+            strip = strips.setdefault(name, Strip(name, sensor=moment.colour_sensor))
+            strip.shots.append(Shot(k, colour))
         if moment.depth is not None and moment.depth is not depth:
             depth = moment.depth
             _add_depth(strips, k, moment)
@@ -102,7 +119,8 @@ def _add_depth(strips: dict[str, Strip], number: int, moment: Moment) -> None:
     """A depth picture, without loss; its darkest level is the largest 98th percentile of all pictures."""
     assert moment.depth is not None
     name = "Depth" if moment.depth_sensor in ("", "depth") else f"Depth ({moment.depth_sensor})"
-    strip = strips.setdefault(name, Strip(name, step_m=moment.depth_step_m, far_step=1.0))
+    made = Strip(name, step_m=moment.depth_step_m, far_step=1.0, sensor=moment.depth_sensor)
+    strip = strips.setdefault(name, made)
     levels = moment.depth
     if moment.depth_step_m != strip.step_m and strip.step_m:  # one unit for the whole strip
         scaled = np.rint(levels * (moment.depth_step_m / strip.step_m))

@@ -30,8 +30,18 @@ from .surroundings import surroundings
 
 REPLAY = "replay.html"
 LARGEST_BYTES = 12_000_000  # what a mail server or a phone still takes
-SCRIPTS = ("data.js", "top_view.js", "panes.js", "plots.js", "space.js", "player.js")
+SCRIPTS = (
+    "data.js", "live.js", "ground.js", "top_view.js", "panes.js", "plots.js", "shapes.js", "scene.js", "space.js", "player.js",
+)  # fmt: skip
 NUMBERED = {PANORAMA: "view"}  # kinds whose moments have no common clock
+_FINISHED = {
+    "attributes": "", "connect": "'none'", "link": '<a href="report.html">report of this run</a>', "what": "replay",
+    "fastest": "", "usual": " selected", "hidden": " hidden",
+}  # fmt: skip
+_LIVE = {
+    "attributes": " data-live", "connect": "'self'", "link": "", "what": "live",
+    "fastest": '<option value="0" id="fastest" selected>as it comes</option>', "usual": "", "hidden": "",
+}  # fmt: skip
 _SHOWN = {
     MAP: "The camera moves through the finished map as it was recorded",
     PANORAMA: "The views of the panorama, one after the other, over the obstacles and gaps found in all of them",
@@ -85,33 +95,52 @@ def replay_page(run: RunFolder, moments: Iterable[Moment]) -> str | None:
     }
     if kind in NUMBERED:
         content["t"] = [float(k) for k in range(len(found.moments))]
-    files = resources.files(__package__)
-    script = '"use strict";\n' + "\n".join(
-        files.joinpath(name).read_text("utf-8") for name in SCRIPTS
-    )
     summary = run.read_json("summary.json") or {}
     parts = {
-        "script": script,
-        "script_hash": "sha256-" + _base64(hashlib.sha256(f"\n{script}\n".encode()).digest()),
-        "style": files.joinpath("page.css").read_text("utf-8"),
+        **_FINISHED,
         "title": html.escape(str(summary.get("name") or run.root.resolve().name)),
         "subtitle": html.escape(_subtitle(found, kind)),
         "missing": _missing(found, kind),
     }
-    page = Template(files.joinpath("page.html").read_text("utf-8"))
     arrays = {"grid": _base64(grid_bytes), "cloud": _base64(cloud), "gaze_map": _base64(gaze_bytes)}
     every = _every(found.strips, content, arrays)
     while True:
         strips = [_thinned(strip, every) for strip in found.strips]
-        content["panes"] = [_pane(strip) for strip in strips]
+        content["panes"] = [strip.pane() for strip in strips]
         pictures = [[_base64(shot.data) for shot in strip.shots] for strip in strips]
         data = {"run": _compressed(content), "pictures": pictures, **arrays}
-        text = page.substitute(
-            parts, data=json.dumps(data), still=still(run, found.moments, strips)
-        )
+        words = still(run, found.moments, strips)
+        text = _filled({**parts, "data": json.dumps(data), "still": words})
         if len(text) <= LARGEST_BYTES or all(len(strip.shots) <= 1 for strip in strips):
             return text
         every += 1
+
+
+def live_page() -> str:
+    """The same page without moments; it asks the program that serves it for them."""
+    parts = {
+        **_LIVE,
+        "title": "Surefoot",
+        "subtitle": "",
+        "missing": "",
+        "data": "",
+        "still": "<p>Waiting for the first moment of the run. This page needs a browser that runs scripts.</p>",
+    }
+    return _filled(parts)
+
+
+def _filled(parts: dict[str, str]) -> str:
+    """The page with its style and script."""
+    files = resources.files(__package__)
+    script = '"use strict";\n' + "\n".join(
+        files.joinpath(name).read_text("utf-8") for name in SCRIPTS
+    )
+    common = {
+        "script": script,
+        "script_hash": "sha256-" + _base64(hashlib.sha256(f"\n{script}\n".encode()).digest()),
+        "style": files.joinpath("page.css").read_text("utf-8"),
+    }
+    return Template(files.joinpath("page.html").read_text("utf-8")).substitute(common | parts)
 
 
 def _every(strips: Sequence[Strip], content: dict[str, Any], arrays: dict[str, str]) -> int:
@@ -128,19 +157,6 @@ def _compressed(content: dict[str, Any]) -> str:
 
 def _thinned(strip: Strip, every: int) -> Strip:
     return replace(strip, shots=strip.shots[::every], labels=strip.labels[::every])
-
-
-def _pane(strip: Strip) -> dict[str, Any]:
-    """What the page needs to know of the pictures of a sensor, which it holds elsewhere."""
-    return {
-        "name": strip.name,
-        "moments": [shot.moment for shot in strip.shots],
-        "mime": f"image/{strip.shots[0].kind}",
-        "metres": strip.step_m,
-        "far_step": strip.far_step,
-        "wide": strip.wide,
-        "labels": strip.labels or None,
-    }
 
 
 def _base64(data: bytes) -> str:

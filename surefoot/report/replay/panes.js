@@ -12,6 +12,7 @@ class PicturePane {
     this.canvas.setAttribute("role", "img");
     this.output = document.createElement("output");
     this.section.append(title, this.canvas, this.output);
+    this.section.style.order = pane.wide ? 2 : pane.metres ? 1 : 0; // cameras first
     byId("pictures").append(this.section);
     this.canvas.addEventListener("pointermove", (event) => this.tell(event));
     this.canvas.addEventListener("pointerleave", () => { this.output.textContent = this.caption; });
@@ -26,9 +27,10 @@ class PicturePane {
     if (k !== this.shown) return; // another moment was asked for meanwhile
     this.canvas.width = bitmap.width;
     this.canvas.height = bitmap.height;
-    const context = this.canvas.getContext("2d", { willReadFrequently: Boolean(this.pane.metres) });
+    const context = this.canvas.getContext("2d", { willReadFrequently: true });
     context.drawImage(bitmap, 0, 0);
     if (this.pane.metres) this.paint(context);
+    else this.image = context.getImageData(0, 0, bitmap.width, bitmap.height);
     this.canvas.dataset.moment = String(this.pane.moments[k]);
     this.caption = (this.pane.labels ? this.pane.labels[k] : clock(this.pane.moments[k])) + (this.pane.metres ? ", near is bright" : "");
     this.output.textContent = this.caption;
@@ -65,6 +67,7 @@ class GazePane {
     const section = document.createElement("section"), title = document.createElement("h2");
     title.textContent = "Gaze map";
     section.className = "wide gaze";
+    section.style.order = 3;
     this.canvas = document.createElement("canvas");
     this.canvas.setAttribute("role", "img");
     this.output = document.createElement("output");
@@ -73,12 +76,12 @@ class GazePane {
   }
 
   draw(i) {
-    const k = Math.max(lastAt(this.gaze.moments, i), 0), { rows, columns, bytes } = this.gaze, zoom = 12;
+    const k = Math.max(lastAt(this.gaze.moments, i), 0), { rows, columns, maps } = this.gaze, zoom = 12;
     this.canvas.width = columns * zoom; this.canvas.height = rows * zoom;
     const g = this.canvas.getContext("2d"), [left, right] = [this.gaze.pans[0], this.gaze.pans[columns - 1]];
     const [up, down] = [this.gaze.tilts[0], this.gaze.tilts[rows - 1]];
     for (let row = 0; row < rows; row++) for (let column = 0; column < columns; column++) {
-      g.fillStyle = `rgb(${viridis(bytes[(k * rows + row) * columns + column] / 255).map(Math.round)})`;
+      g.fillStyle = `rgb(${viridis(maps[k][row * columns + column] / 255).map(Math.round)})`;
       // looking left is at the left, looking down at the bottom
       const u = left < right ? columns - 1 - column : column, v = up < down ? row : rows - 1 - row;
       g.fillRect(u * zoom, v * zoom, zoom, zoom);
@@ -104,16 +107,21 @@ class GazePane {
 class Values {
   constructor(run) {
     this.run = run;
-    this.list = byId("values");
-    this.cells = run.values.map(([name, words]) => {
+    this.cells = [];
+    this.complete();
+  }
+
+  // A line for every figure that the run has.
+  complete() {
+    for (const [name, words] of this.run.values.slice(this.cells.length)) {
       const group = document.createElement("div"), term = document.createElement("dt"), value = document.createElement("dd");
       term.textContent = name;
-      group.classList.toggle("long", words.some((text) => text.length > 18));
+      group.classList.toggle("long", words.some((text) => text && text.length > 18));
       group.append(term, value);
-      this.list.append(group);
-      return value;
-    });
-    byId("now").hidden = !run.values.length;
+      byId("values").append(group);
+      this.cells.push(value);
+    }
+    byId("now").hidden = !this.cells.length;
   }
 
   words(i) { return this.run.values.map(([name, words]) => (words[i] ? `${name} ${words[i]}` : "")).filter(Boolean).join("; "); }

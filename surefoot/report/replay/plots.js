@@ -17,7 +17,11 @@ class Plot {
     const go = (event) => { if (event.buttons) seek(this.timeAt(event.offsetX)); };
     this.canvas.addEventListener("pointerdown", go);
     this.canvas.addEventListener("pointermove", go);
-    const values = series.lines.flatMap((line) => line.values).filter((value) => value !== null);
+  }
+
+  // The axis fits the values so far.
+  scale() {
+    const series = this.series, values = series.lines.flatMap((line) => line.values).filter((value) => value !== null);
     let [low, high] = [Infinity, -Infinity];
     for (const value of values) { low = Math.min(low, value); high = Math.max(high, value); }
     const usual = values.sort((a, b) => a - b)[Math.floor(0.95 * values.length)];
@@ -41,6 +45,7 @@ class Plot {
 
   // The curves change with the size only; the cursor is drawn over a stored picture of them.
   curves() {
+    this.scale();
     const [g, width, height] = sized(this.canvas), run = this.run;
     this.u = (t) => MARGIN.left + t / this.span * (width - MARGIN.left - MARGIN.right);
     this.v = (value) => height - MARGIN.bottom - (value - this.low) / (this.high - this.low) * (height - MARGIN.top - MARGIN.bottom);

@@ -1,65 +1,88 @@
-// The cloud, the robot and what its cameras see, in space (WebGL 2).
+// The pane in space (WebGL 2): the ground that was seen, a cloud, and the scene of the moment.
 
 const POINTS = `#version 300 es
-in vec3 at; in vec3 tint; uniform mat4 view; uniform float size; out vec3 paint;
+in vec3 at; in vec4 tint; uniform mat4 view; uniform float size; out vec4 paint;
 void main() { gl_Position = view * vec4(at, 1.0); gl_PointSize = clamp(size / gl_Position.w, 1.5, 14.0); paint = tint; }`;
-const PAINT = `#version 300 es
-precision mediump float; in vec3 paint; out vec4 colour;
-void main() { colour = vec4(paint, 1.0); }`;
+const COLOURED = `#version 300 es
+precision mediump float; in vec4 paint; out vec4 colour;
+void main() { colour = paint; }`;
+const FLOOR = `#version 300 es
+in vec3 at; in vec4 tint; uniform mat4 view; out vec2 where;
+void main() { gl_Position = view * vec4(at, 1.0); where = tint.xy; }`;
+const PICTURED = `#version 300 es
+precision mediump float; in vec2 where; uniform sampler2D picture; out vec4 colour;
+void main() { colour = texture(picture, where); }`;
+const ROW = 7; // floats of a vertex: place, colour, opacity
+const FLOOR_FREE = [74, 86, 98], FLOOR_OCCUPIED = [150, 104, 84], BACK = [0.067, 0.086, 0.106];
+const FIRST = { behind: 0.55, pitch: 0.62, distance: 2.9, ahead_m: 0.5 }; // where the camera of a live page stands at first
 
 class Space {
-  constructor(run) {
-    this.run = run;
+  constructor(run, panes) {
+    this.run = run; this.panes = panes;
     this.canvas = byId("space");
-    this.gl = run.cloud || run.cameras.length ? this.canvas.getContext("webgl2", { antialias: true }) : null;
+    this.gl = run.cloud || run.cameras.length || run.grid ? this.canvas.getContext("webgl2", { antialias: true, alpha: false }) : null;
     if (!this.gl) return;
     byId("space-pane").hidden = false;
-    const gl = this.gl;
-    this.program = gl.createProgram();
-    for (const [kind, text] of [[gl.VERTEX_SHADER, POINTS], [gl.FRAGMENT_SHADER, PAINT]]) {
-      const shader = gl.createShader(kind);
-      gl.shaderSource(shader, text); gl.compileShader(shader); gl.attachShader(this.program, shader);
-    }
-    gl.bindAttribLocation(this.program, 0, "at"); gl.bindAttribLocation(this.program, 1, "tint");
-    gl.linkProgram(this.program);
-    this.view = gl.getUniformLocation(this.program, "view"); this.size = gl.getUniformLocation(this.program, "size");
-    this.yaw = -1.9; this.pitch = 0.85;
+    this.points = this.program(POINTS, COLOURED); this.floor = this.program(FLOOR, PICTURED);
+    this.scene = new Scene(run); this.ground = new Ground(run);
+    this.buffers = new Map();
     const rows = run.cloud ? this.pointsOf(run.cloud) : null;
-    this.cloud = rows ? this.fixed(rows) : null;
-    this.aim(rows);
-    this.lines = gl.createBuffer(); this.faces = gl.createBuffer();
+    this.store("cloud", rows || []);
+    byId("cloud-choice").hidden = !rows;
+    byId("follow-space").checked = !rows;
+    if (rows) this.aim(rows); else this.stand();
     this.visible = true;
     new IntersectionObserver(([entry]) => { this.visible = entry.isIntersecting; if (this.visible) this.again(); }).observe(this.canvas);
+    for (const id of ["cloud", "follow-space"]) byId(id).addEventListener("change", () => this.again());
     this.controls();
+  }
+
+  program(corners, pixels) {
+    const gl = this.gl, made = gl.createProgram();
+    for (const [kind, text] of [[gl.VERTEX_SHADER, corners], [gl.FRAGMENT_SHADER, pixels]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, text); gl.compileShader(shader); gl.attachShader(made, shader);
+    }
+    gl.bindAttribLocation(made, 0, "at"); gl.bindAttribLocation(made, 1, "tint");
+    gl.linkProgram(made);
+    return { made, view: gl.getUniformLocation(made, "view"), size: gl.getUniformLocation(made, "size") };
   }
 
   // Look at the middle of the cloud, from where most of it fills the pane.
   aim(rows) {
     const [x0, y0, x1, y1] = this.run.box, span = [[x0, x1], [y0, y1]];
-    for (let c = 0; rows && c < 2; c++) {
+    for (let c = 0; c < 2; c++) {
       const values = [];
-      for (let k = c; k < rows.length; k += 66) values.push(rows[k]);
+      for (let k = c; k < rows.length; k += 11 * ROW) values.push(rows[k]);
       values.sort((a, b) => a - b);
       span[c] = [0.02, 0.98].map((share) => values[Math.floor(share * (values.length - 1))]);
     }
     this.centre = [(span[0][0] + span[0][1]) / 2, (span[1][0] + span[1][1]) / 2, 0.1];
     this.distance = 0.68 * Math.hypot(span[0][1] - span[0][0], span[1][1] - span[1][0]) + 0.4;
+    this.yaw = -1.9; this.pitch = 0.85;
+  }
+
+  // Stand behind the robot, or the camera, and look over it.
+  stand() {
+    const i = this.run.t.length - 1, pose = this.run.pose[i], [x, y] = this.placeAt(i) || [0, 0];
+    const heading = pose ? pose[2] : Math.PI / 2;
+    this.centre = [x + FIRST.ahead_m * Math.cos(heading), y + FIRST.ahead_m * Math.sin(heading), 0.1];
+    this.yaw = heading + Math.PI + FIRST.behind; this.pitch = FIRST.pitch; this.distance = FIRST.distance;
+  }
+
+  placeAt(i) {
+    if (this.run.pose[i]) return this.run.pose[i];
+    const camera = this.run.cameras.find((one) => one.pose[i]);
+    return camera ? camera.pose[i] : null;
   }
 
   pointsOf({ count, low, step, bytes }) {
-    const at = new Uint16Array(bytes.buffer, 0, 3 * count), tint = bytes.subarray(6 * count), rows = new Float32Array(6 * count);
+    const at = new Uint16Array(bytes.buffer, 0, 3 * count), tint = bytes.subarray(6 * count), rows = new Float32Array(ROW * count).fill(1);
     for (let k = 0; k < count; k++) for (let c = 0; c < 3; c++) {
-      rows[6 * k + c] = low[c] + at[3 * k + c] * step;
-      rows[6 * k + 3 + c] = tint[3 * k + c] / 255;
+      rows[ROW * k + c] = low[c] + at[3 * k + c] * step;
+      rows[ROW * k + 3 + c] = tint[3 * k + c] / 255;
     }
     return rows;
-  }
-
-  fixed(rows) {
-    const buffer = this.gl.createBuffer();
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, buffer);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, rows, this.gl.STATIC_DRAW);
-    return { buffer, count: rows.length / 6 };
   }
 
   controls() {
@@ -103,6 +126,13 @@ class Space {
     this.centre[0] += step * (-s * du - c * dv); this.centre[1] += step * (c * du - s * dv);
   }
 
+  follow(i) {
+    const now = this.placeAt(i), before = this.followed;
+    this.followed = now || before;
+    if (!now || !before || !byId("follow-space").checked) return;
+    for (const c of [0, 1]) this.centre[c] += now[c] - before[c];
+  }
+
   matrix(width, height) {
     const [cy, sy, cp, sp] = [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
     const back = [cy * cp, sy * cp, sp], right = [-sy, cy, 0], up = [-cy * sp, -sy * sp, cp];
@@ -120,78 +150,91 @@ class Space {
   }
 
   draw(i) {
+    if (!this.gl) return;
     this.moment = i;
-    if (!this.gl || !this.visible) return;
+    this.follow(i);
+    if (!this.visible) return;
     const gl = this.gl, scale = Math.min(window.devicePixelRatio || 1, 2), canvas = this.canvas;
     const [width, height] = [Math.round(canvas.clientWidth * scale), Math.round(canvas.clientHeight * scale)];
     if (!width) return;
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
-    gl.viewport(0, 0, width, height); gl.enable(gl.DEPTH_TEST);
-    gl.clearColor(0.067, 0.086, 0.106, 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.useProgram(this.program);
-    gl.uniformMatrix4fv(this.view, false, this.matrix(width, height));
-    gl.uniform1f(this.size, 0.03 * height);
-    if (this.cloud) this.rows(this.cloud.buffer, this.cloud.count, gl.POINTS);
-    const lines = [], faces = [];
-    this.things(i, lines, faces);
-    this.moving(this.faces, faces, gl.TRIANGLES);
-    this.moving(this.lines, lines, gl.LINES);
+    const view = this.matrix(width, height), shapes = new Shapes();
+    this.scene.draw(shapes, i);
+    this.refresh(i);
+    gl.viewport(0, 0, width, height); gl.enable(gl.DEPTH_TEST); gl.depthMask(true);
+    gl.clearColor(...BACK, 1); gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.BLEND); gl.blendFuncSeparate(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA, gl.ONE, gl.ONE);
+    gl.useProgram(this.floor.made); gl.uniformMatrix4fv(this.floor.view, false, view);
+    if (!this.ground.empty) this.rows("floor", gl.TRIANGLES);
+    gl.useProgram(this.points.made); gl.uniformMatrix4fv(this.points.view, false, view);
+    gl.uniform1f(this.points.size, 0.03 * height);
+    const clouded = this.run.cloud && byId("cloud").checked;
+    if (clouded) this.rows("cloud", gl.POINTS);
+    else { this.rows("blocks", gl.TRIANGLES); this.rows("seen", gl.POINTS); }
+    this.store("solid", shapes.solid); this.rows("solid", gl.TRIANGLES);
+    this.store("lines", shapes.lines); this.rows("lines", gl.LINES);
+    gl.depthMask(false);
+    this.store("clear", shapes.clear); this.rows("clear", gl.TRIANGLES);
+    this.words(shapes.labels, view);
     canvas.dataset.moment = String(i);
   }
 
-  rows(buffer, count, kind) {
-    const gl = this.gl;
-    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-    for (const place of [0, 1]) { gl.enableVertexAttribArray(place); gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 24, 12 * place); }
-    gl.drawArrays(kind, 0, count);
+  // Ground and points of the moment, where they are new.
+  refresh(i) {
+    if (this.ground.at(i)) {
+      const [x, y, wide, high] = this.ground.empty ? [0, 0, 0, 0] : this.ground.place, shapes = new Shapes();
+      const corner = (a, b) => [x + a * wide, y + b * high, 0, a, 1 - b, 0, 0];
+      this.store("floor", [[0, 0], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]].flatMap(([a, b]) => corner(a, b)));
+      if (!this.ground.empty) { this.ground.blocks(shapes, blockPaint); this.pave(); }
+      this.store("blocks", shapes.solid);
+    }
+    const depth = this.panes.find((one) => one.steps), shown = depth ? depth.shown : -1;
+    if (shown !== this.pictured) {
+      this.pictured = shown;
+      this.store("seen", seenPoints(this.run, this.panes));
+    }
   }
 
-  moving(buffer, rows, kind) {
-    this.gl.bindBuffer(this.gl.ARRAY_BUFFER, buffer);
-    this.gl.bufferData(this.gl.ARRAY_BUFFER, new Float32Array(rows), this.gl.DYNAMIC_DRAW);
-    this.rows(buffer, rows.length / 6, kind);
+  pave() {
+    const gl = this.gl, nearest = gl.NEAREST, edge = gl.CLAMP_TO_EDGE;
+    this.texture = this.texture || gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, this.texture);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, this.ground.picture(FLOOR_FREE, FLOOR_OCCUPIED, 110));
+    for (const [name, value] of [[gl.TEXTURE_MIN_FILTER, nearest], [gl.TEXTURE_MAG_FILTER, nearest], [gl.TEXTURE_WRAP_S, edge], [gl.TEXTURE_WRAP_T, edge]]) gl.texParameteri(gl.TEXTURE_2D, name, value);
   }
 
-  things(i, lines, faces) {
-    const run = this.run, blue = [0.39, 0.7, 0.9], grey = [0.75, 0.8, 0.85], green = [0.3, 0.79, 0.63], orange = [1, 0.6, 0.34], yellow = [0.94, 0.71, 0.16];
-    const line = (a, b, paint) => lines.push(...a, ...paint, ...b, ...paint);
-    const path = (points, height, paint) => points.forEach((p, k) => {
-      const q = points[k + 1];
-      if (p && q) line([p[0], p[1], height], [q[0], q[1], height], paint);
-    });
-    const slab = (x, y, yaw, [long, wide], bottom, top, paint) => {
-      const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
-      const corner = (a, b, z) => [x + c * a * long / 2 - s * b * wide / 2, y + s * a * long / 2 + c * b * wide / 2, z];
-      const ring = (z) => [[1, 1], [-1, 1], [-1, -1], [1, -1]].map(([a, b]) => corner(a, b, z));
-      const [low, high] = [ring(bottom), ring(top)];
-      const quad = (a, b, e, d, shade) => { const tint = paint.map((v) => v * shade); for (const p of [a, b, e, a, e, d]) faces.push(...p, ...tint); };
-      quad(...high, 1);
-      for (let k = 0; k < 4; k++) quad(low[k], low[(k + 1) % 4], high[(k + 1) % 4], high[k], 0.6 + 0.1 * k);
-    };
-    const pose = run.pose[i], foot = run.body ? run.body.foot : [0.1, 0.06];
-    if (run.pose.some((one) => one)) { path(run.pose.slice(0, i + 1), 0.02, blue); path(run.pose.slice(i), 0.02, [0.4, 0.45, 0.5]); }
-    else if (run.cameras.length) for (let k = 0; k < i; k++) {
-      const [a, b] = [run.cameras[0].pose[k], run.cameras[0].pose[k + 1]];
-      if (a && b) line(a.slice(0, 3), b.slice(0, 3), blue);
-    }
-    if (run.route[i]) path(run.route[i], 0.02, green);
-    for (const [x, y, yaw] of run.steps[i] || []) slab(x, y, yaw, foot, 0, 0.01, green);
-    for (const [x, y, yaw, lifted] of run.feet[i] || []) slab(x, y, yaw, foot, lifted ? 0.03 : 0, lifted ? 0.06 : 0.03, blue);
-    if (pose && run.body) slab(pose[0], pose[1], pose[2], run.body.trunk, 0.45 * run.body.trunk[2], run.body.trunk[2], blue);
-    for (const track of run.tracks[i] || []) {
-      const paint = track.moving >= run.moving ? orange : yellow, [x, y] = track.at;
-      for (let k = 0; k < 24; k++) {
-        const [a, b] = [k, k + 1].map((n) => [x + track.radius * Math.cos(n * Math.PI / 12), y + track.radius * Math.sin(n * Math.PI / 12)]);
-        line([...a, 0.02], [...b, 0.02], paint); line([...a, track.height], [...b, track.height], paint);
-        if (k % 6 === 0) line([...a, 0.02], [...a, track.height], paint);
-      }
-    }
-    for (const [x, y] of run.goals) line([x, y, 0], [x, y, 0.6], green);
-    for (const camera of run.cameras) {
-      const seen = sight(camera, i);
-      if (!seen) continue;
-      const ends = seen.rays.map((ray) => seen.at.map((value, c) => value + 0.6 * ray[c]));
-      for (let k = 1; k < 5; k++) { line(seen.at, ends[k], grey); line(ends[k], ends[k % 4 + 1], grey); }
+  store(name, rows) {
+    const gl = this.gl, buffer = this.buffers.get(name) || { data: gl.createBuffer() };
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer.data);
+    gl.bufferData(gl.ARRAY_BUFFER, rows instanceof Float32Array ? rows : new Float32Array(rows), gl.DYNAMIC_DRAW);
+    buffer.count = rows.length / ROW;
+    this.buffers.set(name, buffer);
+  }
+
+  rows(name, kind) {
+    const gl = this.gl, buffer = this.buffers.get(name);
+    if (!buffer || !buffer.count) return;
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer.data);
+    for (const [place, size] of [[0, 3], [1, 4]]) { gl.enableVertexAttribArray(place); gl.vertexAttribPointer(place, size, gl.FLOAT, false, 4 * ROW, 12 * place); }
+    gl.drawArrays(kind, 0, buffer.count);
+  }
+
+  words(labels, view) {
+    const [g, width, height] = sized(byId("space-words"));
+    g.clearRect(0, 0, width, height);
+    g.font = "600 12px ui-sans-serif, system-ui, sans-serif"; g.textAlign = "center"; g.textBaseline = "bottom"; g.lineJoin = "round";
+    for (const { at, words, paint } of labels) {
+      const [x, y, , w] = [0, 1, 2, 3].map((k) => view[k] * at[0] + view[4 + k] * at[1] + view[8 + k] * at[2] + view[12 + k]);
+      if (w < 0.05) continue;
+      const [u, v] = [(1 + x / w) * width / 2, (1 - y / w) * height / 2];
+      g.strokeStyle = "rgba(10, 14, 18, 0.85)"; g.lineWidth = 4; g.strokeText(words, u, v);
+      g.fillStyle = `rgb(${paint.map((value) => Math.round(255 * value))})`; g.fillText(words, u, v);
     }
   }
+}
+
+// Blocks of the ground: brown-grey where low, paler where high.
+function blockPaint(height) {
+  const t = Math.min(height / 0.6, 1);
+  return [0.52 + 0.30 * t, 0.46 + 0.34 * t, 0.42 + 0.38 * t];
 }

@@ -47,7 +47,7 @@ def surroundings(run: RunFolder, moments: Sequence[Moment]) -> tuple[dict[str, A
         "goals": goals,
         "landmarks": landmarks,
         "footprints": [one["outline_m"] for one in footprints if "outline_m" in one],
-        "body": _body(run, moments),
+        "body": body_of(run, moments),
         "box": _box(layers, moments, [*goals, *([] if layers else landmarks)], areas),
     }
     return entries, data
@@ -57,7 +57,7 @@ def _goal(moment: Moment) -> tuple[float, float] | None:
     return None if moment.goal is None else (float(moment.goal[0]), float(moment.goal[1]))
 
 
-def _body(run: RunFolder, moments: Sequence[Moment]) -> dict[str, Any] | None:
+def body_of(run: RunFolder, moments: Sequence[Moment]) -> dict[str, Any] | None:
     """Sizes of the walking body, m; None for what has no head on joints: a camera in a hand, a robot on wheels."""
     if all(one.head is None for one in moments):
         return None

@@ -8,22 +8,28 @@ class TopView {
     this.canvas = byId("map");
     const [x0, y0, x1, y1] = run.box;
     this.canvas.style.aspectRatio = String(Math.min(Math.max((x1 - x0) / (y1 - y0), 0.9), 1.7));
-    this.foot = run.body ? run.body.foot : [0.1, 0.06];
     this.layers = run.layers.map((layer) => {
       const image = new Image();
       image.src = layer.png;
       return { ...layer, image };
     });
     this.ready = Promise.all(this.layers.map((layer) => layer.image.decode()));
+    if (!this.layers.length && run.grid) { this.ground = new Ground(run); this.layers.push({ name: "seen so far" }); }
     this.patch = document.createElement("canvas");
     const choice = byId("layer");
     for (const name of ["nothing", ...this.layers.map((layer) => layer.name)]) choice.add(new Option(name));
     choice.selectedIndex = this.layers.length ? 1 : 0;
     byId("layer-choice").hidden = !this.layers.length;
-    byId("ellipse-choice").hidden = !run.pose.some((pose) => pose);
-    byId("confidence-choice").hidden = !run.grid;
     this.canvas.addEventListener("pointermove", (event) => this.tell(event));
     this.canvas.addEventListener("pointerleave", () => { byId("map-value").textContent = ""; });
+    this.complete();
+  }
+
+  // Controls and legend for what the run has.
+  complete() {
+    this.foot = this.run.body ? this.run.body.foot : [0.1, 0.06];
+    byId("ellipse-choice").hidden = !this.run.pose.some((pose) => pose);
+    byId("confidence-choice").hidden = !this.run.grid;
     this.legend();
   }
 
@@ -52,7 +58,7 @@ class TopView {
     this.fit(width, height, i);
     g.fillStyle = theme.unseen;
     g.fillRect(0, 0, width, height);
-    this.below();
+    this.below(i);
     this.grid(i);
     for (const area of this.run.areas) this.area(area);
     for (const ring of this.run.footprints) this.polygon(ring, theme.static, 0.2, 1.3);
@@ -70,34 +76,43 @@ class TopView {
     this.scaleBar(width, height);
   }
 
-  below() {
+  below(i) {
     const layer = this.layers[byId("layer").selectedIndex - 1];
     if (!layer) return;
-    const [x, y] = this.place(layer.origin[0], layer.origin[1] + layer.cell_m * layer.image.naturalHeight);
+    const [image, left, bottom, wide, high] = layer.image ? this.whole(layer) : this.soFar(i);
+    if (!image) return;
+    const [x, y] = this.place(left, bottom + high);
     this.g.imageSmoothingEnabled = false;
     const dark = window.matchMedia("(prefers-color-scheme: dark)").matches;
     this.g.globalAlpha = this.run.grid ? (dark ? 0.2 : 0.4) : 0.85;
-    const size = layer.cell_m * this.scale;
-    this.g.drawImage(layer.image, x, y, layer.image.naturalWidth * size, layer.image.naturalHeight * size);
+    this.g.drawImage(image, x, y, wide * this.scale, high * this.scale);
     this.g.globalAlpha = 1;
   }
 
-  // The grid around the robot at moment i: [offset of its bytes, rows, columns, x, y] or null.
+  whole({ image, origin, cell_m: cell }) { return [image, ...origin, image.naturalWidth * cell, image.naturalHeight * cell]; }
+
+  soFar(i) {
+    this.ground.at(i);
+    if (this.ground.empty) return [null];
+    return [this.ground.picture(rgb(theme.free), rgb(theme.occupied), 255), ...this.ground.place];
+  }
+
+  // The grid around the robot at moment i: [its bytes, rows, columns, x, y] or null.
   gridAt(i) {
     const grid = this.run.grid;
     const k = grid ? lastAt(grid.moments, i) : -1;
-    return k < 0 ? null : grid.places[k];
+    return k < 0 ? null : [grid.cells[k], ...grid.places[k].slice(1)];
   }
 
   grid(i) {
     const place = this.gridAt(i);
     if (!place) return;
-    const [offset, rows, columns, x0, y0] = place, cells = rows * columns, bytes = this.run.grid.bytes;
+    const [bytes, rows, columns, x0, y0] = place, cells = rows * columns;
     this.patch.width = columns; this.patch.height = rows;
     const context = this.patch.getContext("2d"), image = context.createImageData(columns, rows);
     const free = rgb(theme.free), occupied = rgb(theme.occupied), sure = byId("confidence").checked;
     for (let row = 0; row < rows; row++) for (let column = 0; column < columns; column++) {
-      const from = offset + row * columns + column, to = 4 * ((rows - 1 - row) * columns + column);
+      const from = row * columns + column, to = 4 * ((rows - 1 - row) * columns + column);
       const level = bytes[from];
       if (level === 255) continue;
       const t = level / 254;
@@ -115,7 +130,7 @@ class TopView {
 
   // Where a camera sees the floor, and where its axis meets it.
   views(i) {
-    for (const [k, camera] of this.run.cameras.entries()) {
+    for (const [k, camera] of this.run.cameras.filter((one) => !one.seldom).entries()) {
       const seen = sight(camera, i);
       if (!seen) continue;
       const floor = seen.rays.map((ray) => {
@@ -246,11 +261,11 @@ class TopView {
     let words = `x ${x.toFixed(2)}, y ${y.toFixed(2)} m`;
     const place = this.gridAt(this.moment);
     if (place) {
-      const [offset, rows, columns, x0, y0] = place, size = this.run.grid.cell_m;
+      const [bytes, rows, columns, x0, y0] = place, size = this.run.grid.cell_m;
       const row = Math.floor((y - y0) / size), column = Math.floor((x - x0) / size);
       if (row >= 0 && row < rows && column >= 0 && column < columns) {
-        const at = offset + row * columns + column, level = this.run.grid.bytes[at];
-        words += level === 255 ? ", unknown" : `, occupied ${(level / 2.54).toFixed(0)} %, confidence ${(this.run.grid.bytes[at + rows * columns] / 2.55).toFixed(0)} %`;
+        const at = row * columns + column, level = bytes[at];
+        words += level === 255 ? ", unknown" : `, occupied ${(level / 2.54).toFixed(0)} %, confidence ${(bytes[at + rows * columns] / 2.55).toFixed(0)} %`;
       }
     }
     byId("map-value").textContent = words;
@@ -267,6 +282,7 @@ class TopView {
       ["landmark", "landmark", run.landmarks.length], ["occupied", "occupied", run.grid || run.layers.length],
       ["unseen", "unknown", run.grid || run.layers.length],
     ];
+    byId("legend").replaceChildren();
     for (const [name, words, there] of wanted) {
       if (!there) continue;
       const item = document.createElement("li"), swatch = document.createElement("i");

@@ -63,7 +63,7 @@ def test_with_a_wheel_the_advice_needs_no_checkout(nothing_installed, monkeypatc
     findings = doctor._python() + doctor._required() + doctor._extras() + doctor._browser()
     advice = [finding.mend for finding in findings]
     assert not any(word in line for line in advice for word in ("make ", "lock", " -e "))
-    assert f"{sys.executable} -m pip install 'surefoot[viz]'" in advice
+    assert f"{sys.executable} -m pip install 'surefoot[rerun]'" in advice
 
 
 def test_pybullet_is_optional_where_it_has_no_wheel(nothing_installed, monkeypatch):

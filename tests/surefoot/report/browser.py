@@ -23,7 +23,7 @@ CHROMIUM = next(
 ARGUMENTS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--disable-default-apps", "--disable-extensions",
-    "--host-resolver-rules=MAP * ~NOTFOUND", "--remote-debugging-pipe", "--enable-unsafe-swiftshader", "--hide-scrollbars",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--remote-debugging-pipe", "--enable-unsafe-swiftshader", "--hide-scrollbars",
 )  # fmt: skip
 PATIENCE_S = 30.0
 KEYS = {
@@ -108,15 +108,16 @@ class Browser:
         elif event.get("method") == "Log.entryAdded" and values["entry"]["level"] == "error":
             self.errors.append(values["entry"]["text"])
 
-    def open(self, page: Path, width: int, height: int = 900, fragment: str = "") -> None:
-        """Load a page in a window of this size."""
+    def open(self, page: Path | str, width: int, height: int = 900, fragment: str = "") -> None:
+        """Load a file, or the page of an address, in a window of this size."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.ask("Emulation.setDeviceMetricsOverride", size)
         self.ask("Page.navigate", {"url": "about:blank"})
         self.requests.clear()
         self.errors.clear()
-        self.ask("Page.navigate", {"url": page.as_uri() + fragment})
-        self.wait("location.protocol === 'file:' && document.readyState === 'complete'")
+        address = page.as_uri() if isinstance(page, Path) else page
+        self.ask("Page.navigate", {"url": address + fragment})
+        self.wait("location.protocol !== 'about:' && document.readyState === 'complete'")
 
     def run(self, script: str) -> Any:
         """Value of an expression in the page; a promise is awaited."""

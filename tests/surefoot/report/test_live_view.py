@@ -1,84 +1,341 @@
-"""The live page: what it passes to viser, and its error message without viser."""
+"""The live page: a walk in the browser while it goes on, and what pages may and may not do to it."""
 
 from __future__ import annotations
 
-import sys
-import types
-from types import SimpleNamespace
+import http.client
+import json
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from perception.primitives.camera import Camera
 from perception.primitives.errors import InputError
-from perception.primitives.frame import ColourView, DepthView, Frame
-from perception.primitives.pose import Pose3, head_rotation
-from planning.planners.avoidance_planner import AvoidancePlanner
-from planning.planners.settings import PlanningConfig
-from surefoot.config.schema import Config
-from surefoot.recordings.recording import RecordingInfo
-from surefoot.report.live_view import PANE_PX, LivePage
-from surefoot.run.pipeline import Pipeline
+from surefoot.cli import run_verbs
+from surefoot.cli.main import main
+from surefoot.config.load import load
+from surefoot.report import live_view
+from surefoot.report import page as report
+from surefoot.report.live_view import LivePage
+from surefoot.results.moment import Moment
+from surefoot.results.moments import MomentWriter, read_moments
+from surefoot.results.run_folder import RunFolder
+from surefoot.run.simulate import simulate
+
+from .browser import CHROMIUM, Browser
+
+SETTINGS = ("mission.time_limit_s=3",)
+SAME = (
+    "trajectory_covariance.csv",
+    "commands.csv",
+    "floor.csv",
+    "obstacles.json",
+    "odometry.csv",
+    "map.pgm",
+)
+SHOWN = "Number(document.documentElement.dataset.drawn)"
+NEWEST = "Number(document.getElementById('instant').max)"
 
 
-class Recorder:
-    """Replaces all parts of viser; keeps the panes by their label."""
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunFolder]:
+    """The first steps of a walk that nobody watched."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(report, "write_report", lambda folder: None)
+        out = tmp_path_factory.mktemp("walk") / "alone"
+        config = load(None, SETTINGS, scene="boxes", seed=4)
+        yield RunFolder(simulate(config, out, False, lambda text: None).folder)
 
-    def __init__(self):
-        self.panes = {}
-        self.scene = self.gui = self
 
-    def add_image(self, picture, values=None, label="", **options):
-        if not label:  # the map on the floor
-            return None
-        handle = SimpleNamespace(image=picture)
-        assert label not in self.panes
-        self.panes[label] = handle
-        return handle
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no chromium on the PATH: the page was not rendered; apt-get install chromium")
+    with Browser(tmp_path_factory.mktemp("profile")) as opened:
+        yield opened
 
-    def __getattr__(self, name):  # points, frames, boxes: not checked
-        return lambda *values, **options: SimpleNamespace(remove=lambda: None)
+
+@pytest.fixture(autouse=True)
+def _no_waiting(monkeypatch):
+    for name in ("EVERY_S", "PATIENCE_S", "LOOK_S"):
+        monkeypatch.setattr(live_view, name, 0.02)
 
 
 @pytest.fixture
-def server(monkeypatch):
-    recorder = Recorder()
-    library = types.ModuleType("viser")
-    library.ViserServer = lambda **options: recorder
-    monkeypatch.setitem(sys.modules, "viser", library)
-    return recorder
+def page() -> Iterator[LivePage]:
+    made = LivePage()
+    yield made
+    made.close()
 
 
-def cycle(pipeline, grey):
-    """A frame with a grey image and a floor up to 4 m away, and its estimate."""
-    camera = Camera.from_view(64, 48, 0.8, 0.6)
-    T = Pose3.from_rotation(head_rotation(0.0, 0.3), np.array([0.0, 0.0, 0.4]))
-    down = -(camera.rays @ T.rotation.T)[..., 2]
-    z = np.where(down > 0.1, 0.4 / np.maximum(down, 0.1), np.nan).astype(np.float32)
-    colour = ColourView(np.full((48, 64, 3), grey, np.uint8), camera, T)
-    frame = Frame(0.1 * grey, colour=colour, depth=DepthView(z, camera, T))
-    return frame, pipeline.cycle(frame)
+def ask(
+    page: LivePage, path: str, values: dict[str, Any] | None = None, **headers: str
+) -> tuple[int, bytes]:
+    """Status and answer of the page's server; a command if there are values."""
+    connection = http.client.HTTPConnection("127.0.0.1", int(page.address.split(":")[2].strip("/")))
+    kind = {} if values is None else {"Content-Type": "application/json"}
+    body = None if values is None else json.dumps(values)
+    connection.request("GET" if values is None else "POST", path, body, {**kind, **headers})
+    answer = connection.getresponse()
+    return answer.status, answer.read()
 
 
-def test_camera_depth_and_panorama_are_shown_beside_the_3d_view(server):
-    page, pipeline = LivePage(), Pipeline(Config(), RecordingInfo("test", "rgbd"))
-    page.show(cycle(pipeline, 90)[0], cycle(pipeline, 91)[1])
-    assert set(server.panes) == {"Camera", "Depth (depth)"}
-    planner = AvoidancePlanner(PlanningConfig(), [(1.0, 0.0)])
-    drawing = SimpleNamespace(range_m=np.full((20, 100), 1.0))
-    planner.looks = [SimpleNamespace(panorama=SimpleNamespace(drawing=drawing))]
-    frame, world = cycle(pipeline, 200)
-    page.show(frame, world, planner)
-    assert set(server.panes) == {"Camera", "Depth (depth)", "Panoramic environment map"}
-    assert server.panes["Camera"].image.shape == (240, PANE_PX, 3)
-    assert (server.panes["Camera"].image == 200).all()  # the newest image, in the same pane
-    painted = server.panes["Depth (depth)"].image
-    assert (painted[0] == 0).all()  # missing range is black
-    assert painted[-1].sum() > painted[180].sum()  # near is brighter
-    assert server.panes["Panoramic environment map"].image.shape == (64, PANE_PX, 3)
+def news(page: LivePage, number: int) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """State of the run and its moments from a number on, as a page gets them."""
+    answer = json.loads(ask(page, f"/moments?from={number}")[1])
+    return answer["state"], answer["moments"]
 
 
-def test_without_viser_the_error_names_the_extra_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "viser", None)
-    with pytest.raises(InputError, match=r"surefoot\[viz\]"):
-        LivePage()
+def everything(page: LivePage) -> list[dict[str, Any]]:
+    """All moments of a run, when it is over."""
+    found: list[dict[str, Any]] = []
+    over = False
+    while not over:
+        state, more = news(page, len(found))
+        over = state["over"]
+        found += more
+    assert not state["error"]
+    return found
+
+
+def walked(page: LivePage, run: RunFolder) -> threading.Thread:
+    """Shows the moments of a run as its walk did, in a thread."""
+    made = list(read_moments(run))
+
+    def steps() -> None:
+        for one in made:
+            page.show(one, lambda: False)
+        page.finish()
+
+    page.watch(run)
+    thread = threading.Thread(target=steps, daemon=True)
+    thread.start()
+    return thread
+
+
+def space(browser: Browser, tmp_path: Path) -> np.ndarray:
+    """The pixels of the pane in space, RGB."""
+    box = json.loads(
+        browser.run("JSON.stringify(document.getElementById('space').getBoundingClientRect())")
+    )
+    browser.screenshot(tmp_path / "space.png", whole=False)
+    picture = cv2.imread(str(tmp_path / "space.png"))
+    assert picture is not None
+    left, top = round(box["left"]), round(box["top"])
+    return picture[
+        top : top + round(box["height"]), left : left + round(box["width"]), ::-1
+    ].astype(int)
+
+
+def blue(picture: np.ndarray) -> np.ndarray:
+    """Pixels in the blue of the robot."""
+    r, g, b = np.moveaxis(picture, -1, 0)
+    return (b > 1.25 * g) & (b > 1.9 * r) & (b > 90)
+
+
+@pytest.mark.parametrize("width", [1300, 400])
+def test_a_walk_is_seen_from_its_first_moment_on(browser, page, walk, tmp_path, width):
+    page.watch(walk)
+    made = list(read_moments(walk))
+    page.show(made[0], lambda: False)
+    browser.open(page.address.replace("localhost", "127.0.0.1"), width)
+    browser.wait("document.documentElement.dataset.ready === '1'")
+    browser.wait("document.getElementById('space').dataset.moment === '0'")
+    first = space(browser, tmp_path)
+    assert blue(first).sum() > 200  # the robot
+    background = np.abs(first - first[2, 2]).max(axis=-1) < 12
+    assert (~background).mean() > 0.1
+    assert len(np.unique(first[~background] // 48, axis=0)) > 12  # what its camera sees of the room
+    for one in made[1:]:
+        page.show(one, lambda: False)
+    browser.wait(f"document.getElementById('space').dataset.moment === '{len(made) - 1}'")
+    later = space(browser, tmp_path)
+    assert (np.abs(first - later).max(axis=-1) > 24).mean() > 0.05
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    titles = (
+        "JSON.stringify([...document.querySelectorAll('#pictures h2')].map((h) => h.textContent))"
+    )
+    assert {"Camera", "Depth (tof)"} <= set(json.loads(browser.run(titles)))
+    assert browser.errors == []
+
+
+def test_pause_holds_the_walk_step_moves_it_by_one_and_the_slider_goes_back(browser, page, walk):
+    page.watch(walk)
+    made = list(read_moments(walk))
+    page.show(made[0], lambda: False)
+    browser.open(page.address.replace("localhost", "127.0.0.1"), 1300)
+    browser.wait("document.documentElement.dataset.ready === '1'")
+    browser.run("document.getElementById('play').click()")
+    browser.wait("document.documentElement.dataset.state === 'The walk is paused.'")
+    while not news(page, 0)[0]["paused"]:
+        pass
+    thread = threading.Thread(
+        target=lambda: [page.show(one, lambda: False) for one in made[1:]], daemon=True
+    )
+    thread.start()
+    browser.wait(f"{NEWEST} === 1")  # the one that was computed when the walk was paused
+    browser.run("new Promise((done) => setTimeout(done, 400))")
+    assert browser.run(f"{NEWEST}") == 1
+    assert browser.run(SHOWN) == 0
+    browser.press("ArrowRight")
+    browser.wait(f"{SHOWN} === 1")
+    browser.run("document.getElementById('step').click()")
+    browser.wait(f"{SHOWN} === 2")
+    browser.run("new Promise((done) => setTimeout(done, 400))")
+    assert browser.run(NEWEST) == 2
+    browser.press("Home")
+    browser.wait(f"{SHOWN} === 0")
+    browser.run("document.getElementById('newest').click()")
+    browser.wait(f"{SHOWN} === {len(made) - 1}")  # it goes on, and the page with it
+    thread.join(10.0)
+    page.finish()
+    browser.wait("document.documentElement.dataset.state.startsWith('The run is over')")
+    browser.run("(() => { const s = document.getElementById('instant'); s.value = 3; s.dispatchEvent(new Event('input')); })()")  # fmt: skip
+    browser.wait(f"{SHOWN} === 3")
+    assert browser.errors == []
+
+
+def test_a_walk_that_is_watched_and_paused_gives_the_same_bits(walk, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "write_report", lambda folder: None)
+    held: list[int] = []
+    found: list[dict[str, Any]] = []
+
+    def watch(page: LivePage) -> None:
+        while len(found) < 4:
+            found.extend(news(page, len(found))[1])
+        ask(page, "/walk", {"paused": True})
+        for _ in range(3):  # until nothing more comes
+            found.extend(news(page, len(found))[1])
+        held.append(len(found))
+        held.append(len(found) + len(news(page, len(found))[1]))
+        ask(page, "/walk", {"step": True})
+        while len(found) < held[1] + 1:
+            found.extend(news(page, len(found))[1])
+        ask(page, "/walk", {"paused": False, "speed": 20.0})
+        found.extend(everything(page)[len(found) :])
+
+    threads: list[threading.Thread] = []
+
+    def opened(address: str) -> None:
+        threads.append(threading.Thread(target=watch, args=(pages[0],), daemon=True))
+        threads[0].start()
+
+    pages: list[LivePage] = []
+    make = LivePage.__init__
+    monkeypatch.setattr(LivePage, "__init__", lambda page: (pages.append(page), make(page))[1])
+    monkeypatch.setattr(LivePage, "stay", lambda page: threads[0].join(20.0))  # until Ctrl-C
+    monkeypatch.setattr(run_verbs, "open_in_browser", opened)
+    words = ["simulate", "boxes", "--seed", "4", "--view", "--set", SETTINGS[0], "--out", str(tmp_path / "watched")]  # fmt: skip
+    result = CliRunner().invoke(main, words)
+    assert "shows the whole walk until Ctrl-C" in result.stderr
+    assert held[0] == held[1] >= 4
+    other = RunFolder(tmp_path / "watched")
+    for name in SAME:
+        assert other.path(name).read_bytes() == walk.path(name).read_bytes(), name
+    assert [one["pose"] for one in found] == [one["pose"] for one in shown(walk)]
+    pages[0].close()
+
+
+def shown(run: RunFolder) -> list[dict[str, Any]]:
+    """What a page shows of a run folder."""
+    page = LivePage()
+    page.follow(run)
+    found = everything(page)
+    page.close()
+    return found
+
+
+def test_a_walk_and_its_run_folder_show_the_same(page, walk):
+    walked(page, walk).join(10.0)
+    live = everything(page)
+    assert len(live) == len(list(read_moments(walk)))
+    assert live == shown(walk)
+
+
+def test_a_folder_is_followed_while_it_is_written(page, walk, tmp_path):
+    made = [replace(one, stamp_s=5.0 * k) for k, one in enumerate(read_moments(walk))]
+    folder = RunFolder.create(tmp_path / "written")
+    writer = MomentWriter(folder)
+    page.follow(folder)
+    found: list[dict[str, Any]] = []
+    for k, one in enumerate(made):
+        writer.write(one)
+        while len(found) < k:  # the newest comes with the next one or the end
+            state, more = news(page, len(found))
+            found += more
+            assert not state["over"]
+    writer.close(())
+    assert [one["t"] for one in everything(page)] == [[one.stamp_s] for one in made]
+
+
+def test_a_run_whose_writer_was_killed_is_shown_to_its_last_whole_part(page, walk, tmp_path):
+    folder = RunFolder.create(tmp_path / "killed")
+    for name in (".surefoot-run", "config.toml"):
+        folder.path(name).write_bytes(walk.path(name).read_bytes())
+    data = walk.path("estimates.mcap").read_bytes()
+    folder.path("estimates.mcap").write_bytes(data[: len(data) * 2 // 3])
+    del folder  # it is not being written any more
+    page.follow(RunFolder(tmp_path / "killed"))
+    assert 1 < len(everything(page)) < len(list(read_moments(walk)))
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8080", "localhost.evil.example", "0.0.0.0", ""]
+)
+def test_a_name_that_was_bound_to_this_machine_gets_no_answer(page, host):
+    assert ask(page, "/", Host=host)[0] == 403
+    assert ask(page, "/moments?from=0", Host=host)[0] == 403
+    assert ask(page, "/walk", {"paused": True}, Host=host)[0] == 403
+    assert not news(page, 0)[0]["paused"]
+
+
+@pytest.mark.parametrize("host", ["localhost:9000", "127.0.0.1:8080", "localhost"])
+def test_its_own_names_are_answered_on_any_port(page, host):
+    status, text = ask(page, "/", Host=host)
+    assert status == 200
+    assert b"data-live" in text
+
+
+def test_another_site_cannot_command_the_walk(page):
+    assert ask(page, "/walk", {"paused": True}, Origin="http://evil.example")[0] == 403
+    assert ask(page, "/walk", {"paused": True}, **{"Content-Type": "text/plain"})[0] == 400
+    assert ask(page, "/walk", {"speed": 0.0})[0] == 400
+    assert ask(page, "/walk", {"speed": "fast"})[0] == 400
+    assert ask(page, "/moments?from=-1")[0] == 400
+    assert ask(page, "/estimates.mcap")[0] == 404
+    assert not news(page, 0)[0]["paused"]
+
+
+def test_a_walk_does_not_wait_for_a_page_that_is_closed(page, walk):
+    assert ask(page, "/walk", {"paused": True})[0] == 200
+    thread = walked(page, walk)
+    thread.join(20.0)  # no page ever asked for news
+    assert not thread.is_alive()
+
+
+def test_a_stopped_walk_does_not_wait(page, walk):
+    page.watch(walk)
+    assert news(page, 0)[1] == []  # a page is open
+    ask(page, "/walk", {"paused": True})
+    page.show(Moment(0.0), lambda: True)
+
+
+def test_a_slowed_walk_takes_its_time(page, walk):
+    page.watch(walk)
+    news(page, 0)
+    ask(page, "/walk", {"speed": 2.0})
+    page.show(Moment(0.0), lambda: False)
+    begin = time.monotonic()
+    page.show(Moment(0.4), lambda: False)
+    assert time.monotonic() - begin >= 0.19
+
+
+def test_a_folder_without_estimates_is_refused_with_a_reason(page, tmp_path):
+    with pytest.raises(InputError, match=r"estimates\.mcap"):
+        page.follow(RunFolder.create(tmp_path / "old"))

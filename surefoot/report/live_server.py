@@ -1,0 +1,114 @@
+"""The web server of the live page, on the loopback interface.
+
+It answers only requests for its own host name, so that no page of another site reaches it through a name that was
+bound to this machine (DNS rebinding), and takes commands only from its own page. Ours.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+HOST = "127.0.0.1"
+PORT = 8080  # ours; another free one where it is taken
+NAMES = ("localhost", HOST)  # any port: the page may come through a tunnel
+LONGEST_COMMAND = 1000  # bytes
+
+
+class LiveServer(ThreadingHTTPServer):
+    """Serves a page, the moments of a run, and takes commands for a walk.
+
+    Args:
+        page: Its text.
+        news: Gives the answer to a page that has so many moments; may wait for new ones.
+        command: Takes a command; ValueError or TypeError if it is none.
+        port: 0 for any free one.
+    """
+
+    daemon_threads = True
+
+    def __init__(
+        self,
+        page: str,
+        news: Callable[[int], bytes],
+        command: Callable[[dict[str, Any]], None],
+        port: int = PORT,
+    ) -> None:
+        self.page, self.news, self.command = page, news, command
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError:  # taken by another program
+            super().__init__((HOST, 0), _Handler)
+
+    @property
+    def address(self) -> str:
+        """URL of the page."""
+        return f"http://localhost:{self.server_port}/"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that went away is no error."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: LiveServer
+    timeout = 60.0  # for a client that sends nothing
+
+    def do_GET(self) -> None:
+        if not self._is_own():
+            return
+        parts = urlsplit(self.path)
+        if parts.path == "/":
+            self._answer(200, "text/html; charset=utf-8", self.server.page.encode())
+        elif parts.path == "/moments":
+            number = parse_qs(parts.query).get("from", [""])[0]
+            if not (number.isascii() and number.isdigit() and len(number) < 10):
+                self._refuse(400, "from= takes the number of a moment")
+                return
+            self._answer(200, "application/json", self.server.news(int(number)))
+        else:
+            self._refuse(404, "not here")
+
+    def do_POST(self) -> None:
+        if not self._is_own():
+            return
+        origin = self.headers.get("Origin")
+        if origin is not None and origin != f"http://{self.headers.get('Host')}":
+            self._refuse(403, "commands come from the page itself")
+            return
+        kind, size = self.headers.get("Content-Type", ""), self.headers.get("Content-Length", "")
+        if self.path != "/walk" or kind != "application/json" or not size.isdigit() or int(size) > LONGEST_COMMAND:  # fmt: skip
+            self._refuse(400, "expected a JSON object for /walk")
+            return
+        try:
+            self.server.command(json.loads(self.rfile.read(int(size))))
+        except (ValueError, TypeError, AttributeError) as error:
+            self._refuse(400, str(error))
+            return
+        self._answer(200, "application/json", b"{}")
+
+    def _is_own(self) -> bool:
+        name = urlsplit(f"//{self.headers.get('Host', '')}").hostname
+        if name in NAMES:
+            return True
+        self._refuse(403, f"this page answers as localhost only, not as {name!r}")
+        return False
+
+    def _refuse(self, code: int, words: str) -> None:
+        self._answer(code, "text/plain; charset=utf-8", f"{words}\n".encode())
+
+    def _answer(self, code: int, kind: str, content: bytes) -> None:
+        self.send_response(code)
+        for name, value in (
+            ("Content-Type", kind), ("Content-Length", str(len(content))), ("Cache-Control", "no-store"),
+            ("X-Content-Type-Options", "nosniff"), ("X-Frame-Options", "DENY"), ("Referrer-Policy", "no-referrer"),
+            ("Cross-Origin-Resource-Policy", "same-origin"),
+        ):  # fmt: skip
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+    def log_message(self, format: str, *values: Any) -> None:
+        """Nothing: the terminal belongs to the walk."""
