@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ..primitives.motion import MODES
 from ..primitives.obstacle import Obstacle
 from . import _track_kernels
-from ._track_kernels import CURVING, STILL, STRAIGHT, TURNED
+from ._track_kernels import CURVING, REST, STILL, STRAIGHT, TURNED
 from .track import PUSHES
 
 AS_OBSERVED = (STRAIGHT, CURVING)
@@ -56,16 +56,25 @@ def forecast(obstacle: Obstacle, times_s: Float[np.ndarray, "n"]) -> Forecast:
     motion = obstacle.motion
     if motion is None:
         raise ValueError(f"track {obstacle.track} has no modes of motion")
-    weights = motion.probabilities.copy()
+    weights, x, P = motion.probabilities.copy(), motion.means.copy(), motion.covariances.copy()
+    stands = 1.0 - obstacle.moving
+    if stands > weights[STILL]:  # what only seems to move stands where it is now
+        mean, covariance = np.empty(4), np.empty((4, 4))
+        _track_kernels.merge(weights, x, P, mean, covariance)
+        mean[2:] = covariance[2:] = covariance[:, 2:] = 0.0
+        covariance[[2, 3], [2, 3]] = REST
+        shares = np.array([weights[STILL], stands - weights[STILL]]) / stands
+        pair = np.stack([x[STILL], mean]), np.stack([P[STILL], covariance])
+        _track_kernels.merge(shares, *pair, x[STILL], P[STILL])
     weights[STILL] = 0.0
     weights *= obstacle.moving / weights.sum()
-    weights[STILL] = 1.0 - obstacle.moving
+    weights[STILL] = stands
     rates = motion.rates.copy()
     rates[TURNED, AS_OBSERVED] = rates[STILL, TURNED] = 0.0
     n, m = len(times_s), len(MODES)
     probabilities, means = np.empty((n, m)), np.empty((n, m, 4))
     covariances = np.empty((n, m, 4, 4))
-    belief = _track_kernels.Belief(weights, motion.means, motion.covariances)
+    belief = _track_kernels.Belief(weights, x, P)
     _track_kernels.forecast(
         belief, rates, motion.fresh, PUSHES, times_s, probabilities, means, covariances
     )

@@ -53,7 +53,7 @@ PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
 VIEW_MEMORY_S = 5.0  # ours: time in which the error of the robot pose decays to 1/e
 
 # All ours: mean times in a mode, s, wide priors for anything that moves.
-STILL_S = 60.0  # until a still obstacle goes
+STILL_S = 60.0  # until a still obstacle goes, before it has stood
 PARKED_S = 20.0  # of standing after which a pausing obstacle is still
 PAUSE_S = 3.0  # until a pausing obstacle goes on, before any pause is seen
 HABIT_S = 15.0  # until a moving obstacle turns, and until it pauses, before it has shown either
@@ -148,7 +148,7 @@ class Track:
         self._belief = Belief(weights, x, np.array([positive(one) for one in P]))
         self._unseen_s, self._proven = 0.0, False
         self._turns = self._stops = self._pauses = 1.0
-        self._moved_s, self._paused_s = HABIT_S, PAUSE_S
+        self._moved_s, self._paused_s, self._stood_s = HABIT_S, PAUSE_S, STILL_S
         self._square, self._square_s = 2.0 * config.speed_sigma_mps**2, SPEED_S
         self._directions = np.eye(2)  # worth two legs
         self._was = weights
@@ -279,6 +279,7 @@ class Track:
         going = float(w[STRAIGHT:].sum()) if self._proven else 0.0
         self._moved_s += going * seconds
         self._paused_s += float(w[PAUSING]) * seconds if self._proven else 0.0
+        self._stood_s += float(w[STILL]) * seconds
         v = self._gone[0][VELOCITY]
         if self._proven:
             if w[TURNED] > 0.5 and was[STRAIGHT] + was[CURVING] > was[TURNED]:
@@ -294,8 +295,7 @@ class Track:
     def _rates(self) -> Float[np.ndarray, "5 5"]:
         """Rate of every change of mode, 1/s, from row to column (mean of a gamma distribution)."""
         rates = np.zeros((MODES, MODES))
-        if self._unseen_s == 0.0:  # nobody expects furniture to have walked off meanwhile
-            rates[STILL, TURNED] = 1.0 / STILL_S
+        rates[STILL, TURNED] = 1.0 / self._stood_s  # the longer it has stood, the longer it will
         rates[PAUSING, TURNED] = self._pauses / self._paused_s
         rates[PAUSING, STILL] = 1.0 / PARKED_S
         rates[STRAIGHT:, TURNED] = self._turns / self._moved_s

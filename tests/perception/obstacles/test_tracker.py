@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -334,6 +334,16 @@ def test_a_forecast_equals_simulated_obstacles_that_stop_turn_and_go_on():
     np.testing.assert_allclose(np.diag(covariance), state.var(axis=0), rtol=0.12)
 
 
+def test_a_motion_that_is_doubted_is_forecast_to_stand_where_it_is_seen():
+    tracker = ObstacleTracker()
+    for k in range(30):
+        tracker.update(0.3 * k, [seen_at(1.0, 0.02 * k)], SURE)
+    (obstacle,) = tracker.obstacles
+    found = forecast(replace(obstacle, moving=0.5), np.array([2.0]))
+    assert found.probabilities[0, 0] == pytest.approx(0.5)
+    np.testing.assert_allclose(found.means[0, 0, :2], obstacle.position, atol=0.02)
+
+
 def test_the_forecast_of_a_track_begins_at_its_state():
     tracker = ObstacleTracker()
     for k in range(30):
@@ -380,7 +390,7 @@ def test_the_covariance_of_an_unseen_mover_covers_turns():
     assert np.mean(np.array(place_nees) < 5.99) > 0.88
 
 
-def test_an_unseen_static_obstacle_keeps_its_position():
+def test_an_unseen_static_obstacle_keeps_its_position_and_the_doubt_of_it_grows_slowly():
     rng = np.random.default_rng(3)
     tracker = ObstacleTracker(TrackerConfig(oldest_s=30.0))
     for k in range(40):
@@ -391,9 +401,9 @@ def test_an_unseen_static_obstacle_keeps_its_position():
     for k in range(40, 80):
         tracker.update(0.3 * k, [], SURE)
     (after,) = tracker.obstacles
-    assert after.moving < 0.1
+    assert after.moving < 0.15  # it may be somebody who stood
     np.testing.assert_allclose(after.position, before.position, atol=4e-3)  # seen to 10 mm
-    assert np.linalg.eigvalsh(after.state.covariance[:2, :2])[-1] < 0.06**2
+    assert np.linalg.eigvalsh(after.state.covariance[:2, :2])[-1] < 0.15**2
 
 
 def test_a_track_ends_after_its_longest_time_unseen():
