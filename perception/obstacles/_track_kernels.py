@@ -319,6 +319,29 @@ def density(
 
 
 @njit(cache=True)
+def weigh(
+    weights: np.ndarray, means: np.ndarray, covariances: np.ndarray,
+    position: np.ndarray, noise: np.ndarray, stray: float,
+) -> None:  # fmt: skip
+    """Multiply the weights (m,) by the densities of a detection, in place; they sum to 1 again.
+
+    Args:
+        weights, means, covariances: As in `density`.
+        position, noise: (2,) and (2, 2) of the detection.
+        stray: Density of stray detections, per square metre, of which 1 % are.
+    """
+    found = np.empty_like(weights)
+    for m in range(len(weights)):
+        one = weights[m : m + 1] / weights[m]
+        near = density(
+            one, means[m : m + 1], covariances[m : m + 1],
+            position.reshape((1, 2)), noise.reshape((1, 2, 2)),
+        )  # fmt: skip
+        found[m] = weights[m] * (0.99 * near[0] + 0.01 * stray)
+    weights[:] = found / found.sum()
+
+
+@njit(cache=True)
 def learn(
     x: np.ndarray, P: np.ndarray, robot: np.ndarray, position: np.ndarray, noise: np.ndarray
 ) -> None:

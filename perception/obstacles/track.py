@@ -157,6 +157,7 @@ class Track:
         self._travelled = self._age_s = 0.0
         self._gone = self._going()
         self._state: Gaussian | None = None
+        self._motion: Motion | None = None
         self._expected: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
@@ -188,18 +189,20 @@ class Track:
     @property
     def motion(self) -> Motion:
         """Its modes, and how it changes between them."""
-        w, x, P = self._belief
-        means, covariances = x[:, :4].copy(), P[:, :4, :4].copy()
-        return Motion(w.copy(), means, covariances, self._rates(), self._fresh(), self._straight())
+        if self._motion is None:
+            w, x, P = self._belief
+            means, covariances = x[:, :4].copy(), P[:, :4, :4].copy()
+            self._motion = Motion(
+                w.copy(), means, covariances, self._rates(), self._fresh(), self._straight()
+            )
+        return self._motion
 
     def _straight(self) -> Gaussian:
         """Over (x, y, vx, vy), world frame, if it moves and has gone straight on since it was seen."""
-        t = self._unseen_s
-        ahead = np.eye(4)
-        ahead[0, 2] = ahead[1, 3] = t
-        push = np.kron([[t**3 / 3.0, t**2 / 2.0], [t**2 / 2.0, t]], np.eye(2)) * STRAIGHT_M2PS3
-        mean, covariance = self._gone
-        return Gaussian(ahead @ mean, ahead @ covariance @ ahead.T + push)
+        mean, covariance = (part.copy() for part in self._gone)
+        ahead = Belief(np.ones(1), mean[None], covariance[None])
+        _track_kernels.drift(ahead, self._unseen_s, PUSHES[STRAIGHT : STRAIGHT + 1])
+        return Gaussian(mean, covariance)
 
     def predict(self, dt: float, robot: Gaussian) -> None:
         """Predict dt seconds in every mode, and take over the new pose of the robot.
@@ -216,7 +219,7 @@ class Track:
         keep = math.exp(-dt / VIEW_MEMORY_S)
         _track_kernels.look_from(belief, keep, self._view, self._wander_m2)
         self._unseen_s += dt
-        self._state = self._expected = None
+        self._state = self._motion = self._expected = None
 
     def density(
         self, positions: Float[np.ndarray, "n 2"], covariances: Float[np.ndarray, "n 2 2"]
@@ -240,18 +243,14 @@ class Track:
         mean, covariance = np.empty(2), np.empty((2, 2))
         _track_kernels.merge(w, means, covariances, mean, covariance)
         innovation = _whitened(seen, mean, covariance)
-        log_w = np.log(w) + [
-            _log_density(seen, *one) for one in zip(means, covariances, strict=True)
-        ]
-        log_w -= log_w.max()
-        w[:] = np.exp(log_w) / np.exp(log_w).sum()
         position, noise = _contiguous(seen.position), _contiguous(seen.covariance)
+        _track_kernels.weigh(w, means, covariances, position, noise, STRAY_PER_M2)
         for m in range(MODES):
             self._learn(x[m], P[m], position, noise)
         self._learn_habits()
         self._unseen_s = 0.0
         self._gone = self._going()
-        self._state = self._expected = None
+        self._state = self._motion = self._expected = None
         still = float(w[STILL])
         evidence = _log_odds(1.0 - still) - _log_odds(self.config.moving_prior)
         self._proven |= evidence > PROOF
@@ -351,11 +350,3 @@ def _whitened(seen: Detection, mean: np.ndarray, covariance: np.ndarray) -> tupl
     low = b / first
     x /= first
     return x, (y - low * x) / math.sqrt(d - low * low)
-
-
-def _log_density(seen: Detection, mean: np.ndarray, covariance: np.ndarray) -> float:
-    """Log density of a detection, of which 1 % are stray ones."""
-    x, y = _whitened(seen, mean, covariance)
-    (a, b), (_, d) = (covariance + seen.covariance).tolist()
-    density = math.exp(-0.5 * (x * x + y * y)) / (2.0 * math.pi * math.sqrt(a * d - b * b))
-    return math.log(0.99 * density + 0.01 * STRAY_PER_M2)
