@@ -56,6 +56,8 @@ def forecast(obstacle: Obstacle, times_s: Float[np.ndarray, "n"]) -> Forecast:
     motion = obstacle.motion
     if motion is None:
         raise ValueError(f"track {obstacle.track} has no modes of motion")
+    rates = motion.rates.copy()
+    rates[TURNED, AS_OBSERVED] = 0.0
     weights, x, P = motion.probabilities.copy(), motion.means.copy(), motion.covariances.copy()
     stands = 1.0 - obstacle.moving
     if stands > weights[STILL]:  # what only seems to move stands where it is now
@@ -64,13 +66,12 @@ def forecast(obstacle: Obstacle, times_s: Float[np.ndarray, "n"]) -> Forecast:
         mean[2:] = covariance[2:] = covariance[:, 2:] = 0.0
         covariance[[2, 3], [2, 3]] = REST
         shares = np.array([weights[STILL], stands - weights[STILL]]) / stands
+        rates[STILL] *= shares[0]
         pair = np.stack([x[STILL], mean]), np.stack([P[STILL], covariance])
         _track_kernels.merge(shares, *pair, x[STILL], P[STILL])
     weights[STILL] = 0.0
     weights *= obstacle.moving / weights.sum()
     weights[STILL] = stands
-    rates = motion.rates.copy()
-    rates[TURNED, AS_OBSERVED] = rates[STILL, TURNED] = 0.0
     n, m = len(times_s), len(MODES)
     probabilities, means = np.empty((n, m)), np.empty((n, m, 4))
     covariances = np.empty((n, m, 4, 4))

@@ -7,7 +7,7 @@ state, with the covariance of the robot pose, widened by the unknown part of a p
 
 What moves obeys no law that we know. Five modes, each with a sigma-point filter, change into each other at random:
 
-- still: it has not moved, as furniture; what pauses for long becomes still again,
+- still: it has not moved, as furniture; what pauses for long counts as still again,
 - pausing: it stands, and will go on,
 - straight: constant velocity,
 - curving: its heading wanders,
@@ -54,7 +54,7 @@ VIEW_MEMORY_S = 5.0  # ours: time in which the error of the robot pose decays to
 
 # All ours: mean times in a mode, s, wide priors for anything that moves.
 STILL_S = 60.0  # until a still obstacle goes, before it has stood
-PARKED_S = 20.0  # of standing after which a pausing obstacle is still
+PARKED_S = 10.0  # of standing after which a pausing obstacle is still
 PAUSE_S = 3.0  # until a pausing obstacle goes on, before any pause is seen
 HABIT_S = 15.0  # until a moving obstacle turns, and until it pauses, before it has shown either
 CURVE_S = 10.0  # between straight and curving
@@ -144,7 +144,7 @@ class Track:
         P[:STRAIGHT, VELOCITY, VELOCITY] = np.eye(2) * REST
         P[STRAIGHT:, VELOCITY, VELOCITY] = np.eye(2) * config.speed_sigma_mps**2
         p = config.moving_prior
-        weights = np.array([1.0 - p, 0.1 * p, 0.5 * p, 0.3 * p, 0.1 * p])
+        weights = np.array([1.0 - p, 0.3 * p, 0.3 * p, 0.3 * p, 0.1 * p])
         self._belief = Belief(weights, x, np.array([positive(one) for one in P]))
         self._unseen_s, self._proven = 0.0, False
         self._turns = self._stops = self._pauses = 1.0
@@ -277,7 +277,7 @@ class Track:
         w, was, seconds = self._belief.w, self._was, min(self._unseen_s, 1.0)
         going = float(w[STRAIGHT:].sum()) if self._proven else 0.0
         self._moved_s += going * seconds
-        self._paused_s += float(w[PAUSING]) * seconds if self._proven else 0.0
+        self._paused_s += float(w[:STRAIGHT].sum()) * seconds if self._proven else 0.0
         self._stood_s += float(w[STILL]) * seconds
         v = self._gone[0][VELOCITY]
         if self._proven:
@@ -294,8 +294,9 @@ class Track:
     def _rates(self) -> Float[np.ndarray, "5 5"]:
         """Rate of every change of mode, 1/s, from row to column (mean of a gamma distribution)."""
         rates = np.zeros((MODES, MODES))
-        rates[STILL, TURNED] = 1.0 / self._stood_s  # the longer it has stood, the longer it will
-        rates[PAUSING, TURNED] = self._pauses / self._paused_s
+        goes_on = self._pauses / self._paused_s  # the longer it has stood, the longer it will
+        rates[STILL, TURNED] = goes_on if self._proven else 1.0 / self._stood_s
+        rates[PAUSING, TURNED] = goes_on
         rates[PAUSING, STILL] = 1.0 / PARKED_S
         rates[STRAIGHT:, TURNED] = self._turns / self._moved_s
         rates[STRAIGHT:, PAUSING] = self._stops / self._moved_s

@@ -330,7 +330,7 @@ def test_a_forecast_equals_simulated_obstacles_that_stop_turn_and_go_on():
     np.testing.assert_allclose(w[0], np.bincount(mode, minlength=MODES) / len(mode), atol=0.02)
     mean, covariance = np.empty(4), np.empty((4, 4))
     _track_kernels.merge(w[0], x[0], P[0], mean, covariance)
-    np.testing.assert_allclose(mean, state.mean(axis=0), atol=0.006)
+    np.testing.assert_allclose(mean, state.mean(axis=0), atol=0.01)
     np.testing.assert_allclose(np.diag(covariance), state.var(axis=0), rtol=0.12)
 
 

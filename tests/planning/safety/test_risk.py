@@ -56,7 +56,7 @@ def contact_share(obstacle: Obstacle, plan: np.ndarray, runs: int = 20000) -> fl
     root = np.linalg.cholesky(motion.covariances)
     x = motion.means[mode] + np.einsum("nij,nj->ni", root[mode], rng.standard_normal((runs, 4)))
     rates = motion.rates.copy()
-    rates[0] = rates[4, 2:4] = 0.0
+    rates[4, 2:4] = 0.0
     chances = np.cumsum(changes(rates, dt), axis=1)
     chances[:, -1] = 1.0
     error = rng.multivariate_normal(np.zeros(2), SURE.covariance[:2, :2], runs)
