@@ -24,6 +24,9 @@ CHORDS, SHARES = np.polynomial.legendre.leggauss(10)
 """Gauss-Legendre nodes and weights on [-1, 1]."""
 
 ROOT2 = math.sqrt(2.0)
+LEAST = 1e-6
+"""Smaller probabilities count as none."""
+
 FAR = 4.0
 """Standard deviations beyond which there is no contact."""
 
@@ -119,6 +122,14 @@ def risks(
     found = np.zeros(len(plans))
     obstacles, samples, modes = weights.shape
     steps = (samples + 1) // 2
+    widest = np.empty((obstacles, samples, modes))
+    for k in range(obstacles):
+        for n in range(samples):
+            for m in range(modes):
+                P = covariances[k, n, m]
+                half = 0.5 * (P[0, 0] - P[1, 1])
+                apart = math.sqrt(half * half + P[0, 1] * P[0, 1])
+                widest[k, n, m] = math.sqrt(max(0.5 * (P[0, 0] + P[1, 1]) + apart, 1e-12))
     for i in range(len(plans)):
         places = walked(robot, plans[i], target, gait, steps)
         spared = 1.0
@@ -127,10 +138,16 @@ def risks(
             for m in range(modes):
                 worst = 0.0
                 for n in range(samples):
-                    if weights[k, n, m] > worst:
+                    if weights[k, n, m] <= max(worst, LEAST):
+                        continue
+                    x = means[k, n, m, 0] - places[n, 0]
+                    y = means[k, n, m, 1] - places[n, 1]
+                    gap = math.sqrt(x * x + y * y) - radii[k]
+                    if gap > FAR * widest[k, n, m]:
+                        continue
+                    beyond = 0.5 * math.erfc(gap / (ROOT2 * widest[k, n, m]))  # of a half plane
+                    if weights[k, n, m] * beyond > max(worst, LEAST):
                         P = covariances[k, n, m]
-                        x = means[k, n, m, 0] - places[n, 0]
-                        y = means[k, n, m, 1] - places[n, 1]
                         mass = disc_mass(x, y, P[0, 0], P[1, 1], P[0, 1], radii[k])
                         worst = max(worst, weights[k, n, m] * mass)
                 touched += worst

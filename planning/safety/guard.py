@@ -113,27 +113,28 @@ class Guard:
             self._present, self.ahead = None, scene.poses(wishes[0])
             return desired
         plans = self._candidates(desired)
-        best = int(np.argmin(self._cost(plans, scene, prune=True)))
+        best = int(np.argmin(self._cost(plans, scene, np.arange(len(plans)))))
         self.risk = float(scene.risks(plans[best : best + 1])[0])
         if self.risk > self.config.risk:
             best = self._within_the_bound(plans, scene)
         self._present, self.ahead = plans[best].copy(), scene.poses(plans[best])
         return desired if best == 0 else scene.step(plans[best])
 
-    def _cost(self, plans: np.ndarray, scene: _Scene, prune: bool = False) -> np.ndarray:
-        """Cost of every plan, m; the present one, the second, is preferred."""
-        harm, cost = scene.judge(plans, prune)
-        if np.isfinite(cost[1]):
-            cost[1] -= self.config.keep_m + self.config.keep_share * harm[1]
+    def _cost(self, plans: np.ndarray, scene: _Scene, allowed: np.ndarray) -> np.ndarray:
+        """Cost of the allowed plans, m, infinite if not the least; the present one, number 1, is preferred."""
+        harm, cost = scene.judge(plans[allowed], prune=True)
+        present = (allowed == 1) & np.isfinite(cost)
+        cost[present] -= self.config.keep_m + self.config.keep_share * harm[present]
         return cost
 
     def _within_the_bound(self, plans: np.ndarray, scene: _Scene) -> int:
         """The cheapest plan that keeps the bound; without one the cheapest of least risk."""
-        risks, cost = scene.risks(plans), self._cost(plans, scene)
+        risks = scene.risks(plans)
         least, bound = float(risks.min()), self.config.risk
         if least > bound:
             self.word, bound = "least risk", least + SAME_RISK
-        best = int(np.argmin(np.where(risks <= bound, cost, np.inf)))
+        allowed = np.flatnonzero(risks <= bound)
+        best = int(allowed[np.argmin(self._cost(plans, scene, allowed))])
         self.risk = float(risks[best])
         return best
 

@@ -52,6 +52,7 @@ FILES = {
     "INT-2": "joint.gaze_coupling",
     "INT-3": "joint.floor_methods",
     "INT-4": "joint.four_planners",
+    "crowd": "joint.crowd",
     "gaze-benchmark": "joint.gaze_benchmark",
     "home": "joint.home",
     "localisation": "joint.localisation",
