@@ -275,21 +275,22 @@ class Track:
     def _learn_habits(self) -> None:
         """Count turns, stops and starts, and the time and the speed between them."""
         w, was, seconds = self._belief.w, self._was, min(self._unseen_s, 1.0)
-        going = float(w[STRAIGHT:].sum()) if self._proven else 0.0
-        self._moved_s += going * seconds
-        self._paused_s += float(w[:STRAIGHT].sum()) * seconds if self._proven else 0.0
-        self._stood_s += float(w[STILL]) * seconds
-        v = self._gone[0][VELOCITY]
-        if self._proven:
-            if w[TURNED] > 0.5 and was[STRAIGHT] + was[CURVING] > was[TURNED]:
-                self._turns += 1.0
-                self._directions += np.outer(v, v) / max(float(v @ v), 1e-12)
-            self._stops += float(w[PAUSING] > 0.5 >= was[PAUSING])
-            self._pauses += float(w[PAUSING] <= 0.5 < was[PAUSING])
-        share = going * seconds
-        self._square_s += share
-        self._square += share / self._square_s * (float(v @ v) - self._square)
         self._was = w.copy()
+        self._stood_s += float(w[STILL]) * seconds
+        if not self._proven:
+            return
+        v = self._gone[0][VELOCITY]
+        if w[TURNED] > 0.5 and was[STRAIGHT] + was[CURVING] > was[TURNED]:
+            self._turns += 1.0
+            self._directions += np.outer(v, v) / max(float(v @ v), 1e-12)
+        stands, stood = float(w[:STRAIGHT].sum()), float(was[:STRAIGHT].sum())
+        self._stops += float(stands > 0.5 >= stood)
+        self._pauses += float(stands <= 0.5 < stood)
+        self._paused_s += stands * seconds
+        moved_s = (1.0 - stands) * seconds
+        self._moved_s += moved_s
+        self._square_s += moved_s
+        self._square += moved_s / self._square_s * (float(v @ v) - self._square)
 
     def _rates(self) -> Float[np.ndarray, "5 5"]:
         """Rate of every change of mode, 1/s, from row to column (mean of a gamma distribution)."""
