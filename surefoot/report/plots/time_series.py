@@ -17,6 +17,9 @@ from ...evaluation.metrics.trajectory import associate, wrapped
 from ...results.run_folder import ERRORS, RunFolder
 from .style import ESTIMATE, FAINT, SERIES, TRUTH, WRONG, Drawn, bound, legend, sheet
 
+PARTS = (
+    60  # ours: of a run, whose frames are averaged; single frames of different cameras make a comb
+)
 OUTLIER = (
     2.0  # ours: frames that take longer than this multiple of the 95th percentile are not drawn
 )
@@ -234,11 +237,13 @@ def timing(run: RunFolder) -> Drawn | None:
     limit = OUTLIER * float(np.percentile(total, 95))  # a stage compiles when it first runs
     outliers = int(np.count_nonzero(total > limit))
     figure, axes = sheet(1, 2, 2.9, width_ratios=(3, 2))
-    usual = [np.where(total > limit, np.nan, values) for values in rows.values()]
-    axes[0].stackplot(seconds, usual, colors=SERIES[: len(rows)], lw=0, alpha=0.8)
+    parts = np.array_split(np.flatnonzero(total <= limit), min(len(seconds), PARTS))
+    means = [[values[part].mean() for part in parts if len(part)] for values in rows.values()]
+    middles = [seconds[part].mean() for part in parts if len(part)]
+    axes[0].stackplot(middles, means, colors=SERIES[: len(rows)], lw=0, alpha=0.8)
     axes[0].set(xlabel="time, s", ylabel="ms per frame")
-    if seconds[-1] > seconds[0]:
-        axes[0].set_xlim(seconds[0], seconds[-1])
+    if middles[-1] > middles[0]:
+        axes[0].set_xlim(middles[0], middles[-1])
     for i, values in enumerate(rows.values()):
         low, middle, high = np.percentile(values, (5, 50, 95))
         axes[1].plot((low, high), (i, i), color=SERIES[i], linewidth=3.5, alpha=0.45)
@@ -253,12 +258,16 @@ def timing(run: RunFolder) -> Drawn | None:
     axes[1].set_xlim(left=0)
     axes[1].set_xlabel("ms, median")
     sentence = (
-        "Computing time of every stage: stacked frame by frame (left), and median (dot) with the range from 5 to "
-        "95 % (line). The first frame is left out, because it includes compilation"
+        f"Computing time of every stage: stacked, the mean of {_few(len(parts[0]))} (left), and median (dot) with the "
+        "range from 5 to 95 % (line). The first frame is left out, because it includes compilation"
     )
     if outliers:
         sentence += f"; on the left, so are others that took over {limit:.0f} ms ({outliers})"
     return Drawn(figure, f"{sentence}.")
+
+
+def _few(count: int) -> str:
+    return "one frame" if count == 1 else f"{count} frames"
 
 
 def _since_start(stamps: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:

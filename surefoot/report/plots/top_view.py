@@ -193,9 +193,10 @@ def _truth(axes: Axes, run: RunFolder) -> None:
     if table is None:
         return
     words, positions = table.words("identity"), table.matrix("x_m", "y_m")
-    for identity in moving(table):
+    for number, identity in enumerate(moving(table)):
         rows = np.array([word == identity for word in words])
-        axes.plot(*positions[rows].T, color=TRUTH, lw=0.8, ls=(0, (1.5, 2)), zorder=4)
+        label = None if number else "moving obstacle, truth"
+        axes.plot(*positions[rows].T, color=TRUTH, lw=0.8, ls=(0, (1.5, 2)), zorder=4, label=label)
 
 
 def _tracks(axes: Axes, run: RunFolder) -> None:
