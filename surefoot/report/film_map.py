@@ -13,7 +13,7 @@ from perception.primitives.gaussian import Gaussian
 from perception.primitives.obstacle import MOVING
 from perception.primitives.robot_model import RobotModel
 
-from ..results.moment import UNKNOWN, Layers, Moment
+from ..results.moment import DRAWN, UNKNOWN, Layers, Moment
 
 WIDTH_PX, TALLEST_PX = 620, 800
 MARGIN_M = 0.6  # round everything that is drawn
@@ -123,7 +123,7 @@ def draw_tracks(picture: np.ndarray, ground: Ground, moment: Moment) -> None:
         if moves:
             _ellipse(picture, ground, one.state.marginal(0, 1), RED, 1)
         for each in ahead:
-            if moves and each.weight >= MOVING:
+            if moves and each.weight >= DRAWN:
                 _ellipse(picture, ground, Gaussian(each.mean, each.covariance), ORANGE, 1)
 
 

@@ -20,6 +20,9 @@ from planning.gaze.selection import DirectionMap
 UNKNOWN = 255
 """Value of a cell that was never seen, in `Layers.probability`."""
 
+DRAWN = 0.15
+"""Predictions of a lower weight are written, and not drawn."""
+
 
 @dataclass(frozen=True, eq=False)
 class Layers:

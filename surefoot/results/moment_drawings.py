@@ -23,7 +23,7 @@ from perception.primitives.obstacle import MOVING
 from perception.primitives.robot_model import RobotModel
 
 from ..foxglove import MAP, timestamp
-from .moment import Moment
+from .moment import DRAWN, Moment
 
 ROBOT, TRACKS, ROUTE, STEPS = "/estimate/robot", "/estimate/tracks", "/plan/route", "/plan/steps"
 STATIC = "/estimate/footprints_drawn"
@@ -101,7 +101,7 @@ def _tracks(moment: Moment, drawn: set[int], stamp: Timestamp) -> SceneUpdate:
         text = entity.texts.add(font_size=0.08, billboard=True, color=_colour(colour, 1.0))
         text.text = f"{one.track}: moves {one.moving:.0%}"
         text.pose.CopyFrom(_pose(x, y, one.height_m + 0.1))
-        for each in ahead:
+        for each in (one for one in ahead if one.weight >= DRAWN):
             share = 0.35 * min(each.weight, 1.0)
             _ellipse(entity, Gaussian(each.mean, each.covariance), THIN_M, (*colour, share))
     return update

@@ -13,7 +13,7 @@ import numpy as np
 from perception.primitives.camera import Camera
 from perception.primitives.obstacle import MOVING, Obstacle
 
-from ...results.moment import Layers, Moment, Prediction
+from ...results.moment import DRAWN, Layers, Moment, Prediction
 
 HEIGHT_STEP_M = 0.01  # ours: finer than the map of a walk; 0 also where no height was measured
 OFTEN = 0.5  # ours: a camera with fewer pictures than this share of the moments would make its view flicker
@@ -136,6 +136,7 @@ def _track(one: Obstacle, predictions: tuple[Prediction, ...]) -> dict[str, Any]
         "predicted": [
             [_r(ahead.seconds, 2), _r(ahead.weight, 3), _row(ahead.mean, 3), _spread(ahead.covariance)]
             for ahead in predictions
+            if ahead.weight >= DRAWN
         ],
     }  # fmt: skip
 
