@@ -20,6 +20,17 @@ def wrap_angle(angle_rad: float) -> float:
     return turned if turned < math.pi else -math.pi  # rounding may give pi
 
 
+def times(
+    matrix: Float[np.ndarray, "m n"], other: Float[np.ndarray, "n *p"]
+) -> Float[np.ndarray, "m *p"]:
+    """Product of a small matrix and a vector or matrix, by plain sums.
+
+    `@` calls a BLAS library whose last bits depend on the processor. Contacts of a simulated body amplify them within a
+    second, and a walk could not be repeated on another machine.
+    """
+    return np.einsum("ij,j...->i...", matrix, other)
+
+
 @dataclass(frozen=True)
 class Pose2:
     """Position and heading on the floor: x, y in m, yaw in rad, counter-clockwise."""
@@ -117,12 +128,13 @@ class Pose3:
     def __matmul__(self, other: Pose3) -> Pose3:
         """Compose: `T_a_c = T_a_b @ T_b_c`."""
         return Pose3.from_rotation(
-            self.rotation @ other.rotation, self.rotation @ other.position + self.position
+            times(self.rotation, other.rotation),
+            times(self.rotation, other.position) + self.position,
         )
 
     def inverse(self) -> Pose3:
         """`T_b_a` from `T_a_b`."""
-        return Pose3.from_rotation(self.rotation.T, -self.rotation.T @ self.position)
+        return Pose3.from_rotation(self.rotation.T, -times(self.rotation.T, self.position))
 
     def apply(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
         """Map points (..., 3), m, from the frame of the pose to its parent frame."""
@@ -147,7 +159,7 @@ def head_rotation(pan_rad: float, tilt_rad: float) -> Float[np.ndarray, "3 3"]:
     yaw = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     c, s = math.cos(tilt_rad), math.sin(tilt_rad)
     pitch = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    return np.asarray(yaw @ pitch @ CAMERA_IN_BODY_AXES)
+    return times(times(yaw, pitch), CAMERA_IN_BODY_AXES)
 
 
 def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
@@ -170,5 +182,5 @@ def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float
             [r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]],
         ]
     )[largest]
-    x, y, z, w = (float(v) for v in products / np.linalg.norm(products))
+    x, y, z, w = (float(v) for v in products / math.hypot(*products))
     return x, y, z, w

@@ -171,7 +171,12 @@ def capture_point_before(
     left = np.asarray(remaining_s)[..., None]
     zmp = phase.end - speed * left
     away = after - phase.end - speed / omega
-    return np.asarray(zmp + speed / omega + away * np.exp(-omega * left))
+    return np.asarray(zmp + speed / omega + away * _exp(-omega * left))
+
+
+def _exp(values: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Exponentials whose last bit, unlike that of NumPy, does not depend on the processor."""
+    return np.array([math.exp(value) for value in values.flat]).reshape(values.shape)
 
 
 def pendulum(
@@ -192,7 +197,7 @@ def pendulum(
 def smooth(share: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
     """Minimum-jerk profile from 0 to 1 for a share of time from 0 to 1."""
     t = np.clip(share, 0.0, 1.0)
-    return np.asarray(t**3 * (10.0 - 15.0 * t + 6.0 * t**2))
+    return np.asarray(t * t * t * (10.0 - 15.0 * t + 6.0 * t * t))
 
 
 class Gait:

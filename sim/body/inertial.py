@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.frame import Imu
-from perception.primitives.pose import wrap_angle
+from perception.primitives.pose import times, wrap_angle
 from perception.primitives.settings import setting
 
 from ..ranges import check_ranges
@@ -75,13 +76,17 @@ class InertialSensor:
         turn = wrap_angle(now.yaw_rad - before.yaw_rad)
         rate = np.array([now.roll_rad - before.roll_rad, now.pitch_rad - before.pitch_rad, turn])
         # change of velocity in the axes of the mean heading
-        c, s = np.cos(turn / 2), np.sin(turn / 2)
+        c, s = math.cos(turn / 2), math.sin(turn / 2)
         back = np.array([[c, -s], [s, c]])
-        change = back @ now.velocity_body - back.T @ before.velocity_body
+        change = times(back, now.velocity_body) - times(back.T, before.velocity_body)
         roll = (before.roll_rad + now.roll_rad) / 2
         pitch = (before.pitch_rad + now.pitch_rad) / 2
         up = GRAVITY_MPS2 * np.array(
-            [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
+            [
+                -math.sin(pitch),
+                math.sin(roll) * math.cos(pitch),
+                math.cos(roll) * math.cos(pitch),
+            ]
         )
         force = up + np.array([*change, 0.0]) / seconds
         config = self._config

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.frame import Imu
-from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.pose import Pose2, Pose3, times
 from perception.primitives.settings import setting
 from planning.commands import WalkCommand
 
@@ -168,7 +168,7 @@ class KinematicBody:
         """Pelvis in the body frame by the joints: the weight shifts from foot to foot."""
         com = self._rest[1] if self._tick == 0 else self._step.com[self._tick - 1]
         body = self.odometry_pose
-        offset = body.rotation.T @ (com - np.array([body.x, body.y]))
+        offset = times(body.rotation.T, com - np.array([body.x, body.y]))
         return Pose2(float(offset[0]), float(offset[1]), 0.0)
 
     def trunk_from_encoders(self) -> Pose3:
@@ -180,7 +180,7 @@ class KinematicBody:
     def velocity_body(self) -> Float[np.ndarray, "2"]:
         """Velocity of the centre of mass, body axes, m/s."""
         velocity = self._rest[2] if self._tick == 0 else self._step.com_velocity[self._tick - 1]
-        return np.asarray(self.odometry_pose.rotation.T @ velocity)
+        return times(self.odometry_pose.rotation.T, velocity)
 
     @property
     def feet_body(self) -> tuple[tuple[Pose2, float], tuple[Pose2, float]]:
@@ -267,4 +267,4 @@ def _rotation(roll: float, pitch: float, yaw: float) -> Float[np.ndarray, "3 3"]
     about_x = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     about_y = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
     about_z = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    return np.asarray(about_z @ about_y @ about_x)
+    return times(times(about_z, about_y), about_x)

