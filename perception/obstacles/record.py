@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..primitives.gaussian import Gaussian
+from ..primitives.motion import GOING
 from ..primitives.obstacle import MOVING
 from ..primitives.pose import Pose2
 from .motion_model import MotionModel
@@ -118,33 +119,34 @@ class Record:
                 del self.earlier[1]
             self.earlier.append(now)
 
-    def may_have(self, velocity: Float[np.ndarray, "2"]) -> bool:
-        """Whether a velocity, m/s, lies in the 99 % region of its own, if it goes straight."""
-        state = _straight(self.track)
-        own = Gaussian(state.mean[2:], state.covariance[2:, 2:])
-        return own.mahalanobis_squared(velocity) < SURE
-
 
 def doubt_carried(records: Sequence[Record]) -> None:
     """Doubt the motion of obstacles that share a velocity, if they are at least three and more than half of all.
 
-    Then it is the pose of the camera that moves. The doubt lasts twice as long as they share it.
+    Then it is the pose of the camera that moves. They share one if their velocities agree better than chance, and if
+    that velocity explains them together better than standing does. The doubt lasts twice as long as they share it.
 
     Args:
         records: Those detected in this frame.
     """
-    moving = [record for record in records if not record.may_have(np.zeros(2))]
+    moving = [record for record in records if record.track.moving >= MOVING]
     sharing: list[Record] = []
     if len(moving) >= COMMON and 2 * len(moving) > len(records):
-        own = [_straight(record.track) for record in moving]
-        common = np.median([state.mean[2:] for state in own], axis=0)
-        sharing = [record for record in moving if record.may_have(common)]
+        own = [_velocity(record.track) for record in moving]
+        common = np.median([velocity.mean for velocity in own], axis=0)
+        apart = np.array([velocity.mahalanobis_squared(common) for velocity in own])
+        gained = np.array([velocity.mahalanobis_squared(np.zeros(2)) for velocity in own]) - apart
+        near = apart < SURE
+        if apart[near].sum() < near.sum() - 1 and gained[near].sum() > SURE:
+            sharing = [record for record, is_near in zip(moving, near, strict=True) if is_near]
     shared = len(sharing) >= COMMON and 2 * len(sharing) > len(records)
     for record in records:
         is_carried = shared and any(record is one for one in sharing)
         record.carried = record.carried + 2 if is_carried else max(record.carried - 1, 0)
 
 
-def _straight(track: MotionModel) -> Gaussian:
-    """Over (x, y, vx, vy) if it goes straight."""
-    return track.state if track.motion is None else track.motion.straight
+def _velocity(track: MotionModel) -> Gaussian:
+    """Velocity, m/s, if it goes straight: the sharpest of the modes that go."""
+    if track.motion is None:
+        return Gaussian(track.state.mean[2:], track.state.covariance[2:, 2:])
+    return Gaussian(track.motion.means[GOING, 2:], track.motion.covariances[GOING, 2:, 2:])

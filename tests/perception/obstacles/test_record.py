@@ -116,3 +116,18 @@ def test_a_velocity_that_all_obstacles_share_is_that_of_the_camera_and_a_third_o
         claimed = [one for one in tracker.obstacles if one.moving > UNSURE]
         assert len(claimed) == movers
         assert all(math.dist(one.position, places[3] + shift[3]) < 0.05 for one in claimed)
+
+
+def test_obstacles_that_go_different_ways_are_not_taken_for_a_wrong_pose():
+    starts, claimed = np.array([[1.0, -0.8], [1.5, 0.2], [2.0, 1.0]]), []
+    for seed in range(5):
+        rng, tracker = np.random.default_rng(seed), ObstacleTracker()
+        angles = rng.uniform(-math.pi, math.pi) + np.array([0.0, 1.5, -1.5])
+        velocities = 0.04 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        for k in range(60):
+            places = starts + 0.25 * k * velocities + 0.015 * rng.standard_normal((3, 2))
+            seen = [seen_at(*place, 0.015, surface=False) for place in places]
+            tracker.update(0.25 * k, seen, SURE)
+            if k > 40:
+                claimed += [one.moving > UNSURE for one in tracker.obstacles]
+    assert np.mean(claimed) > 0.95
