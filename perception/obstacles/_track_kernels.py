@@ -172,13 +172,12 @@ def drift(belief: Belief, dt: float, pushes: np.ndarray) -> None:
     Args:
         belief: Changed; of at least four entries.
         dt: s.
-        pushes: (m, 2): power density of the acceleration, m^2/s^3, and of the heading, rad^2/s.
+        pushes: (m,) power density of the acceleration per axis, m^2/s^3.
     """
     size = belief.x.shape[1]
     for m in range(len(belief.w)):
         x, P = belief.x[m], belief.P[m]
-        square = 0.5 * (x[2] * x[2] + x[3] * x[3] + P[2, 2] + P[3, 3])
-        push = pushes[m, 0] + pushes[m, 1] * square
+        push = pushes[m]
         for k in range(2):
             x[k] += dt * x[2 + k]
             for j in range(size):
@@ -190,6 +189,23 @@ def drift(belief: Belief, dt: float, pushes: np.ndarray) -> None:
             P[k, 2 + k] += push * dt * dt / 2.0
             P[2 + k, k] += push * dt * dt / 2.0
             P[2 + k, 2 + k] += push * dt
+
+
+@njit(cache=True)
+def go_on(
+    belief: Belief, chances: np.ndarray, fresh: np.ndarray, dt: float, pushes: np.ndarray
+) -> None:
+    """Predict: modes change before and after they drift, as a change may come at any time between two frames.
+
+    Args:
+        belief: Changed.
+        chances: Of the changes in half of the time, as in `switch`.
+        fresh: As in `switch`.
+        dt, pushes: As in `drift`.
+    """
+    switch(belief, chances, fresh)
+    drift(belief, dt, pushes)
+    switch(belief, chances, fresh)
 
 
 @njit(cache=True)
@@ -239,8 +255,7 @@ def forecast(
         parts = math.ceil((times[k] - before) / LONGEST_STEP_S - 1e-9)
         for _ in range(parts):
             dt = (times[k] - before) / parts
-            switch(now, changes(rates, dt), fresh)
-            drift(now, dt, pushes)
+            go_on(now, changes(rates, 0.5 * dt), fresh, dt, pushes)
         before = times[k]
         weights[k], means[k], covariances[k] = now.w, now.x, now.P
 

@@ -15,7 +15,7 @@ from ..primitives.motion import MODES
 from ..primitives.obstacle import Obstacle
 from . import _track_kernels
 from ._track_kernels import CURVING, REST, STILL, STRAIGHT, TURNED
-from .track import PUSHES
+from .habits import pushes
 
 AS_OBSERVED = (STRAIGHT, CURVING)
 """Modes that keep the velocity observed."""
@@ -76,7 +76,7 @@ def forecast(obstacle: Obstacle, times_s: Float[np.ndarray, "n"]) -> Forecast:
     probabilities, means = np.empty((n, m)), np.empty((n, m, 4))
     covariances = np.empty((n, m, 4, 4))
     belief = _track_kernels.Belief(weights, x, P)
-    _track_kernels.forecast(
-        belief, rates, motion.fresh, PUSHES, times_s, probabilities, means, covariances
-    )
-    return Forecast(probabilities, means, covariances)
+    found = probabilities, means, covariances
+    power = pushes(motion.fresh)
+    _track_kernels.forecast(belief, rates, motion.fresh, power, times_s, *found)
+    return Forecast(*found)

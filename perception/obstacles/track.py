@@ -10,10 +10,10 @@ What moves obeys no law that we know. Five modes, each with a sigma-point filter
 - still: it has not moved, as furniture; what pauses for long counts as still again,
 - pausing: it stands, and will go on,
 - straight: constant velocity,
-- curving: its heading wanders,
+- curving: its velocity wanders, by much if it is used to go fast,
 - turned: it has taken a new velocity, in any direction; soon straight or curving.
 
-How often it turns and stops, how long it pauses and how fast it goes are learnt from the obstacle itself. Unseen, the
+How often it turns and stops, how long it pauses and how fast it goes are learnt from it (`habits`). Unseen, the
 modes go on changing into each other, so that the covariance of the state grows as fast as that obstacle's habits ask.
 
 Source: Yoo and Kim 2010 (seed 001), sections 2, 3 and 14 (one sigma-point filter per obstacle); Blom and Bar-Shalom
@@ -36,38 +36,19 @@ from ..primitives.motion import Motion
 from ..primitives.settings import setting
 from . import _track_kernels
 from ._track_kernels import (
-    CURVING,
     MODES,
-    PAUSING,
     REST,
     SIZE,
     STILL,
     STRAIGHT,
-    TURNED,
     Belief,
 )
+from .habits import STRAIGHT_M2PS3, Habits, pushes
 
 PLACE, VELOCITY, VIEW = slice(0, 2), slice(2, 4), slice(4, 7)
 """Entries: x, y; vx, vy of the obstacle; error of the viewpoint in x, y, yaw; m, m/s, rad, world axes."""
 
 VIEW_MEMORY_S = 5.0  # ours: time in which the error of the robot pose decays to 1/e
-
-# All ours: mean times in a mode, s, wide priors for anything that moves.
-STILL_S = 60.0  # until a still obstacle goes, before it has stood
-PARKED_S = 10.0  # of standing after which a pausing obstacle is still
-PAUSE_S = 3.0  # until a pausing obstacle goes on, before any pause is seen
-HABIT_S = 15.0  # until a moving obstacle turns, and until it pauses, before it has shown either
-CURVE_S = 10.0  # between straight and curving
-SETTLE_S = 1.0  # until a new velocity counts as straight or curving
-SPEED_S = 5.0  # time in motion that the prior speed is worth
-CURVES_PER_S = 0.2  # ours: growth of the variance of the heading while curving, rad^2/s
-STRAIGHT_M2PS3 = 5e-6  # ours: power density of the acceleration while straight: 7 mm/s after 10 s
-
-PUSHES = np.zeros((MODES, 2))
-"""Power density of the acceleration, m^2/s^3, and of the heading, rad^2/s, of every mode."""
-
-PUSHES[STRAIGHT:, 0] = STRAIGHT_M2PS3
-PUSHES[CURVING, 1] = CURVES_PER_S
 
 SLOW_MPS = 0.03  # seed 001: the slowest obstacles
 TRAVEL_SHARE = 0.7  # ours: travel, in radii, without which an obstacle is not moving
@@ -147,11 +128,7 @@ class Track:
         weights = np.array([1.0 - p, 0.3 * p, 0.3 * p, 0.3 * p, 0.1 * p])
         self._belief = Belief(weights, x, np.array([positive(one) for one in P]))
         self._unseen_s, self._proven = 0.0, False
-        self._turns = self._stops = self._pauses = 1.0
-        self._moved_s, self._paused_s, self._stood_s = HABIT_S, PAUSE_S, STILL_S
-        self._square, self._square_s = 2.0 * config.speed_sigma_mps**2, SPEED_S
-        self._directions = np.eye(2)  # worth two legs
-        self._was = weights
+        self._habits = Habits(config.speed_sigma_mps)
         self._first_x, self._first_y = x[0, :2].tolist()
         self._first_radius_m = seen.radius_m
         self._travelled = self._age_s = 0.0
@@ -193,7 +170,7 @@ class Track:
             w, x, P = self._belief
             means, covariances = x[:, :4].copy(), P[:, :4, :4].copy()
             self._motion = Motion(
-                w.copy(), means, covariances, self._rates(), self._fresh(), self._straight()
+                w.copy(), means, covariances, self._rates(), self._habits.fresh, self._straight()
             )
         return self._motion
 
@@ -201,7 +178,7 @@ class Track:
         """Over (x, y, vx, vy), world frame, if it moves and has gone straight on since it was seen."""
         mean, covariance = (part.copy() for part in self._gone)
         ahead = Belief(np.ones(1), mean[None], covariance[None])
-        _track_kernels.drift(ahead, self._unseen_s, PUSHES[STRAIGHT : STRAIGHT + 1])
+        _track_kernels.drift(ahead, self._unseen_s, np.array([STRAIGHT_M2PS3]))
         return Gaussian(mean, covariance)
 
     def predict(self, dt: float, robot: Gaussian) -> None:
@@ -213,9 +190,10 @@ class Track:
         self._age_s += dt
         belief = self._belief
         if dt > 0.0:
-            chances = _track_kernels.changes(self._rates(), dt)
-            _track_kernels.switch(belief, chances, self._fresh())
-        _track_kernels.drift(belief, dt, PUSHES)
+            rates, fresh = self._rates(), self._habits.fresh
+            self._habits.pass_time(belief.w, rates, dt)
+            chances = _track_kernels.changes(rates, 0.5 * dt)
+            _track_kernels.go_on(belief, chances, fresh, dt, pushes(fresh))
         keep = math.exp(-dt / VIEW_MEMORY_S)
         _track_kernels.look_from(belief, keep, self._view, self._wander_m2)
         self._unseen_s += dt
@@ -247,7 +225,7 @@ class Track:
         _track_kernels.weigh(w, means, covariances, position, noise, STRAY_PER_M2)
         for m in range(MODES):
             self._learn(x[m], P[m], position, noise)
-        self._learn_habits()
+        self._habits.learn(w, self._gone[0][VELOCITY], self._unseen_s, self._proven)
         self._unseen_s = 0.0
         self._gone = self._going()
         self._state = self._motion = self._expected = None
@@ -272,42 +250,8 @@ class Track:
         """Sigma-point update of one mode, in place, by a position in the body frame."""
         _track_kernels.learn(x, P, self._robot, position, noise)
 
-    def _learn_habits(self) -> None:
-        """Count turns, stops and starts, and the time and the speed between them."""
-        w, was, seconds = self._belief.w, self._was, min(self._unseen_s, 1.0)
-        self._was = w.copy()
-        self._stood_s += float(w[STILL]) * seconds
-        if not self._proven:
-            return
-        v = self._gone[0][VELOCITY]
-        if w[TURNED] > 0.5 and was[STRAIGHT] + was[CURVING] > was[TURNED]:
-            self._turns += 1.0
-            self._directions += np.outer(v, v) / max(float(v @ v), 1e-12)
-        stands, stood = float(w[:STRAIGHT].sum()), float(was[:STRAIGHT].sum())
-        self._stops += float(stands > 0.5 >= stood)
-        self._pauses += float(stands <= 0.5 < stood)
-        self._paused_s += stands * seconds
-        moved_s = (1.0 - stands) * seconds
-        self._moved_s += moved_s
-        self._square_s += moved_s
-        self._square += moved_s / self._square_s * (float(v @ v) - self._square)
-
     def _rates(self) -> Float[np.ndarray, "5 5"]:
-        """Rate of every change of mode, 1/s, from row to column (mean of a gamma distribution)."""
-        rates = np.zeros((MODES, MODES))
-        goes_on = self._pauses / self._paused_s  # the longer it has stood, the longer it will
-        rates[STILL, TURNED] = goes_on if self._proven else 1.0 / self._stood_s
-        rates[PAUSING, TURNED] = goes_on
-        rates[PAUSING, STILL] = 1.0 / PARKED_S
-        rates[STRAIGHT:, TURNED] = self._turns / self._moved_s
-        rates[STRAIGHT:, PAUSING] = self._stops / self._moved_s
-        rates[STRAIGHT, CURVING] = rates[CURVING, STRAIGHT] = 1.0 / CURVE_S
-        rates[TURNED, [STRAIGHT, CURVING]] = 0.5 / SETTLE_S
-        return rates
-
-    def _fresh(self) -> Float[np.ndarray, "2 2"]:
-        """Covariance of a velocity taken anew, m^2/s^2: its mean square speed, in the directions it went."""
-        return self._square / float(np.trace(self._directions)) * self._directions
+        return self._habits.rates(self._proven)
 
     def _going(self) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4 4"]]:
         """Mean and covariance over (x, y, vx, vy) if it does not stand."""

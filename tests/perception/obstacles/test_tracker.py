@@ -19,7 +19,7 @@ from perception.filtering.models import spread
 from perception.obstacles import _track_kernels
 from perception.obstacles._track_kernels import MODES, PAUSING, STRAIGHT, TURNED, Belief
 from perception.obstacles.forecast import forecast
-from perception.obstacles.track import PUSHES, VIEW_MEMORY_S, Detection, Track, TrackConfig
+from perception.obstacles.track import VIEW_MEMORY_S, Detection, Track, TrackConfig
 from perception.obstacles.tracker import ObstacleTracker, TrackerConfig, match
 from perception.primitives.errors import ConfigError
 from perception.primitives.gaussian import Gaussian
@@ -324,7 +324,7 @@ def test_a_forecast_equals_simulated_obstacles_that_stop_turn_and_go_on():
     rates[TURNED, STRAIGHT:] = 0.0
     belief, fresh = Belief(weights, means, covariances), np.diag([0.05, 0.03]) ** 2
     w, x, P = np.empty((1, MODES)), np.empty((1, MODES, 4)), np.empty((1, MODES, 4, 4))
-    still = np.zeros_like(PUSHES)
+    still = np.zeros(MODES)
     _track_kernels.forecast(belief, rates, fresh, still, np.array([3.0]), w, x, P)
     mode, state = sampled_modes(belief, rates, fresh, 3.0, 40000, rng)
     np.testing.assert_allclose(w[0], np.bincount(mode, minlength=MODES) / len(mode), atol=0.02)
@@ -544,7 +544,7 @@ def test_prediction_by_matrices_equals_prediction_by_sigma_points():
     twin = peer(track, dt, keep)
     twin.predict()
     belief = track._belief
-    _track_kernels.drift(belief, dt, np.zeros((MODES, 2)))
+    _track_kernels.drift(belief, dt, np.zeros(MODES))
     _track_kernels.look_from(belief, keep, np.zeros((3, 3)), 0.0)
     np.testing.assert_allclose(belief.x[STRAIGHT], twin.x, atol=1e-9)
     np.testing.assert_allclose(belief.P[STRAIGHT], twin.P, atol=1e-9)
